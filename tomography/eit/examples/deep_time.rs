@@ -1,7 +1,8 @@
-//! How long a frame of the trained networks takes, beside the bandwidth of memory measured in the same run.
+//! Time per frame of the trained networks, next to the memory bandwidth measured in the same run.
 //!
-//! `cargo run --release -p tactus-eit --example deep_time [THREADS]`, 2 by default. The deep network has the paper's size and
-//! weights that nobody trained; its time does not depend on them. Every figure is the least of many, of rounds in turn.
+//! `cargo run --release -p tactus-eit --example deep_time [THREADS]`, 2 by default. The deep network has the paper's
+//! size and untrained weights; its time does not depend on them. Every figure is the minimum of many interleaved
+//! rounds.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -11,7 +12,6 @@ use eit::{DeepNetwork, DeepSettings, Network, Precision, model};
 use rayon::prelude::*;
 
 const ROUNDS: usize = 300;
-/// Frames of the RBF network, one after the other.
 const FRAMES: usize = 5000;
 
 fn main() {

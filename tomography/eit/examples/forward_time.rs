@@ -1,8 +1,8 @@
-//! How long the forward model and what stands on it take at the paper's size:
-//! `cargo run --release -p tactus-eit --example forward_time`.
+//! Time of the forward model and of the calculations that use it, at the paper's size: `cargo run --release -p
+//! tactus-eit --example forward_time`.
 //!
-//! Shortest and median wall time of each; on a machine with other work the shortest is the honest one. With
-//! `-- --python FILE` (a Python that has scipy) the reference `scipy_reference.py` runs beside it.
+//! Minimum and median wall time of each; on a busy machine the minimum is the meaningful one. With `-- --python FILE`
+//! (a Python that has scipy) the reference `scipy_reference.py` runs as well.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -31,7 +31,7 @@ fn show(what: &str, rounds: usize, mut work: impl FnMut(usize)) -> f64 {
     times[0]
 }
 
-/// 15,000 cases of Algorithm 1's kind on all cores: seconds, and seconds of the processors.
+/// Solves 15,000 cases like those of Algorithm 1 on all cores: wall time and processor time, s.
 fn cases(workspace: &Workspace<'_>, sigma0: &[f64], region: &[Vec<usize>]) -> [f64; 2] {
     const CASES: usize = 1500;
     let (start, before) = (Instant::now(), processor());
@@ -52,7 +52,7 @@ fn cases(workspace: &Workspace<'_>, sigma0: &[f64], region: &[Vec<usize>]) -> [f
     [start.elapsed().as_secs_f64(), processor() - before].map(|s| 15_000.0 / CASES as f64 * s)
 }
 
-/// Processor time of all threads so far, s, where the system tells; without what others take of the machine.
+/// Processor time of all threads so far, s, without other processes' share; `None` where the system does not report it.
 fn processor() -> f64 {
     let ticks = || {
         let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
@@ -63,7 +63,7 @@ fn processor() -> f64 {
     ticks().unwrap_or(f64::NAN) / 100.0
 }
 
-/// Largest resident memory so far, MiB, where the system tells.
+/// Peak resident memory so far, MiB; `None` where the system does not report it.
 fn memory() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM"))?;
@@ -93,7 +93,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let forward = Forward::new(Arc::clone(&mesh), &contacts)?;
     let protocol = Protocol::sheffield(sheet.electrodes())?;
     let drives: Vec<Dipole> = protocol.drives();
-    // another conductance each time, so that nothing can be reused
+    // a different conductance each time, so that nothing can be reused
     let everywhere: Vec<Vec<f64>> = (0..64)
         .map(|round| {
             (0..mesh.triangles().len())

@@ -1,6 +1,6 @@
-//! How long a frame of the one-step method takes at the paper's size, from the whole matrix and quickly, and how far the
-//! quick map is from the exact one: `cargo run --release -p tactus-eit --example frame_time`. One thread; shortest and median of
-//! many, first with nothing between the frames, then with 64 MB of other data read between them, as on a busy machine.
+//! Time per frame of the one-step method at the paper's size, with the full matrix and with the low-rank factor, and
+//! the difference between the two maps: `cargo run --release -p tactus-eit --example frame_time`. One thread; minimum
+//! and median of many, first back to back, then with 64 MB of other data read between the frames, as on a busy machine.
 
 use std::hint::black_box;
 use std::sync::Arc;

@@ -1,6 +1,6 @@
-//! How long total variation takes at the paper's size, and how far from the true minimum it stops:
-//! `cargo run --release -p tactus-eit --example tv_time [-- FRAMES [--times-only]]`. One core; the minimum is our own interior method
-//! over all triangles, offline, to 2e-9.
+//! Time of total variation at the paper's size, and its distance from the true minimum: `cargo run --release -p
+//! tactus-eit --example tv_time [-- FRAMES [--times-only]]`. One core. The reference minimum is computed offline by
+//! this crate's interior-point method over all triangles, to 2e-9.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -111,7 +111,7 @@ fn conductance(mesh: &Mesh, triangle: usize, pressed: &[([f64; 2], f64)]) -> f64
     if under { 0.5e-3 } else { 1e-3 }
 }
 
-/// The least and the median.
+/// Minimum and median.
 fn spread(values: &mut [f64]) -> (f64, f64) {
     values.sort_by(f64::total_cmp);
     (values[0], values[values.len() / 2])

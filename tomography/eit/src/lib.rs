@@ -1,12 +1,12 @@
-//! The mathematics: mesh, forward model, sensitivity, reconstructors, model files.
+//! Mathematics of impedance tomography: mesh, forward model, sensitivity, reconstructors, model files.
 //!
-//! From conductances to voltages (complete electrode model) and back to a map. The crate knows no clocks, tokio,
-//! bus, instruments or phantom: a reconstructor that could see the truth would be an inverse crime.
+//! From conductances to voltages (complete electrode model) and back to a map. The crate uses no clock, no tokio, no
+//! D-Bus, no instruments, and not the phantom: a reconstructor with access to the truth would be an inverse crime.
 //!
-//! - **mesh**: triangles with electrodes on boundary edges and a region of interest; **preset**: a ready-made one
+//! - **mesh**: triangles with electrodes on boundary edges and a region of interest; **preset**: ready-made meshes
 //! - **case**: a mesh, contacts, a protocol and conductances as a folder of CSV files
-//! - **forward**: voltages of all drives from one factorisation; **Jacobian**: how readings follow conductances
-//! - **reconstructor**: a map from a baseline and a frame; **model**: a reconstructor as one file
+//! - **forward**: voltages of all drives from one factorisation; **Jacobian**: their derivatives by conductance
+//! - **reconstructor**: a map from a baseline and a frame; **model**: a reconstructor in one file
 //!
 //! ```
 //! use std::sync::Arc;
@@ -64,6 +64,6 @@ pub use model::{
     Network, OpenReadings, PointsReading, Report, SizeReading, SpreadReading, TrainingReport,
     TrainingSettings, load_reconstructor,
 };
-/// What becomes of a file that has the name of a model or case already.
+/// Whether writing a model or case may replace an existing file.
 pub use outfile::Existing;
 pub use preset::{DiscTank, PaperSheet, Preset, SheetElectrode};

@@ -1,4 +1,4 @@
-//! Figures of merit: GREIT's on raster images, and those that compare a map with its truth.
+//! Figures of merit: GREIT's on raster images, and comparisons of a map with its truth.
 //!
 //! GREIT (Adler and others, Physiol. Meas. 30 (2009) S35), as EIDORS computes them: q is the set of pixels at or above 25 %
 //! of the image's maximum; pixels outside are NaN; the raster covers the bounding box scaled to [-1, 1], x along rows
@@ -15,7 +15,7 @@ pub struct Image {
     values: Vec<f64>,
 }
 
-/// Why an image has no figures.
+/// Why the figures of an image are undefined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum MeritError {
     /// Rows of different lengths, or none.
@@ -107,7 +107,7 @@ impl Image {
         })
     }
 
-    /// Every value with the other sign.
+    /// The image with opposite sign.
     #[must_use]
     pub fn negated(&self) -> Self {
         Self {
@@ -126,7 +126,7 @@ impl Image {
         &self.values
     }
 
-    /// Where a pixel's centre is.
+    /// Position of a pixel's centre.
     fn place(&self, pixel: usize) -> [f64; 2] {
         let at = |k: usize, count: usize| -1.0 + 2.0 * k as f64 / (count - 1) as f64;
         [

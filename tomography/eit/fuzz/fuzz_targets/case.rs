@@ -1,6 +1,6 @@
-//! A case folder with one of its files damaged, or replaced by arbitrary text: read or refused with file and line, never
-//! a panic. What is read is written so that it is read the same again. The same text also goes through the readers of
-//! single files, which do not know how many electrodes and readings there are.
+//! A case folder with one file damaged or replaced by arbitrary text is read, or refused with file and line; it never
+//! panics. A folder that is read is written again and must read back equal. The same text also goes through the readers
+//! of single files, which do not know the numbers of electrodes and readings.
 
 #![no_main]
 
@@ -67,7 +67,7 @@ fuzz_target!(|bytes: &[u8]| {
     put(&path, &folder.texts[which]);
 });
 
-/// Each order: where, how many bytes go, how many come in their place.
+/// Each order: position, number of bytes removed, number of bytes inserted.
 fn damaged(text: &[u8], mut orders: &[u8]) -> Vec<u8> {
     let mut damaged = text.to_vec();
     while let Some((&[at, sizes], rest)) = orders.split_first_chunk() {

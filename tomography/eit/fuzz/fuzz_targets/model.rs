@@ -1,5 +1,5 @@
-//! A model file of arbitrary bytes, a damaged one, and one whose content is the fuzzer's and whose checksum agrees with
-//! it, as somebody could make one: read or refused, never a panic. A damaged file that is read is what was written.
+//! A model file of arbitrary bytes, a damaged one, and one with the fuzzer's content and a matching checksum: each is
+//! read or refused, and never panics. A damaged file that is read must equal what was written.
 
 #![no_main]
 
@@ -46,7 +46,7 @@ fuzz_target!(|bytes: &[u8]| {
         1 => {
             let damaged = damaged(&made.bytes, bytes);
             if let Ok(model) = read(&made.path, &damaged) {
-                // Spaces in the header's JSON, or an entry more, change the file and not the model.
+                // Spaces or an additional entry in the header's JSON change the file but not the model.
                 assert_eq!(model.network(), made.model.network());
                 assert_eq!(model.protocol(), made.model.protocol());
                 assert_eq!(model.mesh().hash(), made.model.mesh().hash());
@@ -75,7 +75,7 @@ fn read(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     load(path)
 }
 
-/// Each order: where in the header or in the tensors, how many bytes come in place of as many.
+/// Each order: position in the header or the tensors, and how many bytes to overwrite.
 fn damaged(bytes: &[u8], mut orders: &[u8]) -> Vec<u8> {
     let mut damaged = bytes.to_vec();
     while let Some((&[low, high, length], rest)) = orders.split_first_chunk() {
@@ -105,7 +105,7 @@ fn altered(made: &Made, mut orders: &[u8]) -> (String, Vec<(String, Tensor)>) {
         let which = usize::from(order >> 3) % tensors.len().max(1);
         match order % 8 {
             0..3 => {
-                // In place of a number of the metadata: elsewhere JSON soon breaks.
+                // Overwrite a digit of the metadata: other changes soon break the JSON.
                 let digits: Vec<usize> = (1..text.len())
                     .filter(|&at| text[at].is_ascii_digit() && text[at - 1] == b':')
                     .collect();
@@ -160,7 +160,7 @@ fn size(kind: Dtype) -> usize {
     }
 }
 
-/// The file of this content, with a checksum that agrees; `text` has an empty one.
+/// The file with this content and a matching checksum; `text` has an empty one.
 fn seal(text: &str, mut tensors: Vec<(String, Tensor)>) -> Option<Vec<u8>> {
     tensors.sort_by(|a, b| a.0.cmp(&b.0));
     let mut hasher = Sha256::new();
@@ -252,7 +252,7 @@ fn make() -> Made {
             (name, tensor)
         })
         .collect();
-    // Sealing is as the crate does it, else everything below would be refused for its checksum alone.
+    // Sealing must match the crate, otherwise every file below would be refused for its checksum alone.
     assert_eq!(seal(&text, tensors.clone()).as_ref(), Some(&bytes));
     Made {
         path,
@@ -263,7 +263,7 @@ fn make() -> Made {
     }
 }
 
-/// A network of nine neurons that nobody has trained.
+/// An untrained network of nine neurons.
 fn small_network(inputs: usize, outputs: usize) -> (Network, Report) {
     const NEURONS: usize = 9;
     let wave = |count: usize| (0..count).map(|k| 0.01 * (k as f64).sin());

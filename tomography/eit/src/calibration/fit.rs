@@ -1,4 +1,4 @@
-//! The fit: bounded least squares for the curve, a polynomial for the gain, in turns.
+//! Alternating fit: bounded least squares for the curve, a polynomial for the gain.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,9 +12,9 @@ use crate::Mesh;
 const FOR_A_GAIN: usize = 9;
 /// Knots of the curve.
 const KNOTS: usize = 9;
-/// Turns of curve and gain.
+/// Alternations of curve and gain.
 const TURNS: usize = 8;
-/// What stands under a press counts so much of the total: blur takes from it at every place.
+/// Weight of the pressure under a press relative to its total force: blur lowers the pressure everywhere.
 const UNDER: f64 = 0.2;
 
 pub(super) fn fit(mesh: &Mesh, presses: &[KnownPress]) -> Result<Calibration, CalibrationError> {
@@ -73,7 +73,7 @@ pub(super) fn fit(mesh: &Mesh, presses: &[KnownPress]) -> Result<Calibration, Ca
     })
 }
 
-/// Enough presses, measures that are some, and pressures that differ.
+/// Checks that there are enough presses, that every measure is a positive number, and that the pressures differ.
 fn plausible(presses: &[KnownPress]) -> Result<(), CalibrationError> {
     if presses.len() < FEWEST_PRESSES {
         return Err(CalibrationError::TooFew {
@@ -104,7 +104,7 @@ fn plausible(presses: &[KnownPress]) -> Result<(), CalibrationError> {
     Ok(())
 }
 
-/// The largest loss in any of the maps; all of them are of this mesh and show their press.
+/// The largest loss in any of the maps. Checks that every map is of this mesh and shows its press.
 fn largest_loss(mesh: &Mesh, presses: &[KnownPress]) -> Result<f64, CalibrationError> {
     let mut largest = 0.0_f64;
     for press in presses {
@@ -122,12 +122,12 @@ fn largest_loss(mesh: &Mesh, presses: &[KnownPress]) -> Result<f64, CalibrationE
     Ok(largest)
 }
 
-/// A curve for a gain, and what it makes of every press.
+/// A curve for a given gain, and its prediction for every press.
 struct Turn {
     loss: Vec<f64>,
     kpa: Vec<f64>,
     gain: [f64; TERMS],
-    /// Force found over the true one.
+    /// Estimated over true force.
     ratios: Vec<f64>,
 }
 
@@ -140,7 +140,7 @@ impl Turn {
         largest: f64,
     ) -> Self {
         let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
-        // the first knot: what is less is blur and noise
+        // the first knot: smaller losses are blur and noise
         let top = 1.05 * largest * widest(&gain);
         let loss: Vec<f64> = (0..KNOTS)
             .map(|k| top * (0.005 + 0.995 * (k as f64 / (KNOTS - 1) as f64).powf(1.5)))
@@ -157,7 +157,7 @@ impl Turn {
                     <= radius;
                 covered += if inside { areas[t] } else { 0.0 };
                 for (column, share) in share.into_iter().enumerate() {
-                    // kPa times m2 are kN; every row is a share of what it should be
+                    // kPa times m2 are kN; every row is divided by its true value
                     rows[(2 * k, column)] += 1e3 * share * areas[t] / press.newtons;
                     under[column] += if inside { share * areas[t] } else { 0.0 };
                 }
@@ -211,7 +211,7 @@ fn widest(gain: &[f64; TERMS]) -> f64 {
     most.exp().min(GAIN[0].recip())
 }
 
-/// How much of each piece of the curve lies below a loss: 0 to 1, the last one on and on.
+/// How much of each piece of the curve lies below a loss: 0 to 1; the last piece has no upper end.
 fn increments(knots: &[f64], loss: f64) -> Vec<f64> {
     let pieces = knots.len() - 1;
     (0..pieces)
@@ -226,13 +226,13 @@ fn increments(knots: &[f64], loss: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Least squares with unknowns of zero or more, by coordinate descent.
+/// Non-negative least squares, by coordinate descent.
 fn not_negative(rows: &DMatrix<f64>, wanted: &DVector<f64>) -> DVector<f64> {
     const ROUNDS: usize = 20_000;
     let mut normal = rows.transpose() * rows;
     let right = rows.transpose() * wanted;
     let size = normal.nrows();
-    // pieces that no press reaches follow their neighbours instead of being free
+    // pieces that no press reaches follow their neighbours
     let little = 1e-9 * normal.trace().max(f64::MIN_POSITIVE);
     for k in 0..size {
         normal[(k, k)] += little;
@@ -253,8 +253,8 @@ fn not_negative(rows: &DMatrix<f64>, wanted: &DVector<f64>) -> DVector<f64> {
     found
 }
 
-/// The polynomial that the logarithms of the ratios follow, without its constant; a little ridge keeps it small where the
-/// places do not tell.
+/// The polynomial that fits the logarithms of the ratios, without its constant. A small ridge term keeps it small where
+/// the positions do not determine it.
 fn log_ratio(places: &[[f64; TERMS]], ratios: &[f64]) -> [f64; TERMS] {
     let count = places.len();
     let design = DMatrix::from_fn(count, TERMS + 1, |i, j| {

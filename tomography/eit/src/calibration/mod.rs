@@ -1,11 +1,11 @@
 //! From relative loss of conductance to pressure: a monotone curve, and a gain over the position.
 //!
-//! A method's map of a press depends on the press, on the place and on the method: it is blurred, and weaker where the
-//! readings see less. So a calibration belongs to one mesh and one method, and is fitted to that method's own maps of presses
-//! whose mass and area are known. The curve is linear between knots with increments that are not negative, which makes both
-//! what a map says in all (newtons) and what it says under the press (kPa) linear in the increments: a least-squares problem
-//! with bounds, small enough for coordinate descent. The gain is a second-degree polynomial over the region, found from the
-//! ratio of what presses of all places say to what they should; curve and gain are found in turns.
+//! A method's map of a press depends on the press, its position and the method: it is blurred, and weaker where the
+//! readings are less sensitive. A calibration therefore belongs to one mesh and one method, and is fitted to that
+//! method's maps of presses of known mass and area. The curve is piecewise linear with non-negative increments, so that
+//! a map's total force (newtons) and its pressure under the press (kPa) are both linear in the increments: a bounded
+//! least-squares problem, small enough for coordinate descent. The gain is a second-degree polynomial over the region,
+//! fitted to the ratios of estimated to true force over the positions. Curve and gain are fitted alternately.
 
 mod fit;
 
@@ -14,23 +14,23 @@ use survey::{Map, MapUnit};
 
 use crate::Mesh;
 
-/// What a calibration file begins with.
+/// Value of the field `kind` of a calibration file.
 pub const CALIBRATION_KIND: &str = "tactus-calibration-1";
-/// Fewer presses say nothing about a curve.
+/// Fewest presses for a calibration.
 pub const FEWEST_PRESSES: usize = 6;
-/// Fewer different pressures make no curve.
+/// Fewest different pressures for a curve.
 pub const FEWEST_PRESSURES: usize = 3;
-/// Presses that differ from the fitted curve by more than this share (rms) contradict each other.
+/// Relative deviation (rms) from the fitted curve above which the presses contradict each other.
 pub const CONTRADICTION: f64 = 0.35;
 /// Terms of the gain: x, y, x^2, x y, y^2 over the region's half extents.
 const TERMS: usize = 5;
-/// How far a gain may go from one.
+/// Lowest and highest gain.
 const GAIN: [f64; 2] = [0.2, 5.0];
 
-/// A press whose mass is known, as a method shows it.
+/// A press of known mass, and a method's map of it.
 #[derive(Debug, Clone)]
 pub struct KnownPress {
-    /// What a person calls it.
+    /// Name for people.
     pub name: String,
     /// The map, relative.
     pub map: Map,
@@ -52,17 +52,17 @@ pub struct Calibration {
     pub mesh: String,
     /// The method whose maps it was fitted to.
     pub method: String,
-    /// Knots: relative loss of conductance over the gain, ascending, the first one where pressure begins.
+    /// Knots: relative loss of conductance over the gain, ascending; pressure begins at the first.
     pub loss: Vec<f64>,
-    /// Pressure at the knots, kPa, never falling.
+    /// Pressure at the knots, kPa, non-decreasing.
     pub kpa: Vec<f64>,
-    /// Centre of the region and its half extents, m: what the gain's x and y are measured in.
+    /// Centre of the region and its half extents, m: origin and units of the gain's x and y.
     pub frame: [f64; 4],
     /// Gain: exp of these times x, y, x^2, x y, y^2.
     pub gain: [f64; TERMS],
     /// Presses it was fitted to.
     pub presses: usize,
-    /// Root mean square of (found - true) / true force over them.
+    /// Root mean square over them of (estimated - true) / true force.
     pub rms: f64,
 }
 
@@ -77,7 +77,7 @@ pub enum CalibrationError {
         /// How many there are.
         found: usize,
     },
-    /// All presses of nearly the same pressure.
+    /// Too few different pressures.
     #[error(
         "the presses have {found} different pressures; a curve needs {FEWEST_PRESSURES} (two within 5 % count as one)"
     )]
@@ -85,17 +85,17 @@ pub enum CalibrationError {
         /// How many there are.
         found: usize,
     },
-    /// A press that is none.
+    /// A measure of a press that is not a positive number.
     #[error("press '{name}': {what} is {value}, it must be a positive number")]
     Measure {
         /// Its name.
         name: String,
         /// Which measure.
         what: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
-    /// A press that leaves no trace in its map.
+    /// A press that its map does not show.
     #[error(
         "press '{name}' ({newtons:.1} N) leaves no loss in its map: is it the right frame, and is the press inside the region?"
     )]
@@ -105,24 +105,24 @@ pub enum CalibrationError {
         /// Its force.
         newtons: f64,
     },
-    /// No one curve serves them.
+    /// The presses do not lie on one curve.
     #[error(
         "the presses contradict each other: no one curve serves them within {limit:.0} % (rms {rms:.0} %); the worst is '{worst}', \
          {found:.1} N by the curve and {newtons:.1} N by its mass. Check masses, areas and places"
     )]
     Contradictory {
-        /// Share that is allowed, %.
+        /// Largest deviation allowed, %.
         limit: f64,
-        /// Share that remains, %.
+        /// Deviation found, %.
         rms: f64,
         /// The press that fits worst.
         worst: String,
-        /// What the curve says.
+        /// Force by the curve, N.
         found: f64,
-        /// What its mass says.
+        /// Force by its mass, N.
         newtons: f64,
     },
-    /// A file that is no calibration, or a map of another mesh or method.
+    /// A file that is not a calibration, or a map of another mesh or method.
     #[error("the calibration does not fit: {0}")]
     Other(String),
 }
@@ -137,10 +137,10 @@ impl Calibration {
         fit::fit(mesh, presses)
     }
 
-    /// Whether the numbers of a file make a calibration.
+    /// Checks the values read from a file.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// The first fault found.
     pub fn check(&self) -> Result<(), CalibrationError> {
         let refuse = |why: &str| Err(CalibrationError::Other(why.to_owned()));
         if self.kind != CALIBRATION_KIND {
@@ -168,10 +168,10 @@ impl Calibration {
         Ok(())
     }
 
-    /// A relative map as pressure, kPa; gains of conductance are no pressure.
+    /// Converts a relative map to pressure, kPa; gains of conductance give zero.
     ///
     /// # Errors
-    /// A map of another mesh, of another method, or that is no relative change.
+    /// A map of another mesh or method, or one that is not a relative change.
     pub fn pressure(&self, mesh: &Mesh, map: &Map) -> Result<Pressure, CalibrationError> {
         check(mesh, map)?;
         if map.mesh_hash != self.mesh {
@@ -200,7 +200,7 @@ impl Calibration {
         Ok(Pressure { kpa, newtons })
     }
 
-    /// The curve; beyond its last knot it goes on as its last piece.
+    /// The curve; beyond its last knot its last piece is extended.
     fn at(&self, loss: f64) -> f64 {
         let last = self.loss.len() - 1;
         let piece = (0..last).rev().find(|k| loss >= self.loss[*k]);
@@ -214,7 +214,7 @@ impl Calibration {
     }
 }
 
-/// A map as pressure.
+/// A pressure map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pressure {
     /// One value a triangle of the region, kPa.
@@ -224,12 +224,12 @@ pub struct Pressure {
 }
 
 impl Pressure {
-    /// The largest of its values, kPa.
+    /// The largest pressure, kPa.
     pub fn largest_kpa(&self) -> f64 {
         self.kpa.iter().copied().fold(0.0, f64::max)
     }
 
-    /// The relative map that it was made from, in kPa: for pictures.
+    /// The relative map it was made from, with values in kPa: for pictures.
     pub fn map(&self, relative: &Map) -> Map {
         Map {
             values: self.kpa.clone(),

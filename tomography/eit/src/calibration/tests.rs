@@ -1,4 +1,4 @@
-//! Known presses come back; what makes no calibration is refused.
+//! Known presses are recovered; unusable ones are refused.
 
 use super::fit::frame;
 use super::*;
@@ -76,7 +76,7 @@ fn known_presses_come_back_within_a_tenth() {
         let off = found.newtons / press.newtons - 1.0;
         assert!(off.abs() < 0.2, "{}: {off}", press.name);
     }
-    // without a gain over the position the outer presses read too much
+    // without a gain over the position, the force of the outer presses is overestimated
     let flat = Calibration {
         gain: [0.0; TERMS],
         ..calibration.clone()

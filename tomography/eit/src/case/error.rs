@@ -1,4 +1,4 @@
-//! Why a folder is not a case.
+//! Errors of case folders.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -7,10 +7,10 @@ use survey::ProtocolError;
 
 use crate::MeshError;
 
-/// Why a folder is not a case, or a file not what it should be. Lines are counted from 1.
+/// Why a case folder or one of its files is refused. Lines are counted from 1.
 #[derive(Debug, thiserror::Error)]
 pub enum CaseError {
-    /// A file cannot be written, or must not be.
+    /// A file cannot be written, or exists and must not be replaced.
     #[error(transparent)]
     Unwritten(#[from] outfile::OutFileError),
     /// The file cannot be read.
@@ -18,7 +18,7 @@ pub enum CaseError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         #[source]
         cause: std::io::Error,
     },
@@ -31,7 +31,7 @@ pub enum CaseError {
         line: usize,
         /// The column, from 1.
         column: usize,
-        /// What stands there.
+        /// The text found.
         text: String,
     },
     /// A field that is empty, NaN or infinite.
@@ -51,7 +51,7 @@ pub enum CaseError {
         path: PathBuf,
         /// The line.
         line: usize,
-        /// What stands there.
+        /// The value found.
         value: f64,
     },
     /// A contact impedance below zero.
@@ -61,7 +61,7 @@ pub enum CaseError {
         path: PathBuf,
         /// The line.
         line: usize,
-        /// What stands there.
+        /// The value found.
         value: f64,
     },
     /// A number that should be an index is not one.
@@ -73,7 +73,7 @@ pub enum CaseError {
         line: usize,
         /// Name of the column.
         what: &'static str,
-        /// What stands there.
+        /// The value found.
         value: f64,
     },
     /// A line with too few or too many fields.
@@ -83,7 +83,7 @@ pub enum CaseError {
         path: PathBuf,
         /// The line.
         line: usize,
-        /// What it has.
+        /// Number of fields found.
         has: usize,
         /// What is needed, in words.
         wants: String,
@@ -93,21 +93,21 @@ pub enum CaseError {
     Rows {
         /// The file.
         path: PathBuf,
-        /// What it has.
+        /// Number of lines found.
         has: usize,
         /// What is needed, in words.
         wants: String,
     },
-    /// An electrode number out of turn.
+    /// Electrode numbers are not consecutive.
     #[error("{}:{line}: electrode {has} where electrode {wants} is expected (numbered from 0, in order)", .path.display())]
     ElectrodeOrder {
         /// The file.
         path: PathBuf,
         /// The line.
         line: usize,
-        /// What stands there.
+        /// The number found.
         has: usize,
-        /// What was expected.
+        /// The number expected.
         wants: usize,
     },
     /// An electrode or element that does not exist.
@@ -119,7 +119,7 @@ pub enum CaseError {
         line: usize,
         /// `electrode`, `node` or `element`.
         what: &'static str,
-        /// What was named.
+        /// The index given.
         value: usize,
         /// How many there are.
         count: usize,
@@ -127,9 +127,9 @@ pub enum CaseError {
     /// A conductance that does not exist.
     #[error("no conductance '{name}': it is neither a file nor one of {}", .known.join(", "))]
     NoSigma {
-        /// What was asked.
+        /// The name given.
         name: String,
-        /// What the case has.
+        /// The names in the case.
         known: Vec<String>,
     },
     /// The mesh is faulty.
@@ -137,7 +137,7 @@ pub enum CaseError {
     Mesh {
         /// The file.
         path: PathBuf,
-        /// The line, where there is one.
+        /// The line, if known.
         line: Option<usize>,
         /// Why.
         #[source]
@@ -154,7 +154,7 @@ pub enum CaseError {
     },
 }
 
-/// A file, and a line of it where there is one.
+/// A file, and the line if known.
 struct Place<'a>(&'a PathBuf, &'a Option<usize>);
 
 impl fmt::Display for Place<'_> {

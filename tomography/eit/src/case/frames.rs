@@ -1,18 +1,18 @@
-//! Frames of measured voltages, lying or standing.
+//! Frames of measured voltages, in rows or columns.
 
 use std::path::Path;
 
 use super::text::{digits, line};
 use super::{CaseError, Table};
 
-/// What an instrument sends for an overload (SCPI's infinity); at or above it there is no voltage.
+/// What an instrument sends for an overload (SCPI's infinity); values at or above it are missing readings.
 const OVERLOAD: f64 = 9.9e37;
 
-/// Frames of measured voltages, V: a row a frame, or a column a frame, whichever fits the number of readings. A field
-/// that is empty, not finite or an overload (9.9e37) is a missing reading.
+/// Frames of measured voltages, V: a row or a column per frame, whichever fits the number of readings. An empty field,
+/// one that is not finite, and an overload (9.9e37) are missing readings.
 ///
 /// # Errors
-/// A file that cannot be read, or whose rows and columns both do not fit; the line is named.
+/// A file that cannot be read, or neither whose rows nor whose columns fit; the line is named.
 pub fn read_frames(path: &Path, readings: usize) -> Result<Vec<Vec<Option<f64>>>, CaseError> {
     Ok(read_named_frames(path, readings)?
         .into_iter()
@@ -23,7 +23,8 @@ pub fn read_frames(path: &Path, readings: usize) -> Result<Vec<Vec<Option<f64>>>
 /// A frame's label and its readings, V.
 pub type NamedFrame = (String, Vec<Option<f64>>);
 
-/// Like [`read_frames`], with the label of each frame: its row's label or its column's name, else its index from 0.
+/// Like [`read_frames`], with the label of each frame: its row's label or its column's name, otherwise its index from
+/// 0.
 ///
 /// # Errors
 /// As [`read_frames`].

@@ -1,4 +1,4 @@
-//! Case folders: geometry, protocol and data as plain CSV, the way users bring their own mesh and recordings.
+//! Case folders: geometry, protocol and data as plain CSV, for users' own meshes and recordings.
 //!
 //! A first line with a field that is not a number is a header; a leading column of text is a label; a missing
 //! `current_A` is 1 A. SI units, indices from 0. Numbers are written with 17 significant digits.
@@ -26,14 +26,14 @@ pub use text::{digits, matrix_text};
 /// Conductance assumed where a case folder gives none, S per square.
 const ASSUMED_CONDUCTANCE: f64 = 1e-3;
 
-/// A geometry with its contacts, its questions and its named conductances.
+/// A geometry with its contacts, its protocol and its named conductances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
     /// The mesh; its region is `roi.csv`, else every triangle.
     pub mesh: Arc<Mesh>,
     /// Contact impedance of each electrode, ohm m.
     pub contact_ohm_m: Vec<f64>,
-    /// The questions in the order of the readings.
+    /// The measurements in the order of the readings.
     pub protocol: Protocol,
     /// Current of each reading, A.
     pub currents: Vec<f64>,
@@ -139,7 +139,7 @@ impl Case {
         Ok(case)
     }
 
-    /// A conductance by its name in the folder, else from a file of one value a triangle.
+    /// The conductance with this name in the folder, otherwise read from a file with one value per triangle.
     ///
     /// # Errors
     /// Neither a name nor a readable file, or the wrong number of values.
@@ -157,7 +157,7 @@ impl Case {
         })
     }
 
-    /// The unloaded conductance of each triangle, S per square: `homog` where the case has it, else 1 mS throughout.
+    /// The unloaded conductance of each triangle, S per square: `homog` if the case has it, otherwise 1 mS throughout.
     pub fn unloaded_conductance(&self) -> Vec<f64> {
         self.sigma
             .get("homog")
@@ -165,10 +165,10 @@ impl Case {
             .unwrap_or_else(|| vec![ASSUMED_CONDUCTANCE; self.mesh.triangles().len()])
     }
 
-    /// Conductances from a file with a row each, a column a triangle, and the line of each.
+    /// Conductances from a file with a row each and a column per triangle, with the line number of each.
     ///
     /// # Errors
-    /// A file that cannot be read, the wrong number of columns, or a value that is no conductance; the line is named.
+    /// A file that cannot be read, the wrong number of columns, or an invalid conductance; the line is named.
     pub fn sigma_rows(&self, path: &Path) -> Result<Vec<(usize, Vec<f64>)>, CaseError> {
         let wants = self.mesh.triangles().len();
         let rows = Table::read(path)?.numbers(wants, wants)?;
@@ -184,7 +184,7 @@ impl Case {
         Ok(rows)
     }
 
-    /// Electrodes with so few edges that their resistance is the mesh's rather than theirs: worth a warning.
+    /// Electrodes with so few edges that their resistance depends on the mesh: callers warn of them.
     pub fn coarse_electrodes(&self) -> Vec<Electrode> {
         self.mesh.quality().coarse_electrodes
     }

@@ -1,4 +1,4 @@
-//! The questions of a case as a file.
+//! Protocol files of a case.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -8,8 +8,8 @@ use survey::{Dipole, Electrode, Measurement, Protocol};
 use super::text::digits;
 use super::{CaseError, Table};
 
-/// Reads a protocol file and the current of each reading (A; 1 where the column is missing). Without `electrodes` the
-/// ring is as large as the largest number named.
+/// Reads a protocol file and the current of each reading (A; 1 if the column is missing). Without `electrodes` the
+/// number of electrodes is the largest number named.
 ///
 /// # Errors
 /// A fault in the file, naming its line, or a protocol that is refused.

@@ -1,10 +1,10 @@
-//! A table of numbers by the rule of case folders: header, labels, lines.
+//! Tables of numbers in the format of case folders: header, labels, line numbers.
 
 use std::path::{Path, PathBuf};
 
 use super::CaseError;
 
-/// A table of numbers as it stood in a file.
+/// A table of numbers as read from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     path: PathBuf,
@@ -37,7 +37,8 @@ impl Table {
             .map(|(line, text)| (line, text.split(',').map(str::trim).collect::<Vec<_>>()))
             .peekable();
         let is_text = |field: &&str| !field.is_empty() && field.parse::<f64>().is_err();
-        // a first line whose only text is its first field is a labelled row, if the second line looks the same
+        // if the only text of the first line is its first field and the second line looks the same, it is a labelled
+        // row
         let all: Vec<(usize, Vec<&str>)> = lines.by_ref().collect();
         let first_is_header = match all.first() {
             None => false,

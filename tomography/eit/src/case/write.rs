@@ -1,4 +1,4 @@
-//! A case goes out.
+//! Writing of case folders.
 
 use std::path::Path;
 
@@ -8,10 +8,10 @@ use super::text::{digits, line};
 use super::{Case, CaseError, protocol_text};
 
 impl Case {
-    /// Writes the folder, which is made if need be.
+    /// Writes the folder, and creates it if needed.
     ///
     /// # Errors
-    /// A file that cannot be written, or must not be.
+    /// A file that cannot be written, or exists and must not be replaced.
     pub fn write(&self, folder: &Path, existing: Existing) -> Result<(), CaseError> {
         outfile::make_folder(folder, Existing::Replace)?;
         let put = |name: &str, text: String| {

@@ -1,22 +1,22 @@
-//! Why there is no forward solution.
+//! Errors of the forward model.
 
 use survey::{Dipole, Electrode};
 
-/// Why there is no forward solution.
+/// Why the forward problem has no solution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ForwardError {
     /// Fewer than two electrodes.
     #[error("the mesh has {electrodes} electrodes; a current needs two")]
     Electrodes {
-        /// What the mesh has.
+        /// Electrodes of the mesh.
         electrodes: usize,
     },
     /// Wrong number of contact impedances.
     #[error("{has} contact impedances are given for {wants} electrodes")]
     ContactCount {
-        /// What was given.
+        /// Number given.
         has: usize,
-        /// What the mesh has.
+        /// Electrodes of the mesh.
         wants: usize,
     },
     /// A contact impedance that is negative or not a number.
@@ -26,23 +26,23 @@ pub enum ForwardError {
     Contact {
         /// The electrode.
         electrode: Electrode,
-        /// What was given.
+        /// The value given.
         value: f64,
     },
     /// Wrong number of currents.
     #[error("{has} rows of currents are given for {wants} electrodes")]
     CurrentCount {
-        /// What was given.
+        /// Number given.
         has: usize,
-        /// What the mesh has.
+        /// Electrodes of the mesh.
         wants: usize,
     },
     /// Wrong number of conductances.
     #[error("{has} conductances are given for {wants} elements")]
     SigmaCount {
-        /// What was given.
+        /// Number given.
         has: usize,
-        /// What the mesh has.
+        /// Triangles of the mesh.
         wants: usize,
     },
     /// A conductance that is negative or not a number.
@@ -50,7 +50,7 @@ pub enum ForwardError {
     Sigma {
         /// The element, from 0.
         element: usize,
-        /// What was given.
+        /// The value given.
         value: f64,
     },
     /// Cells of another mesh.
@@ -69,17 +69,17 @@ pub enum ForwardError {
     /// The protocol is for another ring.
     #[error("the protocol asks for {protocol} electrodes, the mesh has {mesh}")]
     Ring {
-        /// What the protocol has.
+        /// Electrodes of the protocol.
         protocol: usize,
-        /// What the mesh has.
+        /// Electrodes of the mesh.
         mesh: usize,
     },
-    /// A drive names an electrode that does not exist, or one twice.
+    /// A drive names an electrode that does not exist, or the same one twice.
     #[error("drive {drive} does not name two of the {electrodes} electrodes")]
     Drive {
         /// The drive.
         drive: Dipole,
-        /// What the mesh has.
+        /// Electrodes of the mesh.
         electrodes: usize,
     },
     /// The currents of a pattern do not sum to zero.
@@ -108,7 +108,7 @@ pub enum ForwardError {
         /// Largest conductance, S.
         largest: f64,
     },
-    /// The refinement did not settle.
+    /// The refinement did not converge.
     #[error(
         "the solution is only known to {achieved:e} of its largest value; conductances are too far apart"
     )]

@@ -1,4 +1,5 @@
-//! What a mesh asks of its linear system: resistors along edges, contacts, an order of elimination, nodes to ground.
+//! The structure of a mesh's linear system: resistors along edges, contacts, elimination order, candidates for
+//! grounding.
 
 use std::collections::BTreeMap;
 
@@ -6,21 +7,21 @@ use super::ForwardError;
 use crate::Mesh;
 use crate::linear_algebra::sparse::{Analysis, Network, dissect};
 
-/// A mesh edge as a resistor of conductance Σ sigma\[t\] c over its triangles, away from electrodes.
+/// A mesh edge as a resistor of conductance Σ sigma\[t\] c over its triangles, with no electrode at either end.
 pub(super) struct Plain {
     pub(super) triangles: [u32; 2],
     pub(super) shares: [f64; 2],
-    /// Entries of its ends' diagonals and of the pair.
+    /// Entries of the diagonals of its ends, and of the pair.
     pub(super) at: [u32; 3],
 }
 
-/// The same with an electrode at one end or both.
+/// A mesh edge as a resistor with an electrode at one end or both.
 pub(super) struct Special {
     pub(super) triangles: [u32; 2],
     pub(super) shares: [f64; 2],
     /// Nodes.
     pub(super) ends: [usize; 2],
-    /// Where its (up to) four unknowns meet: entries for each pair of slots a, U(a), b, U(b).
+    /// Entries for each pair of its (up to) four unknowns, in slots a, U(a), b, U(b).
     pub(super) at: [usize; 10],
 }
 
@@ -30,7 +31,7 @@ struct Edge {
     terms: [(usize, f64); 2],
 }
 
-/// What is found once for a mesh.
+/// The analysis of a mesh, made once.
 pub(super) struct Layout {
     pub(super) edges: Vec<Plain>,
     pub(super) special: Vec<Special>,
@@ -149,7 +150,7 @@ impl Layout {
     }
 }
 
-/// No such entry.
+/// Marks an absent entry.
 pub(super) const NONE: usize = usize::MAX;
 
 /// The pairs of slots in the order of [`Special::at`].
@@ -166,7 +167,7 @@ pub(super) const PAIRS: [[usize; 2]; 10] = [
     [1, 3],
 ];
 
-/// What an electrode needs beside its edges.
+/// The data of an electrode that do not belong to its edges in the mesh.
 pub(super) struct Contact {
     pub(super) nodes: Vec<usize>,
     /// ∫ λᵢ, m, one a node.
@@ -174,9 +175,9 @@ pub(super) struct Contact {
     pub(super) length: f64,
     /// Mass of its edges: two positions in `nodes` and the edge's length.
     pub(super) edges: Vec<([usize; 2], f64)>,
-    /// Entries of the pattern for each pair of its nodes, i <= j, by rows.
+    /// Entries of the pattern for each pair of its nodes, i <= j, row by row.
     pub(super) at: Vec<usize>,
-    /// Triangles at its nodes.
+    /// Triangles that touch its nodes.
     pub(super) triangles: Vec<usize>,
 }
 impl Contact {
@@ -205,7 +206,7 @@ impl Contact {
     }
 }
 
-/// K(σ)ᵢⱼ = Σ σ A ∇λᵢ·∇λⱼ as conductances -Kᵢⱼ along edges: -∇λᵢ·∇λⱼ A = eᵢ·eⱼ / 4A, both sides leaving the third
+/// K(σ)ᵢⱼ = Σ σ A ∇λᵢ·∇λⱼ as conductances -Kᵢⱼ along edges: -∇λᵢ·∇λⱼ A = eᵢ·eⱼ / 4A, eᵢ and eⱼ the sides from the third
 /// corner.
 fn resistors(mesh: &Mesh) -> Vec<Edge> {
     let mut edges: BTreeMap<[usize; 2], Edge> = BTreeMap::new();
@@ -265,8 +266,8 @@ fn contact(mesh: &Mesh, electrode: usize, around: &[Vec<usize>]) -> Contact {
     }
 }
 
-/// Numbers the unknowns in the order of elimination, nodes by nested dissection, electrodes last; and the lengths of the
-/// parts that are eliminated together.
+/// Numbers the unknowns in elimination order: nodes by nested dissection, then electrodes. Also returns the lengths of
+/// the parts that are eliminated together.
 fn number(mesh: &Mesh, edges: &[Edge], electrodes: &[Contact]) -> (Vec<usize>, Vec<usize>) {
     let nodes = mesh.nodes().len();
     let mut neighbours = vec![Vec::new(); nodes];
@@ -292,7 +293,7 @@ fn number(mesh: &Mesh, edges: &[Edge], electrodes: &[Contact]) -> (Vec<usize>, V
     (unknown, parts)
 }
 
-/// Nodes not on an electrode, the farthest from all electrodes first.
+/// Nodes not on an electrode, in descending distance from all electrodes.
 fn grounds(mesh: &Mesh, on: &[Option<usize>]) -> Vec<usize> {
     let centres = mesh.electrode_centres();
     let mut nodes: Vec<(f64, usize)> = (0..mesh.nodes().len())

@@ -3,15 +3,15 @@
 //! σ `sigma`: sheet conductance of a triangle, siemens per square; u `u`: potential of a node; U `electrode voltage`;
 //! z `contact`: contact impedance, ohm m; M: ∫ λᵢ λⱼ over an electrode's edges; b: ∫ λᵢ; |e|: the electrode's length.
 //!
-//! The unknowns of an electrode are chosen for its contact (fact sheet, section 1):
+//! The unknowns of an electrode depend on its contact (fact sheet, section 1):
 //! - z/|e| < Rs: its voltage U and the differences d = u - U on its nodes; z appears only in M/z on d, and U's row is
 //!   its balance of currents
 //! - otherwise U is eliminated: (M - b bᵀ/|e|)/z on its nodes, and U = (bᵀu + z I)/|e| afterwards
 //! - z = 0: d = 0, the electrode is one unknown
 //!
-//! The sheet itself is written as resistors along mesh edges, so that a constant potential drives exactly nothing; the
+//! The sheet is written as resistors along mesh edges, so that a constant potential drives exactly no current; the
 //! residuals of the refinement are sums of small currents, not differences of large ones. One mesh node away from the
-//! electrodes is grounded. Everything runs in a fixed order on one thread.
+//! electrodes is grounded. All operations run in a fixed order on one thread.
 
 mod error;
 mod layout;
@@ -37,26 +37,26 @@ use scratch::Scratch;
 pub(crate) use solution::Solution;
 pub use workspace::Workspace;
 
-/// A triangle without conductance keeps this share of the largest: it changes voltages by about 1e-9.
+/// Conductance given to a triangle without any, as a share of the largest: it changes voltages by about 1e-9.
 pub const FLOOR: f64 = 1e-8;
 
 /// Conductances that the model accepts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Admitted<'a> {
-    /// One a triangle, all positive, S.
+    /// One per triangle, all positive, S.
     pub sigma: Cow<'a, [f64]>,
     /// Triangles that had no conductance and were given [`FLOOR`] of the largest.
     pub floored: usize,
 }
 
-/// Potentials for a set of drives, at the gauge where the mean over the electrodes is zero.
+/// Potentials for a set of drives; the mean over the electrodes is zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fields {
     /// Potential of each node (row) in each drive (column), V at 1 A.
     pub potentials: DMatrix<f64>,
     /// Voltage of each electrode (row) in each drive (column), V at 1 A.
     pub electrodes: DMatrix<f64>,
-    /// Triangles that had no conductance, see [`FLOOR`].
+    /// Triangles without conductance that were raised, see [`FLOOR`].
     pub floored: usize,
 }
 
@@ -77,7 +77,7 @@ pub struct Fields {
 pub struct Forward {
     mesh: Arc<Mesh>,
     contact: Vec<f64>,
-    /// Mesh edges without an electrode at either end, in the order of elimination, then the others.
+    /// Mesh edges without an electrode at either end, in elimination order, followed by the others.
     edges: Vec<Plain>,
     special: Vec<Special>,
     network: Network,
@@ -90,7 +90,7 @@ pub struct Forward {
     grounds: Vec<usize>,
     /// Triangles at each node.
     around: Vec<Vec<usize>>,
-    /// Room that the last solutions left; it never holds a result.
+    /// Memory of earlier solutions, for reuse; it never holds a result.
     scratch_pool: Mutex<Vec<Scratch>>,
 }
 
@@ -152,7 +152,7 @@ impl Forward {
         &self.contact
     }
 
-    /// Changes the contact impedances; the analysis stays.
+    /// Changes the contact impedances; the analysis is kept.
     ///
     /// # Errors
     /// Contact impedances that do not fit.
@@ -162,10 +162,10 @@ impl Forward {
         Ok(())
     }
 
-    /// Refuses conductances that are negative or not numbers; gives triangles without any [`FLOOR`] of the largest.
+    /// Refuses conductances that are negative or not numbers; raises zeros to [`FLOOR`] of the largest.
     ///
     /// # Errors
-    /// Wrong count, a value that is negative or not a number (element named), or none that conducts.
+    /// Wrong count, a value that is negative or not a number (element named), or no value above zero.
     pub fn admit<'a>(&self, sigma: &'a [f64]) -> Result<Admitted<'a>, ForwardError> {
         let wants = self.mesh.triangles().len();
         if sigma.len() != wants {
@@ -201,7 +201,7 @@ impl Forward {
         Ok(Admitted { sigma, floored })
     }
 
-    /// Potentials for each drive at 1 A: factored once.
+    /// Potentials for each drive at 1 A, from one factorisation.
     ///
     /// # Errors
     /// Conductances that are refused, or a drive that does not fit.
@@ -210,7 +210,7 @@ impl Forward {
         self.with_solution(sigma, &currents, |solution| self.fields(&solution))
     }
 
-    /// Potentials for any currents: one row an electrode, one column a pattern, A; each column sums to zero.
+    /// Potentials for any currents: one row per electrode, one column per pattern, A; each column sums to zero.
     ///
     /// # Errors
     /// Conductances that are refused, or currents that do not fit or do not sum to zero.
@@ -222,7 +222,7 @@ impl Forward {
         self.with_solution(sigma, currents, |solution| self.fields(&solution))
     }
 
-    /// The readings of a protocol at 1 A, V. See [`Forward::workspace`] for many conductances.
+    /// The readings of a protocol at 1 A, V. For many conductances see [`Forward::workspace`].
     ///
     /// # Errors
     /// Conductances that are refused, or a protocol for another ring.
@@ -249,7 +249,7 @@ impl Forward {
         Ok(())
     }
 
-    /// 1 A through each pair: a row an electrode, a column a pair.
+    /// 1 A through each pair: a row per electrode, a column per pair.
     pub(crate) fn currents(&self, drives: &[Dipole]) -> Result<DMatrix<f64>, ForwardError> {
         let electrodes = self.electrodes.len();
         let mut currents = DMatrix::zeros(electrodes, drives.len());
@@ -266,12 +266,12 @@ impl Forward {
         Ok(currents)
     }
 
-    /// 1 A through each pair of neighbours, the last with the first: a row an electrode, a column a pair.
+    /// 1 A through each pair of neighbours, including the last with the first: a row per electrode, a column per pair.
     pub(crate) fn neighbours(&self) -> DMatrix<f64> {
         ring::neighbours(self.electrodes.len())
     }
 
-    /// Solves for some currents and reads the solution where it stands.
+    /// Solves for some currents and passes the solution to `read`.
     pub(crate) fn with_solution<T>(
         &self,
         sigma: &[f64],
@@ -299,7 +299,7 @@ impl Forward {
         })
     }
 
-    /// Lends room that an earlier solution left, or new room.
+    /// Lends memory of an earlier solution, or new memory.
     fn borrow_scratch<T>(
         &self,
         work: impl FnOnce(&mut Scratch) -> Result<T, ForwardError>,

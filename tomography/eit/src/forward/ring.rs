@@ -1,13 +1,14 @@
-//! Everything in terms of neighbouring pairs of electrodes: any other pair is a sum of them.
+//! Voltages and currents of neighbouring pairs of electrodes; those of any other pair are sums of these.
 
 use nalgebra::{DMatrix, DVector};
 use survey::{Dipole, Protocol};
 
 use super::Forward;
 
-/// Voltages of neighbouring electrodes for 1 A through neighbouring electrodes: everything that a protocol asks.
+/// Voltages of neighbouring electrodes for 1 A through neighbouring electrodes: they determine the readings of any
+/// protocol.
 pub(super) struct Ring {
-    /// A column a driven pair, without eliminated drops.
+    /// A column per driven pair, without the drops over eliminated contacts.
     pub(super) volts: Vec<f64>,
     /// Resistance of each eliminated contact, ohm.
     pub(super) drops: Vec<f64>,
@@ -39,7 +40,7 @@ impl Ring {
     }
 }
 
-/// The neighbouring pairs whose sum a pair is, the shorter way round.
+/// The neighbouring pairs whose sum is a given pair, the shorter way round.
 pub(crate) struct Arc {
     first: usize,
     length: usize,
@@ -72,7 +73,7 @@ pub(crate) fn arc(pair: Dipole, count: usize) -> Arc {
     }
 }
 
-/// 1 A in at each electrode and out at the next: a column a pair.
+/// 1 A in at each electrode and out at the next: a column per pair.
 pub(super) fn neighbours(count: usize) -> DMatrix<f64> {
     DMatrix::from_fn(count, count, |electrode, pair| {
         let enters = f64::from(u8::from(electrode == pair));

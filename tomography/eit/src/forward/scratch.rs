@@ -1,4 +1,4 @@
-//! Room for one solution, and what is computed in it.
+//! Memory for one solution, and the computations that use it.
 
 use nalgebra::DMatrix;
 
@@ -13,10 +13,10 @@ const REFINED: f64 = 1e-11;
 /// Corrections before giving up.
 const MOST_CORRECTIONS: usize = 12;
 
-/// Below this first correction a reading needs no second: what is left is about its square.
+/// Below this first correction a reading needs no second: the remaining error is about its square.
 const SQUARED: f64 = 1e-8;
 
-/// Room for one conductance after the other.
+/// Memory for solving one conductance after another.
 #[derive(Clone)]
 pub(super) struct Scratch {
     system: System,
@@ -43,7 +43,7 @@ impl Scratch {
         })
     }
 
-    /// The factor of a conductance, to be based on.
+    /// Factors a conductance on which later ones are based.
     pub(super) fn base(forward: &Forward, sigma: &[f64]) -> Result<Base, ForwardError> {
         let sigma = forward.admit(sigma)?.sigma;
         let failed = |fault| refusal(forward, fault, &sigma);
@@ -78,7 +78,7 @@ impl Scratch {
         Ok(floored)
     }
 
-    /// Corrects a solution until corrections vanish.
+    /// Corrects a solution until the corrections vanish.
     fn correct(
         &mut self,
         forward: &Forward,
@@ -114,7 +114,7 @@ impl Scratch {
         Err(ForwardError::NotAccurate { achieved: last })
     }
 
-    /// Blocks of the size that is needed.
+    /// Resizes the blocks as needed.
     fn fit(&mut self, forward: &Forward, columns: usize) {
         let fresh = Block::zeros(0, columns);
         let rows = forward.unknown.len();
@@ -124,7 +124,7 @@ impl Scratch {
         }
     }
 
-    /// Unknowns of any currents.
+    /// Solves for any currents.
     pub(super) fn solution<'s>(
         &'s mut self,
         forward: &Forward,
@@ -151,8 +151,8 @@ impl Scratch {
 
     /// Voltages of neighbours for currents through neighbours.
     ///
-    /// With x a solution for the pair a and r what it leaves of a's right side b, the voltage of the pair c is
-    /// bᵀ(c) x(a) + x(c)ᵀ r(a) up to the square of the error: one product in place of a second solution.
+    /// With x a solution for the pair a and r its residual for the right side b(a), the voltage of the pair c is bᵀ(c)
+    /// x(a) + x(c)ᵀ r(a) up to the square of the error: one product replaces a second solution.
     pub(super) fn ring(
         &mut self,
         forward: &Forward,
@@ -186,7 +186,7 @@ impl Scratch {
         Ok(self.read(forward, volts))
     }
 
-    /// Voltages of neighbours (rows) in each column of x, without the drops that were eliminated.
+    /// Voltages of neighbours (rows) in each column of x, without the drops over eliminated contacts.
     fn between(&self, forward: &Forward) -> Vec<f64> {
         let nodes = forward.mesh.nodes().len();
         let count = forward.electrodes.len();
@@ -219,7 +219,7 @@ impl Scratch {
     }
 }
 
-/// The largest size; NaN where there is one.
+/// The largest absolute value; NaN if there is one.
 fn largest(values: &[f64]) -> f64 {
     let most = |most: f64, x: f64| if x <= most || most.is_nan() { most } else { x };
     let mut lanes = [0.0; 8];

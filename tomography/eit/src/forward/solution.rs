@@ -1,4 +1,4 @@
-//! What the unknowns say: electrode voltages, potentials, drops over contacts.
+//! Electrode voltages, potentials and drops over contacts, from the unknowns.
 
 use nalgebra::DMatrix;
 
@@ -6,9 +6,9 @@ use super::system::Form;
 use super::{Fields, Forward};
 use crate::linear_algebra::sparse::Block;
 
-/// Unknowns of some drives as they come from the solver, with what is needed to read them.
+/// Unknowns of some drives as the solver returns them, with the system that interprets them.
 pub(crate) struct Solution<'s> {
-    /// u or d on nodes, U (0 where eliminated) on electrodes; as many columns as there are drives, and padding.
+    /// u or d on nodes, U (0 where eliminated) on electrodes; one column per drive, and padding.
     pub(super) x: &'s Block,
     pub(super) forms: &'s [Form],
     /// Currents into the electrodes (rows) of each drive (column).
@@ -17,13 +17,13 @@ pub(crate) struct Solution<'s> {
 }
 
 impl Forward {
-    /// An unknown: of a node, or of an electrode (counted on from the nodes).
+    /// An unknown by index: nodes first, then electrodes.
     fn at(&self, solution: &Solution, index: usize, column: usize) -> f64 {
         solution.x.row(self.unknown[index])[column]
     }
 
-    /// An electrode's voltage relative to the ground node, in two parts of which the second (z I / |e|, where the
-    /// voltage was eliminated) may be far larger.
+    /// An electrode's voltage relative to the ground node, in two parts; the second (z I / |e|, if the voltage was
+    /// eliminated) may be far larger.
     pub(super) fn voltage(&self, solution: &Solution, electrode: usize, column: usize) -> [f64; 2] {
         match solution.forms[electrode] {
             Form::Difference | Form::Shunt => [
@@ -39,7 +39,7 @@ impl Forward {
         }
     }
 
-    /// Potentials relative to the ground node: a row a node (as the mesh counts them), a column a drive.
+    /// Potentials relative to the ground node: a row per node (in the mesh's order), a column per drive.
     pub(crate) fn potentials(&self, solution: &Solution) -> Block {
         let nodes = self.mesh.nodes().len();
         let mut block = Block::zeros(nodes, solution.currents.ncols());
@@ -55,7 +55,7 @@ impl Forward {
         block
     }
 
-    /// Electrode voltages of each drive (column), mean zero, and that mean before.
+    /// Electrode voltages of each drive (column) with their mean subtracted, and that mean.
     fn levelled(&self, solution: &Solution) -> (DMatrix<f64>, Vec<f64>) {
         let count = self.electrodes.len();
         let columns = solution.currents.ncols();
@@ -65,7 +65,7 @@ impl Forward {
             let voltages: Vec<[f64; 2]> = (0..count)
                 .map(|e| self.voltage(solution, e, column))
                 .collect();
-            // the large parts are summed apart: equal contacts cancel exactly
+            // the large parts are summed separately: equal contacts cancel exactly
             let mean = [0, 1].map(|part| {
                 voltages.iter().map(|voltage| voltage[part]).sum::<f64>() / count as f64
             });

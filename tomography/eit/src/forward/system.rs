@@ -1,4 +1,4 @@
-//! One conductance: the forms of its electrodes, its ground, its matrix and its residuals.
+//! The linear system of one conductance: electrode forms, ground, matrix and residuals.
 
 use nalgebra::DMatrix;
 
@@ -13,24 +13,24 @@ pub(super) enum Form {
     Shunt,
 }
 
-/// One conductance: forms, ground, weights and entries.
+/// The linear system of one conductance.
 #[derive(Clone, Default)]
 pub(super) struct System {
     /// Conductance of each edge.
     weights: Vec<f64>,
     pub(super) forms: Vec<Form>,
-    /// Unknown that is kept at zero.
+    /// Unknown held at zero.
     ground: usize,
-    /// For each node whether its own unknown takes part (neither grounded nor d = 0).
+    /// For each node: whether it has an unknown (it is neither grounded nor d = 0).
     free: Vec<bool>,
-    /// For each node the unknown of its electrode, where that takes part.
+    /// For each node: the unknown of its electrode, if it takes part.
     joined: Vec<usize>,
-    /// Entries of the matrix, as the analysis counts them.
+    /// Entries of the matrix, in the order of the analysis.
     pub(super) values: Vec<f64>,
 }
 
 impl System {
-    /// Takes a conductance.
+    /// Sets a conductance.
     pub(super) fn set(&mut self, forward: &Forward, sigma: &[f64]) {
         let nodes = forward.mesh.nodes().len();
         let weight = |triangles: [u32; 2], shares: [f64; 2]| {
@@ -144,7 +144,7 @@ impl System {
             let z = forward.contact[e];
             let count = contact.nodes.len();
             let free = |i: usize| self.free[contact.nodes[i]];
-            // rows of an upper triangle one after the other
+            // rows of an upper triangle, one after another
             let at = |i: usize, j: usize| {
                 let (i, j) = (i.min(j), i.max(j));
                 contact.at[i * count - i * (i + 1) / 2 + j]
@@ -172,7 +172,7 @@ impl System {
         values[at] = 1.0;
     }
 
-    /// Currents (A) into the electrodes (rows), a column a pattern.
+    /// Right side for currents (A) into the electrodes (rows), a column per pattern.
     pub(super) fn right_side(&self, forward: &Forward, currents: &DMatrix<f64>, block: &mut Block) {
         let nodes = forward.mesh.nodes().len();
         block.values.fill(0.0);
@@ -268,7 +268,7 @@ impl System {
 }
 
 impl Forward {
-    /// The node to ground: the farthest from the electrodes that does not lie in an isolated patch.
+    /// The node to ground: the farthest from the electrodes that is not in an isolated patch.
     fn ground(&self, sigma: &[f64]) -> Option<usize> {
         self.grounds
             .iter()
@@ -276,7 +276,7 @@ impl Forward {
             .find(|&node| {
                 let near = self.around[node].iter().map(|&t| sigma[t]);
                 let most = 1e2 * near.fold(0.0, f64::max);
-                // no less than a hundredth of the median
+                // at least a hundredth of the median
                 2 * sigma.iter().filter(|value| **value <= most).count() > sigma.len()
             })
             .or(self.grounds.first().copied())

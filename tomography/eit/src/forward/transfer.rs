@@ -1,4 +1,4 @@
-//! The sheet as its electrodes see it (paper, Eq. 2): transfer impedance and transfer admittance.
+//! Transfer impedance and transfer admittance between the electrodes (paper, Eq. 2).
 
 use nalgebra::DMatrix;
 
@@ -27,15 +27,15 @@ impl Forward {
         }))
     }
 
-    /// The matrix Y with I = Y U for every U (paper, Eq. 2): electrodes x electrodes, siemens, symmetric, rows and columns
-    /// sum to zero. It is the inverse of [`Forward::transfer_impedance`] on what sums to zero.
+    /// The matrix Y with I = Y U for every U (paper, Eq. 2): electrodes x electrodes, siemens, symmetric, rows and
+    /// columns sum to zero. On vectors that sum to zero it is the inverse of [`Forward::transfer_impedance`].
     ///
     /// # Errors
-    /// Conductances that are refused, or contacts so far apart that the inverse is lost.
+    /// Conductances that are refused, or contacts of so different size that the inverse is lost to rounding.
     pub fn transfer_admittance(&self, sigma: &[f64]) -> Result<DMatrix<f64>, ForwardError> {
         let mut impedance = self.transfer_impedance(sigma)?;
         let count = impedance.nrows();
-        // a constant is given the size of the rest, so that it costs no digits, and is taken out again by the row sums
+        // the constant vector gets the size of the other eigenvalues, to lose no digits; the row sums remove it again
         let level = impedance.trace() / (count * count) as f64;
         impedance.add_scalar_mut(level);
         let mut admittance =

@@ -1,4 +1,4 @@
-//! Many conductances on one mesh: the analysis, the memory and what they have in common are kept.
+//! Many conductances on one mesh: analysis, memory and a shared factor are reused.
 
 use std::sync::Arc;
 
@@ -8,10 +8,10 @@ use survey::Protocol;
 use super::scratch::{Base, Scratch};
 use super::{Fields, Forward, ForwardError};
 
-/// Scratch of one thread for the readings of one conductance after the other.
+/// Scratch of one thread, for the readings of one conductance after another.
 ///
-/// A clone shares what was prepared and has scratch of its own: one for each thread (`rayon`'s `map_init`). What a
-/// workspace returns depends on the conductance alone, never on what it solved before, bit for bit.
+/// A clone shares the analysis and has scratch of its own: one for each thread (`rayon`'s `map_init`). Results depend
+/// on the conductance alone, bit for bit, never on earlier ones.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -47,7 +47,7 @@ impl std::fmt::Debug for Workspace<'_> {
 }
 
 impl Forward {
-    /// Scratch for the readings of many conductances at one protocol. They are refined; see [`Workspace::plain`].
+    /// Scratch for the readings of many conductances with one protocol. They are refined; see [`Workspace::plain`].
     ///
     /// # Errors
     /// A protocol for another ring.
@@ -64,15 +64,15 @@ impl Forward {
 }
 
 impl Workspace<'_> {
-    /// Leaves out the refinement: electrode voltages come from the factor alone, with no field solved. On the paper's
-    /// sheet it costs less than one digit of fifteen; a contrast so large that digits are lost is not noticed.
+    /// Skips the refinement: electrode voltages come from the factor alone, and no field is solved. On the paper's
+    /// sheet this costs less than one digit of fifteen; loss of digits by extreme contrast is not detected.
     #[must_use]
     pub fn plain(mut self) -> Self {
         self.refined = false;
         self
     }
 
-    /// Keeps the factor of a conductance (S, one a triangle): of the ones that follow only what differs from it is
+    /// Keeps the factor of a conductance (S, one per triangle): of later ones only the part that differs from it is
     /// factored. Changes the speed, never the result.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
-//! A minimum cut of a sparse graph: the augmenting-path method of Y. Boykov and V. Kolmogorov (IEEE Trans. Pattern Anal.
-//! Mach. Intell. 26 (2004) 1124), which keeps two search trees and mends them instead of growing them again.
+//! A minimum cut of a sparse graph: the augmenting-path method of Y. Boykov and V. Kolmogorov (IEEE Trans. Pattern
+//! Anal. Mach. Intell. 26 (2004) 1124), which keeps two search trees and repairs them after each augmentation.
 
-/// A graph whose neighbourhood never changes; capacities are given for each cut.
+/// A graph with fixed edges; capacities are given for each cut.
 pub(crate) struct CutGraph {
     /// Arcs of each node: `arcs[first[node]..first[node + 1]]`. Arc 2e goes along edge e, arc 2e + 1 against it.
     first: Vec<usize>,
@@ -9,24 +9,24 @@ pub(crate) struct CutGraph {
     head: Vec<u32>,
 }
 
-/// What a node's way to its terminal begins with: an arc, or one of these.
+/// Parent of a node: an arc, or one of these constants.
 const NONE: u32 = u32::MAX;
 const TERMINAL: u32 = u32::MAX - 1;
 const ORPHAN: u32 = u32::MAX - 2;
 
-/// One cut in the making.
+/// State of one cut.
 struct Flow<'a> {
     graph: &'a CutGraph,
-    /// What is left of each arc.
+    /// Residual capacity of each arc.
     left: Vec<f64>,
-    /// What is left from the source (positive) or to the sink (negative).
+    /// Residual capacity from the source (positive) or to the sink (negative).
     terminal: Vec<f64>,
     parent: Vec<u32>,
     in_sink_tree: Vec<bool>,
     active: std::collections::VecDeque<u32>,
     queued: Vec<bool>,
     orphans: std::collections::VecDeque<u32>,
-    /// When a node's distance to its terminal was last known to hold, and that distance.
+    /// Time at which a node's distance to its terminal was last confirmed, and that distance.
     stamp: Vec<u32>,
     distance: Vec<u32>,
     time: u32,
@@ -57,7 +57,7 @@ impl CutGraph {
     }
 
     /// The set S that minimises  sum of `cost` over S + sum of `capacity` over edges with one end in S: the smallest
-    /// such set, up to rounding. Capacities are not negative.
+    /// such set, up to rounding. Capacities must not be negative.
     pub(crate) fn minimum(&self, cost: &[f64], capacity: &[f64]) -> Vec<bool> {
         let nodes = self.first.len() - 1;
         let mut flow = Flow {
@@ -99,7 +99,7 @@ impl Flow<'_> {
                 while let Some(orphan) = self.orphans.pop_front() {
                     self.adopt(orphan);
                 }
-                continue; // the same node may reach further
+                continue; // the same node may reach others
             }
             self.active.pop_front();
             self.queued[node as usize] = false;
@@ -112,12 +112,12 @@ impl Flow<'_> {
         }
     }
 
-    /// What is left of the arc in the direction from the source tree outwards, or towards the sink tree's root.
+    /// Residual capacity of the arc away from the source, or towards the sink.
     fn outwards(&self, arc: u32, sink_tree: bool) -> f64 {
         self.left[(if sink_tree { arc ^ 1 } else { arc }) as usize]
     }
 
-    /// Grows the tree from `node`; an arc from the source tree to the sink tree where they meet.
+    /// Grows the tree from `node`; returns an arc from the source tree to the sink tree when they meet.
     fn grow(&mut self, node: u32) -> Option<u32> {
         let sink_tree = self.in_sink_tree[node as usize];
         for at in self.graph.first[node as usize]..self.graph.first[node as usize + 1] {
@@ -146,7 +146,8 @@ impl Flow<'_> {
         None
     }
 
-    /// Sends what fits along the path through `bridge`; nodes whose way is used up become orphans.
+    /// Sends the largest possible flow along the path through `bridge`; nodes whose arc to the parent is saturated
+    /// become orphans.
     fn augment(&mut self, bridge: u32) {
         let tail = self.graph.head[(bridge ^ 1) as usize];
         let tip = self.graph.head[bridge as usize];
@@ -159,7 +160,7 @@ impl Flow<'_> {
                     amount = amount.min(self.terminal[node].abs());
                     break;
                 }
-                // `way` leads from the node to its parent; flow comes from the source, goes to the sink
+                // `way` leads from the node to its parent; flow goes from the source to the sink
                 amount = amount.min(self.outwards(way ^ 1, sink_tree));
                 node = self.graph.head[way as usize] as usize;
             }
@@ -201,7 +202,7 @@ impl Flow<'_> {
         let mut nearest = u32::MAX;
         for at in arcs.clone() {
             let arc = self.graph.arcs[at];
-            // from the neighbour to the orphan in the source tree, from the orphan to it in the sink tree
+            // in the source tree the arc to the orphan, in the sink tree the arc from it
             if self.outwards(arc ^ 1, sink_tree) <= 0.0 {
                 continue;
             }
@@ -246,7 +247,7 @@ impl Flow<'_> {
         }
     }
 
-    /// How far a node is from its terminal, if its way still ends there; remembers what it learns.
+    /// Distance of a node from its terminal, if its path still ends there; caches the distances found.
     fn distance_to_terminal(&mut self, node: usize) -> Option<u32> {
         let mut at = node;
         let mut steps = 0;
@@ -300,7 +301,7 @@ mod tests {
         costs + cut
     }
 
-    /// Against every subset, on random graphs of up to 12 nodes with whole-number and broken costs.
+    /// Against every subset, on random graphs of up to 12 nodes with integer and fractional costs.
     #[test]
     fn no_set_is_better() {
         let mut random = ChaCha8Rng::seed_from_u64(7);
@@ -338,7 +339,7 @@ mod tests {
         }
     }
 
-    /// A long grid, where trees grow deep and break: the cut equals that of the grid mirrored.
+    /// A long grid, in which trees grow deep and break: its cut equals that of the mirrored grid.
     #[test]
     fn a_grid_has_one_minimum() {
         let (wide, high) = (40, 25);

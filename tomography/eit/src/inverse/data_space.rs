@@ -1,4 +1,4 @@
-//! The linear inverse problem solved where it is small: in the space of readings, twins folded.
+//! The linear inverse problem solved in the space of readings, which is small, with reciprocal twins folded.
 //!
 //! J `sensitivity` (rows x unknowns), R the prior, d `data`, x the map, b = J n with n the null space of R:
 //!
@@ -6,8 +6,8 @@
 //!
 //! and where R has a null space,  x = R^+ J' u + n c  with  (J R^+ J' + lambda^2 I) u + b c = d,  b'u = 0.
 //!
-//! The matrix J R^-1 J' has the square of the problem's condition, which costs digits as 1 / lambda^2. Below a lambda at
-//! which that shows the same is done by orthogonal transformations: with R = L L', S = J L^-T and S' over lambda I = Q U,
+//! The matrix J R^-1 J' has the square of the problem's condition, which costs digits as 1 / lambda^2. For a lambda so
+//! small that this matters, orthogonal transformations are used: with R = L L', S = J L^-T and S' over lambda I = Q U,
 //! x = L^-T Q_1 U^-T d, which costs digits as 1 / lambda only.
 
 use nalgebra::{DMatrix, DVector};
@@ -17,9 +17,9 @@ use crate::inverse::prior::Penalty;
 use crate::inverse::reciprocity::Fold;
 use crate::linear_algebra::dense;
 
-/// Share of the map that the squared condition may cost before the orthogonal way is taken.
+/// Relative error of the map from the squared condition above which the orthogonal method is used.
 const SQUARED: f64 = 1e-9;
-/// Share of the map that rounding may cost at all.
+/// Largest relative error of the map from rounding.
 const WORTH: f64 = 1e-6;
 
 /// A solved one-step problem: the map is one matrix-vector product away.
@@ -33,7 +33,7 @@ pub(crate) struct DataSpace {
 }
 
 impl DataSpace {
-    /// Factors once. `lambda` must be positive and not vanish beside the sensitivities.
+    /// Factors the problem. `lambda` must be positive and not negligible relative to the sensitivities.
     pub(crate) fn new(
         sensitivity: &DMatrix<f64>,
         penalty: &Penalty,
@@ -108,7 +108,7 @@ impl DataSpace {
         })
     }
 
-    /// The same without ever squaring the condition.
+    /// The same without squaring the condition.
     fn orthogonal(
         sensitivity: &DMatrix<f64>,
         penalty: &Penalty,
@@ -116,7 +116,7 @@ impl DataSpace {
     ) -> Result<Self, OneStepError> {
         let rows = sensitivity.nrows();
         let null = penalty.null_space();
-        // the unpenalised directions are fitted first: everything else happens beside them
+        // the unpenalised directions are fitted first; the rest is solved in their orthogonal complement
         let beside = match &null {
             None => DMatrix::identity(rows, rows),
             Some(null) => {
@@ -176,9 +176,9 @@ impl DataSpace {
         dense::times(&self.matrix, data)
     }
 
-    /// Fills `missing` entries of the readings so that [`Self::apply`] gives exactly the map of the problem without those
-    /// readings: with u = 0 there, the rows that are left are the smaller problem's own. Twins unfolded, the dual is
-    /// F'DF + (I - F'F) / lambda^2, D the folded one.
+    /// Fills `missing` entries of the readings so that [`Self::apply`] gives exactly the map of the problem without
+    /// those readings: with u = 0 there, the remaining rows are those of the smaller problem. With twins unfolded, the
+    /// dual is F'DF + (I - F'F) / lambda^2, D the folded one.
     pub(crate) fn impute(
         &self,
         fold: &Fold,
@@ -193,7 +193,7 @@ impl DataSpace {
         }
         let known = fold.data(readings);
         let pushed = &self.dual * &known;
-        // times lambda^2, so that no number is large
+        // times lambda^2, which keeps the numbers moderate
         let block = DMatrix::from_fn(missing.len(), missing.len(), |i, j| {
             let ((p, a), (q, b)) = (fold.row(missing[i]), fold.row(missing[j]));
             let own = f64::from(u8::from(i == j)) - f64::from(u8::from(p == q)) * a * b;

@@ -1,21 +1,21 @@
-//! Why a linear reconstruction cannot be prepared: errors of priors, solvers and methods that share them.
+//! Errors in the preparation of linear reconstructions: of priors, solvers and the methods that share them.
 
 use crate::ForwardError;
 
 /// Why a one-step reconstruction cannot be prepared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OneStepError {
-    /// The forward model refused.
+    /// The forward model refused its input.
     #[error("the forward model of the reconstruction")]
     Forward(#[from] ForwardError),
-    /// The hyper-parameter is not positive, or vanishes beside the sensitivities.
+    /// The hyper-parameter is not positive, or negligible relative to the sensitivities.
     #[error(
         "the hyper-parameter lambda is {lambda:e}; it must be a finite number above {floor:.1e} for this geometry"
     )]
     Lambda {
         /// As given or chosen.
         lambda: f64,
-        /// The smallest that double precision can tell from zero here.
+        /// The smallest value that double precision distinguishes from zero here.
         floor: f64,
     },
     /// A noise or a current that is not a positive number.
@@ -33,10 +33,10 @@ pub enum OneStepError {
         what: &'static str,
         /// Entries it has.
         has: usize,
-        /// Entries it needs.
+        /// Entries required.
         wants: usize,
     },
-    /// An error of maps that is no share of them.
+    /// A map error that is not between 0 and 1.
     #[error("the map error allowed is {error:e}; it must be above 0 and below 1, e.g. 1e-3")]
     MapError {
         /// As given.
@@ -47,16 +47,16 @@ pub enum OneStepError {
         "the prior cannot be inverted on this geometry: some part of the region is seen by no reading"
     )]
     Prior,
-    /// No lambda has the noise figure.
+    /// No lambda has the requested noise figure.
     #[error(
         "no lambda gives a noise figure of {wanted}; on this geometry it can be {least:.3} to {most:.3}"
     )]
     NoiseFigure {
-        /// As asked.
+        /// The figure requested.
         wanted: f64,
-        /// What can be had.
+        /// Smallest possible figure.
         least: f64,
-        /// What can be had.
+        /// Largest possible figure.
         most: f64,
     },
 }

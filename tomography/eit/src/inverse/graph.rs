@@ -1,4 +1,4 @@
-//! Unknowns and the edges between them: the triangles of a region, and what their borders weigh.
+//! Unknowns and the edges between them: the triangles of a region and the lengths of their shared borders.
 
 use std::collections::HashMap;
 
@@ -12,13 +12,13 @@ pub(crate) struct Graph {
     /// Length of each border, m.
     pub(crate) lengths: Vec<f64>,
     pub(crate) cut: CutGraph,
-    /// Edges and far ends of each unknown: `around[first[u]..first[u + 1]]`.
+    /// Offsets into `around` of each unknown: `around[first[u]..first[u + 1]]` are its edges and neighbours.
     first: Vec<usize>,
     around: Vec<[u32; 2]>,
 }
 
 impl Graph {
-    /// The triangles of the mesh's region; only edges with a triangle of the region on both sides count.
+    /// The graph of the mesh's region; an edge needs a triangle of the region on both sides.
     pub(crate) fn of_region(mesh: &Mesh) -> Self {
         let (mut edges, mut lengths) = (Vec::new(), Vec::new());
         let mut open = HashMap::new();
@@ -69,8 +69,8 @@ impl Graph {
             .map(|&[edge, other]| (edge as usize, other as usize))
     }
 
-    /// Connected parts of unknowns that `same` joins across an edge: the part of each, and how many there are. Parts
-    /// are numbered by their first unknown.
+    /// Connected parts of unknowns, joined across the edges for which `same` holds: the part of each unknown, and the
+    /// number of parts. Parts are numbered by their first unknown.
     pub(crate) fn parts(&self, same: impl Fn(usize, usize) -> bool) -> (Vec<usize>, usize) {
         let mut part = vec![usize::MAX; self.unknowns];
         let mut count = 0;

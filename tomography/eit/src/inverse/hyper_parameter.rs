@@ -1,4 +1,4 @@
-//! The hyper-parameter of a linear method from recorded frames, for a recording whose noise nobody knows.
+//! The hyper-parameter of a linear method from recorded frames, for recordings of unknown noise.
 
 use std::sync::Arc;
 
@@ -12,18 +12,18 @@ use crate::inverse::options::OneStepOptions;
 use crate::inverse::prior::Penalty;
 use crate::linear_algebra::dense;
 
-/// Values of lambda squared that are tried, a decade.
+/// Values of lambda squared to try, per decade.
 const STEPS_A_DECADE: i32 = 10;
-/// Of lambda squared, below the largest eigenvalue: the linear model is not exact to more (MODEL_SHARE).
+/// Decades of lambda squared below the largest eigenvalue: the linear model is not more exact than that (MODEL_SHARE).
 const DECADES: i32 = -7;
 
-/// Frames seen along the directions of the data in which the prior and the sensitivity are simple.
+/// Frames in the eigenbasis of J R^-1 J'.
 struct Spectrum {
     /// Eigenvalues of J R^-1 J', the null space of R fitted first.
     values: Vec<f64>,
-    /// Squares of each frame along them.
+    /// Squared components of each frame.
     squares: Vec<DVector<f64>>,
-    /// Square of what each frame has in the directions that no map moves, and how many those are.
+    /// Squared norm of each frame in the directions that no map changes, and the number of those.
     beside: Vec<f64>,
     unseen: usize,
 }
@@ -50,7 +50,7 @@ impl Spectrum {
         let (values, vectors) = dense::symmetric_eigen(&gram).ok_or(OneStepError::Prior)?;
         let (mut squares, mut beside) = (Vec::new(), Vec::new());
         for frame in frames {
-            // what contradicts its twin is masked in maps; here it is noise to be told of
+            // a reading that contradicts its twin is masked in maps; here it counts as noise
             let Ok((change, missing)) = linear.change_as_read(baseline, frame, "one-step") else {
                 continue;
             };
@@ -73,7 +73,7 @@ impl Spectrum {
         })
     }
 
-    /// Candidates of lambda squared, from the largest eigenvalue down.
+    /// Candidate values of lambda squared, from the largest eigenvalue down.
     fn candidates(&self) -> Vec<f64> {
         let top = self.values.iter().copied().fold(0.0, f64::max);
         (DECADES * STEPS_A_DECADE..=0)
@@ -82,13 +82,13 @@ impl Spectrum {
     }
 }
 
-/// The lambda that makes recorded frames most probable: with x ~ N(0, g^2 R^-1) and white noise s, a change is
-/// N(0, g^2 J R^-1 J' + s^2 I); each frame has its own g, all share lambda = s / g. What the model does not explain counts
-/// as noise. Frames with missing readings, and those without any change, are left out; `None` when no other is left. It is
-/// searched from 3e-4 of the largest singular value of J R^-1/2 up.
+/// The lambda that makes recorded frames most probable: with x ~ N(0, g^2 R^-1) and white noise s, a change is N(0, g^2
+/// J R^-1 J' + s^2 I); each frame has its own g, all share lambda = s / g. The part of a frame that the model does not
+/// explain counts as noise. Frames with missing readings or without any change are skipped; `None` if no frame is left.
+/// The search covers 3e-4 of the largest singular value of J R^-1/2 and above.
 ///
 /// # Errors
-/// As [`crate::OneStep::new`]; `options.hyper` is not looked at.
+/// As [`crate::OneStep::new`]; `options.hyper` is ignored.
 pub fn probable_lambda(
     mesh: &Arc<Mesh>,
     contact_ohm_m: &[f64],
@@ -103,7 +103,7 @@ pub fn probable_lambda(
     if spectrum.squares.is_empty() {
         return Ok(None);
     }
-    // minus twice the logarithm of the probability, up to a constant, with every g at its best
+    // minus twice the logarithm of the probability, up to a constant, with the best g for every frame
     let surprise = |square: f64| -> f64 {
         let variance: Vec<f64> = spectrum.values.iter().map(|value| value + square).collect();
         let unseen = spectrum.unseen as f64;
@@ -128,12 +128,12 @@ pub fn probable_lambda(
     Ok(best.map(|(square, _)| square.sqrt()))
 }
 
-/// The lambda at the corner of the L-curve of recorded frames (P. C. Hansen, SIAM Review 34 (1992) 561): where
-/// log |J x - d| against log sqrt(x'Rx), both over all frames, bends most. `None` where no frame has a change, or the
-/// curve has no corner between 3e-4 of the largest singular value of J R^-1/2 and that value.
+/// The lambda at the corner of the L-curve of recorded frames (P. C. Hansen, SIAM Review 34 (1992) 561): the point of
+/// largest curvature of log |J x - d| against log sqrt(x'Rx), both over all frames. `None` if no frame has a change, or
+/// the curve has no corner between 3e-4 of the largest singular value of J R^-1/2 and that value.
 ///
 /// # Errors
-/// As [`crate::OneStep::new`]; `options.hyper` is not looked at.
+/// As [`crate::OneStep::new`]; `options.hyper` is ignored.
 pub fn l_curve_lambda(
     mesh: &Arc<Mesh>,
     contact_ohm_m: &[f64],
@@ -166,7 +166,7 @@ pub fn l_curve_lambda(
     Ok(corner(&curve).map(|at| candidates[at].sqrt()))
 }
 
-/// The point of a curve, evenly spaced in its parameter, that bends most towards the origin.
+/// The point of largest curvature towards the origin, on a curve with evenly spaced parameter.
 fn corner(curve: &[[f64; 2]]) -> Option<usize> {
     let bend = |k: usize| {
         let [p, q, r] = [curve[k - 1], curve[k], curve[k + 1]];
@@ -187,7 +187,7 @@ mod tests {
 
     #[test]
     fn the_corner_of_an_l_is_found() {
-        // down, then to the right, with the parameter ascending along it
+        // down, then to the right, in the order of the parameter
         let curve: Vec<[f64; 2]> = (0..41)
             .map(|k| {
                 let t = f64::from(k - 20) / 4.0;

@@ -1,8 +1,9 @@
-//! An interior method for min |J x - d|^2 / 2 + c x'Rx / 2 over -1 <= x <= 0, R a diagonal or a graph Laplacian: primal and
-//! dual, with Mehrotra's predictor and corrector (J. Nocedal, S. Wright, Numerical Optimization, 2nd ed., section 16.6).
+//! A primal-dual interior method for min |J x - d|^2 / 2 + c x'Rx / 2 over -1 <= x <= 0, R a diagonal or a graph
+//! Laplacian, with Mehrotra's predictor and corrector (J. Nocedal, S. Wright, Numerical Optimization, 2nd ed., section
+//! 16.6).
 //!
-//! It needs some twenty factorisations in the space of readings whatever the conditioning, where Newton's method on the
-//! dual may crawl; each is of I + J D^-1 J' with D = c R and a positive diagonal, which is always definite.
+//! It needs about twenty factorisations in the space of readings, whatever the conditioning; Newton's method on the
+//! dual may need far more. Each is of I + J D^-1 J' with D = c R + a positive diagonal, which is always definite.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -15,12 +16,12 @@ const MOST_STEPS: usize = 60;
 const GAP: f64 = 1e-14;
 /// Largest entry of the gradient less the multipliers, in the same unit, at which to stop.
 const RESIDUAL: f64 = 1e-11;
-/// Distance from a bound within which an unknown is on it.
+/// Distance from a bound within which an unknown is set to it.
 const SNAP: f64 = 1e-7;
-/// Share of the way to the nearest bound.
+/// Fraction of the distance to the nearest bound that a step may take.
 const STEP: f64 = 0.995;
 
-/// A point strictly within the bounds and close to the minimum; `None` where the numbers gave out at once.
+/// A point strictly within the bounds and close to the minimum; `None` if the first factorisation fails.
 pub(crate) fn solve(
     sensitivity: &DMatrix<f64>,
     penalty: &Penalty,
@@ -69,7 +70,7 @@ pub(crate) fn solve(
                 b - ridge.times(&first) - first.component_mul(&barrier) - j.tr_mul(&(&j * &first));
             first + once(&left)
         };
-        // targets are the products slack x multiplier that a step aims at, less what they are
+        // targets: the products slack x multiplier that a step aims at, minus their present values
         let direction = |target_low: &DVector<f64>, target_high: &DVector<f64>| {
             let right = -&dual + target_low.component_div(&slack_low)
                 - target_high.component_div(&slack_high);
@@ -92,7 +93,7 @@ pub(crate) fn solve(
                     }
                 }
             }
-            // a quadratic objective ties both: they share one length
+            // a quadratic objective couples both: they share one step length
             primal.min(dual)
         };
         let product_low = slack_low.component_mul(&low);
@@ -117,7 +118,7 @@ pub(crate) fn solve(
         low += dlow * length;
         high += dhigh * length;
     }
-    // an unknown belongs to its bound where the multiplier is larger than the slack
+    // an unknown is on its bound if the multiplier is larger than the slack
     Some(DVector::from_fn(n, |i, _| {
         if high[i] > -x[i] && x[i] > -SNAP {
             0.0
@@ -143,7 +144,7 @@ enum Ridge<'a> {
 }
 
 impl<'a> Ridge<'a> {
-    /// `None` for a prior whose R nobody has.
+    /// `None` for a prior without an explicit R.
     fn new(penalty: &'a Penalty, scale: f64) -> Option<Self> {
         match penalty {
             Penalty::Diagonal(entries) => {
@@ -171,7 +172,7 @@ impl<'a> Ridge<'a> {
         }
     }
 
-    /// Takes another diagonal, and gives J D^-1 J'.
+    /// Sets another diagonal, and returns J D^-1 J'.
     fn gram(&mut self, j: &DMatrix<f64>, diagonal: &DVector<f64>) -> Option<DMatrix<f64>> {
         match self {
             Self::Diagonal { entries, all } => {

@@ -1,4 +1,4 @@
-//! Maps of another method, bounded to losses by cutting: for methods that have no problem of their own to bound.
+//! Maps of another method, clipped to losses: for methods without a bounded problem.
 
 use std::sync::Arc;
 
@@ -6,18 +6,18 @@ use survey::{Map, Protocol, Reading};
 
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
-/// Another reconstructor whose maps are projected on -1 <= x <= 0, triangle by triangle.
+/// Wraps another reconstructor and projects its maps on -1 <= x <= 0, triangle by triangle.
 ///
-/// Where loads only take conductance away the true map lies within these bounds, so no triangle is further from the truth
-/// after this than before, whatever the method. It is not the best map within the bounds: what is cut away is not explained by
-/// the triangles that are left. [`crate::OneStep`] and [`crate::Tv`] have bounds of their own, which do that.
+/// If loads only reduce conductance, the true map lies within these bounds, so clipping moves no triangle away from the
+/// truth, whatever the method. The result is not the best map within the bounds: the remaining triangles do not
+/// compensate for the clipped values. [`crate::OneStep`] and [`crate::Tv`] solve the bounded problem instead.
 pub struct LossOnly {
     inner: Box<dyn Reconstructor>,
     method: String,
 }
 
 impl LossOnly {
-    /// Cuts the maps of this method from now on.
+    /// Wraps a method.
     pub fn new(inner: Box<dyn Reconstructor>) -> Self {
         Self {
             method: format!("{}, loss only", inner.method()),

@@ -1,46 +1,47 @@
-//! A map in a fraction of the time of its matrix: few directions of the data, a small factor in f32, and a bound that is
-//! checked on every frame.
+//! Low-rank approximation of a reconstruction matrix, much faster than the full product: few directions of the data, a
+//! small factor in f32, and an error bound that is checked on every frame.
 //!
-//! With M = U S V' the map of data y is M y = A (V_r' y) + M (y - V_r V_r' y), A = U_r S_r. The second term is left out; it
-//! is at most the longest row of U S beyond r times the length of y beyond V_r, which a frame knows exactly. A in f32
-//! rounds each value to (k + 2) 2^-24 of the longest row of A times the length of V_r' y, k the padded columns.
+//! With M = U S V' the map of data y is M y = A (V_r' y) + M (y - V_r V_r' y), A = U_r S_r. The second term is dropped;
+//! it is at most the longest row of U S beyond r times the length of y beyond V_r, which is computed exactly for each
+//! frame. A in f32 rounds each value to (k + 2) 2^-24 of the longest row of A times the length of V_r' y, k the padded
+//! columns.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::inverse::learned::network;
 use crate::linear_algebra::dense;
 
-/// Columns of the factor are padded to this: what the kernel takes at once.
+/// Columns of the factor are padded to a multiple of this: the kernel's width.
 const LANES: usize = 64;
-/// Share of the error allowed that is left to the rank where it is chosen; frames decide by their own.
+/// Share of the allowed error used in the choice of the rank; each frame is checked against its own bound.
 const CHOSEN: f64 = 0.1;
 
 #[derive(Debug, Clone)]
 pub(crate) struct Quick {
     /// Largest error of a map allowed, as a share of its largest value.
     error: f64,
-    /// V_r', row after row, each row of as many entries as there are data.
+    /// V_r', row by row, one entry per datum.
     directions: Vec<f64>,
     data: usize,
-    /// A, row after row, padded.
+    /// A, row by row, padded.
     factor: Vec<f32>,
     width: usize,
     rank: usize,
-    /// Longest rows of A and of what is left out.
+    /// Longest rows of A and of the dropped part.
     longest: f64,
     left_out: f64,
 }
 
 impl Quick {
-    /// For maps `matrix` y; the rank is the least that meets `error` for data whose parts along the directions of the
-    /// matrix follow the size of `typical` data. `None` where the matrix has no directions.
+    /// Approximates maps `matrix` y. The rank is the smallest that meets `error` for data with the same components as
+    /// `typical` data along the directions of the matrix. `None` if the matrix has no directions.
     pub(crate) fn new(matrix: &DMatrix<f64>, typical: &DMatrix<f64>, error: f64) -> Option<Self> {
         let (squares, vectors) = dense::symmetric_eigen(&dense::gram_of_columns(matrix))?;
         let order: Vec<usize> = (0..squares.len()).rev().collect();
         let vectors = vectors.select_columns(&order);
         let along = dense::product(dense::view(matrix), dense::view(&vectors));
         let (rows, columns) = along.shape();
-        // length of each row beyond the first r columns, the longest of all rows
+        // length of each row beyond the first r columns; the maximum over all rows
         let mut sums = vec![0.0_f64; rows];
         let mut beyond = vec![0.0; columns + 1];
         for r in (0..columns).rev() {
@@ -49,7 +50,7 @@ impl Quick {
             }
             beyond[r] = sums.iter().copied().fold(0.0, f64::max).sqrt();
         }
-        // of typical data: their parts along the directions, and the largest value of their map
+        // of typical data: their components along the directions, and the largest value of their map
         let parts = dense::product(dense::view(&vectors).transpose(), dense::view(typical));
         let maps = dense::product(dense::view(matrix), dense::view(typical));
         let largest: Vec<f64> = maps.column_iter().map(|map| map.amax()).collect();
@@ -87,7 +88,7 @@ impl Quick {
         })
     }
 
-    /// The map, where its bound is within the error allowed; with the bound, as a share of the largest value.
+    /// The map and its error bound as a share of the largest value; `None` if the bound exceeds the allowed error.
     pub(crate) fn map(&self, data: &DVector<f64>) -> Option<(Vec<f64>, f64)> {
         let along: Vec<f64> = self
             .directions
@@ -95,10 +96,10 @@ impl Quick {
             .map(|direction| dot(direction, data.as_slice()))
             .collect();
         let seen = along.iter().map(|part| part * part).sum::<f64>();
-        // the difference of two squares is known to rounding of either
+        // the difference of two squares has the rounding error of either
         let all = data.norm_squared();
         let beyond = ((all - seen).max(0.0) + 1e-14 * all).sqrt();
-        // to a size that f32 holds whatever the unit
+        // scaled to a size that f32 can represent, whatever the unit
         let unit = along
             .iter()
             .fold(0.0_f64, |most, part| most.max(part.abs()));
@@ -120,12 +121,12 @@ impl Quick {
             .fold(0.0_f64, |most, value| most.max(value.abs()));
         let rounding = (self.width + 2) as f64 * 0.5 * f64::from(f32::EPSILON);
         let bound = self.left_out * beyond + rounding * self.longest * seen.sqrt();
-        // of the map's true largest value, which is at least this one less the bound
+        // relative to the map's true largest value, which is at least this one less the bound
         let share = bound / (largest - bound);
         (largest > bound && share <= self.error).then_some((values, share))
     }
 
-    /// For a person.
+    /// Text for people.
     pub(crate) fn description(&self) -> String {
         format!(
             "maps from {} of {} directions of the data in f32, where that is proved to be within {:e} of the map's largest \
@@ -135,7 +136,7 @@ impl Quick {
     }
 }
 
-/// In a fixed order that the compiler can make vectors of.
+/// In a fixed order that the compiler can vectorise.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 8;
     let mut lanes = [0.0; LANES];
@@ -158,7 +159,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use crate::inverse::low_rank::*;
 
-    /// The bound holds on data of every kind, and data that the directions do not see are refused.
+    /// The bound holds on data of every kind, and data outside the directions are refused.
     #[test]
     fn a_map_is_within_its_bound_or_not_given() {
         let (unknowns, data) = (300, 180);
@@ -185,7 +186,7 @@ mod tests {
             assert!(share <= 1e-3 && error <= 1e-3 * exact.amax());
         }
         assert!(given > 30, "{given}");
-        // along the last direction of all there is nothing but what is left out
+        // along the last direction, only the dropped part contributes
         let (_, vectors) = dense::symmetric_eigen(&dense::gram_of_columns(&matrix)).unwrap();
         assert!(quick.map(&vectors.column(0).into_owned()).is_none());
         assert!(quick.map(&DVector::zeros(data)).is_none());

@@ -1,5 +1,5 @@
-//! Inverse problems: from a difference of voltages to a map of the relative change of conductance.
-//! Voltages from conductances are `forward`'s.
+//! Inverse problems: from a difference of voltages to a map of the relative change of conductance. `forward` computes
+//! voltages from conductances.
 
 pub(crate) mod box_constrained;
 pub(crate) mod cut;

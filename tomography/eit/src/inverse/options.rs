@@ -4,38 +4,40 @@ use serde::{Deserialize, Serialize};
 
 use crate::inverse::prior::{ONE_STEP_NOSER, Prior};
 
-/// Where the hyper-parameter comes from.
+/// Source of the hyper-parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hyper {
-    /// lambda of the formula, given.
+    /// lambda itself.
     Lambda(f64),
     /// alpha of the paper's Eq. 4 with dv over v-hat, the largest magnitude of the model's readings, and dsigma over
-    /// sigma0: lambda = v-hat sqrt(alpha). The paper does not say how it scales either; this is our reading.
+    /// sigma0: lambda = v-hat sqrt(alpha). The paper does not state either scaling; these are our choices.
     Paper(f64),
-    /// From the noise of a single reading, by [`EXPECTED_CHANGE`](crate::EXPECTED_CHANGE)'s rule.
+    /// From the noise of a single reading, by the rule of [`EXPECTED_CHANGE`](crate::EXPECTED_CHANGE).
     Noise {
         /// Standard deviation of one reading, V, the same on baseline and frame.
         volts: f64,
-        /// Injected current, A, at which that noise is met.
+        /// Injected current of that noise, A.
         current: f64,
     },
-    /// The lambda at which the linear map has this noise figure, see [`Reconstructor::noise_figure`](crate::Reconstructor::noise_figure).
+    /// The lambda at which the linear map has this noise figure, see
+    /// [`Reconstructor::noise_figure`](crate::Reconstructor::noise_figure).
     NoiseFigure(f64),
 }
 
-/// How the baseline's own scale enters.
+/// How the baseline is scaled to the model.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Scale {
-    /// A factor for each distance round the ring between driving and sensing pair, by least squares: besides what
-    /// [`Scale::Uniform`] takes up, the decay with distance of a sheet or tank that is not the model's plane one (depth,
-    /// coating, a conductive back). Many readings share each factor, so offsets and noise of single ones do not enter.
-    /// A distance that the model does not explain within a factor of [`UNEXPLAINED`](crate::UNEXPLAINED) keeps the uniform one.
+    /// A factor for each distance round the ring between driving and sensing pair, by least squares. Besides the factor
+    /// of [`Scale::Uniform`] it corrects a decay with distance that differs from the plane model's (depth of a tank, a
+    /// coating, a conductive back). Many readings share each factor, so single offsets and noise hardly matter. A
+    /// distance whose factor differs from the uniform one by more than [`UNEXPLAINED`](crate::UNEXPLAINED) keeps the
+    /// uniform one.
     #[default]
     ByDistance,
-    /// One factor for all readings, by least squares: a uniform fit of sigma0, or of an unknown current.
+    /// One factor for all readings, by least squares: corrects sigma0, or an unknown current.
     Uniform,
-    /// Conductance and currents are known: the formula as it stands, with these currents (A), one a reading.
+    /// No scaling: conductance and currents (A, one per reading) are known.
     Currents(Vec<f64>),
 }
 
@@ -50,18 +52,18 @@ pub struct OneStepOptions {
     pub loss_only: bool,
     /// The baseline's scale.
     pub scale: Scale,
-    /// Relative standard deviation of each reading (any common factor), where they differ; readings are divided by it
-    /// after scaling it to a root mean square of 1.
+    /// Relative standard deviation of each reading (any common factor) if they differ; each reading is divided by its
+    /// deviation, scaled to root mean square 1.
     pub deviations: Option<Vec<f64>>,
-    /// A quicker frame, by a factor of low rank in f32: the largest error of a map that it may cost, as a share of the
-    /// map's largest value (1e-3 is invisible). Frames that cannot be proved to keep it get the whole matrix. `None`: the
-    /// whole matrix always. Maps bounded to losses are not linear and do not use it.
+    /// Faster frames by a low-rank factor in f32: the largest error of a map that is allowed, as a share of the map's
+    /// largest value (1e-3 is invisible). Frames without a proof of that bound use the full matrix. `None`: always the
+    /// full matrix. Maps bounded to losses are not linear and ignore it.
     pub map_error: Option<f64>,
 }
 
 impl Default for OneStepOptions {
-    /// NOSER with p = 0.25, which finds presses of 10 mm with the least bias (p = 0.5 draws them by 2 mm towards the
-    /// middle of the sheet), for 2 uV of noise at 1 mA.
+    /// For 2 uV of noise at 1 mA: NOSER with p = 0.25, which locates presses of 10 mm with the least bias (p = 0.5
+    /// shifts them by 2 mm towards the middle of the sheet).
     fn default() -> Self {
         Self {
             prior: ONE_STEP_NOSER,

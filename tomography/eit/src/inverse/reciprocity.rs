@@ -1,27 +1,27 @@
-//! Reciprocal twins folded into one reading: half the data say all that a map can be told.
+//! Folds reciprocal twins into one reading: half the data carry all the information.
 //!
-//! Where driving and sensing pair change places the reading is the same, so twins have the same sensitivity up to what
-//! each is multiplied by: rows a r and b r of the linear problem. Turning the two data by the angle of (a, b) gives one
-//! row sqrt(a^2 + b^2) r and one of zeros. A rotation leaves white noise white, so the folded problem has the same map to
-//! the last digit that rounding leaves, with half the readings.
+//! A reading does not change if driving and sensing pair are exchanged, so twins have the same sensitivity up to the
+//! factors of their readings: rows a r and b r of the linear problem. A rotation of the two data by the angle of (a, b)
+//! gives one row sqrt(a^2 + b^2) r and one of zeros. A rotation keeps white noise white, so the folded problem has the
+//! same map up to rounding, with half the readings.
 
 use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector};
 use survey::{Measurement, Protocol};
 
-/// How readings fold into rows.
+/// Maps readings to folded rows.
 #[derive(Debug, Clone)]
 pub(crate) struct Fold {
-    /// The reading each row's sensitivity is asked as.
+    /// The reading whose sensitivity each row has.
     first: Vec<usize>,
     /// Norm of the factors of each row's readings.
     norm: Vec<f64>,
-    /// Row of each reading, and its share of it: the shares of a row have the square sum 1.
+    /// Row of each reading, and the reading's share in it: the squared shares of a row sum to 1.
     of: Vec<(usize, f64)>,
 }
 
-/// Folded data, and, where readings are missing, the rows that are left with what is left of each.
+/// Folded data; if readings are missing, also the remaining rows with their remaining norms.
 #[derive(Debug, Clone)]
 pub(crate) struct Seen {
     pub(crate) data: DVector<f64>,
@@ -29,7 +29,7 @@ pub(crate) struct Seen {
 }
 
 impl Fold {
-    /// `factors`: what each reading is multiplied by after it was taken.
+    /// `factors`: the factor applied to each reading.
     pub(crate) fn new(protocol: &Protocol, factors: &[f64]) -> Self {
         let twins = protocol.reciprocal_twins();
         let (mut first, mut norm) = (Vec::new(), Vec::new());
@@ -62,7 +62,7 @@ impl Fold {
         Self { first, norm, of }
     }
 
-    /// Readings without twins.
+    /// For readings without twins.
     #[cfg(test)]
     pub(crate) fn none(readings: usize) -> Self {
         Self {
@@ -82,7 +82,7 @@ impl Fold {
         self.of.len()
     }
 
-    /// The question whose sensitivity each row has.
+    /// The measurement whose sensitivity each row has.
     pub(crate) fn questions(&self, protocol: &Protocol) -> Vec<Measurement> {
         self.first
             .iter()
@@ -90,7 +90,7 @@ impl Fold {
             .collect()
     }
 
-    /// What that sensitivity is multiplied by.
+    /// The factor of that sensitivity.
     pub(crate) fn norm(&self) -> &[f64] {
         &self.norm
     }
@@ -100,7 +100,7 @@ impl Fold {
         self.of[reading]
     }
 
-    /// Data of readings as data of rows.
+    /// Folds readings into rows.
     pub(crate) fn data(&self, readings: &[f64]) -> DVector<f64> {
         let mut data = DVector::zeros(self.rows());
         for (value, &(row, share)) in readings.iter().zip(&self.of) {
@@ -109,7 +109,7 @@ impl Fold {
         data
     }
 
-    /// The readings that a model makes with these rows.
+    /// The readings that correspond to folded model data.
     pub(crate) fn readings_of(&self, rows: &DVector<f64>) -> DVector<f64> {
         DVector::from_iterator(
             self.of.len(),
@@ -117,7 +117,7 @@ impl Fold {
         )
     }
 
-    /// The same for every column.
+    /// Unfolds every column.
     pub(crate) fn unfold(&self, rows: &DMatrix<f64>) -> DMatrix<f64> {
         DMatrix::from_fn(self.of.len(), rows.ncols(), |reading, column| {
             let (row, share) = self.of[reading];
@@ -125,7 +125,7 @@ impl Fold {
         })
     }
 
-    /// Folded data of the readings that are there; entries of `missing` (ascending) are not looked at.
+    /// Folds the valid readings; entries of `missing` (ascending) are ignored.
     pub(crate) fn seen(&self, readings: &[f64], missing: &[usize]) -> Seen {
         if missing.is_empty() {
             return Seen {
@@ -158,7 +158,7 @@ impl Seen {
         self.left.is_none()
     }
 
-    /// The rows of a folded matrix that go with the data.
+    /// The rows of a folded matrix that correspond to the data.
     pub(crate) fn rows<'a>(&self, matrix: &'a DMatrix<f64>) -> Cow<'a, DMatrix<f64>> {
         match &self.left {
             None => Cow::Borrowed(matrix),
@@ -174,7 +174,7 @@ impl Seen {
 mod tests {
     use crate::inverse::reciprocity::*;
 
-    /// The normal equations J'J and J'd, which are all that a least-squares problem knows of its rows, with and without
+    /// The normal equations J'J and J'd, which determine the least-squares solution, stay the same with and without
     /// missing readings.
     #[test]
     fn folding_keeps_the_normal_equations() {
@@ -183,7 +183,7 @@ mod tests {
         let fold = Fold::new(&protocol, &factors);
         assert_eq!((fold.rows(), fold.readings()), (20, 40));
         let twins = protocol.reciprocal_twins();
-        // a sensitivity that twins share
+        // a sensitivity with equal twins
         let plain = DMatrix::from_fn(40, 6, |i, k| {
             let i = i.min(twins[i].unwrap());
             ((i * 7 + k * 3) as f64).sin()

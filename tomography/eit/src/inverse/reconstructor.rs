@@ -1,4 +1,4 @@
-//! The seam between voltages and maps: what every reconstructor promises, and how it refuses.
+//! The interface from voltages to maps, and its errors.
 
 use std::sync::Arc;
 
@@ -6,45 +6,46 @@ use survey::{Map, Protocol, Reading};
 
 use crate::Mesh;
 
-/// Beyond this factor from the uniform fit a distance is not scaled on its own.
+/// If the factor of a distance differs from the uniform one by more than this factor, the uniform one is used.
 pub const UNEXPLAINED: f64 = 4.0;
 
 /// Share of the readings that may be missing before a map is refused.
 pub const MOST_MISSING: f64 = 0.25;
 
-/// Reciprocal twins that differ by more than this share of the larger cannot both be right, whatever noise and loads do.
+/// Reciprocal twins that differ by more than this share of the larger cannot both be right, whatever the noise and
+/// loads.
 const CONTRADICTED: f64 = 0.9;
 
 /// Turns a baseline and a frame into a map of the relative change of conductance.
 pub trait Reconstructor: Send + Sync {
-    /// The method as a person would name it.
+    /// The method's name for people.
     fn method(&self) -> &str;
-    /// The questions whose answers it understands.
+    /// The protocol whose readings it takes.
     fn protocol(&self) -> &Protocol;
     /// The mesh whose region the map covers.
     fn mesh(&self) -> &Arc<Mesh>;
     /// The map. Readings that are not valid in either are masked and counted in the map.
     ///
     /// # Errors
-    /// A wrong count of readings, too many missing, a baseline or a frame that this method cannot judge.
+    /// A wrong count of readings, too many missing, or a baseline or frame outside the method's domain.
     fn reconstruct(&self, baseline: &[Reading], frame: &[Reading])
     -> Result<Map, ReconstructError>;
-    /// What the method assumed and how exact it is, a sentence each, for a person: prior, hyper-parameter and where it
-    /// came from, noise, bounds, training set, stated errors. Nothing is said where the list is empty.
+    /// Assumptions and accuracy of the method for people, a sentence each: prior, hyper-parameter and its source,
+    /// noise, bounds, training set, stated errors. May be empty.
     fn assumptions(&self) -> Vec<String> {
         Vec::new()
     }
     /// The noise figure: signal-to-noise ratio of the readings over that of the map, for a small load in the middle of
-    /// the region; below 1 the method averages noise away, at the price of sharpness. `None` where it is not defined.
-    /// May take a second: a method that is not linear finds it by seeded draws of noise.
+    /// the region. Below 1 the method averages noise away, at the price of sharpness. `None` if it is not defined. May
+    /// take a second: a nonlinear method estimates it from seeded draws of noise.
     fn noise_figure(&self) -> Option<f64> {
         None
     }
-    /// How far these readings lie from everything that the method can explain or was trained on; `None` where the
-    /// method cannot tell.
+    /// Distance of these readings from those that the method can explain or was trained on; `None` if the method has no
+    /// such measure.
     ///
     /// # Errors
-    /// As [`Reconstructor::reconstruct`] before a map is attempted: counts, missing readings, a dead baseline.
+    /// As [`Reconstructor::reconstruct`] before the reconstruction: counts, missing readings, a dead baseline.
     fn novelty(
         &self,
         _baseline: &[Reading],
@@ -54,20 +55,20 @@ pub trait Reconstructor: Send + Sync {
     }
 }
 
-/// How unlike its expectations a method finds a frame.
+/// Distance of a frame from the data that a method expects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Novelty {
-    /// The measure, at least 0; what its unit is, `measure` says.
+    /// The distance, at least 0; `measure` describes its unit.
     pub value: f64,
-    /// Above it the frame lies outside of what the method knows.
+    /// The frame is outside the method's domain above this value.
     pub limit: f64,
-    /// What is measured, for a person: of model-based methods the root mean square of what no map explains, in standard
-    /// deviations of the noise; of networks the distance to the nearest thing they were trained on.
+    /// Description of the measure for people. Model-based methods: root mean square of the part that no map explains,
+    /// in standard deviations of the noise. Networks: distance from their training inputs.
     pub measure: &'static str,
 }
 
 impl Novelty {
-    /// Whether the frame lies outside of what the method knows; not a number is outside.
+    /// Whether the frame is outside the method's domain; true for NaN.
     pub fn outside(&self) -> bool {
         self.value.is_nan() || self.value > self.limit
     }
@@ -76,16 +77,16 @@ impl Novelty {
 /// Why there is no map.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReconstructError {
-    /// Baseline or frame does not answer this protocol.
+    /// Baseline or frame does not have one reading per measurement of the protocol.
     #[error("the {what} has {has} readings, the {method} reconstruction needs {wants}")]
     Length {
         /// `baseline` or `frame`.
         what: &'static str,
-        /// What it has.
+        /// Number of readings.
         has: usize,
-        /// What is needed.
+        /// Number required.
         wants: usize,
-        /// The method asked.
+        /// The method.
         method: String,
     },
     /// More readings are missing than [`MOST_MISSING`].
@@ -93,9 +94,9 @@ pub enum ReconstructError {
         "{missing} of {readings} readings are missing, more than a quarter: no map; look at the wiring and the range"
     )]
     TooManyMissing {
-        /// Not valid in baseline or frame.
+        /// Readings that are not valid in baseline or frame.
         missing: usize,
-        /// Of so many.
+        /// Readings in all.
         readings: usize,
     },
     /// All valid readings of the baseline are zero.
@@ -115,10 +116,10 @@ pub enum ReconstructError {
     OutsideModel {
         /// Its distance, in the measure of the model's kind.
         novelty: f64,
-        /// Beyond which nothing is said.
+        /// The limit.
         limit: f64,
     },
-    /// The method is settled by its first frames, and there are not enough of them yet.
+    /// The method derives its settings from the first frames, and there are not enough of them yet.
     #[error(
         "method {method} is settled by the first {wants} frames, of which {has} are there: no map yet"
     )]
@@ -130,7 +131,7 @@ pub enum ReconstructError {
         /// Frames that are needed.
         wants: usize,
     },
-    /// The numbers gave out.
+    /// The computation failed numerically.
     #[error("the {method} reconstruction failed on these readings: {cause}")]
     Numerical {
         /// The method.
@@ -140,7 +141,7 @@ pub enum ReconstructError {
     },
 }
 
-/// Baseline and difference where both are valid, and what is missing.
+/// Baseline and change of the readings valid in both, and the missing ones.
 pub(crate) struct Difference {
     /// Volts of the baseline, 0 where missing.
     pub(crate) baseline: Vec<f64>,
@@ -151,9 +152,9 @@ pub(crate) struct Difference {
 }
 
 impl Difference {
-    /// Checks the counts, and masks what is not valid in both, or what reciprocity says cannot be: of two twins that
-    /// differ by more than [`CONTRADICTED`] of the larger, where that is no small reading, the one farther from the model's
-    /// (both, where there is no model). One channel that shouts would else rule the scale of all.
+    /// Checks the counts and masks readings that are not valid in both, or contradict reciprocity: of two twins that
+    /// differ by more than [`CONTRADICTED`] of the larger, unless that is a small reading, the one farther from the
+    /// model's is masked (both if there is no model). Otherwise one bad channel would determine the scale of all.
     pub(crate) fn new(
         baseline: &[Reading],
         frame: &[Reading],
@@ -223,8 +224,8 @@ impl Difference {
         self.missing.dedup();
     }
 
-    /// Eq. 6: the change over the largest reading of the baseline. A missing reading is its reciprocal twin's where that one
-    /// is there; the indices of the others are given too.
+    /// Eq. 6: the change over the largest reading of the baseline. A missing reading is replaced by its valid
+    /// reciprocal twin; the indices of those without one are returned too.
     pub(crate) fn normalised(mut self, twins: &[Option<usize>]) -> (Vec<f64>, Vec<usize>) {
         let top = self
             .baseline
@@ -248,8 +249,8 @@ impl Difference {
         (self.change, left)
     }
 
-    /// Brings the change to the model's scale: divides it by the factor between baseline and model, one for all
-    /// readings, or one for each group of them that stays within [`UNEXPLAINED`] of that.
+    /// Scales the change to the model: divides it by the factor between baseline and model. There is one factor for all
+    /// readings, or one per group if that stays within [`UNEXPLAINED`] of the common one.
     pub(crate) fn scale(
         &mut self,
         model: &[f64],
@@ -260,7 +261,7 @@ impl Difference {
             valid[reading] = false;
         }
         let count = groups.map_or(0, |groups| groups.iter().max().map_or(0, |top| top + 1));
-        // cross and square sums of each group, and of all readings at the end
+        // sums of products and squares of each group; those of all readings are last
         let mut sums = vec![[0.0; 2]; count + 1];
         for reading in (0..model.len()).filter(|&reading| valid[reading]) {
             let group = groups.map(|groups| groups[reading]);
@@ -304,7 +305,7 @@ fn contradictions(
                 && valid(reading)
         })
         .collect();
-    // what follows costs more than the rest of a quick frame, and is seldom needed
+    // the rest is slow compared with a fast frame, and seldom needed
     if doubtful.is_empty() {
         return Vec::new();
     }
@@ -335,7 +336,7 @@ fn contradictions(
         .collect()
 }
 
-/// The upper median; 0 of nothing.
+/// The upper median; 0 for an empty slice.
 fn median(values: &mut [f64]) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)

@@ -1,4 +1,5 @@
-//! How readings change with conductances and contacts, from the fields of neighbouring pairs alone (reciprocity).
+//! Derivatives of readings with respect to conductances and contacts, from the fields of neighbouring pairs
+//! (reciprocity).
 
 mod parameters;
 
@@ -19,7 +20,7 @@ const COLUMNS: usize = 64;
 const LANES: usize = 8;
 
 impl Forward {
-    /// dV/dsigma of each reading (row) by each triangle (column) at 1 A, V per S:
+    /// dV/dsigma of each reading (row) with respect to each triangle (column) at 1 A, V per S:
     /// ∂V/∂σ = -A ∇u·∇w, u the field of the driving pair and w that of the sensing pair at 1 A (fact sheet, section 1).
     ///
     /// # Errors
@@ -32,7 +33,7 @@ impl Forward {
         self.sensitivity(sigma, protocol, &Parameters::elements())
     }
 
-    /// dV/dp of each reading (row) by each parameter (column) at 1 A: V per S, or V where the parameters are
+    /// dV/dp of each reading (row) with respect to each parameter (column) at 1 A: V per S, or V if the parameters are
     /// logarithms. See [`Parameters`].
     ///
     /// # Errors
@@ -48,11 +49,11 @@ impl Forward {
         Ok(jacobian)
     }
 
-    /// [`Forward::sensitivity`] into a matrix that is used again: where it has the right size already nothing is asked
-    /// of the system, which takes more time than the arithmetic.
+    /// [`Forward::sensitivity`] into an existing matrix. If its size is right, no memory is allocated, which would take
+    /// longer than the arithmetic.
     ///
     /// # Errors
-    /// As [`Forward::sensitivity`]; the matrix is then as it was.
+    /// As [`Forward::sensitivity`]; the matrix is then unchanged.
     pub fn sensitivity_into(
         &self,
         sigma: &[f64],
@@ -70,7 +71,7 @@ impl Forward {
         let pairs = Pairs::new(protocol);
         let rows = protocol.len();
         if jacobian.shape() != (rows, columns.len()) {
-            // not DMatrix::zeros: memory that nobody has touched yet is given out by the threads that fill it
+            // not DMatrix::zeros: untouched memory is allocated by the threads that fill it
             *jacobian = DMatrix::from_vec(rows, columns.len(), vec![0.0; rows * columns.len()]);
         }
         jacobian
@@ -90,7 +91,7 @@ impl Forward {
         Ok(())
     }
 
-    /// dV/dz of each reading (row) by each electrode's contact impedance (column) at 1 A, V per ohm m:
+    /// dV/dz of each reading (row) with respect to each electrode's contact impedance (column) at 1 A, V per ohm m:
     /// ∂V/∂z = 1/z² ∫ (U - u)(W - w). Zero where z is zero.
     ///
     /// # Errors
@@ -118,7 +119,7 @@ impl Forward {
     }
 }
 
-/// Consecutive readings of one driving pair by pairs that follow one another in the list of pairs.
+/// Consecutive readings of one driving pair whose sensing pairs are consecutive in the list of pairs.
 struct Run {
     reading: usize,
     count: usize,
@@ -126,7 +127,7 @@ struct Run {
     sense: usize,
 }
 
-/// The pairs of a protocol, each once, and how its readings combine them.
+/// The pairs of a protocol, each once, and the pairs of each reading.
 struct Pairs {
     /// Ascending.
     dipoles: Vec<Dipole>,
@@ -172,7 +173,7 @@ struct Gradients<'a> {
     fields: &'a Block,
     /// Of neighbouring pairs.
     ring: [Vec<f64>; 2],
-    /// Neighbouring pairs of which each pair is the sum, and its sign.
+    /// Neighbouring pairs that sum to each pair, and its sign.
     arcs: Vec<(Vec<usize>, f64)>,
     /// Of each pair.
     pairs: [Vec<f64>; 2],
@@ -180,7 +181,7 @@ struct Gradients<'a> {
     run: Vec<f64>,
 }
 
-/// Some columns of the sensitivity.
+/// Computes some columns of the sensitivity.
 struct Fill<'a> {
     mesh: &'a Mesh,
     pairs: &'a Pairs,
@@ -233,7 +234,7 @@ impl<'a> Gradients<'a> {
         let [u, v, w] = nodes.map(|node| self.fields.row(node));
         let [x, y] = &mut self.ring;
         for ((((x, y), u), v), w) in x.iter_mut().zip(y).zip(u).zip(v).zip(w) {
-            // of differences along two sides, so that a constant has exactly no gradient
+            // from differences along two sides, so that a constant has exactly zero gradient
             let (up, uq) = (v - u, w - u);
             *x = up * q[1] - uq * p[1];
             *y = uq * p[0] - up * q[0];
@@ -245,14 +246,14 @@ impl<'a> Gradients<'a> {
         }
     }
 
-    /// A column of the sensitivity, or its sum with what is there.
+    /// Writes a column of the sensitivity, or adds to it.
     #[inline(always)]
     fn products<M: MulAdd>(&mut self, pairs: &Pairs, factor: f64, sum: bool, column: &mut [f64]) {
         let [x, y] = &self.pairs;
         for run in &pairs.runs {
             let into = &mut column[run.reading..][..run.count];
             let (gx, gy) = (factor * x[run.drive], factor * y[run.drive]);
-            // whole vectors, the last with what follows: the lists are longer by one
+            // whole vectors; the last one reads past the run, so the lists are padded
             let whole = run.count.div_ceil(LANES) * LANES;
             let sensed = x[run.sense..][..whole]
                 .chunks_exact(LANES)

@@ -1,11 +1,10 @@
-//! What a sensitivity is taken to: triangles, those of the region, or coarser cells; conductance or its logarithm.
+//! The parameters of a sensitivity: triangles, those of the region, or coarser cells; conductance or its logarithm.
 
 use crate::{ForwardError, Mesh};
 
 /// The columns of a sensitivity.
 ///
-/// Where several triangles form one parameter p, they change together: by the same conductance, or, for logarithms, by
-/// the same factor.
+/// Triangles of one parameter p change together: by the same conductance, or, for logarithms, by the same factor.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -30,7 +29,7 @@ pub struct Parameters {
 enum Columns {
     Elements,
     Region,
-    /// Of a mesh of so many triangles.
+    /// Cells, for a mesh with this many triangles.
     Cells(usize, Vec<Vec<usize>>),
 }
 
@@ -48,7 +47,7 @@ impl Parameters {
     /// The region cut into squares of `pitch` (m): cells that hold the centroid of a triangle, row by row from the lower
     /// left; and the area-weighted centre of each, m.
     ///
-    /// A pitch that is not positive makes one cell of the whole region.
+    /// A pitch that is not positive gives one cell, the whole region.
     pub fn grid(mesh: &Mesh, pitch: f64) -> (Self, Vec<[f64; 2]>) {
         let centroids = mesh.region_centroids();
         let low = centroids.iter().fold([f64::INFINITY; 2], |low, p| {
@@ -111,7 +110,7 @@ impl Parameters {
         }
     }
 
-    /// What each triangle's derivative is multiplied by.
+    /// The factor of each triangle's derivative.
     pub(super) fn scale(&self, sigma: &[f64]) -> Option<Vec<f64>> {
         self.logarithmic.then(|| sigma.to_vec())
     }

@@ -1,6 +1,6 @@
-//! Dense products and factorisations: nalgebra holds the numbers, faer multiplies and factors them.
+//! Dense products and factorisations: nalgebra stores the matrices, faer multiplies and factors them.
 //!
-//! faer is built without threads here; the larger products are cut into fixed chunks of columns that threads share, so
+//! faer is built without threads; the larger products are cut into fixed chunks of columns for several threads, so that
 //! every result has the same bits on any number of threads.
 
 use faer::linalg::matmul::matmul;
@@ -11,18 +11,18 @@ use rayon::prelude::*;
 
 use crate::linear_algebra::sparse::{MulAdd, Task, widest};
 
-/// The same numbers as faer sees them.
+/// A faer view of the same matrix.
 pub(crate) fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
     MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
 }
 
-/// Columns that one thread takes at a time.
+/// Columns per task.
 const COLUMNS: usize = 64;
 
-/// Multiplications below which other threads are not worth waking.
+/// Multiplications below which more threads do not pay off.
 const SMALL: usize = 20_000_000;
 
-/// Calls `fill` with the number of the first column and the columns, for each chunk of a matrix.
+/// Calls `fill` with the index of the first column and the columns, for each chunk of a matrix.
 fn by_columns(
     out: &mut DMatrix<f64>,
     multiplications: usize,
@@ -54,7 +54,7 @@ pub fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> DMatrix<f64> {
     out
 }
 
-/// The lower triangle of a a', and its mirror image.
+/// The product a a', computed in the lower triangle and mirrored.
 fn square(a: MatRef<'_, f64>) -> DMatrix<f64> {
     let rows = a.nrows();
     let mut out = DMatrix::zeros(rows, rows);
@@ -69,7 +69,7 @@ fn square(a: MatRef<'_, f64>) -> DMatrix<f64> {
     out
 }
 
-/// a x, at the speed of memory.
+/// a x, at memory bandwidth.
 pub(crate) fn times(a: &DMatrix<f64>, x: &DVector<f64>) -> Vec<f64> {
     widest(Times { a, x })
 }
@@ -111,7 +111,7 @@ impl Task for Times<'_> {
     }
 }
 
-/// Q with orthonormal columns, and the inverse of U, of A = Q U; `None` where A has not the rank of its columns.
+/// Q with orthonormal columns, and the inverse of U, of A = Q U; `None` if the columns of A are linearly dependent.
 pub(crate) fn thin_qr_and_inverse(a: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
     let n = a.ncols();
     let qr = view(a).qr();
@@ -127,7 +127,7 @@ pub(crate) fn thin_qr_and_inverse(a: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMa
         .then_some((q, inverse))
 }
 
-/// The inverse of a symmetric positive definite matrix, symmetric to the last bit; `None` where it is not definite.
+/// The inverse of a symmetric positive definite matrix, symmetric to the last bit; `None` if it is not definite.
 pub(crate) fn inverse_of_definite(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = a.nrows();
     let factor = view(a).llt(Side::Lower).ok()?;
@@ -137,7 +137,7 @@ pub(crate) fn inverse_of_definite(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     out.iter().all(|value| value.is_finite()).then_some(out)
 }
 
-/// Solves a x = b for symmetric positive definite a; `None` where it is not definite.
+/// Solves a x = b for symmetric positive definite a; `None` if it is not definite.
 pub(crate) fn solve_definite(a: &DMatrix<f64>, b: &[f64]) -> Option<Vec<f64>> {
     let factor = view(a).llt(Side::Lower).ok()?;
     let mut x = Mat::<f64>::from_fn(b.len(), 1, |i, _| b[i]);
@@ -158,7 +158,7 @@ pub(crate) fn symmetric_eigen(a: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64
 pub(crate) struct Definite(faer::linalg::solvers::Llt<f64>);
 
 impl Definite {
-    /// `None` where the matrix is not definite.
+    /// `None` if the matrix is not definite.
     pub(crate) fn new(a: &DMatrix<f64>) -> Option<Self> {
         view(a).llt(Side::Lower).ok().map(Self)
     }
@@ -175,7 +175,7 @@ impl Definite {
     }
 }
 
-/// J W J' with the diagonal W that `weight` gives, positive entries; columns without a weight are left out.
+/// J W J' with the diagonal W of positive entries from `weight`; columns without a weight are skipped.
 pub(crate) fn gram(j: &DMatrix<f64>, weight: impl Fn(usize) -> Option<f64>) -> DMatrix<f64> {
     let rows = j.nrows();
     let mut scaled = Vec::with_capacity(j.len());

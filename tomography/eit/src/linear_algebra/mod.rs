@@ -1,5 +1,5 @@
-//! Dense and sparse linear algebra, and loops for the processor's vector instructions.
-//! Nothing here knows meshes or electrodes.
+//! Dense and sparse linear algebra, and loops for the processor's vector instructions. Independent of meshes and
+//! electrodes.
 
 pub(crate) mod dense;
 pub(crate) mod processor;

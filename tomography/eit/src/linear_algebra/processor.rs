@@ -1,7 +1,7 @@
-//! What decides the last bits of a map beside the build.
+//! Identification of the processor, on which the last bits of a map depend besides the build.
 
-/// The processor as far as arithmetic depends on it: the architecture, and the vector units that are chosen by what is
-/// there. Maps made by the same build on the same are the same to the last bit.
+/// The processor features that affect arithmetic: the architecture, and the vector units selected at run time. Maps by
+/// the same build on equal features have the same bits.
 pub fn cpu_features() -> String {
     #[cfg(target_arch = "x86_64")]
     {

@@ -1,10 +1,11 @@
-//! Short loops over slices, compiled once for any machine and again for AVX2 and AVX-512, so that the compiler's vectors are
-//! as wide as the machine's. The order of every sum is fixed by its lanes and nothing is fused: the bits are the same in each.
+//! Short loops over slices, compiled for the baseline processor and for AVX2 and AVX-512, so that the compiler uses the
+//! widest vectors available. The order of every sum is fixed by its lanes and nothing is fused: all versions give the
+//! same bits.
 #![allow(unsafe_code)]
 
 const LANES: usize = 16;
 
-/// Makes `name` call the version of `body` for the best instructions that the machine has.
+/// Makes `name` call the version of `body` for the best instruction set of the machine.
 macro_rules! widened {
     ($(#[$about:meta])* $vis:vis $name:ident by $body:ident ($($argument:ident: $type:ty),*) $(-> $result:ty)?) => {
         $(#[$about])*
@@ -20,10 +21,10 @@ macro_rules! widened {
                     $body($($argument),*)
                 }
                 if is_x86_feature_detected!("avx512f") {
-                    // SAFETY: the processor has just said that it has AVX-512F.
+                    // SAFETY: AVX-512F was detected above.
                     return unsafe { wide($($argument),*) };
                 } else if is_x86_feature_detected!("avx2") {
-                    // SAFETY: the processor has just said that it has AVX2.
+                    // SAFETY: AVX2 was detected above.
                     return unsafe { half_wide($($argument),*) };
                 }
             }
@@ -33,7 +34,7 @@ macro_rules! widened {
 }
 
 widened!(
-    /// Squared distance, by direct differences: of identical rows it is exactly 0.
+    /// Squared distance, from direct differences: exactly 0 for identical rows.
     pub squared_distance by distance_body(a: &[f32], b: &[f64]) -> f64
 );
 widened!(
@@ -41,7 +42,7 @@ widened!(
     pub(crate) dot by dot_body(a: &[f64], b: &[f64]) -> f64
 );
 widened!(
-    /// `to += sum_k amounts[k] rows[k]`, rows as long as `to`.
+    /// `to += sum_k amounts[k] rows[k]`, rows of the length of `to`.
     pub(crate) add_four by add_body(to: &mut [f32], rows: [&[f32]; 4], amounts: [f32; 4])
 );
 
@@ -84,7 +85,7 @@ fn add_body(to: &mut [f32], [a, b, c, d]: [&[f32]; 4], [ka, kb, kc, kd]: [f32; 4
 mod tests {
     use crate::linear_algebra::simd::*;
 
-    /// 83: no vector length divides it.
+    /// 83 entries: not a multiple of any vector length.
     fn wave(step: f64) -> Vec<f64> {
         (0..83).map(|i| (f64::from(i) * step).sin()).collect()
     }

@@ -1,4 +1,4 @@
-//! What makes a mesh a mesh.
+//! Validation of meshes.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,16 +1,16 @@
-//! Fills a polygon with triangles whose size follows a wish: greedy packing of points from the boundary inwards,
-//! smoothing towards equal shares, constrained Delaunay triangulation by `spade`. Deterministic.
+//! Fills a polygon with triangles of given sizes: greedy packing of points from the boundary inwards, smoothing towards
+//! the given sizes, constrained Delaunay triangulation by `spade`. Deterministic.
 
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
-/// How often every inner point is moved to the middle of its triangles.
+/// Rounds in which every inner point moves to the middle of its triangles.
 const ROUNDS: usize = 60;
 
-/// Share of the wished edge length that two packed points keep from each other; packing this tight leaves edges of
-/// about the wished length.
+/// Smallest distance of packed points as a share of the target edge length; at this value the edges have about the
+/// target length.
 const PACKING: f64 = 0.82;
 
-/// What is to be filled. Lengths in any one unit.
+/// The domain to fill. Lengths in any one unit.
 pub(crate) struct Domain<'a> {
     /// Points on the boundary, in order of their index in the result.
     pub(crate) boundary: Vec<[f64; 2]>,
@@ -18,11 +18,11 @@ pub(crate) struct Domain<'a> {
     pub(crate) segments: Vec<[usize; 2]>,
     /// Whether a point lies inside.
     pub(crate) inside: &'a dyn Fn([f64; 2]) -> bool,
-    /// The wished edge length at a point.
+    /// The target edge length at a point.
     pub(crate) size: &'a dyn Fn([f64; 2]) -> f64,
-    /// Largest wish.
+    /// Largest target edge length.
     pub(crate) largest: f64,
-    /// Another number gives another mesh of the same sizes.
+    /// A different number gives a different mesh with the same sizes.
     pub(crate) seeding: u32,
 }
 
@@ -40,7 +40,7 @@ pub(crate) fn fill(domain: &Domain) -> Result<Filled, String> {
     Ok((points, triangles))
 }
 
-/// Cuts a segment into edges that follow the wished size: the inner points, without its ends.
+/// Cuts a segment into edges of the target length: the inner points, without its ends.
 pub(crate) fn cut(a: [f64; 2], b: [f64; 2], size: &dyn Fn([f64; 2]) -> f64) -> Vec<[f64; 2]> {
     const SAMPLES: usize = 2000;
     let whole = length(b[0] - a[0], b[1] - a[1]);
@@ -64,7 +64,7 @@ pub(crate) fn cut(a: [f64; 2], b: [f64; 2], size: &dyn Fn([f64; 2]) -> f64) -> V
     points
 }
 
-/// Not `hypot`, which differs between systems in its last bit: a mesh must have the same hash everywhere.
+/// Instead of `hypot`, whose last bit differs between systems: a mesh must have the same hash everywhere.
 pub(crate) fn length(x: f64, y: f64) -> f64 {
     (x * x + y * y).sqrt()
 }
@@ -73,7 +73,7 @@ fn distance([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
     length(ax - bx, ay - by)
 }
 
-/// Buckets of the plane, so that only near points are compared.
+/// Spatial buckets, so that only near points are compared.
 struct Buckets {
     origin: [f64; 2],
     cell: f64,
@@ -207,7 +207,8 @@ fn triangulate(domain: &Domain, points: &[[f64; 2]]) -> Result<Vec<[usize; 3]>, 
         .collect())
 }
 
-/// Moves each inner point to the mean of its triangles' centroids, weighted by the number of wished triangles in each.
+/// Moves each inner point to the mean of its triangles' centroids, weighted by each triangle's area in units of the
+/// target.
 fn smooth(domain: &Domain, fixed: usize, points: &mut [[f64; 2]], triangles: &[[usize; 3]]) {
     let mut sums = vec![[0.0; 3]; points.len()];
     for triangle in triangles {

@@ -1,4 +1,4 @@
-//! A triangulated sheet with electrodes on its boundary, checked once so that nobody checks again.
+//! A validated triangulated sheet with electrodes on its boundary.
 
 mod check;
 pub(crate) mod generation;
@@ -8,10 +8,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use sha2::{Digest, Sha256};
 use survey::Electrode;
 
-/// Below this share of the whole sheet a triangle counts as having no area.
+/// Area, as a share of the whole sheet, below which a triangle counts as degenerate.
 const SMALLEST_AREA: f64 = 1e-12;
 
-/// Fewer edges than this under an electrode lose current and make its resistance depend on the mesh.
+/// An electrode with fewer edges loses current, and its resistance depends on the mesh.
 pub const ENOUGH_EDGES: usize = 4;
 
 /// Linear triangles, the boundary edges that each electrode touches, and the region of interest.
@@ -28,8 +28,8 @@ pub struct Mesh {
     hash: String,
 }
 
-/// Why nodes, triangles and electrodes do not make a mesh. Elements and nodes are counted from 0 as in case folders,
-/// electrodes from 1 as people do.
+/// Why nodes, triangles and electrodes are not a valid mesh. Elements and nodes are counted from 0 as in case folders,
+/// electrodes from 1.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MeshError {
     /// No triangle.
@@ -46,9 +46,9 @@ pub enum MeshError {
     NoSuchNode {
         /// The element.
         element: usize,
-        /// The node named.
+        /// The index given.
         node: usize,
-        /// Nodes there are.
+        /// Nodes of the mesh.
         nodes: usize,
     },
     /// A triangle runs clockwise.
@@ -87,7 +87,7 @@ pub enum MeshError {
         /// End of the edge.
         to: usize,
     },
-    /// The sheet is in pieces.
+    /// The sheet has several pieces.
     #[error("element {element} is not connected to element 0; the sheet must be one piece")]
     Disconnected {
         /// An element of another piece.
@@ -111,7 +111,7 @@ pub enum MeshError {
         /// Other end.
         to: usize,
     },
-    /// An edge is named twice.
+    /// An electrode lists an edge twice.
     #[error("electrode {electrode} names the edge between nodes {from} and {to} a second time")]
     EdgeTwice {
         /// The electrode.
@@ -130,16 +130,16 @@ pub enum MeshError {
         first: Electrode,
         /// Second.
         second: Electrode,
-        /// Where.
+        /// The node.
         node: usize,
     },
-    /// The region is empty or names an element that does not exist, or names one twice.
+    /// The region is empty, or lists an element that does not exist, or one twice.
     #[error("the region of interest {fault}")]
     Region {
         /// What is wrong with it.
         fault: String,
     },
-    /// A preset's measures do not make a sheet.
+    /// The dimensions of a preset are not consistent.
     #[error("preset '{preset}': {fault}")]
     Preset {
         /// Name of the preset.
@@ -149,7 +149,7 @@ pub enum MeshError {
     },
 }
 
-/// What a mesh is like, in numbers.
+/// Statistics of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshQuality {
     /// Number of nodes.
@@ -166,12 +166,12 @@ pub struct MeshQuality {
     pub largest_angle: f64,
     /// Fewest edges under an electrode.
     pub fewest_electrode_edges: usize,
-    /// Electrodes with fewer than [`ENOUGH_EDGES`] edges: usable, but their resistance is the mesh's rather than theirs.
+    /// Electrodes with fewer than [`ENOUGH_EDGES`] edges: usable, but their resistance depends on the mesh.
     pub coarse_electrodes: Vec<Electrode>,
 }
 
 impl Mesh {
-    /// Checks everything and keeps it. `region` names triangles; `None` is all of them.
+    /// Validates a mesh. `region` lists triangles; `None` is all of them.
     ///
     /// # Errors
     /// The first fault found, naming node, element or electrode.
@@ -200,7 +200,7 @@ impl Mesh {
     /// The same mesh with another region of interest.
     ///
     /// # Errors
-    /// A region that is empty, or names an element that does not exist or one twice.
+    /// A region that is empty, or lists an element that does not exist or one twice.
     pub fn with_region(&self, region: Option<Vec<usize>>) -> Result<Self, MeshError> {
         let region = check::region(region, self.triangles.len())?;
         let hash = hash(&self.nodes, &self.triangles, &self.electrode_edges, &region);
@@ -295,7 +295,7 @@ impl Mesh {
         (b[0] - a[0]).hypot(b[1] - a[1])
     }
 
-    /// The boundary as closed loops (the last point is not the first again): the rim counter-clockwise, holes clockwise.
+    /// The boundary as closed loops (the first point is not repeated): the rim counter-clockwise, holes clockwise.
     pub fn outline(&self) -> Vec<Vec<[f64; 2]>> {
         let directed: BTreeSet<[usize; 2]> = self.triangles.iter().flat_map(sides_of).collect();
         let mut next: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
@@ -329,7 +329,7 @@ impl Mesh {
         &self.hash
     }
 
-    /// Measures the mesh.
+    /// Computes the statistics.
     pub fn quality(&self) -> MeshQuality {
         let mut smallest = f64::INFINITY;
         let mut largest = 0.0_f64;
@@ -358,7 +358,7 @@ impl Mesh {
     }
 }
 
-/// Twice the signed area over two.
+/// The signed area.
 pub(crate) fn signed_area([a, b, c]: [[f64; 2]; 3]) -> f64 {
     0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 }

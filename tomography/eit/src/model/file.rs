@@ -1,4 +1,4 @@
-//! The layout of a model file: tensors and one JSON entry, written and read back with every doubt resolved.
+//! Format of model files: tensors and one JSON entry. Reading validates shapes, checksum and version.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -17,7 +17,7 @@ use crate::{Mesh, RbfNetwork};
 /// Name of the one metadata entry.
 const KEY: &str = "tactus";
 
-/// The content of a model's file, and its checksum.
+/// The bytes of a model's file, and its checksum.
 pub(super) fn bytes(model: &Model) -> Result<(Vec<u8>, String), ModelError> {
     let unfit = |why: String| ModelError::Network(why);
     let mesh = &model.mesh;
@@ -80,7 +80,7 @@ pub(super) fn bytes(model: &Model) -> Result<(Vec<u8>, String), ModelError> {
         }),
     );
     let text = text.replacen(&stated_checksum(""), &stated_checksum(&checksum), 1);
-    // one entry only: a map with more would be written in a random order
+    // a single entry: the order of several would be random
     let metadata = HashMap::from([(KEY.to_owned(), text)]);
     let bytes = safetensors::serialize(tensors, Some(metadata))
         .map_err(|fault| unfit(fault.to_string()))?;
@@ -155,7 +155,7 @@ fn layer_name(index: usize, what: &str) -> String {
     format!("layer{}.{what}", index + 1)
 }
 
-/// The checksum as the metadata says it.
+/// The checksum as written in the metadata.
 fn stated_checksum(checksum: &str) -> String {
     format!("\"checksum\":\"{checksum}\"")
 }
@@ -217,7 +217,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     };
     let metadata: Metadata =
         serde_json::from_value(entry).map_err(|fault| damaged(fault.to_string()))?;
-    // programs print these and record them
+    // programs print and record these
     for (what, text) in [
         ("name", &metadata.name),
         ("normalisation", &metadata.normalisation),
@@ -230,7 +230,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         }
     }
     let tensors = SafeTensors::deserialize(bytes).map_err(|fault| damaged(fault.to_string()))?;
-    // the hash of the file and the checksum within it each read every byte: side by side they cost one
+    // the hash of the file and its internal checksum each read every byte: computed in parallel
     let (hash, summed) = rayon::join(
         || fingerprint(bytes),
         || {
@@ -271,7 +271,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     };
     let index = |name, width| Ok::<_, ModelError>(indices(&tensor(name, Dtype::U32, width)?));
     let ends = index("electrode_edges", 3)?;
-    // Every electrode has an edge: a number beyond them would only ask for memory.
+    // Every electrode has an edge: a larger number would only allocate memory.
     if metadata.electrodes > ends.len() / 3 {
         return Err(damaged(format!(
             "it says {} electrodes and holds {} edges of them",
@@ -331,7 +331,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     let network = match metadata.kind {
         Kind::Rbf => {
             let centres = tensor("centres", Dtype::F32, protocol.len())?;
-            // A single number, which has no shape, passes for a column of width 1.
+            // A scalar has no shape and counts as a column of width 1.
             let neurons = centres.shape().first().copied().unwrap_or(1);
             let network = RbfNetwork::new(
                 [protocol.len(), mesh.region().len()],
@@ -391,7 +391,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     })
 }
 
-/// How many bytes of tensors a safetensors header promises.
+/// Number of bytes of tensors according to a safetensors header.
 fn promised(header: &[u8]) -> Option<u64> {
     let header: serde_json::Value = serde_json::from_slice(header).ok()?;
     header
@@ -401,7 +401,7 @@ fn promised(header: &[u8]) -> Option<u64> {
         .max()
 }
 
-/// A tensor about to be written.
+/// A tensor to write.
 struct Tensor {
     kind: Dtype,
     shape: Vec<usize>,
@@ -437,7 +437,7 @@ impl Tensor {
         Self::new(Dtype::I8, shape, bytes.collect())
     }
 
-    /// Indices of nodes, triangles and electrodes, which are far below 2^32.
+    /// Indices of nodes, triangles and electrodes, all far below 2^32.
     fn u32(values: &[usize], shape: &[usize]) -> Self {
         let bytes = values
             .iter()

@@ -1,5 +1,5 @@
-//! How a network was trained, as its model file keeps it: settings, jitter, and what the training found. Where the paper's
-//! text leaves a choice it is a setting ([`OpenReadings`]). The training itself is in the crate `training`.
+//! Training record of a network, as stored in its model file: settings, jitter and results. Choices that the paper
+//! leaves open are settings ([`OpenReadings`]). The training itself is in the crate `training`.
 
 use std::fmt;
 
@@ -13,22 +13,22 @@ pub struct TrainingSettings {
     pub cases: usize,
     /// S: jittered copies of each.
     pub repeats: usize,
-    /// P: at most so many polygons a case.
+    /// P: maximum number of polygons per case.
     pub polygons: usize,
     /// R_p: largest radius of the circle round a polygon, m.
     pub radius_m: f64,
-    /// K_p: at most so many vertices.
+    /// K_p: maximum number of vertices.
     pub vertices: usize,
     /// The jitter.
     pub jitter: Jitter,
     /// N: neurons.
     pub neurons: usize,
-    /// Width of the neurons in times of Eq. 13's spread.
+    /// Width of the neurons as a multiple of Eq. 13's spread.
     #[serde(skip_serializing_if = "is_one")]
     pub spread_times: f64,
     /// The same seed gives the same network.
     pub seed: u64,
-    /// How the paper's text is read where it is open.
+    /// Choices that the paper leaves open.
     #[serde(skip_serializing_if = "OpenReadings::is_default")]
     pub open: OpenReadings,
 }
@@ -54,7 +54,7 @@ fn is_one(value: &f64) -> bool {
     *value == 1.0
 }
 
-/// What a training found.
+/// Results of a training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrainingReport {
     /// Cases in which no triangle changed.
@@ -63,11 +63,11 @@ pub struct TrainingReport {
     pub jitter: f64,
     /// Rounds of k-means.
     pub rounds: usize,
-    /// Clusters that ran empty and were begun again.
+    /// Clusters that became empty and were re-initialised.
     pub reseeded: usize,
     /// b of Eq. 13.
     pub spread: f64,
-    /// b over the median distance of two samples; above 10 a few samples rule it.
+    /// b over the median distance of two samples; above 10, a few samples dominate it.
     pub spread_over_median: f64,
     /// Distance from the nearest centre, in spreads, within which 99.9 % of the samples lie.
     pub familiar: f64,
@@ -79,7 +79,7 @@ pub struct TrainingReport {
     pub largest_weight: f64,
 }
 
-/// What the paper's text leaves open, each with the reading that is taken where nothing is said.
+/// Choices that the paper leaves open, each with its default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OpenReadings {
@@ -91,16 +91,16 @@ pub struct OpenReadings {
     pub loss: LossReading,
     /// Where centres lie.
     pub centres: CentresReading,
-    /// What Eq. 7 divides by.
+    /// The divisor of Eq. 7.
     pub change: ChangeReading,
-    /// What the second argument of N(0, .) in Eq. 9 is.
+    /// The meaning of the second argument of N(0, .) in Eq. 9.
     pub spread: SpreadReading,
-    /// Which samples Eq. 13 takes distances of.
+    /// The samples whose distances enter Eq. 13.
     pub distances: DistancesReading,
 }
 
 impl OpenReadings {
-    /// Whether every reading is the default.
+    /// Whether every choice is the default.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }
@@ -117,14 +117,14 @@ pub enum SizeReading {
     Diameter,
 }
 
-/// Algorithm 1 draws a number of edges, then says "select K_p random points".
+/// Algorithm 1 draws a number of edges and then selects "K_p random points".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PointsReading {
-    /// As many points as edges were drawn, 0 to K_p; under three make no polygon (default).
+    /// As many points as edges drawn, 0 to K_p; fewer than three give no polygon (default).
     #[default]
     Drawn,
-    /// K_p points always.
+    /// Always K_p points.
     All,
 }
 
@@ -132,10 +132,10 @@ pub enum PointsReading {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LossReading {
-    /// One for each polygon; where polygons overlap, what is left multiplies (default).
+    /// One per polygon; the remaining conductances multiply where polygons overlap (default).
     #[default]
     Polygon,
-    /// One for all polygons of a case; overlaps lose no more.
+    /// One for all polygons of a case; overlaps do not increase the loss.
     Case,
 }
 
@@ -146,7 +146,7 @@ pub enum CentresReading {
     /// Uniform over the region of interest (default).
     #[default]
     Region,
-    /// Uniform over the whole sheet; the loss still ends at the region's border.
+    /// Uniform over the whole sheet; the loss still ends at the border of the region.
     Sheet,
 }
 
@@ -157,7 +157,7 @@ pub enum ChangeReading {
     /// dsigma / sigma0 of each triangle (default).
     #[default]
     Relative,
-    /// dsigma over the mean sigma0 of the region: absolute but for one factor. The same on a uniform sheet.
+    /// dsigma over the mean sigma0 of the region: absolute up to one factor. The same on a uniform sheet.
     Absolute,
 }
 
@@ -168,7 +168,7 @@ pub enum SpreadReading {
     /// A standard deviation (default).
     #[default]
     Deviation,
-    /// A variance: the deviation is its root.
+    /// A variance.
     Variance,
 }
 
@@ -176,53 +176,53 @@ pub enum SpreadReading {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DistancesReading {
-    /// Of samples with jitter, as the tilde says (default).
+    /// Of samples with jitter, as the tilde indicates (default).
     #[default]
     Jittered,
-    /// Of samples without.
+    /// Of samples without jitter.
     Clean,
 }
 
-/// The noise that training adds to the inputs (Eq. 8).
+/// The noise added to the inputs in training (Eq. 8).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "profile", rename_all = "snake_case")]
 pub enum Jitter {
-    /// Eq. 9: a standard deviation of gamma times that of the normalised baseline, on every reading alike.
+    /// Eq. 9: a standard deviation of gamma times that of the normalised baseline, the same for every reading.
     Paper {
         /// gamma, 0.01 in the paper.
         gamma: f64,
     },
-    /// As the noise is: white, on baseline and frame.
+    /// Like the noise of a measurement: white, on baseline and frame.
     Matched {
         /// Standard deviation of one reading, V.
         noise_v: f64,
-        /// Injected current at which it is met, A.
+        /// Injected current of that noise, A.
         current_a: f64,
     },
-    /// Several levels of [`Jitter::Matched`]: the copies of a case take them in turn.
+    /// Several levels of [`Jitter::Matched`]: the copies of a case use them in turn.
     Levels {
         /// Standard deviations of one reading, V.
         noise_v: Vec<f64>,
-        /// Injected current at which they are met, A.
+        /// Injected current of that noise, A.
         current_a: f64,
     },
     /// The measured covariance of repeats of the baseline: a copy's noise is a random combination of the repeats'
     /// deviations from their mean, on baseline and frame. It has the repeats' sample covariance.
     Measured {
-        /// How many repeats were measured, each one a row of readings, V.
+        /// The measured repeats, each a row of readings, V.
         volts: Vec<Vec<f64>>,
-        /// Injected current at which they were measured, A.
+        /// Injected current of the measurement, A.
         current_a: f64,
     },
 }
 
 impl Jitter {
-    /// The paper's value.
+    /// Eq. 9 with the paper's gamma.
     pub fn paper() -> Self {
         Self::Paper { gamma: 0.01 }
     }
 
-    /// 2 uV at 1 mA.
+    /// White noise of 2 uV at 1 mA.
     pub fn matched() -> Self {
         Self::Matched {
             noise_v: 2e-6,

@@ -1,8 +1,8 @@
-//! Model files: trained weights, and all that is needed to use them, in one file.
+//! Model files: a trained network with everything needed to use it, in one file.
 //!
-//! A file is `safetensors` with one metadata entry, `tactus`: JSON that says kind, geometry hash, survey hash,
-//! normalisation, training and build. Mesh and protocol are tensors beside the weights, so the file alone makes maps.
-//! The same model has the same bytes, and a checksum over metadata and tensors finds a bit that has turned.
+//! A file is `safetensors` with one metadata entry, `tactus`: JSON with kind, geometry hash, survey hash,
+//! normalisation, training and build. It includes mesh and protocol as tensors, so no other file is needed to make
+//! maps. Equal models have equal bytes, and a checksum over metadata and tensors detects flipped bits.
 
 mod file;
 mod history;
@@ -28,10 +28,10 @@ pub use history::{
 };
 
 const VERSION: u32 = 2;
-/// A file of more bytes is no model: the deep network of the paper has 50 MB.
+/// Maximum size of a model file, bytes; the deep network of the paper has 50 MB.
 const LARGEST: u64 = 1 << 30;
 
-/// What kind of network a file holds.
+/// Kind of network in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -41,12 +41,12 @@ pub enum Kind {
     Deep,
 }
 
-/// What is trained.
+/// A trained network.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Network {
     /// Radial basis functions.
     Rbf(RbfNetwork),
-    /// Fully connected layers, and the inputs that they have seen.
+    /// Fully connected layers, and the distribution of their training inputs.
     Deep(DeepNetwork, TrainingDistribution),
 }
 
@@ -75,7 +75,7 @@ impl Network {
     }
 }
 
-/// What a training found, by kind.
+/// Results of a training, by kind.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Report {
@@ -85,7 +85,7 @@ pub enum Report {
     Deep(DeepReport),
 }
 
-/// What a file says about itself.
+/// Metadata of a model file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Metadata {
     /// Version of the layout, 2.
@@ -102,13 +102,14 @@ pub struct Metadata {
     pub electrodes: usize,
     /// Number of readings.
     pub readings: usize,
-    /// How readings become inputs and outputs become a map, in words.
+    /// Conversion of readings to inputs and of outputs to a map, in words.
     pub normalisation: String,
-    /// Settings of the training, its seed among them.
+    /// Settings of the training, including its seed.
     pub training: TrainingSettings,
-    /// What the training found.
+    /// Results of the training.
     pub report: Report,
-    /// Signal-to-noise ratio of the readings over that of the map ([`Reconstructor::noise_figure`]), found at training.
+    /// Signal-to-noise ratio of the readings over that of the map ([`Reconstructor::noise_figure`]), computed at
+    /// training.
     pub noise_figure: Option<f64>,
     /// The build that trained it.
     pub build: String,
@@ -129,7 +130,7 @@ pub struct Model {
     hash: String,
 }
 
-/// Why a model cannot be read, written or used.
+/// Errors in reading, writing and using a model.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
     /// The file cannot be read.
@@ -137,28 +138,28 @@ pub enum ModelError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         #[source]
         cause: std::io::Error,
     },
-    /// The file cannot be written, or must not be.
+    /// The file cannot be written, or exists and must not be replaced.
     #[error(transparent)]
     Unwritten(#[from] OutFileError),
-    /// The file ends before its content does.
+    /// The file is shorter than its content.
     #[error("model file {} is truncated: copy it again", .path.display())]
     Truncated {
         /// The file.
         path: PathBuf,
     },
-    /// The file is something else.
+    /// The file is not a model.
     #[error("{} is not a model file of Tactus: {why}", .path.display())]
     Foreign {
         /// The file.
         path: PathBuf,
-        /// What gives it away.
+        /// How that was detected.
         why: String,
     },
-    /// A model of a kind or version that this build does not know.
+    /// A kind or version that this build does not support.
     #[error("model file {} holds {holds}, this build knows rbf and deep of version {VERSION}: train it again, or use another build", .path.display())]
     Kind {
         /// The file.
@@ -166,15 +167,15 @@ pub enum ModelError {
         /// Kind and version it names.
         holds: String,
     },
-    /// A model whose content does not fit together.
+    /// The content is inconsistent.
     #[error("model file {} is damaged: {why}", .path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What does not fit.
+        /// The inconsistency.
         why: String,
     },
-    /// Made for other questions.
+    /// Made for another protocol.
     #[error(
         "the model was made for survey {model} ({model_readings} readings), this is survey {here} ({here_readings} readings)"
     )]
@@ -188,7 +189,7 @@ pub enum ModelError {
         /// Readings here.
         here_readings: usize,
     },
-    /// Made for another sheet.
+    /// Made for another geometry.
     #[error("the model was made for geometry {model}, this is geometry {here}")]
     Geometry {
         /// Hash in the model.
@@ -202,10 +203,10 @@ pub enum ModelError {
 }
 
 impl Model {
-    /// Joins a trained network with its geometry, survey and history.
+    /// Combines a trained network with its geometry, survey and training record.
     ///
     /// # Errors
-    /// A network that does not fit them.
+    /// A network that does not fit the geometry or the survey.
     pub fn new(
         name: &str,
         mesh: Arc<Mesh>,
@@ -243,7 +244,7 @@ impl Model {
         Ok(model)
     }
 
-    /// The same model with a noise figure in its metadata; one that is not finite is left out.
+    /// The same model with a noise figure in its metadata; a figure that is not finite is omitted.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -259,7 +260,7 @@ impl Model {
         )
     }
 
-    /// What the file says about itself.
+    /// The file's metadata.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
@@ -284,7 +285,7 @@ impl Model {
         &self.network
     }
 
-    /// Refuses another survey or geometry, naming both.
+    /// Refuses another survey or geometry, with both hashes in the error.
     ///
     /// # Errors
     /// [`ModelError::Survey`], [`ModelError::Geometry`].
@@ -306,7 +307,7 @@ impl Model {
         Ok(())
     }
 
-    /// Ready to make maps.
+    /// The model as a reconstructor.
     pub fn into_reconstructor(self) -> Box<dyn Reconstructor> {
         let assumptions = self.assumptions();
         let Metadata {
@@ -337,7 +338,7 @@ impl Model {
         }
     }
 
-    /// What it was trained on and how well it learnt it, a sentence each.
+    /// Training and accuracy, a sentence each.
     fn assumptions(&self) -> Vec<String> {
         let training = &self.metadata.training;
         let mut sentences = vec![format!(
@@ -355,7 +356,7 @@ impl Model {
     }
 }
 
-/// Writes a model, whole or not at all.
+/// Writes a model, completely or not at all.
 ///
 /// # Errors
 /// [`ModelError::Unwritten`].
@@ -363,7 +364,7 @@ pub fn save(path: &Path, existing: Existing, model: &Model) -> Result<(), ModelE
     Ok(outfile::write(path, existing, &file::bytes(model)?.0)?)
 }
 
-/// Reads a model and checks that its content fits together.
+/// Reads a model and checks that its content is consistent.
 ///
 /// # Errors
 /// See [`ModelError`].
@@ -376,7 +377,7 @@ pub fn load(path: &Path) -> Result<Model, ModelError> {
         path: path.to_owned(),
         why: why.to_owned(),
     };
-    // a pipe is opened only when somebody writes to it
+    // opening a pipe would block until somebody writes to it
     let kind = std::fs::metadata(path).map_err(failed)?;
     if !kind.is_file() {
         return Err(foreign("it is no regular file"));
@@ -386,7 +387,7 @@ pub fn load(path: &Path) -> Result<Model, ModelError> {
     if length > LARGEST {
         return Err(foreign("it is larger than 1 GiB"));
     }
-    // Read and not mapped: who rewrites a mapped file ends the process that reads it (SIGBUS).
+    // Read, not mapped: truncating a mapped file would end this process (SIGBUS).
     let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
     file.take(LARGEST).read_to_end(&mut bytes).map_err(failed)?;
     if bytes.is_empty() {
@@ -397,7 +398,7 @@ pub fn load(path: &Path) -> Result<Model, ModelError> {
     file::parse(path, &bytes)
 }
 
-/// A reconstructor from a model file.
+/// Loads a model file as a reconstructor.
 ///
 /// # Errors
 /// As [`load`].
@@ -405,7 +406,7 @@ pub fn load_reconstructor(path: &Path) -> Result<Box<dyn Reconstructor>, ModelEr
     Ok(load(path)?.into_reconstructor())
 }
 
-/// Whether the network takes the protocol's readings, gives the region's triangles, and is finite.
+/// Checks that the network has an input per reading and an output per triangle of the region, and is finite.
 fn fits(network: &Network, mesh: &Mesh, protocol: &Protocol) -> Result<(), String> {
     let (inputs, outputs) = (network.inputs(), network.outputs());
     if inputs != protocol.len() || outputs != mesh.region().len() {
@@ -416,14 +417,14 @@ fn fits(network: &Network, mesh: &Mesh, protocol: &Protocol) -> Result<(), Strin
         ));
     }
     match network {
-        // their parts were checked when they were joined
+        // checked when it was constructed
         Network::Rbf(_) => Ok(()),
         Network::Deep(_, familiar) if familiar.is_sound(inputs) => Ok(()),
         Network::Deep(..) => Err("what it has seen is not described in finite numbers".to_owned()),
     }
 }
 
-/// SHA-256 of some bytes, hex: how models, and what they are trained from, are told apart.
+/// SHA-256 of some bytes, hex: the identity of models and their training data.
 pub fn fingerprint(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }

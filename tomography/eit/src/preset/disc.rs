@@ -24,13 +24,13 @@ pub struct DiscTank {
     pub first_deg: f64,
     /// Divides every edge length: 2 gives about four times the triangles.
     pub fineness: f64,
-    /// Edges under an electrode at fineness 1, never fewer than four in all; they are shorter towards its ends.
+    /// Edges under an electrode at fineness 1, at least four; they are shorter towards its ends.
     pub electrode_edges: usize,
     /// Edge length far from every electrode at fineness 1, as a share of the radius.
     pub largest_share: f64,
     /// Growth of the edge length with the distance from the nearest electrode end at fineness 1.
     pub growth: f64,
-    /// Another number gives another mesh of the same sizes.
+    /// A different number gives a different mesh with the same sizes.
     pub seeding: u32,
     /// Resistance of the unloaded tank, ohm per square.
     pub sheet_ohm: f64,
@@ -68,16 +68,17 @@ impl DiscTank {
         vec![self.contact_ohm * length; self.electrodes]
     }
 
-    /// The mesh: a polygon whose corners lie on the circle, with a corner at both ends of every electrode.
+    /// The mesh: a polygon with its corners on the circle, one at both ends of every electrode.
     ///
     /// # Errors
-    /// Measures that do not fit together, naming the key.
+    /// Inconsistent dimensions; the key is named.
     pub fn mesh(&self) -> Result<Mesh, MeshError> {
         self.check()?;
         let pitch = TAU / self.electrodes as f64;
         let arc = self.arc_deg.to_radians();
         let under = ((self.electrode_edges as f64 * self.fineness).round() as usize).max(4);
-        // cosine spacing: the first of n edges is about (pi/2n)^2 of the arc; mixed with even spacing to stay mild
+        // cosine spacing: the first of n edges is about (pi/2n)^2 of the arc; mixed with even spacing to limit the
+        // ratio
         let graded: Vec<f64> = (0..=under)
             .map(|k| {
                 let even = k as f64 / under as f64;
@@ -86,7 +87,7 @@ impl DiscTank {
             .collect();
         let end = (graded[1] * arc).min(0.5 * (pitch - arc));
         let far = (self.largest_share / self.fineness).max(end);
-        // lengths in radii
+        // lengths in units of the radius
         let growth = self.growth / self.fineness;
         let gap = cut_gap(pitch - arc, end, growth, far);
         let mut angles = Vec::new();
@@ -108,7 +109,7 @@ impl DiscTank {
             })
             .collect();
         let size = |p: [f64; 2]| {
-            // one root of the least square: the same bits as the least root
+            // one root of the smallest square: the same bits as the smallest root
             let nearest = ends
                 .iter()
                 .map(|q| square(p[0] - q[0], p[1] - q[1]))
@@ -191,7 +192,7 @@ impl DiscTank {
     }
 }
 
-/// Inner points of a gap of the given length: edges grow from its ends towards its middle.
+/// Inner points of a gap of the given length: edges grow from its ends to its middle.
 fn cut_gap(length: f64, end: f64, growth: f64, far: f64) -> Vec<f64> {
     let size = |p: [f64; 2]| (end + growth * p[0].min(length - p[0])).min(far);
     crate::mesh::generation::cut([0.0, 0.0], [length, 0.0], &size)
@@ -200,8 +201,8 @@ fn cut_gap(length: f64, end: f64, growth: f64, far: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Square of a radius about the origin within which every point lies inside the polygon, whatever is rounded: most
-/// points are decided by it alone.
+/// Square of a radius about the origin within which every point is inside the polygon, despite rounding: this test
+/// alone decides most points.
 fn inscribed(corners: &[[f64; 2]]) -> f64 {
     let middles = corners
         .iter()

@@ -1,4 +1,4 @@
-//! Ready-made geometries: the paper's sheet and a disc tank. Their measures are configuration, with units in the keys.
+//! Ready-made geometries: the paper's sheet and a disc tank. Their dimensions are configuration keys with units.
 
 mod disc;
 mod sheet;
@@ -27,10 +27,10 @@ impl Default for Preset {
 }
 
 impl Preset {
-    /// The mesh; the same measures give the same bits.
+    /// The mesh; equal dimensions give equal bits.
     ///
     /// # Errors
-    /// Measures that do not fit together.
+    /// Inconsistent dimensions.
     pub fn mesh(&self) -> Result<Mesh, MeshError> {
         match self {
             Self::PaperSheet(sheet) => sheet.mesh(),
@@ -38,7 +38,7 @@ impl Preset {
         }
     }
 
-    /// The same geometry with edges `fineness` times shorter and other points.
+    /// The same geometry with edges `fineness` times shorter and a different seeding of points.
     pub fn remeshed(self, fineness: f64, seeding: u32) -> Self {
         match self {
             Self::PaperSheet(sheet) => Self::PaperSheet(PaperSheet {
@@ -79,7 +79,7 @@ impl Preset {
     }
 }
 
-/// Refuses a measure that is not a positive number.
+/// Refuses a dimension that is not a positive number.
 fn positive(preset: &'static str, measures: &[(&str, f64)]) -> Result<(), MeshError> {
     match measures
         .iter()
@@ -93,7 +93,7 @@ fn positive(preset: &'static str, measures: &[(&str, f64)]) -> Result<(), MeshEr
     }
 }
 
-/// Refuses a fineness that would leave electrodes without nodes, or a mesh that no machine holds.
+/// Refuses a fineness for which electrodes would have no nodes, or the mesh would be too large.
 fn reasonable_fineness(preset: &'static str, fineness: f64) -> Result<(), MeshError> {
     if (0.25..=8.0).contains(&fineness) {
         return Ok(());
@@ -104,7 +104,7 @@ fn reasonable_fineness(preset: &'static str, fineness: f64) -> Result<(), MeshEr
     })
 }
 
-/// Refuses an edge length that is longer than what it is to fill, or so short that no machine holds the mesh.
+/// Refuses an edge length that is longer than the side to fill, or so short that the mesh would be too large.
 fn reasonable_edge(
     preset: &'static str,
     key: &str,

@@ -13,11 +13,11 @@ const PRESET: &str = "paper-sheet";
 /// A rectangle with its origin at the lower left corner, electrodes counter-clockwise from the lower
 /// left along the bottom, the right, the top and the left side, evenly spaced on each; symmetric in both axes.
 ///
-/// The paper gives neither size nor inset of the electrodes, nor sheet and contact resistance: all are configuration.
+/// The paper does not give size and inset of the electrodes, nor sheet and contact resistance: they are configuration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PaperSheet {
-    /// What an electrode touches.
+    /// Form of the electrodes.
     pub electrode: SheetElectrode,
     /// Extent along x, mm.
     pub width_mm: f64,
@@ -29,7 +29,7 @@ pub struct PaperSheet {
     pub electrodes_per_height: usize,
     /// Side of a square void, or length of an electrode on the edge, mm.
     pub void_mm: f64,
-    /// From the sheet's edge to the centre of a void, mm; electrodes on the edge have none.
+    /// Distance from the sheet's edge to the centre of a void, mm; unused for electrodes on the edge.
     pub inset_mm: f64,
     /// The region of interest reaches this far from the centre along x, mm.
     pub region_half_width_mm: f64,
@@ -44,7 +44,7 @@ pub struct PaperSheet {
     pub largest_mm: f64,
     /// Growth of the edge length with the distance from the nearest electrode at fineness 1.
     pub growth: f64,
-    /// Another number gives another mesh of the same sizes.
+    /// A different number gives a different mesh with the same sizes.
     pub seeding: u32,
     /// Resistance of the unloaded sheet, ohm per square.
     pub sheet_ohm: f64,
@@ -52,14 +52,14 @@ pub struct PaperSheet {
     pub contact_ohm: f64,
 }
 
-/// What an electrode of a [`PaperSheet`] touches.
+/// Form of the electrodes of a [`PaperSheet`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SheetElectrode {
-    /// The rim of a square hole within the sheet, as in the paper's Figure 3A.
+    /// The rim of a square hole in the sheet, as in the paper's Figure 3A.
     #[default]
     Void,
-    /// A length of the sheet's own edge.
+    /// A part of the sheet's own edge.
     Edge,
 }
 
@@ -114,7 +114,7 @@ impl PaperSheet {
         1.0 / self.sheet_ohm
     }
 
-    /// Contact impedance of each electrode, ohm m: contact resistance times the length that is touched.
+    /// Contact impedance of each electrode, ohm m: contact resistance times the contact length.
     pub fn contact_ohm_m(&self) -> Vec<f64> {
         let sides = match self.electrode {
             SheetElectrode::Void => 4.0,
@@ -123,10 +123,10 @@ impl PaperSheet {
         vec![self.contact_ohm * sides * self.void_mm * 1e-3; self.electrodes()]
     }
 
-    /// The mesh: one quarter filled, and mirrored twice.
+    /// The mesh: one quarter, mirrored twice.
     ///
     /// # Errors
-    /// Measures that do not fit together, naming the key.
+    /// Inconsistent dimensions; the key is named.
     pub fn mesh(&self) -> Result<Mesh, MeshError> {
         self.check()?;
         let (nodes, triangles) = self.mirror(self.quarter()?);
@@ -200,7 +200,7 @@ impl PaperSheet {
         Ok(())
     }
 
-    /// Edges along half of a void's side: the whole side has twice as many, so that an axis may cut it.
+    /// Edges along half of a void's side: the whole side has twice as many, so that an axis of symmetry can cut it.
     fn half_side_edges(&self) -> usize {
         ((0.5 * self.void_mm * self.fineness / self.edge_mm).round() as usize).max(1)
     }
@@ -210,7 +210,7 @@ impl PaperSheet {
         let high = [0.5 * self.width_mm, 0.5 * self.height_mm];
         let half = 0.5 * self.void_mm;
         let on_edge = self.electrode == SheetElectrode::Edge;
-        // how far an electrode reaches along x and y
+        // extent of an electrode along x and y
         let reach = |c: &[f64; 2]| match on_edge {
             false => [half, half],
             true if c[1] == 0.0 => [half, 0.0],
@@ -248,7 +248,7 @@ impl PaperSheet {
                 [[x1, y1], [x0, y1]],
                 [[x0, y1], [x0, y0]],
             ];
-            // of a rectangle without width one side is all there is: the bottom, or the right which is the left
+            // without width only one side is left: the bottom, or the right (which is the left)
             let sides = match (on_edge, c[1] == 0.0) {
                 (false, _) => &sides[..],
                 (true, true) => &sides[..1],
@@ -365,7 +365,7 @@ impl PaperSheet {
     }
 }
 
-/// The k-th of `edges` points from a to b; a point that falls on the quarter's border is put there exactly.
+/// The k-th of `edges` points from a to b; a point on the quarter's border is moved there exactly.
 fn clip(a: f64, b: f64, k: usize, edges: usize, border: f64) -> f64 {
     let at = if k == edges {
         b
@@ -379,7 +379,7 @@ fn clip(a: f64, b: f64, k: usize, edges: usize, border: f64) -> f64 {
     }
 }
 
-/// The parts of a quarter's side that no electrode covers.
+/// The parts of a quarter's side without electrodes.
 fn uncovered(
     a: [f64; 2],
     b: [f64; 2],
@@ -418,7 +418,7 @@ fn uncovered(
     parts
 }
 
-/// Boundary points, each once, and the edges between them.
+/// Boundary points without repetition, and the edges between them.
 #[derive(Default)]
 struct Rim {
     points: Vec<[f64; 2]>,

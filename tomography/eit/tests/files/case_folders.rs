@@ -1,4 +1,4 @@
-//! Geometry, protocol and data go out and come in again, and faults name file and line.
+//! Case folders are written and read back; errors name file and line.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -166,7 +166,7 @@ fn faults_name_file_and_line() {
     assert!(fault.contains("elems.csv: No such file"), "{fault}");
 }
 
-/// A mesh that makes no sense: file and line of what is to be mended.
+/// An invalid mesh: the error names file and line.
 #[test]
 fn faulty_meshes_name_file_and_line() {
     let folder = tempfile::tempdir().unwrap();
@@ -286,7 +286,7 @@ fn frames_lie_or_stand() {
         vec![Some(1.0), Some(2.0), None],
         vec![Some(4.0), Some(5.0), Some(6.0)],
     ];
-    // a row a frame: plain, with a header, with labels, with both
+    // rows of frames: plain, with a header, with labels, with both
     put("1,2,nan\n4,5,6\n");
     assert_eq!(read_frames(&path, 3).unwrap(), two);
     put(&frames_text(&two));
@@ -296,7 +296,7 @@ fn frames_lie_or_stand() {
     put("frame,m0,m1,m2\nempty,1,2,\nball,4,5,6\n");
     let named = read_named_frames(&path, 3).unwrap();
     assert_eq!(named[1], ("ball".to_owned(), two[1].clone()));
-    // a column a frame
+    // columns of frames
     put("ref,train\n1,4\n2,5\nnan,6\n");
     let named = read_named_frames(&path, 3).unwrap();
     assert_eq!(named[0], ("ref".to_owned(), two[0].clone()));
@@ -304,7 +304,7 @@ fn frames_lie_or_stand() {
     // one column of values
     put("v_V\n1\n2\n3\n");
     assert_eq!(read_frames(&path, 3).unwrap().len(), 1);
-    // an overload is no number
+    // an overload is a missing reading
     put("1,+9.90000000E+37,3\n");
     assert_eq!(read_frames(&path, 3).unwrap()[0][1], None);
     put("1,inf,3\n");

@@ -1,5 +1,5 @@
-//! Model files and case folders that somebody has damaged, by chance or on purpose, and files that change while they are
-//! read. `TACTUS_MUTATIONS` is how many mutations of each kind are tried; the same number tries the same ones.
+//! Model files and case folders damaged by chance or on purpose, and files that change during a read.
+//! `TACTUS_MUTATIONS` is the number of mutations of each kind; equal numbers give equal mutations.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -37,7 +37,7 @@ fn model() -> Model {
     Model::new("small", mesh, &protocol, network, settings, report, None).unwrap()
 }
 
-/// A network of nine neurons that nobody has trained.
+/// An untrained network of nine neurons.
 fn small_network(inputs: usize, outputs: usize) -> (Network, Report) {
     const NEURONS: usize = 9;
     let wave = |count: usize| (0..count).map(|k| 0.01 * (k as f64).sin());
@@ -64,7 +64,7 @@ fn small_network(inputs: usize, outputs: usize) -> (Network, Report) {
     (Network::Rbf(network), Report::Rbf(report))
 }
 
-/// Bytes with one to four changes: other bytes, bits that have turned, pieces that are gone, doubled or from elsewhere.
+/// Bytes with one to four changes: overwritten bytes, flipped bits, pieces removed, duplicated or moved.
 fn mutated(bytes: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
     let mut mutated = bytes.to_vec();
     for _ in 0..random.random_range(1..=4) {
@@ -90,7 +90,7 @@ fn mutated(bytes: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
                 let from = random.random_range(0..mutated.len());
                 mutated.swap(at, from);
             }
-            // text that numbers and structure are made of
+            // characters of numbers and of the structure
             _ => {
                 let words = [
                     "-1",
@@ -159,13 +159,13 @@ fn a_mutated_model_is_refused_or_is_the_same_model() {
     let path = folder.path().join("model.safetensors");
     let model = model();
     save(&path, Existing::Refuse, &model).unwrap();
-    // numbers of its metadata come back within their last digit
+    // its metadata reads back to within the last digit of the numbers
     let model = load(&path).unwrap();
     let whole = std::fs::read(&path).unwrap();
     let header = 8 + u64::from_le_bytes(*whole.first_chunk().unwrap()) as usize;
     for seed in 0..mutations() {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        // half of them in the header, which is a small part of the file
+        // half of them in the header, a small part of the file
         let bytes = match seed % 2 {
             0 => mutated(&whole, &mut random),
             _ => [
@@ -181,7 +181,7 @@ fn a_mutated_model_is_refused_or_is_the_same_model() {
                 assert_eq!(read.protocol(), model.protocol(), "{seed}");
                 assert_eq!(read.mesh().hash(), model.mesh().hash(), "{seed}");
                 assert_eq!(read.metadata(), model.metadata(), "{seed}");
-                // another file is never taken for this one
+                // a different file is never mistaken for this one
                 assert_eq!(bytes == whole, read.hash() == model.hash(), "{seed}");
             }
             Err(refused) => {
@@ -199,7 +199,7 @@ fn a_forged_model_is_refused_or_makes_maps() {
     save(&path, Existing::Refuse, &model()).unwrap();
     let whole = std::fs::read(&path).unwrap();
     let (text, tensors) = opened(&whole);
-    // as the project seals it, else all below would be refused for the checksum
+    // sealing must match the crate, otherwise every file below would be refused for its checksum alone
     assert_eq!(sealed(&text, tensors.clone()).unwrap(), whole);
     for seed in 0..mutations() {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -302,7 +302,7 @@ fn opened(bytes: &[u8]) -> (String, Vec<(String, Tensor)>) {
     )
 }
 
-/// A file of this content with a checksum that agrees, as somebody may make it who knows the format.
+/// A file with this content and a matching checksum, as anyone with knowledge of the format can make it.
 fn sealed(text: &str, mut tensors: Vec<(String, Tensor)>) -> Option<Vec<u8>> {
     tensors.sort_by(|a, b| a.0.cmp(&b.0));
     let mut hasher = Sha256::new();

@@ -1,4 +1,4 @@
-//! Case folders and model files: what is written is read back, what is damaged is refused.
+//! Case folders and model files: written files are read back, damaged ones are refused.
 
 mod case_folders;
 mod hostile_files;

@@ -1,6 +1,6 @@
-//! Networks trained elsewhere: a file made by hand here, run where the machine has ONNX Runtime.
+//! ONNX networks: a file built here byte by byte, run on machines with ONNX Runtime.
 //!
-//! Without it the tests say so and pass, unless TACTUS_REQUIRE_ONNX is set.
+//! Without ONNX Runtime the tests print that and pass, unless TACTUS_REQUIRE_ONNX is set.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use eit::inverse::learned::network::{OnnxError, load_onnx};
 use eit::{DiscTank, Mesh, Reconstructor};
 use survey::{Protocol, Reading, Volts};
 
-/// A protobuf field with a length: strings, bytes, messages.
+/// A length-delimited protobuf field: strings, bytes, messages.
 fn field(number: u8, content: &[u8]) -> Vec<u8> {
     let mut out = vec![number << 3 | 2];
     varint(content.len() as u64, &mut out);
@@ -17,7 +17,7 @@ fn field(number: u8, content: &[u8]) -> Vec<u8> {
     out
 }
 
-/// A protobuf field with a number.
+/// A numeric protobuf field.
 fn number(field: u8, value: u64) -> Vec<u8> {
     let mut out = vec![field << 3];
     varint(value, &mut out);
@@ -90,7 +90,7 @@ fn tank() -> (Arc<Mesh>, Protocol) {
     )
 }
 
-/// Loads, or says why the test cannot be played here.
+/// Loads a model, or prints why the test cannot run here.
 fn load(path: &Path) -> Option<Result<Box<dyn Reconstructor>, OnnxError>> {
     let (mesh, protocol) = tank();
     match load_onnx(path, mesh, &protocol) {

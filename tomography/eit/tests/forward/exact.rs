@@ -1,10 +1,10 @@
-//! Readings against the exactly solved discrete system, at the paper's size and at contacts of any size.
+//! Readings against the exact solution of the discrete system, at the paper's size and for contacts of any size.
 //!
-//! With x(a) a solution of the drive a in double precision and r(a) what it leaves of the system K, put together anew
-//! in twice that precision from the nodes alone, the exact voltage of the pair c is bᵀ(c) x(a) + x(c)ᵀ r(a), up to the
-//! square of the error of x: some 30 digits.
+//! With x(a) a solution of the drive a in double precision and r(a) its residual in the system K, assembled
+//! independently in twice that precision from the nodes, the exact voltage of the pair c is bᵀ(c) x(a) + x(c)ᵀ r(a), up
+//! to the square of the error of x: about 30 digits.
 
-#[allow(dead_code)] // it holds what other tests press on too
+#[allow(dead_code)] // also holds functions for other tests
 use std::ops::{Add, Mul, Sub};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::parts::spread;
 use eit::{Case, Fields, Forward, Mesh, PaperSheet};
 use survey::{Dipole, Protocol};
 
-/// A number as the sum of two: about 32 digits (Dekker 1971).
+/// A number as a sum of two: about 32 digits (Dekker 1971).
 #[derive(Clone, Copy)]
 struct Twice(f64, f64);
 
@@ -128,7 +128,7 @@ fn residuals(
     all
 }
 
-/// Errors of the refined and of the plain readings, of the largest reading.
+/// Errors of the refined and of the plain readings, relative to the largest reading.
 fn errors(mesh: &Arc<Mesh>, contacts: &[f64], sigma: &[f64], protocol: &Protocol) -> [f64; 2] {
     let forward = Forward::new(mesh.clone(), contacts).unwrap();
     let count = mesh.electrodes();
@@ -188,7 +188,7 @@ fn the_papers_sheet_at_contacts_of_any_size() {
     }
 }
 
-/// The reference itself, against one that others computed in 80 bits.
+/// Checks the reference itself against an independent solution in 80 bits.
 #[test]
 fn the_exact_readings_are_those_of_the_solved_case() {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/cases/disc16");

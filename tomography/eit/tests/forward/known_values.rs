@@ -1,4 +1,4 @@
-//! Against values that others computed, or that a pencil computes.
+//! Comparison with published values and with hand calculations.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use eit::{Case, Forward, Mesh, Table};
 use survey::{Dipole, Electrode};
 
-/// The fact sheets' folder beside the project; tests that need it say why they skip.
+/// A file in the folder of fact sheets beside the project; tests that need it print why they are skipped.
 fn shared(path: &str) -> Option<PathBuf> {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
         .join("../../../shared")
@@ -88,12 +88,13 @@ fn disc16_jacobian() {
     assert!(error <= 1e-11 * largest, "{:e}", error / largest);
 }
 
-/// A rectangle of any columns and rows, its left and right sides electrodes, its inner nodes pushed about.
+/// A rectangle with any columns and rows, electrodes on its left and right sides, and displaced inner nodes.
 fn strip(length: f64, width: f64, columns: &[f64], rows: usize, push: f64) -> Mesh {
     let mut nodes = Vec::new();
     for (i, share) in columns.iter().enumerate() {
         for j in 0..=rows {
-            // a chaotic but repeatable push; never along x, or the seam of the two conductances would bend
+            // an irregular but repeatable displacement; never along x, so that the border of the two conductances stays
+            // straight
             let wobble = ((i * 7919 + j * 104_729) as f64 * 0.618).fract() - 0.5;
             let inner = f64::from(u8::from(j > 0 && j < rows));
             nodes.push([

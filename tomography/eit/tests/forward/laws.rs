@@ -1,4 +1,4 @@
-//! What physics demands of the forward model and its derivatives, whatever the mesh.
+//! Physical laws for the forward model and its derivatives, on any mesh.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use eit::{Forward, Mesh};
 use nalgebra::DVector;
 use survey::{Dipole, Electrode, Protocol, skip};
 
-/// Contacts on both sides of the change of form, on eight electrodes at 1 kohm a square.
+/// Contacts on both sides of the change of electrode form, on eight electrodes at 1 kohm per square.
 const MIXED: [f64; 8] = [0.0, 1e-12, 1e-6, 0.1, 5.0, 20.0, 1e3, 1e9];
 
 fn model(mesh: Mesh, contacts: &[f64]) -> (Forward, Vec<f64>) {
@@ -15,7 +15,7 @@ fn model(mesh: Mesh, contacts: &[f64]) -> (Forward, Vec<f64>) {
     (Forward::new(Arc::new(mesh), contacts).unwrap(), sigma)
 }
 
-/// Adjacent and other pairs, also such that share an electrode: every form is driven and sensed.
+/// Adjacent and other pairs, including some that share an electrode: every electrode form is driven and sensed.
 fn all_pairs() -> Protocol {
     let pairs: Vec<Dipole> = (0..8)
         .flat_map(|k| [Dipole::skip(k, 0, 8), Dipole::skip(k, 2, 8)])
@@ -147,7 +147,7 @@ fn first_order_remainder_falls_with_the_square_of_the_step() {
 
 #[test]
 fn a_uniform_field_is_exact_on_any_mesh() {
-    // the patch test: u = 1/2 - x/L between electrodes that cover two sides, on a mesh pushed about
+    // the patch test: u = 1/2 - x/L between electrodes that cover two sides, on a mesh with displaced nodes
     for (push, z) in [(0.0, 3.0), (0.5, 3.0), (0.5, 1e-9), (0.5, 1e5)] {
         let mesh = grid([0.3, 0.2], [23, 17], push, &[(3, 0, 17), (1, 0, 17)]);
         let sigma = vec![1e-3; mesh.triangles().len()];
@@ -169,8 +169,8 @@ fn a_uniform_field_is_exact_on_any_mesh() {
     }
 }
 
-/// Largest error at the nodes for u = x + sin(2 pi x)/8 on the unit square between two shunts: with
-/// sigma = g(y) / u'(x) the flux sigma u' = g(y) has no divergence, and is none through bottom and top.
+/// Largest error at the nodes for u = x + sin(2 pi x)/8 on the unit square between two shunts: with sigma = g(y) /
+/// u'(x) the flux sigma u' = g(y) has no divergence, and is zero through bottom and top.
 fn manufactured(cells: usize) -> f64 {
     let pi = std::f64::consts::PI;
     let u = |x: f64| x + (2.0 * pi * x).sin() / 8.0;
@@ -187,7 +187,7 @@ fn manufactured(cells: usize) -> f64 {
         .map(|[x, y]| g(y) / slope(x))
         .collect();
     let forward = Forward::new(Arc::new(mesh), &[0.0, 0.0]).unwrap();
-    // the whole current is that of g, 1 A, entering at x = 1; the gauge puts u = 1/2 at zero
+    // the total current is that of g, 1 A, entering at x = 1; the gauge sets u = 1/2 to zero
     let pair = Dipole {
         plus: Electrode(1),
         minus: Electrode(0),
@@ -231,7 +231,7 @@ fn the_transfer_impedance_holds_every_reading() {
     }
 }
 
-/// Eq. 2 of the paper: i = Y v, v = Z i, both symmetric with zero row sums; between two shunts it is one resistor.
+/// Eq. 2 of the paper: i = Y v, v = Z i, both symmetric with zero row sums; with two shunts, a single resistor.
 #[test]
 fn admittance_and_impedance_are_inverse_to_one_another() {
     for contacts in [

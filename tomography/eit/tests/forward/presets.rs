@@ -1,4 +1,4 @@
-//! The ready-made geometries are what they claim to be.
+//! The presets have the documented properties.
 
 use eit::{DiscTank, Mesh, MeshError, PaperSheet, Preset, SheetElectrode};
 
@@ -65,7 +65,7 @@ fn a_finer_sheet_is_not_a_refinement() {
     let coarse = coarse.mesh().unwrap();
     assert!(fine.triangles().len() > 17 * coarse.triangles().len() / 10);
     let shared = coarse.nodes().iter().filter(|p| fine.nodes().contains(p));
-    // corners and sides of voids are where they must be; hardly anything else is
+    // only corners and sides of voids have fixed positions
     assert!(shared.count() < 400);
 }
 
@@ -86,7 +86,7 @@ fn sheets_of_other_shapes() {
     }
 }
 
-/// Electrodes as lengths of the edge: nothing is cut out, and each touches its own length of it.
+/// Electrodes as parts of the edge: nothing is cut out, and each has its own part.
 #[test]
 fn a_sheet_with_electrodes_on_its_edge() {
     for (nx, ny) in [(6, 7), (5, 4), (3, 3)] {
@@ -112,7 +112,7 @@ fn a_sheet_with_electrodes_on_its_edge() {
             let length = mesh.electrode_length(k);
             assert!((length * 1e3 - sheet.void_mm).abs() < 1e-9, "{k}: {length}");
         }
-        // the ohms of a contact are those of the void's
+        // the contact resistance is that of the void
         let lengths = sheet.contact_ohm_m()[0] / (sheet.void_mm * 1e-3);
         assert!((lengths - sheet.contact_ohm).abs() < 1e-9);
     }
@@ -194,7 +194,7 @@ fn measures_that_do_not_fit_are_refused_by_key() {
     }
 }
 
-/// Size and grading are a choice, and no choice makes an electrode with fewer than four edges.
+/// Size and grading are configurable, and no choice gives an electrode with fewer than four edges.
 #[test]
 fn size_and_grading_are_a_choice() {
     let default = PaperSheet::default().mesh().unwrap().triangles().len();

@@ -1,8 +1,8 @@
 //! Exact and near-exact references of the fact sheet, section 5, one test each.
 //!
-//! The play operator and the standard linear solid (its last) belong to the phantom's effects and are tested there.
+//! The last ones, the play operator and the standard linear solid, are tested with the phantom's effects.
 
-#[allow(dead_code)] // it holds what other tests press on too
+#[allow(dead_code)] // also holds functions for other tests
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
@@ -24,7 +24,7 @@ const ENDS: Dipole = Dipole {
     minus: Electrode(1),
 };
 
-/// The voltage of a pair at 1 A through another.
+/// The voltage of one pair for 1 A through another.
 fn volts(forward: &Forward, sigma: &[f64], drive: Dipole, sense: Dipole) -> f64 {
     let protocol = Protocol::new(
         forward.mesh().electrodes(),
@@ -88,24 +88,24 @@ fn reference_02_van_der_pauw() {
     assert!(residuals[0] > 2.0 * residuals[1] && residuals[1] > 2.0 * residuals[2]);
 }
 
-/// Electrodes of the disc.
+/// Number of electrodes of the disc.
 const RING: usize = 8;
-/// Radius of the inclusion in the plane where it is concentric, in radii of the disc.
+/// Radius of the inclusion in the plane in which it is concentric, in units of the disc's radius.
 const INNER: f64 = 0.5;
 
-/// A disc of radius 1 with an inclusion, on a mesh of rings and spokes carried by z = (w + a) / (1 + a w).
+/// A disc of radius 1 with an inclusion, on a mesh of rings and spokes mapped by z = (w + a) / (1 + a w).
 struct Disc {
     mesh: Mesh,
     /// Triangles of the inclusion.
     inside: Vec<bool>,
-    /// Ends of each electrode, as angles in the plane where the inclusion is concentric.
+    /// Ends of each electrode, as angles in the plane in which the inclusion is concentric.
     arcs: Vec<[f64; 2]>,
-    /// a, how far off the inclusion is.
+    /// a, which determines the eccentricity of the inclusion.
     off: f64,
 }
 
 impl Disc {
-    /// `spokes` a multiple of 4 RING; every second run of spokes ends on an electrode.
+    /// `spokes`: a multiple of 4 RING; every second run of spokes ends on an electrode.
     fn new(spokes: usize, off: f64) -> Self {
         let rings = spokes / 8;
         let place = |radius: f64, angle: f64| {
@@ -163,7 +163,7 @@ impl Disc {
         }
     }
 
-    /// Readings with a contact so large that the current is spread evenly over each electrode.
+    /// Readings with contacts so large that the current is uniform over each electrode.
     fn solved(&self, ratio: f64) -> DVector<f64> {
         let sigma: Vec<f64> = self
             .inside
@@ -176,8 +176,8 @@ impl Disc {
             .unwrap()
     }
 
-    /// The same from the series: flux cos n phi gives the voltage (1 - mu q) / (1 + mu q) cos n phi / (n sigma) in the plane
-    /// where the inclusion is concentric, with q = r^2n; arcs, flux and means are carried there.
+    /// The same from the series: flux cos n phi gives the voltage (1 - mu q) / (1 + mu q) cos n phi / (n sigma) in the
+    /// plane in which the inclusion is concentric, with q = r^2n; arcs, flux and means are mapped there.
     fn exact(&self, ratio: f64) -> DVector<f64> {
         const TERMS: usize = 1500;
         const POINTS: usize = 1500;
@@ -186,7 +186,7 @@ impl Disc {
         } else {
             (ratio - 1.0) / (ratio + 1.0)
         };
-        // angle in the disc of a point of the rim
+        // angle in the disc of a point on the rim
         let carried = |phi: f64| {
             let (x, y) = (phi.cos(), phi.sin());
             let (p, q) = (1.0 + self.off * x, self.off * y);
@@ -197,7 +197,7 @@ impl Disc {
             let (p, q) = (1.0 - self.off * x, -self.off * y);
             (y * p - (x - self.off) * q).atan2((x - self.off) * p + y * q)
         };
-        // mean of e^(i n phi) over each electrode, every point of the disc's rim counting alike
+        // mean of e^(i n phi) over each electrode, weighted by arc length on the disc's rim
         let means: Vec<Vec<[f64; 2]>> = self
             .arcs
             .iter()
@@ -240,7 +240,7 @@ impl Disc {
     fn error(spokes: usize, off: f64, ratio: f64) -> f64 {
         let disc = Self::new(spokes, off);
         let exact = disc.exact(ratio);
-        // what conducts endlessly, or not at all, as the forward model takes it
+        // a perfect conductor or insulator, limited as in the forward model
         let ratio = ratio.min(1e9);
         (disc.solved(ratio) - &exact).amax() / exact.amax()
     }
@@ -315,7 +315,7 @@ fn manufactured(cells: usize) -> [f64; 2] {
             gradient[1] += at[i] * (r[0] - q[0]) / (2.0 * area);
         }
         for i in 0..3 {
-            // the rule of the middles of the sides, exact to the second order
+            // midpoint rule of the sides, exact to the second order
             let (q, r) = (corners[(i + 1) % 3], corners[(i + 2) % 3]);
             let x = 0.5 * (q[0] + r[0]);
             let found = 0.5 * (at[(i + 1) % 3] + at[(i + 2) % 3]);
@@ -326,7 +326,7 @@ fn manufactured(cells: usize) -> [f64; 2] {
     [square.sqrt(), energy.sqrt()]
 }
 
-/// Currents enter through electrodes only, so the manufactured solution is one that two shunts can drive, not e^x cos y.
+/// Currents enter through electrodes only, so the manufactured solution must be driven by two shunts, unlike e^x cos y.
 #[test]
 fn reference_06_a_manufactured_solution_and_the_patch_test() {
     let errors = [16, 32, 64].map(manufactured);
@@ -336,7 +336,7 @@ fn reference_06_a_manufactured_solution_and_the_patch_test() {
         assert!((l2 - 2.0).abs() < 0.2, "{errors:?}");
         assert!((h1 - 1.0).abs() < 0.1, "{errors:?}");
     }
-    // two conductances whose border lies on edges, one behind the other
+    // two conductances in series, with their border on edges
     let mesh = grid([0.3, 0.2], [24, 17], 0.0, &[(3, 0, 17), (1, 0, 17)]);
     let sigma: Vec<f64> = (0..mesh.triangles().len())
         .map(|t| {
@@ -453,7 +453,7 @@ fn reference_09_the_law_of_noise() {
     let random = &mut ChaCha8Rng::seed_from_u64(5);
     let normal = Normal::new(0.0, NOISE).unwrap();
     let mut noisy = || -> Vec<f64> { exact.iter().map(|v| v + normal.sample(random)).collect() };
-    // the mean of n readings is sqrt(n) times as quiet: chi-square of 40 draws of 40 readings
+    // the mean of n readings has 1/sqrt(n) of the noise: chi-square of 40 draws of 40 readings
     let (mut square, mut count) = (0.0, 0.0_f64);
     let mut averages = Vec::new();
     for _ in 0..FRAMES {
@@ -468,7 +468,7 @@ fn reference_09_the_law_of_noise() {
     let ratio = square / count * AVERAGED as f64 / (NOISE * NOISE);
     println!("averaged: {ratio:.3} of the variance over n");
     assert!((ratio - 1.0).abs() <= 4.0 * (2.0 / count).sqrt(), "{ratio}");
-    // what no map explains of a difference, in units of its noise
+    // the part of a difference that no map explains, in units of its noise
     let options = OneStepOptions {
         scale: Scale::Currents(vec![1e-3; protocol.len()]),
         hyper: eit::Hyper::Noise {
@@ -556,7 +556,7 @@ fn reference_10_no_locator_beats_the_bound_of_cramer_and_rao() {
     let bound = information.try_inverse().unwrap().trace().sqrt();
     println!("no better than {:.3} mm", 1e3 * bound);
     assert!((1e3 * bound / 0.48 - 1.0).abs() < 0.1, "{bound:e}");
-    // the best there is: least squares of a disc whose size and loss are known, linear in so small a shift
+    // the optimum: least squares for a disc of known size and loss, linear for so small a shift
     let (random, normal) = (
         &mut ChaCha8Rng::seed_from_u64(3),
         Normal::new(0.0, noise).unwrap(),

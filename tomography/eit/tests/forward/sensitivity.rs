@@ -1,4 +1,4 @@
-//! Sensitivities to triangles, regions, cells, logarithms and contacts, against differences and one another.
+//! Sensitivities to triangles, regions, cells, logarithms and contacts, compared with differences and with each other.
 
 use std::sync::Arc;
 
@@ -57,7 +57,7 @@ fn regions_cells_and_logarithms_follow_from_the_triangles() {
         let all: f64 = mesh.region().iter().map(|&t| fine[(7, t)]).sum();
         assert!((sum / all - 1.0).abs() < 1e-12);
     }
-    // a cell's derivative is that of all its triangles at once
+    // a cell's derivative is the sum over its triangles
     let (one, _) = Parameters::grid(&mesh, 0.0);
     let derivative = forward.sensitivity(&sigma, &protocol, &one).unwrap();
     assert_eq!(derivative.ncols(), 1);
@@ -82,7 +82,8 @@ fn regions_cells_and_logarithms_follow_from_the_triangles() {
     ));
 }
 
-/// Smallest error of a central difference over some relative steps: rounding on one side, curvature on the other.
+/// Smallest error of a central difference over several relative steps: rounding limits small steps, curvature large
+/// ones.
 fn least_error(along: impl Fn(f64) -> DVector<f64>, at: f64, exact: &DVector<f64>) -> f64 {
     [1e-3, 3e-4, 1e-4]
         .map(|h| ((along(h) - along(-h)) / (2.0 * h * at) - exact).amax() / exact.amax())

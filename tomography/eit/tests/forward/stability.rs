@@ -1,4 +1,4 @@
-//! Hard cases by name: a finite answer or a typed refusal, never a silent wrong one.
+//! Hard cases by name: a finite result or a typed error, never a silent wrong one.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ fn largest_difference(a: &DVector<f64>, b: &DVector<f64>) -> f64 {
     (a - b).amax() / b.amax()
 }
 
-/// Triangles within a square about the middle of [`eight`]'s sheet.
+/// Triangles within a square in the middle of [`eight`]'s sheet.
 fn middle(mesh: &Mesh) -> Vec<usize> {
     (0..mesh.triangles().len())
         .filter(|&t| {
@@ -87,7 +87,7 @@ fn a_contact_that_opens_has_a_limit() {
             "{ohm:e} ohm: {difference:e}"
         );
     }
-    // one electrode off: the others do not care how far
+    // one electrode with an extreme contact: the others do not depend on its value
     let mut contacts = [2.0; 8];
     contacts[4] = 1e9;
     let far = readings(&mesh, &contacts, &sigma);
@@ -172,7 +172,7 @@ fn a_patch_of_metal_of_any_contrast() {
 
 #[test]
 fn a_patch_without_conductance_where_the_ground_would_be() {
-    // nearly everything that is far from an electrode is insulating
+    // nearly everything far from an electrode is insulating
     let mesh = Arc::new(eight(0.0));
     let most: Vec<usize> = (0..mesh.triangles().len())
         .filter(|&t| {
@@ -189,7 +189,7 @@ fn a_patch_without_conductance_where_the_ground_would_be() {
 fn a_sliver_hardly_matters() {
     let plain = eight(0.0);
     let before = readings(&Arc::new(plain.clone()), &[2.0; 8], &uniform(&plain));
-    // the first inner triangle is split from a point a hair above the middle of its longest side
+    // the first inner triangle is split from a point just above the middle of its longest side
     let t = middle(&plain)[0];
     let [a, b, c] = plain.triangles()[t];
     let [p, q, r] = plain.corners(t);
@@ -217,7 +217,7 @@ fn numbering_does_not_matter() {
     let sigma = spread(mesh.triangles().len(), 1e-3, 10.0);
     let contacts = [0.0, 1e-9, 1.0, 5.0, 19.0, 25.0, 1e3, 1e6];
     let before = readings(&Arc::new(mesh.clone()), &contacts, &sigma);
-    // a permutation of the nodes, and the triangles backwards
+    // the nodes permuted, the triangles in reverse order
     let count = mesh.nodes().len();
     let place = |node: usize| (node * 1_000_003) % count;
     let mut nodes = vec![[0.0; 2]; count];

@@ -1,4 +1,4 @@
-//! Many conductances on one mesh: the same bits as one at a time, whatever came before and on any number of threads.
+//! Many conductances on one mesh: the same bits as one at a time, in any order and on any number of threads.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ fn same_bits(a: &DVector<f64>, b: &DVector<f64>) -> bool {
             .all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
-/// Conductances that differ from `sigma0` in a patch, in nothing, or everywhere.
+/// Conductances that differ from `sigma0` in a patch, nowhere, or everywhere.
 fn changes(forward: &Forward, sigma0: &[f64]) -> Vec<Vec<f64>> {
     let mesh = forward.mesh();
     let patch = |k: usize| {
@@ -80,7 +80,7 @@ fn neither_history_nor_base_nor_threads_change_a_bit() {
     }
 }
 
-/// Without refinement the readings are those of the factor alone: 13 digits of the largest at any contact.
+/// Unrefined readings depend on the factor alone: 13 digits of the largest for any contact.
 #[test]
 fn plain_readings_are_close_to_refined_ones() {
     let sheet = PaperSheet {
@@ -101,7 +101,7 @@ fn plain_readings_are_close_to_refined_ones() {
     }
 }
 
-/// Pairs that are not neighbours are sums of neighbours, the shorter way round; contacts of either form.
+/// Other pairs are sums of neighbouring pairs, the shorter way round; contacts of either form.
 #[test]
 fn readings_of_any_pairs_are_those_of_the_fields() {
     let mesh = Arc::new(eight(0.5));
@@ -119,7 +119,7 @@ fn readings_of_any_pairs_are_those_of_the_fields() {
                 - fields.electrodes[(question.sense.minus.0, 0)];
             for found in [readings[k], plain[k]] {
                 let error = (found - volts).abs() / readings.amax();
-                // the fields' gauge carries the drops over contacts of 5e7 ohm
+                // the gauge of the fields includes the drops over contacts of 5e7 ohm
                 assert!(error < 1e-7, "skip {away}, reading {k}: {error:e}");
             }
         }

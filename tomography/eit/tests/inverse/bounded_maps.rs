@@ -57,7 +57,7 @@ fn the_bounded_map_is_the_minimum_within_its_bounds() {
         .unwrap()
         .jacobian(&sigma, &protocol)
         .unwrap();
-    // as long as a triangle is wide: longer ones cannot be inverted, which this test needs and the method does not
+    // a length of one triangle: larger ones cannot be inverted, which the test needs and the method does not
     let length_m = (mesh.region_areas().iter().sum::<f64>() / 780.0).sqrt();
     let precision = precision(&mesh, length_m);
     for prior in [

@@ -1,4 +1,4 @@
-//! Deep networks in model files: they come back as they were, in every precision, and refuse what they never saw.
+//! Deep networks in model files are read back unchanged, in every precision, and refuse inputs far from their training.
 
 use std::sync::{Arc, OnceLock};
 
@@ -26,7 +26,7 @@ fn wave(count: usize, step: f32, size: f32) -> Vec<f32> {
     (0..count).map(|i| (i as f32 * step).sin() * size).collect()
 }
 
-/// Two hidden layers of 33 with weights nobody trained, for 40 readings; inputs of about 0.01 are familiar.
+/// Two untrained hidden layers of 33, for 40 readings; inputs of about 0.01 are familiar.
 fn model(precision: Precision) -> Model {
     let mesh = mesh();
     let protocol = Protocol::sheffield(8).unwrap();
@@ -82,7 +82,7 @@ fn model(precision: Precision) -> Model {
     .unwrap()
 }
 
-/// Baseline and a frame in which every reading has changed by `share` of it.
+/// Baseline and a frame in which every reading has changed by the fraction `share`.
 fn frames(share: f64) -> [Vec<Reading>; 2] {
     let mesh = mesh();
     let forward = Forward::new(Arc::clone(&mesh), &[0.3; 8]).unwrap();

@@ -1,4 +1,4 @@
-//! Reconstructors, held to independent solutions of the problems that they state.
+//! Reconstructors, compared with independent solutions of their stated problems.
 
 mod bounded_maps;
 mod deep_models;

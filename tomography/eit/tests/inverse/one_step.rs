@@ -54,7 +54,7 @@ fn the_solved_case_is_met_by_every_prior() {
     }
 }
 
-/// A masked reading is a reading never asked: the map of the smaller protocol, exactly.
+/// Masking a reading gives exactly the map of the protocol without it.
 #[test]
 fn masking_is_the_smaller_problem() {
     let Some(case) = disc16() else { return };
@@ -74,7 +74,7 @@ fn masking_is_the_smaller_problem() {
     let gaussian = Prior::Gaussian { length_m: 0.02 };
     for (name, prior, lambda) in PRIORS.into_iter().chain([("gaussian", gaussian, 1e-3)]) {
         if name == "noser" {
-            continue; // its prior is made from the whole protocol's sensitivity
+            continue; // its prior uses the whole protocol's sensitivity
         }
         for loss_only in [false, true] {
             let build = |protocol: &Protocol| {
@@ -241,7 +241,7 @@ fn settings_without_meaning_are_refused_by_name() {
     ));
 }
 
-/// More smoothing averages more noise away; and what no map explains is told from what one does.
+/// More smoothing averages more noise away; novelty separates unexplained changes from explained ones.
 #[test]
 fn noise_figure_and_novelty_follow_their_definitions() {
     let tank = DiscTank {

@@ -1,4 +1,4 @@
-//! The smooth prior, the rules that choose lambda, and quick frames, each against its definition.
+//! The smooth prior, the rules that choose lambda, and low-rank frames, each compared with its definition.
 
 use std::sync::Arc;
 
@@ -102,7 +102,7 @@ fn the_gaussian_map_is_that_of_its_covariance() {
         row /= norm;
     }
     let covariance = &kernel * kernel.transpose();
-    // what the name says of it, where the triangles are small beside the length
+    // the stated correlation, as triangles are small compared with the length
     for (i, j) in [(0, 1), (n / 2, n / 2 + 1), (n / 3, n / 3 + 2)] {
         let (p, q) = (tank.mesh.centroid(i), tank.mesh.centroid(j));
         let square = ((p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2)) / (length * length);
@@ -153,7 +153,7 @@ fn lambda_follows_its_rules() {
             found.unwrap().unwrap()
         });
         println!("noise {noise_v:e}: evidence {probable:.2e}, L-curve {corner:.2e}");
-        // the corner sits where the evidence is, within what the two rules differ by
+        // corner and evidence agree within the usual difference of the two rules
         assert!((0.3..3.0).contains(&(corner / probable)), "{noise_v:e}");
     }
 }
@@ -184,7 +184,7 @@ fn quick_frames_keep_their_word() {
         differ += usize::from(error > 0.0);
     }
     assert!(differ >= 6, "{differ} of {} were quick", frames.len());
-    // nothing but noise is too little to prove anything of: the whole matrix, to the bit
+    // pure noise allows no bound: the full matrix, bit for bit
     let [a, b] = [&exact, &quick].map(|step| step.reconstruct(&baseline, &baseline).unwrap());
     assert_eq!(a.values, b.values);
 }

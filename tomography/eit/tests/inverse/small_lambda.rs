@@ -1,7 +1,7 @@
-//! Hyper-parameters far below the sensitivities: the map of the stated problem, or a refusal, never a wrong one.
+//! Hyper-parameters far below the sensitivities: the map of the stated problem, or an error, never a wrong map.
 //!
-//! The truth is the stacked least-squares problem [J; lambda D] built here from the mesh, solved by QR and refined with
-//! residuals in twice the precision until nothing changes (A. Bjorck, BIT 7 (1967) 257).
+//! The reference is the stacked least-squares problem [J; lambda D] assembled here from the mesh, solved by QR and
+//! refined with residuals in twice the precision to convergence (A. Bjorck, BIT 7 (1967) 257).
 
 use std::sync::Arc;
 
@@ -33,7 +33,7 @@ fn residual(
     })
 }
 
-/// The x of least |A x - b|.
+/// The x that minimises |A x - b|.
 fn least_squares(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64> {
     let qr = a.clone().qr();
     let (q, u) = (qr.q(), qr.r());
@@ -98,7 +98,7 @@ impl Tank {
         )
     }
 
-    /// Rows of the penalty: a difference for each border, times its length where `long`.
+    /// Rows of the penalty: a difference per border, times its length if `long`.
     fn differences(&self, long: bool) -> DMatrix<f64> {
         let mut open = std::collections::HashMap::new();
         let mut rows = Vec::new();
@@ -118,7 +118,7 @@ impl Tank {
         matrix
     }
 
-    /// How far a prior's map is from the truth, of the truth's largest value.
+    /// Error of a prior's map relative to the largest value of the reference.
     fn apart(&self, prior: Prior, penalty: &DMatrix<f64>, hyper: Hyper) -> f64 {
         let step = self.step(prior, hyper).unwrap();
         let lambda = step.lambda();
@@ -127,7 +127,7 @@ impl Tank {
             .jacobian(&self.sigma0, &self.protocol)
             .unwrap()
             * (1e-3 * self.sigma0[0]);
-        // twins alike to the last bit: by what rounding makes them differ a lambda this small would make a map of its own
+        // twins equal to the last bit: with so small a lambda, their rounding differences would show in the map
         for (reading, twin) in self.protocol.reciprocal_twins().into_iter().enumerate() {
             if let Some(twin) = twin.filter(|&twin| twin < reading) {
                 let row = j.row(twin).into_owned();

@@ -1,4 +1,4 @@
-//! Total variation against a solved case, and its own promises.
+//! Total variation compared with a solved case, and its stated properties.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use eit::{
 };
 use survey::{Protocol, Reading, Volts};
 
-/// The minimum that an interior method found offline: objective values are compared, the minimiser may not be unique.
+/// Compared with the minimum of an offline interior method: by objective, because the minimiser may not be unique.
 #[test]
 fn the_solved_case_is_met() {
     let Some(case) = disc16() else { return };
@@ -61,7 +61,7 @@ struct Tank {
     frame: Vec<Reading>,
 }
 
-/// A tank of 16 electrodes of which one corner has lost half of its conductance.
+/// A tank of 16 electrodes in which one corner has lost half of its conductance.
 fn tank() -> Tank {
     let preset = DiscTank {
         fineness: 0.7,
@@ -187,7 +187,7 @@ fn a_frame_that_no_map_explains_is_new() {
     let known = tv.novelty(&tank.baseline, &tank.frame).unwrap().unwrap();
     assert!(!known.outside(), "{known:?}");
     let mut frame = tank.frame.clone();
-    // reciprocal twins that differ by a millivolt: no conductance does that
+    // reciprocal twins that differ by a millivolt: no conductance causes that
     frame[5] = Reading::Ok(Volts(frame[5].volts().unwrap().0 + 1e-3));
     let new = tv.novelty(&tank.baseline, &frame).unwrap().unwrap();
     assert!(new.outside(), "{new:?}");

@@ -1,12 +1,12 @@
 //! The one-step problem with the bound -1 <= x <= 0: loads only take conductance away.
 //!
-//! min |J x - d|^2 / 2 + lambda^2 x'Rx / 2  over  -1 <= x <= 0. Where R is diagonal its dual in the space of readings is smooth
-//! and convex: with s = J'u the map is x = clip(s / R, -1, 0), and u solves lambda^2 u + J x(u) = d. A semismooth Newton
-//! method with an exact Hessian and a backtracking line search finds it in some ten steps where lambda suits the noise.
-//! For a lambda far below, where Newton's steps become short, an [`interior`](crate::inverse::interior_point) method brings it close to the
-//! solution first, and where R is a graph Laplacian that method alone solves the problem. A prior that is given by its
-//! covariance has a way of its own ([`smooth`]). What comes out is judged by the conditions of optimality, whichever way it was
-//! found.
+//! min |J x - d|^2 / 2 + lambda^2 x'Rx / 2  over  -1 <= x <= 0. If R is diagonal, the dual in the space of readings is
+//! smooth and convex: with s = J'u the map is x = clip(s / R, -1, 0), and u solves lambda^2 u + J x(u) = d. A
+//! semismooth Newton method with an exact Hessian and a backtracking line search finds it in about ten steps if lambda
+//! suits the noise. If lambda is far smaller and Newton's steps become short, an
+//! [`interior`](crate::inverse::interior_point) method first approaches the solution; if R is a graph Laplacian, that
+//! method alone solves the problem. A prior given by its covariance has a solver of its own ([`smooth`]). Every result
+//! is checked against the conditions of optimality.
 
 mod smooth;
 
@@ -17,30 +17,30 @@ use crate::inverse::prior::Penalty;
 use crate::inverse::reciprocity::Seen;
 use crate::linear_algebra::dense;
 
-/// Steps after which the interior method takes over, and steps after it.
+/// Steps before the interior method takes over, and steps after it.
 const MOST_STEPS: usize = 40;
-/// Relative size of the residual at which the map has stopped moving.
+/// Relative size of the residual at which the iteration stops.
 const TOLERANCE: f64 = 1e-8;
-/// Largest violation of the conditions of optimality with which a map is given although its residual did not reach
-/// [`TOLERANCE`]: of each unknown the gradient, in units of the largest entry of J'd, or the way that is left to the bound
-/// it points to, whichever is less.
+/// Largest violation of the conditions of optimality at which a map is returned although its residual did not reach
+/// [`TOLERANCE`]. The violation of each unknown is the smaller of its gradient, in units of the largest entry of J'd,
+/// and its distance from the bound that the gradient points to.
 pub(crate) const ACCEPTED: f64 = 1e-5;
-/// Directions of the data whose prior variance is below this share of the noise's are left out of the dual.
+/// Directions of the data whose prior variance is below this share of the noise's are dropped from the dual.
 const NEGLIGIBLE: f64 = 1e-9;
-/// So are those below this share of the largest, which double precision does not know.
+/// Likewise for those below this share of the largest variance, the limit of double precision.
 const ROUNDING: f64 = 1e-14;
 
 pub(crate) struct Bounded {
     sensitivity: DMatrix<f64>,
     penalty: Penalty,
     lambda: f64,
-    /// Orthonormal directions of the data that matter (columns), the sensitivity seen along them, and the prior variance.
+    /// Orthonormal directions of the data that matter (columns), the sensitivity along them, and the prior variance.
     directions: DMatrix<f64>,
     along: DMatrix<f64>,
     variances: Vec<f64>,
 }
 
-/// A point of Newton's method: the dual variable, the dual's objective, the map, and the residual.
+/// An iterate of Newton's method: the dual variable, the dual's objective, the map, and the residual.
 struct Point {
     u: DVector<f64>,
     value: f64,
@@ -49,7 +49,7 @@ struct Point {
 }
 
 impl Bounded {
-    /// `None` where the numbers gave out.
+    /// `None` if a matrix cannot be factored.
     pub(crate) fn new(sensitivity: DMatrix<f64>, penalty: Penalty, lambda: f64) -> Option<Self> {
         let Penalty::Diagonal(entries) = &penalty else {
             return Some(Self {
@@ -84,7 +84,7 @@ impl Bounded {
         })
     }
 
-    /// The bounded map of folded data. `None` when no point was found that meets the conditions of optimality to
+    /// The bounded map of folded data. `None` if no point was found that meets the conditions of optimality to
     /// [`ACCEPTED`].
     pub(crate) fn solve(&self, seen: &Seen) -> Option<Vec<f64>> {
         let square = self.lambda * self.lambda;
@@ -103,7 +103,7 @@ impl Bounded {
         };
         if seen.complete() {
             let data = self.directions.tr_mul(&seen.data);
-            // the unbounded problem's solution: at u = 0 every unknown would sit on a bound that it need not keep
+            // start from the unbounded solution: at u = 0 every unknown would be on a bound
             let start = DVector::from_fn(data.len(), |i, _| data[i] / (self.variances[i] + square));
             return self.minimum(&self.along, entries, &data, start);
         }
@@ -151,7 +151,7 @@ impl Bounded {
         (self.violation(sensitivity, data, &best) <= ACCEPTED).then(|| best.as_slice().to_vec())
     }
 
-    /// The solution, or the map with the smallest residual that was met.
+    /// The solution, or the iterate with the smallest residual.
     fn newton(
         &self,
         sensitivity: &DMatrix<f64>,
@@ -178,7 +178,7 @@ impl Bounded {
             };
             let newton = DVector::from_vec(newton);
             let slope = -at.residual.dot(&newton);
-            // the last steps gain less than the rounding of the objective itself
+            // the last steps gain less than the rounding error of the objective
             let rounding = 1e-14 * at.value.abs();
             let mut length = 1.0;
             let next = loop {
@@ -228,7 +228,7 @@ impl Bounded {
         }
     }
 
-    /// By how much a map violates the conditions of optimality, see [`ACCEPTED`].
+    /// Largest violation of the conditions of optimality by a map, see [`ACCEPTED`].
     fn violation(&self, sensitivity: &DMatrix<f64>, data: &DVector<f64>, x: &DVector<f64>) -> f64 {
         let square = self.lambda * self.lambda;
         let pull = sensitivity.tr_mul(&(data - sensitivity * x));
@@ -237,11 +237,11 @@ impl Bounded {
         let mut most = 0.0_f64;
         for ((x, pull), held) in x.iter().zip(&pull).zip(held) {
             let gradient = square * held - pull;
-            // downhill to a bound is a violation only as far as the bound is away
+            // towards a bound, the violation is at most the distance to the bound
             let slack = if gradient < 0.0 { -x } else { x + 1.0 };
             most = most.max(slack.min(gradient.abs() / size));
         }
-        // a map that is not a number violates everything
+        // a map with a value that is not finite violates everything
         if x.iter().all(|x| x.is_finite()) && size > 0.0 {
             most
         } else {
@@ -257,7 +257,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Random problems, from well to hopelessly conditioned: a map within its bounds that is optimal to the stated bound.
+    /// Random problems, from well to extremely badly conditioned: the map is within its bounds and optimal to the
+    /// stated limit.
     #[test]
     fn every_map_is_within_its_bounds_and_optimal() {
         let mut random = ChaCha8Rng::seed_from_u64(5);

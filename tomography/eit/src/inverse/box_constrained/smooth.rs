@@ -1,12 +1,13 @@
-//! The one-step problem with -1 <= x <= 0 and a prior that is given by its covariance C = G G'.
+//! The one-step problem with -1 <= x <= 0 and a prior given by its covariance C = G G'.
 //!
-//! C is numerically singular where its length is some triangles, so nothing here asks for C^-1. With P = C - C J' (J C J' +
-//! lambda^2)^-1 J C and m the unbounded map, the minimum is x = m - P nu, where nu (a number an unknown, in units of 1 / lambda^2)
-//! pushes only against a bound that is touched: nu >= 0 where x = 0, nu <= 0 where x = -1, else nu = 0.
+//! If its length is several triangles C is numerically singular, so C^-1 is never used. With P = C - C J' (J C J' +
+//! lambda^2)^-1 J C and m the unbounded map, the minimum is x = m - P nu. The multipliers nu (one per unknown, in units
+//! of 1 / lambda^2) are non-zero only at active bounds: nu >= 0 where x = 0, nu <= 0 where x = -1, otherwise nu = 0.
 //!
-//! Found by proximal steps on nu (the augmented Lagrangian, R. T. Rockafellar, Math. Oper. Res. 1 (1976) 97): each ends where
-//! s nu = s nu_before + x - clip(..), found by a semismooth Newton method with a line search, which is finite because all is
-//! piecewise quadratic. A Newton step factors P + s on the unknowns that are outside their bounds.
+//! Solved by proximal steps on nu (the augmented Lagrangian, R. T. Rockafellar, Math. Oper. Res. 1 (1976) 97). Each
+//! ends at s nu = s nu_before + x - clip(..), found by a semismooth Newton method with a line search; it is finite
+//! because everything is piecewise quadratic. A Newton step factors P + s on the unknowns that are outside their
+//! bounds.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -14,16 +15,16 @@ use rayon::prelude::*;
 use crate::inverse::prior::Smooth;
 use crate::linear_algebra::dense;
 
-/// Stiffness s of the first step, in units of the largest variance of P, and what it is multiplied by from step to step.
+/// Stiffness s of the first step, in units of the largest variance of P, and its factor from step to step.
 const FIRST: f64 = 1e-3;
 const STIFFER: f64 = 0.1;
-/// The smallest s: below it rounding would decide whether P + s is definite.
+/// The smallest s: below it, rounding could make P + s indefinite.
 const LAST: f64 = 1e-9;
 const MOST_STEPS: usize = 24;
 const MOST_NEWTON_STEPS: usize = 60;
-/// How far the map may lie from one that is exactly m - P nu.
+/// Largest distance between the map and m - P nu.
 const TOUCHES: f64 = 1e-7;
-/// How far any unknown of the map may lie from the optimal one, by the bound of [`Bounded::error`].
+/// Largest error of any unknown of the map, by the bound of [`Bounded::error`].
 const CERTAIN: f64 = 1e-3;
 
 /// The problem of one frame.
@@ -37,33 +38,33 @@ pub(super) struct Problem<'a> {
     variance: f64,
 }
 
-/// What the method ended with.
+/// Result of the method.
 pub(super) struct Bounded {
     pub(super) x: DVector<f64>,
     /// Multipliers in units of 1 / lambda^2.
     nu: DVector<f64>,
     /// The largest distance between `x` and m - P nu.
     apart: f64,
-    /// Of P, its largest.
+    /// The largest variance of P.
     variance: f64,
 }
 
 impl Bounded {
-    /// A bound on the distance of any unknown from the optimum: with e = m - P nu - x the multipliers differ from the optimal
-    /// ones by d with d'P d <= |e'd|, and the map by at most the root of v d'P d, v the largest variance. That d is at most
-    /// twice nu is an estimate.
+    /// A bound on the error of any unknown: with e = m - P nu - x the multipliers differ from the optimal ones by d
+    /// with d'P d <= |e'd|, and the map by at most the root of v d'P d, v the largest variance. That d is at most twice
+    /// nu is an estimate.
     fn error(&self) -> f64 {
         (2.0 * self.variance * self.apart * self.nu.lp_norm(1)).sqrt()
     }
 
-    /// Whether the map can be given.
+    /// Whether the map is accurate enough to return.
     pub(super) fn good(&self) -> bool {
         self.apart <= TOUCHES && self.error() <= CERTAIN
     }
 }
 
 impl<'a> Problem<'a> {
-    /// `sensitivity` and `data` as they are seen; `None` where the numbers give out.
+    /// `sensitivity` and `data` for the valid readings; `None` if a matrix cannot be factored.
     pub(super) fn new(
         prior: &'a Smooth,
         sensitivity: &DMatrix<f64>,
@@ -96,7 +97,7 @@ impl<'a> Problem<'a> {
         self.prior.covariance_times(nu) - self.explained.tr_mul(&(&self.explained * nu))
     }
 
-    /// The map within its bounds; see [`Bounded::error`] for how exact it is.
+    /// The map within its bounds; [`Bounded::error`] bounds its error.
     pub(super) fn solve(&self) -> Option<Bounded> {
         let n = self.free.len();
         let mut at = Point::new(self, DVector::zeros(n));
@@ -105,7 +106,7 @@ impl<'a> Problem<'a> {
         for _ in 0..MOST_STEPS {
             let before = at.nu.clone();
             self.minimum(&mut at, &before, stiffness)?;
-            at = Point::new(self, at.nu); // sums of many steps gather rounding
+            at = Point::new(self, at.nu); // removes the rounding accumulated over many steps
             let x = self.clipped(&at, &before, stiffness);
             let apart = (&self.free - &at.pushed - &x).amax();
             if best.as_ref().is_none_or(|best| apart < best.apart) {
@@ -124,7 +125,7 @@ impl<'a> Problem<'a> {
         best
     }
 
-    /// The point within the bounds that x + s nu_before is nearest to.
+    /// The point within the bounds that is nearest to x + s nu_before.
     fn clipped(&self, at: &Point, before: &DVector<f64>, stiffness: f64) -> DVector<f64> {
         (&self.free - &at.pushed + before * stiffness).map(|y| y.clamp(-1.0, 0.0))
     }
@@ -155,7 +156,7 @@ impl<'a> Problem<'a> {
                 .filter(|&i| !(-1.0..=0.0).contains(&y[i]))
                 .collect();
             if last.as_ref() == Some(&outside) {
-                return Some(()); // the same equations again: this point solves them
+                return Some(()); // the same equations again: this point is their solution
             }
             let right: Vec<f64> = outside
                 .iter()
@@ -175,7 +176,7 @@ impl<'a> Problem<'a> {
             let mut length = 1.0;
             let taken = loop {
                 let between = at.towards(&next, length);
-                // rounding of the objective itself decides the last steps
+                // the last steps are below the rounding error of the objective
                 if self.value(&between, before, stiffness) <= value * (1.0 + 1e-13) {
                     break between;
                 }
@@ -190,7 +191,7 @@ impl<'a> Problem<'a> {
         Some(())
     }
 
-    /// P on some unknowns.
+    /// The block of P for some unknowns.
     fn block(&self, of: &[usize]) -> DMatrix<f64> {
         let mut block = dense::gram_of_columns(&self.explained.select_columns(of));
         block
@@ -207,7 +208,7 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// nu, and P nu.
+/// nu and P nu.
 struct Point {
     nu: DVector<f64>,
     pushed: DVector<f64>,
@@ -235,8 +236,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// From a covariance that is nearly diagonal to one that is numerically singular: what is found meets the conditions
-    /// of optimality as they stand in the head of this file, P by another way than the method's own.
+    /// For covariances from nearly diagonal to numerically singular, the result meets the conditions of optimality
+    /// stated at the top of this file, with P computed independently of the method.
     #[test]
     fn multipliers_push_only_where_a_bound_is_touched() {
         let mut random = ChaCha8Rng::seed_from_u64(11);

@@ -1,4 +1,4 @@
-//! The linear model of a difference: sensitivity, prior, the baseline's scale.
+//! The linear model of a difference: sensitivity, prior, scale of the baseline.
 
 use std::sync::Arc;
 
@@ -12,24 +12,24 @@ use crate::inverse::reciprocity::Fold;
 use crate::inverse::reconstructor::Difference;
 use crate::{Forward, Mesh, Parameters, ReconstructError};
 
-/// How readings become the data of a linear problem.
+/// Converts readings to the data of a linear problem.
 pub(crate) struct Linear {
     scale: Scale,
     /// Readings of the model at 1 A.
     model: Vec<f64>,
     /// Distance round the ring between driving and sensing pair of each reading.
     distances: Vec<usize>,
-    /// The reading that reciprocity makes equal to each.
+    /// The reciprocal twin of each reading.
     twins: Vec<Option<usize>>,
-    /// 1 over the deviation of each reading, root mean square 1.
+    /// 1 over the deviation of each reading, scaled to root mean square 1.
     weights: Option<Vec<f64>>,
-    /// Reciprocal twins as one row.
+    /// Folds reciprocal twins into one row.
     pub(crate) fold: Fold,
 }
 
 impl Linear {
-    /// Solves the forward model at `sigma0`. Gives the sensitivity to relative changes of the region too (a row each of
-    /// the folded readings), and the prior.
+    /// Solves the forward model at `sigma0`. Also returns the sensitivity to relative changes of the region (a row for
+    /// each folded reading), and the prior.
     pub(crate) fn new(
         mesh: &Arc<Mesh>,
         contact_ohm_m: &[f64],
@@ -68,7 +68,7 @@ impl Linear {
         }
         let fold = Fold::new(protocol, &factors);
         let half = Protocol::new(protocol.electrodes(), fold.questions(protocol))
-            .map_err(|_| OneStepError::Prior)?; // never: they are the protocol's own
+            .map_err(|_| OneStepError::Prior)?; // cannot happen: they are the protocol's own
         let relative = Parameters::region().logarithmic();
         let mut sensitivity = forward.sensitivity(sigma0, &half, &relative)?;
         scale_rows(&mut sensitivity, fold.norm());
@@ -90,7 +90,7 @@ impl Linear {
         Ok((linear, sensitivity, penalty))
     }
 
-    /// The largest magnitude of the model's readings, as the data are: the paper's v-hat.
+    /// The largest magnitude of the model's readings, in the scale of the data: the paper's v-hat.
     pub(crate) fn largest(&self) -> f64 {
         let currents = match &self.scale {
             Scale::Currents(currents) => Some(currents),
@@ -103,7 +103,7 @@ impl Linear {
             .fold(0.0, f64::max)
     }
 
-    /// The change between baseline and frame at the model's scale, and which readings are missing in it.
+    /// The change between baseline and frame at the model's scale, and the indices of missing readings.
     pub(crate) fn change(
         &self,
         baseline: &[Reading],
@@ -113,7 +113,8 @@ impl Linear {
         self.difference(baseline, frame, &self.twins, method)
     }
 
-    /// The same without masking what contradicts its twin: frames that tell how far readings stray from the model.
+    /// The same without masking readings that contradict their twins: for estimating the deviation of readings from the
+    /// model.
     pub(crate) fn change_as_read(
         &self,
         baseline: &[Reading],
@@ -145,7 +146,7 @@ impl Linear {
     }
 }
 
-/// Twins, where all readings are at one current: at several they are not comparable as they are.
+/// The twins, if all readings have the same current; otherwise none, because twins are then not directly comparable.
 fn equal_twins(protocol: &Protocol, currents: &[f64]) -> Vec<Option<usize>> {
     if currents.iter().all(|current| *current == currents[0]) {
         protocol.reciprocal_twins()
@@ -154,7 +155,7 @@ fn equal_twins(protocol: &Protocol, currents: &[f64]) -> Vec<Option<usize>> {
     }
 }
 
-/// Distance round the ring from each reading's driving to its sensing pair, the same for reciprocal twins.
+/// Distance round the ring between each reading's driving and sensing pair, the same for reciprocal twins.
 fn distances(protocol: &Protocol) -> Vec<usize> {
     let ring = protocol.electrodes();
     protocol

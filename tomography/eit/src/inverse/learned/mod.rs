@@ -1,5 +1,5 @@
-//! Trained methods: radial-basis-function network, deep network, linear map, and the distance of a frame to their training.
-//! Their files are read and written by `model`.
+//! Trained methods: radial-basis-function network, deep network, linear map, and the novelty of a frame relative to
+//! their training. `model` reads and writes their files.
 
 pub(crate) mod linear;
 pub mod network;

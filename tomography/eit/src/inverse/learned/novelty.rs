@@ -1,23 +1,23 @@
-//! What no map explains of a frame: the part of the data outside of the sensitivity's range.
+//! The part of a frame that no map explains: the data outside the sensitivity's range.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::Novelty;
 use crate::linear_algebra::dense;
 
-/// Directions of the data that no map of root mean square 0.1 moves by more than this share of their noise are left out.
+/// Directions of the data that a map of root mean square 0.1 changes by at most this share of their noise are dropped.
 pub(crate) const UNSEEN: f64 = 1e-4;
-/// Above this root mean square of what no map explains, in standard deviations of the noise, a frame is new.
+/// Root mean square of the unexplained part, in standard deviations of the noise, above which a frame is novel.
 const NEW: f64 = 3.0;
 
-/// Orthonormal directions of the data (columns) that maps move; `sensitivity` in standard deviations of the noise.
-/// `None` where there is none.
+/// Orthonormal directions of the data (columns) that maps change; `sensitivity` in standard deviations of the noise.
+/// `None` if there are none.
 pub(crate) fn directions(sensitivity: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let unknowns = sensitivity.ncols() as f64;
     directions_above(sensitivity, |_| UNSEEN / (0.1 * unknowns.sqrt()))
 }
 
-/// The directions whose singular value is above a floor, which is told the largest.
+/// The directions whose singular value is above a floor, computed from the largest.
 pub(crate) fn directions_above(
     sensitivity: &DMatrix<f64>,
     floor: impl Fn(f64) -> f64,
@@ -30,8 +30,8 @@ pub(crate) fn directions_above(
     (!kept.is_empty()).then(|| vectors.select_columns(&kept))
 }
 
-/// The root mean square, in standard deviations, of what lies outside of all maps' `directions`; missing readings are
-/// filled with what the directions make of the others.
+/// The root mean square, in standard deviations, of the data outside `directions`; missing readings are first estimated
+/// from the others.
 pub(crate) fn unexplained(
     directions: &DMatrix<f64>,
     data: &[f64],

@@ -2,8 +2,8 @@
 //!
 //! phi_n = exp(-|dv - c_n|^2 / 2 b^2)  (Eq. 12),  x = sum_n w_n phi_n  (Eq. 14),  W = dSigma Phi^+  (Eq. 15).
 //!
-//! With b well above the distances of the centres (as Eq. 13 gives) the phi are almost parallel and W is huge: its digits
-//! would be lost in f32. W is therefore kept as a product: the singular value decomposition Phi' = Q S V' gives
+//! With b well above the distances of the centres (as Eq. 13 gives) the phi are almost parallel and W is huge: f32
+//! would lose its digits. W is therefore stored as a product: the singular value decomposition Phi' = Q S V' gives
 //! `mixing` = S^-1 V' (small, f64) and `weights` = Q' dSigma (f32, of the size of the maps).
 
 use std::sync::Arc;
@@ -14,8 +14,8 @@ use crate::inverse::learned::trained::Trained;
 use crate::linear_algebra::simd::{add_four, dot, squared_distance};
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
-/// Distance to the nearest centre, in spreads, beyond which nothing is said: every phi is below 2e-8 there, and "no load"
-/// would be the answer to anything.
+/// Distance to the nearest centre, in spreads, beyond which a frame is refused: every phi is below 2e-8 there, so that
+/// any such frame would give a map without loads.
 pub const NOVELTY_LIMIT: f64 = 6.0;
 
 /// A trained network: f32 centres and weights.
@@ -27,17 +27,17 @@ pub struct RbfNetwork {
     pub(crate) outputs: usize,
     /// b of Eq. 13.
     pub(crate) spread: f64,
-    /// One row of `inputs` a neuron.
+    /// A row of `inputs` entries per neuron.
     pub(crate) centres: Vec<f32>,
-    /// One row of as many entries as neurons for each direction kept.
+    /// A row for each direction kept, with one entry per neuron.
     pub(crate) mixing: Vec<f64>,
-    /// One row of `outputs` for each direction kept.
+    /// A row of `outputs` entries for each direction kept.
     pub(crate) weights: Vec<f32>,
 }
 
 impl RbfNetwork {
-    /// Joins centres, mixing and weights, each row-major as the fields of a model file are, for so many readings and
-    /// triangles of the region; `spread` is b of Eq. 13.
+    /// Combines centres, mixing and weights, each row-major like the fields of a model file, for the given numbers of
+    /// readings and triangles of the region; `spread` is b of Eq. 13.
     ///
     /// # Errors
     /// Parts that do not fit each other, or numbers that are not finite, in words.
@@ -80,7 +80,7 @@ impl RbfNetwork {
         self.spread
     }
 
-    /// Distance of a normalised input from each centre; missing readings are left out, and the others stand for them.
+    /// Distance of a normalised input from each centre; missing readings are skipped and the sum is scaled up.
     fn distances(&self, input: &[f64], missing: &[usize]) -> Vec<f64> {
         let valid = self.inputs as f64 / (self.inputs - missing.len()) as f64;
         self.centres
@@ -100,7 +100,7 @@ impl RbfNetwork {
         self.respond(&self.distances(input, &[]))
     }
 
-    /// Distance to the nearest centre in spreads: how far an input is from what the network has seen.
+    /// Distance to the nearest centre in spreads: how far an input is from the training inputs.
     pub fn novelty(&self, input: &[f64]) -> f64 {
         self.nearest(&self.distances(input, &[]))
     }
@@ -114,7 +114,7 @@ impl RbfNetwork {
             .iter()
             .map(|distance| (-0.5 * (distance / self.spread).powi(2)).exp())
             .collect();
-        // four directions a pass, in f32: the map is then read and written a quarter as often
+        // four directions per pass, in f32: the map is read and written a quarter as often
         let mut map = vec![0.0_f32; self.outputs];
         let mut directions = self
             .mixing
@@ -133,7 +133,7 @@ impl RbfNetwork {
         map.into_iter().map(f64::from).collect()
     }
 
-    /// Whether its parts fit each other, every number is finite and the spread positive.
+    /// Checks that the parts have consistent sizes, that every number is finite and the spread positive.
     fn is_sound(&self) -> Result<(), String> {
         let neurons = self.neurons();
         if neurons == 0
@@ -161,7 +161,7 @@ impl RbfNetwork {
     }
 }
 
-/// The network as a reconstructor: normalises by Eq. 6, refuses what is far from its training.
+/// The network as a reconstructor: normalises by Eq. 6, refuses inputs far from its training.
 #[derive(Debug, Clone)]
 pub struct RbfReconstructor {
     network: RbfNetwork,
@@ -171,7 +171,8 @@ pub struct RbfReconstructor {
 }
 
 impl RbfReconstructor {
-    /// `network` must take the protocol's readings and give the mesh's region, which a loaded model's does.
+    /// `network` must have one input per reading of the protocol and one output per triangle of the region; a loaded
+    /// model has.
     pub(crate) fn new(network: RbfNetwork, familiar: f64, trained: Trained) -> Self {
         Self {
             network,

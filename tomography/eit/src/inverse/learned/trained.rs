@@ -1,4 +1,4 @@
-//! What the reconstructors of trained networks share.
+//! Functions shared by the reconstructors of trained networks.
 
 use std::sync::Arc;
 
@@ -7,12 +7,12 @@ use survey::{Map, MapUnit, Protocol, Reading};
 use crate::inverse::reconstructor::Difference;
 use crate::{Mesh, ReconstructError};
 
-/// What every trained reconstructor carries beside its network.
+/// Data of a trained reconstructor besides its network.
 #[derive(Debug, Clone)]
 pub(crate) struct Trained {
     pub(crate) mesh: Arc<Mesh>,
     pub(crate) protocol: Protocol,
-    /// The reading that reciprocity makes equal to each.
+    /// The reciprocal twin of each reading.
     pub(crate) twins: Vec<Option<usize>>,
     pub(crate) method: String,
     pub(crate) assumptions: Vec<String>,
@@ -20,8 +20,8 @@ pub(crate) struct Trained {
 }
 
 impl Trained {
-    /// The normalised change that a network is asked about, the readings that even their twins do not give, and how many
-    /// were missing at first.
+    /// The normalised change (a network's input), the missing readings whose twins are missing too, and the number of
+    /// readings that were missing at first.
     pub(crate) fn change(
         &self,
         baseline: &[Reading],
@@ -33,7 +33,7 @@ impl Trained {
         Ok((change, left, masked))
     }
 
-    /// Refuses an input too far from what was trained on.
+    /// Refuses an input too far from the training inputs.
     pub(crate) fn refuse_far(&self, novelty: f64, limit: f64) -> Result<(), ReconstructError> {
         if novelty > limit || novelty.is_nan() {
             return Err(ReconstructError::OutsideModel { novelty, limit });
@@ -41,7 +41,7 @@ impl Trained {
         Ok(())
     }
 
-    /// A network's answer for the triangles of the region as a map.
+    /// A network's output for the triangles of the region as a map.
     pub(crate) fn map(&self, values: Vec<f64>, masked: usize) -> Map {
         Map {
             mesh_hash: self.mesh.hash().to_owned(),

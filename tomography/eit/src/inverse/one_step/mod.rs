@@ -19,24 +19,24 @@ use crate::inverse::low_rank::Quick;
 use crate::inverse::options::{Hyper, OneStepOptions, Scale};
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
-/// What the method of a map ends with where the bounded problem could not be solved, and the map is the unbounded one
-/// clipped to -1 <= x <= 0.
+/// Suffix of the method's name if the bounded problem could not be solved and the map is the unbounded one clipped to
+/// -1 <= x <= 0.
 pub const CLIPPED: &str = " (unbounded map, clipped)";
 
-/// Root mean square over the region of the relative change that a map is expected to have: a disc of 10 mm with half its
-/// conductance lost, somewhere on the region of the paper's sheet (0.5 sqrt(78.5 mm^2 / 33,870 mm^2)). It is the one
-/// constant of the rule that turns noise into lambda:
+/// Root mean square over the region of the relative change that a map is expected to have: a disc of 10 mm with half
+/// its conductance lost, anywhere on the region of the paper's sheet (0.5 sqrt(78.5 mm^2 / 33,870 mm^2)). It is the
+/// only constant in the rule that derives lambda from the noise:
 ///
 /// lambda = s / g, with s = sqrt(2) volts / current, the noise of a difference at 1 A, and g such that the prior
 /// N(0, g^2 R^-1) has this root mean square over the region: the maximum a posteriori estimate for that noise.
 ///
-/// The rule looks at noise, geometry and prior, never at a frame. Half or double the constant changes Test #1 by less
-/// than half a millimetre.
+/// The rule uses noise, geometry and prior, never a frame. Half or double the constant changes Test #1 by less than
+/// half a millimetre.
 pub const EXPECTED_CHANGE: f64 = 0.024;
 
-/// Share of the model's size (the Frobenius norm of J R^-1/2) below which lambda is not taken from the noise: the linear
-/// model is not exact to more than that, however quiet the readings are. On the paper's sheet it is the noise of some
-/// 0.2 uV at 1 mA. A lambda that is given is used as it is.
+/// Share of the model's size (the Frobenius norm of J R^-1/2) below which lambda is not derived from the noise: the
+/// linear model is not more exact than that, however quiet the readings are. On the paper's sheet it corresponds to a
+/// noise of about 0.2 uV at 1 mA. A lambda given explicitly is used unchanged.
 pub const MODEL_SHARE: f64 = 3e-4;
 
 /// The one-step reconstructor.
@@ -53,7 +53,7 @@ pub struct OneStep {
     degrees: f64,
     noise_figure: f64,
     sensitivity: DMatrix<f64>,
-    /// Directions of the data that maps move; found when novelty is first asked for.
+    /// Directions of the data that maps change; computed when novelty is first queried.
     directions: OnceLock<Option<DMatrix<f64>>>,
     solution: DataSpace,
     quick: Option<Quick>,
@@ -114,7 +114,7 @@ impl OneStep {
         }
         .map(|noise| std::f64::consts::SQRT_2 * noise);
         let noise_figure = noise_figure::of(&mesh, &linear.fold, &sensitivity, solution.matrix());
-        // the trace of what the map makes of its own readings
+        // the trace of the matrix from readings to the readings of their map
         let degrees = sensitivity
             .row_iter()
             .zip(solution.matrix().column_iter())
@@ -169,24 +169,24 @@ impl OneStep {
     }
 
     /// The noise of one reading for which the rule of [`EXPECTED_CHANGE`] gives this hyper-parameter: V with
-    /// [`Scale::Currents`], else V at 1 A.
+    /// [`Scale::Currents`], otherwise V at 1 A.
     pub fn noise(&self) -> f64 {
         self.lambda * self.amplitude / std::f64::consts::SQRT_2
     }
 
-    /// Effective degrees of freedom: how many independent things of the readings the map follows, of the linear map. Reciprocal
-    /// twins count once.
+    /// Effective degrees of freedom of the linear map: how many independent components of the readings it uses.
+    /// Reciprocal twins count once.
     pub fn degrees_of_freedom(&self) -> f64 {
         self.degrees
     }
 
-    /// Whether the noise asked for a smaller lambda than [`MODEL_SHARE`] allows.
+    /// Whether the noise would give a smaller lambda than [`MODEL_SHARE`] allows.
     pub fn raised(&self) -> bool {
         self.raised
     }
 
-    /// The reconstruction matrix: region x readings, from a difference at the model's scale (V at 1 A, or V where currents
-    /// are known; times its weight where readings are weighted) to the map.
+    /// The reconstruction matrix: region x readings, from a difference at the model's scale to the map. The difference
+    /// is in V at 1 A, or in V if currents are known, and multiplied by the reading's weight if readings are weighted.
     pub fn matrix(&self) -> DMatrix<f64> {
         self.linear
             .fold
@@ -244,7 +244,7 @@ impl Reconstructor for OneStep {
         notes
     }
 
-    /// Of the linear map; `None` where maps are bounded to losses, which is not linear.
+    /// Of the linear map; `None` if maps are bounded to losses, which is not linear.
     fn noise_figure(&self) -> Option<f64> {
         self.bounded.is_none().then_some(self.noise_figure)
     }
@@ -256,7 +256,7 @@ impl Reconstructor for OneStep {
     ) -> Result<Option<Novelty>, ReconstructError> {
         let (mut change, missing) = self.linear.change(baseline, frame, &self.method)?;
         let Some(deviation) = self.deviation else {
-            return Ok(None); // nobody said what the noise is
+            return Ok(None); // the noise is unknown
         };
         for value in &mut change {
             *value /= deviation;
@@ -318,7 +318,7 @@ impl Reconstructor for OneStep {
     }
 }
 
-/// What data look like, for the choice of a rank: some single triangles, each as strong as a small disc with half its
+/// Typical data for the choice of a rank: some single triangles, each as strong as a small disc with half its
 /// conductance lost, with the noise of a difference on every row.
 fn typical(areas: &[f64], sensitivity: &DMatrix<f64>, noise: f64) -> DMatrix<f64> {
     const LOADS: usize = 48;
@@ -326,7 +326,7 @@ fn typical(areas: &[f64], sensitivity: &DMatrix<f64>, noise: f64) -> DMatrix<f64
     let disc = (0.5 * noise_figure::LOAD).powi(2) * std::f64::consts::PI * area;
     DMatrix::from_fn(sensitivity.nrows(), LOADS, |row, load| {
         let unknown = (2 * load + 1) * areas.len() / (2 * LOADS);
-        // of root mean square 1
+        // with root mean square 1
         let shake = (1.7 * row as f64 + 2.3 * load as f64).sin() * std::f64::consts::SQRT_2;
         -0.5 * disc / areas[unknown] * sensitivity[(row, unknown)] + noise * shake
     })

@@ -6,7 +6,7 @@ use crate::Mesh;
 use crate::inverse::error::OneStepError;
 use crate::inverse::reciprocity::Fold;
 
-/// Diameter of the load that a noise figure is told for, as a share of the square root of the region's area.
+/// Diameter of the load for which a noise figure is computed, as a share of the square root of the region's area.
 pub(super) const LOAD: f64 = 0.0543;
 
 /// The noise figure of the linear map M (A. Adler, R. Guardo, IEEE Trans. Med. Imaging 15 (1996) 170): mean |y| over the
@@ -58,8 +58,8 @@ pub(super) fn of(mesh: &Mesh, fold: &Fold, sensitivity: &DMatrix<f64>, map: &DMa
     readings * spread.sqrt() / signal
 }
 
-/// The lambda with the noise figure `wanted`: the figure falls as lambda grows. It is searched between 1e-5 and 1e2 of
-/// `size`, to a thousandth of it.
+/// The lambda with the noise figure `wanted`: the figure falls as lambda grows. Searched between 1e-5 and 1e2 of
+/// `size`, to a thousandth.
 pub(super) fn lambda(
     wanted: f64,
     size: f64,

@@ -1,4 +1,5 @@
-//! Weighted graph Laplacians: penalties on differences between neighbours, blind to a constant of each connected part.
+//! Weighted graph Laplacians: penalties on differences between neighbours. Constants on a connected part are not
+//! penalised.
 
 use nalgebra::DMatrix;
 
@@ -9,21 +10,21 @@ use crate::linear_algebra::sparse::{Analysis, Block, Factor, dissect};
 pub(crate) struct Laplacian {
     /// Pairs of unknowns that share an edge.
     pub(crate) edges: Vec<[usize; 2]>,
-    /// What each edge adds to both diagonals.
+    /// The amount each edge adds to both diagonals.
     pub(crate) weights: Vec<f64>,
-    /// Where the unknowns lie; for the order of elimination alone.
+    /// Positions of the unknowns; used for the elimination order only.
     points: Vec<[f64; 2]>,
-    /// Which connected part each unknown is in.
+    /// The connected part of each unknown.
     part: Vec<usize>,
-    /// How many unknowns there are in each part.
+    /// The number of unknowns in each part.
     size: Vec<usize>,
 }
 
-/// The factor of R plus a diagonal on the unknowns that are not held at zero.
+/// The factor of R plus a diagonal, on the unknowns that are not held at zero.
 pub(crate) struct Half {
     analysis: Analysis,
     factor: Factor,
-    /// The unknown that is eliminated at each place.
+    /// The unknowns in elimination order.
     order: Vec<usize>,
 }
 
@@ -63,7 +64,7 @@ impl Laplacian {
         self.points.len()
     }
 
-    /// The columns of the null space, one a connected part.
+    /// The columns of the null space, one per connected part.
     pub(crate) fn null_space(&self) -> DMatrix<f64> {
         DMatrix::from_fn(self.part.len(), self.size.len(), |unknown, name| {
             f64::from(u8::from(self.part[unknown] == name))
@@ -84,7 +85,7 @@ impl Laplacian {
         Half::new(self, (0..self.unknowns()).collect())
     }
 
-    /// Subtracts from each right side the mean of each connected part: what is left is orthogonal to the null space.
+    /// Subtracts from each right side the mean of each connected part: the result is orthogonal to the null space.
     pub(crate) fn remove_means(&self, block: &mut Block) {
         let mut mean = Block::zeros(self.size.len(), block.width);
         for (unknown, &name) in self.part.iter().enumerate() {
@@ -139,7 +140,7 @@ impl Half {
         })
     }
 
-    /// Factors `scale` R plus the diagonal; `None` where that is not definite.
+    /// Factors `scale` R plus the diagonal; `None` if that is not definite.
     pub(crate) fn factored(
         mut self,
         laplacian: &Laplacian,
@@ -150,7 +151,7 @@ impl Half {
         Some(self)
     }
 
-    /// The same in place.
+    /// Factors again in place.
     pub(crate) fn factor_again(
         &mut self,
         laplacian: &Laplacian,
@@ -184,8 +185,8 @@ impl Half {
         self.factor.make(&self.analysis, &values).ok()
     }
 
-    /// L^-1 x of a block with a row an unknown; rows of unknowns held at zero are left out, the others come in the order
-    /// of elimination.
+    /// L^-1 x of a block with a row per unknown; rows of unknowns held at zero are removed, the others are in
+    /// elimination order.
     pub(crate) fn down(&self, block: &Block) -> Block {
         let mut halved = Block {
             values: Vec::with_capacity(self.order.len() * block.width),
@@ -198,7 +199,7 @@ impl Half {
         halved
     }
 
-    /// L^-T z, a row an unknown again.
+    /// L^-T z, again with a row per unknown.
     pub(crate) fn up(&self, mut halved: Block, unknowns: usize) -> Block {
         self.factor.halve_back(&self.analysis, None, &mut halved);
         let mut block = Block::zeros(unknowns, halved.width);
@@ -218,7 +219,7 @@ fn neighbours(unknowns: usize, edges: &[[usize; 2]]) -> Vec<Vec<usize>> {
     neighbours
 }
 
-/// A row an unknown, from a matrix with a column an unknown.
+/// A row per unknown, from a matrix with a column per unknown.
 pub(crate) fn block_of_columns(matrix: &DMatrix<f64>) -> Block {
     let mut block = Block::zeros(matrix.ncols(), matrix.nrows());
     for (unknown, column) in matrix.column_iter().enumerate() {
@@ -229,7 +230,7 @@ pub(crate) fn block_of_columns(matrix: &DMatrix<f64>) -> Block {
     block
 }
 
-/// A row an unknown, from a matrix with a row an unknown.
+/// A row per unknown, from a matrix with a row per unknown.
 pub(crate) fn block_of_rows(matrix: &DMatrix<f64>) -> Block {
     let mut block = Block::zeros(matrix.nrows(), matrix.ncols());
     for (right, column) in matrix.column_iter().enumerate() {

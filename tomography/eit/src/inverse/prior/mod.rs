@@ -1,4 +1,4 @@
-//! What is believed of a map before a reading is taken: the matrix R of x'Rx, and how to apply its inverse.
+//! Priors: the matrix R of x'Rx, and products with its inverse.
 
 mod laplacian;
 mod smooth;
@@ -20,13 +20,13 @@ use crate::linear_algebra::sparse::Block;
 pub enum Prior {
     /// R = I.
     Tikhonov,
-    /// R = diag(J'J)^p: p = 0.5 evens the sensitivity out half way, p = 1 altogether.
+    /// R = diag(J'J)^p: p = 0.5 compensates half of the variation of the sensitivity, p = 1 all of it.
     Noser {
         /// The exponent p.
         p: f64,
     },
     /// R = twice the graph Laplacian of the triangles that share an edge (the scale of EIDORS). Its null space, the
-    /// constant of each connected part, is left unpenalised exactly.
+    /// constants on each connected part, is exactly unpenalised.
     Laplace,
     /// R = L'L with L the difference across each border times its length (m): the paper's Eq. 5 inside the square of its
     /// Eq. 4, as printed, so not total variation. Its null space is the constant.
@@ -38,7 +38,7 @@ pub enum Prior {
     },
 }
 
-/// The length of [`Prior::Gaussian`] where nobody says another, m.
+/// Default length of [`Prior::Gaussian`], m.
 pub const SMOOTH_LENGTH_M: f64 = 0.01;
 
 /// The prior of [`crate::OneStepOptions::default`].
@@ -51,8 +51,8 @@ impl Default for Prior {
 }
 
 impl Prior {
-    /// NOSER as a person asked for it: the exponent given; else 0.5 where the prior was named, as in the literature;
-    /// else, where nothing was said, the prior of [`crate::OneStepOptions::default`].
+    /// NOSER with the given exponent. Default: 0.5 if the prior was named, as in the literature; otherwise the prior of
+    /// [`crate::OneStepOptions::default`].
     pub fn noser(named: bool, exponent: Option<f64>) -> Self {
         match exponent {
             Some(p) => Self::Noser { p },
@@ -61,7 +61,7 @@ impl Prior {
         }
     }
 
-    /// As a person names it.
+    /// Name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tikhonov => "tikhonov",
@@ -87,7 +87,7 @@ pub(crate) enum Penalty {
 /// EIDORS' scale of the Laplace prior: each shared edge adds 2 to both diagonals.
 const LAPLACE_WEIGHT: f64 = 2.0;
 
-/// Unit right sides that are solved at once.
+/// Unit right sides solved at once.
 const AT_A_TIME: usize = 256;
 
 impl Penalty {
@@ -96,7 +96,7 @@ impl Penalty {
         Self::Diagonal(vec![1.0; unknowns])
     }
 
-    /// R = diag(J'J)^p. Triangles that no reading sees keep 1e-12 of the largest entry, so that R stays invertible.
+    /// R = diag(J'J)^p. Triangles without sensitivity keep 1e-12 of the largest entry, so that R stays invertible.
     pub(crate) fn noser(sensitivity: &DMatrix<f64>, p: f64) -> Self {
         let squares: Vec<f64> = sensitivity
             .column_iter()
@@ -145,7 +145,7 @@ impl Penalty {
         Ok(Self::Smooth(Smooth::new(&points, &areas, length_m)))
     }
 
-    /// The Frobenius norm of J R^-1/2, the null space left out.
+    /// The Frobenius norm of J R^-1/2, without the null space.
     pub(crate) fn size(&self, sensitivity: &DMatrix<f64>) -> Option<f64> {
         if let Self::Diagonal(entries) = self {
             let square: f64 = sensitivity
@@ -158,7 +158,7 @@ impl Penalty {
         Some(self.root(sensitivity)?.columns.norm())
     }
 
-    /// R x; zero where nobody has R.
+    /// R x; zero if R is not explicit.
     pub(crate) fn times(&self, x: &[f64]) -> Vec<f64> {
         match self {
             Self::Diagonal(entries) => x.iter().zip(entries).map(|(x, r)| x * r).collect(),
@@ -167,7 +167,7 @@ impl Penalty {
         }
     }
 
-    /// The columns of R's null space, one a connected part; none where R is invertible.
+    /// The columns of R's null space, one per connected part; none if R is invertible.
     pub(crate) fn null_space(&self) -> Option<DMatrix<f64>> {
         match self {
             Self::Diagonal(_) | Self::Smooth(_) => None,
@@ -175,7 +175,7 @@ impl Penalty {
         }
     }
 
-    /// R^-1 J', or, where R is singular, R^+ J' with the pseudo-inverse: the caller adds the null space itself.
+    /// R^-1 J', or R^+ J' with the pseudo-inverse if R is singular: the caller adds the null space itself.
     pub(crate) fn inverse_times_transposed(
         &self,
         sensitivity: &DMatrix<f64>,
@@ -193,7 +193,7 @@ impl Penalty {
         Some(root.back(&root.columns))
     }
 
-    /// S' = L^-1 J' with R = L L'; where R is singular, of J without its null space.
+    /// S' = L^-1 J' with R = L L'; if R is singular, of J without its null space.
     pub(crate) fn root(&self, sensitivity: &DMatrix<f64>) -> Option<Root<'_>> {
         let (columns, half) = match self {
             Self::Diagonal(entries) => {
@@ -221,15 +221,15 @@ impl Penalty {
         })
     }
 
-    /// The factor g for which the prior N(0, g^2 R^-1) has the root mean square `change` over the unknowns; directions
-    /// of the null space do not count.
+    /// The factor g for which the prior N(0, g^2 R^-1) has the root mean square `change` over the unknowns; the null
+    /// space is not counted.
     pub(crate) fn amplitude(&self, change: f64) -> Result<f64, OneStepError> {
         let (trace, unknowns) = match self {
             Self::Diagonal(entries) => (
                 entries.iter().map(|entry| 1.0 / entry).sum::<f64>(),
                 entries.len(),
             ),
-            // the squares of L^-1 beside the null space, some columns at a time
+            // the squares of L^-1 outside the null space, some columns at a time
             Self::Laplacian(laplacian) => {
                 let unknowns = laplacian.unknowns();
                 let half = laplacian.grounded().ok_or(OneStepError::Prior)?;
@@ -252,10 +252,10 @@ impl Penalty {
     }
 }
 
-/// A sensitivity seen through the root of a prior.
+/// A sensitivity multiplied by the root of a prior.
 pub(crate) struct Root<'a> {
     penalty: &'a Penalty,
-    /// S', a column a reading.
+    /// S', a column per reading.
     pub(crate) columns: DMatrix<f64>,
     half: Option<Half>,
 }
@@ -279,7 +279,7 @@ impl Root<'_> {
                 }
                 maps
             }
-            // `root` makes a half for every Laplacian
+            // `root` makes a factor for every Laplacian
             (Penalty::Laplacian(_), None) => z.clone(),
         }
     }

@@ -1,23 +1,23 @@
-//! A smooth prior: x = G w with white w and a Gaussian kernel G, so that no system ever has to be inverted.
+//! A smooth prior: x = G w with white w and a Gaussian kernel G, so that no system has to be inverted.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Kernel entries beyond this many lengths are left out: e^-9 of the middle. What is left is a prior of its own, exactly.
+/// The kernel is cut off at this many lengths (e^-9 of its maximum). The truncated kernel is itself an exact prior.
 const REACH: f64 = 3.0;
 
 /// G with G G' = R^-1, row by row.
 #[derive(Debug, Clone)]
 pub(crate) struct Smooth {
-    /// `entries[first[i]..first[i + 1]]`: unknowns and what they add to unknown i.
+    /// Row i of G is `entries[first[i]..first[i + 1]]`: column and value.
     first: Vec<usize>,
     entries: Vec<(u32, f64)>,
-    /// r with G_jk = G_kj r_k / r_j: the kernel itself is symmetric, its norms and areas are not.
+    /// r with G_jk = G_kj r_k / r_j: the kernel is symmetric, its norms and areas are not.
     skew: Vec<f64>,
 }
 
 impl Smooth {
-    /// Correlation exp(-r^2 / 2 length^2) of unknowns at `points` (m) that stand for `areas` (m2), variance 1 each.
+    /// Correlation exp(-r^2 / 2 length^2) of unknowns at `points` (m) with `areas` (m2), variance 1 each.
     pub(crate) fn new(points: &[[f64; 2]], areas: &[f64], length: f64) -> Self {
         let rows: Vec<(Vec<(u32, f64)>, f64)> = points
             .par_iter()
@@ -61,7 +61,7 @@ impl Smooth {
         &self.entries[self.first[unknown]..self.first[unknown + 1]]
     }
 
-    /// J G: `sensitivity` has a column an unknown.
+    /// J G: `sensitivity` has a column per unknown.
     pub(crate) fn seen(&self, sensitivity: &DMatrix<f64>) -> DMatrix<f64> {
         let rows = sensitivity.nrows();
         let mut out = DMatrix::zeros(rows, self.unknowns());
@@ -76,7 +76,7 @@ impl Smooth {
         out
     }
 
-    /// G z: `z` has a row an unknown.
+    /// G z: `z` has a row per unknown.
     pub(crate) fn spread(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
         let z = z.transpose();
         let rows = z.nrows();

@@ -2,7 +2,7 @@
 
 use crate::Mesh;
 
-/// The region's triangles, found by place.
+/// The region's triangles, indexed by position.
 pub(crate) struct Cover {
     corners: Vec<[[f64; 2]; 3]>,
     areas: Vec<f64>,
@@ -10,7 +10,7 @@ pub(crate) struct Cover {
     cell: f64,
     columns: usize,
     rows: usize,
-    /// Triangles whose bounding box meets each cell.
+    /// Triangles whose bounding box overlaps each cell.
     cells: Vec<Vec<u32>>,
 }
 
@@ -50,7 +50,7 @@ impl Cover {
         bounds(self.corners.iter().flatten().copied())
     }
 
-    /// (triangle of the region, covered share), ascending; the outline is convex and counter-clockwise.
+    /// (triangle of the region, share covered), ascending; the outline is convex and counter-clockwise.
     pub(crate) fn of(&self, outline: &[[f64; 2]]) -> Vec<(u32, f64)> {
         if outline.len() < 3 {
             return Vec::new();
@@ -95,7 +95,7 @@ impl Cover {
         if whole {
             return 1.0;
         }
-        // the triangle cut by the outline's sides
+        // clips the triangle by the sides of the outline
         let mut points: Vec<[f64; 2]> = corners.to_vec();
         let mut kept: Vec<[f64; 2]> = Vec::with_capacity(12);
         for k in 0..count {

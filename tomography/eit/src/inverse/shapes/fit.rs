@@ -1,4 +1,4 @@
-//! Shapes fitted to a frame: Levenberg and Marquardt through the true forward model.
+//! Fits shapes to a frame: Levenberg-Marquardt with the full forward model.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use super::coverage::Cover;
 use super::model::{SheetModel, Solved};
 use super::shape::Shape;
 
-/// A frame's change with the deviation of each reading.
+/// A frame's change, weighted by the deviation of each reading.
 pub(crate) struct Data {
     /// change / deviation.
     pub(crate) white: DVector<f64>,
@@ -17,11 +17,11 @@ pub(crate) struct Data {
     pub(crate) weights: DVector<f64>,
 }
 
-/// Shapes at a minimum.
+/// A fit of shapes at a local minimum.
 #[derive(Clone)]
 pub(crate) struct Fit {
     pub(crate) shapes: Vec<Shape>,
-    /// Half the squares of the whitened residual, and with the prior's penalty.
+    /// Half the sum of squares of the whitened residual, and the same with the prior's penalty.
     pub(crate) misfit: f64,
     pub(crate) objective: f64,
     pub(crate) residual: DVector<f64>,
@@ -127,7 +127,7 @@ impl Problem<'_> {
         j
     }
 
-    /// At most `steps` accepted or refused steps from a start.
+    /// Takes at most `steps` steps from a start, including rejected ones.
     pub(crate) fn fit(
         &self,
         data: &Data,
@@ -168,7 +168,7 @@ impl Problem<'_> {
                 break;
             };
             let mut step = factor.solve(&right);
-            // no more than 1.5 cm, a unit of a logit or a radian at once
+            // at most 1.5 cm, one unit of a logit or one radian per step
             let largest = step.amax();
             if largest > 1.5 {
                 step *= 1.5 / largest;

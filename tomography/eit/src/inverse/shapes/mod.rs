@@ -1,8 +1,8 @@
-//! Loads as a few convex shapes: what a press is before it is a map.
+//! Reconstructs loads as a few convex shapes.
 //!
-//! A frame of few presses has few unknowns: place, size, corners and loss of each. They are fitted through the true
-//! forward model, so large losses are no problem of a linearisation; and since the fit says how much of the frame it leaves
-//! unexplained, a frame that is not a few shapes is told from one that is ([`Shapes`]).
+//! A frame of few presses has few unknowns: position, size, corners and loss of each. They are fitted with the full
+//! forward model, so large losses cause no linearisation error. The residual of the fit tells whether a few shapes
+//! explain the frame ([`Shapes`]).
 //!
 //! - [`shape`]: a disc, or a polygon on a circle as Algorithm 1 of the paper draws it, as free parameters with a prior
 //! - [`coverage`]: the share of each triangle that an outline covers; [`model`]: readings and their derivatives
@@ -26,20 +26,20 @@ use fit::{Data, Problem};
 use model::SheetModel;
 use search::{Library, Settings};
 
-/// What the model of a sheet does not know of itself (its mesh), as a share of each change and of their root mean square.
-/// Measured: the preset's mesh against one of 2.25 times the triangles differs by 1 to 3 % of a change's norm.
+/// Model error (mainly of the mesh) as a share of each change and of their root mean square. Measured: the preset's
+/// mesh and one of 2.25 times the triangles differ by 1 to 3 % of a change's norm.
 const MODEL_ERROR: f64 = 0.01;
-/// Mean square of the residual, in units of noise and model error, above which shapes do not explain a frame.
+/// Mean square of the residual, in units of noise and model error, above which a frame is not explained by shapes.
 const EXPLAINED: f64 = 9.0;
-/// The evidence is taken to this power: errors of the model are not independent from reading to reading.
+/// The evidence is raised to 1 / this: errors of the model are correlated between readings.
 const TEMPER: f64 = 4.0;
-/// Single shapes solved beforehand.
+/// Number of precomputed single shapes.
 const LIBRARY: usize = 800;
-/// Draws of the mean.
+/// Draws for the posterior mean.
 const DRAWS: usize = 100;
 const SEED: u64 = 5;
 
-/// Maps of few shapes, and another method for frames that they do not explain.
+/// Reconstructs maps of few shapes, and uses another method for frames that these do not explain.
 pub struct Shapes {
     model: SheetModel,
     cover: Cover,
@@ -51,8 +51,8 @@ pub struct Shapes {
 }
 
 impl Shapes {
-    /// `sigma0`: S per square, one a triangle of the mesh; `noise_v`: standard deviation of one reading, V; `otherwise` makes
-    /// the map where shapes do not explain a frame.
+    /// `sigma0`: S per square, one per triangle of the mesh; `noise_v`: standard deviation of one reading, V;
+    /// `otherwise` reconstructs frames that shapes do not explain.
     ///
     /// # Errors
     /// The forward model cannot be solved.
@@ -85,7 +85,7 @@ impl Shapes {
         })
     }
 
-    /// Change in units of its deviation; missing readings weigh nothing. `None` where there is no change at all.
+    /// Change in units of its deviation; missing readings have weight zero. `None` if there is no change.
     fn data(&self, baseline: &[Reading], frame: &[Reading]) -> (Option<Data>, usize) {
         let volts = |reading: &Reading| reading.volts().map(|v| v.0).filter(|v| v.is_finite());
         let (mut cross, mut square) = (0.0, 0.0);
@@ -157,7 +157,7 @@ impl Reconstructor for Shapes {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<Map, ReconstructError> {
-        // counts, missing readings and dead or reversed baselines are judged once, there
+        // the other method checks counts, missing readings and dead or reversed baselines
         let general = self.otherwise.reconstruct(baseline, frame)?;
         let (data, masked) = self.data(baseline, frame);
         let Some(data) = data else {
@@ -308,7 +308,8 @@ mod tests {
             .collect()
     }
 
-    /// A disc is found with its loss; a field that is no shape goes to the other method; the same bits on any threads.
+    /// A disc is found with its loss; a field that is not a shape goes to the other method; the same bits on any number
+    /// of threads.
     #[test]
     fn a_disc_is_found_and_a_ramp_is_not_a_shape() {
         let case = tank();
@@ -356,7 +357,7 @@ mod tests {
                     .unwrap()
             });
         assert_eq!(map, again);
-        // a baseline against itself is no load
+        // a baseline against itself has no load
         let none = shapes.reconstruct(&baseline, &baseline).unwrap();
         assert!(none.values.iter().all(|value| *value == 0.0));
         // gains of conductance everywhere on one side

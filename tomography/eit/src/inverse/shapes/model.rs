@@ -1,4 +1,4 @@
-//! Readings of a sheet with a map on it, and how they follow the map.
+//! Readings of a sheet with a given map, and their derivatives.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use crate::{Forward, ForwardError, Mesh, Workspace};
 use nalgebra::DMatrix;
 use survey::{Dipole, Protocol};
 
-/// The forward model of maps on the region.
+/// The forward model of a sheet with a map on its region.
 pub(crate) struct SheetModel {
     forward: Forward,
     protocol: Protocol,
@@ -23,21 +23,21 @@ pub(crate) struct SheetModel {
     pub(crate) baseline: Vec<f64>,
 }
 
-/// A solved map.
+/// The solution for a map.
 pub(crate) struct Solved {
     /// Change of the readings, V.
     pub(crate) change: Vec<f64>,
     potentials: DMatrix<f64>,
 }
 
-/// Changes of readings, one map after the other.
+/// Computes changes of readings for one map after another, without derivatives.
 pub(crate) struct Quick<'m> {
     model: &'m SheetModel,
     workspace: Workspace<'m>,
 }
 
 impl Quick<'_> {
-    /// Change of the readings, V, of a map.
+    /// Change of the readings for a map, V.
     pub(crate) fn change(&mut self, map: &[f64]) -> Result<Vec<f64>, ForwardError> {
         let readings = self.workspace.readings(&self.model.sigma(map))?;
         Ok(readings
@@ -50,7 +50,7 @@ impl Quick<'_> {
 }
 
 impl SheetModel {
-    /// `currents`: of each reading, A; `sigma0`: S per square, one a triangle.
+    /// `currents`: of each reading, A; `sigma0`: S per square, one per triangle.
     pub(crate) fn new(
         mesh: &Arc<Mesh>,
         contact_ohm_m: &[f64],
@@ -108,7 +108,7 @@ impl SheetModel {
         sigma
     }
 
-    /// For the changes of many maps, without fields.
+    /// Prepares the calculation of changes for many maps, without fields.
     pub(crate) fn quick(&self) -> Result<Quick<'_>, ForwardError> {
         let workspace = self.forward.workspace(&self.protocol)?;
         Ok(Quick {
@@ -139,8 +139,8 @@ impl SheetModel {
         })
     }
 
-    /// Derivative of the readings along directions in the map: one column a direction, `directions[e]` lists
-    /// (direction, d map_e) of a triangle e.
+    /// Derivative of the readings along directions in the space of maps: one column per direction. `directions[e]`
+    /// lists (direction, d map_e) for triangle e.
     pub(crate) fn along(
         &self,
         solved: &Solved,

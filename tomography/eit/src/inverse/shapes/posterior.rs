@@ -1,4 +1,4 @@
-//! The mean over what the shapes may be, given the frame.
+//! The posterior mean over shapes, given the frame.
 
 use nalgebra::DVector;
 use rand::SeedableRng;
@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::fit::{Fit, Problem};
 
-/// Mean map of fits weighted by their evidence, each blurred by its own uncertainty.
+/// Mean map of fits weighted by their evidence, each averaged over its own uncertainty.
 pub(crate) fn mean(
     problem: &Problem<'_>,
     fits: &[(f64, Fit)],

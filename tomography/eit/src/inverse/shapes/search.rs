@@ -1,4 +1,4 @@
-//! Which shapes a frame may come from: a beam of joint fits, one more shape each round.
+//! Search for shapes that explain a frame: a beam of joint fits, one more shape each round.
 
 use crate::ForwardError;
 use nalgebra::DVector;
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::fit::{Data, Fit, Problem};
 use super::shape::Shape;
 
-/// Single shapes with what the readings see of each.
+/// Single shapes with their changes of the readings.
 pub(crate) struct Library {
     pub(crate) shapes: Vec<Shape>,
     /// Change of the readings, V.
@@ -59,7 +59,7 @@ impl Library {
             .collect()
     }
 
-    /// The best additions to a fit, apart from each other; `white` are the changes in units of the noise.
+    /// The best shapes to add to a fit, at a distance from each other; `white` are the changes in units of the noise.
     fn additions(
         &self,
         white: &[DVector<f64>],
@@ -71,7 +71,7 @@ impl Library {
             .enumerate()
             .map(|(k, g)| {
                 let (dot, square) = (g.dot(residual), g.norm_squared());
-                // the loss may change, but not to more than all
+                // the loss may be scaled, to at most 1
                 let most = 1.0 / self.shapes[k].loss();
                 let factor = (dot / square).clamp(0.0, most);
                 (2.0 * factor * dot - factor * factor * square, factor, k)
@@ -102,20 +102,20 @@ impl Library {
     }
 }
 
-/// How long to search.
+/// Extent of the search.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Settings {
     /// Most shapes of a frame: Algorithm 1 draws up to four.
     pub(crate) most: usize,
-    /// Fits that each round goes on from.
+    /// Fits that each round extends.
     pub(crate) beam: usize,
     /// Starts of the first round.
     pub(crate) first: usize,
-    /// Additions tried to each fit of the rounds after it.
+    /// Additions tried for each fit in later rounds.
     pub(crate) additions: usize,
     /// Steps of a first fit.
     pub(crate) steps: usize,
-    /// Steps of those that are kept.
+    /// Steps for the fits that are kept.
     pub(crate) polish: usize,
 }
 
@@ -132,10 +132,10 @@ impl Default for Settings {
     }
 }
 
-/// A round whose best evidence falls short of the best so far by this much (a logarithm) ends the search.
+/// The search ends after a round whose best log evidence is this much below the best so far.
 const FALLS_SHORT: f64 = 5.0;
 
-/// Every fit that was found, best evidence first, with its evidence.
+/// Every fit found with its evidence, in descending order.
 pub(crate) fn search(
     problem: &Problem<'_>,
     library: &Library,

@@ -1,4 +1,4 @@
-//! One load: a disc, or a polygon on a circle as Algorithm 1 draws it, with its loss; as free parameters with a prior.
+//! One load: a disc, or a polygon on a circle as in Algorithm 1, with its loss; as free parameters with a prior.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,19 +7,19 @@ use rand_chacha::ChaCha8Rng;
 
 /// Largest radius, m.
 pub(crate) const LARGEST: f64 = 0.070;
-/// Lengths are counted in centimetres.
+/// Lengths are in centimetres.
 const UNIT: f64 = 0.01;
 /// Deviation of the logit of a number uniform over 0 to 1.
 const LOGIT: f64 = 1.8138;
-/// Corners that stand for a circle.
+/// Corners of the polygon that approximates a circle.
 const ROUND: usize = 32;
 
-/// What kind of outline.
+/// Kind of outline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// A circle.
     Disc,
-    /// So many corners.
+    /// A polygon with this many corners.
     Polygon(usize),
 }
 
@@ -40,7 +40,7 @@ fn logit(p: f64) -> f64 {
 }
 
 impl Shape {
-    /// A draw of the prior, centre in the box.
+    /// A draw from the prior, with the centre in the box.
     pub(crate) fn draw([low, high]: [[f64; 2]; 2], random: &mut ChaCha8Rng) -> Self {
         let kind = match random.random_range(0..10) {
             0..=2 => Kind::Disc,
@@ -64,13 +64,13 @@ impl Shape {
         logistic(self.theta[self.theta.len() - 1]).min(0.9999)
     }
 
-    /// Gives another loss, kept away from none and all, from where no step leads back.
+    /// Sets the loss, limited to stay away from 0 and 1, where the gradient vanishes.
     pub(crate) fn set_loss(&mut self, loss: f64) {
         let last = self.theta.len() - 1;
         self.theta[last] = logit(loss.clamp(0.02, 0.98));
     }
 
-    /// Of the circle, m.
+    /// Radius of the circle, m.
     fn radius(&self) -> f64 {
         LARGEST * logistic(self.theta[2])
     }
@@ -113,7 +113,7 @@ impl Shape {
         }
     }
 
-    /// Logarithm of the prior's density at its middle, over all parameters; `area` of the region in m2.
+    /// Logarithm of the prior's density at its centre, over all parameters; `area` of the region in m2.
     pub(crate) fn log_prior(&self, area: f64) -> f64 {
         let logits = -2.0 * (LOGIT * (2.0 * PI).sqrt()).ln();
         let place = -(area / (UNIT * UNIT)).ln();

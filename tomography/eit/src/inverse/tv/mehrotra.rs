@@ -1,18 +1,18 @@
 //! A primal-dual interior method for  min x'Hx / 2 - b'x + sum W_e |x_i - x_j|  over  low <= x <= high, with Mehrotra's
 //! predictor and corrector (J. Nocedal, S. Wright, Numerical Optimization, 2nd ed., section 16.6).
 //!
-//! |t| is the largest p t with |p| <= 1, so an edge carries a flow p_e between -W_e and W_e, and its difference is split
-//! into a rise and a fall: (W - p) rise = mu, (W + p) fall = mu. All that is factored is H + D'TD + a positive diagonal.
+//! |t| is the largest p t with |p| <= 1, so an edge carries a flow p_e between -W_e and W_e, and its difference is
+//! split into a rise and a fall: (W - p) rise = mu, (W + p) fall = mu. Only H + D'TD + a positive diagonal is factored.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::linear_algebra::dense;
 
 const MOST_STEPS: usize = 80;
-/// Share of the way to the nearest bound.
+/// Fraction of the distance to the nearest bound that a step may take.
 const STEP: f64 = 0.995;
 
-/// A problem over few unknowns: regions, or the triangles themselves where time does not matter.
+/// A problem with few unknowns: regions, or all triangles if time does not matter.
 pub(crate) struct Quadratic<'a> {
     pub(crate) hessian: &'a DMatrix<f64>,
     pub(crate) linear: &'a DVector<f64>,
@@ -21,15 +21,15 @@ pub(crate) struct Quadratic<'a> {
     pub(crate) bounds: [f64; 2],
 }
 
-/// Where the method ended.
+/// Result of the method.
 pub(crate) struct Solution {
     pub(crate) x: DVector<f64>,
-    /// Edges whose ends the minimum ties together.
+    /// Edges whose ends have the same value at the minimum.
     pub(crate) tied: Vec<bool>,
 }
 
 impl Quadratic<'_> {
-    /// Stops when the gap is below `goal`, or when the numbers give out; `None` when they do at once.
+    /// Stops when the gap is below `goal`, or when a factorisation fails; `None` if the first one fails.
     pub(crate) fn solve(&self, goal: f64) -> Option<Solution> {
         let n = self.linear.len();
         let edges = self.edges.len();
@@ -44,7 +44,7 @@ impl Quadratic<'_> {
             into[a] += amount;
             into[b] -= amount;
         };
-        // units: the width for the unknowns, the largest pull at the middle for their multipliers
+        // units: the width of the bounds for the unknowns, the largest gradient at their middle for the multipliers
         let mut x = DVector::from_element(n, 0.5 * (low + high));
         let pull = self.hessian * &x - self.linear;
         let unit = pull.amax().max(f64::MIN_POSITIVE);
@@ -101,7 +101,7 @@ impl Quadratic<'_> {
             let Some(factor) = dense::Definite::new(&system) else {
                 break;
             };
-            // what each product should become, less what it is; then the direction that does it to first order
+            // the desired change of each product, then the direction that achieves it to first order
             let direction = |aim: &dyn Fn(usize) -> [f64; 2],
                              edge_aim: &dyn Fn(usize) -> [f64; 2]| {
                 let mut right = -&dual;
@@ -212,7 +212,7 @@ impl Quadratic<'_> {
             let flows: Vec<f64> = (0..edges)
                 .map(|e| flow[e] + length * second.dflow[e])
                 .collect();
-            // rounding at the end of the road
+            // rounding near convergence
             let inside = next.iter().all(|x| *x > low && *x < high)
                 && flows.iter().zip(self.weights).all(|(f, w)| f.abs() < *w);
             if !inside {
@@ -230,14 +230,14 @@ impl Quadratic<'_> {
         if !reached.is_finite() {
             return None;
         }
-        // an edge is tied where its flow is farther from its limits than its difference is from zero
+        // the ends of an edge are equal if its flow is farther from its limits than its difference is from zero
         let tied = (0..edges)
             .map(|e| {
                 let w = self.weights[e];
                 (rise[e] + fall[e]) / width < (w - flow[e].abs()) / w
             })
             .collect();
-        // an unknown belongs to its bound where the multiplier is larger than the slack
+        // an unknown is on its bound if the multiplier is larger than the slack
         let x = DVector::from_fn(n, |i, _| {
             if lower[i] / unit > (x[i] - low) / width {
                 low

@@ -1,10 +1,10 @@
-//! Total variation: the map whose borders are shortest among those that explain the readings.
+//! Total variation: the map with the shortest borders among those that explain the readings.
 //!
-//! x = argmin |J x - d|^2 / 2 + alpha sum L_e |x_i - x_j|  with x = dsigma / sigma0 on the triangles of the region, J and d
-//! divided by the noise of a difference, L_e the length (m) of the border between two triangles; optionally over
-//! -1 <= x <= 0. It is solved to a stated gap by [cut pursuit](pursuit). The prior state of the art in this field smooths
-//! |.| near zero and iterates some tens of times (A. Borsic, B. Graham, A. Adler, W. Lionheart, IEEE Trans. Med. Imaging
-//! 29 (2010) 44); here the absolute value is exact.
+//! x = argmin |J x - d|^2 / 2 + alpha sum L_e |x_i - x_j|  with x = dsigma / sigma0 on the triangles of the region, J
+//! and d divided by the noise of a difference, L_e the length (m) of the border between two triangles; optionally over
+//! -1 <= x <= 0. It is solved to a stated gap by [cut pursuit](pursuit). The usual method in this field smooths
+//! .| near zero and needs some tens of iterations (A. Borsic, B. Graham, A. Adler, W. Lionheart, IEEE Trans. Med.
+//! Imaging 29 (2010) 44); here the absolute value is exact.
 
 mod mehrotra;
 mod options;
@@ -29,9 +29,9 @@ use crate::inverse::tv::pursuit::Outcome;
 use crate::linear_algebra::dense;
 use crate::{Mesh, Novelty, OneStepOptions, Prior, ReconstructError, Reconstructor, Scale};
 
-/// Where the noise is not known, directions below this share of the largest are.
+/// If the noise is unknown, directions below this share of the largest are dropped.
 const ROUNDING: f64 = 1e-8;
-/// Maps without the bound to losses stay within these; no linear map of a sheet comes near.
+/// Bounds of maps that are not limited to losses; no linear map of a sheet comes near them.
 const FREE: [f64; 2] = [-10.0, 10.0];
 
 /// The total-variation reconstructor.
@@ -45,7 +45,7 @@ pub struct Tv {
     /// J over the noise of a difference, reciprocal twins folded.
     whitened: DMatrix<f64>,
     deviation: f64,
-    /// Orthonormal directions of the data that maps move (columns), and J seen along them.
+    /// Orthonormal directions of the data that maps change (columns), and J along them.
     directions: DMatrix<f64>,
     along: DMatrix<f64>,
     weights: Vec<f64>,
@@ -53,23 +53,24 @@ pub struct Tv {
     options: TvOptions,
 }
 
-/// A map with the accuracy that was reached.
+/// A map with its accuracy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TvSolution {
     /// Relative change of conductance of each triangle of the region.
     pub values: Vec<f64>,
     /// The objective, with all readings.
     pub objective: f64,
-    /// By how much it may exceed the minimum: computed from a lower bound.
+    /// Upper limit of its distance from the minimum, from a computed lower bound.
     pub gap: f64,
-    /// Rounds of cut and solution.
+    /// Rounds of cut pursuit.
     pub rounds: usize,
     /// Constant regions of the map.
     pub regions: usize,
 }
 
 impl Tv {
-    /// Solves the forward model at `sigma0` (S per square, one a triangle of the mesh) and prepares what frames share.
+    /// Solves the forward model at `sigma0` (S per square, one per triangle of the mesh) and precomputes what all
+    /// frames share.
     ///
     /// # Errors
     /// See [`TvError`].
@@ -125,17 +126,18 @@ impl Tv {
         })
     }
 
-    /// The penalty of a jump of 1 along 1 m of border; readings are in standard deviations unless alpha was given.
+    /// The penalty of a jump of 1 along 1 m of border, for readings in standard deviations (or in volts if alpha was
+    /// given).
     pub fn alpha(&self) -> f64 {
         self.alpha
     }
 
-    /// Directions of the data that are used.
+    /// Number of directions of the data in use.
     pub fn rank(&self) -> usize {
         self.directions.ncols()
     }
 
-    /// The map of a frame with the gap that was reached.
+    /// The map of a frame, with its gap.
     ///
     /// # Errors
     /// As [`Reconstructor::reconstruct`].
@@ -161,10 +163,10 @@ impl Tv {
         Ok((solution, missing.len()))
     }
 
-    /// The objective of a map with every reading, for comparison with other solvers.
+    /// The objective of a map for all readings, for comparison with other solvers.
     ///
     /// # Errors
-    /// As [`Reconstructor::reconstruct`], and a map of another length.
+    /// As [`Reconstructor::reconstruct`], or a map of another length.
     pub fn objective(
         &self,
         baseline: &[Reading],
@@ -187,8 +189,8 @@ impl Tv {
         Ok(problem.objective(values))
     }
 
-    /// The least objective with every reading by an interior method over all triangles, to 2e-9: some minutes on a mesh of
-    /// the paper's size, for comparison.
+    /// The smallest objective for all readings, by an interior method over all triangles, to 2e-9: takes minutes on a
+    /// mesh of the paper's size; for comparison.
     ///
     /// # Errors
     /// As [`Reconstructor::reconstruct`].
@@ -209,7 +211,7 @@ impl Tv {
         })
     }
 
-    /// The change in standard deviations, and what is missing of it.
+    /// The change in standard deviations, and the missing readings.
     fn data(
         &self,
         baseline: &[Reading],
@@ -222,7 +224,7 @@ impl Tv {
         Ok((change, missing))
     }
 
-    /// What folding leaves out of the objective: half the square of what twins differ by.
+    /// The part of the objective that folding removes: half the squared differences of twins.
     fn beside(&self, data: &[f64], missing: &[usize], seen: &Seen) -> f64 {
         let all: f64 = (0..data.len())
             .filter(|reading| missing.binary_search(reading).is_err())
@@ -335,7 +337,7 @@ impl Reconstructor for Tv {
     ) -> Result<Option<Novelty>, ReconstructError> {
         let (data, missing) = self.data(baseline, frame)?;
         if matches!(self.options.strength, Strength::Alpha(_)) {
-            return Ok(None); // nobody said what the noise is
+            return Ok(None); // the noise is unknown
         }
         let directions = self.linear.fold.unfold(&self.directions);
         Ok(novelty::unexplained(&directions, &data, &missing))

@@ -1,33 +1,33 @@
-//! Settings of total variation, and the rule that turns noise into the penalty.
+//! Settings of total variation, and the rule that derives the penalty from the noise.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::{Mesh, OneStepError, Scale};
 
-/// How strongly borders are penalised.
+/// Strength of the penalty on borders.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Strength {
-    /// alpha of |J x - d|^2 / 2 + alpha sum L_e |x_i - x_j| with readings as they are: in V with [`Scale::Currents`], else
-    /// in V at 1 A. The noise is not looked at.
+    /// alpha of |J x - d|^2 / 2 + alpha sum L_e |x_i - x_j| with unscaled readings: in V with [`Scale::Currents`],
+    /// otherwise in V at 1 A. The noise is ignored.
     Alpha(f64),
-    /// From the noise, see [`TV_STRENGTH`].
+    /// In units of the noise, see [`TV_STRENGTH`].
     Relative(f64),
 }
 
-/// The penalty in units of the noise: alpha is such that, at the place of median sensitivity, it draws the amplitude of a
-/// small disc (of 0.0543 of the region's width; 10 mm on the paper's sheet) towards zero by this many standard
-/// deviations of that amplitude's own noise:
+/// The penalty in units of the noise. Alpha is chosen so that it shrinks the amplitude of a small disc (0.0543 of the
+/// region's width; 10 mm on the paper's sheet) at the place of median sensitivity by this many standard deviations of
+/// that amplitude's noise:
 ///
 /// alpha = k |J 1_disc| / (length of its border), J in standard deviations of a difference.
 ///
-/// It looks at noise and geometry, never at a frame.
+/// It depends on noise and geometry, never on a frame.
 pub const TV_STRENGTH: f64 = 0.5;
 
 /// Diameter of the small disc over the square root of the region's area.
 const SMALL: f64 = 0.0543;
-/// A disc's border on triangles is longer than its circumference by about this factor.
+/// The border of a disc on triangles is longer than its circumference by about this factor.
 const RAGGED: f64 = 1.3;
 
 /// Settings of a [`Tv`](crate::Tv).
@@ -35,13 +35,13 @@ const RAGGED: f64 = 1.3;
 pub struct TvOptions {
     /// Standard deviation of one reading, V, the same on baseline and frame.
     pub noise_v: f64,
-    /// Injected current, A, at which that noise is met.
+    /// Injected current of that noise, A.
     pub current_a: f64,
     /// The penalty.
     pub strength: Strength,
     /// Bounds the map to -1 <= x <= 0: loads only take conductance away.
     pub loss_only: bool,
-    /// Stop when the objective is within this share of the minimum.
+    /// Stop when the objective exceeds the minimum by at most this share.
     pub gap: f64,
     /// The baseline's scale.
     pub scale: Scale,
@@ -84,10 +84,10 @@ impl TvOptions {
     }
 }
 
-/// Why total variation cannot be prepared.
+/// Errors in the preparation of total variation.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TvError {
-    /// The model of the readings, which it shares with the one-step method.
+    /// An error of the linear model, which it shares with the one-step method.
     #[error(transparent)]
     Linear(#[from] OneStepError),
     /// A setting that is not a positive number.
@@ -98,7 +98,7 @@ pub enum TvError {
         /// Its value.
         value: f64,
     },
-    /// No reading follows any triangle of the region.
+    /// No reading depends on any triangle of the region.
     #[error("no reading follows the conductance of any triangle of the region beyond its noise")]
     Blind,
 }

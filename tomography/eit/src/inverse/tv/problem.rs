@@ -1,19 +1,19 @@
-//! One problem of total variation, and the objective of a map in it.
+//! A total-variation problem and the objective of a map.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::inverse::graph::Graph;
 
-/// One problem of total variation.
+/// A total-variation problem.
 pub(crate) struct Problem<'a> {
-    /// J, a column an unknown.
+    /// J, a column per unknown.
     pub(crate) sensitivity: &'a DMatrix<f64>,
     pub(crate) data: DVector<f64>,
     pub(crate) graph: &'a Graph,
     /// W of each edge of the graph.
     pub(crate) weights: &'a [f64],
     pub(crate) bounds: [f64; 2],
-    /// What the objective has besides: |d|^2 / 2 of data that were cut off.
+    /// Constant part of the objective: |d|^2 / 2 of the dropped data.
     pub(crate) constant: f64,
 }
 

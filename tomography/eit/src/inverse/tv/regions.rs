@@ -1,4 +1,4 @@
-//! The problem on a partition: one value a region, and what a region's borders weigh.
+//! The problem on a partition: one value per region, and the weights of the borders between regions.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -6,16 +6,16 @@ use crate::inverse::tv::mehrotra::Quadratic;
 use crate::inverse::tv::problem::Problem;
 use crate::linear_algebra::dense;
 
-/// Steps of Newton's method on one partition.
+/// Maximum steps of Newton's method on one partition.
 const MOST_DESCENTS: usize = 60;
 
-/// A partition of the unknowns with the problem's solution on it.
+/// A partition of the unknowns with the solution of the problem on it.
 pub(crate) struct Regions {
     /// The region of each unknown.
     pub(crate) label: Vec<usize>,
     /// The value of each region.
     pub(crate) value: DVector<f64>,
-    /// The sensitivity to each region: a column a region.
+    /// The sensitivity to each region: a column per region.
     pub(crate) columns: DMatrix<f64>,
 }
 
@@ -26,8 +26,8 @@ struct Borders {
 }
 
 impl Regions {
-    /// Solves the problem on a partition into `count` regions; regions that the minimum ties together become one.
-    /// `before`: the partition that this one is a refinement of, where it is one.
+    /// Solves the problem on a partition into `count` regions; regions of equal value at the minimum are merged.
+    /// `before`: the partition that this one refines, if any.
     pub(crate) fn solve(
         problem: &Problem<'_>,
         label: Vec<usize>,
@@ -73,9 +73,9 @@ impl Regions {
         Some(regions)
     }
 
-    /// The same by steps of Newton's method from the present values of a partition's parts, each of which may only move
-    /// the way that `up` says against the parts that it was split from. Where the regions' own minimum is closer than
-    /// the interior method can tell, this still goes down.
+    /// The same by Newton steps from the present values. Each part may only move in its direction in `up` relative to
+    /// the parts it was split from. This still lowers the objective if the minimum on the regions is closer than the
+    /// interior method can resolve.
     pub(crate) fn descend(
         problem: &Problem<'_>,
         label: Vec<usize>,
@@ -84,7 +84,7 @@ impl Regions {
     ) -> Option<Self> {
         let [low, high] = problem.bounds;
         let columns = sums(problem.sensitivity, &label, value.len());
-        // what each part is held to: its order against its neighbours, and its bound
+        // the constraints of each part: its order relative to its neighbours, and its bound
         let mut free: Vec<bool> = value
             .iter()
             .zip(up)
@@ -166,7 +166,7 @@ impl Regions {
         Some(regions)
     }
 
-    /// The columns of a refinement: of each region's parts all but the largest are summed, the largest is what is left.
+    /// The columns of a refinement: the parts of each region are summed, except the largest, which is the remainder.
     fn split_columns(
         &self,
         sensitivity: &DMatrix<f64>,
@@ -205,7 +205,7 @@ impl Regions {
         columns
     }
 
-    /// The minimum with the sign of each border's jump given and the regions that are not free held.
+    /// The minimum for given signs of the borders' jumps, with the regions that are not free held.
     fn newton(
         &self,
         problem: &Problem<'_>,
@@ -241,8 +241,7 @@ impl Regions {
         Some(next)
     }
 
-    /// Makes one region of those that a chain of `ties` joins, with the mean of their values. Gives
-    /// the new name of each.
+    /// Merges the regions connected by `ties` and gives them their mean value. Returns the new index of each.
     fn merge(&mut self, ties: &[[usize; 2]]) -> Vec<usize> {
         let count = self.value.len();
         let mut root: Vec<usize> = (0..count).collect();
@@ -288,8 +287,8 @@ impl Regions {
         name
     }
 
-    /// One exact Newton step: with the signs of all jumps known, and the bounds that hold, the minimum is a linear
-    /// solve. It is taken where it keeps every sign and bound.
+    /// One exact Newton step: for given signs of all jumps and given active bounds the minimum is a linear solve. It is
+    /// accepted if it keeps every sign and bound.
     fn polish(&mut self, problem: &Problem<'_>, borders: &Borders) {
         let [low, high] = problem.bounds;
         let free: Vec<bool> = self

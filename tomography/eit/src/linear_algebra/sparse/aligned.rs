@@ -1,9 +1,9 @@
-//! Memory for vectors.
+//! Memory aligned for vectors.
 
 use crate::linear_algebra::sparse::SparseError;
 use crate::linear_algebra::sparse::analysis::LANES;
 
-/// Doubles that begin at a cache line, so that no vector lies across two.
+/// Doubles that begin at a cache line, so that no vector crosses two.
 pub(super) struct Aligned {
     storage: Vec<f64>,
     start: usize,

@@ -1,12 +1,12 @@
-//! The shape of a factor, found once: fronts, their borders, where every entry and every remainder goes.
+//! Symbolic factorisation: fronts, their borders, and the positions of entries and update matrices (remainders).
 
 use crate::linear_algebra::sparse::SparseError;
 
-/// Doubles in a vector register of the widest processors; columns of fronts are padded to it.
+/// Doubles in a vector register of the widest processors; stored columns of fronts are padded to a multiple.
 pub(super) const LANES: usize = 8;
-/// Columns that the kernels eliminate together; pivots of fronts are padded to it.
+/// Columns that the kernels eliminate together; pivots of fronts are padded to a multiple.
 pub(super) const GROUP: usize = 4;
-/// Longer parts are eliminated in several fronts, one above the other, so that each stays in the cache.
+/// Larger parts are split into several fronts, one above the other, so that each stays in the cache.
 const MOST_PIVOTS: usize = 96;
 
 /// Unknowns that are eliminated together.
@@ -20,14 +20,14 @@ pub(super) struct Front {
     pub(super) border: Vec<usize>,
     /// Length of a stored column.
     pub(super) leading: usize,
-    /// Where its columns begin in the factor.
+    /// Offset of its columns in the factor.
     pub(super) at: usize,
     pub(super) parent: Option<usize>,
-    /// Fronts below, and for each of their border unknowns the row here.
+    /// Child fronts, and for each of their border unknowns the row in this front.
     pub(super) children: Vec<(usize, Vec<u32>)>,
-    /// Where its remainder lies while a matrix is factored: places are used again.
+    /// Offset of its remainder during a factorisation that reuses memory.
     pub(super) passing: usize,
-    /// Where its remainder lies where all are kept.
+    /// Offset of its remainder if all are kept.
     pub(super) kept: usize,
 }
 
@@ -54,7 +54,7 @@ impl Front {
     }
 }
 
-/// Where a symmetric matrix may be non-zero (lower triangle by columns), and the shape of its factor.
+/// The non-zero pattern of a symmetric matrix (lower triangle by columns), and the structure of its factor.
 pub(crate) struct Analysis {
     pub(super) size: usize,
     pub(super) fronts: Vec<Front>,
@@ -62,17 +62,17 @@ pub(crate) struct Analysis {
     front_of: Vec<usize>,
     starts: Vec<usize>,
     rows: Vec<usize>,
-    /// Where each entry goes in the factor.
+    /// Position of each entry in the factor.
     pub(super) places: Vec<usize>,
-    /// Lengths of the factor and of the two kinds of room for remainders.
+    /// Lengths of the factor and of the memory for remainders, reused and kept.
     pub(super) factor_length: usize,
     pub(super) passing_length: usize,
     pub(super) kept_length: usize,
 }
 
 impl Analysis {
-    /// From pairs of unknowns, in any order, repeated or not (the diagonal is always there), and the parts of unknowns
-    /// that are eliminated together: lengths that sum to the size.
+    /// From pairs of unknowns, in any order, with or without repetitions (the diagonal is always included), and the
+    /// lengths of the parts of unknowns that are eliminated together, which sum to the size.
     pub(crate) fn new(
         parts: &[usize],
         pairs: impl IntoIterator<Item = [usize; 2]>,
@@ -111,7 +111,7 @@ impl Analysis {
         Ok(analysis)
     }
 
-    /// Fronts with their borders, by going up the tree.
+    /// Builds the fronts and their borders, from the leaves of the tree up.
     fn shape(&mut self, pieces: impl Iterator<Item = usize>) {
         let mut waiting: Vec<Vec<usize>> = Vec::new();
         let mut first = 0;
@@ -187,7 +187,7 @@ impl Analysis {
         }
     }
 
-    /// A remainder lives from its front to the one above: the lowest room that is free for that time.
+    /// A remainder is needed until its parent front is done: gives each the lowest memory that is free for that time.
     fn place_remainders(&mut self) -> Result<(), SparseError> {
         let mut living: Vec<(usize, usize, usize)> = Vec::new();
         for index in 0..self.fronts.len() {
@@ -208,7 +208,7 @@ impl Analysis {
             let gone = &self.fronts[index].children;
             living.retain(|(_, _, front)| gone.iter().all(|(child, _)| child != front));
         }
-        // indices of rows and the memory of a factor must both be within reach
+        // row indices and the size of a factor must not overflow
         if self.factor_length.checked_mul(8).is_none() {
             return Err(SparseError::Memory);
         }
@@ -220,7 +220,7 @@ impl Analysis {
         self.rows.len()
     }
 
-    /// Marks with every marked front the ones above it.
+    /// Marks all ancestors of every marked front.
     pub(super) fn close(&self, marked: &mut [bool]) {
         for index in 0..self.fronts.len() {
             if marked[index]
@@ -231,7 +231,7 @@ impl Analysis {
         }
     }
 
-    /// Entries that a front's pivots bring, as a range of the stored ones.
+    /// The stored entries of a front's pivots, as a range.
     pub(super) fn entries_of(&self, front: &Front) -> std::ops::Range<usize> {
         self.starts[front.first]..self.starts[front.first + front.pivots]
     }

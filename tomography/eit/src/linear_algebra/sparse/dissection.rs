@@ -1,8 +1,8 @@
-//! An order of elimination for points of the plane.
+//! Elimination order for points in the plane.
 
-/// An elimination order by nested dissection: halves the plane at the median of its longer side, eliminates both
-/// halves first and the points between them last. `neighbours` must be symmetric. Returns the order, and the lengths of
-/// the parts that are eliminated together.
+/// An elimination order by nested dissection: cuts the plane at the median of its longer side, eliminates both halves
+/// first and the points between them last. `neighbours` must be symmetric. Returns the order and the lengths of the
+/// parts that are eliminated together.
 pub(crate) fn dissect(points: &[[f64; 2]], neighbours: &[Vec<usize>]) -> (Vec<usize>, Vec<usize>) {
     let mut order = Vec::with_capacity(points.len());
     let mut parts = Vec::new();
@@ -20,7 +20,7 @@ pub(crate) fn dissect(points: &[[f64; 2]], neighbours: &[Vec<usize>]) -> (Vec<us
     (order, parts)
 }
 
-/// Parts of this size are not cut any further.
+/// Parts up to this size are not cut any further.
 const LEAF: usize = 12;
 
 fn split(
@@ -74,7 +74,7 @@ fn split(
     let high = rest(high, is_high, side);
     split(points, neighbours, low, side, mark, order, parts);
     split(points, neighbours, high, side, mark, order, parts);
-    // along the cut, so that what lies together in a front lies together in the one above it
+    // along the cut, so that unknowns adjacent in a front are adjacent in its parent
     let across = 1 - axis;
     separator.sort_by(|&a, &b| {
         points[a][across]

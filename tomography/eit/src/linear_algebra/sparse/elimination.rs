@@ -1,11 +1,11 @@
-//! The arithmetic of one front: four columns at a time, on vectors of rows, sums in registers.
-#![allow(clippy::needless_range_loop)] // registers are named by their index
+//! Elimination within one front: four columns at a time, on vectors of rows, with sums in registers.
+#![allow(clippy::needless_range_loop)] // registers are addressed by index
 
 use crate::linear_algebra::sparse::SparseError;
 use crate::linear_algebra::sparse::analysis::{Front, GROUP, LANES};
 use crate::linear_algebra::sparse::kernel::MulAdd;
 
-/// Replaces the columns of a front by those of its factor: four at a time, from the left.
+/// Replaces the columns of a front by those of its factor, four at a time, from left to right.
 #[inline(always)]
 pub(super) fn eliminate<M: MulAdd>(
     panel: &mut [f64],
@@ -151,7 +151,7 @@ fn scale<M: MulAdd, const R: usize>(
     }
 }
 
-/// remainder = - L Lᵀ over the border; only its lower triangle has a meaning.
+/// remainder = - L Lᵀ over the border; only its lower triangle is valid.
 #[inline(always)]
 pub(super) fn product<M: MulAdd>(panel: &[f64], front: &Front, remainder: &mut [f64]) {
     let (edge, leading) = (front.edge(), front.remainder_leading());

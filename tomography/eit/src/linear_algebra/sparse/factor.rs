@@ -1,4 +1,4 @@
-//! The numbers of a factor.
+//! Numerical factorisation.
 
 use crate::linear_algebra::sparse::SparseError;
 use crate::linear_algebra::sparse::aligned::Aligned;
@@ -6,26 +6,26 @@ use crate::linear_algebra::sparse::analysis::{Analysis, Front};
 use crate::linear_algebra::sparse::elimination::{eliminate, product};
 use crate::linear_algebra::sparse::kernel::{MulAdd, Task, widest};
 
-/// L with L Lᵀ = A, front by front, and the room in which it is made.
+/// L with L Lᵀ = A, front by front, and its working memory.
 #[derive(Clone)]
 pub(crate) struct Factor {
     /// Columns of the fronts.
     pub(super) columns: Aligned,
-    /// Remainders on their way up.
+    /// Remainders of fronts whose parent is not done.
     remainders: Aligned,
-    /// Whether every remainder has a place of its own.
+    /// Whether every remainder is kept.
     keeps: bool,
-    /// Fronts that are this factor's own; the others are those of the factor it is based on.
+    /// Fronts computed for this factor; the others are those of the factor it is based on.
     pub(super) own: Vec<bool>,
 }
 
 impl Factor {
-    /// Room for a factor that passes its remainders on.
+    /// Memory for a factor that reuses the memory of remainders.
     pub(crate) fn passing(analysis: &Analysis) -> Result<Self, SparseError> {
         Self::allocated(analysis, false)
     }
 
-    /// Room for a factor that keeps its remainders, so that others can be based on it.
+    /// Memory for a factor that keeps its remainders, so that others can be based on it.
     pub(crate) fn keeping(analysis: &Analysis) -> Result<Self, SparseError> {
         Self::allocated(analysis, true)
     }
@@ -55,7 +55,8 @@ impl Factor {
         })
     }
 
-    /// Factors a matrix of which another with these entries has been factored: only what differs is made again.
+    /// Factors a matrix that differs from an already factored one with these entries: only fronts that differ are
+    /// recomputed.
     pub(crate) fn make_from(
         &mut self,
         analysis: &Analysis,
@@ -141,7 +142,7 @@ impl Task for Make<'_> {
                         rows,
                     ),
                     _ => {
-                        // the two places do not overlap: both live now
+                        // the two ranges do not overlap: both remainders are in use
                         let below = place(from);
                         let length = from.remainder();
                         let (into, remainder) = if below < at {
@@ -160,7 +161,7 @@ impl Task for Make<'_> {
     }
 }
 
-/// Adds the part of a child's remainder that falls on this front's pivots.
+/// Adds the part of a child's remainder that belongs to this front's pivots.
 #[inline(always)]
 fn add_to_panel(front: &Front, panel: &mut [f64], from: &Front, remainder: &[f64], rows: &[u32]) {
     let step = from.remainder_leading();
@@ -177,7 +178,7 @@ fn add_to_panel(front: &Front, panel: &mut [f64], from: &Front, remainder: &[f64
     }
 }
 
-/// Adds the rest of a child's remainder to this front's own.
+/// Adds the other part of a child's remainder to this front's remainder.
 #[inline(always)]
 fn add_to_remainder(
     front: &Front,
@@ -191,7 +192,7 @@ fn add_to_remainder(
     let start = rows.partition_point(|&row| (row as usize) < front.pivots);
     for k in start..rows.len() {
         let column = rows[k] as usize - edge;
-        // rows below the edge are counted from the panel's top: a view that begins `edge` rows earlier
+        // border rows count from the top of the panel: this view begins `edge` rows earlier
         let into = &mut into[column * leading..][..leading];
         let values = &remainder[k * step..][..rows.len()];
         for (value, &row) in values[k..].iter().zip(&rows[k..]) {

@@ -1,11 +1,12 @@
-//! Products of one block with another.
-#![allow(clippy::needless_range_loop)] // registers are named by their index
+//! Products of two blocks.
+#![allow(clippy::needless_range_loop)] // registers are addressed by index
 
 use crate::linear_algebra::sparse::analysis::{GROUP, LANES};
 use crate::linear_algebra::sparse::kernel::{MulAdd, Task, widest};
 use crate::linear_algebra::sparse::sweep::Block;
 
-/// aᵀ b of the first columns of two blocks with as many rows: `count` x `count`, column after column (b's columns).
+/// aᵀ b of the first columns of two blocks with equal numbers of rows: `count` x `count`, column by column (b's
+/// columns).
 pub(crate) fn gram(a: &Block, b: &Block, count: usize) -> Vec<f64> {
     widest(Gram { a, b, count })
 }
@@ -16,7 +17,7 @@ struct Gram<'a> {
     count: usize,
 }
 
-/// Rows of both blocks that stay in the nearest cache.
+/// Rows of both blocks that fit in the first-level cache.
 const ROWS: usize = 64;
 
 impl Task for Gram<'_> {

@@ -1,14 +1,14 @@
-//! The same arithmetic compiled for the processor it runs on.
+//! Compiles the same arithmetic for several instruction sets and selects one at run time.
 //!
-//! The default build knows SSE2 alone, whose vectors are a quarter as wide as AVX-512's. The order of the operations is
-//! the same everywhere; with fused multiply-adds the last bits are another's.
+//! The default build uses SSE2, whose vectors are a quarter as wide as AVX-512's. The order of the operations is the
+//! same everywhere; fused multiply-adds change the last bits.
 
-/// a b + c, in one rounding or two.
+/// a b + c, with one rounding or two.
 pub(crate) trait MulAdd: Copy {
     fn mul_add(a: f64, b: f64, c: f64) -> f64;
 }
 
-/// One rounding: where the processor has the instruction.
+/// One rounding: on processors with the instruction.
 #[derive(Clone, Copy)]
 pub(crate) struct Fused;
 
@@ -19,7 +19,7 @@ impl MulAdd for Fused {
     }
 }
 
-/// Two roundings: everywhere else.
+/// Two roundings: on all others.
 #[derive(Clone, Copy)]
 pub(crate) struct Separate;
 
@@ -30,7 +30,7 @@ impl MulAdd for Separate {
     }
 }
 
-/// Work that is to be compiled for each processor; `run` and all it calls must be `#[inline(always)]`.
+/// Work to compile for each processor; `run` and everything it calls must be `#[inline(always)]`.
 pub(crate) trait Task {
     type Output;
     fn run<M: MulAdd>(self) -> Self::Output;
@@ -44,7 +44,7 @@ pub(crate) fn widest<T: Task>(task: T) -> T::Output {
         && is_x86_feature_detected!("avx512vl")
         && is_x86_feature_detected!("avx512dq")
     {
-        // SAFETY: the processor has just been asked for every feature that the function is compiled for
+        // SAFETY: every feature that the function is compiled for was detected above
         return unsafe { avx512(task) };
     }
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
@@ -60,7 +60,7 @@ pub(crate) fn widest<T: Task>(task: T) -> T::Output {
     task.run::<Fused>()
 }
 
-/// Runs a task as the build is.
+/// Runs a task as the build compiled it.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 pub(crate) fn widest<T: Task>(task: T) -> T::Output {
     task.run::<Separate>()

@@ -1,11 +1,12 @@
-//! Sparse Cholesky for meshes: one analysis, a factor for each matrix, all right sides in one sweep.
+//! Sparse Cholesky factorisation for meshes: one analysis, one factor per matrix, all right sides solved together.
 //!
 //! Multifrontal on the tree of a nested dissection (George 1973; Duff and Reid 1983): the unknowns of one part are
-//! eliminated together in a dense front, whose remainder is handed to the front above. A front depends on the entries
-//! below it alone, so a factor of a matrix that differs in few entries from a known one makes only the fronts above
-//! them again, and has the same bits as a factor made from nothing. Everything runs in a fixed order on one thread.
+//! eliminated together in a dense front, whose remainder (update matrix) is added to the parent front. A front depends
+//! only on the entries below it, so if a matrix differs from a factored one in few entries, only the fronts above these
+//! are recomputed; the factor has the same bits as one computed afresh. All operations run in a fixed order on one
+//! thread.
 //!
-//! Unknowns are numbered in the order of elimination by the caller (see [`dissect`]).
+//! The caller numbers the unknowns in elimination order (see [`dissect`]).
 
 mod aligned;
 mod analysis;
@@ -25,10 +26,10 @@ pub(crate) use crate::linear_algebra::sparse::kernel::{MulAdd, Task, widest};
 pub(crate) use crate::linear_algebra::sparse::network::Network;
 pub(crate) use crate::linear_algebra::sparse::sweep::Block;
 
-/// Why there is no factor.
+/// Errors of a factorisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum SparseError {
-    /// The machine has not enough memory.
+    /// Not enough memory.
     Memory,
     /// A pivot was not positive.
     NotDefinite,

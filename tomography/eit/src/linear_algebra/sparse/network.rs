@@ -1,5 +1,5 @@
-//! Resistors between unknowns: what flows out of each.
-#![allow(clippy::needless_range_loop)] // registers are named by their index
+//! Resistor networks between unknowns: currents out of each unknown.
+#![allow(clippy::needless_range_loop)] // registers are addressed by index
 
 use crate::linear_algebra::sparse::analysis::LANES;
 use crate::linear_algebra::sparse::kernel::{MulAdd, Task, widest};
@@ -8,7 +8,7 @@ use crate::linear_algebra::sparse::sweep::{Block, Row, add, load, store};
 /// Resistors between unknowns, listed at both ends.
 pub(crate) struct Network {
     starts: Vec<u32>,
-    /// The other end, and which resistor.
+    /// The other end, and the resistor's index.
     links: Vec<[u32; 2]>,
 }
 
@@ -30,12 +30,12 @@ impl Network {
         Self { starts, links }
     }
 
-    /// Resistors at an unknown: the other end, and which.
+    /// Resistors at an unknown: the other end and the index of each.
     pub(crate) fn at(&self, unknown: usize) -> &[[u32; 2]] {
         &self.links[self.starts[unknown] as usize..self.starts[unknown + 1] as usize]
     }
 
-    /// rest -= the currents that leave each unknown at these potentials; `weights`: conductance of each resistor.
+    /// rest -= the currents out of each unknown at these potentials; `weights`: conductance of each resistor.
     pub(crate) fn subtract(&self, weights: &[f64], x: &Block, rest: &mut Block) {
         widest(Subtract {
             network: self,

@@ -1,14 +1,14 @@
-//! Right sides: down and up the fronts, all at once.
-#![allow(clippy::needless_range_loop)] // registers are named by their index
+//! Forward and backward substitution for all right sides together.
+#![allow(clippy::needless_range_loop)] // registers are addressed by index
 
 use crate::linear_algebra::sparse::analysis::{Analysis, Front, GROUP, LANES};
 use crate::linear_algebra::sparse::factor::Factor;
 use crate::linear_algebra::sparse::kernel::{MulAdd, Task, widest};
 
-/// Right sides that fit into the registers at once.
+/// Right sides that fit into the registers together.
 const MOST: usize = 4 * LANES;
 
-/// Rows of unknowns, columns of right sides (padded to [`LANES`]), row after row.
+/// Rows of unknowns, columns of right sides (padded to [`LANES`]), row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Block {
     pub(crate) values: Vec<f64>,
@@ -37,7 +37,7 @@ impl Block {
     }
 }
 
-/// What of A = L Lᵀ is divided by.
+/// The factor of A = L Lᵀ to divide by.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Direction {
     /// L
@@ -47,13 +47,13 @@ enum Direction {
 }
 
 impl Factor {
-    /// x = A⁻¹ x; `base` is the factor that this one was based on.
+    /// x = A⁻¹ x; `base` is the factor that this one is based on.
     pub(crate) fn solve(&self, analysis: &Analysis, base: Option<&Self>, block: &mut Block) {
         self.halve(analysis, base, block);
         self.sweep(analysis, base, block, Direction::Up);
     }
 
-    /// x = L⁻¹ x. Fronts without anything on their right side cost nothing.
+    /// x = L⁻¹ x. Fronts with zero right sides are skipped.
     pub(crate) fn halve(&self, analysis: &Analysis, base: Option<&Self>, block: &mut Block) {
         self.sweep(analysis, base, block, Direction::Down);
     }
@@ -187,7 +187,7 @@ impl Sweep<'_> {
     }
 }
 
-/// Copies a front's pivots out; the padding is zero.
+/// Copies a front's pivots to a buffer; the padding is zero.
 #[inline(always)]
 fn gather<const V: usize>(
     front: &Front,

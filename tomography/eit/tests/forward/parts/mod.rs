@@ -1,8 +1,8 @@
-//! Meshes and conductances that several tests press on.
+//! Meshes and conductances for several tests.
 
 use eit::Mesh;
 
-/// A small chaotic but repeatable number in -0.5..0.5.
+/// A small irregular but repeatable number in -0.5..0.5.
 pub fn wobble(seed: usize) -> f64 {
     let mut x = seed as u64 ^ 0x9E37_79B9_7F4A_7C15;
     for _ in 0..3 {
@@ -20,8 +20,8 @@ pub fn spread(count: usize, middle: f64, factor: f64) -> Vec<f64> {
         .collect()
 }
 
-/// A rectangle from a grid, inner nodes pushed about by `push` of a cell. Electrodes are runs of boundary edges:
-/// `(side, first, count)` with sides 0 bottom, 1 right, 2 top, 3 left, counted along +x or +y.
+/// A rectangular grid with inner nodes displaced by `push` of a cell. Electrodes are runs of boundary edges: `(side,
+/// first, count)` with sides 0 bottom, 1 right, 2 top, 3 left, counted along +x or +y.
 pub fn grid(
     size: [f64; 2],
     cells: [usize; 2],
@@ -73,7 +73,7 @@ pub fn grid(
     Mesh::new(nodes, triangles, edges, None).unwrap()
 }
 
-/// Eight electrodes of four edges each round a pushed grid of 40 x 40.
+/// Eight electrodes of four edges each around a displaced grid of 40 x 40.
 pub fn eight(push: f64) -> Mesh {
     grid(
         [0.2, 0.23],

@@ -1,4 +1,4 @@
-//! The solved case `disc16`, read without the code under test.
+//! The solved case `disc16`, read independently of the code under test.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use eit::Mesh;
 use survey::{Reading, Volts};
 
-/// The solved case `disc16`, or `None` (with the reason printed) where the reference cases are not beside the project.
+/// The solved case `disc16`; `None` (with the reason printed) if the reference cases are not beside the project.
 pub fn disc16() -> Option<PathBuf> {
     let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/cases/disc16");
     if case.is_dir() {
@@ -20,7 +20,7 @@ pub fn disc16() -> Option<PathBuf> {
     }
 }
 
-/// Numbers of a CSV file, a header line left out.
+/// Numbers of a CSV file without its header line.
 pub fn numbers(path: &Path) -> Vec<Vec<f64>> {
     std::fs::read_to_string(path)
         .unwrap()

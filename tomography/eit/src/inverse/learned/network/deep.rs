@@ -1,4 +1,4 @@
-//! The deep network as a reconstructor: normalises by Eq. 6, refuses what is far from its training.
+//! The deep network as a reconstructor: normalises by Eq. 6, refuses inputs far from its training.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use crate::inverse::learned::network::{DeepNetwork, TrainingDistribution};
 use crate::inverse::learned::trained::Trained;
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
-/// Times the distance of the familiar inputs beyond which a deep network's map is refused.
+/// Novelty above which a deep network refuses a frame, in multiples of the distance of the familiar inputs.
 const NOVELTY_LIMIT: f64 = 10.0;
 
 /// A deep network with the geometry and survey that it was trained for.
@@ -20,7 +20,8 @@ pub struct DeepReconstructor {
 }
 
 impl DeepReconstructor {
-    /// `network` must take the protocol's readings and give the mesh's region, which a loaded model's does.
+    /// `network` must have one input per reading of the protocol and one output per triangle of the region; a loaded
+    /// model has.
     pub(crate) fn new(
         network: DeepNetwork,
         familiar: TrainingDistribution,
@@ -38,8 +39,8 @@ impl DeepReconstructor {
         &self.network
     }
 
-    /// The normalised input and the number of missing readings. One that is missing is its reciprocal twin's where that is
-    /// there, else what it usually was in training.
+    /// The normalised input and the number of missing readings. A missing reading is replaced by its reciprocal twin,
+    /// or by its mean in training if the twin is missing too.
     fn input(
         &self,
         baseline: &[Reading],

@@ -1,13 +1,13 @@
-//! The exponential linear unit, written so that the compiler makes vectors of it.
+//! The exponential linear unit, written so that the compiler vectorises it.
 
-/// elu(x) = x for x > 0, e^x - 1 else, in place; within 2e-7 of the largest of 1 and |x|.
+/// elu(x) = x for x > 0, otherwise e^x - 1, in place; within 2e-7 of the larger of 1 and |x|.
 pub fn elu(values: &mut [f32]) {
     for value in values {
         *value = one(*value);
     }
 }
 
-/// d elu(x) / dx from y = elu(x): 1 for y > 0, y + 1 else.
+/// d elu(x) / dx from y = elu(x): 1 for y > 0, otherwise y + 1.
 #[inline(always)]
 pub fn elu_slope(y: f32) -> f32 {
     y.min(0.0) + 1.0
@@ -19,7 +19,7 @@ fn one(x: f32) -> f32 {
     /// Adding and subtracting it rounds to a whole number.
     const ROUND: f32 = 12_582_912.0;
     const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4];
-    // below -87 e^x is nothing beside 1; a NaN goes through clamp and series
+    // below -87, e^x is negligible relative to 1; a NaN passes through clamp and series
     let low = x.clamp(-87.0, 0.0);
     let shifted = low * std::f32::consts::LOG2_E + ROUND;
     let n = shifted - ROUND;

@@ -1,4 +1,4 @@
-//! How a deep network is trained, and what its training found, as a model file keeps it.
+//! Settings and results of a deep training, as stored in a model file.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,28 +14,29 @@ pub struct DeepSettings {
     pub width: usize,
     /// Batch normalisation of the input: by mean and variance of each batch while training, of all samples afterwards.
     pub batch_normalisation: bool,
-    /// Added to the variance of each (normalised) reading there; the paper is silent, 1e-5 is its tool's default. Readings
-    /// whose deviation is below its root are lifted less: with little noise a smaller one shows smaller loads.
+    /// Added there to the variance of each (normalised) reading; the paper does not state it, 1e-5 is the default of
+    /// its tool. Readings whose deviation is below its root are amplified less: with little noise a smaller value shows
+    /// smaller loads.
     pub normalisation_epsilon: f64,
     /// Passes over the training set.
     pub epochs: usize,
     /// Samples of a step.
     pub batch: usize,
-    /// Initial step of Adam.
+    /// Adam's initial learning rate.
     pub learning_rate: f64,
-    /// The learning rate drops after each so many epochs; 0: never.
+    /// Epochs between drops of the learning rate; 0: never.
     pub drop_every: usize,
-    /// By this factor.
+    /// Factor of each drop.
     pub drop_factor: f64,
     /// Decay of Adam's mean of the gradient.
     pub beta1: f64,
-    /// Decay of Adam's mean of the squared gradient; the paper is silent, 0.999 is Adam's own.
+    /// Decay of Adam's mean of the squared gradient; the paper does not state it, 0.999 is Adam's default.
     pub beta2: f64,
     /// Adam's denominator offset.
     pub epsilon: f64,
-    /// Cases kept back from training: they judge each epoch, and the best one's weights are what is kept.
+    /// Cases held out of training: each epoch is evaluated on them, and the weights of the best epoch are kept.
     pub held_out: usize,
-    /// Epochs without a better held-out loss after which training ends; 0: never.
+    /// Training ends after this many epochs without a better held-out loss; 0: never.
     pub patience: usize,
 }
 
@@ -77,7 +78,7 @@ impl DeepSettings {
             .collect()
     }
 
-    /// The first setting without meaning: its name, and what it must be.
+    /// The first invalid setting: its name, and what it must be.
     pub fn fault(&self) -> Option<(&'static str, &'static str)> {
         let whole = |value: usize| value > 0;
         let positive = |value: f64| value > 0.0 && value.is_finite();
@@ -113,42 +114,42 @@ impl DeepSettings {
     }
 }
 
-/// What a deep training found.
+/// Results of a deep training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DeepReport {
     /// How it was trained.
     pub settings: DeepSettings,
-    /// Weights and biases.
+    /// Number of weights and biases.
     pub parameters: usize,
     /// Samples of one epoch.
     pub samples: usize,
     /// Epochs that were run.
     pub epochs: usize,
-    /// The epoch whose weights these are, from 1.
+    /// The epoch whose weights were kept, from 1.
     pub best_epoch: usize,
     /// Mean of that epoch's training loss: half the squared error of a map, summed over its triangles.
     pub training_loss: f64,
     /// The same on held-out cases, each with one draw of the jitter.
     pub held_out_loss: f64,
-    /// The same of empty maps: what a network that says nothing would lose.
+    /// The same for empty maps: the loss of a network that always returns zero.
     pub empty_loss: f64,
-    /// How the weights are kept, and what that costs.
+    /// The precision of the stored weights, and its cost.
     pub kept: Rounding,
 }
 
-/// The cost of keeping weights in fewer bytes, on the held-out cases.
+/// The cost of rounding the weights, on the held-out cases.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Rounding {
-    /// How the weights are kept.
+    /// Precision of the stored weights.
     pub precision: Precision,
-    /// Root mean square of what rounding changes in the maps, over that of the maps.
+    /// Root mean square change of the maps by rounding, over that of the maps.
     pub map_change: f64,
-    /// Loss on held-out cases with the weights as kept.
+    /// Loss on held-out cases with the rounded weights.
     pub held_out_loss: f64,
 }
 
 impl DeepReport {
-    /// What a person should know, a sentence each.
+    /// The results for people, a sentence each.
     pub(crate) fn sentences(&self) -> Vec<String> {
         let mut sentences = vec![format!(
             "loss on held-out cases {:.3}, {:.0} % of an empty map's, at epoch {} of {}",

@@ -1,8 +1,8 @@
-//! Matrix times vector for the three ways of keeping weights. A frame is one pass over all weights, so these loops run at
-//! the speed of memory; the portable ones convert f16 and int8 slower than memory gives them, the vector ones do not
-//! (`cargo run --release -p tactus-eit --example deep_time` prints both).
+//! Matrix times vector for the three precisions of weights. A frame is one pass over all weights, so these loops are
+//! limited by memory bandwidth; the portable loops convert f16 and int8 more slowly than that, the vectorised ones do
+//! not (`cargo run --release -p tactus-eit --example deep_time` prints both).
 //!
-//! The bits of a result depend on the instructions a machine has, never on the number of threads.
+//! The last bits of a result depend on the machine's instruction set, never on the number of threads.
 #![allow(unsafe_code)]
 
 use half::f16;
@@ -13,13 +13,13 @@ use crate::inverse::learned::network::weights::Rows;
 pub(super) fn multiply(weights: Rows<'_>, input: &[f32], output: &mut [f32]) {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx512f") {
-        // SAFETY: the processor has just said that it has AVX-512F.
+        // SAFETY: AVX-512F was detected above.
         return unsafe { wide::multiply(weights, input, output) };
     } else if is_x86_feature_detected!("avx2")
         && is_x86_feature_detected!("fma")
         && is_x86_feature_detected!("f16c")
     {
-        // SAFETY: the processor has just said that it has AVX2, FMA and F16C.
+        // SAFETY: AVX2, FMA and F16C were detected above.
         return unsafe { half_wide::multiply(weights, input, output) };
     }
     portable(weights, input, output);
@@ -57,12 +57,12 @@ fn portable(weights: Rows<'_>, input: &[f32], output: &mut [f32]) {
     }
 }
 
-/// Bytes that weights are fetched ahead.
+/// Prefetch distance for weights, bytes.
 #[cfg(target_arch = "x86_64")]
 const AHEAD: usize = 4096;
 
-/// The loop over rows and lanes for one set of instructions: four sums a row hide the latency of the multiply-add. Rows are
-/// read one after the other, as one stream: four at once made two thirds of its speed on memory of small pages.
+/// The loop over rows and lanes for one instruction set: four sums per row hide the latency of the multiply-add. Rows
+/// are read one after another, as one stream: four at once ran at two thirds of the speed on memory with small pages.
 #[cfg(target_arch = "x86_64")]
 macro_rules! kernel {
     ($module:ident, $features:literal, $lanes:literal, $vector:ty, $zero:expr, $fma:expr, $add:expr, $sum:expr,
@@ -77,7 +77,7 @@ macro_rules! kernel {
             #[target_feature(enable = $features)]
             pub(super) fn multiply(weights: Rows<'_>, input: &[f32], output: &mut [f32]) {
                 match weights {
-                    // SAFETY of the three: the loads read $lanes entries, which `each` says are there.
+                    // SAFETY of the three: the loads read $lanes entries, which `each` guarantees.
                     Rows::F32(weights) => {
                         each(weights, input, output, |w| unsafe { $f32(w) }, |w| w)
                     }
@@ -112,11 +112,11 @@ macro_rules! kernel {
                         rest += value(*w) * x;
                     }
                     for (w, x) in ws.zip(xs) {
-                        // what is narrower than f32 passes faster than the hardware fetches it
+                        // hardware prefetching is too slow for weights narrower than f32
                         if size_of::<W>() < 4 {
                             for line in (0..size_of_val(w)).step_by(64) {
                                 let ahead = w.as_ptr().cast::<i8>().wrapping_add(AHEAD + line);
-                                // it reads nothing, at whatever address
+                                // SAFETY: a prefetch is valid for any address.
                                 _mm_prefetch::<_MM_HINT_T0>(ahead);
                             }
                         }
@@ -173,7 +173,7 @@ kernel!(
 mod tests {
     use crate::inverse::learned::network::kernel::*;
 
-    /// Five rows, which four do not divide, of 83, which no vector length does.
+    /// Five rows (not divisible by four) of 83 entries (not divisible by any vector length).
     fn sample() -> (Vec<f32>, Vec<f32>) {
         let wave = |n: usize, step: f32| (0..n).map(|i| (i as f32 * step).sin()).collect();
         (wave(5 * 83, 0.7), wave(83, 0.3))
@@ -205,7 +205,7 @@ mod tests {
                 && is_x86_feature_detected!("fma")
                 && is_x86_feature_detected!("f16c")
             {
-                // SAFETY: the processor has just said that it has them.
+                // SAFETY: the features were detected above.
                 unsafe { half_wide::multiply(rows, &input, &mut chosen) };
                 assert!(close(&plain, &chosen), "{plain:?} {chosen:?}");
             }

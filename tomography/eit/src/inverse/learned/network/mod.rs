@@ -1,10 +1,11 @@
-//! The deep network of the paper (section 4.2): fully connected layers, exponential linear units, one output a triangle.
+//! The deep network of the paper (section 4.2): fully connected layers, exponential linear units, one output per
+//! triangle.
 //!
-//! x_0 = (dv - mean) gain + shift (batch normalisation of the input), x_l = elu(W_l x_{l-1} + b_l) (Eq. 10), the last layer
-//! without elu. A frame reads every weight once, so its time is that of the memory: weights may be kept in f16 or int8,
-//! products and sums are of f32 always. Training lives in the laboratory.
+//! x_0 = (dv - mean) gain + shift (batch normalisation of the input), x_l = elu(W_l x_{l-1} + b_l) (Eq. 10), the last
+//! layer without elu. A frame reads every weight once, so memory bandwidth determines its time: weights may be stored
+//! as f16 or int8; products and sums are always in f32. Training is in the crate `training`.
 //!
-//! Symbols: `inputs` readings, `outputs` triangles of the region; a layer's weights are row-major, a row an output.
+//! Symbols: `inputs` readings, `outputs` triangles of the region; a layer's weights are row-major, a row per output.
 
 mod deep;
 mod elu;
@@ -25,20 +26,20 @@ pub use crate::inverse::learned::network::training_distribution::{
 };
 pub use crate::inverse::learned::network::weights::{Precision, Weights};
 
-/// `output[r] = sum_i rows[r][i] input[i]`, at the speed of memory; the bits depend on the processor's instructions.
+/// `output[r] = sum_i rows[r][i] input[i]`, at memory bandwidth; the last bits depend on the processor's instructions.
 pub(crate) fn rows_times(rows: &[f32], input: &[f32], output: &mut [f32]) {
     kernel::multiply(weights::Rows::F32(rows), input, output);
 }
 
-/// Rows of a layer that one task multiplies: the same cut on any number of threads.
+/// Rows of a layer that one task multiplies: the same partition on any number of threads.
 const ROWS: usize = 64;
 
 /// One fully connected layer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layer {
-    /// Weights, a row of as many entries as there are inputs for each output.
+    /// Weights: a row per output, an entry per input.
     pub weights: Weights,
-    /// One number an output.
+    /// One entry per output.
     pub bias: Vec<f32>,
 }
 
@@ -53,7 +54,7 @@ impl Layer {
         self.weights.len() / self.bias.len().max(1)
     }
 
-    /// W x + b, with elu where asked.
+    /// W x + b, followed by elu if `activated`.
     fn respond(&self, input: &[f32], activated: bool) -> Vec<f32> {
         let mut output = vec![0.0; self.outputs()];
         output
@@ -80,17 +81,17 @@ impl Layer {
 /// A trained deep network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeepNetwork {
-    /// Subtracted from each input.
+    /// Mean of each input, subtracted first.
     mean: Vec<f32>,
-    /// Multiplies what is left.
+    /// Factor applied after that.
     gain: Vec<f32>,
-    /// Added to that.
+    /// Offset added last.
     shift: Vec<f32>,
     layers: Vec<Layer>,
 }
 
 impl DeepNetwork {
-    /// Joins a normalisation of the input, one entry a reading, and layers from input to output.
+    /// Combines a normalisation of the input, one entry per reading, with layers from input to output.
     ///
     /// # Errors
     /// Layers that do not fit each other, or numbers that are not finite, in words.
@@ -139,12 +140,12 @@ impl DeepNetwork {
         }
     }
 
-    /// Readings of the input.
+    /// Number of inputs (readings).
     pub fn inputs(&self) -> usize {
         self.mean.len()
     }
 
-    /// Triangles of the output.
+    /// Number of outputs (triangles).
     pub fn outputs(&self) -> usize {
         self.layers.last().map_or(0, Layer::outputs)
     }
@@ -159,7 +160,7 @@ impl DeepNetwork {
         [&self.mean, &self.gain, &self.shift]
     }
 
-    /// How its weights are kept.
+    /// Precision of the stored weights.
     pub fn precision(&self) -> Precision {
         self.layers
             .first()
@@ -171,7 +172,7 @@ impl DeepNetwork {
         self.layers.iter().map(|layer| layer.weights.bytes()).sum()
     }
 
-    /// The same network with its weights kept otherwise; from f32, rounded to the nearest.
+    /// The same network with its weights in another precision, rounded to the nearest from f32.
     pub fn with_precision(&self, precision: Precision) -> Self {
         let mut network = self.clone();
         for layer in &mut network.layers {
@@ -181,7 +182,7 @@ impl DeepNetwork {
         network
     }
 
-    /// The map of a normalised input (Eq. 6); `input` has one entry a reading. The same bits on any number of threads.
+    /// The map of a normalised input (Eq. 6), one entry per reading. The same bits on any number of threads.
     pub fn predict(&self, input: &[f32]) -> Vec<f32> {
         let mut values: Vec<f32> = input
             .iter()
@@ -200,7 +201,7 @@ impl DeepNetwork {
 mod tests {
     use crate::inverse::learned::network::*;
 
-    /// A network of these widths with weights that look like a trained one's.
+    /// A network of these widths with weights like those of a trained one.
     fn network(widths: &[usize]) -> DeepNetwork {
         let wave = |count: usize, step: f32, size: f32| -> Vec<f32> {
             (0..count).map(|i| (i as f32 * step).sin() * size).collect()
@@ -225,7 +226,7 @@ mod tests {
         .unwrap()
     }
 
-    /// The same by the formula, in f64.
+    /// Direct evaluation of the formula, in f64.
     fn by_formula(network: &DeepNetwork, input: &[f32]) -> Vec<f64> {
         let [mean, gain, shift] = network.normalisation();
         let mut values: Vec<f64> = (0..input.len())
@@ -253,7 +254,7 @@ mod tests {
 
     #[test]
     fn a_map_is_what_the_formula_says_in_every_precision() {
-        // widths that no vector length divides
+        // widths that are not multiples of any vector length
         let network = network(&[59, 131, 77, 201]);
         let input: Vec<f32> = (0..59).map(|i| (i as f32 * 0.9).cos()).collect();
         let exact = by_formula(&network, &input);

@@ -1,15 +1,15 @@
-//! What a network has seen: the mean and covariance of its training inputs, and how far from them an input lies.
+//! Distribution of a network's training inputs: mean and covariance, and the distance of an input from them.
 
 use nalgebra::DMatrix;
 
 use crate::linear_algebra::dense;
 
-/// Share of the training inputs that count as familiar: the distance of the others is novelty 1 or more.
+/// Share of the training inputs that count as familiar; the others have novelty 1 or more.
 pub const FAMILIAR_SHARE: f64 = 0.999;
 
-/// Directions of the covariance that are kept; what lies outside of them is taken together.
+/// Principal directions of the covariance that are kept; the others are treated together.
 const DIRECTIONS: usize = 128;
-/// Rows of one chunk of work.
+/// Rows per task.
 const CHUNK: usize = 1000;
 
 /// The training inputs as a normal distribution.
@@ -20,16 +20,16 @@ const CHUNK: usize = 1000;
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainingDistribution {
     pub(crate) mean: Vec<f32>,
-    /// One row a direction, divided by its deviation.
+    /// Principal directions, one per row, divided by their deviations.
     pub(crate) directions: Vec<f32>,
-    /// Deviation of each direction, that of the rest at the end.
+    /// Deviation of each direction; the last entry is that of the remainder.
     pub(crate) deviations: Vec<f32>,
-    /// Distance within which the familiar inputs lie.
+    /// Distance within which the familiar inputs are.
     pub(crate) limit: f32,
 }
 
 impl TrainingDistribution {
-    /// Learns from inputs, rows of `width`. `None` where they do not differ.
+    /// Estimates the distribution of inputs, rows of `width`. `None` if all are equal.
     pub fn learn(inputs: &[f32], width: usize) -> Option<Self> {
         let count = inputs.len() / width;
         if count < 2 {
@@ -55,7 +55,7 @@ impl TrainingDistribution {
         if !(top > 0.0 && top.is_finite()) {
             return None;
         }
-        // the largest, not beyond what rounding leaves of them
+        // the largest, down to the rounding error
         let kept: Vec<usize> = (0..width)
             .rev()
             .take(DIRECTIONS)
@@ -91,7 +91,7 @@ impl TrainingDistribution {
         familiar.is_sound(width).then_some(familiar)
     }
 
-    /// Whether the parts fit each other and `width` readings, and are finite.
+    /// Whether the parts have consistent sizes, fit `width` readings, and are finite.
     pub(crate) fn is_sound(&self, width: usize) -> bool {
         let kept = self.deviations.len().saturating_sub(1);
         self.mean.len() == width
@@ -108,7 +108,7 @@ impl TrainingDistribution {
                 .all(|value| value.is_finite() && *value > 0.0)
     }
 
-    /// How far an input lies from the training: up to 1 within it, beyond outside; the mean stands for a missing reading.
+    /// Novelty of an input: at most 1 within the training distribution. Missing readings are replaced by their means.
     pub fn novelty(&self, input: &[f32]) -> f64 {
         self.distance(input) / f64::from(self.limit)
     }
@@ -120,7 +120,7 @@ impl TrainingDistribution {
 
     fn distance(&self, input: &[f32]) -> f64 {
         let centred: Vec<f32> = input.iter().zip(&self.mean).map(|(v, m)| v - m).collect();
-        // the rest is taken away part by part: as a difference of squares it would drown in rounding
+        // subtracted direction by direction: a difference of squares would lose the remainder to rounding
         let mut rest: Vec<f64> = centred.iter().map(|v| f64::from(*v)).collect();
         let mut within = 0.0;
         for (direction, deviation) in self
@@ -154,7 +154,7 @@ mod tests {
 
     #[test]
     fn what_was_seen_is_familiar_and_what_was_not_is_novel() {
-        // 3 directions of very different size in 12 readings, and a little of everything
+        // 3 directions of very different size in 12 readings, and a little noise
         let wave = |i: usize, k: usize| ((i * (2 * k + 3)) as f32 * 0.618).sin();
         let noise = |i: usize, r: usize| {
             let mixed = (i * 12 + r + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
@@ -175,7 +175,7 @@ mod tests {
             .count();
         assert!(outside < 15, "{outside}");
         let mut odd = row(7);
-        odd[3] += 0.01; // a hundredth of the largest direction, in a place where none was ever seen
+        odd[3] += 0.01; // a hundredth of the largest direction, in a reading that never varied
         assert!(familiar.novelty(&odd) > 3.0, "{}", familiar.novelty(&odd));
         let far: Vec<f32> = row(7).iter().map(|v| 20.0 * v).collect();
         assert!(familiar.novelty(&far) > 3.0);

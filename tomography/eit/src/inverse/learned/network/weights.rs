@@ -1,18 +1,18 @@
-//! Weights of a layer as they are kept: f32, f16, or int8 with a scale a row.
+//! Stored weights of a layer: f32, f16, or int8 with a scale per row.
 
 use half::f16;
 use serde::{Deserialize, Serialize};
 
-/// How the weights of a network are kept; sums are of f32 always.
+/// Precision of a network's stored weights; sums are always in f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Precision {
-    /// Four bytes a weight, as trained.
+    /// Four bytes per weight, as trained.
     #[default]
     F32,
-    /// Two bytes a weight.
+    /// Two bytes per weight.
     F16,
-    /// One byte a weight and one scale a row.
+    /// One byte per weight and one scale per row.
     Int8,
 }
 
@@ -38,7 +38,7 @@ pub enum Weights {
     Int8 {
         /// From -127 to 127.
         values: Vec<i8>,
-        /// One a row.
+        /// One per row.
         scales: Vec<f32>,
     },
 }
@@ -66,7 +66,7 @@ impl Weights {
         self.len() == 0
     }
 
-    /// Bytes they take.
+    /// Size in bytes.
     pub fn bytes(&self) -> usize {
         match self {
             Self::F32(values) => 4 * values.len(),
@@ -75,7 +75,7 @@ impl Weights {
         }
     }
 
-    /// How they are kept.
+    /// Their precision.
     pub fn precision(&self) -> Precision {
         match self {
             Self::F32(_) => Precision::F32,
@@ -92,7 +92,7 @@ impl Weights {
         }
     }
 
-    /// `count` rows of `width` from row `first` on.
+    /// `count` rows of `width` entries, starting at row `first`.
     pub(super) fn rows(&self, first: usize, count: usize, width: usize) -> Rows<'_> {
         let range = first * width..(first + count) * width;
         match self {
@@ -117,7 +117,7 @@ impl Weights {
         }
     }
 
-    /// Rounded to the nearest; `width` entries a row.
+    /// Rounded to the nearest; `width` entries per row.
     pub(super) fn rounded(&self, precision: Precision, width: usize) -> Self {
         let wide = self.wide(width);
         match precision {

@@ -1,13 +1,13 @@
-//! Cut pursuit (L. Landrieu, G. Obozinski, SIAM J. Imaging Sci. 10 (2017) 1724) with bounds: total variation by working
-//! on the few constant regions of the map.
+//! Cut pursuit (L. Landrieu, G. Obozinski, SIAM J. Imaging Sci. 10 (2017) 1724) with bounds: solves total variation on
+//! the few constant regions of the map.
 //!
-//! F(x) = |J x - d|^2 / 2 + sum W_e |x_i - x_j|  over  low <= x <= high. One round: the gradient at the present map; a
-//! minimum cut over the edges inside regions finds the steepest split; the problem on the regions is solved exactly;
-//! regions that stick are merged.
+//! F(x) = |J x - d|^2 / 2 + sum W_e |x_i - x_j|  over  low <= x <= high. One round: compute the gradient at the current
+//! map; find the steepest split of the regions by a minimum cut over the edges inside them; solve the problem on the
+//! regions exactly; merge adjacent regions of equal value.
 //!
-//! The cut is also the certificate. F is convex, so for any x + h within the bounds F(x + h) >= F(x) + F'(x; h), and over
-//! all such h, taken region by region, the least F'(x; h) is a minimum cut: (low - c) g(R) + (high - low) min_S [g(S) +
-//! W(border of S in R)]. The gap that is stated is F less the largest bound so found; it is computed, not estimated.
+//! The cut also bounds the minimum. F is convex, so for any x + h within the bounds F(x + h) >= F(x) + F'(x; h), and
+//! over all such h, taken region by region, the smallest F'(x; h) is a minimum cut: (low - c) g(R) + (high - low) min_S
+//! [g(S) + W(border of S in R)]. The stated gap is F less the largest such bound; it is computed, not estimated.
 
 use nalgebra::DVector;
 
@@ -16,40 +16,40 @@ use crate::inverse::tv::problem::Problem;
 use crate::inverse::tv::regions::Regions;
 use crate::linear_algebra::dense;
 
-/// Rounds after which what there is is given, with its gap.
+/// Rounds after which the current map is returned with its gap.
 const MOST_ROUNDS: usize = 120;
-/// Parts whose gain is below this share of the best one's wait for a later round.
+/// Parts whose gain is below this share of the largest gain wait for a later round.
 const WORTHWHILE: f64 = 0.02;
-/// Gap of the solution on the regions, as a share of the objective: regions that only seem to stick would be split and
-/// merged for ever, so it does not follow the gap that is asked for.
+/// Gap of the solution on the regions, as a share of the objective. It does not depend on the requested gap: with a
+/// looser one, regions that only appear equal would be merged and split for ever.
 const INNER: f64 = 1e-13;
-/// Share of the objective at zero below which gaps are rounding.
+/// Share of the objective at zero below which a gap is rounding error.
 const ROUNDING: f64 = 1e-15;
 
-/// A map and how good it is.
+/// A map and its accuracy.
 pub(crate) struct Outcome {
     pub(crate) x: Vec<f64>,
     /// The region of each unknown.
     pub(crate) label: Vec<usize>,
     pub(crate) objective: f64,
-    /// By how much the objective may exceed the minimum.
+    /// Upper limit of the objective's distance from the minimum.
     pub(crate) gap: f64,
     pub(crate) rounds: usize,
 }
 
-/// A split of the regions, and what the cut says of the minimum.
+/// A split of the regions, and the bound from the cut.
 struct Split {
     label: Vec<usize>,
     count: usize,
-    /// An unknown of each part.
+    /// One unknown of each part.
     first: Vec<usize>,
-    /// Which way each unknown goes.
+    /// Direction of each unknown.
     up: Vec<bool>,
     gap: f64,
 }
 
 impl Problem<'_> {
-    /// The least objective by an interior method over all unknowns, with a gap of at most `share` of it.
+    /// The smallest objective by an interior method over all unknowns, with a gap of at most `share` of it.
     pub(crate) fn minimum_offline(&self, share: f64) -> Option<f64> {
         let exact = Quadratic {
             hessian: &dense::gram_of_columns(self.sensitivity),
@@ -63,12 +63,12 @@ impl Problem<'_> {
         Some(self.objective(x.as_slice()))
     }
 
-    /// The minimum, to a gap of at most `goal` of the objective where that can be reached. `None` where the numbers
-    /// gave out.
+    /// The minimum, to a gap of at most `goal` of the objective if that can be reached. `None` if a factorisation
+    /// failed.
     pub(crate) fn minimise(&self, goal: f64) -> Option<Outcome> {
         let (label, count) = self.graph.parts(|_, _| true);
         let at_zero = 0.5 * self.data.norm_squared() + self.constant;
-        // the objective is at most that at zero: a first goal for the regions' own problem
+        // at most the objective at zero: a first goal for the problem on the regions
         let inner = |objective: f64| (INNER * objective).max(ROUNDING * at_zero);
         let mut regions = Regions::solve(self, label, count, None, inner(at_zero))?;
         let mut best: Option<Outcome> = None;
@@ -82,7 +82,7 @@ impl Problem<'_> {
             if let (Some(best), Some(split)) = (&best, &last)
                 && objective >= best.objective
             {
-                // the interior method cannot tell the parts from what they were split from
+                // the interior method cannot distinguish the new parts from the regions they came from
                 if std::mem::replace(&mut descended, true) {
                     break;
                 }
@@ -142,7 +142,7 @@ impl Problem<'_> {
             }
         }
         let mut up = graph.cut.minimum(cost.as_slice(), &capacity);
-        // the certificate
+        // the lower bound
         let (mut sum, mut least) = (vec![0.0; count], vec![0.0; count]);
         for (unknown, &region) in regions.label.iter().enumerate() {
             sum[region] += cost[unknown];
@@ -160,7 +160,7 @@ impl Problem<'_> {
             .sum::<f64>()
             .max(0.0);
         let steepest = up.clone();
-        // what each part gains by being one, and the largest part of each region
+        // the gain of each part as a region, and the largest part of each region
         let same = |up: &[bool], a: usize, b: usize| {
             regions.label[a] == regions.label[b] && up[a] == up[b]
         };
@@ -195,7 +195,7 @@ impl Problem<'_> {
             .filter(|&p| small(p))
             .map(|p| gain[p])
             .fold(0.0, f64::max)
-            // a part inside another gains against it, not against staying
+            // a part inside another gains relative to that one
             .min(gap / (high - low));
         let mut flipped = false;
         for (unknown, &part) in part.iter().enumerate() {

@@ -5,7 +5,7 @@ use crate::inverse::tv::pursuit::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A grid of unknowns with random borders, seen by few readings.
+/// A grid of unknowns with random border weights and few readings.
 fn grid(side: usize, readings: usize, seed: u64) -> (Graph, DMatrix<f64>, DVector<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut edges = Vec::new();
@@ -43,8 +43,8 @@ fn grid(side: usize, readings: usize, seed: u64) -> (Graph, DMatrix<f64>, DVecto
     (Graph::new(unknowns, edges, lengths), sensitivity, data)
 }
 
-/// Against the interior method over all unknowns, whose own gap is far below: with and without bounds that matter, and
-/// the stated gap holds at every accuracy asked for.
+/// Compared with the interior method over all unknowns, whose gap is far smaller: with and without active bounds. The
+/// stated gap holds at every requested accuracy.
 #[test]
 fn the_minimum_is_found_and_the_gap_is_true() {
     for seed in 0..4 {

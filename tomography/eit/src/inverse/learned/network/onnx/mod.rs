@@ -1,10 +1,11 @@
 //! Networks trained elsewhere (PyTorch, MATLAB), as ONNX files, run by ONNX Runtime.
 //!
-//! Behind the feature `onnx`; a build without it says so. The library is looked for when the first such network is loaded:
-//! in `ORT_DYLIB_PATH`, else as the system finds `libonnxruntime`. A file says nothing of sheet and survey, so both are
-//! given; the counts are checked, and where the file has metadata properties `tactus.survey` and `tactus.geometry` (the
-//! hashes in a training set's manifest) those too. Its input is the normalised difference of Eq. 6 (f32, a number a reading in the
-//! protocol's order), its output the relative change (Eq. 7) of each triangle of the region in the mesh's order.
+//! Requires the feature `onnx`; a build without it returns an error. The library is loaded with the first such network,
+//! from `ORT_DYLIB_PATH`, or as the system finds `libonnxruntime`. An ONNX file does not describe sheet and survey, so
+//! both are given. The numbers of inputs and outputs are checked, and so are the metadata properties `tactus.survey`
+//! and `tactus.geometry` (the hashes in a training set's manifest) if the file has them. Its input is the normalised
+//! difference of Eq. 6 (f32, one per reading in the protocol's order), its output the relative change (Eq. 7) of each
+//! triangle of the region in the mesh's order.
 
 #[cfg(feature = "onnx")]
 mod session;
@@ -19,7 +20,7 @@ use crate::{Mesh, Reconstructor};
 /// Why a network trained elsewhere cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum OnnxError {
-    /// This build runs no such networks.
+    /// This build cannot run such networks.
     #[error("ONNX file {}: this build runs no ONNX networks; build it with --features onnx", .path.display())]
     NotBuilt {
         /// The file.
@@ -33,25 +34,25 @@ pub enum OnnxError {
     Runtime {
         /// The library.
         place: String,
-        /// What the loader says.
+        /// The loader's error.
         cause: String,
     },
-    /// The file is missing, damaged, or uses what this runtime does not know.
+    /// The file is missing, damaged, or uses features that this runtime does not support.
     #[error("ONNX file {} cannot be used: {cause}", .path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// What the runtime says.
+        /// The runtime's error.
         cause: String,
     },
-    /// Not one input and one output of floats.
+    /// Not exactly one input and one output of floats.
     #[error("ONNX file {} has {found}, one f32 {what} is needed", .path.display())]
     Signature {
         /// The file.
         path: PathBuf,
         /// `input` or `output`.
         what: &'static str,
-        /// What there is.
+        /// The inputs or outputs found.
         found: String,
     },
     /// Made for another survey or region.
@@ -65,14 +66,14 @@ pub enum OnnxError {
         what: &'static str,
         /// Its name.
         name: String,
-        /// Its dimensions, -1 where any will do.
+        /// Its dimensions; -1 matches any.
         shape: Vec<i64>,
         /// Numbers needed.
         wants: usize,
-        /// Of what.
+        /// What they are: readings or triangles.
         meaning: &'static str,
     },
-    /// Its metadata name another survey or geometry.
+    /// Its metadata names another survey or geometry.
     #[error("ONNX file {} was trained for {what} {message}, this is {what} {here}", .path.display())]
     Other {
         /// The file.
@@ -81,19 +82,19 @@ pub enum OnnxError {
         what: &'static str,
         /// The hash in the file.
         message: String,
-        /// The hash here.
+        /// The hash of the survey or geometry in use.
         here: String,
     },
 }
 
-/// Whether a path names an ONNX file: by its extension.
+/// Whether a path names an ONNX file, by its extension.
 pub fn is_onnx(path: &Path) -> bool {
     path.extension()
         .is_some_and(|kind| kind.eq_ignore_ascii_case("onnx"))
 }
 
-/// Loads a network and checks that it takes the protocol's readings and gives the region's triangles. Dimensions beside
-/// the one of readings (triangles) are 1 or left open in the file: `[1, 598]`, `[batch, 598]`, MATLAB's `[1, 598, 1, 1]`.
+/// Loads a network and checks that it has an input per reading of the protocol and an output per triangle of the
+/// region. All other dimensions are 1 or left open in the file: `[1, 598]`, `[batch, 598]`, MATLAB's `[1, 598, 1, 1]`.
 ///
 /// # Errors
 /// See [`OnnxError`].

@@ -11,23 +11,24 @@ use crate::inverse::learned::network::onnx::OnnxError;
 use crate::inverse::learned::trained::Trained;
 use crate::{Mesh, ReconstructError, Reconstructor};
 
-/// Where the runtime is looked for.
+/// Environment variable with the path of the runtime.
 const LIBRARY: &str = "ORT_DYLIB_PATH";
-/// Metadata properties of a file that say what it was trained for: [`Protocol::hash`] and [`Mesh::hash`].
+/// Metadata properties that name the geometry and survey of the training: [`Protocol::hash`] and [`Mesh::hash`].
 const SURVEY: &str = "tactus.survey";
 const GEOMETRY: &str = "tactus.geometry";
 
-/// A network trained elsewhere, for one sheet and survey.
+/// An ONNX network for one sheet and survey.
 pub struct OnnxReconstructor {
-    // a run needs the session alone; frames come one after the other
+    // a run needs exclusive access to the session; frames come one after another
     session: Mutex<Session>,
     trained: Trained,
-    /// Dimensions of the input, those left open as 1.
+    /// Dimensions of the input, open ones as 1.
     shape: Vec<i64>,
 }
 
 impl OnnxReconstructor {
-    /// Loads a file and checks that it takes the protocol's readings and gives the region's triangles.
+    /// Loads a file and checks that it has an input per reading of the protocol and an output per triangle of the
+    /// region.
     ///
     /// # Errors
     /// See [`OnnxError`].
@@ -107,7 +108,8 @@ impl OnnxReconstructor {
     }
 }
 
-/// The dimensions of the only input or output, those left open as 1: f32, and one of them as long as is wanted.
+/// The dimensions of the only input or output, open ones as 1; it must be of f32 and one dimension of the required
+/// length.
 fn checked(
     path: &Path,
     what: &'static str,
@@ -182,7 +184,7 @@ impl Reconstructor for OnnxReconstructor {
             method: self.trained.method.clone(),
             cause,
         };
-        // a run that panicked left no state that the next one reads
+        // a run that panicked leaves no state for the next one
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         let tensor = TensorRef::from_array_view((self.shape.clone(), &input[..]))
             .map_err(|fault| failed(fault.to_string()))?;
