@@ -416,7 +416,7 @@ pub struct Export {
     /// What to write
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub format: Format,
-    /// File to write (csv: its baseline goes beside it as NAME.baseline.csv, its protocol and bare frames as the case folder NAME.case/)
+    /// File to write (csv: its baseline goes beside it as NAME.baseline.csv, and a case folder NAME.case/ with mesh, protocol, frames, baseline and provenance, for replay and tactus-lab)
     #[arg(long, short, value_name = "PATH")]
     pub out: OutPath,
     #[command(flatten)]
@@ -444,10 +444,12 @@ pub struct Export {
 pub struct Replay {
     /// A case folder with protocol.csv (and a mesh if it has one), a session file, or a session's id, the beginning of one, or `last`
     pub source: String,
-    /// Frames of a case folder, a row (or column) a frame; a bare name is looked for in the folder first, then in the current directory
+    /// Frames of a case folder, a row (or column) a frame; a bare name is looked for in the folder first, then in the current
+    /// directory [default: frames.csv in the folder]
     #[arg(long, value_name = "FILE")]
     pub frames: Option<PathBuf>,
-    /// What to subtract: FILE (its frames' mean) or first:N (mean of the first N frames); a session uses its own unless said
+    /// What to subtract: FILE (its frames' mean) or first:N (mean of the first N frames) [default: a session's own; of a folder its
+    /// baseline.csv, else the first frame]
     #[arg(long, value_name = "FILE|first:N")]
     pub baseline: Option<BaselineRule>,
     /// Compare each map with the trace of the one that was recorded (1 where the same build and processor make another)
@@ -459,7 +461,8 @@ pub struct Replay {
     /// Only the first N frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
-    /// Write the maps as CSV, a row a frame, a column a triangle of the region
+    /// Write the maps as CSV, a row a frame, a column a triangle of the region: relative changes of conductance, losses negative.
+    /// Beside it times and places as NAME.frames.csv, centroids and areas as NAME.triangles.csv
     #[arg(long, value_name = "FILE")]
     pub out: Option<OutPath>,
     /// Write a picture of each map into this directory, which is new or empty

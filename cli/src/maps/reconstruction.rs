@@ -1,7 +1,7 @@
 //! What turns voltages into a map here, without a daemon: the options and the record together give a model of `imaging`.
 
 use eit::inverse::learned::network::is_onnx;
-use eit::{DiscTank, PaperSheet, Preset};
+use eit::{DiscTank, Mesh, PaperSheet, Preset};
 use imaging::noise::Noise;
 use imaging::recorded::{Fitted, Origin, Recording};
 use imaging::{BuildError, Conditions, Geometry, MethodArguments, Model, has_mesh, short_hash};
@@ -79,6 +79,11 @@ impl Reconstruction {
             .map_err(|error| Failure::failed("no map can be made", &error))
     }
 
+    /// The mesh whose region the maps cover.
+    pub(crate) fn mesh(&self) -> &Mesh {
+        self.model.reconstructor.mesh()
+    }
+
     pub(crate) fn method(&self) -> &str {
         self.model.reconstructor.method()
     }
@@ -116,7 +121,10 @@ fn prepare(
 }
 
 /// The geometry that options, folder or session name, in this order, and what was assumed of it.
-fn choose_geometry(
+///
+/// # Errors
+/// No geometry is named, or it is not the protocol's or the session's.
+pub(crate) fn choose_geometry(
     requested: &GeometryChoice,
     origin: &Origin,
     protocol: &Protocol,

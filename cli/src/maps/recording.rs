@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use imaging::recorded::{FolderOptions, RecordedError, RecordedFrame, Recording};
+use imaging::recorded::{RecordedError, RecordedFrame, Recording, TableOptions};
 use logbook::LogbookError;
 
 use crate::args::{Global, Replay};
@@ -56,24 +56,13 @@ fn most(replay: &Replay) -> usize {
 }
 
 fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
-    let Some(frames) = &replay.frames else {
-        return Err(Failure::Usage(format!(
-            "which frames of {}? Name the file with --frames FILE",
-            folder.display()
-        )));
-    };
-    let Some(baseline) = &replay.baseline else {
-        return Err(Failure::Usage(
-            "what is the unloaded state? Say --baseline FILE, or --baseline first:N for the first N frames".to_owned(),
-        ));
-    };
-    let options = FolderOptions {
-        frames,
-        baseline,
-        electrodes: replay.geometry.electrodes,
+    let options = TableOptions {
+        frames: replay.frames.as_deref(),
+        baseline: replay.baseline.as_ref(),
         negate: replay.negate,
     };
-    Ok(Recording::from_folder(folder, &options)?)
+    let electrodes = replay.geometry.electrodes;
+    Ok(Recording::from_folder(folder, &options, electrodes)?)
 }
 
 fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
@@ -98,9 +87,11 @@ impl From<RecordedError> for Failure {
             RecordedError::NoBaseline(id) => Self::Failed(format!(
                 "session {id} holds no baseline; say --baseline first:N for its first N frames"
             )),
+            RecordedError::NoFrames(_) => Self::Usage(error.to_string()),
             RecordedError::Protocol(_)
             | RecordedError::Frames(_)
             | RecordedError::Currents(_)
+            | RecordedError::Provenance { .. }
             | RecordedError::Missing { .. }
             | RecordedError::Baseline { .. } => Self::Failed(crate::failure::chain(&error)),
         }

@@ -1,9 +1,13 @@
 //! `tactus replay`: a recording reconstructed offline, frame by frame, with the mathematics the daemon uses.
 
+use std::fmt::Write as _;
 use std::io::Write;
+use std::path::{Path, PathBuf};
 
+use eit::Mesh;
 use imaging::recorded::{RecordedFrame, Recording};
-use outfile::OutFile;
+use imaging::{MapCompanions, MapRow};
+use outfile::{Existing, OutFile};
 use serde::Serialize;
 use survey::Map;
 
@@ -51,8 +55,9 @@ pub(crate) fn run(
     if let Some(directory) = &replay.png {
         outfile::make_folder(directory, existing)?;
     }
-    let mut maps = match &replay.out {
-        Some(path) => Some(OutFile::create(path, existing)?),
+    let mesh = reconstruction.mesh();
+    let mut tables = match &replay.out {
+        Some(path) => Some(MapTables::create(path, mesh, existing)?),
         None => None,
     };
     let progress = progress(Some(count as u64), printer.is_terminal());
@@ -70,8 +75,16 @@ pub(crate) fn run(
         let noise = reconstruction.noise;
         let found = reconstruction.field.found(&map, noise);
         verdict.take(&recorded, &map);
-        if let Some(file) = &mut maps {
-            file.put(&row(&map))?;
+        if let Some(tables) = &mut tables {
+            tables.put(&MapRow {
+                frame: recorded.sequence,
+                label: &recorded.label,
+                time: recorded.wall,
+                map: &map,
+                found,
+                noise,
+                pressure: None,
+            })?;
         }
         let style = || {
             drawing::style(
@@ -118,8 +131,8 @@ pub(crate) fn run(
         progress.inc(1);
     }
     progress.finish_and_clear();
-    if let Some(file) = maps {
-        let path = file.finish()?;
+    if let Some(tables) = tables {
+        let path = tables.finish()?;
         printer.text(&format!("maps: {}", path.display()))?;
     }
     if replay.verify {
@@ -290,18 +303,52 @@ fn sentence(line: &Line<'_>) -> String {
     text
 }
 
-fn row(map: &Map) -> Vec<u8> {
-    let mut row = Vec::new();
-    let mut push = || -> std::io::Result<()> {
-        let mut values = map.values.iter();
-        if let Some(value) = values.next() {
-            write!(row, "{value}")?;
+/// The table of maps, and what stands beside it.
+struct MapTables {
+    maps: OutFile,
+    frames: Option<OutFile>,
+    triangles: Option<OutFile>,
+}
+
+impl MapTables {
+    fn create(path: &Path, mesh: &Mesh, existing: Existing) -> Result<Self, Failure> {
+        let mut maps = OutFile::create(path, existing)?;
+        maps.put(imaging::maps_heading(mesh).as_bytes())?;
+        // nothing can lie beside a device or a pipe
+        let (mut frames, mut triangles) = (None, None);
+        if !outfile::is_stream(path) {
+            let beside = MapCompanions::of(path);
+            let mut table = OutFile::create(&beside.frames, existing)?;
+            table.put(imaging::FRAMES_HEADING.as_bytes())?;
+            frames = Some(table);
+            let mut table = OutFile::create(&beside.triangles, existing)?;
+            table.put(imaging::triangles_text(mesh).as_bytes())?;
+            triangles = Some(table);
         }
-        for value in values {
-            write!(row, ",{value}")?;
+        Ok(Self {
+            maps,
+            frames,
+            triangles,
+        })
+    }
+
+    fn put(&mut self, row: &MapRow<'_>) -> Result<(), Failure> {
+        let mut line = format!("f{}", row.frame);
+        for value in row.values() {
+            let _infallible = write!(line, ",{value}");
         }
-        writeln!(row)
-    };
-    push().expect("writing into a vector cannot fail");
-    row
+        line.push('\n');
+        self.maps.put(line.as_bytes())?;
+        if let Some(frames) = &mut self.frames {
+            frames.put(row.text().as_bytes())?;
+        }
+        Ok(())
+    }
+
+    fn finish(self) -> Result<PathBuf, Failure> {
+        for table in self.frames.into_iter().chain(self.triangles) {
+            table.finish()?;
+        }
+        Ok(self.maps.finish()?)
+    }
 }

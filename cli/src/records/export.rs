@@ -5,10 +5,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use imaging::recorded::{Recording, SessionParts};
-use logbook::{Record, SessionHeader, SessionKind};
-use outfile::{Existing, OutFile};
+use logbook::{Record, SessionKind};
+use outfile::OutFile;
 use serde::Serialize;
-use survey::{Amps, Baseline, Protocol, Reading};
+use survey::{Baseline, Protocol, Reading};
 
 use crate::args::{Export, Global};
 use crate::failure::Failure;
@@ -19,6 +19,7 @@ use crate::options::choices::Format;
 use crate::output::Printer;
 use crate::output::progress::progress;
 use crate::output::time::{local, utc};
+use crate::records::case_folder::{self, cell};
 use crate::session_files;
 
 /// A line of `export --json`; see `docs/reference/json.md`.
@@ -94,7 +95,7 @@ fn tables(
             outfile::check(&beside.baseline, existing)?;
             outfile::make_folder(&beside.case, existing)?;
             let mut case = OutFile::create(&beside.case.join("frames.csv"), existing)?;
-            case.put(case_heading(&header.protocol).as_bytes())?;
+            case.put(case_folder::heading(&header.protocol).as_bytes())?;
             Some(case)
         }
         None => None,
@@ -108,7 +109,7 @@ fn tables(
                 file.put(frame_row(&record).as_bytes())?;
                 if let Some(case) = &mut case {
                     let label = format!("f{}", record.frame.sequence);
-                    case.put(bare_row(&label, &record.frame.readings).as_bytes())?;
+                    case.put(case_folder::row(&label, &record.frame.readings).as_bytes())?;
                 }
                 current.get_or_insert(record.frame.settings.current);
                 last = record.frame.sequence;
@@ -130,7 +131,14 @@ fn tables(
             say(printer, "baseline", &beside.baseline, baseline.frames)?;
         }
         case.finish()?;
-        beside_frames(&beside.case, header, current, baseline.as_ref(), existing)?;
+        case_folder::write(
+            &beside.case,
+            header,
+            current,
+            baseline.as_ref(),
+            &export.geometry,
+            existing,
+        )?;
         say(printer, "case", &beside.case, written)?;
     }
     if damaged > 0 {
@@ -163,7 +171,7 @@ impl Beside {
     }
 }
 
-/// Columns of the table of frames: what a person looks for first, then the voltages.
+/// Columns of the table of frames: what a person looks for first, then the voltages. Electrodes count from 0 in every file.
 fn frames_heading(readings: usize) -> String {
     let mut heading = String::from(
         "sequence,wall_utc,monotonic_s,duration_s,simulated,current_A,overloads,timeouts,not_measured,compliance,missing",
@@ -177,7 +185,11 @@ fn frames_heading(readings: usize) -> String {
 
 fn frame_row(record: &Record) -> String {
     let frame = &record.frame;
-    let electrodes: Vec<String> = frame.compliance.iter().map(ToString::to_string).collect();
+    let electrodes: Vec<String> = frame
+        .compliance
+        .iter()
+        .map(|electrode| electrode.0.to_string())
+        .collect();
     let missing: Vec<String> = frame
         .readings
         .iter()
@@ -218,10 +230,10 @@ fn baseline_table(protocol: &Protocol, baseline: &Baseline) -> String {
         let _infallible = writeln!(
             table,
             "m{index},{},{},{},{},{},{},{}",
-            question.drive.plus,
-            question.drive.minus,
-            question.sense.plus,
-            question.sense.minus,
+            question.drive.plus.0,
+            question.drive.minus.0,
+            question.sense.plus.0,
+            question.sense.minus.0,
             reason(*reading).unwrap_or("ok"),
             cell(*reading),
             deviation
@@ -230,52 +242,6 @@ fn baseline_table(protocol: &Protocol, baseline: &Baseline) -> String {
         );
     }
     table
-}
-
-fn case_heading(protocol: &Protocol) -> String {
-    let heading: Vec<String> = (0..protocol.len())
-        .map(|reading| format!("m{reading}"))
-        .collect();
-    format!("frame,{}\n", heading.join(","))
-}
-
-/// What makes a case folder of the same frames (electrodes from 0, bare voltages), for `tactus replay` and
-/// `tactus-lab reconstruct`.
-fn beside_frames(
-    folder: &Path,
-    header: &SessionHeader,
-    current: Option<Amps>,
-    baseline: Option<&Baseline>,
-    existing: Existing,
-) -> Result<(), Failure> {
-    let current = current
-        .or(baseline.map(|baseline| baseline.settings.current))
-        .unwrap_or(Amps(1.0));
-    let protocol = eit::protocol_text(&header.protocol, &vec![current.0; header.protocol.len()]);
-    outfile::write(&folder.join("protocol.csv"), existing, protocol.as_bytes())?;
-    if let Some(baseline) = baseline {
-        let table = case_heading(&header.protocol) + &bare_row("baseline", &baseline.readings);
-        outfile::write(&folder.join("baseline.csv"), existing, table.as_bytes())?;
-    }
-    Ok(())
-}
-
-fn bare_row(label: &str, readings: &[Reading]) -> String {
-    let mut row = label.to_owned();
-    for reading in readings {
-        row.push(',');
-        row.push_str(&cell(*reading));
-    }
-    row.push('\n');
-    row
-}
-
-/// The voltage to the last bit, or nothing.
-fn cell(reading: Reading) -> String {
-    reading
-        .volts()
-        .map(|volts| volts.0.to_string())
-        .unwrap_or_default()
 }
 
 fn reason(reading: Reading) -> Option<&'static str> {

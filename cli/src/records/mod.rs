@@ -1,6 +1,7 @@
 //! Commands that read or maintain recorded sessions, with or without a daemon.
 //! The file format is the crate `logbook`'s.
 
+pub(crate) mod case_folder;
 pub(crate) mod events;
 pub(crate) mod export;
 pub(crate) mod log;

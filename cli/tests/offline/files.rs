@@ -83,8 +83,8 @@ fn overload_is_exported_as_blank_with_its_reason() {
             .lines()
             .nth(1)
             .unwrap()
-            .starts_with("m0,1,2,3,4,ok,"),
-        "electrodes count from 1 for people"
+            .starts_with("m0,0,1,2,3,ok,"),
+        "electrodes count from 0 in every file"
     );
 }
 

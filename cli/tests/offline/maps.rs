@@ -54,7 +54,7 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
     let png = std::fs::read(folder.path().join(from_session[2]["png"].as_str().unwrap())).unwrap();
     assert!(png.starts_with(b"\x89PNG"));
     let maps = std::fs::read_to_string(folder.path().join("maps.csv")).unwrap();
-    assert_eq!(maps.lines().count(), 3);
+    assert_eq!(maps.lines().count(), 4, "a header and three frames");
 
     done(
         folder.path(),

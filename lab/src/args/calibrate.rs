@@ -10,13 +10,13 @@ use super::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct CalibrateOptions {
-    /// Case folder, with frames.csv (the baseline first) and presses.csv in it
+    /// Case folder, with frames.csv (the baseline first, unless it has baseline.csv) and presses.csv in it
     #[arg(long, value_name = "DIR")]
     pub(crate) case: PathBuf,
     /// Frames [default: frames.csv in the case folder]
     #[arg(long, value_name = "FILE")]
     pub(crate) frames: Option<PathBuf>,
-    /// Presses, a line each: frame (0 is the file's first), x_m, y_m, diameter_m, mass_kg [default: presses.csv in the case
+    /// Presses, a line each: frame (1 is the file's first; of an exported session, the session's number), x_m, y_m, diameter_m, mass_kg [default: presses.csv in the case
     /// folder]
     #[arg(long, value_name = "FILE")]
     pub(crate) presses: Option<PathBuf>,
@@ -26,9 +26,9 @@ pub(crate) struct CalibrateOptions {
     /// White noise of one reading, V
     #[arg(long, value_name = "SD")]
     pub(crate) noise_v: Option<f64>,
-    /// Baseline: a file or first:N
-    #[arg(long, value_name = "FILE|first:N", default_value = "first:1")]
-    pub(crate) baseline: BaselineRule,
+    /// Baseline: a file or first:N [default: baseline.csv in the case folder, else the first frame]
+    #[arg(long, value_name = "FILE|first:N")]
+    pub(crate) baseline: Option<BaselineRule>,
     /// File to write
     #[arg(long, value_name = "FILE")]
     pub(crate) out: OutPath,

@@ -17,16 +17,19 @@ pub(crate) struct ReconstructOptions {
     pub(crate) case: PathBuf,
     #[command(flatten)]
     pub(crate) method: MethodOptions,
-    /// Frames: a row or a column a frame
+    /// Frames, a row or a column a frame; a bare name is looked for in the case folder first [default: frames.csv in the case
+    /// folder]
     #[arg(long, value_name = "FILE")]
-    pub(crate) frames: PathBuf,
-    /// Baseline: a file (the mean of its frames) or first:N (the mean of the first N frames)
-    #[arg(long, value_name = "FILE|first:N", default_value = "first:1")]
-    pub(crate) baseline: BaselineRule,
+    pub(crate) frames: Option<PathBuf>,
+    /// Baseline: a file (the mean of its frames) or first:N (the mean of the first N frames) [default: baseline.csv in the
+    /// case folder, else the first frame]
+    #[arg(long, value_name = "FILE|first:N")]
+    pub(crate) baseline: Option<BaselineRule>,
     /// Negate all readings: the instrument gives magnitudes
     #[arg(long)]
     pub(crate) negate: bool,
-    /// Maps: a row for each frame of the file, a column a triangle of the region
+    /// Maps: a row for each frame of the file, a column a triangle of the region, without a header; what the rows and columns are
+    /// is written beside it as NAME.frames.csv and NAME.triangles.csv
     #[arg(long, value_name = "FILE")]
     pub(crate) out: OutPath,
     #[command(flatten)]
@@ -37,7 +40,7 @@ pub(crate) struct ReconstructOptions {
     /// Print 'frame N ms', the median, on standard error
     #[arg(long)]
     pub(crate) timing: bool,
-    /// Print one JSON object a frame: frame, largest_loss, found_m, masked; with a calibration newtons and largest_kpa
+    /// Print one JSON object a frame: frame, label, largest_loss, found_mm, masked; with a calibration newtons and largest_kpa
     #[arg(long)]
     pub(crate) json: bool,
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use eit::{Calibration, KnownPress};
 use phantom::GRAVITY;
 
-use imaging::recorded::FrameTable;
+use imaging::recorded::{FrameTable, TableOptions};
 use studies::evaluation::MethodOptions;
 use studies::{Failure, write};
 
@@ -18,16 +18,17 @@ const HEADER: [&str; 5] = ["frame", "x_m", "y_m", "diameter_m", "mass_kg"];
 /// Fits and writes the file.
 pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     let case = geometry::read(&options.case)?;
-    let frames = options
-        .frames
-        .clone()
-        .unwrap_or_else(|| options.case.join("frames.csv"));
     let presses = options
         .presses
         .clone()
         .unwrap_or_else(|| options.case.join("presses.csv"));
     let presses = read_presses(&presses)?;
-    let recording = FrameTable::read(&frames, &options.baseline, case.protocol.len(), false)?;
+    let table = TableOptions {
+        frames: options.frames.as_deref(),
+        baseline: options.baseline.as_ref(),
+        negate: false,
+    };
+    let recording = FrameTable::read(&options.case, &table, case.protocol.len())?;
     let chosen = MethodOptions::parse(&options.method, &words(options))?;
     let model = chosen.prepare(&case, &recording)?;
     for note in &model.notes {
@@ -36,13 +37,15 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     let known = presses
         .iter()
         .map(|press| {
-            let (name, frame) = recording.frames.get(press.frame).ok_or_else(|| {
+            let row = recording.numbers.iter().position(|number| *number == press.frame);
+            let (name, frame) = row.map(|row| &recording.frames[row]).ok_or_else(|| {
                 Failure::because(format!(
-                    "{}: frame {} of line {} is not there; there are {} (0 is the first)",
-                    frames.display(),
+                    "frame {} of line {} of the presses is not there; there are {}, numbered {} to {}",
                     press.frame,
                     press.line,
-                    recording.frames.len()
+                    recording.frames.len(),
+                    recording.numbers.first().unwrap_or(&1),
+                    recording.numbers.last().unwrap_or(&1),
                 ))
             })?;
             let map = model
@@ -118,7 +121,7 @@ fn words(options: &CalibrateOptions) -> Vec<String> {
 /// A line of `presses.csv`.
 struct Press {
     line: usize,
-    frame: usize,
+    frame: u64,
     centre: [f64; 2],
     diameter: f64,
     mass: f64,
@@ -173,15 +176,15 @@ fn read_presses(path: &Path) -> Result<Vec<Press>, Failure> {
                     })
             };
             let frame = field(0)?;
-            if !(frame >= 0.0 && frame.fract() == 0.0) {
+            if !(frame >= 1.0 && frame.fract() == 0.0) {
                 return Err(wrong(
                     index + 1,
-                    format!("frame is {frame}, a whole number from 0 is expected"),
+                    format!("frame is {frame}, frames are numbered from 1"),
                 ));
             }
             Ok(Press {
                 line: index + 1,
-                frame: frame as usize,
+                frame: frame as u64,
                 centre: [field(1)?, field(2)?],
                 diameter: field(3)?,
                 mass: field(4)?,

@@ -7,7 +7,8 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use survey::{Map, Reading};
 
-use imaging::recorded::FrameTable;
+use imaging::recorded::{FrameTable, TableOptions};
+use imaging::{FRAMES_HEADING, MapCompanions, MapRow, triangles_text};
 use studies::evaluation::median;
 use studies::{Failure, progress, write};
 
@@ -18,12 +19,20 @@ use crate::geometry;
 /// A row for each frame of the file. A frame that is refused makes the command fail, naming it.
 pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let case = geometry::read(&options.case)?;
-    let recording = FrameTable::read(
-        &options.frames,
-        &options.baseline,
-        case.protocol.len(),
-        options.negate,
-    )?;
+    // nothing can lie beside a device or a pipe
+    let beside = (!outfile::is_stream(&options.out)).then(|| MapCompanions::of(&options.out));
+    for path in beside
+        .iter()
+        .flat_map(|beside| [&beside.frames, &beside.triangles])
+    {
+        outfile::check(path, options.replacing.existing())?;
+    }
+    let table = TableOptions {
+        frames: options.frames.as_deref(),
+        baseline: options.baseline.as_ref(),
+        negate: options.negate,
+    };
+    let recording = FrameTable::read(&options.case, &table, case.protocol.len())?;
     let calibration = options
         .calibration
         .as_deref()
@@ -61,7 +70,9 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     bar.finish_and_clear();
     let mut maps = Vec::with_capacity(recording.frames.len() * areas.len());
     let mut times = Vec::with_capacity(recording.frames.len());
-    for ((name, _), (map, time)) in recording.frames.iter().zip(made) {
+    let mut rows = String::from(FRAMES_HEADING);
+    let numbered = recording.frames.iter().zip(&recording.numbers);
+    for (((name, _), &frame), (map, time)) in numbered.zip(made) {
         times.push(time);
         let pressure = match &calibration {
             Some(calibration) => Some(
@@ -71,12 +82,23 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             ),
             None => None,
         };
+        let row = MapRow {
+            frame,
+            label: name,
+            time: None,
+            found: map.found(&centroids, &areas),
+            noise: None,
+            map: &map,
+            pressure: pressure.as_ref(),
+        };
+        rows += &row.text();
         if options.json {
             let line = serde_json::json!({
-                "frame": name,
+                "frame": frame,
+                "label": name,
                 "method": map.method,
                 "largest_loss": map.largest_loss().map(|(_, loss)| loss),
-                "found_m": map.found(&centroids, &areas),
+                "found_mm": row.found.map(|place| place.map(|metres| 1e3 * metres)),
                 "masked": map.masked,
                 "unit": if pressure.is_some() { "kPa" } else { map.unit.label() },
                 "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
@@ -89,14 +111,15 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "tactus-lab: frame '{name}': the bounded problem was not solved; its map is the unbounded one, clipped"
             );
         }
-        maps.extend(pressure.map_or(map.values, |pressure| pressure.kpa));
+        maps.extend_from_slice(row.values());
     }
     let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
-    write(
-        &options.out,
-        options.replacing.existing(),
-        matrix_text(&maps),
-    )?;
+    let existing = options.replacing.existing();
+    write(&options.out, existing, matrix_text(&maps))?;
+    if let Some(beside) = beside {
+        write(&beside.frames, existing, rows)?;
+        write(&beside.triangles, existing, triangles_text(&case.mesh))?;
+    }
     if options.timing {
         eprintln!("frame {:.3} ms", median(&mut times));
     }

@@ -170,7 +170,7 @@ fn presses_that_say_nothing_are_refused_by_line() {
         .map(|line| format!("{line}\n"))
         .collect();
     assert!(tried(few).contains("3 presses are too few"));
-    let spoiled = whole.replacen("\n2,", "\ntwo,", 1);
+    let spoiled = whole.replacen("\n3,", "\nthree,", 1);
     let message = tried(spoiled);
     assert!(
         message.contains("presses.csv:3") && message.contains("frame"),
@@ -178,7 +178,7 @@ fn presses_that_say_nothing_are_refused_by_line() {
     );
     let message = tried(whole.replacen("mass_kg", "mass", 1));
     assert!(message.contains("mass_kg"), "{message}");
-    let message = tried(whole.replacen("\n2,", "\n99,", 1));
+    let message = tried(whole.replacen("\n3,", "\n99,", 1));
     assert!(message.contains("frame 99"), "{message}");
     // every second mass in grams, as if it were in kilograms: the worst line is named with both forces
     let contradictory: String = whole

@@ -12,13 +12,12 @@ fn lab(line: &str) {
 }
 
 fn numbers(path: &Path) -> Vec<Vec<f64>> {
-    let text = std::fs::read_to_string(path).expect("maps are written");
-    text.lines()
-        .map(|line| {
-            line.split(',')
-                .map(|field| field.parse().expect("a number"))
-                .collect()
-        })
+    let table = eit::Table::read(path).expect("maps are written");
+    let number = |value: Option<f64>| value.expect("a number");
+    table
+        .rows
+        .into_iter()
+        .map(|row| row.into_iter().map(number).collect())
         .collect()
 }
 
@@ -79,6 +78,42 @@ fn replay_and_reconstruct_answer_alike_for_one_frame() {
         );
         assert!(offline == again, "'{options}'");
     }
+}
+
+#[test]
+fn an_exported_case_opens_as_it_is() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
+        return;
+    };
+    let _daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    let id = measure(&stage, 2);
+    let at = |name: &str| stage.path().join(name).display().to_string();
+    let [table, case] = ["out.csv", "out.case"].map(at);
+    ask(&stage, &["export", &id, "--format", "csv", "--out", &table]);
+    let [offline, again] = ["offline.csv", "again.csv"].map(at);
+    lab(&format!("reconstruct --case {case} --out {offline}"));
+    let lines = ask(&stage, &["replay", &case, "--no-map", "--out", &again]);
+    assert_eq!(lines.len(), 2);
+    for (line, frame) in lines.iter().zip(1..) {
+        assert_eq!(line["frame"], frame, "the session's own number");
+        assert_eq!(line["simulated"], true, "the folder says it");
+        assert!(line["noise"].is_number(), "the baseline's noise: {line}");
+    }
+    let [offline, again] = [offline, again].map(|path| numbers(Path::new(&path)));
+    assert_eq!(offline.len(), 2);
+    assert!(offline == again, "the maps are equal");
+    let beside = |name: &str| std::fs::read_to_string(at(name)).expect("written beside the maps");
+    for name in ["offline", "again"] {
+        let frames = beside(&format!("{name}.frames.csv"));
+        assert!(
+            frames.starts_with("frame,label,time_utc,found_x_m"),
+            "{frames}"
+        );
+        let triangles = beside(&format!("{name}.triangles.csv"));
+        assert_eq!(triangles.lines().count(), 1 + offline[0].len());
+    }
+    assert!(beside("again.csv").starts_with("frame,e"));
 }
 
 #[test]

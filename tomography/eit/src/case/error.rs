@@ -22,6 +22,16 @@ pub enum CaseError {
         #[source]
         cause: std::io::Error,
     },
+    /// A file of another format.
+    #[error("{} is {what}, not a CSV file: {remedy}", .path.display())]
+    NotCsv {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        what: String,
+        /// How to make a CSV file of it.
+        remedy: String,
+    },
     /// A field that should be a number is not.
     #[error("{}:{line}: column {column} is '{text}', which is not a number", .path.display())]
     NotANumber {

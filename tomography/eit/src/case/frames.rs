@@ -23,8 +23,7 @@ pub fn read_frames(path: &Path, readings: usize) -> Result<Vec<Vec<Option<f64>>>
 /// A frame's label and its readings, V.
 pub type NamedFrame = (String, Vec<Option<f64>>);
 
-/// Like [`read_frames`], with the label of each frame: its row's label or its column's name, otherwise its index from
-/// 0.
+/// Like [`read_frames`], with the label of each frame: its row's label or its column's name, else its number from 1.
 ///
 /// # Errors
 /// As [`read_frames`].
@@ -37,13 +36,13 @@ pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>
     if table.width() == readings && frames > 0 {
         let labels = table
             .labels
-            .unwrap_or_else(|| (0..frames).map(|frame| frame.to_string()).collect());
+            .unwrap_or_else(|| (1..=frames).map(|frame| frame.to_string()).collect());
         return Ok(labels.into_iter().zip(table.rows).collect());
     }
     if frames == readings && table.width() > 0 {
         let names = table
             .header
-            .unwrap_or_else(|| (0..table.rows[0].len()).map(|k| k.to_string()).collect());
+            .unwrap_or_else(|| (1..=table.rows[0].len()).map(|k| k.to_string()).collect());
         return Ok(names
             .into_iter()
             .enumerate()

@@ -4,6 +4,7 @@
 //! `current_A` is 1 A. SI units, indices from 0. Numbers are written with 17 significant digits.
 
 mod error;
+mod foreign;
 mod frames;
 mod protocol;
 mod table;

@@ -22,13 +22,22 @@ impl Table {
     /// Reads a file by the rule at the top of this module. Empty lines are skipped.
     ///
     /// # Errors
-    /// A file that cannot be read, a field that is not a number, or a line with another number of columns than the
+    /// A file that cannot be read or is of another format, a field that is not a number, or a line with another number of columns than the
     /// first.
     pub fn read(path: &Path) -> Result<Self, CaseError> {
-        let text = std::fs::read_to_string(path).map_err(|cause| CaseError::Io {
+        let bytes = std::fs::read(path).map_err(|cause| CaseError::Io {
             path: path.to_owned(),
             cause,
         })?;
+        if let Some([what, remedy]) = super::foreign::format(&bytes) {
+            return Err(CaseError::NotCsv {
+                path: path.to_owned(),
+                what,
+                remedy,
+            });
+        }
+        // text in UTF-8, or it would be of another format
+        let text = String::from_utf8_lossy(&bytes);
         let mut lines = text
             .lines()
             .enumerate()

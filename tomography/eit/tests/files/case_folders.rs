@@ -326,3 +326,33 @@ fn frames_lie_or_stand() {
     let fault = read_frames(&path, 3).unwrap_err().to_string();
     assert!(fault.contains("frames.csv:1: 4 columns, 3 "), "{fault}");
 }
+
+#[test]
+fn files_of_other_formats_are_named_with_a_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frames.csv");
+    for (bytes, what) in [
+        (&b"m0\tm1\n1\t2\n"[..], "separated by tabs"),
+        (b"m0;m1\n1,5;2\n", "separated by semicolons"),
+        (b"1.5 2 3e-6\n", "separated by spaces"),
+        (b"\x93NUMPY\x01\x00v\x00", "numpy.load"),
+        (b"MATLAB 5.0 MAT-file, Platform: GLNXA64", "writematrix"),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64", "writematrix"),
+        (b"\x89HDF\r\n\x1a\n", "h5py"),
+        (b"PK\x03\x04", ".xlsx"),
+        (b"\xff\xfe1\x00,\x002\x00", "UTF-16"),
+        (b"1,\xe9\n", "UTF-8"),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        let fault = read_frames(&path, 2).unwrap_err();
+        assert!(matches!(fault, CaseError::NotCsv { .. }), "{fault}");
+        let text = fault.to_string();
+        assert!(
+            text.contains("frames.csv") && text.contains(what) && text.contains("CSV"),
+            "{text}"
+        );
+    }
+    // blanks round a comma, and a text with blanks, are CSV
+    std::fs::write(&path, "the first,the second\n1, 2\n3,\t4\n").unwrap();
+    assert_eq!(read_frames(&path, 2).unwrap().len(), 2);
+}

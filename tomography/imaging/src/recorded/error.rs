@@ -32,6 +32,17 @@ pub enum RecordedError {
         /// The case folder.
         folder: PathBuf,
     },
+    /// A case folder without the table that is read where none is named.
+    #[error("{} has no frames.csv: name the file of frames with --frames FILE", .0.display())]
+    NoFrames(PathBuf),
+    /// A file that should say where the frames come from.
+    #[error("{}: {why}", .path.display())]
+    Provenance {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
     /// `first:N` that is no number, or more frames than there are.
     #[error(
         "baseline '{requested}' asks for the first frames of a recording that has {frames}; write first:1 to first:{frames}"

@@ -8,7 +8,7 @@ use logbook::SessionReader;
 use survey::{Amps, Baseline, Frame, Precautions, Protocol, Settings, Volts};
 
 use super::readings::change_signs;
-use super::{BaselineRule, RecordedError, read_frames};
+use super::{BaselineRule, FRAMES, Provenance, RecordedError, read_frames};
 
 /// Where the voltages are.
 #[derive(Debug)]
@@ -44,6 +44,8 @@ impl IndexedFrames {
         negate: bool,
     ) -> Result<Self, RecordedError> {
         let name = frames.file_name().unwrap_or(frames.as_os_str());
+        let folder = frames.parent().filter(|_| name == FRAMES);
+        let provenance = folder.map(Provenance::of).transpose()?.flatten();
         Ok(Self {
             source: Source::Table {
                 frames: read_frames(frames, protocol.len(), negate)?
@@ -62,7 +64,7 @@ impl IndexedFrames {
                 },
             },
             negate,
-            simulated: false,
+            simulated: provenance.is_some_and(|from| from.simulated),
         })
     }
 
@@ -164,7 +166,7 @@ impl IndexedFrames {
                 settings: settings.clone(),
                 extra: Vec::new(),
                 compliance: Vec::new(),
-                simulated: false,
+                simulated: self.simulated,
             }),
             Source::Session { reader, .. } => {
                 // a later part of a session goes on with its numbers

@@ -127,15 +127,6 @@ impl Unloaded {
     }
 }
 
-/// A table of frames with its unloaded state.
-#[derive(Debug, Clone)]
-pub struct FrameTable {
-    /// Every frame of the table, those of the baseline included.
-    pub frames: Vec<LabelledReadings>,
-    /// What the frames are compared with.
-    pub unloaded: Unloaded,
-}
-
 /// Frames that a method's rules look at, of a recording that is all there.
 const LOOKED_AT: usize = 32;
 
@@ -148,35 +139,6 @@ pub(super) fn sample(
     Sample {
         baseline: baseline.to_vec(),
         frames: frames.step_by(count.div_ceil(LOOKED_AT).max(1)).collect(),
-    }
-}
-
-impl FrameTable {
-    /// Frames for a method's rules, evenly from all.
-    pub fn sample(&self) -> Sample {
-        let frames = self.frames.iter().map(|(_, frame)| frame.clone());
-        sample(&self.unloaded.readings, self.frames.len(), frames)
-    }
-
-    /// Reads a table of frames of so many readings each, and its baseline.
-    ///
-    /// # Errors
-    /// A file that cannot be read, or more baseline frames than there are.
-    pub fn read(
-        frames: &Path,
-        baseline: &BaselineRule,
-        readings: usize,
-        negate: bool,
-    ) -> Result<Self, RecordedError> {
-        let all = read_frames(frames, readings, negate)?;
-        let unloaded = match baseline {
-            BaselineRule::First(count) => first(&all, *count)?,
-            BaselineRule::File(file) => mean(&read_frames(file, readings, negate)?),
-        };
-        Ok(Self {
-            frames: all,
-            unloaded,
-        })
     }
 }
 

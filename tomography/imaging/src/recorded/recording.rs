@@ -7,7 +7,10 @@ use logbook::{LogbookError, MapRecord, SessionHeader};
 use survey::{Amps, Protocol, Reading};
 
 use super::readings::{change_signs, first, mean, sample};
-use super::{BaselineRule, LabelledReadings, RecordedError, SessionParts, Unloaded, read_frames};
+use super::{
+    BaselineRule, FrameTable, LabelledReadings, RecordedError, SessionParts, TableOptions,
+    Unloaded, read_frames,
+};
 use crate::conditions::Sample;
 use crate::methods::FRAMES_LOOKED_AT;
 use crate::noise::rms;
@@ -16,7 +19,7 @@ use crate::settings::ReconstructionSettings;
 /// One frame of a recording.
 #[derive(Debug, Clone)]
 pub struct RecordedFrame {
-    /// Its number in the session, or its row in the table counted from 1.
+    /// Its number: in the session, or of the table ([`FrameTable::numbers`]).
     pub sequence: u64,
     /// What the table calls it; else its number.
     pub label: String,
@@ -35,19 +38,6 @@ pub enum Origin {
     Folder(PathBuf),
     /// A session: its configuration names the geometry.
     Session(Box<SessionHeader>),
-}
-
-/// What is read of a case folder.
-#[derive(Debug, Clone, Copy)]
-pub struct FolderOptions<'a> {
-    /// The table of frames: a bare name is looked for in the folder first.
-    pub frames: &'a Path,
-    /// The unloaded state.
-    pub baseline: &'a BaselineRule,
-    /// Number of electrodes, where the protocol does not say it.
-    pub electrodes: Option<usize>,
-    /// Changes every sign: the instrument gave magnitudes.
-    pub negate: bool,
 }
 
 /// Where the frames are.
@@ -80,25 +70,24 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Reads the frames of a case folder.
+    /// Reads the frames of a case folder. `electrodes` is their number where the protocol does not say it.
     ///
     /// # Errors
     /// A protocol, table or baseline that cannot be read.
-    pub fn from_folder(folder: &Path, options: &FolderOptions<'_>) -> Result<Self, RecordedError> {
+    pub fn from_folder(
+        folder: &Path,
+        options: &TableOptions<'_>,
+        electrodes: Option<usize>,
+    ) -> Result<Self, RecordedError> {
         let protocol_file = folder.join("protocol.csv");
-        let (protocol, currents) = eit::read_protocol(&protocol_file, options.electrodes)
-            .map_err(RecordedError::Protocol)?;
+        let (protocol, currents) =
+            eit::read_protocol(&protocol_file, electrodes).map_err(RecordedError::Protocol)?;
         let current = one_current(&protocol_file, &currents)?;
-        let read =
-            |file: &Path| read_frames(&within(folder, file)?, protocol.len(), options.negate);
-        let frames = read(options.frames)?;
-        let unloaded = match options.baseline {
-            BaselineRule::First(count) => first(&frames, *count)?,
-            BaselineRule::File(file) => mean(&read(file)?),
-        };
-        let frames = frames
+        let table = FrameTable::read(folder, options, protocol.len())?;
+        let frames = table
+            .frames
             .into_iter()
-            .zip(1..)
+            .zip(table.numbers)
             .map(|((label, readings), sequence)| RecordedFrame {
                 sequence,
                 label,
@@ -111,10 +100,10 @@ impl Recording {
             name: folder.display().to_string(),
             protocol,
             source: Source::Table(frames),
-            unloaded,
-            baseline_name: options.baseline.to_string(),
+            unloaded: table.unloaded,
+            baseline_name: table.baseline_name,
             current,
-            simulated: None,
+            simulated: table.provenance.map(|from| from.simulated),
             origin: Origin::Folder(folder.to_owned()),
         })
     }
@@ -254,40 +243,4 @@ fn one_current(file: &Path, currents: &[f64]) -> Result<Amps, RecordedError> {
         return Err(RecordedError::Currents(file.to_owned()));
     }
     Ok(Amps(current))
-}
-
-/// A bare name in the folder, then in the current directory; a path as it is, then from the folder.
-fn within(folder: &Path, file: &Path) -> Result<PathBuf, RecordedError> {
-    let inside = folder.join(file);
-    let bare = file.parent() == Some(Path::new(""));
-    let places = if bare {
-        [inside, file.to_owned()]
-    } else {
-        [file.to_owned(), inside]
-    };
-    places
-        .into_iter()
-        .find(|place| place.exists())
-        .ok_or_else(|| RecordedError::Missing {
-            file: file.to_owned(),
-            folder: folder.to_owned(),
-        })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_bare_name_is_looked_for_in_the_folder_first() {
-        let folder = tempfile::tempdir().unwrap();
-        let named = Path::new("Cargo.toml");
-        // the tests run in a directory with a file of that name
-        assert_eq!(within(folder.path(), named).unwrap(), named);
-        let inside = folder.path().join(named);
-        std::fs::write(&inside, "").unwrap();
-        assert_eq!(within(folder.path(), named).unwrap(), inside);
-        let error = within(folder.path(), Path::new("no.csv")).unwrap_err();
-        assert!(matches!(error, RecordedError::Missing { .. }));
-    }
 }

@@ -13,7 +13,7 @@ use super::test_set;
 use crate::failure::Failure;
 use crate::progress;
 use imaging::Model;
-use imaging::recorded::{BaselineRule, FrameTable};
+use imaging::recorded::{BaselineRule, FrameTable, TableOptions};
 use training::noise_figure::by_draws;
 
 /// What is assumed of noise-free frames, V: a method that is told of no noise at all believes its model instead.
@@ -89,7 +89,6 @@ pub fn maps_not_refused(folder: &Path, name: &str, words: &[String]) -> Result<J
 fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<Judged, Failure> {
     let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
     let description = test_set::description(folder)?;
-    let frames = folder.join("frames.csv");
     let mut with_noise = words.to_vec();
     // the paper's own step looks at no noise
     if words[0] == "--method" && words.get(1).is_none_or(|method| method != "tv-paper") {
@@ -98,7 +97,11 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     }
     let options = MethodOptions::parse(name, &with_noise)?;
     let first = BaselineRule::First(1);
-    let recording = FrameTable::read(&frames, &first, case.protocol.len(), false)?;
+    let table = TableOptions {
+        baseline: Some(&first),
+        ..TableOptions::default()
+    };
+    let recording = FrameTable::read(folder, &table, case.protocol.len())?;
     let model = options.prepare(&case, &recording)?;
     let truths = rows(&folder.join("truth.csv"))?;
     let bar = progress::bar(truths.len(), "frames");

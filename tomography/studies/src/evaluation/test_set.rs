@@ -246,7 +246,8 @@ pub fn make(options: &TestSet, folder: &Path, existing: Existing) -> Result<usiz
         if let Some(([x, y], diameter)) = pressed.disc {
             presses.push_str(&format!(
                 "{},{},{},{},{},{}\n",
-                k + 1,
+                // the baseline is frame 1
+                k + 2,
                 x * 1e-3,
                 y * 1e-3,
                 diameter * 1e-3,

@@ -1,0 +1,151 @@
+//! The case folder that `export` writes: mesh, protocol, frames, baseline and where they come from, so that
+//! `tactus replay` and `tactus-lab reconstruct` open it as it is.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use eit::Case;
+use imaging::Geometry;
+use imaging::noise::rms;
+use imaging::recorded::{BASELINE, Origin, PROVENANCE, Provenance};
+use logbook::SessionHeader;
+use outfile::Existing;
+use survey::{Amps, Baseline, Protocol, Reading};
+
+use crate::failure::Failure;
+use crate::maps::reconstruction::choose_geometry;
+use crate::options::choices::GeometryChoice;
+use crate::output::complain;
+use crate::output::time::utc;
+
+/// First line of a table of bare voltages.
+pub(crate) fn heading(protocol: &Protocol) -> String {
+    let heading: Vec<String> = (0..protocol.len())
+        .map(|reading| format!("m{reading}"))
+        .collect();
+    format!("frame,{}\n", heading.join(","))
+}
+
+/// A line of such a table.
+pub(crate) fn row(label: &str, readings: &[Reading]) -> String {
+    let mut row = label.to_owned();
+    for reading in readings {
+        row.push(',');
+        row.push_str(&cell(*reading));
+    }
+    row.push('\n');
+    row
+}
+
+/// The voltage to the last bit, or nothing.
+pub(crate) fn cell(reading: Reading) -> String {
+    reading
+        .volts()
+        .map(|volts| volts.0.to_string())
+        .unwrap_or_default()
+}
+
+/// Writes all of the folder but the frames.
+///
+/// # Errors
+/// A file that cannot be written. A geometry that cannot be made is reported and left out.
+pub(crate) fn write(
+    folder: &Path,
+    header: &SessionHeader,
+    current: Option<Amps>,
+    baseline: Option<&Baseline>,
+    geometry: &GeometryChoice,
+    existing: Existing,
+) -> Result<(), Failure> {
+    let put =
+        |name: &str, text: String| outfile::write(&folder.join(name), existing, text.as_bytes());
+    let current = current
+        .or(baseline.map(|baseline| baseline.settings.current))
+        .unwrap_or(Amps(1.0));
+    let currents = vec![current.0; header.protocol.len()];
+    match mesh_of(header, geometry) {
+        Ok(geometry) => case(&geometry, &header.protocol, currents)
+            .write(folder, existing)
+            .map_err(|error| Failure::failed("the case folder cannot be written", &error))?,
+        Err(why) => {
+            complain(&format!(
+                "tactus: {} is without a mesh: {why}",
+                folder.display()
+            ));
+            put(
+                "protocol.csv",
+                eit::protocol_text(&header.protocol, &currents),
+            )?;
+        }
+    }
+    if let Some(baseline) = baseline {
+        let table = heading(&header.protocol) + &row("baseline", &baseline.readings);
+        put(BASELINE, table)?;
+    }
+    let provenance = provenance(header, baseline)
+        .text()
+        .map_err(|error| Failure::failed("the provenance cannot be written", &error))?;
+    put(PROVENANCE, provenance)?;
+    Ok(())
+}
+
+/// The geometry that the options name, else the session's.
+fn mesh_of(header: &SessionHeader, requested: &GeometryChoice) -> Result<Geometry, String> {
+    let named = requested.preset.is_some() || requested.case.is_some();
+    if header.config_toml.is_empty() && !named {
+        return Err(format!(
+            "session {} keeps no configuration; say --preset paper-sheet or disc-tank, or --case DIR with a mesh",
+            header.id
+        ));
+    }
+    let origin = Origin::Session(Box::new(header.clone()));
+    choose_geometry(requested, &origin, &header.protocol)
+        .map(|(geometry, _)| geometry)
+        .map_err(|failure| failure.to_string())
+}
+
+/// The conductance of a preset is an assumption: without `homog`, the readers of the case fit one to the baseline.
+fn case(geometry: &Geometry, protocol: &Protocol, currents: Vec<f64>) -> Case {
+    let uniform = geometry.sigma0.windows(2).all(|pair| pair[0] == pair[1]);
+    let mut sigma = BTreeMap::new();
+    if geometry.from_case && !uniform {
+        sigma.insert("homog".to_owned(), geometry.sigma0.clone());
+    }
+    Case {
+        contact_ohm_m: geometry.contact_ohm_m.clone(),
+        has_region: geometry.mesh.region().len() < geometry.mesh.triangles().len(),
+        mesh: std::sync::Arc::clone(&geometry.mesh),
+        protocol: protocol.clone(),
+        currents,
+        sigma,
+    }
+}
+
+fn provenance(header: &SessionHeader, baseline: Option<&Baseline>) -> Provenance {
+    Provenance {
+        session: header.session().to_owned(),
+        started: utc(header.started),
+        simulated: header.simulated,
+        build: header.build.clone(),
+        baseline: baseline.map(|baseline| baseline.id.clone()),
+        baseline_frames: baseline.map(|baseline| baseline.frames),
+        noise_v: baseline
+            .and_then(|baseline| rms(baseline.deviation.iter().filter_map(|value| *value))),
+        geometry_hash: header.geometry_hash.clone(),
+        config_hash: header.config_hash.clone(),
+        note: header.note.clone(),
+        instruments: header
+            .instruments
+            .iter()
+            .map(|instrument| {
+                let instrument = instrument.clone();
+                [instrument.role, instrument.identity, instrument.address]
+            })
+            .collect(),
+        about: header
+            .about
+            .entries()
+            .map(|(name, words)| (name.to_owned(), words.to_owned()))
+            .collect(),
+    }
+}

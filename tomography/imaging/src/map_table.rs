@@ -1,0 +1,95 @@
+//! What stands beside a table of maps: which triangle a column is, and which frame a row is.
+
+use std::path::{Path, PathBuf};
+
+use chrono::{DateTime, SecondsFormat, Utc};
+use eit::{Mesh, Pressure, digits};
+use survey::Map;
+
+/// The tables beside a table of maps `NAME.csv`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MapCompanions {
+    /// `NAME.frames.csv`: a line for each row of the maps.
+    pub frames: PathBuf,
+    /// `NAME.triangles.csv`: a line for each column of the maps.
+    pub triangles: PathBuf,
+}
+
+/// First line of the table of frames.
+pub const FRAMES_HEADING: &str = "frame,label,time_utc,found_x_m,found_y_m,largest_loss,noise,significant,masked,newtons,largest_kpa\n";
+
+impl MapCompanions {
+    /// Names of the tables beside this one.
+    pub fn of(maps: &Path) -> Self {
+        Self {
+            frames: maps.with_extension("frames.csv"),
+            triangles: maps.with_extension("triangles.csv"),
+        }
+    }
+}
+
+/// The table of triangles: number in the mesh (from 0, as in `elems.csv`), centroid, area.
+pub fn triangles_text(mesh: &Mesh) -> String {
+    let mut text = String::from("element,x_m,y_m,area_m2\n");
+    let centroids = mesh.region_centroids();
+    for ((element, [x, y]), area) in mesh.region().iter().zip(centroids).zip(mesh.region_areas()) {
+        text += &format!("{element},{},{},{}\n", digits(x), digits(y), digits(area));
+    }
+    text
+}
+
+/// First line of a table of maps with a leading column `frame`: the number of each triangle in the mesh.
+pub fn maps_heading(mesh: &Mesh) -> String {
+    let elements = mesh.region().iter().map(|element| format!(",e{element}"));
+    format!("frame{}\n", elements.collect::<String>())
+}
+
+/// A map and its frame.
+#[derive(Debug, Clone, Copy)]
+pub struct MapRow<'a> {
+    /// Number of the frame.
+    pub frame: u64,
+    /// What its table calls it.
+    pub label: &'a str,
+    /// When it was taken.
+    pub time: Option<DateTime<Utc>>,
+    /// The map, relative.
+    pub map: &'a Map,
+    /// Where the load lies, m.
+    pub found: Option<[f64; 2]>,
+    /// The largest loss that noise alone makes.
+    pub noise: Option<f64>,
+    /// The map as a calibration reads it.
+    pub pressure: Option<&'a Pressure>,
+}
+
+impl MapRow<'_> {
+    /// The line of the table of frames.
+    pub fn text(&self) -> String {
+        let number = |value: Option<f64>| value.map(digits).unwrap_or_default();
+        let largest = self.map.largest_loss().map_or(0.0, |(_, loss)| loss);
+        let significant = self.map.is_significant(self.noise);
+        format!(
+            "{},{},{},{},{},{},{},{},{},{},{}\n",
+            self.frame,
+            self.label,
+            self.time
+                .map(|time| time.to_rfc3339_opts(SecondsFormat::AutoSi, true))
+                .unwrap_or_default(),
+            number(self.found.map(|[x, _]| x)),
+            number(self.found.map(|[_, y]| y)),
+            digits(largest),
+            number(self.noise),
+            significant.map(|yes| yes.to_string()).unwrap_or_default(),
+            self.map.masked,
+            number(self.pressure.map(|pressure| pressure.newtons)),
+            number(self.pressure.map(Pressure::largest_kpa)),
+        )
+    }
+
+    /// The values: kPa with a calibration, else relative changes of conductance.
+    pub fn values(&self) -> &[f64] {
+        self.pressure
+            .map_or(&self.map.values, |pressure| &pressure.kpa)
+    }
+}

@@ -1,0 +1,234 @@
+//! What a case folder holds beside its geometry: frames, the unloaded state, and where they come from.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::readings::{BaselineRule, LabelledReadings, first, mean, read_frames};
+use super::{RecordedError, Unloaded};
+use crate::conditions::Sample;
+
+/// The frames of a case folder, where no other file is named.
+pub const FRAMES: &str = "frames.csv";
+/// The unloaded state of a case folder, where it has one and nothing else is named.
+pub const BASELINE: &str = "baseline.csv";
+/// Where the frames of a case folder come from.
+pub const PROVENANCE: &str = "provenance.toml";
+
+/// Where the frames of a case folder come from: the file [`PROVENANCE`], which `tactus export` writes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Id of the session.
+    pub session: String,
+    /// Its beginning, RFC 3339, UTC.
+    pub started: String,
+    /// Whether the voltages are of a simulated sheet.
+    pub simulated: bool,
+    /// Program that recorded it.
+    pub build: String,
+    /// Id of its baseline.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub baseline: Option<String>,
+    /// Frames that the baseline is the mean of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub baseline_frames: Option<usize>,
+    /// Standard deviation of one reading over the frames of the baseline, V.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_v: Option<f64>,
+    /// SHA-256 of the mesh that the session's maps are made on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub geometry_hash: Option<String>,
+    /// SHA-256 of the session's configuration.
+    pub config_hash: String,
+    /// Note of the session.
+    pub note: String,
+    /// Instruments: role, identity, address.
+    pub instruments: Vec<[String; 3]>,
+    /// What the session says of sheet, foam, ink, operator, wiring and calibration.
+    pub about: std::collections::BTreeMap<String, String>,
+}
+
+impl Provenance {
+    /// Reads the file of a folder; `None` where there is none.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn of(folder: &Path) -> Result<Option<Self>, RecordedError> {
+        let path = folder.join(PROVENANCE);
+        let refused = |why: String| RecordedError::Provenance {
+            path: path.clone(),
+            why,
+        };
+        match std::fs::read_to_string(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(refused(error.to_string())),
+            Ok(text) => toml::from_str(&text)
+                .map(Some)
+                .map_err(|error| refused(error.message().to_owned())),
+        }
+    }
+
+    /// The text of the file.
+    ///
+    /// # Errors
+    /// A value that TOML has no text for.
+    pub fn text(&self) -> Result<String, toml::ser::Error> {
+        toml::to_string_pretty(self)
+    }
+}
+
+/// Which frames of a case folder are read, and what they are compared with.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct TableOptions<'a> {
+    /// The table: a bare name is looked for in the folder first. Without one [`FRAMES`] of the folder.
+    pub frames: Option<&'a Path>,
+    /// The unloaded state. Without one [`BASELINE`] of the folder, else the first frame.
+    pub baseline: Option<&'a BaselineRule>,
+    /// Changes every sign: the instrument gave magnitudes.
+    pub negate: bool,
+}
+
+/// A table of frames with its unloaded state.
+#[derive(Debug, Clone)]
+pub struct FrameTable {
+    /// Every frame of the table, those of the baseline included.
+    pub frames: Vec<LabelledReadings>,
+    /// Number of each: the session's own where every label is `f` and a number, ascending; else the row, from 1.
+    pub numbers: Vec<u64>,
+    /// What the frames are compared with.
+    pub unloaded: Unloaded,
+    /// In words: what the baseline is the mean of.
+    pub baseline_name: String,
+    /// Where the frames come from, if the folder says so and they are its own.
+    pub provenance: Option<Provenance>,
+}
+
+impl FrameTable {
+    /// Reads frames of so many readings each of a case folder.
+    ///
+    /// # Errors
+    /// A file that is not there or cannot be read, or more baseline frames than there are.
+    pub fn read(
+        folder: &Path,
+        options: &TableOptions<'_>,
+        readings: usize,
+    ) -> Result<Self, RecordedError> {
+        let path = match options.frames {
+            Some(file) => within(folder, file)?,
+            None => Some(folder.join(FRAMES))
+                .filter(|path| path.exists())
+                .ok_or_else(|| RecordedError::NoFrames(folder.to_owned()))?,
+        };
+        let own_baseline = folder.join(BASELINE);
+        let rule = match options.baseline {
+            Some(rule) => rule.clone(),
+            None if own_baseline.exists() => BaselineRule::File(own_baseline.clone()),
+            None => BaselineRule::First(1),
+        };
+        let frames = read_frames(&path, readings, options.negate)?;
+        let provenance = match path == folder.join(FRAMES) {
+            true => Provenance::of(folder)?,
+            false => None,
+        };
+        let unloaded = match &rule {
+            BaselineRule::First(count) => first(&frames, *count)?,
+            BaselineRule::File(file) => {
+                let file = within(folder, file)?;
+                let mut unloaded = mean(&read_frames(&file, readings, options.negate)?);
+                if file == own_baseline {
+                    let recorded = provenance.as_ref().and_then(|from| from.noise_v);
+                    unloaded.noise = unloaded.noise.or(recorded);
+                }
+                unloaded
+            }
+        };
+        Ok(Self {
+            numbers: numbers(&frames),
+            frames,
+            unloaded,
+            baseline_name: rule.to_string(),
+            provenance,
+        })
+    }
+
+    /// Frames for a method's rules, evenly from all.
+    pub fn sample(&self) -> Sample {
+        let frames = self.frames.iter().map(|(_, frame)| frame.clone());
+        super::readings::sample(&self.unloaded.readings, self.frames.len(), frames)
+    }
+}
+
+fn numbers(frames: &[LabelledReadings]) -> Vec<u64> {
+    let recorded: Option<Vec<u64>> = frames
+        .iter()
+        .map(|(label, _)| label.strip_prefix('f')?.parse().ok())
+        .collect();
+    recorded
+        .filter(|numbers| numbers.windows(2).all(|pair| pair[0] < pair[1]))
+        .unwrap_or_else(|| (1..=frames.len() as u64).collect())
+}
+
+/// A bare name in the folder, then in the current directory; a path as it is, then from the folder.
+fn within(folder: &Path, file: &Path) -> Result<PathBuf, RecordedError> {
+    let inside = folder.join(file);
+    let bare = file.parent() == Some(Path::new(""));
+    let places = if bare {
+        [inside, file.to_owned()]
+    } else {
+        [file.to_owned(), inside]
+    };
+    places
+        .into_iter()
+        .find(|place| place.exists())
+        .ok_or_else(|| RecordedError::Missing {
+            file: file.to_owned(),
+            folder: folder.to_owned(),
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bare_name_is_looked_for_in_the_folder_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let named = Path::new("Cargo.toml");
+        // the tests run in a directory with a file of that name
+        assert_eq!(within(folder.path(), named).unwrap(), named);
+        let inside = folder.path().join(named);
+        std::fs::write(&inside, "").unwrap();
+        assert_eq!(within(folder.path(), named).unwrap(), inside);
+        let error = within(folder.path(), Path::new("no.csv")).unwrap_err();
+        assert!(matches!(error, RecordedError::Missing { .. }));
+    }
+
+    #[test]
+    fn frames_and_baseline_of_the_folder_are_the_default() {
+        let folder = tempfile::tempdir().unwrap();
+        let read = |options: &TableOptions<'_>| FrameTable::read(folder.path(), options, 2);
+        let error = read(&TableOptions::default()).unwrap_err().to_string();
+        assert!(error.contains("--frames"), "{error}");
+        std::fs::write(folder.path().join(FRAMES), "frame,m0,m1\nf7,1,2\nf9,3,4\n").unwrap();
+        let table = read(&TableOptions::default()).unwrap();
+        assert_eq!(table.numbers, [7, 9]);
+        assert_eq!(table.unloaded.readings, table.frames[0].1);
+        std::fs::write(folder.path().join(BASELINE), "frame,m0,m1\nbaseline,5,6\n").unwrap();
+        let table = read(&TableOptions::default()).unwrap();
+        assert_eq!(table.unloaded.readings[1].volts().unwrap().0, 6.0);
+        let rule = BaselineRule::First(2);
+        let first = read(&TableOptions {
+            baseline: Some(&rule),
+            ..TableOptions::default()
+        });
+        assert_eq!(first.unwrap().unloaded.readings[1].volts().unwrap().0, 3.0);
+    }
+
+    #[test]
+    fn rows_without_numbers_of_a_session_count_from_one() {
+        for labels in [["0", "1"], ["f2", "f2"], ["f1", "ball"]] {
+            let frames = labels.map(|label| (label.to_owned(), Vec::new()));
+            assert_eq!(numbers(&frames), [1, 2], "{labels:?}");
+        }
+    }
+}
