@@ -5,8 +5,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use eit::Mesh;
-use imaging::recorded::{RecordedFrame, Recording};
-use imaging::{MapCompanions, MapRow};
+use imaging::recorded::{
+    FRAMES_HEADING, MapCompanions, MapRow, RecordedFrame, Recording, maps_heading, triangles_text,
+};
 use outfile::{Existing, OutFile};
 use serde::Serialize;
 use survey::Map;
@@ -313,16 +314,16 @@ struct MapTables {
 impl MapTables {
     fn create(path: &Path, mesh: &Mesh, existing: Existing) -> Result<Self, Failure> {
         let mut maps = OutFile::create(path, existing)?;
-        maps.put(imaging::maps_heading(mesh).as_bytes())?;
+        maps.put(maps_heading(mesh).as_bytes())?;
         // nothing can lie beside a device or a pipe
         let (mut frames, mut triangles) = (None, None);
         if !outfile::is_stream(path) {
             let beside = MapCompanions::of(path);
             let mut table = OutFile::create(&beside.frames, existing)?;
-            table.put(imaging::FRAMES_HEADING.as_bytes())?;
+            table.put(FRAMES_HEADING.as_bytes())?;
             frames = Some(table);
             let mut table = OutFile::create(&beside.triangles, existing)?;
-            table.put(imaging::triangles_text(mesh).as_bytes())?;
+            table.put(triangles_text(mesh).as_bytes())?;
             triangles = Some(table);
         }
         Ok(Self {

@@ -177,19 +177,9 @@ fn a_wrong_number_of_columns_names_the_line() {
         message.contains("frames.csv") && message.contains('4'),
         "{message}"
     );
-    let message = refused(
-        path,
-        &[
-            "replay",
-            "out.case",
-            "--frames",
-            "frames.csv",
-            "--preset",
-            "disc-tank",
-        ],
-        2,
-    );
-    assert!(!message.is_empty());
+    std::fs::remove_file(&frames).unwrap();
+    let message = refused(path, &["replay", "out.case", "--preset", "disc-tank"], 2);
+    assert!(message.contains("--frames FILE"), "{message}");
 }
 
 #[test]

@@ -7,8 +7,9 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use survey::{Map, Reading};
 
-use imaging::recorded::{FrameTable, TableOptions};
-use imaging::{FRAMES_HEADING, MapCompanions, MapRow, triangles_text};
+use imaging::recorded::{
+    FRAMES_HEADING, FrameTable, MapCompanions, MapRow, TableOptions, triangles_text,
+};
 use studies::evaluation::median;
 use studies::{Failure, progress, write};
 

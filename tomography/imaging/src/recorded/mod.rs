@@ -1,11 +1,12 @@
 //! Frames that were measured before, as a source: a session of the logbook, or a table of frames in a case folder, with
-//! their baseline (`first:N`, a file, or the session's own), signs and noise. How fast they are played is the daemon's
+//! their baseline (`first:N`, a file, or the session's own), signs and noise; and the tables of their maps. How fast they are played is the daemon's
 //! own matter.
 
 mod case_folder;
 mod error;
 mod fitted;
 mod indexed;
+mod map_table;
 mod readings;
 mod recording;
 mod session;
@@ -14,6 +15,7 @@ pub use case_folder::{BASELINE, FRAMES, FrameTable, PROVENANCE, Provenance, Tabl
 pub use error::RecordedError;
 pub use fitted::Fitted;
 pub use indexed::IndexedFrames;
+pub use map_table::{FRAMES_HEADING, MapCompanions, MapRow, maps_heading, triangles_text};
 pub use readings::{BaselineRule, LabelledReadings, Unloaded, read_frames};
 pub use recording::{Origin, RecordedFrame, Recording};
 pub use session::SessionParts;
