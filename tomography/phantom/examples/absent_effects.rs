@@ -1,7 +1,7 @@
-//! What effects cost that a scene does not name: `cargo run --release -p tactus-phantom --example absent_effects`.
+//! Cost of effects that a scene does not name: `cargo run --release -p tactus-phantom --example absent_effects`.
 //!
-//! Frames of a scene without effects, against the same readings from the forward solution with no effect's code in
-//! between, in turns. Printed are the median of each and its spread, from the first to the third quarter, in ns a reading.
+//! Compares frames of a scene without effects with the same readings taken directly from the forward solution, in
+//! alternation. Prints the median of each and its interquartile range, in ns per reading.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};

@@ -1,8 +1,8 @@
-//! What the sheet has been through, for effects that remember: hysteresis, creep, set; and what spreads beside a load.
+//! The load history of the sheet, for effects with memory: hysteresis, creep, set, stretch.
 //!
-//! They act on the log loss of each triangle, by itself, so that a load that moves leaves its trail. Nothing is computed
-//! between changes of the loads: the effects follow any step exactly. The answer is renewed when a load changes, and as
-//! often as an effect asks (`every_s`); its **version** counts the renewals that changed a bit.
+//! They act on the log loss of each triangle, so that a moving load leaves a trail. Nothing is computed between changes
+//! of the loads, because the effects follow any step exactly. The result is updated when a load changes, and at the
+//! interval of the effects (`every_s`); its **version** counts the updates that changed a bit.
 
 use std::time::Duration;
 
@@ -11,17 +11,17 @@ use crate::effects::{OnLoss, Places};
 #[derive(Debug)]
 pub(crate) struct History {
     effects: Vec<Box<dyn OnLoss>>,
-    /// Until when it has been followed; `None` before the start.
+    /// End of the history so far; `None` before the start.
     last: Option<Duration>,
-    /// Log losses by the loads themselves, since then.
+    /// Log losses by the loads alone at that moment.
     plain: Vec<f64>,
-    /// The same as the effects leave them.
+    /// The same after the effects.
     bent: Vec<f64>,
     version: u64,
 }
 
 impl History {
-    /// `None` where no effect remembers.
+    /// `None` if no effect has a memory.
     pub(crate) fn new(effects: Vec<Box<dyn OnLoss>>) -> Option<Self> {
         (!effects.is_empty()).then_some(Self {
             effects,
@@ -40,7 +40,7 @@ impl History {
         self.version
     }
 
-    /// The loads are others from this moment on: at once, or having moved there since the last.
+    /// The loads have changed at this moment: at once, or linearly since the last call.
     pub(crate) fn change(
         &mut self,
         at: Duration,
@@ -61,7 +61,7 @@ impl History {
         }
     }
 
-    /// Nothing has happened until this moment but time, in whole steps of the effect that asks most often.
+    /// Only time has passed until this moment: advances in steps of the shortest interval of the effects.
     pub(crate) fn rest(&mut self, at: Duration, places: &Places<'_>) {
         let Some(every) = self
             .effects
@@ -79,15 +79,15 @@ impl History {
         }
     }
 
-    /// Changes what the loads have left of the conductance to what the effects leave.
+    /// Replaces the loads' effect on the conductance by that of the effects.
     pub(crate) fn act(&self, sigma: &mut [f64]) {
         for (sigma, (plain, bent)) in sigma.iter_mut().zip(self.plain.iter().zip(&self.bent)) {
-            // exp(0) is 1: where nothing has changed, no bit does.
+            // exp(0) is 1: unchanged triangles keep their bits.
             *sigma *= (plain - bent).exp();
         }
     }
 
-    /// Seconds since the last step, and on to this one.
+    /// Seconds since the last step; sets the last step to `at`.
     fn past(&mut self, at: Duration) -> f64 {
         let past = self
             .last

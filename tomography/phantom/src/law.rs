@@ -5,10 +5,10 @@ use std::fmt;
 use crate::load::loss_of_pressure;
 use crate::paper;
 
-/// What foam is made of, as far as no effect says more.
+/// Foam properties without effects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pressure {
-    /// Half of the conductance is lost under it, kPa: the paper gives no law; see [`loss_of_pressure`].
+    /// Pressure that takes half of the conductance, kPa: the paper gives no law; see [`loss_of_pressure`].
     pub half_kpa: f64,
     /// Young's modulus across the foam, kPa; 20 to 500 (fact sheet, section 2.4).
     pub modulus_kpa: f64,
@@ -23,25 +23,24 @@ impl Default for Pressure {
     }
 }
 
-/// A law of conductance in place of p / (p + p_half).
+/// A conductance law that replaces p / (p + p_half).
 pub(crate) trait Conduction: fmt::Debug + Send {
-    /// Share of the conductance that is lost under a pressure (kPa) that strains the foam so; negative where more is
-    /// conducted, never above 1.
+    /// Share of the conductance that is lost at a pressure (kPa) and strain; negative for a gain, never above 1.
     fn loss(&self, kpa: f64, strain: f64) -> f64;
 }
 
-/// Foam cannot be thinner than this share of itself.
+/// Smallest thickness of foam, as a share of its thickness at rest.
 const THINNEST: f64 = 0.05;
 
-/// Stress and strain of foam, with the slopes of the curve.
+/// The stress-strain curve of foam, with its slopes.
 #[derive(Debug)]
 pub(crate) struct Foam {
-    /// Pressure (kPa), strain, slope; the first is nothing at nothing.
+    /// Pressure (kPa), strain, slope; the first point is zero.
     points: Vec<[f64; 3]>,
 }
 
 impl Foam {
-    /// A monotone cubic through pressures (kPa) and strains (%), both rising, from nothing at nothing.
+    /// A monotone cubic through pressures (kPa) and strains (%), both rising, starting at zero.
     pub(crate) fn new(kpa: &[f64], strain_percent: &[f64]) -> Self {
         let given = kpa.iter().zip(strain_percent);
         let mut points: Vec<[f64; 3]> = [[0.0; 3]]
@@ -50,7 +49,7 @@ impl Foam {
             .collect();
         let secant = |a: [f64; 3], b: [f64; 3]| (b[1] - a[1]) / (b[0] - a[0]);
         let last = points.len() - 1;
-        // Within, the weighted harmonic mean of both secants: it keeps the cubic monotone. At the ends the secant.
+        // Inner points: the weighted harmonic mean of both secants keeps the cubic monotone. Ends: the secant.
         points[0][2] = secant(points[0], points[1]);
         points[last][2] = secant(points[last - 1], points[last]);
         for k in 1..last {
@@ -62,7 +61,7 @@ impl Foam {
         Self { points }
     }
 
-    /// The strain under a pressure, kPa; 0 to 1.
+    /// The strain at a pressure, kPa; 0 to 1.
     pub(crate) fn strain(&self, kpa: f64) -> f64 {
         let after = self.points.iter().position(|point| point[0] >= kpa);
         match after {
@@ -84,7 +83,7 @@ impl Foam {
     }
 }
 
-/// What a pressure does to the conductance, by the scene's effects.
+/// The law from pressure to conductance, with the scene's effects.
 #[derive(Debug)]
 pub(crate) struct Law {
     pub(crate) pressure: Pressure,
@@ -100,7 +99,7 @@ impl Law {
         }
     }
 
-    /// Share of the conductance that is lost under a pressure, kPa.
+    /// Share of the conductance that is lost at a pressure, kPa.
     pub(crate) fn loss(&self, kpa: f64) -> f64 {
         match (&self.conduction, &self.foam) {
             (Some(conduction), _) => conduction.loss(kpa, self.strain(kpa)),
@@ -136,7 +135,7 @@ mod tests {
         assert_eq!(law("log-law.from_kpa = 20").loss(10.0), 0.0);
         let foam = "foam.kpa = [1, 10]\nfoam.strain_percent = [10, 50]\n";
         assert!((law(&format!("{foam}gauge-law.factor = 2")).loss(10.0) - 0.5).abs() < 1e-15);
-        // half the thickness is what 50 kPa do to a foam of 100 kPa: 50 / (50 + 25)
+        // 50 kPa compress a foam of 100 kPa by half: 50 / (50 + 25)
         assert!((law(foam).loss(10.0) - 2.0 / 3.0).abs() < 1e-15);
     }
 
@@ -158,7 +157,7 @@ mod tests {
                     (-99.0..1.0).contains(&loss),
                     "{text}: {loss} under {kpa} kPa"
                 );
-                // more pressure, more of the same
+                // monotone in the pressure
                 assert!(
                     loss.abs() >= last.abs() - 1e-15,
                     "{text}: {loss} after {last}"

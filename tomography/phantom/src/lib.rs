@@ -1,12 +1,11 @@
-//! The simulated sheet: what a scene presses on it, and what its electrodes then show.
+//! The simulated sheet: computes the voltages at its electrodes under the loads of a scene.
 //!
-//! A phantom has a mesh of its own, finer than any reconstruction's and not a refinement of it, and the complete
-//! electrode model on it. It is an ideal sheet under ideal contacts until a scene names an effect; an effect not named
-//! is not built. The crate knows no clocks (time comes in as an argument), no randomness without a seed, no instruments and no
-//! reconstruction.
+//! A phantom has its own mesh, finer than any reconstruction's and not a refinement of it, and the complete electrode
+//! model on it. Sheet and contacts are ideal unless a scene names an effect; an effect that is not named costs nothing.
+//! The crate uses no clock (time is an argument), no randomness without a seed, no instruments and no reconstruction.
 //!
 //! - **load**: a shape at a place with a loss of conductance; **scene**: sheet, loads on a time line, effects, seed
-//! - **fault**: what a scene says goes wrong with the instruments; its words are for whoever has them
+//! - **fault**: a failure of an instrument in a scene, as text that the simulated instruments interpret
 //! - **loss**: the share of sheet conductance that a load takes away, 0 to 1
 //! - **effect**: one imperfection of sheet, contacts, network or readings, with its own random stream
 //!

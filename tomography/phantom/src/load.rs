@@ -1,11 +1,11 @@
-//! Loads: a shape at a place, and the share of conductance it takes from what it covers.
+//! Loads: a shape at a place, and the share of conductance lost under it.
 
 use std::f64::consts::TAU;
 
 use eit::Mesh;
 use serde::{Deserialize, Serialize};
 
-/// Corners of the polygon that stands for a circle; it has the circle's area exactly.
+/// Corners of the polygon that approximates a circle; its area is exactly that of the circle.
 const ROUND: usize = 360;
 
 /// Standard gravity, m/s2.
@@ -32,7 +32,7 @@ pub enum Shape {
         /// Side, mm.
         side_mm: f64,
     },
-    /// Two overlapping discs beside each other along x.
+    /// Two overlapping discs next to each other along x.
     FigureEight {
         /// Diameter of each, mm.
         diameter_mm: f64,
@@ -49,32 +49,32 @@ pub enum Shape {
 /// A shape at a place with its loss.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Load {
-    /// What a person calls it.
+    /// Name for people.
     pub name: String,
     /// Its outline.
     pub shape: Shape,
-    /// Where its centre is, mm from the sheet's origin.
+    /// Position of its centre, mm from the sheet's origin.
     pub centre_mm: [f64; 2],
-    /// Turned counter-clockwise about its centre, degrees.
+    /// Rotation counter-clockwise about its centre, degrees.
     pub turn_deg: f64,
-    /// Share of the conductance that is lost under it, 0 to 1.
+    /// Share of the conductance lost under it, 0 to 1.
     pub loss: f64,
 }
 
-/// Why a load cannot be pressed.
+/// Errors of loads.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LoadError {
-    /// A measure that is not a positive number.
+    /// A dimension that is not a positive number.
     #[error("load '{load}': {key} is {value}, it must be a positive number")]
     Measure {
         /// Its name.
         load: String,
-        /// Which measure.
+        /// Which dimension.
         key: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
-    /// A place or angle that is not a number.
+    /// A position or angle that is not a number.
     #[error("load '{load}': {key} is not a finite number")]
     Place {
         /// Its name.
@@ -107,7 +107,7 @@ pub enum LoadError {
     Corners {
         /// Its name.
         load: String,
-        /// How many.
+        /// Their number.
         corners: usize,
     },
     /// A polygon whose sides cross.
@@ -120,20 +120,20 @@ pub enum LoadError {
         /// Another.
         second: usize,
     },
-    /// A load beside the sheet.
+    /// A load outside the sheet.
     #[error("load '{load}' at {x_mm}, {y_mm} mm covers no part of the sheet")]
     Beside {
         /// Its name.
         load: String,
-        /// Where, mm.
+        /// Position, mm.
         x_mm: f64,
-        /// Where, mm.
+        /// Position, mm.
         y_mm: f64,
     },
 }
 
 impl Load {
-    /// A disc at a place (mm) with a diameter (mm) and a loss (0 to 1).
+    /// A disc at a position (mm) with a diameter (mm) and a loss (0 to 1).
     pub fn disc(centre_mm: [f64; 2], diameter_mm: f64, loss: f64) -> Self {
         Self {
             name: "disc".to_owned(),
@@ -144,10 +144,10 @@ impl Load {
         }
     }
 
-    /// Refuses measures from which no load follows.
+    /// Checks the dimensions, position and loss.
     ///
     /// # Errors
-    /// The first fault, naming load and measure.
+    /// The first fault, naming load and dimension.
     pub fn check(&self) -> Result<(), LoadError> {
         self.check_outline()?;
         if !(0.0..=1.0).contains(&self.loss) {
@@ -159,7 +159,7 @@ impl Load {
         Ok(())
     }
 
-    /// The same without the loss: a law may give a negative one.
+    /// Checks without the loss: a law may give a negative one.
     pub(crate) fn check_outline(&self) -> Result<(), LoadError> {
         for (key, value) in [
             ("x_mm", self.centre_mm[0]),
@@ -191,17 +191,17 @@ impl Load {
             .collect()
     }
 
-    /// Covered share of each triangle, by clipping the outline with the triangle: exact for polygons. Triangles that are
-    /// not touched are left out.
+    /// Covered share of each triangle, by clipping the outline with the triangle: exact for polygons. Uncovered
+    /// triangles are omitted.
     ///
     /// # Errors
-    /// A load from which nothing follows, or beside the mesh.
+    /// An invalid load, or one outside the mesh.
     pub fn coverage(&self, mesh: &Mesh) -> Result<Vec<(usize, f64)>, LoadError> {
         self.check()?;
         self.covered(mesh)
     }
 
-    /// The same whatever the loss is.
+    /// The same for any loss.
     pub(crate) fn covered(&self, mesh: &Mesh) -> Result<Vec<(usize, f64)>, LoadError> {
         self.check_outline()?;
         let outline = self.outline();
@@ -295,7 +295,7 @@ impl Shape {
                 diameter_mm,
                 distance_mm,
             } => {
-                // each disc without the part beyond the line between them
+                // each disc without the part beyond the common chord
                 let (radius, half) = (0.5 * diameter_mm, 0.5 * distance_mm);
                 let waist = (half / radius).acos();
                 let open = TAU - 2.0 * waist;
@@ -346,7 +346,7 @@ fn signed_area(points: &[[f64; 2]]) -> f64 {
     let Some(first) = points.first() else {
         return 0.0;
     };
-    // relative to one corner, against cancellation far from the origin
+    // relative to one corner, to avoid cancellation far from the origin
     let at = |p: &[f64; 2]| [p[0] - first[0], p[1] - first[1]];
     0.5 * points
         .windows(2)
@@ -373,13 +373,13 @@ fn bounds(points: &[[f64; 2]]) -> [[f64; 2]; 2] {
     [low, high]
 }
 
-/// Twice the area of a, b, p: positive where p lies to the left of a to b.
+/// Twice the area of a, b, p: positive if p is to the left of a to b.
 fn left(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 }
 
-/// Sutherland and Hodgman: the polygon cut by the three sides of a triangle. Where a bent polygon falls into pieces they
-/// stay joined by slits along a side, which have no area.
+/// Sutherland-Hodgman: clips the polygon by the three sides of a triangle. If a concave polygon falls into pieces they
+/// stay connected by slits along a side, which have no area.
 fn clip(polygon: &[[f64; 2]], [a, b, c]: [[f64; 2]; 3]) -> Vec<[f64; 2]> {
     let mut points = polygon.to_vec();
     for (from, to) in [(a, b), (b, c), (c, a)] {

@@ -1,5 +1,5 @@
-//! The loads of the paper's two tests. Its text gives masses and no losses, shapes and few measures: what is missing is
-//! our reading, and all of it can be written otherwise in a scene.
+//! The loads of the paper's two tests. The text gives masses but no losses, shapes but few dimensions: the missing
+//! values are our choice, and a scene can set all of them differently.
 
 use crate::load::{Load, Shape, loss_of_pressure, pressure_kpa};
 

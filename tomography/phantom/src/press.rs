@@ -1,8 +1,8 @@
-//! Loads over time: when one is on the sheet, the way that it takes, and how its force is spread under it.
+//! Loads over time: when a load is on the sheet, its path, and the pressure distribution under it.
 //!
-//! Between two waypoints a load moves straight and its force changes evenly, in steps: each is computed once, in its
-//! middle, so that it is never more than half of [`STEP_MM`] beside its place, nor more than half of [`STEP_SHARE`] beside
-//! its force. A load that stays takes no step.
+//! Between two waypoints a load moves in a straight line and its force changes linearly, in steps. Each step is
+//! computed once, at its middle, so that the error is at most half of [`STEP_MM`] in position and half of
+//! [`STEP_SHARE`] in force. A constant load takes no step.
 
 use std::f64::consts::PI;
 use std::time::Duration;
@@ -13,16 +13,16 @@ use crate::law::Law;
 use crate::load::{GRAVITY, Load, LoadError, Shape, pressure_kpa};
 use crate::repeat::Repeat;
 
-/// How far a load moves in one step, mm.
+/// Length of one step, mm.
 pub(crate) const STEP_MM: f64 = 0.25;
 
-/// How much a force changes in one step, as a share of the larger of the two waypoints'.
+/// Change of the force in one step, as a share of the larger of the two waypoints'.
 pub(crate) const STEP_SHARE: f64 = 0.02;
 
-/// Rings of even pressure that stand for a pressure that is uneven; each has the mean of its own.
+/// Rings of constant pressure that approximate a pressure distribution; each has the mean of its part.
 const RINGS: u32 = 24;
 
-/// How much is pressed.
+/// Size of a load.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Amount {
     /// Share of the conductance that is lost, 0 to 1.
@@ -46,21 +46,21 @@ impl Amount {
     }
 }
 
-/// A place on a load's way.
+/// A point on a load's path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Waypoint {
-    /// When it is there.
+    /// Time at this point.
     pub at: Duration,
-    /// Where its centre is, mm.
+    /// Position of its centre, mm.
     pub centre_mm: [f64; 2],
-    /// How much it presses.
+    /// Its size.
     pub amount: Amount,
 }
 
-/// How a force is spread under a load (fact sheet, section 2.4).
+/// Distribution of the force under a load (fact sheet, section 2.4).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Contact {
-    /// Evenly: foam thinner than the load is wide (Winkler).
+    /// Uniform: foam thinner than the load is wide (Winkler).
     #[default]
     Even,
     /// As under a rigid flat disc on thick foam: F / (2 pi a²) (1 - r² / a²)^(-1/2).
@@ -90,33 +90,33 @@ pub(crate) fn hertz_radius_mm(radius_mm: f64, mass_g: f64, modulus_kpa: f64) -> 
     1e3 * (0.75 * force * radius_mm * 1e-3 / (modulus_kpa * 1e3)).cbrt()
 }
 
-/// A load, when it is on the sheet, and what it does meanwhile.
+/// A load on the time line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TimedLoad {
-    /// What is pressed, as it begins.
+    /// The load as it begins.
     pub load: Load,
-    /// From this moment.
+    /// Start.
     pub from: Duration,
-    /// Until this moment, excluded; `None` for good.
+    /// End, excluded; `None` for never.
     pub to: Option<Duration>,
-    /// How it comes again, each time as the first; `None` for a load that comes once.
+    /// Repetition, each time like the first; `None` for once.
     pub repeat: Option<Repeat>,
-    /// How much it presses, as it begins.
+    /// Its size as it begins.
     pub amount: Amount,
-    /// Where it goes and what it presses then, in order of time; empty for a load that stays as it is.
+    /// Later positions and sizes, in order of time; empty for a constant load.
     pub path: Vec<Waypoint>,
-    /// How its force is spread.
+    /// Distribution of its force.
     pub contact: Contact,
 }
 
-/// Which step of a load's way: the waypoint behind it, and the step since.
+/// Step of a load's path: the last waypoint, and the number of steps since.
 pub(crate) type Stage = [u32; 2];
 
 /// A load's covered triangles, and the share of conductance that each loses.
 pub(crate) type Print = Vec<(usize, f64)>;
 
 impl TimedLoad {
-    /// A load that presses so from a moment on, to another or for good, and stays.
+    /// A constant load from one moment to another, or for ever.
     pub fn still(load: Load, from: Duration, to: Option<Duration>) -> Self {
         Self {
             amount: Amount::Loss(load.loss),
@@ -129,7 +129,7 @@ impl TimedLoad {
         }
     }
 
-    /// When it is taken away for the last time; `None` where it stays for good.
+    /// When it is removed for the last time; `None` for never.
     pub fn end(&self) -> Option<Duration> {
         let last = self.repeat.map_or(0, |repeat| repeat.times() - 1);
         Some(self.to?.saturating_add(self.delay(last)))
@@ -146,20 +146,20 @@ impl TimedLoad {
         at >= self.from && self.to.is_none_or(|to| at < to)
     }
 
-    /// How much later than the first time a time of this number begins.
+    /// Delay of a repetition relative to the first time.
     fn delay(&self, number: u32) -> Duration {
         let repeat = self.repeat;
         repeat.map_or(Duration::ZERO, |repeat| repeat.delay(number))
     }
 
-    /// Which time it is, from 0, and the moment of the first time that a moment is like.
+    /// The repetition at a moment, from 0, and the corresponding moment of the first time.
     fn in_first(&self, at: Duration) -> (u32, Duration) {
         let since = at.saturating_sub(self.from);
         let number = self.repeat.map_or(0, |repeat| repeat.number(since));
         (number, at.saturating_sub(self.delay(number)))
     }
 
-    /// The waypoint of a number; 0 is where it begins.
+    /// The waypoint with this index; 0 is the beginning.
     fn waypoint(&self, number: usize) -> Waypoint {
         match number.checked_sub(1) {
             Some(index) => self.path[index],
@@ -171,12 +171,12 @@ impl TimedLoad {
         }
     }
 
-    /// The waypoint that it has behind it.
+    /// The last waypoint passed.
     fn behind(&self, at: Duration) -> usize {
         self.path.partition_point(|waypoint| waypoint.at <= at)
     }
 
-    /// Steps from a waypoint to the next; none where nothing changes, or none follows.
+    /// Steps from a waypoint to the next; 0 if nothing changes, or there is no next.
     fn steps(&self, behind: usize) -> u32 {
         if behind == self.path.len() {
             return 0;
@@ -193,7 +193,7 @@ impl TimedLoad {
         (x.hypot(y) / STEP_MM).max(changes).ceil() as u32
     }
 
-    /// Which step it is in; `None` while it is not on the sheet.
+    /// The step at a moment; `None` while it is not on the sheet.
     pub(crate) fn stage(&self, at: Duration) -> Option<Stage> {
         let (_, at) = self.in_first(at);
         if !self.is_on_first(at) {
@@ -211,7 +211,7 @@ impl TimedLoad {
         Some([behind as u32, step])
     }
 
-    /// The next moment after this one at which it is pressed, moves on, or is taken away.
+    /// The next moment after this one at which it is pressed, moves on, or is removed.
     pub(crate) fn next_change(&self, after: Duration) -> Option<Duration> {
         let (number, first) = self.in_first(after);
         match (self.next_change_of_first(first), self.repeat) {
@@ -236,7 +236,7 @@ impl TimedLoad {
         let next = (behind < self.path.len()).then(|| {
             let [from, to] = [behind, behind + 1].map(|number| self.waypoint(number).at);
             let steps = self.steps(behind);
-            // A moment that rounding has put before its step is passed over.
+            // A moment that rounding puts before its step is skipped.
             (stage[1] + 1..steps)
                 .map(|step| {
                     from + survey::duration(
@@ -252,7 +252,7 @@ impl TimedLoad {
         }
     }
 
-    /// The load at a moment, named by which time it is where it repeats; `None` while it is not on the sheet.
+    /// The load at a moment, with the number of the repetition in its name; `None` while it is not on the sheet.
     pub(crate) fn at(&self, at: Duration, law: &Law) -> Option<Load> {
         let mut load = self.momentary(self.stage(at)?, law);
         if self.repeat.is_some() {
@@ -262,7 +262,7 @@ impl TimedLoad {
         Some(load)
     }
 
-    /// Where it is and how much it presses in the middle of a step.
+    /// Position and size in the middle of a step.
     fn middle(&self, [behind, step]: Stage) -> Waypoint {
         let here = self.waypoint(behind as usize);
         let steps = self.steps(behind as usize);
@@ -281,7 +281,7 @@ impl TimedLoad {
         }
     }
 
-    /// The load itself during a step; its loss is that of its mean pressure.
+    /// The load during a step; its loss is that of its mean pressure.
     pub(crate) fn momentary(&self, stage: Stage, law: &Law) -> Load {
         let now = self.middle(stage);
         let mut load = Load {
@@ -314,10 +314,10 @@ impl TimedLoad {
         start.momentary([0, 0], law)
     }
 
-    /// What each triangle loses during a step; nothing where the load is beside the sheet, or presses nothing.
+    /// The loss of each triangle during a step; empty if the load is outside the sheet or its force is zero.
     ///
     /// # Errors
-    /// A load from which nothing follows.
+    /// An invalid load.
     pub(crate) fn print(&self, stage: Stage, law: &Law, mesh: &Mesh) -> Result<Print, LoadError> {
         let load = self.momentary(stage, law);
         let covered = |load: &Load| match load.covered(mesh) {
@@ -356,7 +356,7 @@ impl TimedLoad {
     }
 }
 
-/// Outer radius (share of the contact's) and mean pressure (kPa) of each ring, from within.
+/// Outer radius (as a share of the contact's) and mean pressure (kPa) of each ring, from the centre.
 fn rings(contact: Contact, mass_g: f64, diameter_mm: f64) -> Vec<(f64, f64)> {
     let area = PI * (0.5e-3 * diameter_mm).powi(2);
     (1..=RINGS)
@@ -379,7 +379,8 @@ mod tests {
     fn punch_and_sphere_integrate_to_their_force() {
         let sphere = Contact::Sphere { radius_mm: 20.0 };
         for contact in [Contact::Even, Contact::Punch, sphere] {
-            // The law's own density (in F / (pi a²)) over r = sin(angle), where the punch's edge is no pole.
+            // The density (in F / (pi a²)) integrated over r = sin(angle), which removes the singularity at the punch's
+            // edge.
             let steps = 2000;
             let width = 0.5 * PI / f64::from(steps);
             let mut force = 0.0;
@@ -493,7 +494,7 @@ mod tests {
             last = next;
         }
         assert_eq!(changes.len(), 1 + 1 + 40 + 25 + 1, "{changes:?}");
-        // and again, each time as the first
+        // the repetitions are like the first time
         let again = TimedLoad {
             repeat: Some(Repeat::new(100.0, 3).unwrap()),
             ..timed.clone()
@@ -515,7 +516,7 @@ mod tests {
         for off in [9, 60, 109, 160, 260, 325] {
             assert_eq!(again.stage(seconds(off)), None, "{off}");
         }
-        // never further than half a step from where it is
+        // never farther than half a step from its position
         for millis in (20_000..30_000).step_by(7) {
             let stage = timed.stage(Duration::from_millis(millis)).unwrap();
             let exact = 50.0 + (millis - 20_000) as f64 / 1000.0;

@@ -1,9 +1,9 @@
-//! How large each effect will be, before it is switched on: rms over the readings and frames of a scan, in volts.
+//! Predicted size of each effect before it is switched on: rms over the readings and frames of a scan, in volts.
 //!
-//! What predictions rest on is cheap and exact: the readings of the unloaded sheet, their sensitivities to contacts and
-//! conductance (first order), resistances between electrodes, and how the readings are taken. An effect that is beyond
-//! first order (a crack, an electrode that has come off) asks for one solution of the changed sheet; one that acts on loads,
-//! for a dozen with it and a dozen without, on a coarse mesh.
+//! Predictions use the readings of the unloaded sheet, their sensitivities to contacts and conductance (first order),
+//! resistances between electrodes, and the scan's settings; all are cheap and exact. An effect beyond first order (a
+//! crack, a detached electrode) needs one solution of the changed sheet; an effect on loads needs a dozen with it and a
+//! dozen without, on a coarse mesh.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,24 +17,24 @@ use crate::scan::{ReadingContext, Scan, across};
 use crate::scene::Scene;
 use crate::sheet::{Phantom, PhantomError};
 
-/// Squares that the sheet is cut into for the sensitivity, m.
+/// Side of the squares for the sensitivity, m.
 const CELL: f64 = 8e-3;
-/// No finer than this is the mesh of the sensitivity.
+/// Largest fineness of the mesh for the sensitivity.
 const FINENESS: f64 = 0.6;
-/// Frames at which something that changes with time is looked at.
+/// Frames sampled for quantities that change with time.
 const MOMENTS: usize = 240;
-/// Frames at which loads are looked at.
+/// Frames sampled for the loads' signal.
 const LOADED: usize = 24;
-/// Frames at which the loads are solved with and without an effect on them.
+/// Frames solved with and without an effect on loads.
 const PRESSED: usize = 12;
 
-/// What a prediction may know of a scene and its scan.
+/// Precomputed inputs of the predictions for a scene and its scan.
 #[derive(Debug)]
 pub struct Preview {
     scan: Scan,
     sights: Vec<UnloadedReading>,
     effects: EffectSettings,
-    /// With its loads, without effects, on a coarse mesh.
+    /// The scene with its loads, without effects, on a coarse mesh.
     pressed: Scene,
     phantom: Phantom,
     z: DMatrix<f64>,
@@ -46,26 +46,26 @@ pub struct Preview {
     centres: Vec<[f64; 2]>,
 }
 
-/// How large one effect will be.
+/// Predicted size of one effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prediction {
-    /// As scenes write it.
+    /// Name as in scenes.
     pub name: &'static str,
-    /// What it is.
+    /// Description.
     pub what: &'static str,
-    /// Whether the scene names it; one that is not is predicted with its usual parameters.
+    /// Whether the scene names it; otherwise the prediction uses its usual parameters.
     pub named: bool,
     /// Rms over readings and frames, V.
     pub volts: f64,
-    /// What is assumed of an event: a fault, absent from a healthy rig.
+    /// For faults: the event assumed; a healthy rig has none.
     pub assumes: Option<String>,
 }
 
 impl Preview {
-    /// Looks at a scene.
+    /// Prepares predictions for a scene.
     ///
     /// # Errors
-    /// A sheet that cannot be had or solved.
+    /// A sheet that cannot be meshed or solved.
     pub fn new(scene: &Scene, scan: Scan) -> Result<Self, PhantomError> {
         let untouched = Scene {
             effects: EffectSettings::default(),
@@ -119,7 +119,7 @@ impl Preview {
         Ok(preview)
     }
 
-    /// Rms over the readings of what the loads change, in the frame in which it is most.
+    /// Rms over the readings of the change by loads, in the frame where it is largest.
     fn load_signal(&self, scene: &Scene) -> Result<Option<f64>, PhantomError> {
         if scene.loads.is_empty() {
             return Ok(None);
@@ -144,7 +144,7 @@ impl Preview {
         &self.scan
     }
 
-    /// Noise of one reading, V: the scene's voltmeter noise where it is named, else the voltmeter's by its table.
+    /// Noise of one reading, V: the scene's voltmeter noise if named, otherwise that of the voltmeter's table.
     pub fn noise(&self) -> f64 {
         self.effects
             .voltmeter_noise
@@ -153,7 +153,7 @@ impl Preview {
             .volts(&self.sights[0].context)
     }
 
-    /// Rms over the readings of what the loads change, where they change something, V.
+    /// Rms over the readings of the change by loads, V; `None` without a change.
     pub fn signal(&self) -> Option<f64> {
         self.signal
     }
@@ -173,7 +173,7 @@ impl Preview {
             .collect()
     }
 
-    /// The middles of so many frames from the first to the last.
+    /// The middles of at most this many frames from the first to the last.
     fn moments(&self, most: usize) -> impl Iterator<Item = Duration> {
         let frames = self.scan.frames.max(1);
         let half = self.scan.frame_time() / 2;
@@ -188,7 +188,7 @@ impl Preview {
         })
     }
 
-    /// The effects of the scene that say what a pressure does.
+    /// The effects of the scene that determine the law of pressure.
     fn laws(&self) -> EffectSettings {
         EffectSettings {
             foam: self.effects.foam.clone(),
@@ -199,7 +199,7 @@ impl Preview {
         }
     }
 
-    /// Rms of what readings differ by between two networks (ohm), V.
+    /// Rms difference of the readings between two networks (ohm), V.
     fn apart(&self, one: &DMatrix<f64>, other: &DMatrix<f64>) -> f64 {
         let measurements = self.scan.protocol.measurements().iter();
         let differ = one - other;
@@ -339,7 +339,7 @@ impl SheetResponse for Preview {
     }
 }
 
-/// The sheet on a mesh that is fine enough for first order.
+/// The sheet on a mesh fine enough for first order.
 fn coarse(sheet: &Preset) -> Preset {
     let fineness = match sheet {
         Preset::PaperSheet(sheet) => sheet.fineness,
@@ -348,8 +348,8 @@ fn coarse(sheet: &Preset) -> Preset {
     sheet.clone().remeshed((FINENESS / fineness).min(1.0), 0)
 }
 
-/// The sensitivity of readings (V) to ln(conductance) of squares of the whole sheet, and the squares' centres (m). On a
-/// mesh of its own: first order needs no fine one.
+/// The sensitivity of readings (V) to ln(conductance) of squares of the whole sheet, and the squares' centres (m). On
+/// its own coarse mesh, which is enough for first order.
 fn cells(scene: &Scene, scan: &Scan) -> Result<(DMatrix<f64>, Vec<[f64; 2]>), PhantomError> {
     let coarse = Phantom::new(Scene {
         sheet: coarse(&scene.sheet),

@@ -1,16 +1,16 @@
-//! What a scene lets happen again and again: a load that comes every night, a reply that is lost every hour.
+//! Repetition of a load or fault in a scene: a load every night, a lost reply every hour.
 
 use std::fmt;
 use std::time::Duration;
 
-/// Most times that something repeats.
+/// Largest number of repetitions.
 const MOST_TIMES: u32 = 100_000;
-/// Shortest time from one time to the next, s.
+/// Shortest period, s.
 const SHORTEST_S: f64 = 1e-3;
 /// Longest time from the first time to the last, s: a hundred years.
 const LONGEST_S: f64 = 100.0 * 365.25 * 86_400.0;
 
-/// How often something happens, and how long after the time before.
+/// Number of repetitions and their period.
 ///
 /// ```
 /// use std::time::Duration;
@@ -26,7 +26,7 @@ pub struct Repeat {
     times: u32,
 }
 
-/// Why something cannot repeat so: the key of the scene, and what is wrong with its value.
+/// Why a repetition is invalid: the key of the scene, and what is wrong with its value.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{key} is {why}")]
 pub struct RepeatError {
@@ -37,7 +37,7 @@ pub struct RepeatError {
 }
 
 impl Repeat {
-    /// So many times, the first included, each so many seconds after the one before.
+    /// `times` repetitions including the first, `every_s` seconds apart.
     ///
     /// # Errors
     /// Fewer than 2 or more than 100,000 times, less than a millisecond, more than a hundred years from first to last.
@@ -65,22 +65,22 @@ impl Repeat {
         })
     }
 
-    /// From one time to the next.
+    /// Period.
     pub fn every(self) -> Duration {
         self.every
     }
 
-    /// How many times, the first included.
+    /// Number of times, including the first.
     pub fn times(self) -> u32 {
         self.times
     }
 
-    /// How much later than the first a time of this number begins, the first being 0.
+    /// Delay of a repetition relative to the first, which has number 0.
     pub fn delay(self, number: u32) -> Duration {
         self.every.saturating_mul(number)
     }
 
-    /// The number of the time that began last, where the first has begun so long ago.
+    /// The number of the last repetition that has begun, this long after the first one began.
     pub(crate) fn number(self, since_first: Duration) -> u32 {
         let passed = since_first.as_nanos() / self.every.as_nanos();
         u32::try_from(passed)

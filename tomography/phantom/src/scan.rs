@@ -1,4 +1,4 @@
-//! How frames are taken without instruments, in time that nobody waits for: the context of each reading.
+//! Simulated acquisition of frames without instruments or waiting: the context of each reading.
 //!
 //! Times follow the fact sheet's formula (section 2.2): T = drives x settle + readings x (switching + NPLC / f_line).
 
@@ -6,35 +6,36 @@ use std::time::Duration;
 
 use survey::{Amps, Dipole, Ohms, Protocol, ProtocolError, Relay, Volts};
 
-/// How a reading is taken, as far as an effect may depend on it.
+/// The conditions of a reading that effects may depend on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadingContext {
     /// When the reading ends.
     pub at: Duration,
-    /// How long the voltmeter has integrated until then.
+    /// How long the voltmeter integrated until then.
     pub integration: Duration,
     /// The voltmeter's range.
     pub range: Volts,
     /// Integration in power-line cycles.
     pub nplc: f64,
-    /// The voltmeter's resolution at this integration as a part of its range, which effects take for its noise.
+    /// The voltmeter's resolution at this integration as a share of its range; effects use it as noise.
     pub resolution: f64,
-    /// The channel that leads to the voltmeter; `None` for its bare input.
+    /// The channel to the voltmeter; `None` for its direct input.
     pub relay: Option<Relay>,
-    /// The current that the source was told to drive, or less in compliance.
+    /// The current set at the source, or less in compliance.
     pub flowing: Amps,
     /// The source's range.
     pub source_range: Amps,
-    /// From the last change of current or relays to the reading's end.
+    /// Time from the last change of current or relays to the reading's end.
     pub since_change: Duration,
-    /// Resistance between the voltmeter's terminals, looking into the sheet; asked for only where [`crate::Needs`] says so.
+    /// Resistance between the voltmeter's terminals, looking into the sheet; computed only if [`crate::Needs`] requests
+    /// it.
     pub source_resistance: Ohms,
-    /// Resistance that the source drives its current through; asked for only where [`crate::Needs`] says so.
+    /// Load resistance of the source; computed only if [`crate::Needs`] requests it.
     pub load_resistance: Ohms,
 }
 
 impl ReadingContext {
-    /// From the last change to the beginning of the integration.
+    /// Time from the last change to the beginning of the integration.
     pub(crate) fn settled(&self) -> Duration {
         self.since_change.saturating_sub(self.integration)
     }
@@ -55,9 +56,9 @@ impl ReadingContext {
 /// How frames are taken.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
-    /// What is asked.
+    /// The measurements.
     pub protocol: Protocol,
-    /// Of every injection.
+    /// Current of every injection.
     pub current: Amps,
     /// The source's range.
     pub source_range: Amps,
@@ -65,26 +66,26 @@ pub struct Scan {
     pub range: Volts,
     /// Integration in power-line cycles.
     pub nplc: f64,
-    /// The voltmeter's resolution at this integration as a part of its range.
+    /// The voltmeter's resolution at this integration as a share of its range.
     pub resolution: f64,
-    /// Of the mains.
+    /// Mains frequency.
     pub line_hz: f64,
-    /// Waited after the current has moved.
+    /// Delay after a change of the current.
     pub settle: Duration,
-    /// What a channel takes to change.
+    /// Switching time of a channel.
     pub switching: Duration,
-    /// From the start of a frame to the start of the next, where that is longer than a frame.
+    /// Period of the frames, if longer than a frame.
     pub every: Duration,
-    /// How many frames.
+    /// Number of frames.
     pub frames: usize,
 }
 
 impl Scan {
-    /// What a session asks that says nothing else: the adjacent pattern, 1 mA, 1 NPLC at 50 Hz on the 1 V range of a
-    /// 6.5-digit voltmeter, reed relays; one frame after the other.
+    /// The defaults of a session: the adjacent pattern, 1 mA, 1 NPLC at 50 Hz on the 1 V range of a 6.5-digit
+    /// voltmeter, reed relays, frames without a pause.
     ///
     /// # Errors
-    /// A ring for which there is no pattern.
+    /// A number of electrodes without a pattern.
     pub fn usual(electrodes: usize) -> Result<Self, ProtocolError> {
         Ok(Self {
             protocol: Protocol::sheffield(electrodes)?,
@@ -101,25 +102,25 @@ impl Scan {
         })
     }
 
-    /// How long the voltmeter integrates.
+    /// Integration time of a reading.
     pub fn integration(&self) -> Duration {
         survey::duration(self.nplc / self.line_hz)
     }
 
-    /// How long a frame takes.
+    /// Duration of a frame.
     pub fn frame_time(&self) -> Duration {
         let readings = u32::try_from(self.protocol.len()).unwrap_or(u32::MAX);
         let drives = u32::try_from(self.protocol.drives().len()).unwrap_or(u32::MAX);
         self.settle * drives + (self.switching + self.integration()) * readings
     }
 
-    /// When a frame begins, the first being 0.
+    /// Start of a frame; that of the first is 0.
     pub fn begin(&self, frame: usize) -> Duration {
         let step = self.every.max(self.frame_time());
         step * u32::try_from(frame).unwrap_or(u32::MAX)
     }
 
-    /// How each reading of a frame is taken that begins at a moment; resistances are not filled in.
+    /// The context of each reading of a frame that begins at a moment, without resistances.
     pub(crate) fn contexts(&self, begin: Duration) -> impl Iterator<Item = ReadingContext> {
         let integration = self.integration();
         let mut at = begin;
@@ -149,13 +150,13 @@ impl Scan {
     }
 }
 
-/// Transfer impedance from one pair to another, ohm, out of the matrix Z of [`crate::Phantom::transfer_impedance`].
+/// Transfer impedance from one pair to another, ohm, from the matrix Z of [`crate::Phantom::transfer_impedance`].
 pub fn across(z: &nalgebra::DMatrix<f64>, sense: Dipole, drive: Dipole) -> f64 {
     let seen = |electrode: usize| z[(sense.plus.0, electrode)] - z[(sense.minus.0, electrode)];
     seen(drive.plus.0) - seen(drive.minus.0)
 }
 
-/// The channel of a pair on a module in slot 1 that has a pair a channel.
+/// The channel of a pair on a module in slot 1 with one pair per channel.
 pub(crate) fn channel(sense: Dipole) -> Relay {
     Relay(1001 + u32::try_from(sense.plus.0.min(sense.minus.0)).unwrap_or(u32::MAX - 1001))
 }

@@ -1,4 +1,4 @@
-//! The phantom itself: a sheet under the loads of now, and its electrodes.
+//! The phantom: a sheet with the loads at a moment, and its electrodes.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,10 +15,10 @@ use crate::press::{Print, Stage};
 use crate::scan::{ReadingContext, Scan, across};
 use crate::scene::Scene;
 
-/// Solutions kept: the untouched sheet and a few recent states.
+/// Solutions kept: that of the unloaded sheet and a few recent ones.
 const KEPT: usize = 8;
 
-/// Why there is no phantom, or no answer from it.
+/// Errors of the phantom.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PhantomError {
     /// The sheet cannot be meshed.
@@ -32,7 +32,7 @@ pub enum PhantomError {
     Forward(#[from] ForwardError),
 }
 
-/// A simulated sheet: transfer impedances between its electrodes at a moment, and readings bent by its scene's effects.
+/// A simulated sheet: transfer impedances between its electrodes at a moment, and readings with the scene's effects.
 #[derive(Debug)]
 pub struct Phantom {
     scene: Scene,
@@ -43,32 +43,32 @@ pub struct Phantom {
     places: Vec<[f64; 2]>,
     areas: Vec<f64>,
     law: Law,
-    /// What each load of the time line takes away, at the step that was asked for last.
+    /// The losses by each load of the time line, at the last step computed.
     prints: Vec<(Stage, Print)>,
-    /// Loads pressed by hand.
+    /// Loads pressed interactively.
     live: Vec<(Load, Print)>,
-    /// They have changed since the history was followed.
+    /// Whether they have changed since the last update of the history.
     live_changed: bool,
-    /// Where an effect remembers.
+    /// Present if an effect has memory.
     history: Option<History>,
     /// Most recent last.
     solved: Vec<(State, DMatrix<f64>)>,
     effects: Effects,
 }
 
-/// What decides the solution: where each load of the time line is, the loads pressed by hand, what effects are at.
+/// The state that determines the solution: the step of each load, the interactive loads, the epochs.
 #[derive(Debug, Clone, PartialEq)]
 struct State {
     stages: Vec<Option<Stage>>,
     live: Vec<Load>,
-    /// Of the effects on sheet, contacts and network, and of what the sheet remembers.
+    /// Of the effects on sheet, contacts and network, and of the load history.
     epochs: Vec<u64>,
 }
 
-/// No conductance falls below this share of the sheet's own in what the sheet remembers.
+/// Smallest conductance in the load history, as a share of the sheet's own.
 const LEAST: f64 = 1e-8;
 
-/// Length of each electrode's contact, m: what 1 ohm is in ohm m.
+/// Length of each electrode's contact, m: converts ohm to ohm m.
 fn contact_lengths(sheet: &Preset) -> Vec<f64> {
     match sheet.clone() {
         Preset::PaperSheet(sheet) => Preset::PaperSheet(PaperSheet {
@@ -83,7 +83,7 @@ fn contact_lengths(sheet: &Preset) -> Vec<f64> {
     .contact_ohm_m()
 }
 
-/// The mesh with its nodes where the scene's effects put them.
+/// The mesh with the node displacements of the scene's effects.
 fn displaced(mesh: Mesh, sheet: &Preset, effects: &Effects) -> Result<Mesh, MeshError> {
     if effects.mesh.is_empty() {
         return Ok(mesh);
@@ -97,10 +97,10 @@ fn displaced(mesh: Mesh, sheet: &Preset, effects: &Effects) -> Result<Mesh, Mesh
 }
 
 impl Phantom {
-    /// Meshes the scene's sheet and places its loads.
+    /// Meshes the scene's sheet and prepares its loads.
     ///
     /// # Errors
-    /// Measures that do not fit together, or a load beside the sheet.
+    /// Inconsistent dimensions, or a load outside the sheet.
     pub fn new(scene: Scene) -> Result<Self, PhantomError> {
         let mut effects = Effects::new(&scene.effects, scene.seed);
         let law = effects.law(scene.pressure);
@@ -142,7 +142,7 @@ impl Phantom {
         self.forward.mesh().electrodes()
     }
 
-    /// What is simulated.
+    /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
@@ -156,7 +156,7 @@ impl Phantom {
         &self.forward
     }
 
-    /// The loads on the sheet at a moment: those of the time line, then those pressed by hand.
+    /// The loads on the sheet at a moment: those of the time line, then the interactive ones.
     pub fn loads(&self, at: Duration) -> impl Iterator<Item = Load> {
         let timed = self.scene.loads.iter();
         timed
@@ -164,10 +164,10 @@ impl Phantom {
             .chain(self.live.iter().map(|(load, _)| load.clone()))
     }
 
-    /// Presses a load by hand, beside whatever is on the sheet.
+    /// Adds an interactive load.
     ///
     /// # Errors
-    /// A load from which nothing follows, or beside the sheet.
+    /// An invalid load, or one outside the sheet.
     pub fn press(&mut self, load: Load) -> Result<(), PhantomError> {
         let covered = load.coverage(self.forward.mesh())?.into_iter();
         let print = covered.map(|(t, share)| (t, load.loss * share)).collect();
@@ -176,7 +176,7 @@ impl Phantom {
         Ok(())
     }
 
-    /// Takes all loads pressed by hand away; the time line goes on. False where there was none.
+    /// Removes all interactive loads; the time line continues. False if there was none.
     pub fn release(&mut self) -> bool {
         let pressed = !self.live.is_empty();
         self.live.clear();
@@ -184,8 +184,8 @@ impl Phantom {
         pressed
     }
 
-    /// The truth: conductance of each triangle of the phantom's own mesh at a moment, S per square. Losses that cover
-    /// the same place multiply. Time does not run back: what wanders is answered as it was last.
+    /// The true conductance of each triangle of the phantom's mesh at a moment, S per square. Overlapping losses
+    /// multiply. Time must not decrease: for an earlier moment, wandering quantities keep their last value.
     pub fn conductance(&mut self, at: Duration) -> Vec<f64> {
         self.follow(at);
         let mut sigma = vec![self.scene.sheet.conductance(); self.mesh().triangles().len()];
@@ -199,14 +199,14 @@ impl Phantom {
         sigma
     }
 
-    /// Tells of every triangle under a load what it loses, load by load.
+    /// Calls `tell` with the loss of every triangle under a load, load by load.
     fn each_print(&mut self, at: Duration, mut tell: impl FnMut(usize, f64)) {
         for (timed, (known, print)) in self.scene.loads.iter().zip(&mut self.prints) {
             let Some(stage) = timed.stage(at) else {
                 continue;
             };
             if stage != *known {
-                // The first step has been computed, so that no later one can be refused.
+                // The first step was computed at the start, so later ones cannot fail.
                 let mesh = self.forward.mesh();
                 *print = timed.print(stage, &self.law, mesh).unwrap_or_default();
                 *known = stage;
@@ -220,7 +220,7 @@ impl Phantom {
         }
     }
 
-    /// Lets what remembers go through all that has happened until a moment.
+    /// Updates the load history to a moment.
     fn follow(&mut self, at: Duration) {
         let Some(mut history) = self.history.take() else {
             return;
@@ -260,7 +260,7 @@ impl Phantom {
         self.history = Some(history);
     }
 
-    /// The matrix Z with U = Z I between the electrodes at a moment, ohm; computed once as long as no load changes.
+    /// The matrix Z with U = Z I between the electrodes at a moment, ohm; reused while nothing changes.
     ///
     /// # Errors
     /// A sheet that cannot be solved.
@@ -309,12 +309,12 @@ impl Phantom {
         Ok(solved)
     }
 
-    /// Whether an effect acts on relays and wires, so that [`Phantom::relay_contact`] has something to say.
+    /// Whether an effect acts on relays and wires, so that [`Phantom::relay_contact`] is needed.
     pub fn bends_wires(&self) -> bool {
         !self.effects.wires.is_empty()
     }
 
-    /// What the scene's effects make of the path of a relay that has closed so often.
+    /// The path of a relay after this many closures, with the scene's effects.
     pub fn relay_contact(&mut self, relay: Relay, closures: u64, at: Duration) -> RelayContact {
         let mut contact = RelayContact::default();
         for effect in &mut self.effects.wires {
@@ -323,28 +323,27 @@ impl Phantom {
         contact
     }
 
-    /// What the scene's effects put into the source's loop beside the relays.
+    /// Resistance that the scene's effects add to the source's loop besides the relays.
     pub fn loop_resistance(&self) -> Ohms {
         let wires = self.effects.wires.iter();
-        // From 0.0: the sum of nothing is -0.0.
+        // Starts at 0.0: the sum of an empty list would be -0.0.
         Ohms(wires.fold(0.0, |sum, effect| sum + effect.loop_resistance().0))
     }
 
-    /// What a reading's context must say beside what is at hand.
+    /// The values that a reading's context must include.
     pub fn needs(&self) -> Needs {
         self.effects.needs()
     }
 
-    /// What the voltmeter is given instead of the exact voltage: bent by the scene's effects, bit for bit the same
-    /// where the scene names none.
+    /// The measured voltage for an exact one, with the scene's effects; the same bits if the scene names none.
     pub fn reading(&mut self, exact: Volts, context: ReadingContext) -> Volts {
         self.effects.reading(exact, &context)
     }
 }
 
 impl Scan {
-    /// The readings of a frame that begins at a moment no earlier than the last, as an ideal voltmeter is given them: without
-    /// compliance, ranges and digits, which are the instruments'.
+    /// The readings of a frame that begins at a moment no earlier than the last, for an ideal voltmeter: without
+    /// compliance, ranges and digits, which belong to the instruments.
     ///
     /// # Errors
     /// A sheet that cannot be solved.

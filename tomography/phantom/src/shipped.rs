@@ -1,4 +1,4 @@
-//! The scenes that come with the project, and how any scene is called: by a shipped one's name, or by its file.
+//! The scenes shipped with the project, and opening of scenes by shipped name or by path.
 
 use crate::scene::{Scene, SceneError};
 
@@ -9,7 +9,7 @@ macro_rules! scenes {
     };
 }
 
-/// Why a name gives no scene.
+/// Why a scene cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// Neither a shipped scene nor a file that can be read.
@@ -18,12 +18,12 @@ pub enum OpenError {
         shipped()
     )]
     Read {
-        /// What was asked.
+        /// The name given.
         name: String,
         /// Why the file cannot be read.
         cause: std::io::Error,
     },
-    /// Not a scene.
+    /// The text is not a valid scene.
     #[error(transparent)]
     Text(#[from] SceneError),
 }
@@ -34,7 +34,7 @@ fn shipped() -> String {
 }
 
 impl Scene {
-    /// The scenes that come with the project: names and texts.
+    /// The shipped scenes: names and texts.
     pub fn shipped() -> &'static [(&'static str, &'static str)] {
         scenes! {
             "quiet"
@@ -88,16 +88,16 @@ impl Scene {
         }
     }
 
-    /// What a scene's text says of itself: its first comment's first sentence.
+    /// A scene's description: the first sentence of its first comment.
     pub fn what(text: &str) -> &str {
         let first = text.lines().next().unwrap_or_default();
         first.trim_start_matches(['#', ' '])
     }
 
-    /// A shipped scene, by name, or one in a file, by path.
+    /// Opens a shipped scene by name, or a file by path.
     ///
     /// # Errors
-    /// No such file, or a text that is not a scene.
+    /// No such file, or an invalid scene.
     pub fn open(name_or_path: &str) -> Result<Self, OpenError> {
         let shipped = Self::shipped()
             .iter()

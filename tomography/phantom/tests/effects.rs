@@ -1,12 +1,11 @@
-//! All effects: absent ones cost no bit, present ones do something, none shifts another's numbers.
+//! All effects: absent ones change no bit, present ones have an effect, none shifts another's numbers.
 
 use std::time::Duration;
 
 use phantom::{Phantom, ReadingContext, Scene};
 use survey::{Amps, Ohms, Relay, Volts};
 
-/// Each effect twice: so that something is seen of it, and with a size of nothing, so that it is there, and draws, and
-/// changes nothing.
+/// Each effect twice: with a visible size, and with size zero, where it is present and draws but changes nothing.
 const EFFECTS: [(&str, &str, &str); 41] = [
     (
         "electrode-placement",
@@ -75,7 +74,7 @@ const EFFECTS: [(&str, &str, &str); 41] = [
     ("quantisation", "", "step_uv = 0.0"),
 ];
 
-/// Comes, moves, presses harder, goes: what acts on loads must have one.
+/// A load that comes, moves, presses harder and goes, for effects on loads.
 const LOAD: &str = "[[load]]
 shape = \"disc\"
 diameter_mm = 30
@@ -95,7 +94,7 @@ fn phantom(effects: &[(&str, &str)]) -> Phantom {
     Phantom::new(scene).unwrap()
 }
 
-/// Effects that act on the wires: the bench asks for it, the phantom's readings know nothing of it.
+/// Effects on the wires: the simulator applies them; the phantom's readings do not include them.
 fn seen_in_wires(phantom: &mut Phantom, at: Duration, seen: &mut Vec<u64>) {
     seen.push(phantom.loop_resistance().0.to_bits());
     for channel in 1001..1009 {
@@ -105,7 +104,7 @@ fn seen_in_wires(phantom: &mut Phantom, at: Duration, seen: &mut Vec<u64>) {
     }
 }
 
-/// The bits of all that a scene gives: transfer impedances, wires and readings at three moments.
+/// The bits of a scene's results: transfer impedances, wires and readings at three moments.
 fn seen(effects: &[(&str, &str)]) -> Vec<u64> {
     let mut phantom = phantom(effects);
     let mut seen = Vec::new();
@@ -141,14 +140,14 @@ fn every_effect_acts_and_size_zero_changes_no_bit() {
     let bare = seen(&[]);
     for (name, active, nothing) in EFFECTS {
         assert!(seen(&[(name, active)]) != bare, "{name} does nothing");
-        // Some have no size of nothing: they are a resistance, which is never absent.
+        // Some have no size zero: they are a resistance, which is never absent.
         if active != nothing {
             assert!(seen(&[(name, nothing)]) == bare, "{name} without size");
         }
     }
 }
 
-/// Those that draw numbers.
+/// Effects that draw random numbers.
 const DRAWING: [&str; 13] = [
     "electrode-placement",
     "channel-resistance",
@@ -207,7 +206,7 @@ fn a_parameter_out_of_range_is_refused_where_it_stands() {
 
 #[test]
 fn all_together_are_the_same_on_every_run() {
-    // One law of conductance at a time.
+    // One conductance law at a time.
     let all: Vec<(&str, &str)> = EFFECTS
         .iter()
         .filter(|(name, ..)| !["exponential-law", "log-law"].contains(name))

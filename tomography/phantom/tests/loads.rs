@@ -1,4 +1,4 @@
-//! Loads that move, press harder, and are remembered.
+//! Loads that move, change their force, and leave a history.
 
 use std::time::Duration;
 
@@ -50,7 +50,7 @@ fn each_reading_sees_a_moving_load_where_it_is_then() {
     // 0.125 mm of a signal that falls off over about 10 mm
     assert!(worst < 0.006, "{worst}");
     assert!(worst > 0.0);
-    // no reading between two steps is computed anew
+    // between two steps nothing is recomputed
     assert_eq!(seen.len(), 80);
 }
 
@@ -86,7 +86,7 @@ fn a_force_over_time_is_its_pressure_at_each_moment() {
 
 const PRESS: &str = "[[load]]\nshape = \"disc\"\ndiameter_mm = 30\nx_mm = 100\ny_mm = 110\n";
 
-/// The least that is left of the conductance.
+/// The smallest remaining conductance.
 fn left(phantom: &mut Phantom, at: f64) -> f64 {
     let whole = phantom.scene().sheet.conductance();
     let sigma = phantom.conductance(seconds(at));
@@ -126,7 +126,7 @@ fn creep_equals_closed_form_however_often_it_is_computed() {
         assert!((left(&mut often, at) - seen).abs() < 1e-12);
     }
     assert_eq!(left(&mut seldom, 1e6), 1.0, "what is left fades");
-    // between its renewals nothing is solved anew
+    // between its updates nothing is solved again
     let z = often.transfer_impedance(seconds(6011.0)).unwrap().clone();
     assert!(often.transfer_impedance(seconds(6019.0)).unwrap() == &z);
     assert!(often.transfer_impedance(seconds(6021.0)).unwrap() != &z);

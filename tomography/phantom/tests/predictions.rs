@@ -1,4 +1,4 @@
-//! What is predicted of each effect against the rms seen when it is switched on.
+//! Compares the predicted size of each effect with the rms observed when it is switched on.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -6,20 +6,20 @@ use std::time::Duration;
 use phantom::{EffectSettings, Phantom, Prediction, Preview, Scan, Scene};
 use survey::Volts;
 
-/// How frames are taken, so that something is seen of an effect.
+/// Scans in which the effect is visible.
 #[derive(Clone, Copy)]
 enum Taken {
     /// Some frames of a day.
     Day,
-    /// The same of a sheet with a load that changes.
+    /// The same, with a load that changes.
     Pressed,
-    /// One frame, at once after the relays, by a thousandth of a cycle.
+    /// One frame, immediately after the relays, with a thousandth of a cycle.
     Hurried,
 }
 
 use Taken::{Day, Hurried, Pressed};
 
-/// Those that are seen through the instruments only: `simulator/tests/simulated_rig/relays.rs`.
+/// Effects visible through the instruments only: `simulator/tests/simulated_rig/relays.rs`.
 const IN_WIRES: [&str; 3] = ["channel-resistance", "lead-resistance", "wear"];
 
 const LOAD: &str = "[[load]]
@@ -32,8 +32,7 @@ to_s = 80000
 path = [{ at_s = 30000, mass_g = 3000 }, { at_s = 60000, mass_g = 600 }]
 ";
 
-/// Each effect with its parameters, how it is looked at, and over how many seeds: those whose number is one for a whole
-/// frame need many.
+/// Each effect with its parameters, scan and number of seeds; effects with one number per frame need many seeds.
 const EFFECTS: [(&str, &str, Taken, u64); 41] = [
     ("electrode-placement", "", Day, 4),
     ("foam", "", Pressed, 1),

@@ -1,4 +1,4 @@
-//! What a scene may not say: where it stands, and what is allowed.
+//! Invalid scenes: the error names the position and what is allowed.
 
 use phantom::Scene;
 
@@ -53,7 +53,7 @@ fn key_without_unit_is_refused_with_the_full_key() {
         message.ends_with("; a key ends in its unit: `at_s`"),
         "{message}"
     );
-    // nothing is guessed where no key is near
+    // no suggestion without a similar key
     assert!(!refuse("[effects.relay-bounce]\nfrobs = 3\n").contains("unit"));
 }
 
@@ -156,7 +156,7 @@ fn a_load_outside_the_sheet_is_refused_where_its_place_stands() {
         &tank,
         "s.toml:6:8: load 'load 1' at 147, 50 mm covers no part",
     );
-    // all of the tank under one plate
+    // one plate covers the whole tank
     let plate = "[disc-tank]\n[[load]]\nshape = \"disc\"\ndiameter_mm = 400\ny_mm = 0\nx_mm = 9\nmass_g = 3\n";
     assert!(Scene::parse("s.toml", plate).is_ok());
 }

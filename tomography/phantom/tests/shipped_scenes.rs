@@ -1,4 +1,4 @@
-//! The scenes that come with the project: all read, all start, one for each effect.
+//! The shipped scenes are all valid, all start, and include one for each effect.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::time::Duration;
 use eit::Preset;
 use phantom::{EffectSettings, Phantom, Preview, Scan, Scene};
 
-/// On a coarse mesh, which is enough to start.
+/// With a coarse mesh, which is enough to start.
 fn coarse(name: &str) -> Scene {
     let scene = Scene::open(name).unwrap_or_else(|fault| panic!("{fault}"));
     Scene {
@@ -34,7 +34,7 @@ fn every_shipped_scene_reads_says_what_it_is_and_starts() {
         let mut phantom = Phantom::new(coarse(name)).unwrap();
         let frame = scan.frame(&mut phantom, Duration::ZERO).unwrap();
         assert!(frame.iter().all(|volts| volts.0.is_finite()), "{name}");
-        // The baseline is free.
+        // The baseline is taken without loads.
         assert_eq!(phantom.loads(scan.frame_time()).count(), 0, "{name}");
     }
 }

@@ -1,4 +1,4 @@
-//! What an effect can act on.
+//! Traits of effects, one for each quantity that an effect can change.
 
 use std::fmt;
 use std::time::Duration;
@@ -15,7 +15,7 @@ pub(crate) trait OnMesh: fmt::Debug + Send {
     fn displace(&self, sheet: &Preset, nodes: &mut [[f64; 2]]);
 }
 
-/// Where the triangles are.
+/// Positions and areas of the triangles.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Places<'a> {
     /// m
@@ -24,23 +24,24 @@ pub(crate) struct Places<'a> {
     pub(crate) areas: &'a [f64],
 }
 
-/// Acts on what loads have taken from each triangle: its log loss, -ln(sigma / sigma_0).
+/// Changes the loss that loads cause in each triangle, as its log loss -ln(sigma / sigma_0).
 pub(crate) trait OnLoss: fmt::Debug + Send {
-    /// Follows the log losses on a straight way from the last ones to these, `past` seconds later, and changes them.
+    /// Follows the log losses along a straight line from the last ones to these, `past` seconds later, and changes
+    /// them.
     fn follow(&mut self, past: f64, places: &Places<'_>, losses: &mut [f64]);
 
-    /// How often it is to be asked while nothing else changes; `None` for never.
+    /// Interval at which it needs an update while nothing else changes; `None` for never.
     fn every(&self) -> Option<Duration> {
         None
     }
 }
 
-/// What effects make of one closed relay's path.
+/// State of a closed relay's path after all effects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RelayContact {
-    /// Resistance of each pole beside what its module has.
+    /// Resistance of each pole in addition to that of its module.
     pub ohms: Ohms,
-    /// Stuck for good: closed (`true`) or open, whatever its instrument believes.
+    /// Stuck permanently: closed (`true`) or open, whatever the instrument reports.
     pub stuck: Option<bool>,
 }
 
@@ -55,10 +56,10 @@ impl Default for RelayContact {
 
 /// Acts on relays and wires between the instruments and the sheet.
 pub(crate) trait OnWires: fmt::Debug + Send {
-    /// Changes the path of a relay that has closed so often.
+    /// Changes the path of a relay that has closed this many times.
     fn act(&mut self, relay: Relay, closures: u64, at: Duration, contact: &mut RelayContact);
 
-    /// What is in the source's loop beside the relays.
+    /// Resistance in the source's loop besides the relays.
     fn loop_resistance(&self) -> Ohms {
         Ohms(0.0)
     }
@@ -69,39 +70,39 @@ pub(crate) trait OnSheet: fmt::Debug + Send {
     /// Changes the conductance of triangles (S per square) whose centroids are `places` (m).
     fn act(&mut self, at: Duration, places: &[[f64; 2]], sigma: &mut [f64]);
 
-    /// Changes whenever [`OnSheet::act`] would give something else.
+    /// A number that changes whenever the result of [`OnSheet::act`] would change.
     fn epoch(&self, at: Duration) -> u64;
 }
 
 /// Acts on the contacts.
 pub(crate) trait OnContacts: fmt::Debug + Send {
-    /// Changes the contact impedances, ohm m, one an electrode.
+    /// Changes the contact impedances, ohm m, one per electrode.
     fn act(&mut self, at: Duration, contacts: &mut [f64]);
 
-    /// Changes whenever [`OnContacts::act`] would give something else.
+    /// A number that changes whenever the result of [`OnContacts::act`] would change.
     fn epoch(&self, at: Duration) -> u64;
 }
 
-/// Acts on what lies between the electrodes beside the sheet.
+/// Acts on the network between the electrodes besides the sheet.
 pub(crate) trait OnNetwork: fmt::Debug + Send {
     /// Changes the transfer impedance, ohm.
     fn act(&mut self, at: Duration, z: &mut DMatrix<f64>);
 
-    /// Changes whenever [`OnNetwork::act`] would give something else.
+    /// A number that changes whenever the result of [`OnNetwork::act`] would change.
     fn epoch(&self, at: Duration) -> u64;
 }
 
 /// Acts on a reading.
 pub(crate) trait OnReading: fmt::Debug + Send {
-    /// The voltage as it leaves the effect.
+    /// The voltage after this effect.
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts;
 
-    /// Whether it must be told [`ReadingContext::source_resistance`].
+    /// Whether it needs [`ReadingContext::source_resistance`].
     fn needs_source_resistance(&self) -> bool {
         false
     }
 
-    /// Whether it must be told [`ReadingContext::load_resistance`].
+    /// Whether it needs [`ReadingContext::load_resistance`].
     fn needs_load_resistance(&self) -> bool {
         false
     }

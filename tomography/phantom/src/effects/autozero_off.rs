@@ -1,4 +1,4 @@
-//! What a voltmeter adds that does not look at its own zero: 2 ppm of range + 5 uV that wander over ten minutes.
+//! Zero error of a voltmeter without autozero: 2 ppm of range + 5 uV, wandering over ten minutes.
 //!
 //! An Ornstein-Uhlenbeck process with a time constant of ten minutes, its rms that of the manual's figure (fact sheet,
 //! section 2.1), updated exactly over any step: z' = e z + sqrt(1 - e^2) n, e = exp(-dt / tau). Leave it out when
@@ -13,13 +13,13 @@ use super::wander::Wander;
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
-/// How far the zero wanders.
+/// Size of the zero error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AutozeroOffSettings {
     /// Share of the range, parts per million.
     pub range_ppm: f64,
-    /// Beside it, uV.
+    /// Fixed part, uV.
     pub uv: f64,
     /// Time constant, s.
     pub tau_s: f64,

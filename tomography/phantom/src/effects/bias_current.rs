@@ -1,7 +1,7 @@
-//! The current that flows out of the voltmeter's input, through what it measures: v + I R_source.
+//! The input bias current of the voltmeter flows through the measured resistance: v + I R_source.
 //!
-//! Less than 50 pA at 25 degC (fact sheet, section 2.1): 50 nV on a kilohm. Always negligible there; not on a contact
-//! that has come off.
+//! Less than 50 pA at 25 degC (fact sheet, section 2.1): 50 nV on a kilohm. Always negligible there, but not on a
+//! detached contact.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -10,7 +10,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How much flows out of the input.
+/// Size of the bias current.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BiasCurrentSettings {
@@ -43,7 +43,7 @@ pub(super) struct BiasCurrent(BiasCurrentSettings);
 
 impl OnReading for BiasCurrent {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        // An open input drifts to the rail: beyond any range, which the voltmeter then says.
+        // An open input drifts to the rail: beyond any range, so the voltmeter reports an overload.
         Volts(volts.0 + self.0.pa * 1e-12 * context.source_resistance.0)
     }
 

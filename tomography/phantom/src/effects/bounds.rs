@@ -1,16 +1,16 @@
-//! What a parameter of an effect may be.
+//! Ranges of the parameters of effects.
 
-/// A parameter outside of its physical range: its key within the effect, and what is allowed.
+/// A parameter outside its physical range: its key within the effect, and what is allowed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
     /// The key, without the effect's name.
     pub key: &'static str,
-    /// What it is and what it must be.
+    /// Its value and what is allowed.
     pub why: String,
 }
 
 impl Fault {
-    /// An electrode, from 1, that a sheet of so many does not have.
+    /// The error for an electrode number (from 1) above the sheet's number of electrodes.
     pub(super) fn beyond(key: &'static str, number: usize, electrodes: usize) -> Result<(), Self> {
         if number <= electrodes {
             return Ok(());
@@ -20,7 +20,7 @@ impl Fault {
     }
 }
 
-/// Checks parameters one after the other.
+/// Checks several parameters and keeps the first error.
 pub(super) struct Bounds(Result<(), Fault>);
 
 impl Bounds {

@@ -1,7 +1,7 @@
-//! Channels noisier than the others: a loose terminal, a worn contact, an electrode's wire that picks something up.
+//! Noisy channels: a loose terminal, a worn contact, an electrode's wire with pickup.
 //!
-//! n ~ N(0, s²) on each reading through a named channel, beside the voltmeter's own noise; a noisy wire is the two
-//! channels that share its electrode. A fault, absent from a healthy rig; its size is anybody's.
+//! n ~ N(0, s²) on each reading through a named channel, in addition to the voltmeter's noise; a noisy wire affects the
+//! two channels that share its electrode. A fault, absent from a healthy rig; its size is arbitrary.
 
 use std::collections::BTreeMap;
 
@@ -65,7 +65,7 @@ impl Effect for ChannelNoiseSettings {
 #[derive(Debug)]
 pub(super) struct ChannelNoise {
     volts: f64,
-    /// A stream for each channel: the order in which they are read changes no number.
+    /// One random stream per channel, so that the order of reading changes no number.
     channels: BTreeMap<Relay, ChaCha8Rng>,
 }
 

@@ -1,9 +1,9 @@
 //! Channel resistance: each pole of a relay adds an ohm or so, and a dirty one up to 50.
 //!
-//! Each relay has its own: ohm exp(s n) for good, and for some a film on the contact beside it, which currents below 10 mA
-//! never break. Below 1.5 ohm for armature and reed relays; dirt up to 50 ohm below 10 mA or after a week idle (fact sheet,
-//! section 2.2). In the wires of the bench it reaches compliance, and readings by whatever current the voltmeter draws
-//! (`input-resistance`, `bias-current`). Beside what the modules have by their data sheets.
+//! Each relay has its own constant resistance, ohm exp(s n). Some also have a film on the contact, which currents below
+//! 10 mA do not break. Below 1.5 ohm for armature and reed relays; dirt up to 50 ohm below 10 mA or after a week idle
+//! (fact sheet, section 2.2). The resistance counts towards compliance, and changes readings by the current that the
+//! voltmeter draws (`input-resistance`, `bias-current`). It is added to the resistance in the modules' data sheets.
 
 use std::time::Duration;
 
@@ -15,17 +15,17 @@ use survey::Relay;
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnWires, RelayContact, SheetResponse, stream};
 
-/// What relays add.
+/// Resistances added to relays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ChannelResistanceSettings {
-    /// Median of a pole's resistance beside its data sheet's, ohm.
+    /// Median resistance of a pole above its data sheet's, ohm.
     pub ohm: f64,
     /// Standard deviation of its logarithm.
     pub std: f64,
     /// Share of the relays that are dirty, %.
     pub dirty_percent: f64,
-    /// What dirt adds to each pole, ohm.
+    /// Resistance added by dirt to each pole, ohm.
     pub dirty_ohm: f64,
 }
 
@@ -51,7 +51,7 @@ impl Effect for ChannelResistanceSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // With the voltmeter's input it divides: two poles of a channel and two of the relay to the bus.
+        // A divider with the voltmeter's input: two poles of a channel and two of the relay to the bus.
         let mean = self.ohm * (0.5 * self.std * self.std).exp();
         let each = mean + self.dirty_percent / 100.0 * self.dirty_ohm;
         let share = 4.0 * each / response.input_ohm();
@@ -75,7 +75,7 @@ struct ChannelResistance {
 impl OnWires for ChannelResistance {
     fn act(&mut self, relay: Relay, _closures: u64, _at: Duration, contact: &mut RelayContact) {
         let settings = &self.settings;
-        // A stream for each relay: the order in which they close changes no number.
+        // One random stream per relay, so that the order of closing changes no number.
         let mut stream = stream(self.seed, &format!("channel-resistance {}", relay.0));
         let draw: f64 = StandardNormal.sample(&mut stream);
         let dirty: f64 = stream.random();

@@ -10,7 +10,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How much charge, into what.
+/// Charge and capacitance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ChargeInjectionSettings {
@@ -27,7 +27,7 @@ impl Default for ChargeInjectionSettings {
 }
 
 impl ChargeInjectionSettings {
-    /// What is left of it in a reading, V.
+    /// Remaining error in a reading, V.
     fn left(&self, context: &ReadingContext) -> f64 {
         let farad = self.pf * 1e-12;
         let tau = context.source_resistance.0 * farad;

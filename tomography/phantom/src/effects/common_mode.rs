@@ -1,7 +1,7 @@
-//! What both leads have in common reaches the reading by a share: v + v_common 10^(-dB / 20).
+//! A share of the common-mode voltage appears in the reading: v + v_common 10^(-dB / 20).
 //!
-//! 140 dB at direct voltage with a kilohm of imbalance (fact sheet, section 2.1): 1e-7 of the common voltage. Always
-//! negligible unless the guard is at fault.
+//! 140 dB at direct voltage with a kilohm of imbalance (fact sheet, section 2.1): 1e-7 of the common-mode voltage.
+//! Always negligible unless the guard is faulty.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -10,13 +10,13 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How well the voltmeter tells a difference from what is common.
+/// Common-mode rejection of the voltmeter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CommonModeSettings {
     /// Rejection, dB.
     pub db: f64,
-    /// Resistance over which the current lifts the sheet against earth, kohm: about half of what the source sees.
+    /// Resistance over which the current lifts the sheet against earth, kohm: about half of the load of the source.
     pub kohm: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Contacts wander: ln R_c follows an Ornstein-Uhlenbeck process, each electrode its own.
+//! Contact drift: ln R_c of each electrode follows its own Ornstein-Uhlenbeck process.
 //!
 //! 1 to 30 % per day (fact sheet, section 2.3): the rms is reached over the time constant.
 
@@ -10,7 +10,7 @@ use super::bounds::{Bounds, Fault};
 use super::wander::Wander;
 use super::{Effect, Effects, OnContacts, SheetResponse, stream};
 
-/// How contacts wander.
+/// Size and speed of the drift.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContactDriftSettings {
@@ -18,7 +18,7 @@ pub struct ContactDriftSettings {
     pub percent: f64,
     /// Time constant, h.
     pub tau_h: f64,
-    /// The contacts are computed anew so often, s: what changes within is left out.
+    /// Interval at which the contacts are recomputed, s; changes in between are ignored.
     pub every_s: f64,
 }
 

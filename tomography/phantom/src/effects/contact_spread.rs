@@ -1,7 +1,7 @@
-//! Contacts differ: R_c exp(s n), n normal, one number for each electrode for good.
+//! Contact resistances differ: R_c exp(s n), n normal, a constant for each electrode.
 //!
 //! s = 0.2 to 0.7 about 10 ohm to 10 kohm (fact sheet, section 2.3). 1 % of 100 ohm changes readings by 3e-6 rms. Leave
-//! it out where electrodes are not shared between injecting and measuring, as in the adjacent pattern.
+//! it out if no electrode both injects and measures at a time, as in the adjacent pattern.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnContacts, SheetResponse, stream};
 
-/// How much contacts differ.
+/// Size of the differences.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContactSpreadSettings {

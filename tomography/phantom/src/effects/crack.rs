@@ -1,4 +1,4 @@
-//! A crack: along a line, conductance is lost, more with time.
+//! A crack: conductance is lost along a line, increasingly with time.
 //!
 //! Loss (1 - exp(-t / tau)) within the line's width (fact sheet, section 2.3: ageing, grows with use; a fault, absent
 //! from a healthy sheet). Triangles count by their centroid.
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnSheet, SheetResponse};
 
-/// Where the crack runs and how it grows.
+/// Position and growth of the crack.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CrackSettings {
@@ -21,7 +21,7 @@ pub struct CrackSettings {
     /// Width, mm.
     #[serde(default = "width")]
     pub width_mm: f64,
-    /// What is lost in the end, %.
+    /// Final loss, %.
     #[serde(default = "loss")]
     pub loss_percent: f64,
     /// Time constant, d.
@@ -55,7 +55,7 @@ impl Default for CrackSettings {
 }
 
 impl CrackSettings {
-    /// Takes this share of what is lost in the end away within the line's width.
+    /// Removes this share of the final loss within the line's width.
     fn cut(&self, share: f64, places: &[[f64; 2]], sigma: &mut [f64]) {
         let lost = self.loss_percent / 100.0 * share;
         let [from, to] = [self.from_mm, self.to_mm].map(|end| end.map(|mm| mm * 1e-3));
@@ -108,7 +108,7 @@ impl Effect for CrackSettings {
 #[derive(Debug)]
 pub(super) struct Crack(CrackSettings);
 
-/// Steps that the growth is computed in.
+/// Steps of the computed growth.
 const STEPS: f64 = 1000.0;
 
 impl OnSheet for Crack {

@@ -1,10 +1,10 @@
-//! Creep: under a load that stays the loss goes on growing, and after it something stays for a while.
+//! Creep: under a constant load the loss keeps growing; after the load is removed, part of it decays slowly.
 //!
-//! A Prony series, each place by itself: a step of the log loss e (e = -ln(sigma / sigma_0), in proportion to the strain)
-//! becomes e (1 + sum g_i (1 - exp(-t / tau_i))). The held-back parts h_i follow a straight input exactly,
-//! h <- exp(-x) h + g (1 - exp(-x)) / x de with x = dt / tau, by its series below x = 1e-4; so that any step will do. sum g =
-//! 0.1 to 0.4, tau 1 to 1e4 s, 10 to 30 % in an hour (fact sheet, section 2.4). Leave it out for frames within a second of
-//! each other. What is left below 1e-13 is dropped.
+//! A Prony series for each triangle: a step of the log loss e (e = -ln(sigma / sigma_0), proportional to the strain)
+//! becomes e (1 + sum g_i (1 - exp(-t / tau_i))). The delayed parts h_i follow a straight input exactly, h <- exp(-x) h
+//! + g (1 - exp(-x)) / x de with x = dt / tau (a series below x = 1e-4), so any step size is exact. sum g = 0.1 to 0.4,
+//! tau 1 to 1e4 s, 10 to 30 % in an hour (fact sheet, section 2.4). Leave it out for frames within a second of each
+//! other. Remainders below 1e-13 are dropped.
 
 use std::time::Duration;
 
@@ -13,15 +13,15 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
-/// How the foam creeps.
+/// Size and speed of the creep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CreepSettings {
-    /// What each term adds in the end, % of the log loss.
+    /// Final contribution of each term, % of the log loss.
     pub percent: Vec<f64>,
     /// Time constant of each term, s.
     pub tau_s: Vec<f64>,
-    /// The sheet is computed anew so often, s: what changes within is left out.
+    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
     pub every_s: f64,
 }
 
@@ -66,7 +66,7 @@ impl Effect for CreepSettings {
     }
 }
 
-/// What is dropped once the input rests.
+/// Remainder that is dropped once the input is constant.
 const NOTHING: f64 = 1e-13;
 
 /// Mean of exp(-y) for y from 0 to x.
@@ -78,8 +78,8 @@ fn mean_decay(x: f64) -> f64 {
     }
 }
 
-/// One term of a Prony series over a stretch of time in which its input changes evenly: what it holds back follows exactly,
-/// h <- exp(-x) h + g (1 - exp(-x)) / x de with x = dt / tau, for any x (fact sheet, section 2.4 and hard case 40).
+/// One term of a Prony series over an interval in which its input changes linearly. The delayed part follows exactly, h
+/// <- exp(-x) h + g (1 - exp(-x)) / x de with x = dt / tau, for any x (fact sheet, section 2.4 and hard case 40).
 ///
 /// ```
 /// // a billion time constants leave nothing of what was held back, a billionth all of it
@@ -103,7 +103,7 @@ impl PronyStep {
         }
     }
 
-    /// What is held back in the end, from what was before and the change of the input.
+    /// The delayed part at the end, from its value before and the change of the input.
     pub fn held(self, before: f64, change: f64) -> f64 {
         self.left * before + self.fresh * change
     }
@@ -116,7 +116,7 @@ struct Creep {
     every: Duration,
     /// The last input.
     last: Vec<f64>,
-    /// Of each term what it still holds back, each place.
+    /// The delayed part of each term at each triangle.
     held: Vec<Vec<f64>>,
 }
 
@@ -216,7 +216,7 @@ mod tests {
 
     #[test]
     fn a_triangle_creeps_as_the_standard_linear_solid() {
-        // Up for 8 s and down again, in steps of any size: superposed ramps.
+        // Up for 8 s and down again, in steps of any size: a superposition of ramps.
         let (share, tau) = (0.4, 3.0);
         for steps in [1, 7, 1000] {
             let mut solid = creep(share, tau);
@@ -240,12 +240,12 @@ mod tests {
         let mut worst = [0.0_f64; 3];
         for exponent in -9..=9 {
             let x = 10f64.powi(exponent);
-            // The input rises to 1 within x time constants and rests for as many: what is added to it then.
+            // The input rises to 1 within x time constants and is constant for as many: its delayed response then.
             let held = share * (1.0 - lag(x) / x);
             let wanted = [share - held, share - held * (-x).exp()];
             let mut solid = creep(share, 1.0);
             let ours = [0, 1].map(|_| follow(&mut solid, x, 1.0) - 1.0);
-            // h' = -h / tau + g e', explicit; and the exact form without care for small x.
+            // h' = -h / tau + g e', explicit; and the exact form without the series for small x.
             let euler = [0.0, share * x];
             let careless = share - share * (1.0 - (-x).exp()) / x;
             for k in 0..2 {
@@ -258,7 +258,7 @@ mod tests {
         println!("ours {ours:.1e}, Euler {euler:.1e}, without expm1 and series {careless:.1e}");
         assert!(ours <= 1e-10, "{ours}");
         assert!(euler > 1e8 && careless > 1e-9);
-        // No step at all is a number, too.
+        // A step of length zero gives a number, too.
         assert_eq!(follow(&mut creep(share, 1.0), 0.0, 1.0), 1.0);
         let x = 0.0_f64;
         assert!(((1.0 - (-x).exp()) / x).is_nan());

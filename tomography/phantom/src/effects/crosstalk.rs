@@ -1,8 +1,8 @@
 //! Crosstalk: a step of the driven wires reaches the measuring wires through the capacitance between them.
 //!
-//! C_x / (C_x + C) I R_load exp(-t / tau), tau = R_source (C_x + C), t since current or relays last changed, averaged over
-//! the integration: 10 to 100 pF into kilohms, gone in a microsecond (fact sheet, section 2.2). Leave it out with a delay
-//! of 100 us or more. What a relay's own drive leaves behind is `charge-injection`.
+//! C_x / (C_x + C) I R_load exp(-t / tau), tau = R_source (C_x + C), t since current or relays last changed, averaged
+//! over the integration: 10 to 100 pF into kilohms, gone in a microsecond (fact sheet, section 2.2). Leave it out with
+//! a delay of 100 us or more. `charge-injection` covers the charge of a relay's own drive.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -11,13 +11,13 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How much of a step comes across.
+/// Capacitances of the wires.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CrosstalkSettings {
     /// Capacitance between a driven and a measuring wire, pF.
     pub between_pf: f64,
-    /// Capacitance of the measuring wire to everything that stays still, pF.
+    /// Capacitance of the measuring wire to everything at constant potential, pF.
     pub wire_pf: f64,
 }
 
@@ -31,7 +31,7 @@ impl Default for CrosstalkSettings {
 }
 
 impl CrosstalkSettings {
-    /// What is left of the step in a reading, V.
+    /// Remainder of the step in a reading, V.
     fn left(&self, context: &ReadingContext) -> f64 {
         let (between, wire) = (self.between_pf * 1e-12, self.wire_pf * 1e-12);
         let step = context.flowing.0 * context.load_resistance.0;
@@ -96,7 +96,7 @@ mod tests {
             };
             crosstalk.bend(Volts(0.0), &context).0
         };
-        // 1 mA through 1 kohm is a volt, a sixth of it comes; 1 kohm x 120 pF = 120 ns
+        // 1 mA through 1 kohm is a volt, of which a sixth is coupled; 1 kohm x 120 pF = 120 ns
         assert!((seen(0) - 1.0 / 6.0).abs() < 1e-4);
         assert!((seen(120) * 6.0 - (-1.0_f64).exp()).abs() < 1e-4);
         assert!(seen(100_000) < 1e-300);

@@ -10,7 +10,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How far the current is off.
+/// Errors of the current.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CurrentErrorSettings {
@@ -30,7 +30,7 @@ impl Default for CurrentErrorSettings {
 }
 
 impl CurrentErrorSettings {
-    /// What flows, as a multiple of what was asked; sheet and wires are linear.
+    /// Actual over requested current; sheet and wires are linear.
     fn times(&self, context: &ReadingContext) -> f64 {
         let (requested, range) = (context.flowing.0, context.source_range.0);
         if requested == 0.0 {

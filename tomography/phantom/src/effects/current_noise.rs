@@ -1,7 +1,7 @@
-//! Noise of the source: v (1 + n / I), n of a share of the source's range.
+//! Noise of the source: v (1 + n / I), n a share of the source's range.
 //!
 //! 0.1 to 10 Hz, rms: 4 nA on 200 uA, 40 nA on 2 mA, 0.4 uA on 20 mA (fact sheet, section 2.2): 2e-5 of the range. It
-//! scales every reading of the moment alike and so weighs on large ones.
+//! scales all readings at a given time by the same factor, so it matters most for large ones.
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -12,7 +12,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
-/// How much the current trembles.
+/// Size of the noise.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CurrentNoiseSettings {
@@ -65,7 +65,7 @@ impl CurrentNoise {
 
 impl OnReading for CurrentNoise {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        // Drawn whether or not a current flows: a reading more or less shifts no other's number.
+        // Drawn even without current, so that an additional reading shifts no other number.
         let draw: f64 = StandardNormal.sample(&mut self.stream);
         if context.flowing.0 == 0.0 {
             return volts;

@@ -1,7 +1,7 @@
-//! An electrode comes off: its contact resistance rises to 1e6 ohm and more, at once or over weeks.
+//! An electrode detaches: its contact resistance rises to 1e6 ohm or more, at once or over weeks.
 //!
-//! On a logarithmic scale from its own value to the last, straight in time (fact sheet, section 2.3). A driven electrode
-//! then runs into compliance; a sensed one floats.
+//! The logarithm of the resistance rises linearly with time (fact sheet, section 2.3). A driven electrode then reaches
+//! compliance; a sensed one floats.
 
 use std::time::Duration;
 
@@ -10,19 +10,19 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnContacts, SheetResponse};
 
-/// Which electrode comes off, and when.
+/// The electrode, and the time and size of the change.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DetachmentSettings {
     /// Electrode, from 1.
     pub electrode: usize,
-    /// It begins at this moment, s.
+    /// Start, s.
     #[serde(default)]
     pub from_s: f64,
-    /// It takes so long, s; 0 for at once.
+    /// Duration, s; 0 for at once.
     #[serde(default)]
     pub over_s: f64,
-    /// Contact resistance in the end, as a multiple of what it was.
+    /// Final contact resistance as a multiple of the original.
     #[serde(default = "times")]
     pub times: f64,
 }
@@ -44,7 +44,7 @@ impl Default for DetachmentSettings {
 }
 
 impl DetachmentSettings {
-    /// How far it has come off at a moment, s: 0 to 1.
+    /// Progress at a moment, s: 0 to 1.
     fn share(&self, at: f64) -> f64 {
         let gone = at - self.from_s;
         match gone {
@@ -54,7 +54,7 @@ impl DetachmentSettings {
         }
     }
 
-    /// Raises the contact (ohm m) to where it is by this share of the way.
+    /// Raises the contact impedance (ohm m) according to the progress.
     fn lift(&self, share: f64, contacts: &mut [f64]) {
         let index = self.electrode.checked_sub(1);
         if let Some(contact) = index.and_then(|index| contacts.get_mut(index)) {
@@ -79,7 +79,7 @@ impl Effect for DetachmentSettings {
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         let off = response.solved(&|_, _, contacts| self.lift(1.0, contacts));
-        // Of what becomes of it in the end that much is there: the contact's conductance goes, not its logarithm.
+        // The effect is proportional to the loss of the contact's conductance, not of its logarithm.
         off * response.over_time(&|at| 1.0 - self.times.powf(-self.share(at)))
     }
 
@@ -98,7 +98,7 @@ impl Effect for DetachmentSettings {
 #[derive(Debug)]
 pub(super) struct Detachment(DetachmentSettings);
 
-/// Steps that the way is computed in.
+/// Steps of the computed change.
 const STEPS: f64 = 200.0;
 
 impl OnContacts for Detachment {

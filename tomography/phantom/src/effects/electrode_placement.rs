@@ -1,10 +1,10 @@
 //! Electrodes beside their places, and wider or narrower than drawn.
 //!
-//! Each is displaced by up to +-0.5 mm and its width is wrong by up to +-10 %, evenly drawn (fact sheet, section 2.3): the
-//! untouched readings change by percents. The phantom's own mesh moves with them, less with the distance, and between two
-//! electrodes by the inverse square of it (Shepard 1968), so that each has its own error and no other's; the sheet's edge
-//! stays where it is. Electrodes on the edge move along it. The contact impedance (ohm m) stays, so that a wider electrode
-//! has a smaller resistance.
+//! Each is displaced by up to +-0.5 mm and its width is wrong by up to +-10 %, uniformly distributed (fact sheet,
+//! section 2.3): the unloaded readings change by percents. The nodes of the phantom's mesh move with the electrodes,
+//! weighted by the inverse square of the distance (Shepard 1968), so that each electrode has exactly its own error; the
+//! sheet's edge stays fixed. Electrodes on the edge move along it. The contact impedance (ohm m) stays the same, so a
+//! wider electrode has a smaller resistance.
 
 use eit::{Preset, SheetElectrode};
 use rand::RngExt;
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnMesh, SheetResponse, stream};
 
-/// How badly electrodes are placed.
+/// Size of the placement errors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ElectrodePlacementSettings {
@@ -58,11 +58,11 @@ struct ElectrodePlacement {
     seed: u64,
 }
 
-/// One electrode's errors.
+/// Errors of one electrode.
 struct Misplaced {
     /// m
     off: [f64; 2],
-    /// Share of its width.
+    /// Relative error of its width.
     wider: f64,
 }
 
@@ -89,8 +89,8 @@ impl OnMesh for ElectrodePlacement {
     }
 }
 
-/// What each electrode's error counts at a place that lies so far outside of each: 1 at its own, nothing at another's, and
-/// nothing from `reach` on.
+/// Weights of the electrodes' errors at a point with these distances outside each: 1 at the electrode itself, 0 at
+/// another, and 0 from `reach` on.
 fn weights(outside: &[f64], reach: f64) -> Vec<f64> {
     let nearest = outside.iter().copied().fold(f64::INFINITY, f64::min);
     if nearest == 0.0 {
@@ -103,13 +103,13 @@ fn weights(outside: &[f64], reach: f64) -> Vec<f64> {
     near.map(|near| fade * near / all).collect()
 }
 
-/// Displacement of a place of a rectangular sheet, m.
+/// Displacement of a point of a rectangular sheet, m.
 fn on_sheet(sheet: &eit::PaperSheet, drawn: &[Misplaced], place: [f64; 2]) -> [f64; 2] {
     let size = [sheet.width_mm * 1e-3, sheet.height_mm * 1e-3];
     let each = [sheet.electrodes_per_width, sheet.electrodes_per_height];
     let half = 0.5e-3 * sheet.void_mm;
     let pitch = (size[0] / each[0] as f64).min(size[1] / each[1] as f64);
-    // How far an electrode reaches along x and y: one on the edge is a line.
+    // Extent of an electrode along x and y: one on the edge is a line.
     let across = |index: usize| match sheet.electrode {
         SheetElectrode::Void => [half, half],
         SheetElectrode::Edge => {
@@ -142,7 +142,7 @@ fn on_sheet(sheet: &eit::PaperSheet, drawn: &[Misplaced], place: [f64; 2]) -> [f
         }
     }
     if sheet.electrode == SheetElectrode::Void {
-        // The sheet's own edge stays: what lies between a void and it is stretched.
+        // The sheet's own edge is fixed: the part between a void and the edge is stretched.
         for axis in 0..2 {
             let to_rim = place[axis].min(size[axis] - place[axis]).max(0.0);
             by[axis] *= (to_rim / (sheet.inset_mm * 1e-3 - half)).min(1.0);
@@ -151,7 +151,7 @@ fn on_sheet(sheet: &eit::PaperSheet, drawn: &[Misplaced], place: [f64; 2]) -> [f
     by
 }
 
-/// Displacement of a place of a tank, m: it turns about the centre.
+/// Displacement of a point of a tank, m: a rotation about the centre.
 fn on_tank(tank: &eit::DiscTank, drawn: &[Misplaced], place: [f64; 2]) -> [f64; 2] {
     let radius = tank.radius_mm * 1e-3;
     let pitch = std::f64::consts::TAU / tank.electrodes as f64;
@@ -165,7 +165,7 @@ fn on_tank(tank: &eit::DiscTank, drawn: &[Misplaced], place: [f64; 2]) -> [f64; 
             sin.atan2(cos)
         })
         .collect();
-    // Straight edges between points of the wall lie a little within it.
+    // Straight edges between points of the wall are slightly inside it.
     let inwards = if inwards < 1e-2 * half { 0.0 } else { inwards };
     let outside: Vec<f64> = away
         .iter()
@@ -238,7 +238,7 @@ mod tests {
                 let wider = moved.electrode_length(k) / drawn.electrode_length(k) - 1.0;
                 widest = widest.max(wider.abs());
             }
-            // 16 and more even draws, the seed's own: the largest comes near its bound and keeps it.
+            // 16 or more uniform draws of the seed: the largest is close to the bound and within it.
             assert!((0.3e-3..0.501e-3).contains(&furthest), "{furthest}");
             assert!((0.08..0.1001).contains(&widest), "{widest}");
         }

@@ -1,7 +1,7 @@
 //! Piezoresistance of large strains: sigma_0 exp(-k e), e the strain across the foam.
 //!
-//! Never nothing, never negative; for small strains the gauge law with G = k (fact sheet, section 2.4). In place of the
-//! loss p / (p + p_half); it goes with `foam`, or with a foam that yields in proportion (`pressure.modulus_kpa`).
+//! Never zero, never negative; for small strains it equals the gauge law with G = k (fact sheet, section 2.4). Replaces
+//! the loss p / (p + p_half); combine it with `foam`, or with a linear foam (`pressure.modulus_kpa`).
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, SheetResponse};
 use crate::law::Conduction;
 
-/// How much conductance a strain costs.
+/// Dependence of the conductance on strain.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExponentialLawSettings {

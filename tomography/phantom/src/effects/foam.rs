@@ -1,9 +1,9 @@
-//! The foam's stress and strain: stiff at first, soft on its plateau, stiff again when its cells have closed.
+//! Stress and strain of the foam: stiff at first, soft on its plateau, stiff again when its cells have closed.
 //!
-//! A monotone cubic through given points (Fritsch and Carlson 1980), from nothing at nothing; beyond the last what is left
-//! of the thickness falls as 1 / p. Plateau at 2 to 10 kPa, Young's modulus 20 to 500 kPa (fact sheet, section 2.4). The
-//! law of conductance takes this strain; p / (p + p_half), which takes none, the pressure of a foam that yields in
-//! proportion (`pressure.modulus_kpa`). Leave it out below a strain of 10 %.
+//! A monotone cubic through given points (Fritsch and Carlson 1980), starting at zero; beyond the last point the
+//! remaining thickness falls as 1 / p. Plateau at 2 to 10 kPa, Young's modulus 20 to 500 kPa (fact sheet, section 2.4).
+//! The conductance laws use this strain; p / (p + p_half), which uses none, takes the pressure that would cause it in a
+//! linear foam (`pressure.modulus_kpa`). Leave it out below a strain of 10 %.
 
 use serde::{Deserialize, Serialize};
 
@@ -65,7 +65,7 @@ impl Effect for FoamSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.on_loads(&|effects, on| {
             effects.foam = on.then(|| self.clone());
-            // A foam that the scene does not name would contradict it.
+            // `foam` and `log-law` exclude each other, so the scene's log law is left out while `foam` is on.
             if on {
                 effects.log_law = None;
             }

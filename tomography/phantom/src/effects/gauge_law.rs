@@ -1,7 +1,7 @@
 //! Piezoresistance of small strains: sigma_0 / (1 + G e), e the strain across the foam.
 //!
-//! G = 1 to 10 for carbon nanotubes in latex (fact sheet, section 2.4). In place of the loss p / (p + p_half); it goes with
-//! `foam`, or with a foam that yields in proportion (`pressure.modulus_kpa`).
+//! G = 1 to 10 for carbon nanotubes in latex (fact sheet, section 2.4). Replaces the loss p / (p + p_half); combine it
+//! with `foam`, or with a linear foam (`pressure.modulus_kpa`).
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, SheetResponse};
 use crate::law::Conduction;
 
-/// How much conductance a strain costs.
+/// Dependence of the conductance on strain.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GaugeLawSettings {

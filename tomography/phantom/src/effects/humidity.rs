@@ -1,7 +1,7 @@
-//! Humidity: the sheet's conductance follows the room's humidity by 0.1 to 2 % per 10 % RH, hours late.
+//! Humidity: the sheet's conductance follows the room's humidity by 0.1 to 2 % per 10 % RH, with a delay of hours.
 //!
-//! The room cycles; the foam takes water up with a time constant, so that the cycle arrives smaller by
-//! 1 / sqrt(1 + (w tau)^2) and later by atan(w tau) (fact sheet, section 2.3). Leave it out in a controlled lab.
+//! The room's humidity is periodic; the foam absorbs water with a time constant, so that the cycle is attenuated by 1 /
+//! sqrt(1 + (w tau)^2) and delayed by atan(w tau) (fact sheet, section 2.3). Leave it out in a controlled lab.
 
 use std::f64::consts::TAU;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnSheet, SheetResponse};
 
-/// The room's humidity, and what the sheet makes of it.
+/// The room's humidity, and the sheet's response.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct HumiditySettings {
@@ -23,7 +23,7 @@ pub struct HumiditySettings {
     pub period_h: f64,
     /// Time constant of the foam, h.
     pub tau_h: f64,
-    /// The sheet is computed anew so often, s: what changes within is left out.
+    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
     pub every_s: f64,
 }
 

@@ -1,8 +1,8 @@
-//! Hysteresis: on the way back the sheet shows more loss than on the way there.
+//! Hysteresis: at the same load the sheet shows more loss during unloading than during loading.
 //!
-//! Prandtl and Ishlinskii, each place by itself: y = q x + sum w F_r[x] over eight play operators
-//! F_r[x] = max(x - r, min(x + r, F_r)), x the log loss, r evenly spaced up to half of the full scale, w >= 0 alike, q so
-//! that the full scale itself is kept on first loading. 5 to 25 % of full scale; 24.2 % seen on a conductive-fibre sensor
+//! Prandtl and Ishlinskii, for each triangle: y = q x + sum w F_r[x] over eight play operators F_r[x] = max(x - r,
+//! min(x + r, F_r)), x the log loss, r evenly spaced up to half of the full scale, all w equal and >= 0, q such that
+//! the full scale is preserved on first loading. 5 to 25 % of full scale; 24.2 % observed on a conductive-fibre sensor
 //! (fact sheet, section 2.4). Leave it out under monotone loading.
 
 use serde::{Deserialize, Serialize};
@@ -10,13 +10,13 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
-/// How wide the loop is.
+/// Width of the loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct HysteresisSettings {
     /// Width of the loop at half of the full scale, % of the full scale.
     pub percent: f64,
-    /// The loss that is the full scale, %.
+    /// The loss at full scale, %.
     pub full_percent: f64,
 }
 
@@ -46,10 +46,10 @@ impl Effect for HysteresisSettings {
     }
 }
 
-/// How many play operators.
+/// Number of play operators.
 const PLAYS: usize = 8;
 
-/// A play operator's answer to its next input: it follows once its play of `threshold` either way is used up.
+/// A play operator's output for its next input: it follows once the input has moved by more than `threshold`.
 fn play(threshold: f64, last: f64, input: f64) -> f64 {
     (input - threshold).max((input + threshold).min(last))
 }
@@ -59,7 +59,7 @@ struct Hysteresis {
     thresholds: [f64; PLAYS],
     weight: f64,
     straight: f64,
-    /// Each place, each operator.
+    /// State of each operator at each triangle.
     plays: Vec<[f64; PLAYS]>,
 }
 
@@ -68,8 +68,8 @@ impl Hysteresis {
         let full = -(-settings.full_percent / 100.0).ln_1p();
         let thresholds: [f64; PLAYS] =
             std::array::from_fn(|k| 0.5 * full * (k + 1) as f64 / PLAYS as f64);
-        // Back at half of the full scale an operator stands at min(full - r, full / 2 + r), on first loading at
-        // full / 2 - r: the loop is min(full / 2, 2 r) wide there.
+        // Back at half of the full scale an operator is at min(full - r, full / 2 + r), on first loading at full / 2 -
+        // r: the loop is min(full / 2, 2 r) wide there.
         let wide: f64 = thresholds.iter().map(|r| (2.0 * r).min(0.5 * full)).sum();
         let weight = settings.percent / 100.0 * full / wide;
         let kept: f64 = thresholds.iter().map(|r| weight * (full - r) / full).sum();
@@ -115,7 +115,7 @@ mod tests {
         while t < 5.0 {
             k += 1;
             t += [0.01, 0.0037, 0.11][k % 3];
-            // the corners of the input must be met, or the operator never sees them
+            // the steps must hit the corners of the input, otherwise the operator misses them
             for corner in [1.0, 3.0, 5.0] {
                 if t > corner && t - corner < 0.11 {
                     state = play(r, state, if corner == 3.0 { -1.0 } else { 1.0 });
@@ -135,7 +135,7 @@ mod tests {
             };
             assert!((state - wanted).abs() <= 1e-12, "{t}: {state} {wanted}");
         }
-        // A step is answered in one.
+        // A step is followed in one update.
         assert!((play(r, 0.0, 2.0) - 1.7).abs() <= 1e-12);
         assert!((play(r, 1.7, 1.5) - 1.7).abs() <= 1e-12);
         assert!((play(r, 1.7, -2.0) + 1.7).abs() <= 1e-12);
@@ -156,7 +156,7 @@ mod tests {
             let back = follow(&mut hysteresis, 0.5 * full);
             let width = (back - there) / full;
             assert!((width - percent / 100.0).abs() <= 1e-12, "{width}");
-            // Something is left when the load is gone, and wiped out by a full swing the other way.
+            // A remainder stays after unloading; a full swing in the other direction removes it.
             assert!(follow(&mut hysteresis, 0.0) > 0.0);
         }
     }

@@ -1,7 +1,7 @@
-//! The voltmeter's input takes a share: v R_in / (R_in + R_source).
+//! The voltmeter's input resistance loads the measured voltage: v R_in / (R_in + R_source).
 //!
-//! 10 Mohm, or more than 10 Gohm on the ranges up to 10 V where the high input is chosen (fact sheet, section 2.1): 1e-4
-//! or 1e-7 of a reading on a sheet of a kilohm.
+//! 10 Mohm, or more than 10 Gohm on the ranges up to 10 V if high input impedance is selected (fact sheet, section
+//! 2.1): 1e-4 or 1e-7 of a reading on a sheet of a kilohm.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -10,7 +10,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How much the voltmeter loads what it measures.
+/// Input resistance of the voltmeter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InputResistanceSettings {

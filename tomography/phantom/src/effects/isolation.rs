@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnNetwork, SheetResponse};
 
-/// How well wires are insulated.
+/// Insulation of the wires.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct IsolationSettings {
@@ -31,7 +31,7 @@ impl IsolationSettings {
         let leak = 1.0 / (self.mohm * 1e6);
         let size = z.nrows();
         let both = DMatrix::identity(size, size) + &*z * leak;
-        // Z is positive on mean-free currents and zero on the rest: 1 + G Z always has an inverse.
+        // Z is positive on mean-free currents and zero on the others: 1 + G Z always has an inverse.
         if let Some(solved) = both.lu().solve(&*z) {
             *z = (&solved + solved.transpose()) * 0.5;
         }

@@ -1,6 +1,6 @@
 //! Lead resistance: the wires between the source and the relays.
 //!
-//! In the source's loop only, where it adds to what compliance is reached by; four wires keep it out of the readings
+//! Only in the source's loop, where it counts towards compliance; the four-wire connection keeps it out of the readings
 //! (fact sheet, section 2.2). 10 m of 0.14 mm2 copper are 1.2 ohm.
 
 use std::time::Duration;
@@ -11,7 +11,7 @@ use survey::{Ohms, Relay};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnWires, RelayContact, SheetResponse};
 
-/// What the source's wires add.
+/// Resistance of the source's wires.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LeadResistanceSettings {
@@ -33,7 +33,7 @@ impl Effect for LeadResistanceSettings {
     }
 
     fn predict(&self, _response: &dyn SheetResponse) -> f64 {
-        // It is in no reading: the source drives its current all the same, until compliance.
+        // Zero in every reading: below compliance the source drives its current regardless.
         0.0
     }
 

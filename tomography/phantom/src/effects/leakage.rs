@@ -1,7 +1,7 @@
-//! Leakage of a FET multiplexer's channels into what is measured: v + I_leak R_source.
+//! Leakage of a FET multiplexer's channels into the measured resistance: v + I_leak R_source.
 //!
-//! 20 nA below 30 degC, doubling with each 10 degC (fact sheet, section 2.2): 20 uV on a kilohm. Does not turn with the
-//! current: current reversal removes it. Leave it out with relays of metal.
+//! 20 nA below 30 degC, doubling with each 10 degC (fact sheet, section 2.2): 20 uV on a kilohm. Does not reverse with
+//! the current, so current reversal removes it. Leave it out with mechanical relays.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -10,7 +10,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How much leaks.
+/// Size of the leakage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LeakageSettings {

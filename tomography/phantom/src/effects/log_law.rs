@@ -1,8 +1,8 @@
 //! The law of force-sensing films: R = R_0 (1 - s log10(p / p_0)) from p_0 on.
 //!
-//! The film conducts better where it is pressed, the other way round than foam: its loss is negative. One decade for a
-//! decade of pressure in some (fact sheet, section 2.4: other films). R stays above 1 % of R_0. In place of the loss
-//! p / (p + p_half); it takes the pressure itself.
+//! Unlike foam, the film conducts better under pressure: its loss is negative. For some films resistance falls by one
+//! decade per decade of pressure (fact sheet, section 2.4: other films). R stays above 1 % of R_0. Replaces the loss p
+//! / (p + p_half) and depends on the pressure itself.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,13 +10,13 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, SheetResponse};
 use crate::law::Conduction;
 
-/// How much resistance a pressure takes away.
+/// Dependence of the resistance on pressure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LogLawSettings {
-    /// Loss of resistance for ten times the pressure, % of the film's at rest.
+    /// Loss of resistance for ten times the pressure, % of the unloaded film's.
     pub percent_per_decade: f64,
-    /// Below this pressure nothing happens, kPa.
+    /// No effect below this pressure, kPa.
     pub from_kpa: f64,
 }
 
@@ -59,7 +59,7 @@ impl Effect for LogLawSettings {
     }
 }
 
-/// The least that is left of the resistance.
+/// Smallest remaining share of the resistance.
 const FLOOR: f64 = 0.01;
 
 impl Conduction for LogLawSettings {

@@ -1,8 +1,8 @@
 //! Drift over hours to months: wandering on every time scale, a random walk, and running in.
 //!
-//! ln(sigma) = sum of Ornstein-Uhlenbeck processes with time constants an octave and a half apart from 1 h to 30 d (about
-//! 1/f) + a random walk of 0.01 to 0.1 % per square root of a day + running-in, 1 to 10 % that go exponentially over
-//! the first days (fact sheet, section 2.3). It rules months; leave it out below an hour.
+//! ln(sigma) = sum of Ornstein-Uhlenbeck processes with time constants an octave and a half apart from 1 h to 30 d
+//! (about 1/f) + a random walk of 0.01 to 0.1 % per square root of a day + running-in, 1 to 10 % that decay
+//! exponentially over the first days (fact sheet, section 2.3). It dominates over months; leave it out below an hour.
 
 use std::time::Duration;
 
@@ -17,19 +17,19 @@ use super::{Effect, Effects, OnSheet, SheetResponse, stream};
 /// Time constants, h.
 const HOURS: [f64; 7] = [1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 720.0];
 
-/// How the sheet drifts.
+/// Sizes of the parts of the drift.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LongDriftSettings {
-    /// Rms of all wandering together, %.
+    /// Rms of all the wandering together, %.
     pub wander_percent: f64,
     /// Random walk, % per square root of a day.
     pub walk_percent: f64,
-    /// Running in, %: so much conductance is gained in the end.
+    /// Running-in: total gain of conductance, %.
     pub running_in_percent: f64,
     /// Its time constant, d.
     pub running_in_days: f64,
-    /// The sheet is computed anew so often, s: what changes within is left out.
+    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
     pub every_s: f64,
 }
 
@@ -62,7 +62,7 @@ impl Effect for LongDriftSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // Each part has its own variance at each moment.
+        // The variance of each part depends on time in its own way.
         let size = response.over_time(&|at| {
             let days = at / 86_400.0;
             let ran_in = -self.running_in_percent * (-days / self.running_in_days).exp_m1();
@@ -83,7 +83,7 @@ pub(super) struct LongDrift {
     walk: Walk,
 }
 
-/// A walk whose step grows with the square root of time; time never runs back.
+/// A random walk whose deviation grows with the square root of time; time must not decrease.
 #[derive(Debug)]
 struct Walk {
     stream: ChaCha8Rng,

@@ -1,8 +1,8 @@
 //! Mains in the leads: the mean of a sin(2 pi f t + phase) and its harmonics over the integration time.
 //!
-//! Over T = NPLC / f_line the mean of a sine is a sinc(f T), which is zero where f T is whole: from one cycle up, and
-//! only as far as the mains keep their frequency. 60 dB are left at +-0.1 %, 40 dB at +-1 %, none below one cycle (fact
-//! sheet, section 2.1). The phase follows from the reading's own time.
+//! Over T = NPLC / f_line the mean of a sine is a sinc(f T), which is zero for whole f T, that is from one cycle up,
+//! and only as far as the mains keep their frequency: 60 dB rejection at +-0.1 %, 40 dB at +-1 %, none below one cycle
+//! (fact sheet, section 2.1). The phase follows from the reading's time.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -13,7 +13,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// The mains as they reach the voltmeter.
+/// Mains voltage at the voltmeter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MainsPickupSettings {
@@ -21,9 +21,9 @@ pub struct MainsPickupSettings {
     pub mv: f64,
     /// Amplitude of the third harmonic as a share of it.
     pub third: f64,
-    /// Frequency that the mains should have and that the voltmeter counts its cycles by, Hz.
+    /// Nominal mains frequency, by which the voltmeter counts its cycles, Hz.
     pub line_hz: f64,
-    /// How far the mains are from it, %.
+    /// Deviation of the mains from it, %.
     pub off_percent: f64,
 }
 
@@ -49,7 +49,7 @@ impl Effect for MainsPickupSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // Every phase is as likely: a sine's rms is its amplitude by the root of two.
+        // All phases are equally likely: the rms of a sine is its amplitude over the root of two.
         let time = response.scan().integration().as_secs_f64();
         let mains = self.line_hz * (1.0 + self.off_percent / 100.0);
         let both = kept(mains, time).hypot(self.third * kept(3.0 * mains, time));
@@ -61,7 +61,7 @@ impl Effect for MainsPickupSettings {
     }
 }
 
-/// What the mean over a time (s) keeps of a sine's amplitude.
+/// Attenuation of a sine's amplitude by averaging over a time (s).
 fn kept(hz: f64, time: f64) -> f64 {
     let half = PI * hz * time;
     if half == 0.0 { 1.0 } else { half.sin() / half }

@@ -1,12 +1,13 @@
-//! Imperfections: none, until a scene asks. Each is one file with its physics, formula and source.
+//! Imperfections of the simulated sheet and its wiring. None is active unless a scene names it. One file per effect:
+//! physics, formula, source.
 //!
-//! An effect acts on where the electrodes are, on what a pressure takes from the conductance, on what the loads have taken,
-//! on the sheet's conductance, on the contacts, on the network between the electrodes, on the wires to the instruments, or
-//! on a reading; a scene's effects are lists of those kinds, so that one that is not named is not there to be asked. Each
-//! draws from a stream of its own. What acts on sheet, contacts or network says by its **epoch** when it changes: between,
-//! the same solution serves.
+//! An effect acts on the electrodes' positions, on the law from pressure to conductance, on the loss under loads, on
+//! the sheet's conductance, on the contacts, on the network between the electrodes, on the wires to the instruments, or
+//! on a reading. A scene keeps one list for each of these kinds, so an effect that is not named costs nothing. Each has
+//! its own random stream. Effects on sheet, contacts or network have an **epoch** that changes with their state; while
+//! it is the same, the solution is reused.
 //!
-//! Compliance is no effect: the simulated 6221 clamps by itself, at its own voltage limit.
+//! Compliance is not an effect: the simulated 6221 clamps at its own voltage limit.
 
 mod acts;
 mod autozero_off;
@@ -73,7 +74,7 @@ pub(crate) use response::{SheetChange, SheetResponse, UnloadedReading};
 use crate::law::{Conduction, Foam, Law, Pressure};
 use crate::scan::ReadingContext;
 
-/// What a scene's effects must be told beside what is at hand.
+/// Values of the context that the scene's effects need and that cost a computation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Needs {
     /// [`ReadingContext::source_resistance`].
@@ -82,33 +83,33 @@ pub struct Needs {
     pub load_resistance: bool,
 }
 
-/// An effect as a scene names it: its parameters, what they may be, what is done by it.
+/// An effect as named by a scene: its parameters, their ranges, its prediction and its action.
 pub(crate) trait Effect: fmt::Debug {
-    /// The first parameter that is out of its physical range.
+    /// The first parameter outside its physical range.
     fn check(&self) -> Result<(), ParameterFault>;
 
-    /// What does not fit a sheet of so many electrodes.
+    /// The first parameter that does not fit a sheet with this number of electrodes.
     fn check_on(&self, _electrodes: usize) -> Result<(), ParameterFault> {
         Ok(())
     }
 
-    /// How large it will be: rms over the readings and frames of a scan, V, from formulas, without running it. Effects that
-    /// draw are predicted by what they are on average over seeds.
+    /// Predicted size: rms over the readings and frames of a scan, V, from formulas, without running it. For effects
+    /// with random draws, the average over seeds.
     fn predict(&self, response: &dyn SheetResponse) -> f64;
 
-    /// What is assumed of a fault: absent from a healthy rig, it is not missed where a scene leaves it out.
+    /// For faults: the event that is assumed. A scene without faults is not reported as incomplete.
     fn assumes(&self) -> Option<String> {
         None
     }
 
-    /// Puts itself among the effects that act, with its own random stream where it draws.
+    /// Adds itself to the active effects, with its own random stream if it draws.
     fn add(&self, seed: u64, effects: &mut Effects);
 }
 
-/// Name, words, whether it is named, and the effect.
+/// Name, description, whether the scene names it, and the effect.
 pub(crate) type Usual = (&'static str, &'static str, bool, Box<dyn Effect>);
 
-/// Everything that follows from the list of effects: what a scene may name, in the order in which they act.
+/// Generates everything that depends on the list of effects, in the order in which they act.
 macro_rules! effects {
     ($(#[doc = $what:literal] $field:ident: $settings:ident = $name:literal;)+) => {
         /// The parameters of each effect.
@@ -128,10 +129,10 @@ macro_rules! effects {
         }
 
         impl EffectSettings {
-            /// The name of every effect, as scenes write it, and what it is.
+            /// Name, as scenes write it, and description of every effect.
             pub const ALL: &[(&str, &str)] = &[$(($name, $what)),+];
 
-            /// Every effect, its words, whether it is named, and itself: with its usual parameters where it is not.
+            /// Every effect with name, description and whether it is named; with its usual parameters if it is not.
             pub(crate) fn with_usual(&self) -> Vec<Usual> {
                 vec![$((
                     $name,
@@ -141,7 +142,7 @@ macro_rules! effects {
                 )),+]
             }
 
-            /// Those that are named, in order.
+            /// The named effects, in order.
             fn named(&self) -> impl Iterator<Item = (&'static str, &dyn Effect)> {
                 let all = [$(
                     ($name, self.$field.as_ref().map(|named| named as &dyn Effect)),
@@ -238,21 +239,21 @@ effects! {
 }
 
 impl EffectSettings {
-    /// The names of those that a scene names, in order.
+    /// The names of the effects in the scene, in order.
     pub fn names(&self) -> impl Iterator<Item = &'static str> {
         self.named().map(|(name, _)| name)
     }
 
-    /// The first parameter that is out of its range, and the effect that it belongs to.
+    /// Checks the parameters of all named effects.
     ///
     /// # Errors
-    /// The name of the effect as scenes write it, the key, and what is allowed.
+    /// The first parameter out of range: the effect's name as scenes write it, the key, and what is allowed.
     pub fn check(&self) -> Result<(), (&'static str, ParameterFault)> {
         self.named()
             .try_for_each(|(name, effect)| effect.check().map_err(|fault| (name, fault)))
     }
 
-    /// Effects that name an electrode which the sheet has not.
+    /// Checks that every electrode named by an effect exists.
     ///
     /// # Errors
     /// As [`EffectSettings::check`].
@@ -266,7 +267,7 @@ impl EffectSettings {
     }
 }
 
-/// Effects that say different things about the same, and why a scene cannot have both.
+/// Pairs of effects that a scene cannot combine, and why.
 const CONTRADICTING: [(&str, &str, &str); 4] = [
     (
         "gauge-law",
@@ -291,7 +292,7 @@ const CONTRADICTING: [(&str, &str, &str); 4] = [
 ];
 
 impl EffectSettings {
-    /// Whether one of the effects takes the place of the loss p / (p + p_half), and which.
+    /// The named effect that replaces the loss p / (p + p_half), if any.
     pub(crate) fn own_law(&self) -> Option<&'static str> {
         let laws = ["gauge-law", "exponential-law", "log-law"];
         self.named()
@@ -299,7 +300,7 @@ impl EffectSettings {
             .find(|name| laws.contains(name))
     }
 
-    /// Two effects that contradict each other: the later one in the list, the other, and why.
+    /// Two effects that contradict each other: the later in the list, the other, and why.
     pub(crate) fn contradiction(&self) -> Option<(&'static str, &'static str, &'static str)> {
         let named: Vec<&str> = self.named().map(|(name, _)| name).collect();
         CONTRADICTING
@@ -309,7 +310,7 @@ impl EffectSettings {
     }
 }
 
-/// The effects that a scene named, in order.
+/// The effects of a scene, by what they act on, in order.
 #[derive(Debug, Default)]
 pub(crate) struct Effects {
     pub(crate) mesh: Vec<Box<dyn OnMesh>>,
@@ -332,7 +333,7 @@ impl Effects {
         effects
     }
 
-    /// What a pressure does to the conductance.
+    /// The conductance law for a pressure.
     pub(crate) fn law(&mut self, pressure: Pressure) -> Law {
         Law {
             pressure,
@@ -350,7 +351,7 @@ impl Effects {
         }
     }
 
-    /// The epochs of all that acts on sheet, contacts and network, in order.
+    /// The epochs of all effects on sheet, contacts and network, in order.
     pub(crate) fn epochs(&self, at: Duration) -> Vec<u64> {
         let sheet = self.sheet.iter().map(|effect| effect.epoch(at));
         let contacts = self.contacts.iter().map(|effect| effect.epoch(at));
@@ -365,7 +366,7 @@ impl Effects {
     }
 }
 
-/// An effect's own random stream: switching one on never changes another's numbers.
+/// An effect's own random stream: adding an effect never changes another's numbers.
 fn stream(seed: u64, effect: &str) -> ChaCha8Rng {
     let mut hasher = Sha256::new();
     hasher.update(seed.to_le_bytes());
@@ -405,8 +406,8 @@ mod tests {
         }
     }
 
-    /// All that a reading or a solution goes through is these lists, each by one loop: what is not in them is not asked
-    /// whether it is there, so that its absence is the same compiled call as if nobody had written it.
+    /// Readings and solutions loop over these lists only: an effect that is not in them costs nothing, not even a
+    /// check.
     #[test]
     fn a_scene_calls_the_effects_that_it_names_and_nothing_else() {
         let calls = |settings: &EffectSettings| {

@@ -1,4 +1,4 @@
-//! The source's own resistance takes a share of the current: I / (1 + R_load / R_out).
+//! The source's output resistance takes a share of the current: I / (1 + R_load / R_out).
 //!
 //! More than 1e14 ohm on the lowest ranges, about 1e10 in effect at a milliampere from the load regulation of 0.01 % of
 //! range (fact sheet, section 2.2). Almost always negligible.
@@ -10,7 +10,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How stiff the source is.
+/// Output resistance of the source.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OutputResistanceSettings {

@@ -1,10 +1,10 @@
-//! A relay that is not there yet: the path conducts only after its contact has closed and bounced.
+//! Operate time and bounce of a relay: the path conducts only after its contact has closed and settled.
 //!
-//! Nothing reaches the voltmeter until `operate_ms` after the instrument says that its relays have moved; during the next
-//! `bounce_ms` it is there for a random share of the time; a reading is the mean over its integration. Armature relays
-//! take 4 to 10 ms, reeds 0.5 to 1 ms, and bounce for 0.5 to 3 ms (fact sheet, section 2.2). The mainframe says so when its
-//! own settling time is over, a scan and the multiplexer board at once: the time counts from there. An input that nothing
-//! drives reads zero, as on the bench. Leave it out with a delay of twice the operate time.
+//! The voltmeter sees no signal until `operate_ms` after the instrument reports that its relays have moved; during the
+//! next `bounce_ms` the path conducts for a random share of the time; a reading is the mean over its integration.
+//! Armature relays take 4 to 10 ms, reeds 0.5 to 1 ms, and bounce for 0.5 to 3 ms (fact sheet, section 2.2). The
+//! mainframe reports after its own settling time, a scan and the multiplexer board at once: the time counts from the
+//! report. A floating input reads zero. Leave it out with a delay of twice the operate time.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -15,7 +15,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
-/// How long a relay takes.
+/// Times of a relay.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RelayBounceSettings {
@@ -35,7 +35,7 @@ impl Default for RelayBounceSettings {
 }
 
 impl RelayBounceSettings {
-    /// Shares of the integration in which the contact bounces, and in which it stays closed.
+    /// Shares of the integration during which the contact bounces, and during which it stays closed.
     fn shares(&self, context: &ReadingContext) -> [f64; 2] {
         let [operate, bounce] = [self.operate_ms * 1e-3, self.bounce_ms * 1e-3];
         let begin = context.settled().as_secs_f64();
@@ -64,7 +64,7 @@ impl Effect for RelayBounceSettings {
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
         response.rms(&|sight| {
             let [bouncing, closed] = self.shares(&sight.context);
-            // The share of the bounce is even between 0 and 1: its mean and its variance.
+            // The share of conduction during bounce is uniform between 0 and 1, with that mean and variance.
             let missing = 1.0 - closed - 0.5 * bouncing;
             sight.exact * (missing * missing + bouncing * bouncing / 12.0).sqrt()
         })
@@ -86,7 +86,7 @@ struct RelayBounce {
 
 impl OnReading for RelayBounce {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        // Drawn whether or not the contact still bounces: a reading more or less shifts no other's number.
+        // Drawn even if the contact no longer bounces, so that an additional reading shifts no other number.
         let share: f64 = self.stream.random();
         let [bouncing, closed] = self.settings.shares(context);
         Volts(volts.0 * (share * bouncing + closed))
@@ -120,10 +120,10 @@ mod tests {
 
     #[test]
     fn a_reading_is_the_mean_over_what_the_contact_conducts() {
-        // 0.02 cycles are 0.4 ms: before it closes nothing, after it has settled all, to the bit
+        // 0.02 cycles are 0.4 ms: zero before it closes, unchanged to the bit after it has settled
         assert!(shares(3_000, 0.02).iter().all(|share| *share == 0.0));
         assert!(shares(6_000, 0.02).iter().all(|share| *share == 1.0));
-        // within the bounce anything between
+        // during the bounce, any value between
         let bouncing = shares(5_000, 0.02);
         let mean = bouncing.iter().sum::<f64>() / 4000.0;
         assert!((mean - 0.5).abs() < 0.02, "{mean}");

@@ -1,8 +1,8 @@
 //! Self-heating: the injected current warms the sheet, and the sheet's resistance follows.
 //!
-//! v / (1 - alpha dT), dT the mean warming: C d(dT)/dt = I² R - dT / R_th, by its exact solution from reading to reading: the
-//! power of the reading since current or relays last changed, and before that none. 1 mW over 492 cm2 (fact sheet, section 2.3); with 10 W / (m2 K) on both sides R_th is
-//! 1 degC / W: 2e-6 of a reading. Leave it out up to 5 mA.
+//! v / (1 - alpha dT), dT the mean warming: C d(dT)/dt = I² R - dT / R_th, solved exactly from reading to reading. The
+//! power is that of the reading since current or relays last changed, and zero before. 1 mW over 492 cm2 (fact sheet,
+//! section 2.3); with 10 W / (m2 K) on both sides R_th is 1 degC / W: 2e-6 of a reading. Leave it out up to 5 mA.
 
 use std::time::Duration;
 
@@ -13,11 +13,11 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How the sheet warms, and what follows.
+/// Warming of the sheet, and its effect on the resistance.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SelfHeatingSettings {
-    /// Warming per power in the end, degC per W.
+    /// Final warming per power, degC per W.
     pub c_per_w: f64,
     /// Time constant, s.
     pub tau_s: f64,
@@ -93,7 +93,7 @@ impl OnReading for SelfHeating {
         self.warmer *= (-over(past - heated)).exp();
         let end = self.settings.c_per_w * power;
         self.warmer += (end - self.warmer) * -(-over(heated)).exp_m1();
-        // A model of small changes; the floor keeps what no sheet survives finite.
+        // The model holds for small changes; the floor keeps impossible warming finite.
         let left = (1.0 - self.settings.percent_per_c / 100.0 * self.warmer).max(0.1);
         Volts(volts.0 / left)
     }
@@ -128,7 +128,7 @@ mod tests {
             };
             1.0 / effects.reading(Volts(1.0), &context).0
         };
-        // 2 mW warm by 2 degC in the end
+        // 2 mW warm the sheet by 2 degC in the end
         for seconds in [0, 7, 50, 51, 2000] {
             let warmer = 2.0 * (1.0 - (-(seconds as f64) / 50.0).exp());
             let wanted = 1.0 + 0.002 * warmer;

@@ -1,21 +1,21 @@
-//! Set: what has been pressed often does not quite come back.
+//! Set: foam that was pressed many times does not recover completely.
 //!
-//! Each place keeps s log10(1 + n) of the largest log loss that it has had, n the load cycles: 1 to 5 % (fact sheet,
-//! section 2.4). A cycle is counted when the loss rises through half of its largest after having been below a tenth of it.
-//! Leave it out below a hundred cycles.
+//! Each triangle keeps s log10(1 + n) of its largest log loss, n the number of load cycles: 1 to 5 % (fact sheet,
+//! section 2.4). A cycle is counted when the loss rises through half of its maximum after having been below a tenth of
+//! it. Leave it out below a hundred cycles.
 
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
-/// How much stays.
+/// Size of the set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SetSettings {
-    /// What stays, % of the largest log loss for ten times the cycles.
+    /// Remaining share of the largest log loss per decade of cycles, %.
     pub percent_per_decade: f64,
-    /// Cycles that every place which is pressed has behind it at the start.
+    /// Cycles of every pressed triangle before the start.
     pub behind_cycles: f64,
 }
 
@@ -54,7 +54,7 @@ impl Effect for SetSettings {
     }
 }
 
-/// What a place has been through.
+/// Load history of a triangle.
 #[derive(Debug, Clone, Default)]
 struct Past {
     largest: f64,
@@ -111,7 +111,7 @@ mod tests {
         let mut left = Vec::new();
         for cycle in 1..=999_u32 {
             follow(0.4);
-            // a press within the press is no cycle
+            // a press during another press is not a cycle
             follow(0.3);
             follow(0.4);
             let after = follow(0.0);

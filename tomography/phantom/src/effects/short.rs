@@ -1,7 +1,7 @@
-//! A short between two electrodes: 0.1 to 10 ohm across them, from some moment on.
+//! A short between two electrodes: 0.1 to 10 ohm between them, from a given moment on.
 //!
-//! A resistor R between electrodes a and b of a network with transfer impedance Z changes it by one rank:
-//! Z - (Z d)(Z d)^T / (R + d^T Z d), d = e_a - e_b. Exact (fact sheet, section 2.3; a fault, absent from a healthy sheet).
+//! A resistor R between electrodes a and b is a rank-one change of a network's transfer impedance Z: Z - (Z d)(Z d)^T /
+//! (R + d^T Z d), d = e_a - e_b. Exact (fact sheet, section 2.3; a fault, absent from a healthy sheet).
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnNetwork, SheetResponse};
 
-/// Which electrodes are shorted, and when.
+/// The shorted electrodes, and the time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShortSettings {
@@ -20,10 +20,10 @@ pub struct ShortSettings {
     /// Resistance between them, ohm.
     #[serde(default = "ohm")]
     pub ohm: f64,
-    /// From this moment, s.
+    /// Start, s.
     #[serde(default)]
     pub from_s: f64,
-    /// Until this moment, s; left out for good.
+    /// End, s; never by default.
     pub to_s: Option<f64>,
 }
 
@@ -44,7 +44,7 @@ impl Default for ShortSettings {
 }
 
 impl ShortSettings {
-    /// Whether there is a short at a moment, s.
+    /// Whether the short exists at a moment, s.
     fn is_on(&self, at: f64) -> bool {
         at >= self.from_s && self.to_s.is_none_or(|to| at < to)
     }
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_resistor_beside_a_resistor() {
-        // Two electrodes joined by 300 ohm: Z = 75 [[1, -1], [-1, 1]] under the mean-zero gauge.
+        // Two electrodes connected by 300 ohm: Z = 75 [[1, -1], [-1, 1]] in the mean-zero gauge.
         let mut z = DMatrix::from_row_slice(2, 2, &[75.0, -75.0, -75.0, 75.0]);
         let mut short = Short(ShortSettings {
             electrodes: [1, 2],

@@ -1,5 +1,5 @@
-//! The current is not there at once: 1 - exp(-t / tau) of it, t since the source or a relay last moved, averaged over
-//! the integration.
+//! Settling of the current: it reaches 1 - exp(-t / tau), t since the source or a relay last changed, averaged over the
+//! integration.
 //!
 //! 1 % in 100 us at most, 2 us in the fast mode: tau = 100 us / ln 100 = 22 us (fact sheet, section 2.2). Leave it out
 //! with a delay of a millisecond or more.
@@ -11,7 +11,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How fast the current settles.
+/// Settling of the current.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SourceSettlingSettings {
@@ -81,7 +81,7 @@ mod tests {
             1.0 - settling.bend(Volts(1.0), &context).0
         };
         assert!((missing(100, 1e-6) - 0.01).abs() < 1e-5);
-        // tau / T of what is missing at the start: 21.7 us of 20 ms.
+        // tau / T of the current missing at the start: 21.7 us of 20 ms.
         assert!((missing(0, 1.0) - 1.0857e-3).abs() < 1e-6);
         assert!(missing(1000, 0.02) < 1e-20);
     }

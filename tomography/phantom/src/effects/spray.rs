@@ -1,9 +1,9 @@
 //! Uneven spraying: the logarithm of the sheet's conductance is a Gaussian field with a Matern covariance.
 //!
-//! Standard deviation 0.05 to 0.3, correlation length 10 to 60 mm, nu 1 to 2 (fact sheet, section 2.3). The field is a sum
-//! of waves whose wave numbers are drawn from the Matern spectrum (in the plane: k = sqrt(2 nu) / l sqrt(U^(-1/nu) - 1)),
-//! so it is the same field on every mesh. It changes readings by some 10 % and cancels, to first order, in difference
-//! imaging.
+//! Standard deviation 0.05 to 0.3, correlation length 10 to 60 mm, nu 1 to 2 (fact sheet, section 2.3). The field is a
+//! sum of waves with wave numbers drawn from the Matern spectrum (in the plane: k = sqrt(2 nu) / l sqrt(U^(-1/nu) -
+//! 1)), so it is the same field on every mesh. It changes readings by about 10 % and cancels, to first order, in
+//! difference imaging.
 
 use std::f64::consts::{SQRT_2, TAU};
 use std::time::Duration;
@@ -15,10 +15,10 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnSheet, SheetResponse, stream};
 
-/// Waves that make up the field: its covariance is met within 1 / sqrt(waves).
+/// Number of waves: the covariance is accurate to 1 / sqrt(waves).
 const WAVES: usize = 512;
 
-/// How uneven the sheet is.
+/// Size and correlation of the field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SpraySettings {
@@ -60,7 +60,7 @@ impl Effect for SpraySettings {
     }
 }
 
-/// The covariance by distance (m): the mean of cos(k x) over the spectrum's waves, by the middles of equal shares.
+/// The covariance by distance (m): the mean of cos(k x) over the spectrum, sampled at the midpoints of equal shares.
 fn spectrum(settings: &SpraySettings) -> impl Fn(f64) -> f64 {
     const SHARES: usize = 64;
     const TURNS: usize = 16;
@@ -84,7 +84,7 @@ fn spectrum(settings: &SpraySettings) -> impl Fn(f64) -> f64 {
             .sum();
         std * std * sum / (SHARES * TURNS) as f64
     };
-    // Steps of a twentieth of the length, as far as anything is left.
+    // Steps of a twentieth of the length, until the covariance vanishes.
     let step = 0.05 * length;
     let table: Vec<f64> = (0..400).map(|k| exact(k as f64 * step)).collect();
     move |distance| {
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn it_has_its_spread_and_its_length() {
-        // Values at a place and 30 mm beside it, over many sheets.
+        // Values at a point and 30 mm from it, over many sheets.
         let settings = SpraySettings {
             nu: 0.5,
             ..SpraySettings::default()

@@ -1,19 +1,19 @@
-//! In-plane stretch: pressed foam widens, and what surrounds a load is stretched with it.
+//! In-plane stretch: pressed foam widens and stretches the foam around the load.
 //!
-//! The strain in the plane is nu_eff times that across it, smoothed over the foam's thickness t: the log loss e becomes
-//! e + nu_eff S[e], S the mean weighted by exp(-distance / t). nu_eff = 0 to 0.4, t = 3 mm (fact sheet, section 2.4). The
-//! kernel is cut off at 6 t (its tail has 1.7 % of the weight) and taken at the triangles' centroids.
+//! The in-plane strain is nu_eff times the strain across the foam, smoothed over its thickness t: the log loss e
+//! becomes e + nu_eff S[e], S the mean weighted by exp(-distance / t). nu_eff = 0 to 0.4, t = 3 mm (fact sheet, section
+//! 2.4). The kernel is cut off at 6 t (its tail has 1.7 % of the weight) and evaluated at the triangles' centroids.
 
 use serde::{Deserialize, Serialize};
 
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
-/// How much foam widens.
+/// Size of the stretch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StretchSettings {
-    /// Strain in the plane for each unit across it.
+    /// In-plane strain per strain across the foam.
     pub ratio: f64,
     /// Thickness of the foam, mm.
     pub thickness_mm: f64,
@@ -49,7 +49,7 @@ impl Effect for StretchSettings {
     }
 }
 
-/// Thicknesses that the kernel reaches.
+/// Cut-off of the kernel, in thicknesses.
 const REACH: f64 = 6.0;
 
 #[derive(Debug)]
@@ -57,7 +57,7 @@ struct Stretch {
     ratio: f64,
     /// m
     thickness: f64,
-    /// Of each place the kernel's sum over all others, once it has been asked for.
+    /// The kernel's sum over all other triangles for each triangle, once computed.
     weights: Vec<Option<f64>>,
 }
 
@@ -127,7 +127,7 @@ mod tests {
         let middle = |column: usize| losses[40 * side + column];
         assert!((middle(15) - 0.7).abs() < 1e-12, "{}", middle(15));
         assert_eq!(middle(70), 0.0);
-        // Half-way between the last pressed column and the first free one half of the kernel is pressed.
+        // Half-way between the last pressed column and the first free one, half of the kernel is pressed.
         let both = middle(40) + middle(41);
         assert!((both - 0.7).abs() < 1e-3, "{both}");
         assert!(middle(44) > middle(48) && middle(48) > 0.0);

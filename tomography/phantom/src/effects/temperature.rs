@@ -1,4 +1,4 @@
-//! Temperature: sigma (1 - alpha (T - T0)), alpha the coefficient of resistance, under a room that warms and cools.
+//! Temperature: sigma (1 - alpha (T - T0)), alpha the coefficient of resistance, in a room with periodic temperature.
 //!
 //! alpha = -0.05 to -0.4 % per degC for carbon nanotubes in latex; a room cycles by 1 to 5 degC a day (fact sheet,
 //! section 2.3): 3e-4 of the largest reading per degC at 0.2 %. Leave it out below a minute.
@@ -11,17 +11,17 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnSheet, SheetResponse};
 
-/// The room, and what the sheet makes of it.
+/// The room's temperature, and the sheet's response.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TemperatureSettings {
     /// Coefficient of resistance, % per degC.
     pub percent_per_c: f64,
-    /// Amplitude of the room's cycle, degC; half of what lies between its warmest and its coldest.
+    /// Amplitude of the room's cycle, degC: half the difference between its warmest and its coldest.
     pub room_c: f64,
     /// Length of the cycle, h.
     pub period_h: f64,
-    /// The sheet is computed anew so often, s: what changes within is left out.
+    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
     pub every_s: f64,
 }
 

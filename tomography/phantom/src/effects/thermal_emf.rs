@@ -1,8 +1,8 @@
-//! Thermal voltages of the relays: each channel has one of its own, which wanders.
+//! Thermal voltages of the relays: each channel has its own, which wanders.
 //!
 //! Less than 3 uV on armature and FET modules, less than 50 uV on reed modules; Ornstein-Uhlenbeck with a time constant
-//! of 5 to 30 minutes and 30 % of that figure as rms (fact sheet, section 2.2). Does not turn with the current: current
-//! reversal removes it.
+//! of 5 to 30 minutes and 30 % of that figure as rms (fact sheet, section 2.2). Does not reverse with the current, so
+//! current reversal removes it.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use super::wander::Wander;
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
-/// How large the thermal voltages are.
+/// Size of the thermal voltages.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ThermalEmfSettings {
@@ -54,7 +54,7 @@ impl Effect for ThermalEmfSettings {
 pub(super) struct ThermalEmf {
     settings: ThermalEmfSettings,
     seed: u64,
-    /// By the channel that leads to the voltmeter; its bare input is one too.
+    /// By channel to the voltmeter; `None` is its direct input.
     channels: BTreeMap<Option<Relay>, Wander>,
 }
 
@@ -72,7 +72,7 @@ impl OnReading for ThermalEmf {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
         let (seed, tau) = (self.seed, survey::duration(self.settings.tau_s));
         let channel = self.channels.entry(context.relay).or_insert_with(|| {
-            // A stream for each channel: the order in which they are read changes no number.
+            // One random stream per channel, so that the order of reading changes no number.
             let name = format!("thermal-emf {:?}", context.relay.map(|relay| relay.0));
             Wander::new(tau, stream(seed, &name))
         });

@@ -1,7 +1,7 @@
 //! Gain and offset of the voltmeter: v (1 + g) + o, the same at every reading.
 //!
 //! Within a year of calibration: 0.0050 % of reading + 0.0040 % of range at 0.1 V, 0.0040 + 0.0007 at 1 V, 0.0035 +
-//! 0.0005 at 10 V (fact sheet, section 2.1). Difference imaging within a day does not see it.
+//! 0.0005 at 10 V (fact sheet, section 2.1). Difference imaging within a day is not affected.
 
 use serde::{Deserialize, Serialize};
 use survey::Volts;
@@ -10,7 +10,7 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse};
 use crate::scan::ReadingContext;
 
-/// How far the voltmeter is off.
+/// Errors of the voltmeter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VoltmeterGainSettings {

@@ -11,11 +11,11 @@ use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnReading, SheetResponse, stream};
 use crate::scan::ReadingContext;
 
-/// How strong the noise is.
+/// Size of the noise.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VoltmeterNoiseSettings {
-    /// Fixed rms of one reading, uV; left out, it follows from range and NPLC.
+    /// Fixed rms of one reading, uV; by default it follows from range and NPLC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uv: Option<f64>,
 }

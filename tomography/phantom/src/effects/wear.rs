@@ -1,8 +1,8 @@
-//! Wear: a relay sticks, open or closed, when its life is over.
+//! Wear: a relay sticks, open or closed, at the end of its life.
 //!
-//! Each relay has a life of its own, Weibull distributed: life (-ln u)^(1/k) closures, k the shape of the hazard, rising
-//! with use for k > 1; and, when it ends, its way of failing. 1e7 to 1e8 closures at light load (fact sheet, section 2.2).
-//! Who has the relays counts their closures. Leave it out below 1e6 of them.
+//! Each relay has its own life, Weibull distributed: life (-ln u)^(1/k) closures, k the shape of the hazard, rising
+//! with use for k > 1; and its own way of failing. 1e7 to 1e8 closures at light load (fact sheet, section 2.2). The
+//! caller counts the closures. Leave it out below 1e6 of them.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use survey::Relay;
 use super::bounds::{Bounds, Fault};
 use super::{Effect, Effects, OnWires, RelayContact, SheetResponse, stream};
 
-/// How long relays live.
+/// Life of the relays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct WearSettings {
@@ -21,7 +21,7 @@ pub struct WearSettings {
     pub life_closures: f64,
     /// Weibull's shape: 1 for failures at any age, more for wear.
     pub shape: f64,
-    /// Closures that every relay has behind it at the start.
+    /// Closures of every relay before the start.
     pub behind_closures: f64,
     /// Share of the relays that stick closed, %; the others stick open.
     pub closed_percent: f64,
@@ -55,7 +55,7 @@ impl Effect for WearSettings {
     }
 
     fn predict(&self, response: &dyn SheetResponse) -> f64 {
-        // A worn channel reads nothing. Each relay of the sheet closes about once for every reading of its pair.
+        // A worn channel reads nothing. Each relay of the sheet closes about once per reading of its pair.
         let scan = response.scan();
         let closures = (scan.frames * scan.protocol.len()) as f64;
         let each = closures / scan.protocol.drives().len().max(1) as f64;
@@ -85,7 +85,7 @@ struct Wear {
 
 impl OnWires for Wear {
     fn act(&mut self, relay: Relay, closures: u64, _at: Duration, contact: &mut RelayContact) {
-        // A stream for each relay: the order in which they close changes no life.
+        // One random stream per relay, so that the order of closing changes no life.
         let mut stream = stream(self.seed, &format!("wear {}", relay.0));
         let [life, way]: [f64; 2] = [(); 2].map(|()| stream.random());
         // 1 - life lies in (0, 1]: no logarithm of zero.

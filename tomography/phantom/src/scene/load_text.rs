@@ -1,4 +1,4 @@
-//! A load as a scene writes it: its shape, how much it presses and how, when, and its way.
+//! A load in a scene's text: shape, size, force distribution, times and path.
 
 use std::ops::Range;
 use std::time::Duration;
@@ -30,7 +30,7 @@ enum ContactName {
     Punch,
 }
 
-/// A place on a load's way; what is left out stays as it was.
+/// A point on a load's path; omitted values stay as they were.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct WaypointText {
@@ -114,7 +114,7 @@ impl LoadText {
                         distance_mm: need(&self.distance_mm, "distance_mm")?,
                     },
                 ),
-                // What a sphere touches follows from its force.
+                // The contact area of a sphere depends on its force.
                 ShapeName::Sphere => (
                     &["diameter_mm"][..],
                     Shape::Disc {
@@ -199,7 +199,7 @@ impl LoadText {
             shape,
             centre_mm: [*self.x_mm.get_ref(), self.y_mm],
             turn_deg: self.turn_deg,
-            // Computed below, with the shape that a sphere takes.
+            // Computed below, with the sphere's contact area.
             loss: 0.0,
         };
         load.check()
@@ -246,7 +246,7 @@ impl LoadText {
 }
 
 impl WaypointText {
-    /// The waypoint that follows another one.
+    /// The waypoint after another one.
     fn after(
         self,
         (then, [x, y], amount): (Duration, [f64; 2], Amount),
@@ -300,7 +300,7 @@ impl WaypointText {
     }
 }
 
-/// How a load's force is spread, where its shape and its amount allow it.
+/// The distribution of a load's force, if shape and amount allow it.
 fn contact(
     shape: ShapeName,
     named: Option<&Spanned<ContactName>>,
@@ -336,7 +336,7 @@ fn contact(
 }
 
 impl TimedLoad {
-    /// Hertz's law is one of small contacts: a sphere cannot touch more than its own width.
+    /// Hertz's law holds for small contacts: the contact of a sphere cannot be wider than the sphere.
     fn sinks(&self, amount: Amount, law: &Law) -> Result<(), String> {
         if let (Contact::Sphere { radius_mm }, Amount::Mass(mass_g)) = (self.contact, amount) {
             let modulus = law.pressure.modulus_kpa;
@@ -353,7 +353,7 @@ impl TimedLoad {
     }
 }
 
-/// Refuses a load that lies beside the sheet.
+/// Refuses a load outside the sheet.
 fn on_the_sheet(load: &Load, sheet: &Preset) -> Result<(), LoadError> {
     let outline = load.outline();
     let beside = match sheet {
@@ -376,7 +376,7 @@ fn on_the_sheet(load: &Load, sheet: &Preset) -> Result<(), LoadError> {
     Ok(())
 }
 
-/// Whether a polygon comes nearer to the origin than a radius, or holds it.
+/// Whether a polygon contains the origin or comes nearer to it than a radius.
 fn reaches(outline: &[[f64; 2]], radius: f64) -> bool {
     let count = outline.len();
     let mut turns = 0.0;

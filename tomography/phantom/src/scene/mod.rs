@@ -1,4 +1,4 @@
-//! Scenes: sheet, loads on a time line, effects, seed; written in TOML, refused as file:line:column.
+//! Scenes: sheet, loads on a time line, effects, seed. Written in TOML; errors name file:line:column.
 
 mod load_text;
 mod unknown;
@@ -18,21 +18,21 @@ use crate::press::TimedLoad;
 use crate::repeat::Repeat;
 use load_text::LoadText;
 
-/// How much finer than its preset the phantom's mesh is, unless the scene says.
+/// Default fineness of the phantom's mesh relative to its preset.
 pub const FINER: f64 = 1.5;
 
-/// Something that goes wrong with the instruments, and when. Its words are those of whoever has the instruments.
+/// A fault of the instruments, and when it happens. The text is interpreted by the simulated instruments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneFault {
-    /// When it happens.
+    /// Start.
     pub at: Duration,
-    /// How long it lasts; `None` for good, or for what passes by itself.
+    /// Duration; `None` for ever, or for a fault without duration.
     pub lasts: Option<Duration>,
-    /// How it happens again; `None` for once.
+    /// Repetition; `None` for once.
     pub repeat: Option<Repeat>,
-    /// What happens.
+    /// The fault, as text.
     pub what: String,
-    /// Where the words stand: `file:line:column`.
+    /// Position of the text: `file:line:column`.
     pub place: String,
 }
 
@@ -46,28 +46,28 @@ impl SceneFault {
     }
 }
 
-/// What is simulated.
+/// A simulated sheet with its loads, effects and faults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
-    /// What a person calls it.
+    /// Name for people.
     pub name: String,
-    /// From which every effect's random stream follows.
+    /// Seed of every effect's random stream.
     pub seed: u64,
-    /// The sheet with its resistance and contacts, at the fineness of the phantom's own mesh.
+    /// The sheet with its resistance and contacts, with the fineness of the phantom's mesh.
     pub sheet: Preset,
-    /// What foam is made of.
+    /// Properties of the foam.
     pub pressure: Pressure,
     /// The time line.
     pub loads: Vec<TimedLoad>,
-    /// The effects, none unless named.
+    /// The effects; none unless named.
     pub effects: EffectSettings,
-    /// What goes wrong with the instruments, on the same time line.
+    /// Faults of the instruments, on the same time line.
     pub faults: Vec<SceneFault>,
-    /// Electrodes whose contact is not the sheet's own, with its resistance, ohm; 1e9 is as good as detached.
+    /// Electrodes with a contact resistance of their own, ohm; 1e9 is practically detached.
     pub contacts: Vec<(Electrode, f64)>,
 }
 
-/// Why a text is not a scene: `file:line:column: what is wrong`.
+/// Why a text is not a valid scene: `file:line:column: what is wrong`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{file}:{line}:{column}: {fault}")]
 pub struct SceneError {
@@ -105,7 +105,7 @@ struct Text {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ContactText {
-    /// From 1.
+    /// Counted from 1.
     electrode: usize,
     ohm: f64,
 }
@@ -119,7 +119,7 @@ struct FaultText {
     what: Spanned<String>,
 }
 
-/// How a load comes again, or a fault happens again.
+/// Repetition of a load or fault.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RepeatText {
@@ -128,7 +128,7 @@ struct RepeatText {
 }
 
 impl RepeatText {
-    /// What lasts so long comes again only after it is over.
+    /// Checks that the period is longer than the duration.
     fn repeat(self, lasts: Duration, what: &str) -> Result<Repeat, Fault> {
         let every = *self.every_s.get_ref();
         let repeat = Repeat::new(every, *self.times.get_ref()).map_err(|refusal| {
@@ -148,7 +148,7 @@ impl RepeatText {
     }
 }
 
-/// The phantom's own mesh, relative to the sheet's.
+/// The phantom's mesh, relative to the sheet's.
 #[derive(Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct MeshText {
@@ -176,11 +176,11 @@ struct PressureText {
 struct Fault(Range<usize>, String);
 
 impl Scene {
-    /// Reads a scene; the file's name only appears in messages. What is left out has a default: the paper's sheet, no
-    /// load, no effect, seed 0, a mesh 1.5 times finer than the sheet's.
+    /// Reads a scene; the file's name is only used in messages. Defaults: the paper's sheet, no load, no effect, seed
+    /// 0, a mesh 1.5 times finer than the sheet's.
     ///
     /// # Errors
-    /// A key that is unknown or missing, a value that is none, with its place.
+    /// An unknown or missing key, or an invalid value, with its position.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, SceneError> {
         let place = |span: &Range<usize>| {
             let before = text.get(..span.start).unwrap_or(text);
@@ -215,7 +215,7 @@ impl Scene {
             })
     }
 
-    /// The paper's sheet, untouched, without effects.
+    /// The paper's sheet without loads or effects.
     pub fn quiet() -> Self {
         Self {
             name: "quiet".to_owned(),
@@ -230,7 +230,7 @@ impl Scene {
     }
 
     /// The paper's Test #1 with S1 at one of its 16 positions (see [`paper::test1_positions`]) from the start; `None`
-    /// for a position beyond.
+    /// for a larger index.
     pub fn paper_test1(position: usize) -> Option<Self> {
         let centre = *paper::test1_positions().get(position)?;
         Some(Self {
@@ -367,7 +367,7 @@ fn pressure(
     })
 }
 
-/// Where the value of a key stands.
+/// Position of a key's value in the text.
 fn key_span(text: &str, path: &[&str]) -> Option<Range<usize>> {
     let (last, tables) = path.split_last()?;
     let whole = toml::de::DeTable::parse(text).ok()?;
@@ -378,7 +378,7 @@ fn key_span(text: &str, path: &[&str]) -> Option<Range<usize>> {
     table.get(*last).map(Spanned::span)
 }
 
-/// What stands in the text and where, or its default.
+/// A value and its position in the text, or its default.
 fn spanned<T: Default>(value: Option<Spanned<T>>) -> (Range<usize>, T) {
     value.map_or_else(
         || (0..0, T::default()),

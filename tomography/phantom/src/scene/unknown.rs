@@ -1,10 +1,10 @@
-//! An effect or a key that there is not: what was perhaps meant, and what there is.
+//! Errors for unknown effects and keys, with a suggestion and the list of valid names.
 
 use std::ops::Range;
 
 use crate::effects::EffectSettings;
 
-/// The first effect that a scene's text names and that there is not: where, and what to say.
+/// The first unknown effect in a scene's text: its position, and the message.
 pub(super) fn unknown_effect(text: &str) -> Option<(Range<usize>, String)> {
     let whole = toml::de::DeTable::parse(text).ok()?;
     let effects = whole.get_ref().get("effects")?.get_ref().as_table()?;
@@ -22,7 +22,7 @@ pub(super) fn unknown_effect(text: &str) -> Option<(Range<usize>, String)> {
     ))
 }
 
-/// The name that is fewest letters away, or that has the other in it.
+/// The name with the smallest edit distance, or one that contains the other.
 fn near<'a>(requested: &str, names: &[&'a str]) -> Option<&'a str> {
     let requested = requested.to_lowercase().replace('_', "-");
     let away = |name: &str| match name.contains(&requested) || requested.contains(name) {
@@ -33,7 +33,7 @@ fn near<'a>(requested: &str, names: &[&'a str]) -> Option<&'a str> {
     (away(nearest) <= (requested.len() / 3).max(1)).then_some(*nearest)
 }
 
-/// Letters to add, take away or change (Levenshtein).
+/// Edit distance (Levenshtein).
 fn letters_apart(one: &str, other: &str) -> usize {
     let other: Vec<char> = other.chars().collect();
     let mut row: Vec<usize> = (0..=other.len()).collect();
@@ -49,7 +49,7 @@ fn letters_apart(one: &str, other: &str) -> usize {
     row[other.len()]
 }
 
-/// To a message about an unknown key, the allowed key that it is without its unit.
+/// Adds to a message about an unknown key the valid key that differs only by its unit.
 pub(super) fn with_unit(message: &str) -> String {
     let Some((_, rest)) = message.split_once("unknown field `") else {
         return String::new();
