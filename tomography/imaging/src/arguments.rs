@@ -1,4 +1,4 @@
-//! The options of a method, the same for every program that has them on its command line.
+//! The options of a method, shared by all programs that have them on the command line.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -97,9 +97,9 @@ impl FromStr for PriorArgument {
 /// How the hyper-parameter is chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ChooseArgument {
-    /// By a rule from frames.
+    /// By a rule applied to frames.
     Rule(HyperRule),
-    /// The one with this noise figure.
+    /// The value with this noise figure.
     NoiseFigure(f64),
 }
 
@@ -120,7 +120,7 @@ impl FromStr for ChooseArgument {
 }
 
 impl MethodArguments {
-    /// What the options say, and nothing else.
+    /// The settings given by the options, without defaults.
     ///
     /// # Errors
     /// An exponent that is given twice, or with another prior.
@@ -154,10 +154,10 @@ impl MethodArguments {
         })
     }
 
-    /// The first option that the method does not look at, in words.
+    /// Refuses options that the method does not use.
     ///
     /// # Errors
-    /// That sentence; an option without effect is a mistake.
+    /// An error naming the first such option; an option without effect is a mistake.
     pub fn check(requested: &ReconstructionSettings, method: Method) -> Result<(), String> {
         let settings = ReconstructionSettings {
             method: Some(method),
@@ -175,7 +175,7 @@ impl MethodArguments {
     }
 }
 
-/// The option that says what a key of the configuration says.
+/// The command-line option for a configuration key.
 fn option(key: &str) -> String {
     match key {
         "noise_uv" => "noise-v".to_owned(),

@@ -1,4 +1,4 @@
-//! Whether a baseline was taken with a load on the sheet: it is mapped like a frame, against the baseline before it and
+//! Detects a load on the sheet during a baseline: maps the baseline like a frame, against the previous baseline and
 //! against a uniform sheet.
 
 use std::sync::Arc;
@@ -9,13 +9,13 @@ use survey::{Baseline, Reading, Volts};
 use crate::noise::{against, factor};
 use crate::{Geometry, map_noise};
 
-/// Relative loss against the baseline before below which creep and temperature explain it.
+/// Relative loss against the previous baseline below which creep and temperature explain it.
 const LEAST_CHANGE: f64 = 0.03;
-/// Relative loss against a uniform sheet below which its own unevenness and its contacts explain it.
+/// Relative loss against a uniform sheet below which uneven spraying and contacts explain it.
 const LEAST_UNEVEN: f64 = 0.1;
 
-/// What a person should know before a baseline is used, a sentence each: where it differs from the baseline `before` it,
-/// and from a uniform sheet. Nothing where the method makes no map of it.
+/// Warnings about a baseline, a sentence each: where it differs from the previous baseline `before`, and from a uniform
+/// sheet. Empty if the method makes no map of it.
 pub fn baseline_remarks(
     reconstructor: &dyn Reconstructor,
     geometry: &Geometry,
@@ -30,7 +30,7 @@ pub fn baseline_remarks(
         if let Some(seen) = loss_between(reconstructor, change, noise, LEAST_CHANGE) {
             remarks.push(format!("against baseline {} {seen}", before.id));
         }
-        // loads taken away since
+        // loads that were removed since
         if let Some(seen) = loss_between(reconstructor, (change.1, change.0), noise, LEAST_CHANGE) {
             remarks.push(format!(
                 "baseline {} before it {seen}; it may have been taken with a load",
@@ -47,7 +47,7 @@ pub fn baseline_remarks(
     remarks
 }
 
-/// Readings of a uniform sheet at 1 A, the baseline brought to their size, and by how much it was larger.
+/// Readings of a uniform sheet at 1 A, the baseline scaled to them, and the scale factor.
 fn uniform(
     reconstructor: &dyn Reconstructor,
     geometry: &Geometry,
@@ -65,8 +65,8 @@ fn uniform(
     Some((uniform, scaled.collect(), gain))
 }
 
-/// Where the second readings show a loss against the first, in words; `None` where it is within their noise (standard
-/// deviation of one reading) or below `least`.
+/// Where the second readings show a loss against the first, in words; `None` if the loss is within their noise
+/// (standard deviation of one reading) or below `least`.
 fn loss_between(
     reconstructor: &dyn Reconstructor,
     (before, now): (&[Reading], &[Reading]),

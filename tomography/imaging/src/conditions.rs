@@ -1,4 +1,4 @@
-//! What frames are taken with, and which are known before a method is settled.
+//! Conditions of the measurement, and the frames available for the choice of a method's parameters.
 
 use std::sync::Arc;
 
@@ -7,16 +7,16 @@ use survey::{Amps, Protocol, Reading, Volts};
 
 use crate::geometry::Geometry;
 
-/// Frames that are known before a method is settled, with the unloaded state: what its rules look at.
+/// Frames from which rules choose a method's parameters, with their baseline.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// The unloaded state.
+    /// The baseline.
     pub baseline: Vec<Reading>,
     /// The frames.
     pub frames: Vec<Vec<Reading>>,
 }
 
-/// What frames are taken with, and what is known of them before any is reconstructed.
+/// Conditions of the measurement that a reconstruction needs.
 #[derive(Debug, Clone)]
 pub struct Conditions<'a> {
     /// The sheet or tank.
@@ -25,18 +25,18 @@ pub struct Conditions<'a> {
     pub protocol: &'a Protocol,
     /// Current of the frames, or the factor from the model's readings at 1 A to the recording's unit.
     pub current: Amps,
-    /// Standard deviation of one reading, V, where the settings do not say it; else
+    /// Standard deviation of one reading, V, if the settings do not give it. Default:
     /// [`DEFAULT_NOISE_UV`](crate::noise::DEFAULT_NOISE_UV).
     pub noise_v: Option<f64>,
-    /// How the baseline's own scale enters the model-based methods.
+    /// Scaling of the baseline to the model, for model-based methods.
     pub scale: Scale,
-    /// Frames that are known; without them a method that looks at frames is settled by the first
-    /// [`FRAMES_LOOKED_AT`](crate::FRAMES_LOOKED_AT) that it is given.
+    /// Available frames. Without them, a method whose rules need frames takes the first
+    /// [`FRAMES_LOOKED_AT`](crate::FRAMES_LOOKED_AT) frames that it receives.
     pub sample: Option<&'a Sample>,
 }
 
 impl<'a> Conditions<'a> {
-    /// Of frames that are still to be measured.
+    /// For a live measurement, without available frames.
     pub fn live(geometry: &'a Geometry, protocol: &'a Protocol, current: Amps) -> Self {
         Self {
             geometry,
@@ -49,8 +49,9 @@ impl<'a> Conditions<'a> {
     }
 }
 
-/// A frame of the sheet with a load, for trials before there is a real one: half of the conductance is lost on a disc in the
-/// middle of the region, of a tenth of its area; each reading of the baseline changes by the model's share.
+/// A simulated frame with a load, for trials before the first real one: half of the conductance is lost on a disc in
+/// the middle of the region, of a tenth of its area; each reading of the baseline changes by the same ratio as the
+/// model's.
 ///
 /// # Errors
 /// The forward model cannot be solved.

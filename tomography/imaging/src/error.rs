@@ -1,14 +1,14 @@
-//! Why there is no reconstructor.
+//! Errors of building a reconstructor.
 
 use std::path::PathBuf;
 
 use eit::inverse::learned::network::OnnxError;
 
-/// A half frame is not doubled for a model of whole ones: both readings of a pair would have the same noise, which a model
-/// trained on independent noise takes for a change of the sheet.
+/// A half frame is not completed for a model of whole frames: both readings of a pair would have the same noise, which
+/// a model trained on independent noise would interpret as a change of the sheet.
 const HALF: &str = ", or set survey.half = false (a whole frame), or take method = \"one-step\", which maps a half frame as it is";
 
-/// Why there is no reconstructor.
+/// Why no reconstructor can be built.
 #[derive(Debug, thiserror::Error)]
 pub enum BuildError {
     /// The model file cannot be read.
@@ -20,7 +20,7 @@ pub enum BuildError {
         #[source]
         cause: eit::ModelError,
     },
-    /// The model takes other readings than the frames have.
+    /// The model was made for another protocol.
     #[error(
         "model {model} asks {asks} readings of {model_electrodes} electrodes (survey {model_hash}), this rig asks {rig} \
          of {rig_electrodes} (survey {rig_hash}); use a model trained for this rig{}",
@@ -33,15 +33,15 @@ pub enum BuildError {
         asks: usize,
         /// Electrodes of the model.
         model_electrodes: usize,
-        /// Of what the model was made for, shortened.
+        /// Hash of the model's protocol, shortened.
         model_hash: String,
         /// Readings of the frames.
         rig: usize,
         /// Electrodes of the frames.
         rig_electrodes: usize,
-        /// Of what is used here, shortened.
+        /// Hash of the protocol in use, shortened.
         rig_hash: String,
-        /// Whether the rig reads half of what the model asks, and the other half is equal by reciprocity.
+        /// Whether the rig measures half of the model's readings, and the other half is equal by reciprocity.
         half: bool,
     },
     /// The model was made for another geometry.
@@ -52,11 +52,11 @@ pub enum BuildError {
     Geometry {
         /// The model file.
         model: String,
-        /// Of what the model was made for, shortened.
+        /// Hash of the model's geometry, shortened.
         model_hash: String,
-        /// Of what is used here, shortened.
+        /// Hash of the geometry in use, shortened.
         rig_hash: String,
-        /// What the geometry is called.
+        /// Name of the geometry in use.
         geometry: String,
     },
     /// An ONNX file cannot be used.
@@ -71,7 +71,7 @@ pub enum BuildError {
     /// The forward model cannot be solved.
     #[error("the forward model: {0}")]
     Forward(#[from] eit::ForwardError),
-    /// A recording that was not made with this geometry.
+    /// The recording was not made with this geometry.
     #[error(
         "the baseline does not look like this geometry: it is zero, its readings have the opposite sign of the model's, or \
          none is valid; if they are magnitudes, say --negate"
@@ -91,7 +91,7 @@ pub enum BuildError {
 }
 
 impl BuildError {
-    /// Whether the file is sound and only made for something else.
+    /// Whether the file is valid but made for something else.
     pub fn is_mismatch(&self) -> bool {
         matches!(
             self,

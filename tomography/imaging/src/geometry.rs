@@ -1,4 +1,4 @@
-//! The sheet or tank as the reconstruction sees it.
+//! The geometry of the sheet or tank for the reconstruction.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -38,10 +38,10 @@ pub struct GeometrySettings {
     pub disc_tank: Option<DiscTank>,
 }
 
-/// Why there is no geometry.
+/// Errors of geometries.
 #[derive(Debug, thiserror::Error)]
 pub enum GeometryError {
-    /// A preset and a case folder at once.
+    /// Both a preset and a case folder.
     #[error("give a preset or a case folder, not both")]
     PresetAndCase,
     /// The case folder cannot be read.
@@ -53,17 +53,17 @@ pub enum GeometryError {
         #[source]
         cause: CaseError,
     },
-    /// The measures of the preset contradict each other.
+    /// The dimensions of the preset are inconsistent.
     #[error("the preset makes no mesh")]
     Preset(#[source] MeshError),
 }
 
 impl GeometrySettings {
-    /// Reads or makes the geometry. `recorded` is a case folder that a recording brings along: it is used where the
-    /// settings name no other folder and it holds a mesh.
+    /// Reads or makes the geometry. `recorded` is a case folder supplied by a recording: it is used if it contains a
+    /// mesh and the settings name no other folder.
     ///
     /// # Errors
-    /// Settings that contradict each other, or a case folder or preset that makes no mesh.
+    /// Settings that contradict each other, or an invalid case folder or preset.
     pub fn geometry(&self, recorded: Option<&Path>) -> Result<Geometry, GeometryError> {
         if self.preset.is_some() && self.case.is_some() {
             return Err(GeometryError::PresetAndCase);
@@ -81,7 +81,7 @@ impl GeometrySettings {
     }
 }
 
-/// Whether a case folder holds a mesh.
+/// Whether a case folder contains a mesh.
 pub fn has_mesh(folder: &Path) -> bool {
     folder.join("nodes.csv").exists()
 }
@@ -89,7 +89,7 @@ pub fn has_mesh(folder: &Path) -> bool {
 /// A mesh with its contacts and its unloaded conductance.
 #[derive(Debug, Clone)]
 pub struct Geometry {
-    /// What a person calls it: `preset disc-tank`, `case FOLDER`.
+    /// Name for people: `preset disc-tank`, `case FOLDER`.
     pub name: String,
     /// The mesh with its electrodes and region.
     pub mesh: Arc<Mesh>,
@@ -97,9 +97,9 @@ pub struct Geometry {
     pub contact_ohm_m: Vec<f64>,
     /// Unloaded conductance of each triangle, S per square.
     pub sigma0: Vec<f64>,
-    /// Whether `sigma0` was given; else it is 1 mS throughout.
+    /// Whether `sigma0` was given; otherwise it is 1 mS throughout.
     pub sigma0_known: bool,
-    /// Whether it is a case folder's, which gives its conductance together with the currents of the readings.
+    /// Whether it comes from a case folder, which also gives the currents of the readings.
     pub from_case: bool,
 }
 
@@ -116,7 +116,7 @@ impl Geometry {
         Ok(Self::of_case(&case, format!("case {}", folder.display())))
     }
 
-    /// The geometry of a case that has been read.
+    /// The geometry of a case already read.
     pub fn of_case(case: &Case, name: String) -> Self {
         Self {
             name,

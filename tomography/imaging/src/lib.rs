@@ -1,8 +1,7 @@
-//! From settings to a geometry and a [`Reconstructor`](eit::Reconstructor): the one place where it is decided how
-//! voltages become a map. The daemon, the command line programs and every other reader of frames use it, so that a map
-//! that is made again has the same bits.
+//! Builds a geometry and a [`Reconstructor`](eit::Reconstructor) from settings. The daemon, the command line programs
+//! and all other readers of frames use this crate, so that recomputed maps have the same bits.
 //!
-//! Left to others: the mathematics (crate `eit`), instruments, the bus, drawing, and the programs' own options.
+//! Not included: the mathematics (crate `eit`), instruments, D-Bus, drawing, and the programs' own options.
 //!
 //! ```
 //! use imaging::{Conditions, GeometrySettings, PresetName, ReconstructionSettings};

@@ -1,4 +1,4 @@
-//! What the noise of readings alone makes of a map: below it nothing is found.
+//! Significance threshold of a map, from the noise of readings alone.
 
 use eit::Reconstructor;
 use rand::SeedableRng;
@@ -6,15 +6,15 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use survey::{Reading, Volts};
 
-/// Frames of an untouched sheet that are drawn.
+/// Number of simulated frames of an unloaded sheet.
 const DRAWS: usize = 8;
-/// A map is significant beyond so many times the mean of their largest losses: the draws are independent from reading to
-/// reading, and the noise of a real instrument is not.
+/// Threshold over the mean of their largest losses: the draws are independent between readings, the noise of real
+/// instruments is not.
 const FACTOR: f64 = 2.0;
 
-/// The largest relative loss that noise of one reading (standard deviation, in the unit of the baseline) makes of an
-/// untouched sheet, by maps of seeded draws: twice their mean. A map whose largest loss is not
-/// above it shows nothing. `None` where the method makes no map of an untouched sheet.
+/// Threshold of significance: twice the mean, over seeded draws, of the largest relative loss that noise of one reading
+/// (standard deviation, in the unit of the baseline) causes on an unloaded sheet. A map without a larger loss shows
+/// nothing. `None` if the method makes no map of an unloaded sheet.
 pub fn map_noise(
     reconstructor: &dyn Reconstructor,
     baseline: &[Reading],

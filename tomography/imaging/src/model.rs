@@ -1,4 +1,4 @@
-//! A reconstructor that is ready for frames.
+//! A reconstructor ready for frames, with its origin and remarks.
 
 use std::sync::Arc;
 
@@ -6,25 +6,25 @@ use eit::{Calibration, LossOnly, Reconstructor};
 
 use crate::methods::AfterFrames;
 
-/// A reconstructor and where it comes from.
+/// A reconstructor with its origin.
 #[derive(Clone)]
 pub struct Model {
     /// Makes the maps.
     pub reconstructor: Arc<dyn Reconstructor>,
-    /// Of the model file; `None` for a method without one.
+    /// Hash of the model file; `None` for a method without one.
     pub hash: Option<String>,
-    /// From its maps to pressure; `None` where none is configured.
+    /// Conversion of its maps to pressure; `None` if not configured.
     pub calibration: Option<Arc<Calibration>>,
-    /// What was decided, and what to know of it, a sentence each.
+    /// Decisions and remarks, a sentence each.
     pub notes: Vec<String>,
-    /// Whether a frame takes so long that frames are better made side by side.
+    /// Whether frames take so long that they should be reconstructed in parallel.
     pub slow: bool,
-    /// The reconstructor once more, where it is settled by the first frames that it is given.
+    /// The same reconstructor, if its parameters are chosen from the first frames.
     pub(crate) after_frames: Option<Arc<AfterFrames>>,
 }
 
 impl Model {
-    /// A reconstructor without model file, calibration and notes.
+    /// Wraps a reconstructor without model file, calibration and remarks.
     pub fn new(reconstructor: Arc<dyn Reconstructor>) -> Self {
         Self {
             reconstructor,
@@ -36,7 +36,7 @@ impl Model {
         }
     }
 
-    /// A trained reconstructor; `loss_only` cuts its maps to losses.
+    /// Wraps a trained reconstructor; `loss_only` clips its maps to losses.
     pub fn trained(trained: Box<dyn Reconstructor>, loss_only: bool) -> Self {
         Self::new(match loss_only {
             true => Arc::new(LossOnly::new(trained)),
@@ -44,7 +44,7 @@ impl Model {
         })
     }
 
-    /// The same for another run of frames: a method that is settled by its first frames has seen none.
+    /// A copy for another run of frames: parameters chosen from the first frames are chosen again.
     pub fn for_session(&self) -> Self {
         let Some(after_frames) = &self.after_frames else {
             return self.clone();
@@ -57,12 +57,12 @@ impl Model {
         }
     }
 
-    /// Whether the method is settled by the first frames that it is given.
+    /// Whether its parameters are chosen from the first frames.
     pub fn looks_at_frames(&self) -> bool {
         self.after_frames.is_some()
     }
 
-    /// What was decided since this was last called, in a sentence; `None` where nothing was.
+    /// The decision made since the last call, in a sentence; `None` if there is none.
     pub fn decided(&self) -> Option<String> {
         self.after_frames.as_ref()?.decided()
     }

@@ -1,4 +1,4 @@
-//! Trained models from files, checked against protocol and geometry, and found again by the hash that a session keeps.
+//! Trained models from files, checked against protocol and geometry, or located by the hash stored in a session.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,11 +11,11 @@ use crate::error::BuildError;
 use crate::geometry::Geometry;
 use crate::model::Model;
 
-/// Loads a model file and checks that it was made for this protocol, and for this geometry where one is given; an ONNX
-/// file says nothing of geometry and protocol, takes both from here, and cannot do without. `loss_only` cuts its maps.
+/// Loads a model file and checks that it was made for this protocol, and for this geometry if one is given. An ONNX
+/// file names neither, so it needs both from the caller. `loss_only` clips its maps to losses.
 ///
 /// # Errors
-/// A file that cannot be read, or that was made for something else.
+/// A file that cannot be read, or was made for another protocol or geometry.
 pub fn load(
     path: &Path,
     loss_only: bool,
@@ -41,7 +41,7 @@ pub fn load(
     Ok(Model { hash, ..model })
 }
 
-/// A network trained elsewhere; its file says nothing of sheet and survey, so both are this rig's.
+/// Loads an ONNX network; its file does not name geometry and protocol, so those of this rig are used.
 fn onnx(
     path: &Path,
     loss_only: bool,
@@ -126,7 +126,7 @@ fn has_hash(file: &Path, hash: &str) -> bool {
     std::fs::read(file).is_ok_and(|bytes| eit::model::fingerprint(&bytes) == hash)
 }
 
-/// The first twelve characters of a hash, enough to tell two apart.
+/// The first twelve characters of a hash, for display.
 pub fn short_hash(hash: &str) -> &str {
     hash.get(..12).unwrap_or(hash)
 }

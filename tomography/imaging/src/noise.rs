@@ -1,17 +1,18 @@
-//! What is assumed of the noise of one reading where nobody says it. A recorded map can only be made again to the bit
-//! while every program assumes the same.
+//! Default assumptions about the noise of one reading. Maps can only be reproduced to the bit if all programs use the
+//! same ones.
 
 use eit::{Forward, ForwardError};
 use survey::{Baseline, Protocol, Reading, Volts};
 
-/// Standard deviation of one reading where neither settings nor frames say it, uV: a 34980A on its 1 V range at 1 PLC.
+/// Default standard deviation of one reading, uV, if neither settings nor frames give it: a 34980A on its 1 V range at
+/// 1 PLC.
 pub const DEFAULT_NOISE_UV: f64 = 2.0;
-/// Noise assumed of a baseline that shows none, as a share of its readings' rms: the order of what a laboratory
-/// instrument repeats to.
+/// Noise assumed for a baseline that shows none, as a share of its readings' rms: the typical repeatability of a
+/// laboratory instrument.
 pub const ASSUMED_SHARE: f64 = 1e-3;
-/// What rounding alone leaves of a mean, as a share of the readings' rms; a smaller deviation says nothing about noise.
+/// Rounding error of a mean, as a share of the readings' rms; a smaller deviation contains no information on noise.
 pub const ROUNDING_SHARE: f64 = 1e-12;
-/// A stated noise contradicts a measured one that is so many times as large or as small.
+/// Ratio above which a stated and a measured noise contradict each other, in either direction.
 pub const CONTRADICTION: f64 = 2.0;
 
 /// Standard deviation of one reading of a recording, in the recording's unit.
@@ -24,8 +25,8 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// From the deviation that the baseline's frames show (rms over the readings) and the baseline itself; `None` where
-    /// no reading of the baseline is valid.
+    /// From the rms deviation of the baseline's frames and the baseline itself; `None` if no reading of the baseline is
+    /// valid.
     pub fn of_baseline(deviation: Option<f64>, baseline: &[Reading]) -> Option<Self> {
         let size = rms(baseline
             .iter()
@@ -39,13 +40,13 @@ impl Noise {
         )
     }
 
-    /// As [`Noise::of_baseline`], from the deviations that the baseline keeps.
+    /// As [`Noise::of_baseline`], from the deviations stored in the baseline.
     pub fn of(baseline: &Baseline) -> Option<Self> {
         let deviation = rms(baseline.deviation.iter().flatten().copied());
         Self::of_baseline(deviation, &baseline.readings)
     }
 
-    /// What the baseline's frames show, in the recording's unit; `None` where it is assumed.
+    /// The measured deviation, in the recording's unit; `None` if it is assumed.
     pub fn measured(self) -> Option<f64> {
         match self {
             Self::Measured(deviation) => Some(deviation),
@@ -61,8 +62,8 @@ impl Noise {
     }
 }
 
-/// Standard deviation of one reading that a method is set by, V, where the settings do not name it: what the baseline's
-/// frames show; of a single frame, which shows none, the voltmeter's resolution; else [`DEFAULT_NOISE_UV`].
+/// Standard deviation of one reading, V, if the settings do not give it: the deviation of the baseline's frames; for a
+/// single frame, which has none, the voltmeter's resolution; otherwise [`DEFAULT_NOISE_UV`].
 pub fn against(baseline: &Baseline) -> f64 {
     let resolution = || Some(baseline.settings.noise().0).filter(|_| baseline.frames < 2);
     Noise::of(baseline)
@@ -72,8 +73,8 @@ pub fn against(baseline: &Baseline) -> f64 {
         .unwrap_or(DEFAULT_NOISE_UV * 1e-6)
 }
 
-/// What is wrong with a configured noise, uV, where the baseline shows another by more than [`CONTRADICTION`]; `None`
-/// where they agree or the baseline shows none.
+/// The problem with a configured noise, uV, that differs from the baseline's by more than [`CONTRADICTION`]; `None` if
+/// they agree or the baseline shows none.
 pub fn contradiction(noise_uv: f64, baseline: &Baseline) -> Option<String> {
     let measured = Noise::of(baseline)?.measured()?;
     let factor = measured / (noise_uv * 1e-6);
@@ -82,8 +83,8 @@ pub fn contradiction(noise_uv: f64, baseline: &Baseline) -> Option<String> {
     (!agrees).then(|| contradicted(noise_uv, &shows, measured))
 }
 
-/// What is wrong with a configured noise, uV, that is below the voltmeter's own, V, by more than [`CONTRADICTION`]; `None`
-/// where it is not. More than the voltmeter's own is what a real rig has.
+/// The problem with a configured noise, uV, that is below the voltmeter's own, V, by more than [`CONTRADICTION`];
+/// otherwise `None`. A real rig may have more noise than the voltmeter.
 pub fn below_the_voltmeter(noise_uv: f64, resolution: f64) -> Option<String> {
     let below = resolution > CONTRADICTION * noise_uv * 1e-6;
     below.then(|| {
@@ -109,7 +110,7 @@ fn contradicted(noise_uv: f64, other: &str, noise: f64) -> String {
     )
 }
 
-/// Root mean square; `None` of no values, or of nothing but zeros.
+/// Root mean square; `None` without values, or if all are zero.
 pub fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (count, squares) = values.fold((0_usize, 0.0), |(count, squares), value| {
         (count + 1, squares + value * value)
@@ -117,8 +118,8 @@ pub fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0 && squares > 0.0).then(|| (squares / count as f64).sqrt())
 }
 
-/// By how much a baseline exceeds these readings of a model, in the least squares; `None` where they have opposite signs or
-/// no reading is valid.
+/// Least-squares ratio of a baseline to these readings of a model; `None` if they have opposite signs or no reading is
+/// valid.
 pub(crate) fn factor(model: impl Iterator<Item = f64>, baseline: &[Reading]) -> Option<f64> {
     let (mut both, mut own) = (0.0, 0.0);
     for (reading, ohms) in baseline.iter().zip(model) {
@@ -130,9 +131,9 @@ pub(crate) fn factor(model: impl Iterator<Item = f64>, baseline: &[Reading]) -> 
     Some(both / own).filter(|gain| *gain > 0.0 && gain.is_finite())
 }
 
-/// By how much a baseline exceeds the geometry's own readings at 1 A, in the least squares: the current, where
-/// conductance and unit are known; else the factor from the model's unit to the recording's. `None` where they have
-/// opposite signs or no reading is valid.
+/// Least-squares ratio of a baseline to the geometry's readings at 1 A: the current if conductance and unit are known,
+/// otherwise the factor from the model's unit to the recording's. `None` if they have opposite signs or no reading is
+/// valid.
 ///
 /// # Errors
 /// The forward model cannot be solved.
@@ -146,7 +147,7 @@ pub fn gain(
     Ok(factor(model.iter().copied(), baseline))
 }
 
-/// A geometry's readings at 1 A brought to these currents (A), one a reading.
+/// A geometry's readings at 1 A scaled to these currents (A), one per reading.
 pub(crate) fn at_currents<'a>(
     ohms: &'a [f64],
     currents: &'a [f64],
@@ -154,8 +155,8 @@ pub(crate) fn at_currents<'a>(
     ohms.iter().zip(currents).map(|(ohms, amps)| ohms * amps)
 }
 
-/// The uniform conductance, S per square, whose readings at these currents (A, one a reading) are nearest to the baseline in
-/// the least squares; `None` where the baseline does not look like the geometry.
+/// The uniform conductance, S per square, whose readings at these currents (A, one per reading) fit the baseline best
+/// in the least-squares sense; `None` if the baseline does not match the geometry.
 ///
 /// # Errors
 /// The forward model cannot be solved.
@@ -167,7 +168,7 @@ pub(crate) fn fitted_conductance(
     baseline: &[Reading],
 ) -> Result<Option<f64>, ForwardError> {
     let mut conductance = 1e-3;
-    // Readings are inversely proportional to the conductance but for the contacts' share: a few rounds are enough.
+    // Readings are inversely proportional to the conductance except for the contacts' share: a few iterations suffice.
     for _ in 0..20 {
         let sigma = vec![conductance; triangles];
         let ohms = forward.readings(&sigma, protocol)?;
@@ -198,7 +199,7 @@ mod tests {
         ];
         let of = |deviation| Noise::of_baseline(deviation, &baseline);
         assert_eq!(of(Some(1e-6)), Some(Noise::Measured(1e-6)));
-        // frames equal but for rounding
+        // frames equal except for rounding
         assert_eq!(of(Some(1e-13)), Some(Noise::Assumed(3e-3)));
         assert_eq!(of(None).map(Noise::deviation), Some(3e-3));
         assert_eq!(Noise::of_baseline(None, &[Reading::Overload]), None);
@@ -235,7 +236,7 @@ mod tests {
     fn a_method_is_set_by_the_noise_of_the_baseline() {
         let noisy = baseline(&[0.0499, 0.0501]);
         assert!((against(&noisy) / (0.0002 / 2_f64.sqrt()) - 1.0).abs() < 1e-9);
-        // one frame shows none: the voltmeter's resolution on its range
+        // a single frame shows no noise: the voltmeter's resolution on its range
         assert_eq!(against(&baseline(&[0.05])), 1e-4);
         // simulated without noise
         assert_eq!(against(&baseline(&[0.05, 0.05])), DEFAULT_NOISE_UV * 1e-6);
@@ -255,7 +256,7 @@ mod tests {
         assert_eq!(contradiction(100.0, &noisy), None);
         assert_eq!(contradiction(2.0, &baseline(&[0.05, 0.05])), None);
         assert!(below_the_voltmeter(2.0, 1.04e-4).is_some());
-        // more than the voltmeter's own is what a real rig has
+        // a real rig may have more noise than the voltmeter
         assert_eq!(below_the_voltmeter(500.0, 1.04e-4), None);
     }
 

@@ -1,4 +1,4 @@
-//! From settings to a reconstructor, with every mismatch named by both sides.
+//! Builds a reconstructor from settings; errors name both sides of a mismatch.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,10 +14,10 @@ use crate::model::Model;
 use crate::model_file::{load, short_hash};
 use crate::settings::{Method, PriorName, ReconstructionSettings};
 
-/// Refuses a combination of settings that takes longer than a frame of a running instrument.
+/// Refuses settings for which a map would take longer than the frame period of a running instrument.
 ///
 /// # Errors
-/// [`BuildError::Setting`], with what to take in its place.
+/// [`BuildError::Setting`], with the alternative to use.
 pub fn check_live(settings: &ReconstructionSettings) -> Result<(), BuildError> {
     if settings.file.is_none()
         && settings.method.unwrap_or_default() == Method::OneStep
@@ -33,8 +33,8 @@ pub fn check_live(settings: &ReconstructionSettings) -> Result<(), BuildError> {
     Ok(())
 }
 
-/// Loads the model file, or prepares the method, as the settings say. Settings that the method does not look at have no
-/// effect; [`ReconstructionSettings::ignored`] names them.
+/// Loads the model file or prepares the method named in the settings. Settings that the method does not use have no
+/// effect; [`ReconstructionSettings::ignored`] lists them.
 ///
 /// # Errors
 /// A file that cannot be read or was made for another protocol or geometry, settings that contradict each other, or a
@@ -73,7 +73,7 @@ pub fn build(
     Ok(model)
 }
 
-/// Reads a calibration and checks that it was fitted to this method's maps on this geometry.
+/// Reads a calibration and checks that it was fitted to maps of this method on this geometry.
 fn calibration(path: &Path, geometry: &Geometry, model: &Model) -> Result<Calibration, BuildError> {
     let refused = |why: String| BuildError::Calibration {
         path: path.to_owned(),

@@ -1,4 +1,4 @@
-//! How maps are to be made, as a configuration says it: every method by its name, and the settings that each has.
+//! Settings of the reconstruction, as in a configuration: the methods and their parameters.
 
 use std::path::PathBuf;
 
@@ -28,7 +28,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// The name in a configuration and on a command line.
+    /// Its name in a configuration and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::OneStep => "one-step",
@@ -115,7 +115,7 @@ pub struct ReconstructionSettings {
     pub calibration: Option<PathBuf>,
 }
 
-/// Which methods look at a setting.
+/// The methods that use each setting.
 const USED_BY: [(&str, &[Method]); 10] = {
     use Method::{Best, Linear, OneStep, Rbf, Tv, TvPaper};
     [
@@ -133,7 +133,7 @@ const USED_BY: [(&str, &[Method]); 10] = {
 };
 
 impl ReconstructionSettings {
-    /// Whether the method is set by the noise of the baseline: nothing else is named to set it by.
+    /// Whether the noise of the baseline determines the method's strength: no other setting does.
     pub fn takes_noise_of_baseline(&self) -> bool {
         self.file.is_none()
             && self.strengths() == 0
@@ -152,7 +152,7 @@ impl ReconstructionSettings {
         }
     }
 
-    /// The keys that say how strongly a map is smoothed: at most one of them may be given.
+    /// The number of keys that determine the strength of smoothing: at most one may be given.
     pub(crate) fn strengths(&self) -> usize {
         [
             self.lambda.is_some(),
@@ -165,14 +165,14 @@ impl ReconstructionSettings {
         .count()
     }
 
-    /// Whether frames are looked at before the method is settled.
+    /// Whether the method's parameters are chosen from frames.
     pub(crate) fn looks_at_frames(&self) -> bool {
         self.file.is_none()
             && (self.choose.is_some() || self.method.unwrap_or_default() == Method::Best)
     }
 
-    /// For a recording that brings no configuration: the best method, its hyper-parameter by the evidence of the frames,
-    /// where nothing else is said.
+    /// Defaults for a recording without a configuration: the best method, with the hyper-parameter from the evidence of
+    /// the frames.
     pub fn for_recording(mut self) -> Self {
         let method = *self.method.get_or_insert(Method::Best);
         if self.file.is_none() && self.strengths() == 0 && is_used("choose", method) {
@@ -181,8 +181,8 @@ impl ReconstructionSettings {
         self
     }
 
-    /// These settings, and where they say nothing those that a session kept. A prior, an exponent or a lambda is of the
-    /// one-step method, whatever the session used; of another method than the session's its hyper-parameter says nothing.
+    /// These settings, completed by those stored in a session. A prior, an exponent or a lambda selects the one-step
+    /// method, whatever the session used; the session's hyper-parameter is only used with the session's method.
     pub fn over(self, kept: Self) -> Self {
         let one_step = self.prior.is_some() || self.exponent.is_some() || self.lambda.is_some();
         let method = self.method.or(kept.method.filter(|_| !one_step));
@@ -208,14 +208,14 @@ impl ReconstructionSettings {
         }
     }
 
-    /// Whether a running rig makes a map of the frame with this number: of the first, and of every `map_every`-th after it.
+    /// Whether a running rig maps the frame with this number: the first, and every `map_every`-th after it.
     pub fn has_map(&self, sequence: u64) -> bool {
         sequence
             .saturating_sub(1)
             .is_multiple_of(self.map_every.unwrap_or(1).max(1))
     }
 
-    /// The keys that are given and say something of a method.
+    /// The keys of the method that are given.
     pub fn given(&self) -> Vec<&'static str> {
         [
             ("method", self.method.is_some()),
@@ -235,7 +235,7 @@ impl ReconstructionSettings {
         .collect()
     }
 
-    /// The keys that are given and that the method does not look at, each with the names of the methods that do.
+    /// The given keys that the method does not use, each with the names of the methods that do.
     pub fn ignored(&self) -> Vec<(&'static str, Vec<&'static str>)> {
         let method = self.method.unwrap_or_default();
         let given = self.given();

@@ -1,4 +1,4 @@
-//! A method that looks at frames before it is settled, where frames are still to be measured: the first ones settle it.
+//! A method whose parameters are chosen from the first frames of a live measurement.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -10,10 +10,10 @@ use crate::error::BuildError;
 use crate::geometry::Geometry;
 use crate::settings::{Method, ReconstructionSettings};
 
-/// So many frames are looked at before a method is settled that looks at frames: the first that are to have a map.
+/// Number of frames from which such a method chooses its parameters: the first that are to be mapped.
 pub const FRAMES_LOOKED_AT: usize = 8;
 
-/// What the reconstructor is made of when the frames are there.
+/// Inputs for building the reconstructor once the frames are available.
 struct Plan {
     settings: ReconstructionSettings,
     geometry: Geometry,
@@ -22,7 +22,7 @@ struct Plan {
     noise_v: Option<f64>,
     scale: Scale,
     method: String,
-    /// With nothing known of frames: says what stays the same, and finds out early what cannot be prepared.
+    /// Built without frames: gives the properties that stay the same, and detects errors early.
     provisional: Arc<dyn Reconstructor>,
 }
 
@@ -30,13 +30,13 @@ enum State {
     Waits(Vec<Vec<Reading>>),
     Settled {
         reconstructor: Arc<dyn Reconstructor>,
-        /// What was decided, until somebody asks.
+        /// The decision, until it is read.
         decided: Option<String>,
     },
     Refused(String),
 }
 
-/// The frames that it waits for are refused; the last of them and all later ones have maps.
+/// A reconstructor that refuses frames until it has enough of them, then maps the last of these and all later ones.
 pub(crate) struct AfterFrames {
     plan: Arc<Plan>,
     state: Mutex<State>,
@@ -44,12 +44,12 @@ pub(crate) struct AfterFrames {
 
 impl AfterFrames {
     /// # Errors
-    /// What [`build`](crate::build) refuses.
+    /// As for [`build`](crate::build).
     pub(crate) fn new(
         settings: &ReconstructionSettings,
         conditions: &Conditions<'_>,
     ) -> Result<Self, BuildError> {
-        // shapes are prepared for a second; what they stand on is enough to find out what cannot be
+        // preparing shapes takes a second; the general method is enough to detect errors
         let best = settings.method == Some(Method::Best);
         let early = ReconstructionSettings {
             method: match best {
@@ -82,12 +82,12 @@ impl AfterFrames {
         }
     }
 
-    /// The same, before any frame.
+    /// The same before any frame.
     pub(crate) fn fresh(&self) -> Self {
         Self::of(Arc::clone(&self.plan))
     }
 
-    /// What was decided, once.
+    /// The decision; `None` on later calls.
     pub(crate) fn decided(&self) -> Option<String> {
         match &mut *self.state.lock().unwrap_or_else(PoisonError::into_inner) {
             State::Settled { decided, .. } => decided.take(),
@@ -95,7 +95,7 @@ impl AfterFrames {
         }
     }
 
-    /// Whether its maps may be of this method.
+    /// Whether its maps can be by this method.
     pub(crate) fn may_make(&self, method: &str) -> bool {
         self.plan.settings.method == Some(Method::Best) || self.plan.method == method
     }
@@ -151,7 +151,7 @@ impl AfterFrames {
         }
     }
 
-    /// The reconstructor so far, which may be provisional.
+    /// The current reconstructor, which may be provisional.
     fn present(&self) -> Arc<dyn Reconstructor> {
         match &*self.state.lock().unwrap_or_else(PoisonError::into_inner) {
             State::Settled { reconstructor, .. } => Arc::clone(reconstructor),

@@ -1,6 +1,5 @@
-//! The best of the methods: one step with NOSER p = 0.25, bounded to losses unless the frames themselves show gains, and
-//! shapes where the noise is known. The networks of the paper's size blur presses of 10 mm at any noise, so they are never
-//! the best.
+//! The best of the methods: one step with NOSER p = 0.25, bounded to losses unless the frames show gains, and shapes if
+//! the noise is known. Networks of the paper's size blur presses of 10 mm at any noise, so they are never chosen.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,7 +13,7 @@ use crate::conditions::Conditions;
 use crate::error::BuildError;
 use crate::settings::ReconstructionSettings;
 
-/// Maps of which more than this share (of their square, by area) is gain are not made of losses alone.
+/// Largest share of gain (of the squared map, by area) in maps that count as losses only.
 const GAIN: f64 = 0.2;
 
 pub(super) fn prepare(
@@ -26,7 +25,7 @@ pub(super) fn prepare(
     let linear = solver(conditions, prior, hyper, false, None)?;
     let share = gain(&linear, conditions);
     let bounded = settings.loss_only.unwrap_or(false) || share <= GAIN;
-    // bounded maps with the gaussian prior take minutes: only where they are asked for by name
+    // bounded maps with the gaussian prior take minutes: only if selected explicitly
     let one_step = match bounded && !matches!(prior, Prior::Gaussian { .. }) {
         true => solver(conditions, prior, hyper, true, None)?,
         false => linear,
@@ -40,7 +39,7 @@ pub(super) fn prepare(
         100.0 * share,
         if bounded { "taken for ringing of losses" } else { "too much to be ringing of losses" },
     ));
-    // what an explicit prior asks for is a linear method
+    // an explicit prior selects a linear method
     if settings.noise_uv.is_none() || settings.prior.is_some() {
         return Ok(Prepared::quick(one_step, notes));
     }
@@ -71,7 +70,7 @@ pub(super) fn prepare(
     })
 }
 
-/// Share of gain in the unbounded maps of the frames, by the square of the change and by area; 0 of no frames.
+/// Share of gain in the unbounded maps of the frames, by the square of the change and by area; 0 without frames.
 fn gain(linear: &OneStep, conditions: &Conditions<'_>) -> f64 {
     let Some(sample) = conditions.sample else {
         return 0.0;
@@ -80,7 +79,7 @@ fn gain(linear: &OneStep, conditions: &Conditions<'_>) -> f64 {
     let (mut gain, mut all) = (0.0, 0.0);
     for frame in &sample.frames {
         let Ok(map) = linear.reconstruct(&sample.baseline, frame) else {
-            continue; // the frame is refused again, by name, when its turn comes
+            continue; // the frame's error is reported when it is reconstructed
         };
         for (value, area) in map.values.iter().zip(&areas) {
             gain += value.max(0.0).powi(2) * area;

@@ -1,4 +1,4 @@
-//! The hyper-parameter: as the settings give it, by a rule from frames, or from the noise of a reading.
+//! The hyper-parameter: from the settings, by a rule from frames, or from the noise of a reading.
 
 use eit::{Hyper, OneStepOptions, Prior, l_curve_lambda, probable_lambda};
 use survey::Reading;
@@ -8,8 +8,8 @@ use crate::error::BuildError;
 use crate::noise::DEFAULT_NOISE_UV;
 use crate::settings::{HyperRule, ReconstructionSettings};
 
-/// What the model does not explain of a real recording is not white, as the most probable lambda takes it to be: it is
-/// multiplied by this.
+/// Factor of the most probable lambda, which assumes that the unexplained part of a recording is white; that of real
+/// ones is not.
 const NOT_WHITE: f64 = 2.0;
 
 /// Noise of one reading, V.
@@ -21,7 +21,7 @@ pub(super) fn noise_v(settings: &ReconstructionSettings, conditions: &Conditions
         .unwrap_or(DEFAULT_NOISE_UV * 1e-6)
 }
 
-/// The hyper-parameter, and where it comes from unless the settings give it.
+/// The hyper-parameter, and its origin unless the settings give it.
 pub(super) fn hyper(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,

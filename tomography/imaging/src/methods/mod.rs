@@ -1,5 +1,5 @@
-//! The methods that need no model file, each prepared from settings and [`Conditions`].
-//! Left to others: the mathematics (crate `eit`), model files, calibrations.
+//! The methods that need no model file, each prepared from settings and [`Conditions`]. Not included: the mathematics
+//! (crate `eit`), model files, calibrations.
 
 mod after_frames;
 mod best;
@@ -18,12 +18,12 @@ use crate::conditions::Conditions;
 use crate::error::BuildError;
 use crate::settings::{Method, ReconstructionSettings};
 
-/// A method that is ready.
+/// A prepared method.
 pub(crate) struct Prepared {
     pub(crate) reconstructor: Arc<dyn Reconstructor>,
-    /// What was decided, and what to know of it, a sentence each.
+    /// Decisions and remarks, a sentence each.
     pub(crate) notes: Vec<String>,
-    /// Whether a frame takes so long that frames are better made side by side.
+    /// Whether frames take so long that they should be reconstructed in parallel.
     pub(crate) slow: bool,
 }
 
@@ -37,10 +37,10 @@ impl Prepared {
     }
 }
 
-/// Prepares the method that the settings name.
+/// Prepares the method named in the settings.
 ///
 /// # Errors
-/// Settings that contradict each other, or a geometry that the method cannot use.
+/// Settings that contradict each other, or a geometry that is unsuitable for the method.
 pub(crate) fn prepare(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,

@@ -59,7 +59,7 @@ pub(super) fn solver(
     )?)
 }
 
-/// What there is to say where the noise is too small to be believed.
+/// The remark for a noise that is too small to be plausible.
 pub(super) fn raised(one_step: &OneStep) -> Option<String> {
     one_step.raised().then(|| {
         format!(

@@ -1,4 +1,5 @@
-//! Total variation, with cold starts: a map depends on its frame alone; and the paper's step of that name.
+//! Total variation without warm starts, so that a map depends on its frame alone; and the paper's "total variation"
+//! step.
 
 use std::sync::Arc;
 
@@ -11,11 +12,11 @@ use crate::conditions::Conditions;
 use crate::error::BuildError;
 use crate::settings::ReconstructionSettings;
 
-/// The paper's alpha, and its one iteration.
+/// The paper's alpha, for its single iteration.
 const PAPER_ALPHA: f64 = 1e-6;
 
-/// `lambda` is alpha of the formula with readings as they are; else alpha follows from the noise, or from the frames as the
-/// one-step method's lambda does.
+/// `lambda` is alpha of the formula with unscaled readings; otherwise alpha is derived from the noise or from frames,
+/// like the one-step method's lambda.
 pub(super) fn prepare(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,
@@ -54,8 +55,8 @@ pub(super) fn prepare(
     Ok(Prepared::quick(tv, notes))
 }
 
-/// Eq. 4 and 5 of the paper as printed: one linear step with the square of the gradient, alpha 1e-6 unless `lambda` says
-/// another.
+/// Eq. 4 and 5 of the paper as printed: one linear step with the square of the gradient, alpha 1e-6 unless `lambda` is
+/// given.
 pub(super) fn paper(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,

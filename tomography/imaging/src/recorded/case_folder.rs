@@ -1,4 +1,4 @@
-//! What a case folder holds beside its geometry: frames, the unloaded state, and where they come from.
+//! Frames, baseline and provenance in a case folder.
 
 use std::path::{Path, PathBuf};
 
@@ -8,34 +8,34 @@ use super::readings::{BaselineRule, LabelledReadings, first, mean, read_frames};
 use super::{RecordedError, Unloaded};
 use crate::conditions::Sample;
 
-/// The frames of a case folder, where no other file is named.
+/// Default file of frames in a case folder.
 pub const FRAMES: &str = "frames.csv";
-/// The unloaded state of a case folder, where it has one and nothing else is named.
+/// Default file of the baseline in a case folder.
 pub const BASELINE: &str = "baseline.csv";
-/// Where the frames of a case folder come from.
+/// File with the origin of the frames in a case folder.
 pub const PROVENANCE: &str = "provenance.toml";
 
-/// Where the frames of a case folder come from: the file [`PROVENANCE`], which `tactus export` writes.
+/// Origin of the frames in a case folder: the file [`PROVENANCE`], written by `tactus export`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
     /// Id of the session.
     pub session: String,
     /// Its beginning, RFC 3339, UTC.
     pub started: String,
-    /// Whether the voltages are of a simulated sheet.
+    /// Whether the voltages are simulated.
     pub simulated: bool,
     /// Program that recorded it.
     pub build: String,
     /// Id of its baseline.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<String>,
-    /// Frames that the baseline is the mean of.
+    /// Number of frames averaged for the baseline.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline_frames: Option<usize>,
     /// Standard deviation of one reading over the frames of the baseline, V.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_v: Option<f64>,
-    /// SHA-256 of the mesh that the session's maps are made on.
+    /// SHA-256 of the mesh of the session's maps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry_hash: Option<String>,
     /// SHA-256 of the session's configuration.
@@ -44,12 +44,12 @@ pub struct Provenance {
     pub note: String,
     /// Instruments: role, identity, address.
     pub instruments: Vec<[String; 3]>,
-    /// What the session says of sheet, foam, ink, operator, wiring and calibration.
+    /// The session's descriptions of sheet, foam, ink, operator, wiring and calibration.
     pub about: std::collections::BTreeMap<String, String>,
 }
 
 impl Provenance {
-    /// Reads the file of a folder; `None` where there is none.
+    /// Reads the file in a folder; `None` if it does not exist.
     ///
     /// # Errors
     /// A file that cannot be read.
@@ -71,43 +71,43 @@ impl Provenance {
     /// The text of the file.
     ///
     /// # Errors
-    /// A value that TOML has no text for.
+    /// A value that TOML cannot represent.
     pub fn text(&self) -> Result<String, toml::ser::Error> {
         toml::to_string_pretty(self)
     }
 }
 
-/// Which frames of a case folder are read, and what they are compared with.
+/// Which frames of a case folder to read, and their baseline.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TableOptions<'a> {
-    /// The table: a bare name is looked for in the folder first. Without one [`FRAMES`] of the folder.
+    /// The table: a bare name is searched in the folder first. Default: [`FRAMES`] of the folder.
     pub frames: Option<&'a Path>,
-    /// The unloaded state. Without one [`BASELINE`] of the folder, else the first frame.
+    /// The baseline. Default: [`BASELINE`] of the folder, otherwise the first frame.
     pub baseline: Option<&'a BaselineRule>,
-    /// Changes every sign: the instrument gave magnitudes.
+    /// Inverts every sign, for instruments that give magnitudes.
     pub negate: bool,
 }
 
-/// A table of frames with its unloaded state.
+/// A table of frames with its baseline.
 #[derive(Debug, Clone)]
 pub struct FrameTable {
-    /// Every frame of the table, those of the baseline included.
+    /// Every frame of the table, including those of the baseline.
     pub frames: Vec<LabelledReadings>,
-    /// Number of each: the session's own where every label is `f` and a number, ascending; else the row, from 1.
+    /// Frame numbers: the session's if all labels are `f` and a number, ascending; otherwise the rows, from 1.
     pub numbers: Vec<u64>,
-    /// What the frames are compared with.
+    /// The baseline.
     pub unloaded: Unloaded,
-    /// In words: what the baseline is the mean of.
+    /// Description of the frames averaged for the baseline.
     pub baseline_name: String,
-    /// Where the frames come from, if the folder says so and they are its own.
+    /// The origin of the frames, if they are the folder's own and it has a provenance file.
     pub provenance: Option<Provenance>,
 }
 
 impl FrameTable {
-    /// Reads frames of so many readings each of a case folder.
+    /// Reads frames with the given number of readings from a case folder.
     ///
     /// # Errors
-    /// A file that is not there or cannot be read, or more baseline frames than there are.
+    /// A missing or unreadable file, or more baseline frames than there are.
     pub fn read(
         folder: &Path,
         options: &TableOptions<'_>,
@@ -151,7 +151,7 @@ impl FrameTable {
         })
     }
 
-    /// Frames for a method's rules, evenly from all.
+    /// Evenly spaced frames, for a method's rules.
     pub fn sample(&self) -> Sample {
         let frames = self.frames.iter().map(|(_, frame)| frame.clone());
         super::readings::sample(&self.unloaded.readings, self.frames.len(), frames)
@@ -168,7 +168,8 @@ fn numbers(frames: &[LabelledReadings]) -> Vec<u64> {
         .unwrap_or_else(|| (1..=frames.len() as u64).collect())
 }
 
-/// A bare name in the folder, then in the current directory; a path as it is, then from the folder.
+/// Resolves a file. A bare name: in the folder, then in the current directory. A path: as given, then relative to the
+/// folder.
 fn within(folder: &Path, file: &Path) -> Result<PathBuf, RecordedError> {
     let inside = folder.join(file);
     let bare = file.parent() == Some(Path::new(""));
@@ -194,7 +195,7 @@ mod tests {
     fn a_bare_name_is_looked_for_in_the_folder_first() {
         let folder = tempfile::tempdir().unwrap();
         let named = Path::new("Cargo.toml");
-        // the tests run in a directory with a file of that name
+        // the tests run in a directory with a file of this name
         assert_eq!(within(folder.path(), named).unwrap(), named);
         let inside = folder.path().join(named);
         std::fs::write(&inside, "").unwrap();

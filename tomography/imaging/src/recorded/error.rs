@@ -1,4 +1,4 @@
-//! Why recorded frames cannot be used.
+//! Errors of recorded frames.
 
 use std::path::PathBuf;
 
@@ -18,24 +18,24 @@ pub enum RecordedError {
     /// The table of frames.
     #[error("the frames")]
     Frames(#[source] CaseError),
-    /// A table of frames that were not taken at one current.
+    /// Frames with different currents for different readings.
     #[error(
         "{} injects different currents; divide the readings by their current and leave the column current_A out",
         .0.display()
     )]
     Currents(PathBuf),
-    /// A file that is neither in the folder nor here.
+    /// A file that is neither in the folder nor in the current directory.
     #[error("there is no {} in {} nor in the current directory", .file.display(), .folder.display())]
     Missing {
-        /// The file as it was named.
+        /// The file as given.
         file: PathBuf,
         /// The case folder.
         folder: PathBuf,
     },
-    /// A case folder without the table that is read where none is named.
+    /// A case folder without the default table.
     #[error("{} has no frames.csv: name the file of frames with --frames FILE", .0.display())]
     NoFrames(PathBuf),
-    /// A file that should say where the frames come from.
+    /// An invalid provenance file.
     #[error("{}: {why}", .path.display())]
     Provenance {
         /// The file.
@@ -43,26 +43,26 @@ pub enum RecordedError {
         /// What is wrong with it.
         why: String,
     },
-    /// `first:N` that is no number, or more frames than there are.
+    /// `first:N` without a number, or with more frames than there are.
     #[error(
         "baseline '{requested}' asks for the first frames of a recording that has {frames}; write first:1 to first:{frames}"
     )]
     First {
-        /// The rule as it was written.
+        /// The rule as given.
         requested: String,
-        /// Frames that there are.
+        /// Number of frames.
         frames: usize,
     },
     /// The frames do not make a baseline.
     #[error("the frames of '{requested}' do not make a baseline")]
     Baseline {
-        /// The rule as it was written.
+        /// The rule as given.
         requested: String,
-        /// What contradicts.
+        /// The contradiction.
         #[source]
         cause: BaselineError,
     },
-    /// A session without a baseline, and no rule that names its frames.
+    /// A session without a baseline, and no rule that selects its frames.
     #[error("session {0} has no baseline; say which frames are it: baseline = \"first:N\"")]
     NoBaseline(String),
 }

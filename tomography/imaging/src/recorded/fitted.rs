@@ -1,4 +1,4 @@
-//! What the frames of a recording were taken with, as far as geometry and baseline say it.
+//! Conductance, current and scale of a recording, derived from geometry and baseline.
 
 use std::sync::Arc;
 
@@ -11,15 +11,15 @@ use crate::error::BuildError;
 use crate::geometry::Geometry;
 use crate::noise::{Noise, at_currents, factor, fitted_conductance};
 
-/// A known conductance is believed, and the formula taken as it stands, while the baseline is within this factor of it.
+/// Largest ratio between baseline and known conductance at which the latter is used without scaling.
 const BELIEVED: f64 = 1.25;
 
-/// Conductance, current and scale of a recording that brings no configuration.
+/// Conductance, current and scale of a recording without a configuration.
 #[derive(Debug, Clone)]
 pub struct Fitted {
-    /// With the conductance that was given, or a uniform one that fits the baseline.
+    /// With the given conductance, or a uniform one fitted to the baseline.
     pub geometry: Geometry,
-    /// What was assumed or derived, a sentence each.
+    /// Assumptions and derived values, a sentence each.
     pub notes: Vec<String>,
     current: Amps,
     scale: Scale,
@@ -27,10 +27,10 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    /// Compares the baseline with the geometry at these currents (A, one a reading).
+    /// Compares the baseline with the geometry at these currents (A, one per reading).
     ///
     /// # Errors
-    /// A geometry that cannot be solved, or a baseline that does not look like it.
+    /// A geometry that cannot be solved, or a baseline that does not match it.
     pub fn new(
         mut geometry: Geometry,
         protocol: &Protocol,
@@ -63,7 +63,7 @@ impl Fitted {
                 ));
             }
         }
-        // the model is scaled to the baseline; noise counts at that scale, so that the unit does not matter
+        // the model is scaled to the baseline; noise is in the same scale, so the unit does not matter
         let current = factor(ohms.iter().copied(), baseline);
         Ok(Self {
             geometry,
@@ -74,7 +74,7 @@ impl Fitted {
         })
     }
 
-    /// As a method takes them, with frames for its rules.
+    /// The conditions for a method, with frames for its rules.
     pub fn conditions<'a>(&'a self, protocol: &'a Protocol, sample: &'a Sample) -> Conditions<'a> {
         Conditions {
             noise_v: self.noise_v,

@@ -1,4 +1,4 @@
-//! Recorded frames by their index, each as if it had been acquired: what a rig that plays a recording reads.
+//! Recorded frames by index, as if they had just been acquired: for a rig that plays a recording.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use survey::{Amps, Baseline, Frame, Precautions, Protocol, Settings, Volts};
 use super::readings::change_signs;
 use super::{BaselineRule, FRAMES, Provenance, RecordedError, read_frames};
 
-/// Where the voltages are.
+/// Source of the voltages.
 #[derive(Debug)]
 enum Source {
     Table {
@@ -33,7 +33,7 @@ pub struct IndexedFrames {
 }
 
 impl IndexedFrames {
-    /// Opens a table of frames measured with this protocol and current. `negate` changes every sign.
+    /// Opens a table of frames measured with this protocol and current. `negate` inverts every sign.
     ///
     /// # Errors
     /// [`RecordedError::Frames`].
@@ -55,7 +55,7 @@ impl IndexedFrames {
                 settings: Settings {
                     protocol_hash: protocol.hash(),
                     current,
-                    // a table does not say how its voltages were taken
+                    // a table does not contain the range of its voltages
                     range: Volts(0.0),
                     nplc: 0.0,
                     settle: Duration::ZERO,
@@ -68,7 +68,7 @@ impl IndexedFrames {
         })
     }
 
-    /// Opens a session file, and gives its protocol. `negate` changes every sign.
+    /// Opens a session file, and returns its protocol too. `negate` inverts every sign.
     ///
     /// # Errors
     /// [`RecordedError::Session`].
@@ -102,7 +102,7 @@ impl IndexedFrames {
         self.simulated
     }
 
-    /// The configuration under which a session was recorded; `None` for files without one.
+    /// The configuration of the session; `None` for files without one.
     pub fn kept_config(&self) -> Option<&str> {
         match &self.source {
             Source::Table { .. } => None,
@@ -112,7 +112,7 @@ impl IndexedFrames {
         }
     }
 
-    /// How many frames there are.
+    /// Number of frames.
     pub fn len(&self) -> u64 {
         match &self.source {
             Source::Table { frames, .. } => frames.len() as u64,
@@ -125,7 +125,7 @@ impl IndexedFrames {
         self.len() == 0
     }
 
-    /// The settings of the frames; `None` for a session without any.
+    /// The settings of the frames; `None` if unknown.
     pub fn settings(&self) -> Option<Settings> {
         match &self.source {
             Source::Table { settings, .. } => Some(settings.clone()),
@@ -136,7 +136,7 @@ impl IndexedFrames {
         }
     }
 
-    /// Time from the first frame to this one as they were taken; `None` for a table, which does not say it.
+    /// Time of the original frame relative to the first one; `None` for a table without times.
     ///
     /// # Errors
     /// The frame cannot be read.
@@ -151,7 +151,7 @@ impl IndexedFrames {
         }
     }
 
-    /// The frame at this index, counted from 0 and below [`IndexedFrames::len`]; one of a table is dated `wall`.
+    /// The frame at this index, from 0 to below [`IndexedFrames::len`]; a frame of a table gets the time `wall`.
     ///
     /// # Errors
     /// The frame cannot be read.
@@ -169,7 +169,7 @@ impl IndexedFrames {
                 simulated: self.simulated,
             }),
             Source::Session { reader, .. } => {
-                // a later part of a session goes on with its numbers
+                // a later part of a session continues its numbers
                 let sequence = reader.header().first_sequence + index;
                 let mut frame = reader.frame(sequence)?.frame;
                 if self.negate {
@@ -180,11 +180,11 @@ impl IndexedFrames {
         }
     }
 
-    /// The baseline: `first:N` frames of the recording, a table (the mean of its frames), or without a rule a session's
-    /// own and a table's first frame.
+    /// The baseline: `first:N` frames of the recording, or the mean of a table's frames. Default: a session's own
+    /// baseline, or a table's first frame.
     ///
     /// # Errors
-    /// A rule or a file that gives no frames, or frames that contradict each other.
+    /// A rule or a file without frames, or frames that contradict each other.
     pub fn baseline(
         &self,
         rule: Option<&str>,

@@ -1,4 +1,4 @@
-//! What stands beside a table of maps: which triangle a column is, and which frame a row is.
+//! The companion tables of a table of maps: the triangle of each column, and the frame of each row.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use chrono::{DateTime, SecondsFormat, Utc};
 use eit::{Mesh, Pressure, digits};
 use survey::Map;
 
-/// The tables beside a table of maps `NAME.csv`.
+/// The companions of a table of maps `NAME.csv`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MapCompanions {
     /// `NAME.frames.csv`: a line for each row of the maps.
@@ -19,7 +19,7 @@ pub struct MapCompanions {
 pub const FRAMES_HEADING: &str = "frame,label,time_utc,found_x_m,found_y_m,largest_loss,noise,significant,masked,newtons,largest_kpa\n";
 
 impl MapCompanions {
-    /// Names of the tables beside this one.
+    /// The companions' paths for a table of maps.
     pub fn of(maps: &Path) -> Self {
         Self {
             frames: maps.with_extension("frames.csv"),
@@ -49,22 +49,22 @@ pub fn maps_heading(mesh: &Mesh) -> String {
 pub struct MapRow<'a> {
     /// Number of the frame.
     pub frame: u64,
-    /// What its table calls it.
+    /// Its label in the recording.
     pub label: &'a str,
-    /// When it was taken.
+    /// Time of the frame.
     pub time: Option<DateTime<Utc>>,
     /// The map, relative.
     pub map: &'a Map,
-    /// Where the load lies, m.
+    /// Position of the load, m.
     pub found: Option<[f64; 2]>,
-    /// The largest loss that noise alone makes.
+    /// The significance threshold: the largest loss by noise alone.
     pub noise: Option<f64>,
-    /// The map as a calibration reads it.
+    /// The map converted by a calibration.
     pub pressure: Option<&'a Pressure>,
 }
 
 impl MapRow<'_> {
-    /// The line of the table of frames.
+    /// The line in the table of frames.
     pub fn text(&self) -> String {
         let number = |value: Option<f64>| value.map(digits).unwrap_or_default();
         let largest = self.map.largest_loss().map_or(0.0, |(_, loss)| loss);
@@ -87,7 +87,7 @@ impl MapRow<'_> {
         )
     }
 
-    /// The values: kPa with a calibration, else relative changes of conductance.
+    /// The values: kPa with a calibration, otherwise relative changes of conductance.
     pub fn values(&self) -> &[f64] {
         self.pressure
             .map_or(&self.map.values, |pressure| &pressure.kpa)

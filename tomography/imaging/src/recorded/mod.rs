@@ -1,6 +1,6 @@
-//! Frames that were measured before, as a source: a session of the logbook, or a table of frames in a case folder, with
-//! their baseline (`first:N`, a file, or the session's own), signs and noise; and the tables of their maps. How fast they are played is the daemon's
-//! own matter.
+//! Recorded frames as a source: a session of the logbook, or a table of frames in a case folder, with their baseline
+//! (`first:N`, a file, or the session's own), signs and noise; and the tables of their maps. The daemon controls the
+//! speed of playback.
 
 mod case_folder;
 mod error;

@@ -1,4 +1,4 @@
-//! Tables of frames, and the mean that stands for the unloaded state.
+//! Tables of frames, and the mean of several as a baseline.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -13,11 +13,11 @@ use crate::noise::rms;
 /// A frame's label and its readings.
 pub type LabelledReadings = (String, Vec<Reading>);
 
-/// Reads a table of frames of so many readings each. `negate` changes every sign: the instrument gave magnitudes. What is
-/// blank, not finite or an overload is not measured.
+/// Reads a table of frames with the given number of readings. `negate` inverts every sign, for instruments that give
+/// magnitudes. Fields that are blank, not finite or an overload count as not measured.
 ///
 /// # Errors
-/// [`RecordedError::Frames`], which names the line.
+/// [`RecordedError::Frames`], naming the line.
 pub fn read_frames(
     path: &Path,
     readings: usize,
@@ -43,7 +43,7 @@ fn reading(volts: Option<f64>) -> Reading {
     }
 }
 
-/// Changes the sign of every valid reading.
+/// Inverts the sign of every valid reading.
 pub(super) fn change_signs(readings: &mut [Reading]) {
     for reading in readings {
         if let Reading::Ok(Volts(volts)) = reading {
@@ -52,7 +52,7 @@ pub(super) fn change_signs(readings: &mut [Reading]) {
     }
 }
 
-/// Which frames are the unloaded state.
+/// Selects the frames of the baseline.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BaselineRule {
     /// The mean of the recording's first frames.
@@ -78,7 +78,7 @@ impl FromStr for BaselineRule {
 }
 
 impl fmt::Display for BaselineRule {
-    /// In words: what the baseline is the mean of.
+    /// Describes the frames averaged for the baseline.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::First(1) => f.write_str("the first frame"),
@@ -88,17 +88,17 @@ impl fmt::Display for BaselineRule {
     }
 }
 
-/// The unloaded state.
+/// A baseline from recorded frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unloaded {
     /// The mean of each reading over the frames where it is valid.
     pub readings: Vec<Reading>,
-    /// Standard deviation of one reading over the frames, V (rms over the readings); `None` where they show none.
+    /// Standard deviation of one reading over the frames, V (rms over the readings); `None` if it is zero or undefined.
     pub noise: Option<f64>,
 }
 
 impl Unloaded {
-    /// The mean of these frames; what is valid in none keeps the flag of the last.
+    /// The mean of these frames; a reading valid in none keeps the flag of the last.
     pub fn mean(frames: &[&[Reading]]) -> Self {
         let last = frames.last().copied().unwrap_or_default();
         let mut readings = Vec::with_capacity(last.len());
@@ -127,10 +127,10 @@ impl Unloaded {
     }
 }
 
-/// Frames that a method's rules look at, of a recording that is all there.
+/// Frames of a complete recording that a method's rules use.
 const LOOKED_AT: usize = 32;
 
-/// Frames for a method's rules, evenly from `count` ones.
+/// Evenly spaced frames out of `count`, for a method's rules.
 pub(super) fn sample(
     baseline: &[Reading],
     count: usize,

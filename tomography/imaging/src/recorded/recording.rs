@@ -1,4 +1,4 @@
-//! A recording to be reconstructed offline: a case folder with measured frames, or a session of the logbook.
+//! A recording for offline reconstruction: a case folder with measured frames, or a session of the logbook.
 
 use std::path::{Path, PathBuf};
 
@@ -19,58 +19,58 @@ use crate::settings::ReconstructionSettings;
 /// One frame of a recording.
 #[derive(Debug, Clone)]
 pub struct RecordedFrame {
-    /// Its number: in the session, or of the table ([`FrameTable::numbers`]).
+    /// Its number in the session or table ([`FrameTable::numbers`]).
     pub sequence: u64,
-    /// What the table calls it; else its number.
+    /// Its label in the table; otherwise its number.
     pub label: String,
-    /// When, where the record says so.
+    /// Time, if recorded.
     pub wall: Option<DateTime<Utc>>,
-    /// Its readings, with the signs that were asked for.
+    /// Its readings, with inverted signs if requested.
     pub readings: Vec<Reading>,
-    /// Trace of the map that was made of it when it was recorded.
+    /// The stored record of the map made during the session.
     pub map: Option<MapRecord>,
 }
 
-/// Where a recording comes from, and with it its mesh.
+/// Origin of a recording, which also determines its mesh.
 #[derive(Debug, Clone)]
 pub enum Origin {
-    /// A case folder: it may hold a mesh.
+    /// A case folder, possibly with a mesh.
     Folder(PathBuf),
     /// A session: its configuration names the geometry.
     Session(Box<SessionHeader>),
 }
 
-/// Where the frames are.
+/// Source of the frames.
 #[derive(Debug)]
 enum Source {
-    /// All of a table.
+    /// A table, in memory.
     Table(Vec<RecordedFrame>),
-    /// A session, which may be of months: frame by frame.
+    /// A session of any length, read frame by frame.
     Session { parts: SessionParts, negate: bool },
 }
 
-/// Frames, and what they are to be compared with.
+/// Frames with their baseline.
 #[derive(Debug)]
 pub struct Recording {
-    /// What it is called: a session's id, or the folder.
+    /// Its name: a session's id, or the folder.
     pub name: String,
     /// The readings of a frame.
     pub protocol: Protocol,
     source: Source,
-    /// The unloaded state.
+    /// The baseline.
     pub unloaded: Unloaded,
-    /// In words: what the baseline is the mean of, or the id of the session's own.
+    /// Description of the frames averaged for the baseline, or the id of the session's own.
     pub baseline_name: String,
     /// Current of the frames.
     pub current: Amps,
-    /// `None` where the record does not say.
+    /// `None` if unknown.
     pub simulated: Option<bool>,
-    /// Where it comes from.
+    /// Its origin.
     pub origin: Origin,
 }
 
 impl Recording {
-    /// Reads the frames of a case folder. `electrodes` is their number where the protocol does not say it.
+    /// Reads the frames of a case folder. `electrodes` is their number if the protocol does not state it.
     ///
     /// # Errors
     /// A protocol, table or baseline that cannot be read.
@@ -108,7 +108,7 @@ impl Recording {
         })
     }
 
-    /// Opens a session with all its parts. `baseline` is used in place of the session's own.
+    /// Opens a session with all its parts. `baseline` replaces the session's own.
     ///
     /// # Errors
     /// A part that cannot be read, or no baseline.
@@ -164,7 +164,7 @@ impl Recording {
         })
     }
 
-    /// How many frames [`Recording::frames`] gives, those that cannot be read included.
+    /// Number of frames in [`Recording::frames`], including unreadable ones.
     ///
     /// # Errors
     /// A part that cannot be read.
@@ -183,7 +183,7 @@ impl Recording {
         Ok(self.len()? == 0)
     }
 
-    /// Frames for a method's rules, evenly from all that can be read.
+    /// Evenly spaced readable frames, for a method's rules.
     ///
     /// # Errors
     /// A part that cannot be read.
@@ -195,7 +195,7 @@ impl Recording {
         Ok(sample(&self.unloaded.readings, self.len()?, frames))
     }
 
-    /// The frames by which a running session settled its method: the first that were to have a map.
+    /// The frames from which the running session chose the method's parameters: the first that were to be mapped.
     pub fn first_sample(&self, settings: &ReconstructionSettings) -> Sample {
         let frames = self.frames().filter_map(Result::ok);
         Sample {
@@ -208,7 +208,7 @@ impl Recording {
         }
     }
 
-    /// Its frames in order, with an error in place of each that cannot be read.
+    /// Its frames in order, with an error for each unreadable one.
     pub fn frames(&self) -> Box<dyn Iterator<Item = Result<RecordedFrame, LogbookError>> + '_> {
         match &self.source {
             Source::Table(rows) => Box::new(rows.iter().cloned().map(Ok)),

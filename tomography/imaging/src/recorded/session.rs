@@ -1,16 +1,16 @@
-//! A recorded session as one, whatever parts it was rolled over into; read frame by frame, however many there are.
+//! A recorded session with all its parts as one sequence, read frame by frame.
 
 use std::path::Path;
 
 use logbook::{LogbookError, Record, SessionHeader, SessionReader};
 use survey::Baseline;
 
-/// The parts of a session in their order, at least one.
+/// The parts of a session in order, at least one.
 #[derive(Debug)]
 pub struct SessionParts(Vec<SessionReader>);
 
 impl SessionParts {
-    /// Opens a session by its first part with all that follow, or a later part by itself.
+    /// Opens a session from its first part with all that follow, or a later part alone.
     ///
     /// # Errors
     /// A part that cannot be read.
@@ -21,7 +21,7 @@ impl SessionParts {
             let named = path.file_name();
             for other in all.iter().filter(|other| other.file_name() != named) {
                 match SessionReader::open(other) {
-                    // the making of a part that was cut short: it never held anything
+                    // a part whose creation was interrupted: it never contained frames
                     Err(LogbookError::NotASession { .. }) => {}
                     part => parts.push(part?),
                 }
@@ -30,7 +30,7 @@ impl SessionParts {
         Ok(Self(parts))
     }
 
-    /// Of the part that was named.
+    /// The header of the part that was opened.
     pub fn header(&self) -> &SessionHeader {
         self.0[0].header()
     }
@@ -40,15 +40,15 @@ impl SessionParts {
         &self.0
     }
 
-    /// Every part has the same one.
+    /// The baseline, which is the same in every part.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// The baseline cannot be read.
     pub fn baseline(&self) -> Result<Option<Baseline>, LogbookError> {
         self.0[0].baseline()
     }
 
-    /// How many frames there are.
+    /// Number of frames.
     ///
     /// # Errors
     /// A part that cannot be read.
@@ -70,7 +70,7 @@ impl SessionParts {
         Ok(self.len()? == 0)
     }
 
-    /// Sequence of the last frame; one less than the first's where there is none.
+    /// Sequence number of the last frame; one less than the first's if there are none.
     ///
     /// # Errors
     /// The last part cannot be read.
@@ -78,20 +78,20 @@ impl SessionParts {
         self.0.last().unwrap_or(&self.0[0]).last_sequence()
     }
 
-    /// The frame of this sequence.
+    /// The frame with this sequence number.
     ///
     /// # Errors
-    /// There is none, or it is damaged.
+    /// It does not exist or is damaged.
     pub fn frame(&self, sequence: u64) -> Result<Record, LogbookError> {
         let mut before = self.0.iter().rev();
         let part = before.find(|part| part.header().first_sequence <= sequence);
         part.unwrap_or(&self.0[0]).frame(sequence)
     }
 
-    /// All frames in order, each read when it is taken.
+    /// All frames in order, each read on demand.
     pub fn frames(&self) -> impl Iterator<Item = Result<Record, LogbookError>> {
         self.with_next().flat_map(|(part, next)| {
-            // what a part has from where the next one begins was written again there
+            // frames after the start of the next part were written again there
             let own = move |record: &Result<Record, LogbookError>| match (record, next) {
                 (Ok(record), Some(next)) => record.frame.sequence < next,
                 _ => true,
@@ -100,7 +100,7 @@ impl SessionParts {
         })
     }
 
-    /// Each part, and the sequence that the next one begins with.
+    /// Each part, and the first sequence number of the next.
     fn with_next(&self) -> impl Iterator<Item = (&SessionReader, Option<u64>)> {
         let next = self.0.iter().skip(1);
         let begins = next.map(|part| Some(part.header().first_sequence));
