@@ -1,11 +1,11 @@
 //! Training sets and the training of models that `eit` evaluates: linear maps, RBF networks and deep networks.
 //!
-//! It computes and reports progress through closures; the command line, its files and its printing are `lab`'s.
+//! The crate computes and reports progress through closures; the command line, its files and its output are in `lab`.
 //!
 //! - **samples**: cases of Algorithm 1 and their jitter; **dataset**: training sets in files, in shards
-//! - **linear**, **rbf**, **deep**: the three kinds of models; **model_cache**: models that are kept for a case
-//! - **noise_figure**: what a method makes of noise, by draws
-//! - **symmetry**: a training set seen through every symmetry of its sheet
+//! - **linear**, **rbf**, **deep**: the three kinds of models; **model_cache**: models cached for a case
+//! - **noise_figure**: noise figures of methods, by draws
+//! - **symmetry**: a training set extended by the symmetries of its sheet
 
 pub mod dataset;
 pub mod deep;

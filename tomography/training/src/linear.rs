@@ -1,8 +1,9 @@
-//! The trained linear map: the matrix of least mean square error over a training set and the noise of its profile.
+//! The trained linear map: the matrix with the smallest mean square error over a training set and the noise of its
+//! profile.
 //!
-//! x = W dv with W = E[x dv'] (E[dv dv'] + N)^-1, moments about zero, so that no change is no load. N is the jitter's own
-//! covariance, not a sample of it: more copies would only approach this. Kept as a network of one layer: every program
-//! that loads networks loads it, in f32, f16 or int8.
+//! x = W dv with W = E[x dv'] (E[dv dv'] + N)^-1, moments about zero, so that no change gives no load. N is the
+//! covariance of the jitter itself, not of samples: more copies would only approach this. Stored as a network of one
+//! layer, so that every program that loads networks can load it, in f32, f16 or int8.
 
 use std::sync::Arc;
 
@@ -19,15 +20,16 @@ use crate::noise_figure::with_noise_figure;
 use crate::samples::{Noise, Progress, Samples, Simulation, Stage, TrainError, dense_target};
 use crate::symmetry::Symmetric;
 
-/// Samples read side by side, and summed in their order.
+/// Samples read in parallel, and summed in order.
 const BLOCK: usize = 256;
-/// Inputs from which the model learns what is familiar.
+/// Inputs for the distribution of familiar inputs.
 const FAMILIAR: usize = 4000;
 
-/// The map of a case: from the cache if it was trained before with the same settings, else trained and kept there.
+/// The linear map of a case: from the cache if it was trained before with the same settings, otherwise trained and
+/// cached.
 ///
 /// # Errors
-/// See [`fit`]; currents that differ, where the noise is known.
+/// See [`fit`]; also different currents, if the noise is known.
 pub fn cached(
     case: &Case,
     noise_v: Option<f64>,
@@ -56,7 +58,7 @@ pub fn cached(
     })
 }
 
-/// White noise of one level (V), or of several in turns.
+/// White noise of one level (V), or of several used in turn.
 pub fn matched(levels: &[f64], current_a: f64) -> Jitter {
     match levels {
         [noise_v] => Jitter::Matched {
@@ -70,8 +72,8 @@ pub fn matched(levels: &[f64], current_a: f64) -> Jitter {
     }
 }
 
-/// Sums the moments, case by case, and solves for the matrix. Cases are `samples`, else simulated with `settings`; with
-/// `symmetric` each is seen through every symmetry of the sheet too.
+/// Sums the moments, case by case, and solves for the matrix. Cases are `samples`, or simulated with `settings`; with
+/// `symmetric`, the set is extended by every symmetry of the sheet.
 ///
 /// # Errors
 /// A set that cannot be simulated or read, or a covariance that is not definite.
@@ -93,7 +95,7 @@ pub fn fit(
         &settings,
     )?;
     let once: &dyn Samples = samples.unwrap_or(&simulation);
-    // the last cases judge; views of one case stay on one side
+    // the last cases are for evaluation; all symmetric copies of a case are on the same side
     let held_out = (once.len() / 10).min(500);
     let learnt = once.len() - held_out;
     let all = Symmetric::new(once, case, &sigma0);
@@ -106,7 +108,7 @@ pub fn fit(
         settings.seed,
     )?;
     let mut covariance = DMatrix::<f64>::zeros(inputs, inputs);
-    // a row a reading: what a case adds to a triangle is one column
+    // a row per reading: each case adds to one column per changed triangle
     let mut cross = DMatrix::<f64>::zeros(inputs, outputs);
     let mut seen: Vec<f32> = Vec::new();
     let read = |case: usize| {
@@ -148,7 +150,7 @@ pub fn fit(
     let factor = DMatrix::from_vec(inputs, inputs, with_noise)
         .cholesky()
         .ok_or(TrainError::Covariance)?;
-    // a column a triangle is a row of the layer
+    // a column per triangle becomes a row of the layer
     let solved = factor.solve(&cross);
     let weights: Vec<f32> = solved.iter().map(|value| *value as f32).collect();
     let layer = Layer {

@@ -1,4 +1,4 @@
-//! Trained models that are kept for a case, so that the same training is not run twice. Left to others: the training.
+//! Cache of trained models, so that the same training is not repeated.
 
 use std::path::{Path, PathBuf};
 
@@ -7,18 +7,18 @@ use outfile::Existing;
 
 use crate::samples::TrainError;
 
-/// A model from the cache, or a new one that is kept there.
+/// A cached model.
 #[derive(Debug)]
 pub struct Cached {
     /// The model.
     pub model: Model,
-    /// Whether it was trained now.
+    /// Whether it was trained by this call.
     pub is_new: bool,
-    /// Where it is kept, or why not; empty where it was there.
+    /// Where a new model was stored, or why it was not.
     pub notes: Vec<String>,
 }
 
-/// The one current of a case's readings, A.
+/// The common current of a case's readings, A.
 ///
 /// # Errors
 /// [`TrainError::Currents`] where readings have several currents.
@@ -31,7 +31,7 @@ pub fn single_current(case: &Case) -> Result<f64, TrainError> {
     }
 }
 
-/// The model of a case: from the cache if it was trained before with the same settings, else trained and kept there.
+/// The model of a case: from the cache if it was trained before with the same settings, otherwise trained and cached.
 pub(crate) fn kept(
     case: &Case,
     settings: &TrainingSettings,
@@ -74,7 +74,7 @@ pub(crate) fn kept(
     })
 }
 
-/// `$XDG_CACHE_HOME/tactus/KIND-HASH.safetensors`; the hash is of everything that the training depends on.
+/// `$XDG_CACHE_HOME/tactus/KIND-HASH.safetensors`; the hash covers everything that the training depends on.
 fn cache_file(case: &Case, settings: &TrainingSettings, kind: &str) -> Option<PathBuf> {
     let base = std::env::var_os("XDG_CACHE_HOME")
         .filter(|base| Path::new(base).is_absolute())

@@ -1,5 +1,5 @@
-//! Noise figures of methods that are not linear, found by draws: of trained networks with the noise they were trained for, of any
-//! method with white noise.
+//! Noise figures of nonlinear methods, by draws: of trained networks with the noise of their training, of other methods
+//! with white noise.
 
 use std::sync::Arc;
 
@@ -13,16 +13,17 @@ use survey::{Map, Reading, Volts};
 
 use crate::samples::Noise;
 
-/// Draws of the noise, and of a method that takes seconds for a frame.
+/// Draws of the noise, and fewer for a method that takes seconds per frame.
 const DRAWS: usize = 24;
 const FEW_DRAWS: usize = 6;
-/// Radius of the load in the middle of the region, as a share of the region's half diagonal; it loses half.
+/// Radius of the load in the middle of the region, as a share of the region's half diagonal; half the conductance is
+/// lost.
 const SIZE: f64 = 0.1;
-/// Of the draws of white noise.
+/// Seed of the draws of white noise.
 const SEED: u64 = 26;
 
 /// The model with its noise figure: signal-to-noise ratio of the readings over that of the map, for a small load in the
-/// middle of the region. Without one where the network makes no map of that load or an empty one.
+/// middle of the region. Without a noise figure if the network makes no map of that load or an empty one.
 pub fn with_noise_figure(model: Model, case: &Case, sigma0: &[f64], noise: &Noise) -> Model {
     let network = model.clone().into_reconstructor();
     let figure = Press::new(case, sigma0, None).and_then(|press| {
@@ -40,8 +41,9 @@ pub fn with_noise_figure(model: Model, case: &Case, sigma0: &[f64], noise: &Nois
     }
 }
 
-/// The same of any method, at the case's currents, for white noise of `noise_v` (V, standard deviation of one reading) on baseline
-/// and frame; fewer draws where a method is `slow`. A method that is not linear has another at another noise or load.
+/// The noise figure of any method, at the case's currents, for white noise of `noise_v` (V, standard deviation of one
+/// reading) on baseline and frame; fewer draws if a method is `slow`. The figure of a nonlinear method depends on noise
+/// and load.
 pub fn by_draws(
     reconstructor: &dyn Reconstructor,
     case: &Case,
@@ -50,7 +52,7 @@ pub fn by_draws(
 ) -> Option<f64> {
     let sigma0 = case.unloaded_conductance();
     let press = Press::new(case, &sigma0, Some(&case.currents))?;
-    // the noise of both, on the frame: every method looks at the difference
+    // the noise of both is added to the frame: every method uses the difference
     let normal = Normal::new(0.0, std::f64::consts::SQRT_2 * noise_v).ok()?;
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let count = press.after.len();
@@ -72,7 +74,7 @@ struct Press {
 }
 
 impl Press {
-    /// At `currents`, A, else at 1 A.
+    /// At `currents`, A, or at 1 A.
     fn new(case: &Case, sigma0: &[f64], currents: Option<&[f64]>) -> Option<Self> {
         let mesh = &case.mesh;
         let centroids = mesh.region_centroids();
@@ -103,7 +105,7 @@ impl Press {
         })
     }
 
-    /// |dv| / |noise| over |map| / |map with noise - map|, noises and what they do summed over the draws (V).
+    /// |dv| / |noise| over |map| / |map with noise - map|, noises and map changes summed over the draws (V).
     fn figure(&self, reconstructor: &dyn Reconstructor, draws: Vec<Vec<f64>>) -> Option<f64> {
         let readings = |volts: &mut dyn Iterator<Item = f64>| -> Vec<Reading> {
             volts.map(|v| Reading::Ok(Volts(v))).collect()
@@ -139,7 +141,7 @@ mod tests {
     use eit::{DiscTank, Hyper, OneStep, OneStepOptions, Scale};
     use survey::Protocol;
 
-    /// Of a linear map M the figure has a closed form, |dv| |M| / sqrt(readings) / |M dv|, which needs no draws.
+    /// For a linear map M the figure has a closed form, |dv| |M| / sqrt(readings) / |M dv|, without draws.
     #[test]
     fn the_draws_of_a_linear_map_find_its_closed_form() {
         let tank = DiscTank::default();
@@ -187,7 +189,7 @@ mod tests {
             linear.noise_figure().unwrap()
         );
         assert!((drawn / closed - 1.0).abs() < 0.1, "{drawn} {closed}");
-        // what noise does outside of the load is mostly cut, as gains are
+        // most noise outside the load is clipped as a gain
         assert!(bounded > 0.1 * drawn && bounded < drawn, "{bounded}");
     }
 }

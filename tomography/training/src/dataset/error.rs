@@ -1,4 +1,4 @@
-//! Why a training set in files cannot be made or used.
+//! Errors of training sets in files.
 
 use std::path::{Path, PathBuf};
 
@@ -6,24 +6,24 @@ use outfile::OutFileError;
 
 use crate::samples::{SampleError, TrainError};
 
-/// Why there is no training set, or no shard of one.
+/// Why a training set or a shard cannot be made or used.
 #[derive(Debug, thiserror::Error)]
 pub enum DataSetError {
     /// A file or folder cannot be read or written.
     #[error("{}", .path.display())]
     Io {
-        /// Which.
+        /// The path.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         #[source]
         cause: std::io::Error,
     },
-    /// A file or folder is not what is needed.
+    /// A file or folder is unusable.
     #[error("{}{why}", .path.display())]
     Unusable {
-        /// Which.
+        /// The path.
         path: PathBuf,
-        /// What is wrong with it, and what to do; begins with a colon or a space.
+        /// The problem and what to do; begins with a colon or a space.
         why: String,
     },
     /// The set cannot be simulated with these settings.

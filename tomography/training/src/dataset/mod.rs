@@ -1,10 +1,11 @@
-//! Training sets in files, in shards that are made anywhere, in any order, and resumed. Left to others: where the cases come
-//! from (`samples`), and the command line (`tactus-lab dataset`).
+//! Training sets in files, in shards that can be made on any machine, in any order, and resumed. `samples` provides the
+//! cases; the command line is `tactus-lab dataset`.
 //!
-//! A shard `shard-I-of-N.tset` holds the cases c with c * N / cases = I of one set: a header line of JSON, then a record a
-//! case, little-endian: the count of changed triangles (u32), the normalised readings (f32), and (u32, f32) for each change.
-//! Beside it, once it is whole, `shard-I-of-N.json`: its manifest with the SHA-256 of the file. A shard under way is
-//! `.part`; whole records of it are kept when the command is run again. Case c depends on settings and seed alone.
+//! A shard `shard-I-of-N.tset` holds the cases c with c * N / cases = I of one set: a header line of JSON, then a
+//! record for each case, little-endian: the number of changed triangles (u32), the normalised readings (f32), and (u32,
+//! f32) for each change. When it is complete, its manifest `shard-I-of-N.json` with the SHA-256 of the file is written.
+//! An incomplete shard is `.part`; its complete records are reused when the command is repeated. Case c depends on
+//! settings and seed only.
 
 mod error;
 mod read;
@@ -26,25 +27,25 @@ use crate::samples::{Sample, Samples, Simulation};
 pub use error::DataSetError;
 pub use read::DataSet;
 
-/// Cases solved side by side between two writes.
+/// Cases solved in parallel between two writes.
 const BLOCK: usize = 64;
 const LAYOUT: u32 = 1;
 
-/// A shard of a set, made or found.
+/// A shard of a set, new or existing.
 #[derive(Debug)]
 pub struct Shard {
     /// Its file.
     pub file: PathBuf,
-    /// The cases of the set that it holds.
+    /// The cases of the set in it.
     pub cases: Range<usize>,
-    /// How many of them an earlier run had made.
+    /// Number of cases made by an earlier run.
     pub kept: usize,
-    /// SHA-256 of the file, hex; `None` where the shard was there already.
+    /// SHA-256 of the file, hex; `None` if the shard existed already.
     pub sha256: Option<String>,
 }
 
-/// Makes shard `index` of `of` in `folder`, or goes on with it; a shard that is there already is left alone. `progress` is
-/// called with the number of cases that are done, and of all cases of the shard.
+/// Makes or resumes shard `index` of `of` in `folder`; an existing shard is unchanged. `progress` is called with the
+/// number of completed cases and the number of cases in the shard.
 ///
 /// # Errors
 /// Files that cannot be read or written, or that belong to another set; a case that cannot be solved.
@@ -87,7 +88,7 @@ pub fn make_shard(
         ));
     }
     let head = format!("{header}\n");
-    // between the last record and the manifest lies a rename, where a run may have been killed
+    // a run may have been killed between the rename after the last record and the manifest
     for path in [&paths.part, &paths.whole] {
         if !begins(path, &head)? {
             return Err(DataSetError::unusable(
@@ -133,7 +134,7 @@ fn cases_of(index: usize, of: usize, cases: usize) -> Range<usize> {
     cases * index / of..cases * (index + 1) / of
 }
 
-/// What decides every bit of a shard.
+/// The header, which contains everything that determines the bits of a shard.
 fn header(
     case: &Case,
     settings: &TrainingSettings,
@@ -157,7 +158,7 @@ fn header(
     })
 }
 
-/// Whether a file is absent, or begins as the shard does: with the header, or with the part of it that a killed run wrote.
+/// Whether a file is absent, or begins with the header or with a part of it written by a killed run.
 fn begins(path: &Path, head: &str) -> Result<bool, DataSetError> {
     let failed = |cause: std::io::Error| DataSetError::io(path, cause);
     match std::fs::symlink_metadata(path) {
@@ -174,7 +175,7 @@ fn begins(path: &Path, head: &str) -> Result<bool, DataSetError> {
     Ok(head.as_bytes().starts_with(&begin))
 }
 
-/// Writes the records that are missing; gives the number of those that were there.
+/// Writes the missing records; returns the number of existing ones.
 fn make(
     simulation: &Simulation,
     head: &str,
@@ -218,7 +219,7 @@ fn make(
     Ok(kept)
 }
 
-/// A write that failed: what was written stays, and how to go on.
+/// The error for a failed write: the written part is kept, and the message explains how to continue.
 fn full(part: &Path, cause: &std::io::Error) -> DataSetError {
     DataSetError::unusable(
         part,
@@ -247,7 +248,7 @@ fn record(out: &mut impl Write, sample: &Sample) -> std::io::Result<()> {
     Ok(())
 }
 
-/// How many whole records follow the right header, and where they end; none where the header is another.
+/// Number of complete records after a matching header, and where they end; 0 if the header does not match.
 fn resume(file: &File, head: &str, inputs: usize, most: usize) -> std::io::Result<(usize, u64)> {
     let length = file.metadata()?.len();
     let mut reader = BufReader::new(file);
@@ -287,7 +288,7 @@ mod tests {
         }
     }
 
-    /// A disk that is full after so many bytes.
+    /// A disk that is full after this number of bytes.
     struct Small(usize);
 
     impl Write for Small {

@@ -1,4 +1,4 @@
-//! A training set in files as training reads it: by number, in any order, never whole in memory.
+//! Reads cases of a training set in files by index, without loading the set into memory.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -26,12 +26,13 @@ pub struct DataSet {
 struct Shard {
     path: PathBuf,
     file: File,
-    /// Where each record begins, and where the last ends.
+    /// Start of each record, and end of the last.
     at: Vec<u64>,
 }
 
 impl DataSet {
-    /// Opens a folder that [`make_shard`](super::make_shard) filled: all shards there, of one set, their checksums right.
+    /// Opens a folder filled by [`make_shard`](super::make_shard); all shards must exist, belong to one set and match
+    /// their checksums.
     ///
     /// # Errors
     /// Files that cannot be read, a set for another mesh or protocol, shards that are missing or damaged.
@@ -132,7 +133,7 @@ impl DataSet {
         Ok(set)
     }
 
-    /// The settings that it was made with.
+    /// The settings of the set.
     pub fn settings(&self) -> &TrainingSettings {
         &self.settings
     }
@@ -217,7 +218,7 @@ impl Samples for DataSet {
     }
 }
 
-/// Names of the shards that are not there, of so many as the manifests say.
+/// Names of the missing shards, by the total in the manifests.
 fn missing(manifests: &[(PathBuf, serde_json::Value)]) -> String {
     let shard = |manifest: &serde_json::Value, part: usize| {
         manifest["header"]["shard"][part].as_u64().unwrap_or(0)
@@ -232,7 +233,7 @@ fn missing(manifests: &[(PathBuf, serde_json::Value)]) -> String {
     absent.join(", ")
 }
 
-/// The content of a manifest, `None` where there is none.
+/// The content of a manifest; `None` if it does not exist.
 pub(super) fn manifest(path: &Path) -> Result<Option<serde_json::Value>, DataSetError> {
     let text = match std::fs::read_to_string(path) {
         Ok(text) => text,
@@ -244,7 +245,7 @@ pub(super) fn manifest(path: &Path) -> Result<Option<serde_json::Value>, DataSet
         .map_err(|cause| DataSetError::io(path, cause.into()))
 }
 
-/// SHA-256 of a file, hex, read piece by piece.
+/// SHA-256 of a file, hex, read in pieces.
 pub(super) fn hash_of(path: &Path) -> Result<String, DataSetError> {
     let failed = |cause: std::io::Error| DataSetError::io(path, cause);
     let mut file = File::open(path).map_err(failed)?;

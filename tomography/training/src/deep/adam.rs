@@ -2,7 +2,7 @@
 
 use super::product;
 
-/// What one step needs; the corrections for the moments' start at zero are in `rate` and `epsilon`.
+/// Parameters of a step; `rate` and `epsilon` include the correction for the moments' start at zero.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
     beta1: f32,
@@ -26,7 +26,7 @@ impl Step {
         }
     }
 
-    /// One pass over equally long slices.
+    /// Updates all entries of equally long slices.
     pub(super) fn take(self, values: &mut [f32], moments: [&mut [f32]; 2], gradient: &[f32]) {
         let constants = [self.beta1, self.beta2, self.rate, self.epsilon];
         product::adam(constants, values, moments, gradient);

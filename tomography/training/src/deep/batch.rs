@@ -1,4 +1,4 @@
-//! Samples with their jitter, in batches; and what the inputs of a training set are like.
+//! Batches of samples with their jitter; and statistics of the inputs of a training set.
 
 use eit::inverse::learned::network::TrainingDistribution;
 use rand::{RngExt, SeedableRng};
@@ -8,12 +8,12 @@ use rayon::prelude::*;
 use super::descent::Batch;
 use crate::samples::{Noise, Sample, SampleError, Samples};
 
-/// Stream of the seed that an epoch's order is drawn from.
+/// Random stream for the order of an epoch.
 const ORDER: u64 = 201 << 48;
-/// At most so many inputs describe the set.
+/// Maximum number of inputs for the statistics.
 const DESCRIBED: usize = 20_000;
 
-/// A training set with its jitter: the last `held_out` cases are kept back.
+/// A training set with its jitter: the last `held_out` cases are held out.
 #[derive(Clone, Copy)]
 pub(super) struct Feed<'a> {
     pub(super) samples: &'a dyn Samples,
@@ -22,7 +22,7 @@ pub(super) struct Feed<'a> {
     pub(super) held_out: usize,
 }
 
-/// What the inputs of a training set are like.
+/// Statistics of the inputs of a training set.
 pub(super) struct Described {
     /// Mean and 1 / deviation of each reading.
     pub(super) statistics: [Vec<f32>; 2],
@@ -30,12 +30,12 @@ pub(super) struct Described {
 }
 
 impl Feed<'_> {
-    /// Cases that are trained on.
+    /// Number of training cases.
     pub(super) fn cases(self) -> usize {
         self.samples.len() - self.held_out
     }
 
-    /// Samples of an epoch.
+    /// Number of samples in an epoch.
     pub(super) fn len(self) -> usize {
         self.cases() * self.repeats
     }
@@ -43,14 +43,14 @@ impl Feed<'_> {
     /// Case `case` with the jitter of one copy.
     fn jittered(self, copy: usize, case: usize) -> Result<Sample, SampleError> {
         let mut sample = self.samples.sample(case)?;
-        // a set need not look itself over, and one such number poisons every weight
+        // not every set checks itself, and one such number would spoil every weight
         sample.check("the training set", case)?;
         self.noise
             .add(&mut sample.input, copy, case, self.samples.len());
         Ok(sample)
     }
 
-    /// Fills a batch with these (copy, case).
+    /// Fills a batch with the given (copy, case) pairs.
     pub(super) fn fill(
         self,
         batch: &mut Batch,
@@ -90,15 +90,15 @@ impl Feed<'_> {
         order
     }
 
-    /// The held-out cases, each with one draw of the jitter that training never sees.
+    /// The held-out cases, each with a draw of the jitter that is never used in training.
     pub(super) fn kept_back(self) -> Vec<(usize, usize)> {
         (self.cases()..self.samples.len())
             .map(|case| (self.repeats + case % self.noise.levels(), case))
             .collect()
     }
 
-    /// Mean and 1 / deviation of each reading over the training inputs (`epsilon` added to the variance), and what is
-    /// familiar.
+    /// Mean and 1 / deviation of each reading over the training inputs (`epsilon` added to the variance), and the
+    /// distribution of the inputs.
     pub(super) fn describe(self, epsilon: f64) -> Result<Option<Described>, SampleError> {
         let rows = (0..self.cases().min(DESCRIBED))
             .into_par_iter()

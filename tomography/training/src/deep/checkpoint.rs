@@ -1,4 +1,4 @@
-//! A training in a file: written whole or not at all after each epoch, read by a run of the same settings.
+//! Checkpoints of a training: written atomically after each epoch, read by a run with the same settings.
 
 use std::collections::HashMap;
 use std::io;
@@ -12,20 +12,20 @@ use super::descent::Descent;
 
 const KEY: &str = "tactus-training";
 
-/// Where a training is after an epoch.
+/// State of a training after an epoch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Course {
-    /// Of everything that the bits depend on.
+    /// Fingerprint of everything that determines the bits.
     pub(super) fingerprint: String,
-    /// Epochs that are done.
+    /// Completed epochs.
     pub(super) epochs: usize,
-    /// Steps that are taken.
+    /// Completed steps.
     pub(super) steps: u64,
     /// The best epoch, from 1, its training loss and held-out loss.
     pub(super) best: Option<(usize, f64, f64)>,
 }
 
-/// Why there is no checkpoint.
+/// Errors of checkpoints.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointFault {
     /// It cannot be written.
@@ -53,7 +53,7 @@ pub enum CheckpointFault {
     Damaged {
         /// The file.
         path: String,
-        /// What shows it.
+        /// How it was detected.
         why: String,
     },
     /// It was written by a training with other settings.
@@ -66,7 +66,7 @@ pub enum CheckpointFault {
     },
 }
 
-/// Writes weights, moments, best weights and course.
+/// Writes weights, moments, best weights and state.
 pub(super) fn write(
     path: &Path,
     descent: &Descent,
@@ -96,7 +96,7 @@ pub(super) fn write(
             .expect("the length is that of the bytes");
         (name, view)
     });
-    // what is replaced has been read as a checkpoint of this training; a torn file leaves nothing behind
+    // the file to replace was read as a checkpoint of this training; a failed write leaves no file behind
     let file =
         OutFile::create(path, Existing::Replace).map_err(|refused| failed(refused.into_io()))?;
     let Some(temporary) = file.temporary_path() else {
@@ -117,7 +117,7 @@ pub(super) fn write(
         .map_err(|refused| failed(refused.into_io()))
 }
 
-/// Reads a checkpoint into a network of the same shape; `None` where there is none.
+/// Reads a checkpoint into a network of the same shape; `None` if the file does not exist.
 pub(super) fn read(
     path: &Path,
     descent: &mut Descent,

@@ -1,4 +1,4 @@
-//! The network while it is trained: weights, Adam's moments, activations of a batch, and one step.
+//! The state of a network in training: weights, Adam's moments, activations of a batch; and one training step.
 
 use eit::DeepSettings;
 use eit::inverse::learned::network::{elu, elu_slope};
@@ -9,10 +9,10 @@ use rayon::prelude::*;
 use super::adam::Step;
 use super::product::{self, PANEL, STRIP, TILE, place, tiled};
 
-/// Stream of the seed that initial weights are drawn from, away from those of cases and jitter.
+/// Random stream of the initial weights, separate from those of cases and jitter.
 const INITIAL: u64 = 200 << 48;
 
-/// Numbers that are trained, with Adam's two moments.
+/// Trained numbers with Adam's two moments.
 #[derive(Debug, Clone)]
 pub(super) struct Trained {
     pub(super) values: Vec<f32>,
@@ -43,13 +43,13 @@ impl Trained {
 pub(super) struct Layer {
     inputs: usize,
     outputs: usize,
-    /// In panels.
+    /// Weights, in panels.
     weights: Trained,
     bias: Trained,
 }
 
 impl Layer {
-    /// Weights, a row of as many as there are inputs an output, and biases.
+    /// Weights, a row of one entry per input for each output, and biases.
     pub(super) fn plain(&self) -> (Vec<f32>, Vec<f32>) {
         (
             product::in_rows(&self.weights.values, self.inputs, self.outputs),
@@ -58,7 +58,7 @@ impl Layer {
     }
 }
 
-/// A batch: `inputs` a row a reading with the samples side by side, `targets` (triangle, sample, relative change).
+/// A batch: `inputs` has a row per reading and a column per sample, `targets` are (triangle, sample, relative change).
 #[derive(Debug, Clone, Default)]
 pub(super) struct Batch {
     pub(super) samples: usize,
@@ -66,20 +66,20 @@ pub(super) struct Batch {
     pub(super) targets: Vec<(u32, u32, f32)>,
 }
 
-/// The network, and room for one batch.
+/// The network, and memory for one batch.
 pub(super) struct Descent {
-    /// Scale and shift after the normalisation of the input, where there is one.
+    /// Scale and shift after the normalisation of the input, if any.
     pub(super) normalisation: Option<[Trained; 2]>,
     pub(super) layers: Vec<Layer>,
     /// Steps taken.
     pub(super) steps: u64,
     betas: [f64; 2],
     epsilon: f64,
-    /// Normalised inputs before scale and shift, a row a reading with the samples side by side.
+    /// Normalised inputs before scale and shift, a row per reading and a column per sample.
     centred: Vec<f32>,
-    /// What enters each layer, and what leaves the last, in tiles.
+    /// Inputs of each layer, and outputs of the last, in tiles.
     values: Vec<Vec<f32>>,
-    /// Slopes of the loss along what leaves each layer before its elu.
+    /// Derivatives of the loss with respect to each layer's output before its elu.
     slopes: Vec<Vec<f32>>,
 }
 
@@ -118,7 +118,7 @@ impl Descent {
         }
     }
 
-    /// All that is trained, in a fixed order.
+    /// All trained numbers, in a fixed order.
     pub(super) fn trained(&self) -> impl Iterator<Item = &Trained> {
         let layers = self
             .layers
@@ -127,7 +127,7 @@ impl Descent {
         self.normalisation.iter().flatten().chain(layers)
     }
 
-    /// The same to be changed.
+    /// The same, mutable.
     pub(super) fn trained_mut(&mut self) -> impl Iterator<Item = &mut Trained> {
         let layers = self
             .layers
@@ -136,7 +136,7 @@ impl Descent {
         self.normalisation.iter_mut().flatten().chain(layers)
     }
 
-    /// Weights and biases.
+    /// Number of weights and biases.
     pub(super) fn parameters(&self) -> usize {
         let normalisation = self.normalisation.iter().flatten();
         let layers = self.layers.iter();
@@ -146,9 +146,9 @@ impl Descent {
                 .sum::<usize>()
     }
 
-    /// Mean loss of a batch (half the squared error of a map, summed over its triangles); the slopes of the output are left
-    /// in the last of `slopes`. `statistics`, mean and 1 over deviation of each reading, normalise the input; without them
-    /// the batch's own do.
+    /// Mean loss of a batch (half the squared error of a map, summed over its triangles); the derivatives with respect
+    /// to the output are left in the last of `slopes`. `statistics`, mean and 1 / deviation of each reading, normalise
+    /// the input; without them the statistics of the batch do.
     pub(super) fn loss(
         &mut self,
         batch: &Batch,
@@ -199,7 +199,7 @@ impl Descent {
         for &(triangle, sample, change) in &batch.targets {
             errors[place(triangle as usize, sample as usize, strips)] -= change;
         }
-        // samples that only fill up the last strip
+        // samples that only pad the last strip
         for (block, rows) in errors.chunks_exact_mut(TILE * STRIP).enumerate() {
             if block % strips == strips - 1 {
                 for row in rows.chunks_exact_mut(STRIP) {
@@ -220,7 +220,7 @@ impl Descent {
         0.5 * sums.iter().sum::<f64>() / b as f64
     }
 
-    /// One step of Adam on a batch; gives its loss before the step.
+    /// One step of Adam on a batch; returns its loss before the step.
     pub(super) fn step(&mut self, batch: &Batch, rate: f64, epsilon: f64) -> f64 {
         let loss = self.loss(batch, None, epsilon);
         let b = batch.samples;
@@ -236,7 +236,7 @@ impl Descent {
                 below.fill(0.0);
                 product::backward(&layer.weights.values, slopes, tile, below);
             };
-            // the slopes further down are of the weights before their step
+            // the derivatives of lower layers use the weights before their step
             if let Some(below) = before.last_mut() {
                 below.resize(inputs.len(), 0.0);
                 below
@@ -304,8 +304,8 @@ impl Descent {
     }
 }
 
-/// Brings each row to mean 0 and deviation 1: by given mean and 1 / deviation, or by its own with `epsilon` added to the
-/// variance.
+/// Scales each row to mean 0 and deviation 1: with the given mean and 1 / deviation, or its own with `epsilon` added to
+/// the variance.
 fn normalise(rows: &mut [f32], b: usize, statistics: Option<&[Vec<f32>; 2]>, epsilon: f64) {
     for (index, row) in rows.chunks_exact_mut(b).enumerate() {
         let (mean, inverse) = match statistics {
@@ -333,7 +333,7 @@ mod tests {
         DeepSettings {
             hidden_layers: 2,
             width: 9,
-            // Adam's first moment is then the gradient itself
+            // Adam's first moment is then equal to the gradient
             beta1: 0.0,
             ..DeepSettings::default()
         }

@@ -1,4 +1,5 @@
-//! k-means, the same bits on any number of threads: work is cut into fixed chunks whose sums are added in order.
+//! k-means with the same bits on any number of threads: work is divided into fixed chunks whose sums are added in
+//! order.
 
 use eit::linear_algebra::{product, squared_distance};
 use faer::MatRef;
@@ -6,10 +7,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Rows of one chunk of work.
+/// Rows per task.
 const CHUNK: usize = 1000;
 
-/// Rows of equal length, one after the other.
+/// Rows of equal length, stored one after another.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rows<'a> {
     pub(crate) values: &'a [f32],
@@ -30,36 +31,36 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Centres of clusters, and how they came about.
+/// Centres of clusters, and statistics of the search.
 #[derive(Debug, Clone)]
 pub(crate) struct Clusters {
-    /// One row a centre.
+    /// One row per centre.
     pub(crate) centres: Vec<f64>,
     /// Rounds of assignment.
     pub(crate) rounds: usize,
-    /// Clusters that ran empty and were begun again at the farthest sample.
+    /// Clusters that became empty and were restarted at the farthest sample.
     pub(crate) reseeded: usize,
 }
 
-/// Where a sample belongs, and what is known of its distances without measuring them again (Hamerly, 2010).
+/// Cluster of a sample, with bounds on its distances that avoid recomputing them (Hamerly, 2010).
 #[derive(Debug, Clone, Copy)]
 struct Place {
     cluster: u32,
-    /// No farther than this from its own centre.
+    /// Upper bound of the distance from its own centre.
     upper: f64,
-    /// No nearer than this to any other.
+    /// Lower bound of the distance from any other.
     lower: f64,
 }
 
 impl Place {
-    /// Whether another centre may be nearer, rounding allowed for.
+    /// Whether another centre may be nearer, allowing for rounding.
     fn doubtful(self) -> bool {
         self.upper * (1.0 + 1e-7) >= self.lower
     }
 }
 
-/// Lloyd's rounds from a k-means++ start, until no sample changes its cluster or `most_rounds` have passed. A sample is
-/// measured again only where the movement of the centres could have changed its cluster.
+/// Lloyd's iterations from a k-means++ start, until no sample changes its cluster or `most_rounds` is reached.
+/// Distances of a sample are recomputed only if the movement of the centres could have changed its cluster.
 pub(crate) fn cluster(
     rows: Rows<'_>,
     count: usize,
@@ -125,8 +126,8 @@ pub(crate) fn cluster(
     }
 }
 
-/// k-means++: each next centre is a sample drawn with probability proportional to its squared distance from the centres
-/// there are.
+/// k-means++: each next centre is a sample drawn with probability proportional to its squared distance from the
+/// existing centres.
 fn start(rows: Rows<'_>, count: usize, seed: u64) -> Vec<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut centres = Vec::with_capacity(count * rows.width);
@@ -162,7 +163,7 @@ fn start(rows: Rows<'_>, count: usize, seed: u64) -> Vec<f64> {
 }
 
 /// Finds the nearest and second nearest centre of every doubtful row, by |x|^2 - 2 x c + |c|^2 in double precision,
-/// clamped at 0. Says whether any row has changed its cluster.
+/// clamped at 0. Returns whether any row has changed its cluster.
 fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Place]) -> bool {
     let count = centres.len() / rows.width;
     let by_row = MatRef::from_row_major_slice(centres, count, rows.width);
@@ -193,7 +194,7 @@ fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Place]) -> bool {
                 return false;
             }
             let samples = MatRef::from_row_major_slice(&wide, doubtful.len(), rows.width);
-            // centres x samples: each column is one sample's
+            // centres x samples: a column per sample
             let products = product(by_row, samples.transpose());
             let mut changed = false;
             for ((products, row), index) in products
@@ -222,7 +223,7 @@ fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Place]) -> bool {
             }
             changed
         });
-    // every chunk is looked at, whatever the others found
+    // without short-circuit: every chunk must be processed
     changes.reduce(|| false, |a, b| a | b)
 }
 
@@ -349,7 +350,7 @@ mod tests {
         };
         for rounds in [2, 5, 30] {
             let clusters = cluster(rows, 15, 5, rounds, &|_| {});
-            // one plain round of Lloyd more, from scratch, against the bounded one
+            // compared with one more plain iteration of Lloyd without bounds
             let next = cluster(rows, 15, 5, rounds + 1, &|_| {});
             let mut places = vec![unknown; rows.len()];
             assign(rows, &clusters.centres, &mut places);

@@ -18,24 +18,24 @@ use crate::samples::{
     stream,
 };
 
-/// Singular values of Phi below this share of the largest are cut (Moore-Penrose).
+/// Singular values of Phi below this share of the largest are dropped (Moore-Penrose).
 const CUT: f64 = 1e-10;
 
-/// How well the least-squares problem of Eq. 15 is posed.
+/// Conditioning of the least-squares problem of Eq. 15.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Conditioning {
     /// Distance from the nearest centre, in spreads, within which 99.9 % of the samples lie.
     familiar: f64,
     /// Directions kept.
     rank: usize,
-    /// Largest over smallest singular value of Phi, cut ones included.
+    /// Largest over smallest singular value of Phi, including dropped ones.
     condition: f64,
     /// Largest entry of W.
     largest_weight: f64,
 }
 
 const MOST_ROUNDS: usize = 100;
-/// Pairs of samples from which the spread is estimated, where there are more.
+/// Maximum number of pairs of samples from which the spread is estimated.
 const PAIRS: usize = 1_000_000;
 
 /// Trains an RBF network (Eq. 12 to 15).
@@ -54,7 +54,7 @@ pub fn train_rbf(
     train_rbf_on(&simulation, settings, progress)
 }
 
-/// Trains an RBF network on a set that is there; `settings` say the rest. All inputs with their jitter are held in memory.
+/// Trains an RBF network on a given set; `settings` gives everything else. All jittered inputs are held in memory.
 ///
 /// # Errors
 /// See [`TrainError`].
@@ -126,8 +126,8 @@ pub fn train_rbf_on(
     Ok((network, report))
 }
 
-/// Solves Eq. 15 for given centres and spread. `inputs` are `repeats` copies of the cases one after the other, each
-/// with its own jitter; `targets` one for each case.
+/// Solves Eq. 15 for given centres and spread. `inputs` are `repeats` copies of the cases, one set after another, each
+/// with its own jitter; `targets` has one entry per case.
 fn fit(
     inputs: Rows<'_>,
     centres: &[f64],
@@ -164,7 +164,7 @@ fn fit(
     if rank == 0 {
         return Err(TrainError::Weights);
     }
-    // coordinates of every case in the directions kept, its repeats added: they share one target
+    // coordinates of every case in the directions kept, summed over its repeats, which share one target
     let q = qr.compute_thin_Q();
     let cases = targets.len();
     let coordinates: Vec<f64> = (0..cases)
@@ -230,8 +230,8 @@ fn largest_product(mixing: &[f64], weights: &[Vec<f64>], neurons: usize) -> f64 
     product(view, mixing).amax()
 }
 
-/// Eq. 13, mean plus standard deviation of the distances of two samples, and their median: over all pairs where there are
-/// no more than `most`, else over `most` of them drawn at random.
+/// Eq. 13, mean plus standard deviation of the distances of two samples, and their median: over all pairs if there are
+/// at most `most`, otherwise over `most` random pairs.
 fn spread(rows: Rows<'_>, seed: u64, most: usize) -> (f64, f64) {
     const CHUNK: usize = 10_000;
     let n = rows.len();

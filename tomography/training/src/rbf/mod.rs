@@ -1,5 +1,5 @@
-//! The RBF network of a case (the paper's section 4.3) as a model file: k-means, the spread, least squares. Left to others:
-//! the network's own evaluation (`eit`).
+//! Trains the RBF network of a case (the paper's section 4.3): k-means, the spread, least squares. `eit` evaluates the
+//! network.
 
 mod kmeans;
 mod least_squares;
@@ -14,10 +14,10 @@ use crate::samples::{Noise, Progress, Samples, Simulation, TrainError};
 use crate::symmetry::Symmetric;
 pub use least_squares::{train_rbf, train_rbf_on};
 
-/// Above this ratio of spread to median distance a few samples rule the spread of Eq. 13.
+/// Ratio of spread to median distance above which a few samples dominate the spread of Eq. 13.
 pub const SPREAD_RULED: f64 = 10.0;
 
-/// What there is to say of a spread that a few samples rule.
+/// The warning for such a spread.
 pub fn spread_note(report: &TrainingReport) -> Option<String> {
     (report.spread_over_median > SPREAD_RULED).then(|| {
         format!(
@@ -27,11 +27,11 @@ pub fn spread_note(report: &TrainingReport) -> Option<String> {
     })
 }
 
-/// Trains on `samples`, else on cases simulated with `settings`; with `symmetric` each is seen through every symmetry of the
-/// sheet too.
+/// Trains on `samples`, or on cases simulated with `settings`; with `symmetric`, the set is extended by every symmetry
+/// of the sheet.
 ///
 /// # Errors
-/// A set that cannot be simulated or read, settings without meaning, or a least-squares problem that cannot be solved.
+/// A set that cannot be simulated or read, invalid settings, or a least-squares problem that cannot be solved.
 pub fn fit(
     case: &Case,
     settings: TrainingSettings,
@@ -70,7 +70,8 @@ pub fn fit(
     Ok(with_noise_figure(model, case, &sigma0, &noise))
 }
 
-/// The RBF network of a case: from the cache if it was trained before with the same settings, else trained and kept there.
+/// The RBF network of a case: from the cache if it was trained before with the same settings, otherwise trained and
+/// cached.
 ///
 /// # Errors
 /// See [`fit`].

@@ -1,18 +1,18 @@
-//! Why there is no sample, and why there is no trained model.
+//! Errors of samples and of trainings.
 
 use std::error::Error;
 
 use eit::{ForwardError, ModelError};
 
-/// Why there is no sample.
+/// Errors of samples.
 #[derive(Debug, thiserror::Error)]
 pub enum SampleError {
-    /// A sample with a number that is none: training on it would poison every weight.
+    /// A sample with a number that is not finite: it would spoil every weight.
     #[error(
         "{place}: {what} of case {case} is not a finite number; make this part of the set again"
     )]
     NotFinite {
-        /// The file, or what else the sample came from.
+        /// The file or other source of the sample.
         place: String,
         /// The case, from 0.
         case: usize,
@@ -24,44 +24,44 @@ pub enum SampleError {
     Unsolved {
         /// The case, from 0.
         case: usize,
-        /// Why.
+        /// The cause.
         #[source]
         cause: Box<TrainError>,
     },
-    /// A file of the set cannot be read, or holds something else.
+    /// A file of the set cannot be read, or has unexpected content.
     #[error("{place}")]
     Unreadable {
-        /// The file, and what is wrong with it.
+        /// The file and the problem.
         place: String,
-        /// What the system says.
+        /// The system's error.
         #[source]
         cause: Box<dyn Error + Send + Sync>,
     },
 }
 
-/// Why there is no trained model.
+/// Errors of trainings.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
-    /// The forward model refused.
+    /// The forward model refused its input.
     #[error("the forward model of the training set")]
     Forward(#[from] ForwardError),
-    /// A sample of the set cannot be had.
+    /// A sample of the set cannot be read.
     #[error("the training set")]
     Sample(#[from] SampleError),
-    /// A setting without meaning.
+    /// An invalid setting.
     #[error("training setting {setting} is {value}, it must be {must}")]
     Setting {
-        /// Which.
+        /// Its name.
         setting: &'static str,
         /// Its value.
         value: f64,
         /// What it must be.
         must: &'static str,
     },
-    /// What was trained is no model.
+    /// The trained result is not a valid model.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// What was fitted is no network.
+    /// The fitted result is not a valid network.
     #[error("{0}")]
     Network(String),
     /// Too few repeats of the baseline.

@@ -1,10 +1,10 @@
-//! Training sets (Algorithm 1, Eq. 6 to 9 of the paper): samples one by one, in memory or made on demand, and their jitter.
-//! Left to others: sets in files (`dataset`), and what is trained on them.
+//! Training sets (Algorithm 1, Eq. 6 to 9 of the paper): samples by index, in memory or computed on demand, and their
+//! jitter. Sets in files are in `dataset`.
 //!
-//! Where the paper's text leaves a choice it is a setting ([`eit::OpenReadings`]). Besides: the vertices of a polygon are
-//! joined in the order of their angles; a triangle belongs to a polygon that holds its centroid (even-odd rule); fewer than
-//! three vertices, or no polygon, make an unchanged sample, which is kept; a loss of 100 % is floored by the forward model
-//! ([`eit::FLOOR`]).
+//! Choices that the paper leaves open are settings ([`eit::OpenReadings`]). In addition: the vertices of a polygon are
+//! connected in the order of their angles; a triangle belongs to a polygon that contains its centroid (even-odd rule);
+//! fewer than three vertices, or no polygon, give an unchanged sample, which is kept; the forward model limits a loss
+//! of 100 % ([`eit::FLOOR`]).
 
 mod error;
 mod noise;
@@ -20,21 +20,21 @@ pub(crate) use random::{Purpose, stream};
 pub use set::TrainingSet;
 pub use simulation::Simulation;
 
-/// What a change of each sample is: (unknown, relative change) where it is not zero.
+/// The non-zero changes of a sample: (triangle, relative change).
 pub type Sparse = Vec<(u32, f32)>;
 
-/// Where a training is.
+/// Stage of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
     /// Solving forward problems.
     Cases,
-    /// Rounds of k-means (at most so many).
+    /// Iterations of k-means (at most this many).
     Clusters,
     /// Solving the least-squares problem.
     Weights,
 }
 
-/// Called with the stage of a training, and how much of it is done of how much.
+/// Called with the stage of a training, the completed units and the total.
 pub type Progress<'a> = &'a (dyn Fn(Stage, usize, usize) + Sync);
 
 /// A case without jitter.
@@ -42,12 +42,12 @@ pub type Progress<'a> = &'a (dyn Fn(Stage, usize, usize) + Sync);
 pub struct Sample {
     /// (v - v0) / max|v0| of every reading (Eq. 6).
     pub input: Vec<f32>,
-    /// (triangle of the region, relative change of its conductance) where it is not zero, ascending (Eq. 7).
+    /// The non-zero changes (Eq. 7), ascending: (triangle of the region, relative change of its conductance).
     pub target: Vec<(u32, f32)>,
 }
 
 impl Sample {
-    /// Refuses numbers that are not finite, naming place, case and number.
+    /// Refuses numbers that are not finite; the error names place, case and number.
     ///
     /// # Errors
     /// [`SampleError::NotFinite`].
@@ -67,10 +67,10 @@ impl Sample {
     }
 }
 
-/// A set of samples, however large and wherever it lies: read by number, in any order, by several threads.
+/// A set of samples of any size and location: read by index, in any order, by several threads.
 ///
-/// A set in memory is a [`TrainingSet`]; one that is solved as it is read is a [`Simulation`]; one in files is a
-/// [`DataSet`](crate::dataset::DataSet).
+/// A [`TrainingSet`] is in memory; a [`Simulation`] solves cases on demand; a [`DataSet`](crate::dataset::DataSet) is
+/// in files.
 pub trait Samples: Sync {
     /// Number of cases, without jittered copies.
     fn len(&self) -> usize;
@@ -86,14 +86,14 @@ pub trait Samples: Sync {
     fn outputs(&self) -> usize;
     /// The unloaded readings at 1 A, V.
     fn baseline(&self) -> &[f64];
-    /// Case `case`, below [`Self::len`]; whoever trains on it checks that it is finite ([`Sample::check`]).
+    /// Case `case`, below [`Self::len`]; the caller checks that it is finite ([`Sample::check`]).
     ///
     /// # Errors
     /// See [`SampleError`].
     fn sample(&self, case: usize) -> Result<Sample, SampleError>;
 }
 
-/// The target as a row of `outputs` numbers.
+/// The target as a row with `outputs` numbers.
 pub fn dense_target(target: &[(u32, f32)], outputs: usize) -> Vec<f32> {
     let mut row = vec![0.0; outputs];
     for &(unknown, change) in target {
@@ -102,7 +102,7 @@ pub fn dense_target(target: &[(u32, f32)], outputs: usize) -> Vec<f32> {
     row
 }
 
-/// Refuses settings without meaning.
+/// Refuses invalid settings.
 pub(crate) fn check(settings: &TrainingSettings) -> Result<(), TrainError> {
     let refuse = |setting, value, must| {
         Err(TrainError::Setting {

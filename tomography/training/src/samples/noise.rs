@@ -1,4 +1,4 @@
-//! Jitter: what noise is added to the inputs, and how a sample gets its own.
+//! Jitter: the noise added to the inputs.
 
 use eit::{Jitter, SpreadReading};
 use rand_distr::{Distribution, Normal, StandardNormal};
@@ -14,17 +14,17 @@ pub struct Noise {
 
 #[derive(Debug, Clone)]
 enum Kind {
-    /// Deviations, taken in turn by the copies of a case.
+    /// Deviations, used in turn by the copies of a case.
     White(Vec<Normal<f64>>),
-    /// Rows of which a random combination has the measured covariance.
+    /// Rows whose random combinations have the measured covariance.
     Rows(Vec<Vec<f64>>),
 }
 
 impl Noise {
-    /// `baseline` is the unloaded readings at 1 A.
+    /// `baseline`: the unloaded readings at 1 A.
     ///
     /// # Errors
-    /// Levels that are no positive numbers, or repeats from which no covariance follows.
+    /// Levels that are not positive numbers, or repeats that do not determine a covariance.
     pub fn new(
         jitter: &Jitter,
         spread: SpreadReading,
@@ -114,7 +114,7 @@ impl Noise {
         Ok(Self { kind, seed })
     }
 
-    /// Number of levels that the copies of a case take in turn; 1 where all copies have the same noise.
+    /// Number of levels that the copies of a case use in turn; 1 if all copies have the same noise.
     pub fn levels(&self) -> usize {
         match &self.kind {
             Kind::White(levels) => levels.len(),
@@ -122,7 +122,7 @@ impl Noise {
         }
     }
 
-    /// Refuses fewer copies of a case than there are levels: some level would be met by no copy.
+    /// Refuses fewer copies of a case than levels: some level would not be used.
     ///
     /// # Errors
     /// [`TrainError::Setting`].
@@ -151,7 +151,7 @@ impl Noise {
         }
     }
 
-    /// Adds to `row` the noise of copy `copy` of case `case` of `cases`; it depends on these and the seed alone.
+    /// Adds to `row` the noise of copy `copy` of case `case` of `cases`; it depends on these and the seed only.
     pub fn add(&self, row: &mut [f32], copy: usize, case: usize, cases: usize) {
         let random = &mut stream(self.seed, Purpose::Jitter, copy * cases + case);
         match &self.kind {
@@ -176,8 +176,8 @@ impl Noise {
         }
     }
 
-    /// Adds the noise's covariance, the mean of its levels, to a symmetric matrix of readings (row-major, readings
-    /// squared entries).
+    /// Adds the covariance of the noise, averaged over its levels, to a symmetric row-major matrix with a row and a
+    /// column per reading.
     pub fn add_covariance(&self, matrix: &mut [f64]) {
         match &self.kind {
             Kind::White(_) => {
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn measured_jitter_has_the_repeats_covariance() {
-        // two readings that move together, one that moves against them, one that is still
+        // two correlated readings, one anticorrelated with them, one constant
         let volts: Vec<Vec<f64>> = (0..40)
             .map(|k| {
                 let wave = 1e-6 * f64::from((k * 7 % 11) - 5);

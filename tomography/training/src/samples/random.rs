@@ -1,9 +1,9 @@
-//! Random streams: one for each purpose and item, so that a case or a copy does not depend on the others.
+//! Random streams: one for each purpose and item, so that cases and copies are independent.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// What a random stream is for: streams of different purposes never meet.
+/// Purpose of a random stream; streams of different purposes do not overlap.
 #[derive(Clone, Copy)]
 pub(crate) enum Purpose {
     Case = 1,
@@ -11,7 +11,7 @@ pub(crate) enum Purpose {
     Pairs = 3,
 }
 
-/// The stream of an item.
+/// The random stream of an item.
 pub(crate) fn stream(seed: u64, purpose: Purpose, item: usize) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(((purpose as u64) << 48) | item as u64);

@@ -15,17 +15,17 @@ pub struct TrainingSet {
     pub baseline: Vec<f64>,
     /// Triangles of the region.
     outputs: usize,
-    /// Normalised inputs (Eq. 6), one row a case.
+    /// Normalised inputs (Eq. 6), one row per case.
     pub(crate) inputs: Vec<f32>,
     /// Relative changes of the region's triangles.
     pub(crate) targets: Vec<Sparse>,
 }
 
 impl TrainingSet {
-    /// Draws and solves the cases of Algorithm 1; case c depends on the settings and c alone.
+    /// Draws and solves the cases of Algorithm 1; case c depends on the settings and c only.
     ///
     /// # Errors
-    /// Settings without meaning, or what the forward model refuses.
+    /// Invalid settings, or a case that the forward model refuses.
     pub fn build(
         mesh: &Arc<Mesh>,
         contact_ohm_m: &[f64],
@@ -41,7 +41,7 @@ impl TrainingSet {
     /// Reads a whole set into memory.
     ///
     /// # Errors
-    /// A sample that cannot be had.
+    /// A sample that cannot be read.
     pub fn read(samples: &dyn Samples, progress: Progress<'_>) -> Result<Self, TrainError> {
         let done = AtomicUsize::new(0);
         let read = (0..samples.len())
@@ -68,7 +68,7 @@ impl TrainingSet {
         })
     }
 
-    /// Eq. 8: the inputs `repeats` times over, each with its own noise.
+    /// Eq. 8: `repeats` copies of the inputs, each with its own noise.
     pub(crate) fn jittered(&self, repeats: usize, noise: &Noise) -> Vec<f32> {
         let (width, cases) = (self.baseline.len(), self.targets.len());
         let mut inputs = self.inputs.repeat(repeats);

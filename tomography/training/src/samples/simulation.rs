@@ -1,4 +1,4 @@
-//! Algorithm 1: random polygons of lost conductance, and what the electrodes see of them.
+//! Algorithm 1: random polygons of lost conductance, and the resulting readings.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -13,14 +13,14 @@ use survey::Protocol;
 
 use super::{Purpose, Sample, SampleError, Samples, Sparse, TrainError, check, stream};
 
-/// Cases of Algorithm 1 on a mesh, each solved when it is asked for.
+/// Cases of Algorithm 1 on a mesh, solved on demand.
 ///
-/// Case c depends on the settings and c alone, so any part of a set is made anywhere with the same bits.
+/// Case c depends on the settings and c only, so parts of a set can be made anywhere with the same bits.
 pub struct Simulation {
     forward: Forward,
     protocol: Protocol,
     sigma0: Vec<f64>,
-    /// What a relative change of each triangle of the region is multiplied by ([`ChangeReading`]).
+    /// Factor of the relative change of each triangle of the region ([`ChangeReading`]).
     units: Vec<f64>,
     baseline: Vec<f64>,
     top: f64,
@@ -29,10 +29,10 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Solves the baseline at `sigma0` (S per square, one a triangle).
+    /// Solves the baseline at `sigma0` (S per square, one per triangle).
     ///
     /// # Errors
-    /// Settings without meaning, or what the forward model refuses.
+    /// Invalid settings, or a sheet that the forward model refuses.
     pub fn new(
         mesh: &Arc<Mesh>,
         contact_ohm_m: &[f64],
@@ -77,7 +77,7 @@ impl Simulation {
     /// Solves one case.
     ///
     /// # Errors
-    /// What the forward model refuses.
+    /// A case that the forward model refuses.
     pub fn solve(&self, case: usize) -> Result<Sample, TrainError> {
         let mut target = self.target(case);
         let mesh = self.forward.mesh();
@@ -125,9 +125,9 @@ impl Samples for Simulation {
     }
 }
 
-/// The region of interest as the cases see it.
+/// The region of interest, for drawing cases.
 pub(super) struct Region {
-    /// Where centres are drawn from: triangles, and sums of their areas up to and with each.
+    /// The area from which centres are drawn: triangles, and cumulative sums of their areas.
     corners: Vec<[[f64; 2]; 3]>,
     areas: Vec<f64>,
     /// Of the region's triangles.
@@ -154,7 +154,7 @@ impl Region {
         }
     }
 
-    /// A point uniform over where centres are drawn from.
+    /// A uniformly distributed point of the area of centres.
     fn point(&self, random: &mut ChaCha8Rng) -> [f64; 2] {
         let total = self.areas.last().copied().unwrap_or_default();
         let at = random.random::<f64>() * total;

@@ -1,4 +1,4 @@
-//! Epochs: steps in an order drawn anew, the held-out loss after each, the best weights kept.
+//! The training loop: epochs in random order, the held-out loss after each, the best weights kept.
 
 use std::path::Path;
 
@@ -11,14 +11,14 @@ use super::checkpoint::{self, CheckpointFault, Course};
 use super::descent::{Batch, Descent};
 use crate::samples::{Noise, SampleError, Samples};
 
-/// Held-out cases on which the cost of rounding the weights is found.
+/// Held-out cases for measuring the cost of rounding the weights.
 const ROUNDED: usize = 100;
 
-/// What a deep training starts from.
+/// Inputs of a deep training.
 pub struct Recipe<'a> {
-    /// The set; its last `settings.held_out` cases are kept back.
+    /// The set; its last `settings.held_out` cases are held out.
     pub samples: &'a dyn Samples,
-    /// What is added to each copy of a case.
+    /// Noise added to each copy of a case.
     pub noise: &'a Noise,
     /// Jittered copies of each case.
     pub repeats: usize,
@@ -26,30 +26,31 @@ pub struct Recipe<'a> {
     pub settings: DeepSettings,
     /// The same seed gives the same network.
     pub seed: u64,
-    /// How the weights are kept afterwards.
+    /// Precision of the stored weights.
     pub precision: Precision,
-    /// Where the training is kept after each epoch, and gone on from; with a name for everything its bits depend on.
+    /// File of the checkpoint after each epoch, from which a run resumes; and a fingerprint of everything that
+    /// determines the bits.
     pub checkpoint: Option<(&'a Path, String)>,
 }
 
-/// Where a training is.
+/// Progress of a training.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Moment {
-    /// It goes on from a checkpoint.
+    /// Resumed from a checkpoint.
     Resumed {
-        /// Epochs that are done.
+        /// Completed epochs.
         epochs: usize,
     },
-    /// A step of an epoch (from 1) is done.
+    /// A step is complete.
     Step {
         /// From 1.
         epoch: usize,
-        /// Steps of this epoch that are done.
+        /// Completed steps of this epoch.
         step: usize,
         /// Steps of an epoch.
         of: usize,
     },
-    /// An epoch is done.
+    /// An epoch is complete.
     Epoch {
         /// From 1.
         epoch: usize,
@@ -62,13 +63,13 @@ pub enum Moment {
     },
 }
 
-/// Why there is no deep network.
+/// Errors of a deep training.
 #[derive(Debug, thiserror::Error)]
 pub enum DeepFault {
-    /// A setting without meaning.
+    /// An invalid setting.
     #[error("setting {setting} of the deep network must be {must}")]
     Setting {
-        /// Which.
+        /// Its name.
         setting: &'static str,
         /// What it must be.
         must: &'static str,
@@ -90,10 +91,10 @@ pub enum DeepFault {
     /// Every sample is the same.
     #[error("all samples of the training set are alike: more cases or larger loads are needed")]
     Alike,
-    /// A sample of the set cannot be had.
+    /// A sample of the set cannot be read.
     #[error("the training set")]
     Sample(#[from] SampleError),
-    /// The loss grew beyond all bounds.
+    /// The loss diverged.
     #[error(
         "the loss is {loss} at step {step} of epoch {epoch}: the training ran away; give a smaller learning_rate"
     )]
@@ -108,12 +109,12 @@ pub enum DeepFault {
     /// The checkpoint cannot be written or read.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointFault),
-    /// The weights make no network.
+    /// The weights do not form a valid network.
     #[error("the trained network: {0}")]
     Network(String),
 }
 
-/// Trains. The same recipe gives the same bits, on any number of threads, in one run or several.
+/// Trains a network. Equal inputs give equal bits, on any number of threads, in one run or several.
 ///
 /// # Errors
 /// See [`DeepFault`].
@@ -176,7 +177,7 @@ pub fn train(
         let epoch = course.epochs + 1;
         let order = feed.order(recipe.seed, epoch);
         let mut sum = 0.0;
-        // samples left over from whole batches wait for another order
+        // samples left over from whole batches are skipped in this epoch
         for (step, which) in order.chunks_exact(settings.batch).enumerate() {
             feed.fill(&mut batch, which.par_iter().copied())?;
             let loss = descent.step(&batch, settings.rate(epoch - 1), epsilon);
@@ -235,7 +236,7 @@ pub fn train(
     Ok((kept, familiar, report))
 }
 
-/// Whether the held-out loss has not fallen for too long.
+/// Whether the held-out loss has not improved for `patience` epochs.
 fn tired(course: &Course, settings: &DeepSettings) -> bool {
     let since = course.best.map_or(0, |(best, ..)| course.epochs - best);
     settings.patience > 0 && since >= settings.patience
@@ -258,7 +259,7 @@ fn held_out_loss(
     Ok(sum / kept_back.len() as f64)
 }
 
-/// The loss of maps without a load on the held-out cases.
+/// The loss of empty maps on the held-out cases.
 fn empty_loss(feed: &Feed<'_>) -> Result<f64, SampleError> {
     let mut sum = 0.0;
     let kept_back = feed.kept_back();
@@ -273,7 +274,7 @@ fn empty_loss(feed: &Feed<'_>) -> Result<f64, SampleError> {
     Ok(sum / kept_back.len() as f64)
 }
 
-/// The network as it is used: the normalisation of the input in one mean, gain and shift.
+/// The network for inference: the normalisation of the input combined to one mean, gain and shift.
 fn network(descent: &Descent, statistics: &[Vec<f32>; 2]) -> Result<DeepNetwork, DeepFault> {
     let [mean, inverse] = statistics.clone();
     let count = mean.len();
@@ -303,7 +304,7 @@ fn network(descent: &Descent, statistics: &[Vec<f32>; 2]) -> Result<DeepNetwork,
     DeepNetwork::new(mean, gain, shift, layers).map_err(DeepFault::Network)
 }
 
-/// What keeping the weights in fewer bytes changes.
+/// Measures the change by storing the weights in fewer bytes.
 fn rounding(
     exact: &DeepNetwork,
     kept: &DeepNetwork,

@@ -3,7 +3,7 @@ use eit::Jitter;
 use super::*;
 use crate::samples::Sample;
 
-/// Six readings of four triangles: each triangle moves two readings, and a little of the others, not linearly.
+/// Six readings of four triangles: each triangle affects two readings strongly and the others a little, nonlinearly.
 struct Toy {
     baseline: Vec<f64>,
     cases: usize,
@@ -97,7 +97,7 @@ fn a_toy_is_learnt_and_the_report_is_true() {
     );
     assert_eq!(report.samples, 600);
     assert_eq!(report.epochs, 20);
-    // the network that is given away says what the one that was trained said
+    // the returned network gives the same outputs as the trained one
     let feed = Feed {
         samples: &toy,
         noise: &noise,
@@ -135,7 +135,7 @@ fn a_run_that_was_cut_short_goes_on_to_the_same_bits() {
     };
     let (_, resumed) = part(2, "toy");
     assert_eq!(resumed, None);
-    // a kill while the next checkpoint was being written leaves a torn one beside, which nobody reads
+    // a kill during the write of the next checkpoint leaves a torn file, which is never read
     std::fs::write(path.with_extension("part"), b"torn").unwrap();
     let (trained, resumed) = part(5, "toy");
     assert_eq!(resumed, Some(2));
@@ -171,7 +171,7 @@ fn a_checkpoint_that_cannot_be_written_leaves_the_last_one() {
     };
     part(&path, 1).unwrap();
     let good = std::fs::read(&path).unwrap();
-    // a name that is never written to stands for a full disk
+    // an unwritable path stands for a full disk
     let unwritable = folder.path().join("toy.tactus");
     std::fs::copy(&path, &unwritable).unwrap();
     let fault = part(&unwritable, 2).unwrap_err();

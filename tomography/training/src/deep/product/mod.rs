@@ -1,10 +1,12 @@
-//! The three products of a fully connected layer and its step of Adam, on numbers laid out so that each product reads them
-//! in the order in which they lie.
+//! The three products of a fully connected layer and its step of Adam, on numbers stored in the order in which the
+//! products read them.
 //!
-//! - values of a batch: tiles of [`TILE`] neurons; in a tile, strips of [`STRIP`] samples; in a strip a row a neuron
-//! - weights: panels of [`PANEL`] outputs; in a panel a row an input
+//! - values of a batch: tiles of [`TILE`] neurons; within a tile, strips of [`STRIP`] samples; within a strip, a row
+//!   per neuron
+//! - weights: panels of [`PANEL`] outputs; within a panel, a row per input
 //!
-//! Neurons are filled up to whole tiles and samples to whole strips, with zeros that stay zeros: their gradients are.
+//! Neurons are padded to whole tiles and samples to whole strips, with zeros that stay zero because their gradients
+//! are.
 
 mod kernel;
 
@@ -17,19 +19,19 @@ pub(super) const STRIP: usize = 32;
 /// Outputs of a panel of weights.
 pub(super) const PANEL: usize = 16;
 
-/// So many neurons in whole tiles.
+/// The number of neurons rounded up to whole tiles.
 pub(super) fn tiled(neurons: usize) -> usize {
     neurons.next_multiple_of(TILE)
 }
 
-/// Where the value of a neuron for a sample lies, of a batch of so many strips.
+/// Index of the value of a neuron for a sample, in a batch with this number of strips.
 pub(super) fn place(neuron: usize, sample: usize, strips: usize) -> usize {
     (neuron / TILE * strips + sample / STRIP) * TILE * STRIP
         + neuron % TILE * STRIP
         + sample % STRIP
 }
 
-/// Row-major weights, a row of `inputs` an output, in panels.
+/// Converts row-major weights, a row of `inputs` per output, to panels.
 pub(super) fn in_panels(plain: &[f32], inputs: usize) -> Vec<f32> {
     let outputs = plain.len() / inputs;
     let mut weights = vec![0.0; tiled(outputs) * tiled(inputs)];
@@ -42,7 +44,7 @@ pub(super) fn in_panels(plain: &[f32], inputs: usize) -> Vec<f32> {
     weights
 }
 
-/// The way back.
+/// Converts panels to row-major weights.
 pub(super) fn in_rows(weights: &[f32], inputs: usize, outputs: usize) -> Vec<f32> {
     let panel = tiled(inputs) * PANEL;
     (0..outputs)
@@ -53,7 +55,7 @@ pub(super) fn in_rows(weights: &[f32], inputs: usize, outputs: usize) -> Vec<f32
         .collect()
 }
 
-/// The slopes of a pair of panels, a row a sample; and the sum of each over the samples.
+/// The slopes of a pair of panels, a row per sample; and the sum of each over the samples.
 pub(super) fn turn(
     slopes: &[f32],
     pair: usize,

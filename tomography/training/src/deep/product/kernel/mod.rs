@@ -1,24 +1,24 @@
-//! The innermost loops, for AVX-512, for AVX2 with FMA, and for any machine: a block of some rows by some columns stays in
-//! registers while the numbers that it sums over pass by. One core of a Zen 4 runs them at 110 (100) GFLOP/s, where a
-//! general product reached 60 to 70 on these shapes.
+//! The innermost loops, for AVX-512, for AVX2 with FMA, and portable: a block of rows and columns stays in registers
+//! during the summation. One core of a Zen 4 runs them at 110 (100) GFLOP/s; a general matrix product reached 60 to 70
+//! for these shapes.
 //!
-//! The bits of a result depend on the instructions a machine has, never on the number of threads.
+//! The last bits of a result depend on the machine's instruction set, never on the number of threads.
 #![allow(unsafe_code)]
 
 use super::{PANEL, STRIP, TILE};
 
-/// `strips` strips of `tiles` tiles hold so many numbers.
+/// Numbers in a strip of a tile.
 const BLOCK: usize = TILE * STRIP;
 
-/// Calls a kernel in the best set of instructions that the machine has.
+/// Calls a kernel for the best instruction set of the machine.
 macro_rules! best {
     ($name:ident($($argument:expr),*)) => {{
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx512f") {
-            // SAFETY: the processor has just said that it has AVX-512F.
+            // SAFETY: AVX-512F was detected above.
             return unsafe { wide::$name($($argument),*) };
         } else if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            // SAFETY: the processor has just said that it has AVX2 and FMA.
+            // SAFETY: AVX2 and FMA were detected above.
             return unsafe { half_wide::$name($($argument),*) };
         }
         portable::$name($($argument),*)
@@ -40,8 +40,8 @@ pub(in super::super) fn backward(
     best!(backward(weights, slopes, tile, outputs))
 }
 
-/// dW' = X dY' for a tile of inputs and a pair of panels: `turned` a row of both panels' slopes a sample, `inputs` the tile;
-/// `gradient` one panel after the other.
+/// dW' = X dY' for a tile of inputs and a pair of panels: `turned` has a row of both panels' slopes per sample,
+/// `inputs` is the tile; `gradient` holds one panel after the other.
 pub(in super::super) fn gradient(turned: &[f32], inputs: &[f32], gradient: &mut [f32]) {
     best!(gradient(turned, inputs, gradient))
 }
@@ -81,7 +81,7 @@ macro_rules! kernels {
                 let mut block = [[$zero; VECTORS]; ROWS];
                 for (r, row) in block.iter_mut().enumerate() {
                     for (v, vector) in row.iter_mut().enumerate() {
-                        // SAFETY: within the rows that the caller promises.
+                        // SAFETY: within the rows guaranteed by the caller.
                         *vector = unsafe { $load(from.add(r * step + v * $lanes)) };
                     }
                 }
@@ -95,7 +95,7 @@ macro_rules! kernels {
             unsafe fn store(to: *mut f32, step: usize, block: &Block) {
                 for (r, row) in block.iter().enumerate() {
                     for (v, vector) in row.iter().enumerate() {
-                        // SAFETY: within the rows that the caller promises.
+                        // SAFETY: within the rows guaranteed by the caller.
                         unsafe { $store(to.add(r * step + v * $lanes), *vector) };
                     }
                 }
@@ -116,11 +116,11 @@ macro_rules! kernels {
                 for k in 0..count {
                     let mut columns = [$zero; VECTORS];
                     for (v, column) in columns.iter_mut().enumerate() {
-                        // SAFETY: as the caller promises.
+                        // SAFETY: guaranteed by the caller.
                         *column = unsafe { $load(b.add(k * bk + v * $lanes)) };
                     }
                     for (r, row) in block.iter_mut().enumerate() {
-                        // SAFETY: as the caller promises.
+                        // SAFETY: guaranteed by the caller.
                         let all = $all(unsafe { *a.add(k * ak + r * ar) });
                         for (sum, column) in row.iter_mut().zip(columns) {
                             *sum = $fma(all, column, *sum);
