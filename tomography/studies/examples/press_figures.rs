@@ -1,9 +1,9 @@
-//! What the model-based methods find of simulated presses, with seeds of one's own:
-//! `cargo run --release -p tactus-studies --example press_figures -- [FIRST_SEED [PRESSES [METHOD...]]]`.
+//! Accuracy of the model-based methods on simulated presses, with any seeds: `cargo run --release -p tactus-studies
+//! --example press_figures -- [FIRST_SEED [PRESSES [METHOD...]]]`.
 //!
-//! Discs of 10 and 30 mm take half the conductance at random places of the region; forward data from the phantom's finer
-//! mesh, 2 uV of white noise on baseline and frame. Printed: mean and worst distance of the found place (mm), mean
-//! correlation with the true map, mean Dice of the parts at or above half of the largest loss, median time of a frame.
+//! Discs of 10 and 30 mm take half the conductance at random positions of the region; forward data from the phantom's
+//! finer mesh, 2 uV of white noise on baseline and frame. Prints mean and worst location error (mm), mean correlation
+//! with the true map, mean Dice of the parts at or above half of the largest loss, median time per frame.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -1,4 +1,4 @@
-//! What is made by a command of `tactus-lab`, once.
+//! Cache for the outputs of `tactus-lab` commands.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -8,9 +8,9 @@ use outfile::Existing;
 
 use crate::failure::{Failure, write};
 
-/// The program whose commands make the models and the judging data of a study.
+/// The program whose commands make the models and the test sets of a study.
 pub trait Program {
-    /// Checks that words, without the program's name, are a command.
+    /// Checks that the arguments, without the program's name, are a valid command.
     ///
     /// # Errors
     /// What is wrong with them.
@@ -19,25 +19,25 @@ pub trait Program {
     /// Runs a command, given without the program's name.
     ///
     /// # Errors
-    /// The command's own.
+    /// The command's error.
     fn run(&self, words: &[OsString]) -> Result<(), Failure>;
 
-    /// By how many bytes loading a model makes a process of its own larger; `None` where the system does not report it.
+    /// Growth of a new process by loading a model, bytes; `None` if the system does not report it.
     fn resident_bytes(&self, model: &Path) -> Option<u64>;
 }
 
-/// Name of the file that says which command a folder belongs to.
+/// Name of the file that contains the command that made a folder.
 const MADE_BY: &str = ".tactus-lab";
 
-/// The folder that everything goes to.
+/// The output folder of a study.
 pub(crate) struct ArtifactCache<'p> {
     folder: PathBuf,
     program: &'p dyn Program,
 }
 
 impl<'p> ArtifactCache<'p> {
-    /// Makes the folder of a command, or goes on in one that the same command has made. What lies in it is its own and is
-    /// replaced; so another folder is refused unless it is empty or `existing` says otherwise.
+    /// Creates the output folder of a command, or reuses one made by the same command. Files in it are replaced, so
+    /// another folder is refused unless it is empty or `existing` allows it.
     pub(crate) fn new(
         folder: PathBuf,
         command: &str,
@@ -75,7 +75,7 @@ impl<'p> ArtifactCache<'p> {
         Case::read(&folder).map_err(|fault| Failure::of("cannot read the case", &fault))
     }
 
-    /// A file or folder `name` that `words` make with `--out`: as it lies there if the same words made it, else new.
+    /// A file or folder `name` made by `words` with `--out`: reused if the same words made it, otherwise made again.
     pub(crate) fn made(&self, name: &str, words: &[&str]) -> Result<PathBuf, Failure> {
         let path = self.path(name);
         let command = words.join(" ");
@@ -97,7 +97,7 @@ impl<'p> ArtifactCache<'p> {
         Ok(path)
     }
 
-    /// The words of a file `.command`; `None` where it is absent.
+    /// The command in a file `.command`; `None` if it does not exist.
     fn made_by(&self, beside: &Path, path: &Path) -> Result<Option<String>, Failure> {
         let damaged = |why: &str| {
             Failure::because(format!(
@@ -119,7 +119,7 @@ impl<'p> ArtifactCache<'p> {
         Ok(Some(command.to_owned()))
     }
 
-    /// By how many bytes loading a model makes a process larger.
+    /// Growth of a process by loading a model, bytes.
     pub(crate) fn resident_bytes(&self, model: &Path) -> Option<u64> {
         self.program.resident_bytes(model)
     }
@@ -132,7 +132,7 @@ fn command_line(command: &str, path: &Path) -> Vec<OsString> {
         .collect()
 }
 
-/// `models/dnn.safetensors` is described in `models/dnn.safetensors.command`.
+/// The command file of a path: `models/dnn.safetensors.command` for `models/dnn.safetensors`.
 fn beside(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".command");

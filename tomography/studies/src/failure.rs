@@ -1,4 +1,4 @@
-//! How a study or a command ends when it does not succeed.
+//! Errors of studies and commands.
 
 use std::fmt;
 use std::path::Path;
@@ -8,7 +8,7 @@ use outfile::{Existing, OutFileError};
 use training::TrainError;
 use training::dataset::DataSetError;
 
-/// A failure with its whole chain of causes, and whether the command line is to blame.
+/// An error with its chain of causes, and whether it is a usage error.
 #[derive(Debug)]
 pub struct Failure {
     message: String,
@@ -16,7 +16,7 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// The options cannot be followed.
+    /// A usage error.
     pub fn usage(message: impl Into<String>) -> Self {
         Self {
             message: message.into(),
@@ -24,7 +24,7 @@ impl Failure {
         }
     }
 
-    /// What was attempted, and why it failed.
+    /// An error with what was attempted and its cause.
     pub fn of(attempt: &str, cause: &dyn std::error::Error) -> Self {
         Self {
             message: format!("{attempt}: {}", survey::error_chain(cause)),
@@ -32,7 +32,7 @@ impl Failure {
         }
     }
 
-    /// A failure without a deeper cause.
+    /// An error without a cause.
     pub fn because(message: impl Into<String>) -> Self {
         Self {
             message: message.into(),
@@ -40,7 +40,7 @@ impl Failure {
         }
     }
 
-    /// Whether the command line is to blame.
+    /// Whether it is a usage error.
     pub fn is_usage(&self) -> bool {
         self.usage
     }
@@ -76,7 +76,7 @@ impl From<RecordedError> for Failure {
 
 impl From<OutFileError> for Failure {
     fn from(refused: OutFileError) -> Self {
-        // the error names the file; only a cause of the system follows
+        // the error names the file; only a system error is appended
         match std::error::Error::source(&refused) {
             Some(cause) => Self::of(&refused.to_string(), &cause),
             None => Self::because(refused.to_string()),
@@ -87,7 +87,7 @@ impl From<OutFileError> for Failure {
 /// Writes a result file.
 ///
 /// # Errors
-/// The file exists and `existing` refuses that, or it cannot be written.
+/// The file exists and `existing` does not allow replacing it, or it cannot be written.
 pub fn write(path: &Path, existing: Existing, text: String) -> Result<(), Failure> {
     Ok(outfile::write(path, existing, text.as_bytes())?)
 }

@@ -1,6 +1,6 @@
-//! What the pages of the paper and of the trade-offs have in common.
+//! Parts shared by the HTML pages of the paper and trade-off studies.
 
-/// A page up to its first heading.
+/// The beginning of a page, before its first heading.
 pub(crate) fn opening(title: &str, style: &str) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
@@ -9,7 +9,7 @@ pub(crate) fn opening(title: &str, style: &str) -> String {
     )
 }
 
-/// Text as it stands in a page or between quotes.
+/// Escapes text for HTML content and attributes.
 pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")

@@ -1,12 +1,12 @@
-//! The studies: the paper run again, what accuracy costs in time, and the hard cases; with the evaluation of methods on
-//! judging data that all of them use.
+//! The studies: the paper's experiments, accuracy against computing time, and the hard cases; and the evaluation of
+//! methods on test sets that all of them use.
 //!
-//! It computes, writes its results to a folder and returns them. The command line and what is printed are `lab`'s; models
-//! and judging data that a study needs are made by commands, through [`Program`].
+//! The crate computes, writes results to a folder and returns them. The command line and its output are in `lab`;
+//! models and test sets that a study needs are made by commands, through [`Program`].
 //!
 //! - **paper**: every experiment, figure and claim of the paper; **tradeoff**: error against time, as eight diagrams;
-//!   **stability**: the hard cases, each with the naive form that breaks
-//! - **evaluation**: judging data, a method as words give it, and figures of its maps of them
+//!   **stability**: the hard cases, each with a naive implementation that fails
+//! - **evaluation**: test sets, methods given as command-line options, and figures of merit of their maps
 
 mod artifact_cache;
 pub mod evaluation;

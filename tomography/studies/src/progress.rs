@@ -1,11 +1,11 @@
-//! Progress bars on standard error; nothing where that is not a terminal.
+//! Progress bars on standard error, if that is a terminal.
 
 use std::sync::Mutex;
 use training::samples::Stage;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar of `length` steps.
+/// A bar with `length` steps.
 pub fn bar(length: usize, what: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg:12} {wide_bar} {pos}/{len} {eta}")
         .expect("the template is a constant and well formed");
@@ -14,14 +14,14 @@ pub fn bar(length: usize, what: &'static str) -> ProgressBar {
         .with_message(what)
 }
 
-/// The bars of a training, one stage after the other.
+/// The bars of a training, one per stage.
 #[derive(Default)]
 pub struct Training {
     current: Mutex<Option<(Stage, ProgressBar)>>,
 }
 
 impl Training {
-    /// Shows how much of a stage is done.
+    /// Shows the progress of a stage.
     pub fn show(&self, stage: Stage, done: usize, of: usize) {
         let mut current = self.current.lock().expect("no bar panics while it is held");
         if current.as_ref().is_none_or(|(shown, _)| *shown != stage) {

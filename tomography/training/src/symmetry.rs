@@ -1,4 +1,4 @@
-//! Symmetries of a sheet: a training case seen in a mirror is another case that nobody has to solve.
+//! Symmetries of a sheet: the mirror image of a training case is another case that needs no solution.
 
 use std::collections::BTreeMap;
 
@@ -7,26 +7,26 @@ use survey::Dipole;
 
 use crate::samples::{Sample, SampleError, Samples};
 
-/// Largest distance of mirrored points from those they meet, of the sheet's size.
+/// Tolerance for mirrored points, relative to the sheet's size.
 const SAME: f64 = 1e-9;
 
-/// Where each reading and each triangle of the region goes.
+/// A symmetry as a permutation of readings and of triangles of the region.
 struct Turn {
-    /// (reading, sign) that reading k becomes.
+    /// (reading, sign) for reading k.
     readings: Vec<(usize, f32)>,
-    /// Triangle of the region that triangle k becomes.
+    /// Triangle of the region for triangle k.
     region: Vec<u32>,
 }
 
-/// A set seen as it is and through every symmetry of its sheet.
+/// A set extended by every symmetry of its sheet.
 pub struct Symmetric<'s> {
     inner: &'s dyn Samples,
     turns: Vec<Turn>,
 }
 
 impl<'s> Symmetric<'s> {
-    /// Finds the mirrors across both middle lines and the half turn that carry mesh, contacts, conductance and protocol onto
-    /// themselves; where there is none the set is as it was.
+    /// Finds the mirror symmetries about both middle lines and the half turn that preserve mesh, contacts, conductance
+    /// and protocol; without any, the set is unchanged.
     pub fn new(inner: &'s dyn Samples, case: &Case, sigma0: &[f64]) -> Self {
         let turns = [[-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]]
             .into_iter()
@@ -35,7 +35,7 @@ impl<'s> Symmetric<'s> {
         Self { inner, turns }
     }
 
-    /// How many views there are of each case.
+    /// Number of views of each case, including the original.
     pub fn views(&self) -> usize {
         self.turns.len() + 1
     }
@@ -76,7 +76,7 @@ impl Samples for Symmetric<'_> {
     }
 }
 
-/// The symmetry with these signs of the coordinates about the middle of the bounding box, where there is it.
+/// The symmetry with these signs of the coordinates about the middle of the bounding box, if the sheet has it.
 fn turn(case: &Case, sigma0: &[f64], signs: [f64; 2]) -> Option<Turn> {
     let mesh = &case.mesh;
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -158,7 +158,7 @@ fn turn(case: &Case, sigma0: &[f64], signs: [f64; 2]) -> Option<Turn> {
     currents.then_some(Turn { readings, region })
 }
 
-/// The point that the image of each meets; `None` where one meets none.
+/// The point at the image of each point; `None` if one has none.
 fn met(
     points: &[[f64; 2]],
     image: impl Fn([f64; 2]) -> [f64; 2],
@@ -211,7 +211,7 @@ mod tests {
         (case, sigma0)
     }
 
-    /// The mirrored case, solved, reads what the mirror says.
+    /// The readings of the mirrored case equal those of its own solution.
     #[test]
     fn a_case_in_the_mirror_is_what_the_model_solves() {
         let (case, sigma0) = sheet();
@@ -247,7 +247,7 @@ mod tests {
                 );
             }
         }
-        // one contact that differs leaves no mirror
+        // one contact that differs breaks the symmetry
         let mut other = case.clone();
         other.contact_ohm_m[0] *= 2.0;
         assert_eq!(Symmetric::new(&simulation, &other, &sigma0).views(), 1);

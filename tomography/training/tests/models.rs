@@ -1,4 +1,4 @@
-//! Training, saving, loading and running RBF networks, and the files that are refused.
+//! Training, saving, loading and running of RBF networks, and refusal of invalid files.
 
 use std::sync::{Arc, OnceLock};
 
@@ -91,7 +91,7 @@ fn a_small_network_finds_a_large_press() {
         .unwrap();
     let error = (found[0] - 0.03).hypot(found[1] - 0.02);
     assert!(error < 0.025, "{found:?}");
-    // nothing pressed: next to nothing found
+    // without a load, next to nothing is found
     let still = network.reconstruct(&baseline, &baseline).unwrap();
     let most = still.largest_loss().map_or(0.0, |(_, loss)| loss);
     assert!(most < 0.5 * map.largest_loss().unwrap().1, "{most}");
@@ -147,7 +147,7 @@ fn a_masked_reading_moves_the_map_little() {
     assert_eq!(map.masked, 1);
     let most = whole.largest_loss().unwrap().1;
     for (a, b) in whole.values.iter().zip(&map.values) {
-        // its reciprocal twin stands in for it, equal up to the forward solution's rounding
+        // it is replaced by its reciprocal twin, equal up to the forward solution's rounding
         assert!((a - b).abs() < 1e-6 * most, "{a} {b}");
     }
     masked[..11].fill(Reading::Timeout);
@@ -240,7 +240,7 @@ fn a_bit_that_has_turned_anywhere_is_found() {
     }
 }
 
-/// A model file whose checksum agrees although its metadata was changed, as somebody could make one.
+/// A model file with changed metadata and a matching checksum.
 fn forged(good: &[u8], from: &str, to: &str) -> Vec<u8> {
     let (_, info) = SafeTensors::read_metadata(good).unwrap();
     let text = &info.metadata().as_ref().unwrap()["tactus"];
@@ -278,7 +278,7 @@ fn huge_count_is_refused_before_memory_is_allocated() {
             "{refusal}"
         );
     }
-    // A header that promises more bytes than can be counted.
+    // A header with tensors of more bytes than an integer can count.
     let header = r#"{"a":{"dtype":"U8","shape":[1],"data_offsets":[0,18446744073709551615]}}"#;
     let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
     bytes.extend(header.as_bytes());

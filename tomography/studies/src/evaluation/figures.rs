@@ -1,4 +1,4 @@
-//! Figures of a method's maps: frame by frame, and their means over a set.
+//! Figures of merit of a method's maps: per frame, and their means over a set.
 
 use eit::metrics::likeness;
 
@@ -7,12 +7,12 @@ use super::raster::Raster;
 use super::statistics::{average, median};
 use crate::failure::Failure;
 
-/// Figures of one map.
+/// Figures of merit of one map.
 #[derive(Debug, Clone, Copy)]
 pub struct OfFrame {
-    /// From the true to the found place, where one disc presses and something is found.
+    /// Distance from the true to the found position, if the load is one disc and the method finds one.
     pub error_mm: Option<f64>,
-    /// Correlation of the map with the truth, weighed by area.
+    /// Correlation of the map with the truth, weighted by area.
     pub correlation: f64,
     /// Norm of the difference from the truth over the norm of the truth.
     pub relative_error: f64,
@@ -20,13 +20,13 @@ pub struct OfFrame {
     pub dice: f64,
     /// Structural similarity of the rasters.
     pub ssim: f64,
-    /// Amplitude, position error, resolution, shape deformation, ringing; `None` where a map shows nothing to measure.
+    /// Amplitude, position error, resolution, shape deformation, ringing; `None` if the map shows nothing to measure.
     pub greit: Option<[f64; 5]>,
     /// The largest loss of the map, relative.
     pub peak: f64,
 }
 
-/// Means over the frames of one set by one method.
+/// Means over the frames of one set, for one method.
 #[derive(Debug, Clone)]
 pub struct Figures {
     /// The set and its noise.
@@ -39,7 +39,7 @@ pub struct Figures {
     pub error_mm: f64,
     /// Largest location error.
     pub worst_mm: f64,
-    /// Correlation of the map with the truth, weighed by area.
+    /// Correlation of the map with the truth, weighted by area.
     pub correlation: f64,
     /// Norm of the difference from the truth over the norm of the truth.
     pub relative_error: f64,
@@ -47,9 +47,9 @@ pub struct Figures {
     pub dice: f64,
     /// Structural similarity of the rasters.
     pub ssim: f64,
-    /// Not a number where no map shows anything to measure.
+    /// NaN if no map shows anything to measure.
     pub greit: [f64; 5],
-    /// Median time of a frame.
+    /// Median time per frame.
     pub ms: f64,
 }
 

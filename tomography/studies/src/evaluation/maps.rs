@@ -1,4 +1,4 @@
-//! The maps that one method makes of one judged folder, with the truth beside them.
+//! The maps of one method for one test set, with the truth.
 
 use std::path::Path;
 use std::time::Instant;
@@ -16,28 +16,28 @@ use imaging::Model;
 use imaging::recorded::{BaselineRule, FrameTable, TableOptions};
 use training::noise_figure::by_draws;
 
-/// What is assumed of noise-free frames, V: a method that is told of no noise at all believes its model instead.
+/// Noise assumed for noise-free frames, V: with zero noise a method would fit its model error.
 const LEAST_NOISE: f64 = 2e-6;
 
-/// One frame of a judged folder.
+/// One frame of a test set.
 pub struct Frame {
-    /// What the method made.
+    /// The method's map.
     pub map: Map,
     /// The true change.
     pub truth: Map,
-    /// Centre of the one disc that presses, m.
+    /// Centre of the disc, m, if the load is one disc.
     pub place: Option<[f64; 2]>,
     /// Time of the reconstruction alone, ms.
     pub ms: f64,
 }
 
-/// A judged folder as one method sees it.
+/// Maps of a test set by one method.
 pub struct Judged {
-    /// The case of the folder.
+    /// The test set's case.
     pub case: Case,
-    /// The set and its noise, for a person.
+    /// Name and noise of the set, for people.
     pub set: String,
-    /// The frames without the baseline.
+    /// The frames after the baseline.
     pub frames: Vec<Frame>,
     model: Model,
     noise_v: f64,
@@ -45,8 +45,8 @@ pub struct Judged {
 }
 
 impl Judged {
-    /// The method's own noise figure; of a method that has none of its own by draws of this set's noise, which takes as long as
-    /// some frames.
+    /// The method's own noise figure; for a method without one, by draws of this set's noise, which takes the time of
+    /// several frames.
     pub fn noise_figure(&self) -> Option<f64> {
         let method = self.model.reconstructor.as_ref();
         method
@@ -54,7 +54,7 @@ impl Judged {
             .or_else(|| by_draws(method, &self.case, self.noise_v, self.model.slow))
     }
 
-    /// Share of the frames that the method says lie outside of what it knows.
+    /// Share of the frames that the method reports as novel.
     pub fn novel_share(&self) -> Option<f64> {
         let outside = |(_, frame): &(String, Vec<Reading>)| {
             let novelty = self
@@ -69,19 +69,19 @@ impl Judged {
     }
 }
 
-/// Runs a method, given as the words that `reconstruct` takes for it; the truth is opened after that. A frame that the method
-/// refuses is a failure.
+/// Runs a method, given as arguments of `reconstruct`; the truth is read afterwards. A frame that the method refuses is
+/// an error.
 ///
 /// # Errors
-/// A folder that cannot be read, options that no method takes, or a frame that is refused.
+/// An unreadable folder, invalid options, or a refused frame.
 pub fn maps(folder: &Path, name: &str, words: &[String]) -> Result<Judged, Failure> {
     run(folder, name, words, false)
 }
 
-/// As [`maps`]; frames that the method refuses are left out.
+/// As [`maps`], but refused frames are skipped.
 ///
 /// # Errors
-/// A folder that cannot be read, or options that no method takes.
+/// An unreadable folder, or invalid options.
 pub fn maps_not_refused(folder: &Path, name: &str, words: &[String]) -> Result<Judged, Failure> {
     run(folder, name, words, true)
 }
@@ -90,7 +90,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
     let description = test_set::description(folder)?;
     let mut with_noise = words.to_vec();
-    // the paper's own step looks at no noise
+    // the paper's own step ignores the noise
     if words[0] == "--method" && words.get(1).is_none_or(|method| method != "tv-paper") {
         let noise_v = description.noise_v.max(LEAST_NOISE);
         with_noise.extend(["--noise-v".to_owned(), noise_v.to_string()]);
@@ -121,7 +121,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
             )),
         }
     };
-    // quick methods one after the other, so that their times are their own
+    // fast methods run sequentially, so that their times do not influence each other
     let maps: Vec<Option<(Map, f64)>> = if model.slow {
         (0..truths.len())
             .into_par_iter()
@@ -166,7 +166,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     })
 }
 
-/// Rows of numbers; a header is left out.
+/// Rows of numbers, without a header.
 fn rows(path: &Path) -> Result<Vec<Vec<f64>>, Failure> {
     let text = std::fs::read_to_string(path)
         .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;

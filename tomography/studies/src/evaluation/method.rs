@@ -1,5 +1,5 @@
-//! A method as words give it, prepared for a case and its frames. Two methods are trained here for the case, which no other
-//! program does; all others are prepared by `imaging`.
+//! A method given as command-line options, prepared for a case and its frames. `linear` and `rbf` are trained here for
+//! the case, which no other program does; `imaging` prepares all others.
 
 use clap::{Args, Parser};
 use eit::{Case, Jitter, TrainingSettings};
@@ -10,7 +10,7 @@ use training::{Cached, linear, rbf, single_current};
 use crate::failure::Failure;
 use crate::progress;
 
-/// A method and what it is told.
+/// A method and its options.
 #[derive(Debug, Clone, Args)]
 pub struct MethodOptions {
     #[command(flatten)]
@@ -23,7 +23,7 @@ pub struct MethodOptions {
     cases: usize,
 }
 
-/// The options alone, without a program's name before them.
+/// The options without a program's name.
 #[derive(Debug, Parser)]
 #[command(no_binary_name = true, name = "reconstruct")]
 struct Words {
@@ -32,17 +32,17 @@ struct Words {
 }
 
 impl MethodOptions {
-    /// From words such as `--method tv --loss-only`; `name` is what a refusal calls the method.
+    /// Parses arguments such as `--method tv --loss-only`; `name` is the method's name in errors.
     ///
     /// # Errors
-    /// Words that are no options of a method.
+    /// Arguments that are not options of a method.
     pub fn parse(name: &str, words: &[String]) -> Result<Self, Failure> {
         Words::try_parse_from(words)
             .map(|words| words.options)
             .map_err(|fault| Failure::usage(format!("method '{name}': {fault}")))
     }
 
-    /// Prepares what the options ask for.
+    /// Prepares the method.
     ///
     /// # Errors
     /// Options that contradict each other, a model that does not fit the case, or a method that cannot be prepared.
@@ -83,7 +83,7 @@ impl MethodOptions {
         Ok(model)
     }
 
-    /// Trains the model for the case, or takes the one that was trained before.
+    /// Trains the model for the case, or loads it from the cache.
     fn train(&self, method: Method, case: &Case) -> Result<Cached, Failure> {
         let bars = progress::Training::default();
         let show = |stage, done, of| bars.show(stage, done, of);
@@ -107,7 +107,7 @@ impl MethodOptions {
         Ok(rbf::cached(case, &settings, &show)?)
     }
 
-    /// A trained model takes no conductance.
+    /// Refuses a conductance for a trained model.
     fn no_sigma0(&self, with: &str) -> Result<(), Failure> {
         match &self.sigma0 {
             None => Ok(()),
@@ -118,14 +118,14 @@ impl MethodOptions {
     }
 }
 
-/// A model that was trained for the case, its maps cut to losses where that is asked for.
+/// A model trained for the case; its maps are clipped to losses if requested.
 fn trained(cached: Cached, loss_only: bool) -> Model {
     let mut model = Model::trained(cached.model.into_reconstructor(), loss_only);
     model.notes = cached.notes;
     model
 }
 
-/// Settings without effect are a mistake of the command line, everything else is not.
+/// A setting without effect is a usage error; all other errors are not.
 fn not_built(error: BuildError) -> Failure {
     match error {
         BuildError::Setting(text) => Failure::usage(text),

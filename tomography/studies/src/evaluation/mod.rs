@@ -1,7 +1,6 @@
-//! Methods on judging data: frames from a finer, different mesh, drawn from other random streams than any training. A method
-//! gets the case and the frames of a folder; the truth is opened here alone.
+//! Evaluates methods on test sets: frames from a finer, different mesh, drawn from other random streams than any
+//! training. A method receives the case and the frames of a folder; only this module reads the truth.
 //!
-//! Left to others: which methods are compared, and what is printed.
 
 mod figures;
 mod maps;

@@ -8,13 +8,13 @@ use crate::failure::Failure;
 /// Pixels along the longer side.
 const PIXELS: usize = 64;
 
-/// Pixels over the sheet's bounding box; inside is the sheet, where a map has no value it is 0.
+/// Pixels over the sheet's bounding box; on the sheet but outside the region a map is 0.
 pub(super) struct Raster {
     rows: usize,
     columns: usize,
     low: [f64; 2],
     high: [f64; 2],
-    /// `None` outside; the index in the region, or none where the sheet is bare.
+    /// `None` outside the sheet; otherwise the index in the region, or none outside the region.
     pixels: Vec<Option<Option<usize>>>,
 }
 
@@ -74,7 +74,7 @@ impl Raster {
         }
     }
 
-    /// Losses positive.
+    /// The image of a map, losses positive.
     pub(super) fn image(&self, map: &[f64]) -> Result<Image, Failure> {
         let values: Vec<Vec<f64>> = (0..self.rows)
             .map(|i| {
@@ -90,7 +90,7 @@ impl Raster {
         Image::new(&values).map_err(|fault| Failure::of("the raster", &fault))
     }
 
-    /// A place on the sheet (m) in the raster's [-1, 1].
+    /// A position on the sheet (m) in the raster's [-1, 1].
     pub(super) fn place(&self, at: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|axis| {
             2.0 * (at[axis] - self.low[axis]) / (self.high[axis] - self.low[axis]) - 1.0

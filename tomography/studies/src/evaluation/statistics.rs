@@ -1,4 +1,4 @@
-//! Means, deviations and middle values.
+//! Means, deviations and medians.
 
 /// Mean and standard deviation.
 pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
@@ -11,13 +11,13 @@ pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
     (mean, (square / (count - 1.0).max(1.0)).sqrt())
 }
 
-/// Not a number where there is nothing to average.
+/// The mean; NaN without values.
 pub fn average(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
     sum / count
 }
 
-/// The middle value; 0 of nothing.
+/// The median; 0 for an empty slice.
 pub fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or_default()

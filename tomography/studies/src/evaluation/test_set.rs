@@ -1,7 +1,7 @@
-//! Judging data: a case folder with frames from a finer, different mesh, and the truth beside them.
+//! Test sets: a case folder with frames from a finer, different mesh, and files with the truth.
 //!
-//! The folder is what `reconstruct` is given (mesh, contacts, protocol, `frames.csv` with the baseline first); `truth.csv`
-//! and `presses.csv` are for `evaluate` alone.
+//! `reconstruct` reads mesh, contacts, protocol and `frames.csv` (baseline first); only `evaluate` reads `truth.csv`
+//! and `presses.csv`.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -24,42 +24,42 @@ use survey::Amps;
 use crate::failure::{Failure, write};
 use crate::progress;
 
-/// What a judged folder says about itself.
+/// File with the description of a test set.
 pub const DESCRIPTION: &str = "judged.json";
 /// Current of every reading, A.
 const CURRENT: Amps = Amps(1e-3);
 /// Loss of conductance under a press.
 const LOSS: f64 = 0.5;
-/// Algorithm 1 of the paper: polygons, radius (mm), vertices.
+/// Algorithm 1 of the paper: maximum polygons, radius (mm), vertices.
 const POLYGONS: usize = 4;
 const RADIUS_MM: f64 = 70.0;
 const VERTICES: usize = 5;
 
-/// Masses (kg) and diameters (mm) of the presses of known mass, in turns.
+/// Masses (kg) and diameters (mm) of the presses of known mass, used in turn.
 const MASSES_KG: [f64; 6] = [0.2, 0.5, 1.0, 2.0, 3.0, 4.0];
 const DIAMETERS_MM: [f64; 4] = [25.0, 30.0, 40.0, 50.0];
 
-/// What presses one frame.
+/// The load of one frame.
 struct Pressed {
-    /// Where it is known, kg.
+    /// Mass, kg, if known.
     mass: Option<f64>,
     loads: Vec<Load>,
-    /// Centre and diameter, mm, where it is one disc.
+    /// Centre and diameter, mm, if the load is one disc.
     disc: Option<([f64; 2], f64)>,
 }
 
-/// What a judged folder says about itself.
+/// Description of a test set.
 pub struct Description {
-    /// The set and its noise, for a person.
+    /// Name and noise of the set, for people.
     pub name: String,
     /// White noise of one reading, V.
     pub noise_v: f64,
 }
 
-/// Reads what [`make`] wrote into a folder.
+/// Reads the description that [`make`] wrote to a folder.
 ///
 /// # Errors
-/// No such file, or one without the set and its noise.
+/// A missing file, or one without name and noise.
 pub fn description(folder: &Path) -> Result<Description, Failure> {
     let path = folder.join(DESCRIPTION);
     let wrong = |why: String| {
@@ -104,13 +104,13 @@ pub enum TestSetName {
 }
 
 impl TestSetName {
-    /// As on the command line.
+    /// Name on the command line.
     pub fn name(self) -> String {
         self.to_possible_value()
             .map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
-    /// Frames where nothing is said.
+    /// Default number of frames.
     fn usual(self) -> usize {
         match self {
             Self::Presses10 | Self::Presses30 => 32,
@@ -123,29 +123,29 @@ impl TestSetName {
     }
 }
 
-/// What a set is made of.
+/// Options of a test set.
 #[derive(Debug)]
 pub struct TestSet {
     /// Its loads.
     pub set: TestSetName,
     /// White noise of one reading on baseline and frames, V; 0 for none.
     pub noise_v: f64,
-    /// The same seed gives the same folder; training draws from other streams.
+    /// Equal seeds give equal folders; training uses other random streams.
     pub seed: u64,
-    /// Frames; default: as many as are usual for the set.
+    /// Number of frames; default: that of the set.
     pub count: Option<usize>,
-    /// Standard deviation of the logarithm of an unevenly sprayed sheet's conductance.
+    /// Standard deviation of the logarithm of conductance of an unevenly sprayed sheet.
     pub spray: Option<f64>,
-    /// The sheet that is pressed.
+    /// The simulated sheet.
     pub sheet: PaperSheet,
-    /// What to reconstruct on: the sheet on another mesh than the phantom's; default: its preset at 1 mA.
+    /// The case for the reconstruction: the sheet on another mesh than the phantom's; default: its preset at 1 mA.
     pub case: Option<Case>,
 }
 
-/// Makes the folder; gives the number of its frames without the baseline.
+/// Makes the folder; returns the number of frames without the baseline.
 ///
 /// # Errors
-/// Options without meaning, a case of another sheet, or files that exist and may not be replaced.
+/// Invalid options, a case of another sheet, or files that exist and may not be replaced.
 pub fn make(options: &TestSet, folder: &Path, existing: Existing) -> Result<usize, Failure> {
     if !(options.noise_v >= 0.0 && options.noise_v.is_finite()) {
         return Err(Failure::usage(format!(
@@ -295,7 +295,7 @@ fn put(
     write(&folder.join("truth.csv"), existing, matrix_text(&truth))
 }
 
-/// Relative change of every triangle of the case's region: covered shares, overlaps multiply.
+/// Relative change of every triangle of the case's region by covered shares; overlaps multiply.
 ///
 /// # Errors
 /// A load without an area.
@@ -325,7 +325,7 @@ fn bounds(mesh: &Mesh) -> [[f64; 2]; 2] {
     [low, high]
 }
 
-/// A disc anywhere in the region, wholly inside.
+/// A disc at a random position, completely inside the region.
 fn press(mesh: &Mesh, diameter: f64, random: &mut ChaCha8Rng) -> Pressed {
     let [low, high] = bounds(mesh);
     let margin = 0.5 * diameter;
@@ -344,7 +344,7 @@ fn disc(load: Load, diameter: f64) -> Pressed {
     }
 }
 
-/// A press of known mass: every mass with every diameter in turns, so that pressures repeat at several places.
+/// A press of known mass: all combinations of mass and diameter in turn, so that pressures repeat at several positions.
 fn mass(mesh: &Mesh, k: usize, random: &mut ChaCha8Rng) -> Pressed {
     let (mass, diameter) = (MASSES_KG[k % 6], DIAMETERS_MM[(k + k / 12) % 4]);
     let mut pressed = press(mesh, diameter, random);
@@ -354,8 +354,8 @@ fn mass(mesh: &Mesh, k: usize, random: &mut ChaCha8Rng) -> Pressed {
     pressed
 }
 
-/// A case of Algorithm 1 that presses something: drawn again until it does. The polygons are cut at the region's border
-/// as the training's are.
+/// A case of Algorithm 1 with a load: drawn again until it has one. The polygons are clipped at the region's border as
+/// in training.
 fn polygons(mesh: &Mesh, random: &mut ChaCha8Rng) -> Pressed {
     let [low, high] = bounds(mesh);
     loop {
@@ -405,7 +405,7 @@ fn polygons(mesh: &Mesh, random: &mut ChaCha8Rng) -> Pressed {
     }
 }
 
-/// A convex polygon cut at a box (Sutherland and Hodgman).
+/// A convex polygon clipped by a box (Sutherland and Hodgman).
 fn within(mut points: Vec<[f64; 2]>, [low, high]: [[f64; 2]; 2]) -> Vec<[f64; 2]> {
     for (axis, border, sign) in [
         (0, low[0], 1.0),

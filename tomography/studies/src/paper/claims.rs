@@ -1,30 +1,30 @@
-//! What the paper says, and what is found here. A disagreement is a finding, not a failure.
+//! The paper's claims compared with the results here. A disagreement is a finding, not an error.
 
 use super::experiments::{Experiments, FIGURES_AT, Outcome};
 use super::plan::{DEEP, Method, Plan, RBF, TV, Trained};
 use crate::evaluation::{average, mean_and_deviation};
 use crate::failure::Failure;
 
-/// Below this correlation nobody would call two amplitudes proportional.
+/// Smallest correlation of amplitudes that count as proportional.
 const PROPORTIONAL: f64 = 0.9;
-/// A place is found where it lies under the disc that presses, mm.
+/// Largest location error of a load that counts as found: within the pressing disc, mm.
 const FOUND_MM: f64 = 10.0;
-/// The paper's times a frame, ms, on an Intel i7-8700 at 3.2 GHz with MATLAB R2020b (its section 5.4).
+/// The paper's times per frame, ms, on an Intel i7-8700 at 3.2 GHz with MATLAB R2020b (its section 5.4).
 const PAPER_MS: [f64; 3] = [650.0, 5.0, 3.0];
 
-/// Whether the paper's words hold here.
+/// Whether a claim of the paper holds here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// All of it.
+    /// Completely.
     Agrees,
-    /// Nothing of it.
+    /// Not at all.
     Disagrees,
-    /// One part of the claim does, another does not.
+    /// In part.
     Partly,
 }
 
 impl Verdict {
-    /// As the tables call it.
+    /// Name in the tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Agrees => "agrees",
@@ -42,16 +42,16 @@ impl Verdict {
     }
 }
 
-/// What the paper says, and what is found.
+/// A claim of the paper, and the result here.
 #[derive(Debug)]
 pub struct Claim {
-    /// Where the paper says so.
+    /// Section of the paper.
     pub section: &'static str,
-    /// What it says.
+    /// The claim.
     pub paper: &'static str,
-    /// What is found here.
+    /// The result.
     pub ours: String,
-    /// Whether both agree.
+    /// Comparison of both.
     pub verdict: Verdict,
 }
 
@@ -66,7 +66,7 @@ impl Claim {
         })
     }
 
-    /// As a line for a person.
+    /// A line of text for people.
     pub fn line(&self) -> String {
         format!("{:>9}  {}: {}", self.verdict.name(), self.paper, self.ours)
     }
@@ -80,7 +80,7 @@ pub(super) fn judge(
 ) -> Result<Vec<Claim>, Failure> {
     let at = |method: &'static str, test| found(experiments, method, test, FIGURES_AT);
     let [tv, deep, rbf] = [at(TV, 1)?, at(DEEP, 1)?, at(RBF, 1)?];
-    // amplitudes without what noise adds to them
+    // amplitudes without noise
     let quiet = |method: &'static str| found(experiments, method, 1, 0.0);
     let [quiet_tv, quiet_deep, quiet_rbf] = [quiet(TV)?, quiet(DEEP)?, quiet(RBF)?];
     let mut claims = vec![
@@ -183,7 +183,7 @@ fn peaks(outcome: &Outcome) -> Vec<f64> {
 
 fn near_electrodes(tv: &Outcome) -> Claim {
     let peaks = peaks(tv);
-    // four by four places: the inner four are the farthest from the electrodes
+    // four by four positions: the inner four are the farthest from the electrodes
     let inner = [5, 6, 9, 10];
     let of = |inside: bool| {
         average(
@@ -236,7 +236,7 @@ fn proportional(tv: &Outcome, deep: &Outcome, rbf: &Outcome) -> Claim {
     }
 }
 
-/// How much of a map is noise: what draws of it differ by, over the map.
+/// Share of noise in a map: the deviation between draws, over the map.
 fn noise(plan: &Plan, experiments: &Experiments) -> Option<Claim> {
     let largest = plan.noises.iter().copied().fold(0.0, f64::max);
     let share = |method: &'static str| -> Option<f64> {

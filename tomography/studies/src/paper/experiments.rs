@@ -1,4 +1,5 @@
-//! The two tests by every method: at each noise, over draws of it, and on unevenly sprayed sheets.
+//! The paper's two tests with every method: at each noise level, over draws of the noise, and on unevenly sprayed
+//! sheets.
 
 use super::plan::{Method, Plan};
 use crate::artifact_cache::ArtifactCache;
@@ -7,19 +8,19 @@ use eit::Case;
 use crate::evaluation::{Figures, Frame, OfFrame, figures, maps, of_frames};
 use crate::failure::Failure;
 
-/// One set by one method.
+/// Result of one method on one set.
 pub(super) struct Outcome {
     pub(super) method: &'static str,
     pub(super) set: Set,
     pub(super) case: Case,
     pub(super) frames: Vec<Frame>,
-    /// Frame by frame.
+    /// Figures of each frame.
     pub(super) of_frames: Vec<OfFrame>,
     /// Their means.
     pub(super) figures: Figures,
 }
 
-/// What was pressed, and how it was measured.
+/// A set of loads with its noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Set {
     /// 1 or 2.
@@ -30,7 +31,7 @@ pub(super) struct Set {
 }
 
 impl Set {
-    /// First draw of the noise, evenly sprayed.
+    /// The first draw of the noise, on an even sheet.
     pub(super) fn even(test: u8, noise_uv: f64) -> Self {
         Self {
             test,
@@ -45,11 +46,11 @@ pub(super) struct Experiments {
     pub(super) results: Vec<Outcome>,
 }
 
-/// The noise at which the paper's figures are drawn, uV: the 34980A's at 1 power-line cycle.
+/// Noise of the paper's figures, uV: that of the 34980A at 1 power-line cycle.
 pub(super) const FIGURES_AT: f64 = 2.0;
 
 impl Experiments {
-    /// Only what a figure asks for, if one does.
+    /// Runs the experiments, or only those needed for one figure.
     pub(super) fn run(
         plan: &Plan,
         place: &ArtifactCache<'_>,
@@ -69,7 +70,7 @@ impl Experiments {
             None => {
                 for &noise in plan.noises {
                     sets.extend([Set::even(1, noise), Set::even(2, noise)]);
-                    // again with other draws: how much of a map is noise
+                    // repeated with other draws: how much of a map is noise
                     if noise > 0.0 {
                         sets.extend((1..plan.draws).map(|draw| at(1, noise, 0.0, draw)));
                     }
@@ -87,7 +88,7 @@ impl Experiments {
             let folder = folder(plan, place, set)?;
             for method in methods {
                 let papers = method.model.is_some() || method.name == super::plan::TV;
-                // draws and sprayed sheets are about the paper's methods; the others would take hours
+                // draws and sprayed sheets are for the paper's methods; the others would take hours
                 if (set.draw > 0 || set.spray > 0.0 || figure.is_some()) && !papers {
                     continue;
                 }
@@ -98,7 +99,7 @@ impl Experiments {
                     set,
                     figures: figures(method.name, &judged, &of_frames),
                     of_frames,
-                    // not the reconstructor: some dozens of sets, and a network has 85 MB
+                    // the reconstructor is not kept: there are dozens of sets, and a network has 85 MB
                     case: judged.case,
                     frames: judged.frames,
                 });
@@ -107,7 +108,7 @@ impl Experiments {
         Ok(Self { results })
     }
 
-    /// A test at a noise, on an even sheet, first draw.
+    /// A test at a noise level, on an even sheet, first draw.
     pub(super) fn of<'a>(
         &'a self,
         method: &'a str,
@@ -134,7 +135,7 @@ impl Experiments {
         })
     }
 
-    /// Everything found, for `results.json`.
+    /// All results, for `results.json`.
     pub(super) fn table(&self) -> serde_json::Value {
         let number = |value: f64| value.is_finite().then_some(value);
         self.results
@@ -163,7 +164,7 @@ impl Experiments {
     }
 }
 
-/// The judged folder of a set.
+/// The folder of a test set.
 pub(super) fn folder(
     plan: &Plan,
     place: &ArtifactCache<'_>,

@@ -11,16 +11,16 @@ use super::sweeps::Sweep;
 use crate::artifact_cache::ArtifactCache;
 use crate::failure::Failure;
 
-/// A figure on disk.
+/// A figure written to disk.
 pub(super) struct Figure {
-    /// `.png`; the `.svg` has the same stem.
+    /// The `.png`; the `.svg` has the same stem.
     pub(super) file: String,
     pub(super) title: String,
-    /// What it shows, and what it does not prove.
+    /// Caption: what it shows, and what it does not prove.
     pub(super) words: String,
 }
 
-/// The paper's 3A.
+/// The paper's Figure 3A.
 pub(super) fn mesh(place: &ArtifactCache<'_>, case: &Case) -> Result<Figure, Failure> {
     let mesh = &case.mesh;
     let all: Vec<_> = (0..mesh.triangles().len())
@@ -44,7 +44,7 @@ pub(super) fn mesh(place: &ArtifactCache<'_>, case: &Case) -> Result<Figure, Fai
     })
 }
 
-/// The paper's 4 to 7, those that are wanted, each with one scale and with a scale for each map.
+/// The paper's Figures 4 to 7, or one of them, each with a common scale and with a scale per map.
 pub(super) fn tests(
     place: &ArtifactCache<'_>,
     experiments: &Experiments,
@@ -91,7 +91,7 @@ pub(super) fn tests(
             .into_iter()
             .filter_map(|method| experiments.of(method, 2, FIGURES_AT))
             .collect();
-        // the middle of their three places
+        // the middle of the three positions
         let at = paper::TEST2_MM[1];
         let loads = [paper::s2(at), paper::s3(at), paper::s4(at)];
         let mut maps = Vec::new();
@@ -118,7 +118,7 @@ pub(super) fn tests(
     Ok(figures)
 }
 
-/// One chart for each thing that was varied.
+/// One chart for each varied parameter.
 pub(super) fn sweeps(place: &ArtifactCache<'_>, sweeps: &[Sweep]) -> Result<Vec<Figure>, Failure> {
     sweeps
         .iter()
@@ -246,7 +246,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// What maps of a case are drawn on.
+/// The sheet on which maps of a case are drawn.
 fn sheet(case: &Case) -> Sheet {
     let mesh = &case.mesh;
     Sheet {

@@ -1,8 +1,8 @@
-//! Every experiment, figure and claim of the paper, run again from seeds, as one page to read (`tactus-lab paper`).
+//! All experiments, figures and claims of the paper, repeated from seeds, on one HTML page (`tactus-lab paper`).
 //!
-//! A folder grows: `models`, `sets`, figures (PNG and SVG), `results.json`, `claims.json`, `settings.json`, `index.html`. What
-//! a command of `tactus-lab` makes is made by that command, and its words lie beside it in a file `.command`: who was
-//! stopped goes on with what is missing, and what was made by other words is made again.
+//! The output folder contains `models`, `sets`, figures (PNG and SVG), `results.json`, `claims.json`, `settings.json`,
+//! `index.html`. Models and sets are made by commands of `tactus-lab`, whose arguments are stored in a file `.command`
+//! for each. An interrupted run resumes with what is missing; outputs of commands with other arguments are made again.
 
 mod claims;
 mod experiments;
@@ -23,27 +23,27 @@ use experiments::Experiments;
 use plan::Plan;
 pub use resident::resident_growth;
 
-/// What is to be made.
+/// Options of the study.
 #[derive(Debug)]
 pub struct Settings {
-    /// The paper's own sizes in place of small ones.
+    /// The paper's sizes instead of small ones.
     pub full: bool,
     /// Only this figure of the paper, 3 to 7.
     pub figure: Option<u8>,
-    /// The same seed gives the same numbers, times apart.
+    /// Equal seeds give equal numbers, except times.
     pub seed: u64,
     /// Folder of the page, its figures and tables; default `paper-quick` or `paper-full`.
     pub folder: Option<PathBuf>,
-    /// What becomes of a folder that another command has made.
+    /// Whether a folder made by another command may be replaced.
     pub existing: Existing,
 }
 
-/// What was made.
+/// Output of the study.
 #[derive(Debug)]
 pub enum Made {
     /// One figure of the paper: its files.
     Figure(Vec<PathBuf>),
-    /// The page, and the paper's claims with what was found.
+    /// The page, and the paper's claims with the results.
     Page {
         /// The page.
         path: PathBuf,
@@ -52,10 +52,10 @@ pub enum Made {
     },
 }
 
-/// Makes what is missing, draws, writes the page.
+/// Makes missing parts, draws figures, writes the page.
 ///
 /// # Errors
-/// A folder that belongs to another command, files that are damaged, or a command that fails.
+/// A folder that belongs to another command, damaged files, or a command that fails.
 pub fn run(settings: &Settings, program: &dyn Program) -> Result<Made, Failure> {
     let plan = Plan::new(settings.full, settings.seed);
     let folder = match &settings.folder {

@@ -1,4 +1,4 @@
-//! One HTML page to read from top to bottom.
+//! The HTML page of the study.
 
 use std::fmt::Write;
 
@@ -136,7 +136,7 @@ fn trained(html: &mut String, methods: &[Method]) {
     html.push_str("</table>\n");
 }
 
-/// A dash where there is nothing to say.
+/// A number, or a dash if it is not finite.
 fn number(value: f64, decimals: usize) -> String {
     match value.is_finite() {
         true => format!("{value:.decimals$}"),
@@ -152,7 +152,7 @@ fn row(html: &mut String, cells: &[&str]) {
     html.push_str("</tr>\n");
 }
 
-/// `&ndash;` of [`number`] stays one.
+/// Escapes text, except the `&ndash;` of [`number`].
 fn escaped(text: &str) -> String {
     if text == "&ndash;" {
         return text.to_owned();

@@ -1,4 +1,4 @@
-//! How much is done: the paper's own sizes, or little of everything.
+//! Extent of a run: the paper's sizes, or small ones.
 
 use std::path::PathBuf;
 
@@ -7,19 +7,19 @@ use eit::{Model, Report, model};
 use crate::artifact_cache::ArtifactCache;
 use crate::failure::Failure;
 
-/// A run as a whole.
+/// Settings of a run.
 pub(super) struct Plan {
     pub(super) name: &'static str,
     pub(super) seed: u64,
     /// Noise of one reading, uV.
     pub(super) noises: &'static [f64],
-    /// Draws of the noise in the experiment on it.
+    /// Draws of the noise in the experiment with noise.
     pub(super) draws: u64,
-    /// Unevenness of the sprayed sheet, standard deviation of ln(conductance).
+    /// Unevenness of the sprayed sheet, as standard deviation of ln(conductance).
     pub(super) sprays: &'static [f64],
     /// Powers of ten of alpha.
     pub(super) alphas: &'static [i32],
-    /// Times Eq. 13's spread.
+    /// Multiples of Eq. 13's spread.
     pub(super) spreads: &'static [f64],
     /// Width and height of the sheet over the paper's; electrodes along width and height.
     pub(super) sheets: &'static [(f64, usize, usize)],
@@ -27,17 +27,17 @@ pub(super) struct Plan {
     repeats: usize,
     epochs: usize,
     width: usize,
-    /// Whether `best`, which takes seconds a frame, is among the methods.
+    /// Whether to include the method `best`, which takes seconds per frame.
     pub(super) best: bool,
 }
 
-/// A method of the paper, or beside it.
+/// A method of the paper, or one for comparison.
 pub(super) struct Method {
-    /// As the page calls it.
+    /// Name on the page.
     pub(super) name: &'static str,
-    /// What `reconstruct` is told.
+    /// Arguments of `reconstruct`.
     pub(super) words: Vec<String>,
-    /// Where it is a trained one.
+    /// Its model, for a trained method.
     pub(super) model: Option<Trained>,
 }
 
@@ -47,7 +47,7 @@ pub(super) struct Trained {
     pub(super) bytes: u64,
     pub(super) hash: String,
     pub(super) weights: usize,
-    /// By how much loading it made this process larger, bytes; `None` where the system does not say.
+    /// Growth of this process by loading the model, bytes; `None` if the system does not report it.
     pub(super) resident: Option<u64>,
     /// The command that made it.
     pub(super) command: String,
@@ -106,7 +106,7 @@ impl Plan {
         }
     }
 
-    /// What was chosen, for `settings.json`.
+    /// The settings, for `settings.json`.
     pub(super) fn described(&self) -> serde_json::Value {
         serde_json::json!({
             "run": self.name,
@@ -125,7 +125,7 @@ impl Plan {
         })
     }
 
-    /// Words of the training of an RBF network with so many times Eq. 13's spread, on a case folder or the paper's sheet.
+    /// Arguments for training an RBF network with a multiple of Eq. 13's spread, on a case folder or the paper's sheet.
     pub(super) fn rbf(&self, profile: &str, more: &[&str]) -> Vec<String> {
         ["train", "rbf", "--profile", profile]
             .into_iter()
@@ -146,7 +146,7 @@ impl Plan {
         .collect()
     }
 
-    /// All methods, the networks trained.
+    /// All methods, with trained networks.
     pub(super) fn models(&self, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Failure> {
         let seed = self.seed.to_string();
         let cases = self.cases.to_string();
@@ -227,7 +227,7 @@ impl Plan {
     }
 }
 
-/// Weights and biases: of an RBF network those of its output layer, as the paper counts.
+/// Number of weights and biases; for an RBF network those of its output layer, as in the paper.
 fn weights(loaded: &Model) -> usize {
     match &loaded.metadata().report {
         Report::Deep(report) => report.parameters,

@@ -1,4 +1,4 @@
-//! How much memory loading a model takes.
+//! Memory used by loading a model.
 
 use std::path::Path;
 
@@ -6,8 +6,8 @@ use eit::model;
 
 use crate::failure::Failure;
 
-/// By how many bytes loading a model makes this process larger; `None` where the system does not report it. Only a process
-/// of its own measures it right: in a used one the model moves into memory that other work has left behind.
+/// Growth of this process by loading a model, bytes; `None` if the system does not report it. Correct only in a new
+/// process: an older one reuses memory freed by earlier work.
 ///
 /// # Errors
 /// The model cannot be loaded.
@@ -22,7 +22,7 @@ pub fn resident_growth(file: &Path) -> Result<Option<u64>, Failure> {
         .map(|(before, after)| after.saturating_sub(before)))
 }
 
-/// Resident memory of this process, bytes, as Linux says.
+/// Resident memory of this process, bytes, from Linux.
 fn resident() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status

@@ -1,4 +1,4 @@
-//! What happens when one thing is varied: the size of a load, Eq. 13's spread, the sheet and its electrodes.
+//! Experiments that vary one parameter: the size of a load, Eq. 13's spread, the sheet and its electrodes.
 
 use super::experiments::{self, FIGURES_AT, Set};
 use super::plan::{DEEP, Method, Plan, RBF, RBF_FILE, TV};
@@ -6,18 +6,18 @@ use crate::artifact_cache::ArtifactCache;
 use crate::evaluation::{maps, mean_and_deviation, of_frames};
 use crate::failure::Failure;
 
-/// One thing varied.
+/// Results for one varied parameter.
 pub(super) struct Sweep {
     /// Name of its files.
     pub(super) file: &'static str,
     pub(super) title: &'static str,
     pub(super) across: &'static str,
     pub(super) up: &'static str,
-    /// An upright line with its words.
+    /// A vertical line with a label.
     pub(super) mark: Option<(f64, &'static str)>,
     pub(super) log: bool,
     pub(super) points: Vec<Point>,
-    /// What it shows, and what it does not prove.
+    /// Caption: what it shows, and what it does not prove.
     pub(super) words: &'static str,
 }
 
@@ -57,12 +57,12 @@ pub(super) fn run(
     Ok(sweeps)
 }
 
-/// The seed of the judging data: never that of the training.
+/// The seed of the test sets, different from that of the training.
 fn judging(plan: &Plan) -> String {
     (1000 * (plan.seed + 1)).to_string()
 }
 
-/// Loads of 20 to 140 mm, across the largest that training has seen.
+/// Loads of 20 to 140 mm, beyond the largest in training.
 fn sizes(
     plan: &Plan,
     place: &ArtifactCache<'_>,
@@ -132,10 +132,10 @@ fn sizes(
     ])
 }
 
-/// alpha of Eq. 4, and true total variation beside it.
+/// alpha of Eq. 4, and true total variation for comparison.
 fn alphas(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
     let mut points = Vec::new();
-    // one height from end to end: true total variation knows no alpha
+    // a horizontal line: true total variation does not depend on this alpha
     let power = |exponent: Option<&i32>| exponent.map(|&exponent| 10.0_f64.powi(exponent));
     let ends: Vec<f64> = [plan.alphas.first(), plan.alphas.last()]
         .into_iter()
@@ -213,7 +213,7 @@ fn spreads(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
         )?;
         for &times in plan.spreads {
             let factor = times.to_string();
-            // once Eq. 13's is the paper's network, which is there
+            // the factor 1 is the paper's network, which exists already
             let (name, words) = match times == 1.0 {
                 true => (RBF_FILE.to_owned(), plan.rbf("paper", &[])),
                 false => (
@@ -249,7 +249,7 @@ fn spreads(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
     })
 }
 
-/// Other sheets and electrodes; presses of 10 mm.
+/// Other sheets and electrodes, with presses of 10 mm.
 fn sheets(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Vec<Sweep>, Failure> {
     let seed = judging(plan);
     let count = if plan.best { "16" } else { "4" };

@@ -1,7 +1,8 @@
-//! The hard cases of the fact sheet, each with the naive form that breaks, ours, and a bound (`tactus-lab stability`).
+//! The hard cases of the fact sheet, each with a naive implementation that fails, ours, and a bound (`tactus-lab
+//! stability`).
 //!
-//! A case is a function that returns what it found; one that waits for a feature is said to be not built. The numbers are
-//! those of the fact sheet `physics-and-hard-cases.md`, section 4. Every bound has been seen to fail.
+//! A case is a function that returns its results; one whose feature does not exist yet is listed as not built. The
+//! numbers are those of the fact sheet `physics-and-hard-cases.md`, section 4. Every bound has been seen to fail.
 
 mod cases;
 mod outcome;
@@ -77,14 +78,14 @@ const fn not_built(number: u8, name: &'static str) -> Case {
     }
 }
 
-/// What the cases found.
+/// Results of the cases.
 #[derive(Debug)]
 pub struct Table(Vec<(&'static Case, Option<Outcome>)>);
 
-/// Runs the cases with these numbers, 1 to 40, or all where there is none.
+/// Runs the cases with these numbers, 1 to 40, or all if empty.
 ///
 /// # Errors
-/// A case that cannot be computed; a bound that is broken is none, see [`Table::broken`].
+/// A case that cannot be computed. A violated bound is not an error, see [`Table::broken`].
 pub fn run(only: &[u8]) -> Result<Table, Failure> {
     let wanted: Vec<&Case> = CASES
         .iter()
@@ -114,7 +115,7 @@ impl Table {
         plots::draw(folder, existing)
     }
 
-    /// Numbers of the cases whose bound is broken, or whose naive form is not as it is said to be.
+    /// Numbers of the cases with a violated bound, or a naive implementation that does not behave as stated.
     pub fn broken(&self) -> Vec<u8> {
         self.0
             .iter()
@@ -123,12 +124,12 @@ impl Table {
             .collect()
     }
 
-    /// As a person reads it.
+    /// The table as text.
     pub fn text(&self) -> String {
         text(&self.0)
     }
 
-    /// As JSON, an object a check.
+    /// The table as JSON, one object per check.
     pub fn lines(&self) -> Vec<serde_json::Value> {
         lines(&self.0)
     }
@@ -207,7 +208,7 @@ fn text(found: &[(&Case, Option<Outcome>)]) -> String {
     text
 }
 
-/// The table as JSON, an object a line.
+/// The table as JSON, one object per line.
 fn lines(found: &[(&Case, Option<Outcome>)]) -> Vec<serde_json::Value> {
     let mut lines = Vec::new();
     for (case, outcome) in found {

@@ -1,19 +1,19 @@
-//! What a hard case finds: the error of the naive form, ours, the bound, and whether it holds.
+//! Result of a hard case: the error of the naive implementation, ours, the bound, and whether it holds.
 
 use crate::failure::Failure;
 
-/// What straightforward code does.
+/// Result of the naive implementation.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Naive {
     /// Its error, in the measure of the check.
     Error(f64),
-    /// It has no answer, or one that says nothing: what it does instead.
+    /// It has no result, or a meaningless one: a description.
     Fails(&'static str),
-    /// No naive form breaks here; the note of the case says why.
+    /// It does not fail here; the note of the case explains why.
     Sound(f64),
 }
 
-/// On which side of its bound a figure must be.
+/// Side of the bound on which a figure must be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Side {
     AtMost,
@@ -58,12 +58,12 @@ impl Check {
         }
     }
 
-    /// Whether our figure keeps the bound; what is not a number does not.
+    /// Whether our figure satisfies the bound; NaN does not.
     pub(crate) fn holds(&self) -> bool {
         self.within(self.ours)
     }
 
-    /// Whether the naive form breaks the bound, or is said not to.
+    /// Whether the naive implementation violates the bound, or is stated not to.
     pub(crate) fn naive_is_as_expected(&self) -> bool {
         match self.naive {
             Naive::Error(figure) => !self.within(figure),
@@ -73,11 +73,11 @@ impl Check {
     }
 }
 
-/// What a case found.
+/// Result of a case.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Outcome {
     pub(crate) checks: Vec<Check>,
-    /// What was found where a bound is not the one asked for, or a naive form does not break; empty where all is as asked.
+    /// Explanation of an unusual bound or of a naive implementation that does not fail; usually empty.
     pub(crate) note: String,
 }
 
@@ -95,16 +95,16 @@ impl Outcome {
     }
 }
 
-/// A hard case by its number in the fact sheet.
+/// A hard case with its number in the fact sheet.
 #[derive(Debug)]
 pub(crate) struct Case {
     pub(crate) number: u8,
     pub(crate) name: &'static str,
-    /// `None`: what it tries does not exist yet.
+    /// `None`: its feature does not exist yet.
     pub(crate) run: Option<fn() -> Result<Outcome, Failure>>,
 }
 
-/// Largest difference of two lists over the largest of the second; infinite where one is not a number.
+/// Largest difference of two lists over the largest value of the second; infinite if one is NaN.
 pub(crate) fn apart(found: &[f64], exact: &[f64]) -> f64 {
     let largest = exact.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
     found
@@ -114,7 +114,7 @@ pub(crate) fn apart(found: &[f64], exact: &[f64]) -> f64 {
         .fold(0.0, worst)
 }
 
-/// The larger; infinite where one is not a number.
+/// The larger; infinite if one is NaN.
 pub(crate) fn worst(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() {
         f64::INFINITY
@@ -123,7 +123,7 @@ pub(crate) fn worst(a: f64, b: f64) -> f64 {
     }
 }
 
-/// An error, or a failure where it is not finite.
+/// An error, or the description `instead` if it is not finite.
 pub(crate) fn naive(error: f64, instead: &'static str) -> Naive {
     if error.is_finite() {
         Naive::Error(error)

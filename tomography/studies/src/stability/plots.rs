@@ -1,4 +1,4 @@
-//! Errors against contrast, contact resistance and the angle of a sliver: naive forms beside ours.
+//! Plots of errors against contrast, contact resistance and sliver angle: naive implementations and ours.
 
 use std::path::Path;
 
@@ -12,9 +12,9 @@ use crate::failure::Failure;
 use crate::stability::solvers::bordered::Ground;
 use crate::stability::solvers::tank::Tank;
 
-/// What is below is drawn here: a logarithm has no place for 0.
+/// Smaller values are drawn here: a logarithmic axis has no 0.
 const LEAST: f64 = 1e-17;
-/// An answer without numbers is drawn here.
+/// A result without numbers is drawn here.
 const MOST: f64 = 1e3;
 
 /// Draws all three, each as PNG and SVG.
@@ -75,7 +75,7 @@ fn put(folder: &Path, existing: Existing, name: &str, curves: &Curves<'_>) -> Re
     Ok(())
 }
 
-/// Lines over the same places: a name, and an error at each.
+/// Curves over common abscissas: a name, and an error at each.
 fn curves(names: &[&str], points: &[(f64, Vec<f64>)]) -> Vec<Curve> {
     let shown = |error: f64| {
         if error.is_finite() {

@@ -1,4 +1,4 @@
-//! A setting of the rig from the kept table, and what it costs (`tactus-lab advise`).
+//! Recommends a setting of the rig from the kept table (`tactus-lab advise`).
 
 use std::path::PathBuf;
 
@@ -8,27 +8,27 @@ use crate::failure::Failure;
 /// The table of the kept full run.
 const KEPT: &str = include_str!("../../../../docs/tradeoff-2026-11-22/acquisition.json");
 
-/// What a setting must fulfil.
+/// Requirements on a setting.
 #[derive(Debug)]
 pub struct Request {
-    /// The location error that is enough, mm.
+    /// Largest acceptable location error, mm.
     pub error_mm: f64,
-    /// The longest frame that is short enough, s.
+    /// Longest acceptable frame time, s.
     pub max_seconds: f64,
-    /// Only what this number of electrodes gives.
+    /// Only settings with this number of electrodes.
     pub electrodes: Option<u64>,
-    /// Only what this module gives, e.g. 34924A.
+    /// Only settings with this module, e.g. 34924A.
     pub module: Option<String>,
-    /// Only what this current gives, mA.
+    /// Only settings with this current, mA.
     pub current_ma: Option<f64>,
-    /// A table that the diagram `acquisition` made, in place of the kept one.
+    /// A table made by the diagram `acquisition`, instead of the kept one.
     pub table: Option<PathBuf>,
 }
 
-/// The quickest setting that is good enough and quick enough.
+/// The fastest setting that meets the requirements.
 ///
 /// # Errors
-/// A table that cannot be read, or no such setting: what comes nearest is named.
+/// An unreadable table, or no such setting; the error names the closest one.
 pub fn advise(options: &Request) -> Result<Point, Failure> {
     for (name, value) in [
         ("--error-mm", options.error_mm),
@@ -123,7 +123,7 @@ enum Advice<'a> {
     },
 }
 
-/// Of the settings that are good enough the quickest; of two as quick the better one.
+/// The fastest acceptable setting; the more accurate one of two equally fast ones.
 fn chosen<'a>(points: &[&'a Point], error_mm: f64, max_seconds: f64) -> Advice<'a> {
     let good = |point: &&&Point| point.error <= error_mm;
     let quick = |point: &&&Point| point.time <= max_seconds;

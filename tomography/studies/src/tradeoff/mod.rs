@@ -1,8 +1,8 @@
-//! What accuracy costs in time, as eight diagrams and one page (`tactus-lab tradeoff`).
+//! Accuracy against computing or measuring time, as eight diagrams and one page (`tactus-lab tradeoff`).
 //!
-//! Every diagram is a table of points (`NAME.json`) with the settings and the seed that made it, drawn as PNG and SVG. A
-//! table that lies there and was made by the same settings is not made again: who is stopped goes on. Times are of this
-//! machine; errors are the same for the same seed.
+//! Every diagram is a table of points (`NAME.json`) with its settings and seed, drawn as PNG and SVG. A table with the
+//! same settings is reused, so an interrupted run resumes. Times depend on the machine; errors are the same for the
+//! same seed.
 
 mod advise;
 mod measuring;
@@ -48,46 +48,46 @@ pub enum PanelName {
 }
 
 impl PanelName {
-    /// As on the command line, and as its files are called.
+    /// Name on the command line and of its files.
     pub fn name(self) -> String {
         self.to_possible_value()
             .map_or_else(String::new, |value| value.get_name().to_owned())
     }
 }
 
-/// What is to be made.
+/// Options of the study.
 #[derive(Debug)]
 pub struct Settings {
-    /// The sizes whose results are kept, in place of small ones.
+    /// The sizes of the kept results, instead of small ones.
     pub full: bool,
-    /// Only these diagrams; all where there is none.
+    /// Only these diagrams; all if empty.
     pub only: Vec<PanelName>,
-    /// The same seed gives the same numbers, times apart.
+    /// Equal seeds give equal numbers, except times.
     pub seed: u64,
     /// Folder of the page, its figures and tables; default `tradeoff-quick` or `tradeoff-full`.
     pub folder: Option<PathBuf>,
-    /// What becomes of a folder that another command has made.
+    /// Whether a folder made by another command may be replaced.
     pub existing: Existing,
 }
 
-/// How much is done.
+/// Extent of a run.
 pub(crate) struct Effort {
     pub(crate) full: bool,
     pub(crate) seed: u64,
 }
 
 impl Effort {
-    /// One of two sizes.
+    /// The value for the extent of this run.
     pub(crate) fn of<T>(&self, quick: T, full: T) -> T {
         if self.full { full } else { quick }
     }
 
-    /// Times that something is run for its median.
+    /// Repetitions for the median of a time.
     pub(crate) fn runs(&self) -> usize {
         20
     }
 
-    /// Draws of noise or meshes behind an error's bar.
+    /// Draws of noise or meshes for an error's bar.
     pub(crate) fn seeds(&self) -> u64 {
         5
     }
@@ -96,7 +96,7 @@ impl Effort {
         self.of("quick", "full")
     }
 
-    /// What was chosen, beside every table.
+    /// The settings, stored with every table.
     pub(crate) fn described(&self) -> serde_json::Value {
         serde_json::json!({
             "run": self.name(),
@@ -109,11 +109,11 @@ impl Effort {
     }
 }
 
-/// Makes what is missing, draws, writes the page; gives the path of the page where all diagrams were made. `done` is called
-/// with each diagram.
+/// Makes missing diagrams, draws them and writes the page; returns the path of the page if all diagrams were made.
+/// Calls `done` with each diagram.
 ///
 /// # Errors
-/// A folder that belongs to another command, a table that is damaged, or a study that fails.
+/// A folder that belongs to another command, a damaged table, or a study that fails.
 pub fn run(
     settings: &Settings,
     program: &dyn Program,
@@ -144,7 +144,7 @@ pub fn run(
     Ok(Some(path))
 }
 
-/// The panel from its table where the same settings made it, else new.
+/// The diagram from its table if the same settings made it, otherwise computed.
 fn made(name: PanelName, effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel, Failure> {
     let file = format!("{}.json", name.name());
     if let Some(panel) = Panel::read(&place.path(&file), effort)? {

@@ -1,4 +1,4 @@
-//! One diagram: its points as a table, its front, its picture.
+//! One diagram: its table of points, Pareto front and picture.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,31 +12,31 @@ use crate::artifact_cache::ArtifactCache;
 use crate::evaluation::{mean_and_deviation, median};
 use crate::failure::Failure;
 
-/// Half the diagonal of the paper's sheet, mm: as far off as a map that shows no loss is said to be.
+/// Half the diagonal of the paper's sheet, mm: the error assigned to a map without a loss.
 pub(crate) const FARTHEST_MM: f64 = 157.0;
-/// Points of a line that are all drawn.
+/// Curves with more points are thinned out.
 const MANY: usize = 24;
 
-/// One setting, measured.
+/// One measured setting.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Point {
-    /// The picture that it belongs to; empty where there is one.
+    /// The picture of the point; empty if there is only one.
     #[serde(default)]
     pub group: String,
-    /// The line that it belongs to.
+    /// The curve of the point.
     pub line: String,
-    /// What it is on that line.
+    /// The setting on that curve.
     pub setting: String,
-    /// Across: mostly the median time, s.
+    /// Abscissa: mostly the median time, s.
     pub time: f64,
-    /// Up.
+    /// Ordinate.
     pub error: f64,
-    /// Half the bar: standard deviation over draws.
+    /// Half the error bar: standard deviation over draws.
     pub spread: f64,
-    /// What else was found, by names with their units.
+    /// Further results, by name with unit.
     #[serde(default)]
     pub also: BTreeMap<String, f64>,
-    /// Whether no other point is both quicker and better.
+    /// Whether no other point is both faster and more accurate.
     #[serde(default)]
     pub front: bool,
 }
@@ -61,13 +61,13 @@ impl Point {
         }
     }
 
-    /// Of another picture.
+    /// The point in another picture.
     pub(crate) fn of(mut self, group: &str) -> Self {
         group.clone_into(&mut self.group);
         self
     }
 
-    /// One more figure; left out where there is none.
+    /// Adds a further result, if it is finite.
     pub(crate) fn with(mut self, name: &str, value: f64) -> Self {
         if value.is_finite() {
             self.also.insert(name.to_owned(), value);
@@ -76,32 +76,32 @@ impl Point {
     }
 }
 
-/// A diagram with its words.
+/// A diagram with its texts.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Panel {
     /// Its name, as on the command line.
     pub panel: String,
     /// Its heading.
     pub title: String,
-    /// What is measured across, with its unit.
+    /// Label of the abscissa, with its unit.
     pub across: String,
-    /// What is measured up, with its unit.
+    /// Label of the ordinate, with its unit.
     pub up: String,
     /// What it shows.
     pub shows: String,
     /// What it does not prove.
     pub not_proved: String,
-    /// What was asked for and is not there.
+    /// Missing features.
     #[serde(default)]
     pub not_built: Vec<String>,
-    /// Whether a front makes sense: both axes are costs.
+    /// Whether a front is meaningful: both axes are costs.
     pub costs: bool,
-    /// The settings that were measured.
+    /// The measured settings.
     pub points: Vec<Point>,
 }
 
 impl Panel {
-    /// Marks the points that no other beats.
+    /// Marks the points of the Pareto front.
     pub(crate) fn with_front(mut self) -> Self {
         if !self.costs {
             return self;
@@ -126,7 +126,7 @@ impl Panel {
         value
     }
 
-    /// A table that lies there; `None` where there is none, or other settings made it.
+    /// An existing table; `None` if there is none, or other settings made it.
     pub(crate) fn read(path: &Path, effort: &Effort) -> Result<Option<Self>, Failure> {
         let text = match std::fs::read_to_string(path) {
             Ok(text) => text,
@@ -150,7 +150,7 @@ impl Panel {
         serde_json::from_value(value).map(Some).map_err(damaged)
     }
 
-    /// A line a point, for the terminal or a program.
+    /// A line per point, for the terminal or a program.
     pub fn lines(&self, json: bool) -> Vec<String> {
         let point = |point: &Point| {
             if json {
@@ -185,7 +185,7 @@ impl Panel {
             .collect()
     }
 
-    /// The groups of its points, as they come: a picture each.
+    /// The groups of its points in order of appearance, a picture each.
     pub(crate) fn groups(&self) -> Vec<&str> {
         let mut groups: Vec<&str> = Vec::new();
         for point in &self.points {
@@ -212,7 +212,7 @@ impl Panel {
     }
 
     fn draw_group(&self, place: &ArtifactCache<'_>, group: &str) -> Result<(), Failure> {
-        // a logarithm has no place for nothing
+        // a logarithmic axis has no zero
         let of_group =
             |point: &&Point| point.group == group && point.time > 0.0 && point.error > 0.0;
         let points: Vec<&Point> = self.points.iter().filter(of_group).collect();
@@ -230,7 +230,7 @@ impl Panel {
         if curves.is_empty() {
             return Ok(());
         }
-        // of a line of very many settings only those that are worth having
+        // curves with very many points show only those on the front
         for curve in curves.iter_mut().filter(|curve| curve.points.len() > MANY) {
             let all = curve.points.clone();
             curve.points.retain(|[time, error, _]| {
@@ -266,17 +266,17 @@ impl Panel {
     }
 }
 
-/// Whether one point is as quick and as good as another, and better in one of the two.
+/// Whether one point is at least as good as another in both coordinates, and better in one.
 fn beats(one: [f64; 2], other: [f64; 2]) -> bool {
     one[0] <= other[0] && one[1] <= other[1] && one != other
 }
 
-/// Times of something done again and again, s.
+/// Times of a repeated operation, s.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Times {
-    /// The first time.
+    /// Time of the first run.
     pub(crate) cold: f64,
-    /// Of the others.
+    /// Median of the other runs.
     pub(crate) median: f64,
     pub(crate) p99: f64,
 }
@@ -301,7 +301,7 @@ pub(crate) fn timed(
     })
 }
 
-/// The value that a share of all does not exceed.
+/// The quantile of the values at a share of all.
 pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let at = (share * values.len() as f64).ceil() as usize;
@@ -333,7 +333,7 @@ mod tests {
                 point(2.0, 3.0),
                 point(3.0, 4.0),
                 point(9.0, 1.0),
-                // as good as another that it equals
+                // equal to another, so neither dominates
                 point(9.0, 1.0),
             ],
         };

@@ -1,4 +1,4 @@
-//! Models and judging data that several diagrams use.
+//! Models and test sets for several diagrams.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -9,15 +9,15 @@ use super::Effort;
 use crate::artifact_cache::ArtifactCache;
 use crate::failure::Failure;
 
-/// A model that was trained for a diagram, and how long that took.
+/// A model trained for a diagram, and the time of its training.
 pub(crate) struct Trained {
     pub(crate) file: PathBuf,
-    /// Wall time of the training; of the run that made it.
+    /// Wall time of the training, from the run in which it took place.
     pub(crate) seconds: f64,
 }
 
 impl Trained {
-    /// Trains, or takes what the same words have trained before.
+    /// Trains a model, or reuses one trained with the same arguments.
     pub(crate) fn new(place: &ArtifactCache<'_>, words: &[&str]) -> Result<Self, Failure> {
         let name = words[1..].join("-").replace("--", "").replace('=', "-");
         let name = format!("models/{name}.safetensors");
@@ -38,13 +38,13 @@ impl Trained {
         Ok(Self { file, seconds })
     }
 
-    /// What `reconstruct` is told.
+    /// Arguments of `reconstruct`.
     pub(crate) fn words(&self) -> Vec<String> {
         vec!["--model".to_owned(), self.file.display().to_string()]
     }
 }
 
-/// Judging data of some kind, one set a seed.
+/// Test sets of one kind, one per seed.
 pub(crate) fn judged_sets(
     effort: &Effort,
     place: &ArtifactCache<'_>,
@@ -53,7 +53,7 @@ pub(crate) fn judged_sets(
 ) -> Result<Vec<PathBuf>, Failure> {
     (0..effort.seeds())
         .map(|draw| {
-            // never a training's seed
+            // different from the seed of any training
             let seed = (1000 * (effort.seed + 1) + draw).to_string();
             let count = count.to_string();
             place.made(

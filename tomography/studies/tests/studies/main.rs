@@ -1,4 +1,4 @@
-//! What the studies find: presses of the paper's Test #1, and the hard cases.
+//! Results of the studies: presses of the paper's Test #1, and the hard cases.
 
 mod presses;
 mod stability;

@@ -1,4 +1,4 @@
-//! The hard cases by number: each keeps its bound, and the naive form beside it breaks it or is said not to.
+//! The hard cases by number: each satisfies its bound, and the naive implementation violates it or is stated not to.
 
 use serde_json::Value;
 use studies::stability;
@@ -27,7 +27,7 @@ fn holds(number: u8) {
         assert!(within(ours), "{line}");
         match (line["naive_breaks"].as_bool(), figure("naive")) {
             (Some(true), Some(naive)) => assert!(!within(naive), "{line}"),
-            // it has no number: what it does instead is said
+            // without a number, it describes what happens instead
             (Some(true), None) => assert!(line["naive"].is_string(), "{line}"),
             (Some(false), _) => assert_ne!(line["note"], "", "{line}"),
             (None, _) => panic!("{line}"),

@@ -15,7 +15,7 @@ use crate::stability::solvers::tank::{Tank, refused};
 
 const RS: f64 = 1e3;
 
-/// 5: contacts that vanish.
+/// 5: contacts of vanishing impedance.
 pub(crate) fn vanishing_contact() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
     let of = |ohm: f64| vec![ohm * tank.length(); tank.contact.len()];
@@ -72,7 +72,7 @@ pub(crate) fn open_contact() -> Result<Outcome, Failure> {
         textbook = worst(textbook, beyond(&f64s));
         rounding = worst(rounding, apart(&found, &tank.exact(&of(ohm), &tank.sigma)));
     }
-    // the driven pair of an electrode that came off
+    // the driven pair of a detached electrode
     let mut contact = tank.contact.clone();
     contact[3] = 1e9 * tank.length();
     let drive = Dipole::adjacent(3, 8);
@@ -114,7 +114,7 @@ fn own(forward: &Forward, sigma: &[f64], pair: Dipole) -> Result<f64, Failure> {
     Ok(forward.readings(sigma, &protocol).map_err(refused)?[0])
 }
 
-/// 7: only differences of potentials are there.
+/// 7: readings depend on differences of potentials only.
 pub(crate) fn floating() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
     let ours = tank.ours(&tank.contact, &tank.sigma)?;
@@ -136,7 +136,7 @@ pub(crate) fn floating() -> Result<Outcome, Failure> {
             .solve_currents(&tank.sigma, &currents),
         Err(ForwardError::CurrentSum { .. })
     );
-    // the grounded node of the textbook's matrix lets any current out
+    // with a grounded node, the textbook's matrix does not check that currents sum to zero
     let matrix = Bordered::<f64>::new(&tank.mesh, &tank.contact, &tank.sigma, &[], Ground::Node);
     let mut right = vec![0.0; matrix.size];
     right[matrix.electrode[0]] = 1.0;
@@ -231,7 +231,7 @@ pub(crate) fn narrow_electrode() -> Result<Outcome, Failure> {
     let mut before: Option<[f64; 2]> = None;
     for width in [3.2, 1.6, 0.8, 0.4, 0.2, 0.1] {
         let graded = resistance(&four(width, width / 8.0, 5.4, 0.2), 0.0)?;
-        // an electrode on a mesh of 2 mm is as wide as the edges that it touches
+        // on a mesh of 2 mm, an electrode is as wide as the edges that it touches
         let touched = 2.0 * (width / 2.0).ceil();
         let coarse = resistance(&four(touched, 2.0, 2.0, 0.2), 0.0)?;
         if let Some([graded_before, coarse_before]) = before {
@@ -268,7 +268,7 @@ pub(crate) fn narrow_electrode() -> Result<Outcome, Failure> {
 
 const TOO_FEW: &str = "electrodes with too few edges, not named";
 
-/// 11: what the singularity at an electrode's ends costs.
+/// 11: the error by the singularity at an electrode's ends.
 pub(crate) fn singular_ends() -> Result<Outcome, Failure> {
     let mesh = |graded: bool, fineness: f64| {
         let [edge, growth] = if graded { [1.0, 0.3] } else { [8.0, 1.0] };

@@ -12,7 +12,7 @@ use crate::stability::solvers::bordered::{Bordered, Factored, Ground, read};
 use crate::stability::solvers::conjugate::{self, Until};
 use crate::stability::solvers::tank::{Tank, refused};
 
-/// Where the load lies, in radii: away from electrodes and from the ground node.
+/// Centre of the load, in units of the radius: away from electrodes and from the ground node.
 pub(crate) const CENTRE: [f64; 2] = [0.45, 0.1];
 pub(crate) const RADIUS: f64 = 0.3;
 
@@ -81,7 +81,7 @@ fn without(tank: &Tank, hole: &[usize]) -> Result<Vec<f64>, Failure> {
 
 const INSULATING: [f64; 4] = [1e-4, 1e-8, 1e-12, 1e-16];
 
-/// 2: a load that takes nearly all conductance away.
+/// 2: a load that removes nearly all conductance.
 pub(crate) fn insulator() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
     let patch = tank.patch(CENTRE, RADIUS);
@@ -168,7 +168,7 @@ pub(crate) fn metal() -> Result<Outcome, Failure> {
     ]))
 }
 
-/// Readings where the patch is one node.
+/// Readings with the patch as a single node.
 fn merged(tank: &Tank, patch: &[usize]) -> Vec<f64> {
     let nodes: Vec<usize> = patch
         .iter()
@@ -219,7 +219,8 @@ pub(crate) fn single_precision() -> Result<Outcome, Failure> {
     ))
 }
 
-/// An f32 factor refined by f64 residuals; with `care`, the f64 factor where a step does not halve the residual.
+/// An f32 factor refined by f64 residuals; with `care`, falls back to the f64 factor if a step does not halve the
+/// residual.
 fn refine(tank: &Tank, sigma: &[f64], care: bool) -> (Vec<f64>, u32) {
     let matrix = |_| Bordered::<f64>::new(&tank.mesh, &tank.contact, sigma, &[], Ground::Node);
     let wide = matrix(());
@@ -233,7 +234,7 @@ fn refine(tank: &Tank, sigma: &[f64], care: bool) -> (Vec<f64>, u32) {
         let mut x = vec![0.0; wide.size];
         let mut left = right.clone();
         for step in 1..=8 {
-            // scaled, so that a small residual is none of f32's small numbers
+            // scaled, so that a small residual does not underflow in f32
             let size = norm(&left);
             let scaled = left.iter().map(|r| (r / size) as f32).collect();
             for (x, dx) in x.iter_mut().zip(narrow.solve(scaled)) {
@@ -248,10 +249,10 @@ fn refine(tank: &Tank, sigma: &[f64], care: bool) -> (Vec<f64>, u32) {
             if norm(&now) < 1e-14 * norm(&right) {
                 break;
             }
-            // what is not a number has not halved
+            // a NaN has not halved
             let halved = norm(&now) <= 0.5 * size;
             if care && !halved {
-                // what rounding leaves does not halve either
+                // a residual at the rounding error does not halve either
                 let settled = size <= 1e-9 * norm(&right);
                 if !settled {
                     return fall_back.solve(right);

@@ -20,7 +20,7 @@ fn lag(x: f64) -> f64 {
     sum
 }
 
-/// 40: the input rises to 1 within x time constants and rests for as many, x from 1e-9 to 1e9.
+/// 40: the input rises to 1 within x time constants and is constant for as many, x from 1e-9 to 1e9.
 pub(crate) fn any_step() -> Result<Outcome, Failure> {
     let (mut ours, mut euler, mut careless) = (0.0, 0.0, 0.0);
     for exponent in -9..=9 {

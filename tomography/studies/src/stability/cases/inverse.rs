@@ -14,7 +14,7 @@ use crate::failure::Failure;
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
 use crate::stability::solvers::tank::{Tank, measured, refused};
 
-/// Of every drive, A.
+/// Drive current, A.
 const CURRENT: f64 = 1e-3;
 
 fn unsolved(fault: OneStepError) -> Failure {
@@ -44,7 +44,7 @@ impl Loaded {
             .map_err(refused)?
             * (CURRENT * tank.sigma[0]);
         let mut change = &after - &before;
-        // twins alike to the last bit: a lambda as small as rounding would make a map of what they differ by
+        // twins equal to the last bit: with a tiny lambda, their rounding differences would show in the map
         for (reading, twin) in tank.protocol.reciprocal_twins().into_iter().enumerate() {
             if let Some(twin) = twin.filter(|&twin| twin < reading) {
                 let row = sensitivity.row(twin).into_owned();
@@ -106,7 +106,7 @@ fn far(a: &DVector<f64>, b: &DVector<f64>) -> f64 {
     if apart.is_nan() { f64::INFINITY } else { apart }
 }
 
-/// 14: half of the readings say what the other half says, and the rest spans thirteen decades.
+/// 14: half of the readings repeat the other half, and the singular values of the rest span thirteen decades.
 pub(crate) fn without_rank() -> Result<Outcome, Failure> {
     let loaded = Loaded::new(0.3, 0.5)?;
     let svd = SVD::new(loaded.sensitivity.clone(), true, true);
@@ -152,7 +152,7 @@ pub(crate) fn without_rank() -> Result<Outcome, Failure> {
     .noted("naive: the explicit inverse of J'J + lambda^2 I in f32, which is not continuous because it is not a solution"))
 }
 
-/// The explicit inverse in f32.
+/// The explicit inverse of the normal equations in f32.
 fn normal_equations(loaded: &Loaded, lambda: f64) -> DVector<f64> {
     let j: DMatrix<f32> = loaded.sensitivity.map(|value| value as f32);
     let d: DVector<f32> = loaded.change.map(|value| value as f32);
@@ -229,7 +229,7 @@ pub(crate) fn ends_of_lambda() -> Result<Outcome, Failure> {
     .noted("a map of zeros is what the largest lambda gives whoever computes it; ours says so among its assumptions"))
 }
 
-/// 16: absolute values without a corner cut off.
+/// 16: the exact absolute value, without smoothing.
 pub(crate) fn total_variation() -> Result<Outcome, Failure> {
     let loaded = Loaded::new(0.3, 0.5)?;
     let unsolved = |fault| Failure::of("total variation", &fault);
@@ -346,7 +346,7 @@ impl Smoothed {
                 None => DVector::from_element(x.len(), f64::NAN),
             };
         }
-        // `amax` passes over what is not a number
+        // `amax` ignores NaN
         if x.iter().all(|x| x.is_finite()) {
             x
         } else {
@@ -390,7 +390,7 @@ pub(crate) fn unequal_triangles() -> Result<Outcome, Failure> {
         let around = std::f64::consts::TAU * DISC * fine.radius();
         low = low.min(weighed / around);
         high = high.max(weighed / around);
-        // a coarser mesh has fewer jumps to count
+        // a coarser mesh has fewer jumps
         let coarse = other(if seeding % 2 == 0 { 0.7 } else { 1.4 })?;
         let counted = jumps(&coarse.mesh, &disc(&coarse));
         few = few.min(counted);
@@ -422,7 +422,7 @@ pub(crate) fn unequal_triangles() -> Result<Outcome, Failure> {
     )))
 }
 
-/// Radius of the disc, in radii of the tank.
+/// Radius of the disc, in units of the tank's.
 const DISC: f64 = 0.8;
 
 /// 1 within the disc, 0 elsewhere.
@@ -441,9 +441,9 @@ fn jumps(mesh: &Mesh, image: &[f64]) -> f64 {
         .sum()
 }
 
-/// Variation of an image in our objective, m.
+/// Variation of an image by our objective, m.
 fn variation(tank: &Tank, image: &[f64]) -> Result<f64, Failure> {
-    // so large that nothing is left of the readings beside it
+    // so large that the readings' part of the objective vanishes
     const ALPHA: f64 = 1e18;
     let unsolved = |fault| Failure::of("total variation", &fault);
     let options = TvOptions {
@@ -466,7 +466,7 @@ fn variation(tank: &Tank, image: &[f64]) -> Result<f64, Failure> {
     Ok(objective / ALPHA)
 }
 
-/// Every triangle cut into four at the middles of its sides, the four one after the other.
+/// Every triangle divided into four at the middles of its sides; the four are consecutive.
 fn quartered(mesh: &Mesh) -> Result<Mesh, Failure> {
     let mut nodes = mesh.nodes().to_vec();
     let mut middles = BTreeMap::new();
@@ -499,7 +499,7 @@ fn quartered(mesh: &Mesh) -> Result<Mesh, Failure> {
         .map_err(|fault| Failure::of("the quartered mesh", &fault))
 }
 
-/// 18: a load that takes nearly everything.
+/// 18: a load that removes nearly all conductance.
 pub(crate) fn long_step() -> Result<Outcome, Failure> {
     let loaded = Loaded::new(0.5, 0.02)?;
     let map = |loss_only| -> Result<Vec<f64>, Failure> {

@@ -25,7 +25,7 @@ fn settings() -> DeepSettings {
     }
 }
 
-/// 96 samples of eight readings; the fourth is always the same.
+/// 96 samples of eight readings; the fourth is constant.
 fn with_constant() -> Made {
     let wave = |i: usize, k: usize| (0.37 * (i * i + 3 * i * (k + 1)) as f32).sin();
     let inputs = (0..96)
@@ -68,7 +68,7 @@ fn untrained(fault: DeepFault) -> Failure {
     Failure::of("the training", &fault)
 }
 
-/// 25: a reading that never changes.
+/// 25: a constant reading.
 pub(crate) fn constant_channel() -> Result<Outcome, Failure> {
     let set = with_constant();
     let noise = noise(&set)?;
@@ -81,7 +81,7 @@ pub(crate) fn constant_channel() -> Result<Outcome, Failure> {
     let mean = column.iter().sum::<f64>() / column.len() as f64;
     let variance = column.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
     let divided = (column[0] - mean) / variance.sqrt();
-    // its scale starts at 1, and stays there where no gradient reaches it
+    // its scale starts at 1, and stays there because its gradient is zero
     let gain = f64::from(network.normalisation()[1][3]) * epsilon.sqrt();
     Ok(Outcome::of([
         Check::at_most(
@@ -103,10 +103,10 @@ pub(crate) fn constant_channel() -> Result<Outcome, Failure> {
     ))
 }
 
-/// 26: readings of very different size.
+/// 26: readings of very different magnitude.
 pub(crate) fn scales() -> Result<Outcome, Failure> {
     const CHANNELS: usize = 64;
-    // 2100 : 1, each about as far from zero as it varies, one ten times as far
+    // 2100 : 1, each with mean and deviation of similar size, except one with ten times the mean
     let size = |k: usize| 2100_f64.powf(-(k as f64) / (CHANNELS - 1) as f64);
     let far = |k: usize| if k == 5 { 2100.0 } else { 1.0 };
     let mean: Vec<f32> = (0..CHANNELS).map(|k| (far(k) * size(k)) as f32).collect();
@@ -194,7 +194,7 @@ pub(crate) fn saturation() -> Result<Outcome, Failure> {
     .noted("the slope at 0 breaks in no form that was tried"))
 }
 
-/// 28: a sample with a number that is none.
+/// 28: a sample with a value that is not finite.
 pub(crate) fn divergence() -> Result<Outcome, Failure> {
     let mut set = with_constant();
     set.inputs[7][3] = f32::NAN;
@@ -205,7 +205,7 @@ pub(crate) fn divergence() -> Result<Outcome, Failure> {
         }
         _ => false,
     };
-    // one layer by plain descent
+    // one layer with plain gradient descent
     let mut weights = [0.1_f32; 8];
     for (row, target) in set.inputs.iter().zip(&set.targets) {
         let error = row.iter().zip(&weights).map(|(x, w)| x * w).sum::<f32>() - target[0];
@@ -243,10 +243,10 @@ pub(crate) fn divergence() -> Result<Outcome, Failure> {
     ]))
 }
 
-/// Largest change from which a map shows a load.
+/// Smallest peak change of a map that shows a load.
 const SHOWN: f64 = 0.2;
 
-/// 29: weights in two bytes and in one.
+/// 29: weights in two bytes and in one byte.
 pub(crate) fn precision() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
     let data = TrainingSettings {
@@ -297,7 +297,7 @@ pub(crate) fn precision() -> Result<Outcome, Failure> {
             let far = found.iter().zip(&exact).map(|(a, b)| (a - b).abs());
             far.fold(0.0, worst)
         };
-        // centre of what is lost; a contour on so coarse a mesh would jump by triangles
+        // centroid of the loss; a contour on so coarse a mesh would jump by triangles
         let place = |values: &[f64]| {
             let mut sums = [0.0; 3];
             for ((value, c), area) in values.iter().zip(&centroids).zip(&areas) {
@@ -317,12 +317,12 @@ pub(crate) fn precision() -> Result<Outcome, Failure> {
                 .map(f64::from)
                 .collect();
             *error = worst(*error, off(&found));
-            // a map of nearly nothing has no place
+            // a nearly empty map has no position
             if top > SHOWN {
                 *shift = worst(*shift, away(place(&found)));
             }
         }
-        // one scale a layer, three bits: what one byte with outliers comes to
+        // one scale per layer, three bits: as coarse as one byte with outliers
         let coarse = wide(&network, &sample.input, |largest, weight| {
             let step = largest / 127.0;
             (weight / step).trunc() * step
@@ -363,7 +363,7 @@ pub(crate) fn precision() -> Result<Outcome, Failure> {
     ))
 }
 
-/// The network's answer in f64, with each weight changed; what changes it is told the layer's largest.
+/// The network's output in f64 with modified weights; `change` receives the layer's largest weight and the weight.
 fn wide(
     network: &DeepNetwork,
     input: &[f32],

@@ -1,4 +1,4 @@
-//! Hard cases 9, 12 and 13: slivers, what a mesh's error leaves of a difference, and the sensitivity.
+//! Hard cases 9, 12 and 13: slivers, the effect of the mesh's error on a difference, and the sensitivity.
 
 use std::sync::Arc;
 
@@ -21,7 +21,7 @@ pub(crate) fn sliver() -> Result<Outcome, Failure> {
     let jacobian = forward.jacobian(&sigma, &tank.protocol).map_err(refused)?;
     let mut off = 0.0;
     let mut abrupt = 0.0;
-    // the sliver itself, and the two that share its corner
+    // the sliver, and the two triangles that share its corner
     let last = sigma.len() - 1;
     for t in [split(&tank), last - 1, last] {
         let moved = |h: f64| {
@@ -78,7 +78,7 @@ pub(crate) fn sliver() -> Result<Outcome, Failure> {
     .noted("a node within a triangle of one conductance changes nothing in exact arithmetic: all of it is rounding. Naive: f32; a one-sided difference with a step of 1e-8; |area|, which hides the inversion"))
 }
 
-/// Changes of V by a sliver of some degrees: ours, and the textbook's in f32.
+/// Errors of the change of V by a sliver of the given angle: ours, and the textbook's in f32.
 pub(crate) fn sliver_errors(
     tank: &Tank,
     before: &[f64],
@@ -94,12 +94,12 @@ pub(crate) fn sliver_errors(
     Ok([apart(ours.as_slice(), before), apart(&single, before)])
 }
 
-/// The triangle that is split.
+/// The triangle to split.
 fn split(tank: &Tank) -> usize {
     tank.patch([0.3, 0.3], 0.2)[0]
 }
 
-/// A triangle split from a point so near to the middle of its first side that two angles are of so many degrees.
+/// A triangle split at a point so near to the middle of its first side that two angles have this size in degrees.
 fn with_sliver(tank: &Tank, degrees: f64) -> Result<Mesh, Failure> {
     let mesh = &tank.mesh;
     let t = split(tank);
@@ -118,7 +118,7 @@ fn with_sliver(tank: &Tank, degrees: f64) -> Result<Mesh, Failure> {
         .map_err(|fault| Failure::of("the mesh with a sliver", &fault))
 }
 
-/// 12: the mesh's error of a voltage, and of a difference.
+/// 12: the mesh's error in a voltage, and in a difference.
 pub(crate) fn mesh_error() -> Result<Outcome, Failure> {
     let solve = |fineness: f64, seeding: [u32; 2]| -> Result<[DVector<f64>; 2], Failure> {
         let of = |seeding, loaded| -> Result<DVector<f64>, Failure> {
@@ -169,7 +169,7 @@ pub(crate) fn mesh_error() -> Result<Outcome, Failure> {
     .noted("naive: another mesh for the loaded sheet; and below it, the error of V itself, for which fine meshes are made"))
 }
 
-/// 13: the sensitivity against differences.
+/// 13: the sensitivity compared with differences.
 pub(crate) fn sensitivity() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
     let sigma: Vec<f64> = (0..tank.sigma.len())

@@ -1,5 +1,4 @@
-//! The hard cases by topic: each is a function that measures what naive code does and what ours does. Left to others: the
-//! table of all cases, and the solvers that they compare with.
+//! The hard cases by topic: each function measures a naive implementation and ours.
 
 pub(super) mod contacts;
 pub(super) mod contrast;

@@ -1,4 +1,4 @@
-//! Hard cases 35 and 38: the order of sums on any number of threads, and polygons that are none.
+//! Hard cases 35 and 38: the order of sums on any number of threads, and degenerate polygons.
 
 use std::sync::Arc;
 
@@ -89,7 +89,7 @@ fn model(tank: &Tank) -> Result<String, Failure> {
     Ok(model.hash().to_owned())
 }
 
-/// A sum cut by the number of threads.
+/// A sum divided by the number of threads.
 fn summed(threads: usize) -> u32 {
     let values: Vec<f32> = (0..100_000)
         .map(|i| (i as f32 * 0.37).sin() + 1.0)
@@ -99,7 +99,7 @@ fn summed(threads: usize) -> u32 {
     sum.to_bits()
 }
 
-/// 38: polygons of fewer than three corners, of no size, and such that cross themselves.
+/// 38: polygons with fewer than three corners, of zero size, or with crossing sides.
 pub(crate) fn polygons() -> Result<Outcome, Failure> {
     const DRAWS: usize = 10_000;
     let tank = Tank::small()?;
@@ -129,7 +129,7 @@ pub(crate) fn polygons() -> Result<Outcome, Failure> {
     };
     let [empty, wrong] = drawn(0.07)?;
     let [none, _] = drawn(1e-12)?;
-    // inside is where no side has it on its right: of no side at all, everything is
+    // naive rule: a point is inside if it is to the right of no side, so that without sides everything is inside
     let corners = |count: usize| -> Vec<[f64; 2]> {
         let turn = |k: usize| std::f64::consts::TAU * k as f64 / count as f64;
         (0..count).map(|k| [turn(k).cos(), turn(k).sin()]).collect()

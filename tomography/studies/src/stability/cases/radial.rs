@@ -1,4 +1,5 @@
-//! Hard cases 19 to 24: radial basis functions that are almost parallel, alike, heavy-tailed, many, near, or far.
+//! Hard cases 19 to 24: radial basis functions that are almost parallel, duplicated, heavy-tailed, many, close, or
+//! distant.
 
 use std::sync::Arc;
 
@@ -14,7 +15,7 @@ use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
 use crate::stability::solvers::tank::{Tank, measured};
 use training::rbf::SPREAD_RULED;
 
-/// A training set that is made by hand.
+/// A hand-made training set.
 pub(crate) struct Made {
     pub(crate) inputs: Vec<Vec<f32>>,
     pub(crate) targets: Vec<Vec<f32>>,
@@ -35,7 +36,7 @@ impl Made {
             cases: self.inputs.len(),
             repeats: 1,
             neurons,
-            // nothing beside any input
+            // negligible compared with any input
             jitter: Jitter::Matched {
                 noise_v: 1e-30,
                 current_a: 1.0,
@@ -81,7 +82,7 @@ impl Samples for Made {
     }
 }
 
-/// A point on a curve through twelve dimensions, and what belongs to it.
+/// A point on a curve in twelve dimensions, and its target.
 fn curve(at: f64) -> (Vec<f32>, Vec<f32>) {
     let along = |k: usize| ((0.4 + 0.13 * k as f64) * at + k as f64).sin();
     let input = (0..12).map(|k| (0.5 + 1e-2 * along(k)) as f32).collect();
@@ -109,11 +110,11 @@ fn squared(a: &[f32], b: &[f32]) -> f64 {
         .sum()
 }
 
-/// 19: neurons far wider than they are apart.
+/// 19: neurons far wider than their distances.
 pub(crate) fn flat_limit() -> Result<Outcome, Failure> {
     const SAMPLES: usize = 60;
     let set = on_curve(SAMPLES);
-    // a neuron for each sample, so that the centres are known
+    // one neuron per sample, so that the centres are known
     let (network, report) = set.train(SAMPLES, 20.0).map_err(untrained)?;
     let spread = network.spread();
     let phi = |a: &[f32], b: &[f32]| (-0.5 * squared(a, b) / (spread * spread)).exp();
@@ -212,7 +213,7 @@ pub(crate) fn duplicates() -> Result<Outcome, Failure> {
     ))
 }
 
-/// Lloyd's rounds as they are written first: the first samples are the centres.
+/// A naive Lloyd iteration that starts from the first samples.
 fn lloyd(rows: &[Vec<f32>], count: usize) -> Vec<Vec<f64>> {
     let wide = |row: &[f32]| -> Vec<f64> { row.iter().map(|x| f64::from(*x)).collect() };
     let mut centres: Vec<Vec<f64>> = rows[..count].iter().map(|row| wide(row)).collect();
@@ -246,7 +247,7 @@ fn lloyd(rows: &[Vec<f32>], count: usize) -> Vec<Vec<f64>> {
     centres
 }
 
-/// 21: a few samples near electrodes rule the spread.
+/// 21: a few samples near electrodes dominate the spread.
 pub(crate) fn heavy_tails() -> Result<Outcome, Failure> {
     let plain = on_curve(200);
     let mut heavy = on_curve(200);
@@ -276,7 +277,7 @@ pub(crate) fn heavy_tails() -> Result<Outcome, Failure> {
     )))
 }
 
-/// 22: more pairs than can be held.
+/// 22: more pairs than fit in memory.
 pub(crate) fn many_pairs() -> Result<Outcome, Failure> {
     const SAMPLES: usize = 2000;
     let set = on_curve(SAMPLES);
@@ -335,7 +336,7 @@ pub(crate) fn near_duplicates() -> Result<Outcome, Failure> {
     .noted("naive: |a|^2 - 2ab + |b|^2 in f32 of samples an ulp apart, counted where it is negative or 0 for two that differ"))
 }
 
-/// 24: an input that no neuron answers.
+/// 24: an input far from every neuron.
 pub(crate) fn far_input() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
     let settings = TrainingSettings {

@@ -1,4 +1,4 @@
-//! Hard cases 30 and 32 to 34: readings that are none, tiny baselines, signs, and one channel that shouts.
+//! Hard cases 30 and 32 to 34: missing readings, tiny baselines, reversed signs, and one channel with a spike.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,16 +11,16 @@ use crate::failure::Failure;
 use crate::stability::outcome::{Check, Naive, Outcome, worst};
 use crate::stability::solvers::tank::{Tank, measured};
 
-/// Of every drive, A.
+/// Drive current, A.
 const CURRENT: f64 = 1e-3;
 
-/// A tank, a load on it, and the usual method for it.
+/// A tank, a load, and the default method.
 struct Scene {
     tank: Tank,
     baseline: Vec<f64>,
     frame: Vec<f64>,
     step: OneStep,
-    /// Root mean square of what noise makes of the usual map.
+    /// Root mean square of the default map's noise.
     noise: f64,
 }
 
@@ -81,7 +81,7 @@ impl Scene {
     }
 }
 
-/// Root mean square over the map of what the usual noise makes of it.
+/// Root mean square over the map of the effect of the default noise.
 fn spread(step: &OneStep) -> f64 {
     let deviation = std::f64::consts::SQRT_2 * TvOptions::default().noise_v / CURRENT;
     let matrix = step.matrix();
@@ -92,7 +92,7 @@ fn rms(map: &DVector<f64>) -> f64 {
     map.norm() / (map.len() as f64).sqrt()
 }
 
-/// 30: a reading that is no number.
+/// 30: a reading that is not a number.
 pub(crate) fn no_reading() -> Result<Outcome, Failure> {
     let scene = Scene::tank()?;
     let (baseline, frame) = (measured(&scene.baseline), measured(&scene.frame));
@@ -105,7 +105,7 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
         let (map, masked) = scene.map(&baseline, &holed)?;
         ours = worst(ours, rms(&(&map - &whole)) / scene.noise);
         miscounted += usize::from(masked != 1);
-        // the voltmeter's sentinel taken for a voltage
+        // the voltmeter's overload value taken for a voltage
         let poison = matrix.column(k) * ((9.9e37 - scene.frame[k]) / CURRENT);
         zeroed = worst(zeroed, rms(&poison.into_owned()) / scene.noise);
     }
@@ -139,7 +139,7 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
     .noted("naive: 9.9e37 is a number like any other"))
 }
 
-/// 32: a baseline reading of nearly nothing.
+/// 32: a baseline reading of nearly zero.
 pub(crate) fn tiny_baseline() -> Result<Outcome, Failure> {
     let scene = Scene::paper()?;
     let size = |k: &usize| scene.baseline[*k].abs();
@@ -178,7 +178,7 @@ pub(crate) fn tiny_baseline() -> Result<Outcome, Failure> {
     .noted("nothing of ours divides by a reading's own baseline: Eq. 6 divides by the largest, the linear methods by one factor a distance"))
 }
 
-/// 33: a pair of leads the wrong way round.
+/// 33: a reversed pair of leads.
 pub(crate) fn reversed_leads() -> Result<Outcome, Failure> {
     let scene = Scene::tank()?;
     let protocol = &scene.tank.protocol;
@@ -224,7 +224,7 @@ pub(crate) fn reversed_leads() -> Result<Outcome, Failure> {
     .noted("naive: the magnitude of every reading"))
 }
 
-/// A frame as a rig would hand it over.
+/// A frame like those of a rig.
 fn frame(scene: &Scene, readings: Vec<Reading>) -> Frame {
     Frame {
         sequence: 1,

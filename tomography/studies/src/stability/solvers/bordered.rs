@@ -1,7 +1,7 @@
-//! The complete electrode model as a textbook writes it: one dense bordered matrix, in any precision.
+//! The complete electrode model in its textbook form: one dense bordered matrix, in any precision.
 //!
-//! [S, -B/z; -B'/z, |e|/z] with S = A + sum M/z. In f32 and f64 it is what straightforward code does; in twice the
-//! precision of f64 it is what both are held against.
+//! [S, -B/z; -B'/z, |e|/z] with S = A + sum M/z. In f32 and f64 it is the naive implementation; in twice the precision
+//! of f64 it is the reference.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -9,7 +9,7 @@ use eit::Mesh;
 use qd::Quad;
 use survey::{Dipole, Protocol};
 
-/// What a matrix is made of.
+/// Number type of a matrix.
 pub(crate) trait Number:
     Copy
     + Add<Output = Self>
@@ -60,31 +60,31 @@ impl Number for Quad {
     }
 }
 
-/// What holds the potentials where they are.
+/// How the potential's constant is fixed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Ground {
     /// A mesh node away from the electrodes.
     Node,
-    /// The mesh node of this number.
+    /// The mesh node with this index.
     NodeAt(usize),
     /// The voltage of an electrode.
     Electrode(usize),
-    /// Nothing.
+    /// Not at all.
     Nothing,
     /// A conductance to ground at every unknown, as a share of the largest diagonal entry.
     Everywhere(f64),
 }
 
-/// A symmetric matrix with the places of nodes and electrodes in it.
+/// A symmetric matrix with the indices of nodes and electrodes.
 pub(crate) struct Bordered<T> {
     pub(crate) size: usize,
-    /// Row-major, both halves.
+    /// Row-major, both triangles.
     pub(crate) entries: Vec<T>,
     pub(crate) electrode: Vec<usize>,
 }
 
 impl<T: Number> Bordered<T> {
-    /// Contact impedances of zero make an electrode and its nodes one unknown; `merged` nodes are one unknown too.
+    /// A contact impedance of zero makes an electrode and its nodes one unknown; so are `merged` nodes.
     pub(crate) fn new(
         mesh: &Mesh,
         contact: &[f64],
@@ -175,7 +175,7 @@ impl<T: Number> Bordered<T> {
         matrix
     }
 
-    /// Puts an unknown to zero.
+    /// Sets an unknown to zero.
     fn hold(&mut self, at: usize) {
         for k in 0..self.size {
             self.entries[k * self.size + at] = T::of(0.0);
@@ -204,7 +204,7 @@ impl<T: Number> Bordered<T> {
             .collect()
     }
 
-    /// L D L' without pivots, in place.
+    /// L D L' without pivoting, in place.
     pub(crate) fn factored(mut self) -> Factored<T> {
         let n = self.size;
         for k in 0..n {
@@ -262,7 +262,7 @@ impl<T: Number> Factored<T> {
     }
 }
 
-/// Readings from whatever solves for a driven pair.
+/// Readings from a function that solves for a driven pair.
 pub(crate) fn read<T: Number>(
     protocol: &Protocol,
     electrode: &[usize],

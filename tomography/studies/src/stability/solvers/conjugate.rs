@@ -1,8 +1,8 @@
-//! Conjugate gradients with a diagonal preconditioner, as they are written first: they believe the residual they update.
+//! Naive conjugate gradients with a diagonal preconditioner: they rely on the updated residual.
 
 use super::bordered::Bordered;
 
-/// When the rounds end.
+/// Stopping criterion.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Until {
     /// The updated residual is this share of the right side.
@@ -11,7 +11,7 @@ pub(crate) enum Until {
     Step(f64),
 }
 
-/// The solution that the method stops at.
+/// The solution at which the method stops.
 pub(crate) fn solve(
     matrix: &Bordered<f64>,
     right: &[f64],

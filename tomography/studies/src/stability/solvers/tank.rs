@@ -1,4 +1,4 @@
-//! The sheet that most hard cases are tried on: a small round tank with eight electrodes.
+//! The sheet for most hard cases: a small round tank with eight electrodes.
 
 use std::sync::Arc;
 
@@ -9,13 +9,13 @@ use survey::{Protocol, Reading, Volts};
 use super::bordered::{Bordered, Ground, Number};
 use crate::failure::Failure;
 
-/// A round sheet of 1 kohm a square with its protocol.
+/// A round sheet of 1 kohm per square with its protocol.
 pub(crate) struct Tank {
     pub(crate) preset: DiscTank,
     pub(crate) mesh: Arc<Mesh>,
     /// Contact of each electrode, ohm m.
     pub(crate) contact: Vec<f64>,
-    /// The unloaded sheet.
+    /// Conductance of the unloaded sheet.
     pub(crate) sigma: Vec<f64>,
     pub(crate) protocol: Protocol,
 }
@@ -80,7 +80,7 @@ impl Tank {
         self.mesh.electrode_length(0)
     }
 
-    /// Triangles within a disc; place and radius in radii of the tank.
+    /// Triangles within a disc; position and radius in units of the tank's radius.
     pub(crate) fn patch(&self, centre: [f64; 2], radius: f64) -> Vec<usize> {
         let r = self.radius();
         (0..self.mesh.triangles().len())
@@ -91,7 +91,7 @@ impl Tank {
             .collect()
     }
 
-    /// The sheet with these triangles multiplied.
+    /// The conductance with these triangles multiplied by a factor.
     pub(crate) fn with(&self, triangles: &[usize], factor: f64) -> Vec<f64> {
         let mut sigma = self.sigma.clone();
         triangles.iter().for_each(|&t| sigma[t] *= factor);
@@ -108,7 +108,7 @@ impl Tank {
         Ok(readings.map_err(refused)?.as_slice().to_vec())
     }
 
-    /// The textbook's readings in some precision.
+    /// The textbook's readings in a given precision.
     pub(crate) fn textbook<T: Number>(
         &self,
         contact: &[f64],
@@ -132,7 +132,7 @@ pub(crate) fn refused(fault: eit::ForwardError) -> Failure {
     Failure::of("the forward model", &fault)
 }
 
-/// Volts as a rig gives them.
+/// Readings as a rig returns them.
 pub(crate) fn measured(volts: &[f64]) -> Vec<Reading> {
     volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
 }

@@ -1,4 +1,4 @@
-//! Diagram 4: millimetres against seconds. How the sheet is measured, what a frame then takes, and how well a press is found.
+//! Diagram 4: location error (mm) against frame time (s) for settings of the measurement.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,17 +24,17 @@ use crate::tradeoff::panel::{Panel, Point};
 /// A press of 10 mm that takes half the conductance, at four places of the region, mm.
 const PRESSES_MM: [[f64; 2]; 4] = [[107.0, 115.0], [70.0, 80.0], [150.0, 100.0], [40.0, 190.0]];
 const DISC_MM: f64 = 10.0;
-/// For the derivative of the readings by the place, mm.
+/// Step for the derivative of the readings by the position, mm.
 const STEP_MM: f64 = 0.5;
-/// Frames of a baseline.
+/// Number of frames in a baseline.
 const BASELINE: f64 = 10.0;
-/// Ranges of the voltmeter that a sheet needs, and room for a press.
+/// Ranges of the voltmeter for the sheet, with a margin for a press.
 const RANGES: [f64; 3] = [0.1, 1.0, 10.0];
 const MARGIN: f64 = 1.5;
-/// Of the source, V.
+/// Compliance of the source, V.
 const COMPLIANCE: f64 = 20.0;
 
-/// How the relays join pairs to the instruments.
+/// How the relays connect pairs to the instruments.
 struct Module {
     name: &'static str,
     profile: &'static str,
@@ -76,7 +76,7 @@ const MODULES: [Module; 5] = [
     },
 ];
 
-/// A way to measure, but for the current.
+/// Settings of the measurement except the current.
 #[derive(Clone, Copy)]
 struct Way {
     skip: usize,
@@ -114,7 +114,7 @@ impl Way {
     }
 }
 
-/// What came of it.
+/// Results for a setting.
 struct Found {
     bound_mm: f64,
     /// Mean location error of each draw, mm.
@@ -273,14 +273,14 @@ impl Module {
     }
 }
 
-/// The sheet that is measured, on its own finer mesh, and the model of it.
+/// The simulated sheet, on its own finer mesh, and its model.
 struct Truth {
     sheet: PaperSheet,
     model: Arc<Mesh>,
     empty: DMatrix<f64>,
-    /// Of each press.
+    /// For each press.
     pressed: Vec<DMatrix<f64>>,
-    /// By the place of each press, ohm/mm: along x, along y.
+    /// Derivatives by the position of each press, ohm/mm: along x, along y.
     slopes: Vec<[DMatrix<f64>; 2]>,
 }
 
@@ -390,7 +390,7 @@ impl Truth {
                 let map = method
                     .reconstruct(&baseline, &frame)
                     .map_err(|fault| failed(&fault))?;
-                // a map without a loss finds nothing: as far off as the sheet allows
+                // a map without a loss finds nothing: its error is the largest possible on the sheet
                 errors.push(map.found(&centroids, &areas).map_or(FARTHEST_MM, |[x, y]| {
                     (1e3 * x - place[0]).hypot(1e3 * y - place[1])
                 }));
@@ -413,7 +413,7 @@ fn readings(protocol: &Protocol, z: &DMatrix<f64>, current: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Root mean square distance that no unbiased method stays below (Cramer and Rao), mm: the load's size and loss are known,
+/// Cramer-Rao bound on the root mean square location error of unbiased methods, mm: the load's size and loss are known,
 /// the baseline is the mean of some frames.
 fn bound(along_x: &[f64], along_y: &[f64], noise: &[f64]) -> f64 {
     let mut information = Matrix2::zeros();
@@ -451,7 +451,7 @@ mod tests {
 
     #[test]
     fn the_bound_is_that_of_independent_coordinates() {
-        // each coordinate is told by one reading of its own
+        // each coordinate is determined by one reading of its own
         let noise = [2.0, 3.0];
         let expected = ((2.0_f64 / 4.0).powi(2) + (3.0_f64 / 5.0).powi(2)).sqrt();
         let bound = bound(&[4.0, 0.0], &[0.0, 5.0], &noise);

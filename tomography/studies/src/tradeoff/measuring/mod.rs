@@ -1,4 +1,4 @@
-//! Diagrams of the measurement: settings of the rig, and drift of the baseline. Left to others: the methods that make maps.
+//! Diagrams of the measurement: settings of the rig, and drift of the baseline.
 
 pub(super) mod acquisition;
 pub(super) mod months;

@@ -1,4 +1,4 @@
-//! Diagram 8: what drift does to the baseline of the first day.
+//! Diagram 8: location error over months with the baseline of the first day, while the sheet drifts.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,7 +20,7 @@ use crate::tradeoff::panel::{Panel, Point};
 /// White noise of one reading, V, at [`CURRENT`].
 const NOISE_V: f64 = 2e-6;
 const CURRENT: f64 = 1e-3;
-/// Where the sheet is pressed, mm: a disc of 30 mm that takes half the conductance.
+/// Positions of the presses, mm: a disc of 30 mm that takes half the conductance.
 const PRESSES_MM: [[f64; 2]; 3] = [[107.0, 115.0], [60.0, 70.0], [150.0, 160.0]];
 const DISC_MM: f64 = 30.0;
 
@@ -82,7 +82,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
                 }
                 zero.push((sum / all).sqrt());
             }
-            // time does not run back: another phantom for the presses
+            // time must not decrease: another phantom for the presses
             let mut month = Month::new(&sheet, effect, 100 * effort.seed + draw, &protocol)?;
             let baseline = month.frame(Duration::ZERO, None)?;
             for (day, place) in days.iter().zip(&mut place[drift]) {
@@ -92,7 +92,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
                     let map = method
                         .reconstruct(&baseline, &month.frame(at, Some(press))?)
                         .map_err(|fault| Failure::of("one-step", &fault))?;
-                    // a map without any loss is as far off as can be said: the sheet's half diagonal
+                    // a map without any loss gets the largest error: the sheet's half diagonal
                     errors += map.found(&centroids, &areas).map_or(FARTHEST_MM, |found| {
                         (1e3 * found[0] - press[0]).hypot(1e3 * found[1] - press[1])
                     });
@@ -141,7 +141,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
     })
 }
 
-/// A sheet that drifts, measured.
+/// A drifting sheet, measured.
 struct Month<'a> {
     phantom: Phantom,
     protocol: &'a Protocol,

@@ -1,5 +1,4 @@
-//! Diagrams of methods and models: reconstruction, width and precision, training, uncertainty. Left to others: how frames
-//! are measured.
+//! Diagrams of methods and models: reconstruction, width and precision, training, uncertainty.
 
 pub(super) mod precision;
 pub(super) mod reconstruction;

@@ -18,7 +18,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
     for &width in widths(effort) {
         let mut reference: Option<Vec<Vec<f64>>> = None;
         for precision in ["f32", "f16", "int8"] {
-            // the same training, kept in another format: the same seed gives the same weights before rounding
+            // the same training stored in another format: equal seeds give equal weights before rounding
             let trained = deep(effort, place, width, precision)?;
             let load_s = loading(&trained.file)?;
             let bytes = std::fs::metadata(&trained.file)
@@ -32,7 +32,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
                 times.extend(judged.frames.iter().map(|frame| 1e-3 * frame.ms));
                 all.extend(judged.frames.into_iter().map(|frame| frame.map.values));
             }
-            // of the largest value of all maps
+            // relative to the largest value of all maps
             let away = reference.as_ref().map_or(0.0, |reference: &Vec<Vec<f64>>| {
                 let pairs = reference.iter().flatten().zip(all.iter().flatten());
                 let top = reference
@@ -78,7 +78,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
     .with_front())
 }
 
-/// Cases that the third and the fifth diagram train on.
+/// Number of training cases in the third and fifth diagrams.
 pub(crate) fn cases(effort: &Effort) -> &'static str {
     effort.of("2000", "6000")
 }
@@ -92,7 +92,7 @@ pub(crate) fn widths(effort: &Effort) -> &'static [usize] {
     effort.of(&[32, 96], &[64, 256, 1024])
 }
 
-/// The deep network of a width, its weights kept in a format.
+/// The deep network of a width, with weights in a format.
 pub(crate) fn deep(
     effort: &Effort,
     place: &ArtifactCache<'_>,

@@ -1,4 +1,4 @@
-//! Diagram 3: every method that makes maps, on four scenes.
+//! Diagram 3: all methods on four scenes.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -14,14 +14,14 @@ use crate::tradeoff::Effort;
 use crate::tradeoff::panel::{FARTHEST_MM, Panel, Point, quantile};
 use crate::tradeoff::trained::{Trained, judged_sets};
 
-/// What a method is told, and what it is called.
+/// A method's options and name.
 struct Method {
     line: &'static str,
     setting: String,
     words: Vec<String>,
-    /// What came before the first frame and is not in a model's loading, s.
+    /// Preparation before the first frame, besides loading a model, s.
     training_s: Option<f64>,
-    /// Whether it is left out where frames are few seconds each.
+    /// Whether it takes seconds per frame, and is then run on fewer sets.
     slow: bool,
 }
 
@@ -32,7 +32,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
     for kind in effort.of(&[Kind::Presses10][..], &Kind::ALL) {
         let sets = kind.sets(effort, place)?;
         for method in &methods {
-            // minutes for all five sets: some draws less do not change what is seen
+            // all five sets would take minutes: fewer draws give the same picture
             let sets = if method.slow { &sets[..2] } else { &sets[..] };
             let (mut errors, mut times, mut all, mut setups) =
                 (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -112,7 +112,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
     .with_front())
 }
 
-/// What is measured.
+/// Kind of data.
 #[derive(Clone, Copy)]
 enum Kind {
     Presses10,
@@ -121,7 +121,7 @@ enum Kind {
     Torture,
 }
 
-/// A judged folder.
+/// A test set.
 struct Set {
     folder: PathBuf,
     frames: usize,
@@ -156,14 +156,14 @@ impl Kind {
         match self {
             Self::Presses10 => judged("presses-10"),
             Self::Presses30 => judged("presses-30"),
-            // through the night by the hour; from the baseline through all that breaks
+            // hourly through the night; from the baseline through all faults
             Self::Bedside => scenes(effort, place, "bedside-night", "3600"),
             Self::Torture => scenes(effort, place, "torture", "60"),
         }
     }
 }
 
-/// Frames of a shipped scene, drawn from other seeds.
+/// Frames of a shipped scene, with other seeds.
 fn scenes(
     effort: &Effort,
     place: &ArtifactCache<'_>,
@@ -194,8 +194,8 @@ fn scenes(
         .collect()
 }
 
-/// From the true to the found place, frame by frame; frames without a load are left out. A map that shows no loss is as far
-/// off as the sheet allows.
+/// Location errors of each frame; frames without a load are skipped. A map without a loss gets the largest error
+/// possible on the sheet.
 fn distances_mm(judged: &Judged) -> Vec<f64> {
     let mesh = &judged.case.mesh;
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());

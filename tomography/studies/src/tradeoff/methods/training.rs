@@ -1,4 +1,4 @@
-//! Diagram 6: what more cases and more epochs buy.
+//! Diagram 6: accuracy against the number of cases and epochs.
 
 use crate::artifact_cache::ArtifactCache;
 use crate::evaluation::{average, maps, of_frames};

@@ -1,4 +1,4 @@
-//! Diagram 7: stated against found coverage.
+//! Diagram 7: stated coverage against observed coverage.
 
 use crate::tradeoff::panel::Panel;
 

@@ -1,4 +1,4 @@
-//! Diagram 1: voltages against the size of the mesh.
+//! Diagram 1: error of the voltages against the size of the mesh.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -16,7 +16,7 @@ use crate::tradeoff::panel::{Panel, Point, Times, timed};
 /// A press of 10 mm that takes half the conductance, off the middle.
 const PRESS_MM: [f64; 2] = [75.0, 140.0];
 
-/// Edge of the even meshes at fineness 1, mm.
+/// Edge length of the uniform meshes at fineness 1, mm.
 const EVEN_MM: f64 = 4.0;
 
 /// Readings of the unloaded and of the pressed sheet, V at 1 A.
@@ -59,7 +59,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         ("graded", setting, of)
     };
     for (line, setting, of) in uniform.iter().map(even).chain(graded.iter().map(fine)) {
-        // another number gives another mesh of the same sizes; the first one is timed
+        // a different number gives a different mesh with the same sizes; the first one is timed
         let model = |seeding: u64| {
             Model::new(PaperSheet {
                 seeding: seeding as u32,
@@ -123,7 +123,7 @@ struct Model {
     mesh: Arc<Mesh>,
     forward: Forward,
     protocol: Protocol,
-    /// Mesh and analysis.
+    /// Time for mesh and analysis.
     set_up_s: f64,
 }
 
@@ -174,7 +174,7 @@ impl Model {
         let mut sigma = self.unloaded();
         let mut workspace = self.forward.workspace(&self.protocol).map_err(unsolved)?;
         timed(runs, || {
-            // another conductance each time: nothing can be used again
+            // a different conductance each time, so that nothing can be reused
             sigma.iter_mut().for_each(|value| *value *= 1.001);
             workspace.readings(&sigma).map(drop).map_err(unsolved)
         })

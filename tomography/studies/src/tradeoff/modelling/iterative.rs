@@ -1,8 +1,8 @@
-//! Conjugate gradients with two preconditioners, as a peer of direct solutions.
+//! Conjugate gradients with two preconditioners, for comparison with direct solutions.
 
 use super::system::System;
 
-/// Most steps of one solution.
+/// Maximum number of steps of one solution.
 const MOST: usize = 4000;
 
 /// An approximate inverse.
@@ -22,7 +22,7 @@ impl Preconditioner {
         Self::Jacobi(system.rows.iter().enumerate().map(diagonal).collect())
     }
 
-    /// `None` where a pivot is not positive.
+    /// `None` if a pivot is not positive.
     pub(crate) fn cholesky(system: &System) -> Option<Self> {
         let mut factor: Vec<Vec<(usize, f64)>> = Vec::with_capacity(system.size());
         for (i, row) in system.rows.iter().enumerate() {
@@ -77,7 +77,7 @@ impl Preconditioner {
     }
 }
 
-/// Sum of products over the columns that two sorted rows share.
+/// Sum of products over the columns common to two sorted rows.
 fn shared(a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
     let (mut sum, mut k) = (0.0, 0);
     for (j, value) in a {
@@ -91,7 +91,7 @@ fn shared(a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
     sum
 }
 
-/// Solves to a relative residual; gives the solution, the steps, and whether it got there.
+/// Solves to a relative residual; returns the solution, the number of steps, and whether it converged.
 pub(crate) fn conjugate_gradients(
     system: &System,
     right: &[f64],
@@ -147,7 +147,7 @@ mod tests {
                 row
             })
             .collect();
-        // what a row lacks to zero goes to ground
+        // conductance to ground: minus the sum of the row
         let ground = |row: &Vec<(usize, f64)>| -row.iter().map(|(_, value)| value).sum::<f64>();
         System {
             ground: rows.iter().map(ground).collect(),
@@ -166,7 +166,7 @@ mod tests {
         let cholesky = Preconditioner::cholesky(&system).unwrap();
         for (preconditioner, most) in [(Preconditioner::jacobi(&system), 40), (cholesky, 2)] {
             let (x, steps, there) = conjugate_gradients(&system, &right, &preconditioner, 1e-13);
-            // a tridiagonal matrix has no fill: its incomplete factor is whole
+            // a tridiagonal matrix has no fill: its incomplete factor is complete
             assert!(there && steps <= most, "{steps} steps");
             let error = x.iter().zip(&wanted).map(|(x, w)| (x - w).abs());
             assert!(error.fold(0.0, f64::max) < 1e-12);

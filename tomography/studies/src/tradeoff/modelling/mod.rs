@@ -1,4 +1,4 @@
-//! Diagrams of the forward model: the size of the mesh, and ways to solve the same system. Left to others: reconstruction.
+//! Diagrams of the forward model: the size of the mesh, and solvers of the same system.
 
 pub(super) mod forward;
 mod iterative;

@@ -1,4 +1,4 @@
-//! Diagram 2: ways to solve the same discrete system, at three contrasts.
+//! Diagram 2: solvers of the same discrete system, at three contrasts.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ use crate::tradeoff::panel::{Panel, Point, Times, timed};
 const CONTRASTS: [(f64, &str); 3] = [(1.0, "1"), (1e-8, "1e-8"), (1e6, "1e6")];
 const DISC_MM: f64 = 40.0;
 
-/// A system, what is asked of it, and the answer.
+/// A system, its right sides, and the exact readings.
 struct Task<'a> {
     system: System,
     protocol: &'a Protocol,
@@ -132,7 +132,7 @@ impl Task<'_> {
             .with("p99, s", times.p99)
     }
 
-    /// Largest error over the largest reading; never less than a rounding.
+    /// Largest error over the largest reading; at least one rounding error.
     fn error(&self, found: &[f64]) -> f64 {
         let top = self.exact.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
         let worst = found
@@ -149,7 +149,7 @@ impl Task<'_> {
     }
 }
 
-/// Of solutions of the drives of neighbours, in order.
+/// Readings from solutions for the drives of neighbours, in order.
 fn readings(system: &System, protocol: &Protocol, solutions: &[Vec<f64>]) -> Vec<f64> {
     let of = |question: &Measurement| {
         let solution = &solutions[question.drive.plus.0];
@@ -186,7 +186,7 @@ fn exact(system: &System, protocol: &Protocol) -> Result<Vec<f64>, Failure> {
 struct Factor<T: ComplexField> {
     symbolic: SymbolicLlt<usize>,
     factor: Llt<usize, T>,
-    /// The matrix is scaled to a diagonal of ones: single precision has little room.
+    /// The matrix is scaled to a unit diagonal: single precision has a small range.
     scale: Vec<f64>,
 }
 
@@ -252,7 +252,7 @@ impl<T: Number> Factor<T> {
     }
 
     fn solve(&self, right: &[f64]) -> Vec<f64> {
-        // single precision has no room for small residuals either
+        // small residuals would underflow in single precision
         let size = right.iter().fold(0.0_f64, |size, v| size.max(v.abs()));
         if size == 0.0 {
             return vec![0.0; right.len()];
@@ -275,7 +275,7 @@ fn direct<T: Number>(
 ) -> Result<(), Failure> {
     let first = match Factor::<T>::new(&task.system, None) {
         Ok(first) => first,
-        // a pivot that is not positive in this precision is a finding
+        // a pivot that is not positive in this precision is a result, not an error
         Err(_) => return Ok(()),
     };
     for &steps in refinements {
@@ -325,7 +325,7 @@ fn iterative(
             .collect();
         Ok(())
     };
-    // some take a second a time: a median of few is as good there
+    // for solvers that take seconds, a median of few is enough
     let first = timed(1, &mut solve)?;
     let times = match first.cold > 0.5 {
         true => timed(3, &mut solve)?,

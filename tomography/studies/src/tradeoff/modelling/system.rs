@@ -1,11 +1,11 @@
-//! The discrete system written down plainly, as anyone would: what other solvers are given.
+//! The discrete system in its plain form, for other solvers.
 
 use eit::Mesh;
 
 /// A symmetric positive definite matrix, rows of its entries; the last electrode is the ground.
 pub(crate) struct System {
     pub(crate) rows: Vec<Vec<(usize, f64)>>,
-    /// Entries of each row in the column of the ground, which is left out of the rows.
+    /// Entries of each row in the column of the ground, which the rows do not contain.
     pub(crate) ground: Vec<f64>,
     /// Unknown of each electrode but the last.
     pub(crate) first_electrode: usize,
@@ -13,8 +13,8 @@ pub(crate) struct System {
 }
 
 impl System {
-    /// Linear elements and the complete electrode model with one unknown a node and one an electrode (fact sheet, section
-    /// 1); `contact` in ohm m.
+    /// Linear elements and the complete electrode model with one unknown per node and per electrode (fact sheet,
+    /// section 1); `contact` in ohm m.
     pub(crate) fn new(mesh: &Mesh, contact: &[f64], sigma: &[f64]) -> Self {
         let nodes = mesh.nodes();
         let electrodes = mesh.electrode_edges().len();
@@ -100,9 +100,9 @@ impl System {
         }
     }
 
-    /// b - A x of the system whose rows sum to zero without any rounding, every sum as if in twice the precision (Ogita,
-    /// Rump, Oishi 2005); x in two parts. The diagonal is not looked at: at a contrast of 1e6 its rounding is a leak to
-    /// ground.
+    /// b - A x of the system whose rows sum to zero exactly, with every sum in about twice the precision (Ogita, Rump,
+    /// Oishi 2005); x in two parts. The diagonal is not used: at a contrast of 1e6 its rounding error would act as a
+    /// leak to ground.
     pub(crate) fn residual(&self, right: &[f64], x: &[f64], rest: &[f64]) -> Vec<f64> {
         (0..self.size())
             .map(|i| {
