@@ -1,4 +1,4 @@
-//! What the drivers cost beside relays and voltmeter: the table of the README.
+//! Time that the drivers add to that of relays and voltmeter: the table of measurements.
 //!
 //! ```text
 //! cargo run --release -p tactus-simulator --example speed            # everything (a minute)
@@ -7,9 +7,9 @@
 //! cargo run --release -p tactus-simulator --example speed -- python=VENV/bin/python   # with pyvisa beside it
 //! ```
 //!
-//! Over loopback TCP. "Own time" is that of a frame whose instruments take none: they are played by servers that give
-//! the answers of a recorded conversation, one a message, without thinking. Least of several runs: other work on the
-//! machine only adds.
+//! Over loopback TCP. "Own time" is the time of a frame with instruments that take no time: servers that replay the
+//! answers of a recorded conversation, one per message. Minimum of several runs, because other work on the machine only
+//! adds time.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Write};
@@ -31,7 +31,7 @@ type MainframeRig =
 
 const DEADLINE: Duration = Duration::from_secs(20);
 const FRAMES: usize = 20;
-/// Waited after the current has moved, in the frames in real time; it counts as theirs.
+/// Delay after a change of current in the frames in real time; it counts as the instruments' time.
 const SETTLE: Duration = Duration::from_millis(2);
 
 #[tokio::main(flavor = "current_thread")]
@@ -95,12 +95,12 @@ async fn main() -> Result<(), AnyError> {
     Ok(())
 }
 
-/// A server that answers every line at once.
+/// A server that answers every line immediately.
 fn trivial() -> std::io::Result<SocketAddr> {
     serve(|_| Some("+1.00000000E+00".to_owned()))
 }
 
-/// Serves each client on a thread of its own, line by line.
+/// Serves each client in its own thread, line by line.
 fn serve(
     answer: impl FnMut(&str) -> Option<String> + Send + Clone + 'static,
 ) -> std::io::Result<SocketAddr> {
@@ -124,7 +124,7 @@ fn serve(
     Ok(address)
 }
 
-/// An instrument that answers each question of a line with one number, READ? with 26 of them, and takes no time.
+/// An instrument that answers each query of a line with one number, READ? with 26, and takes no time.
 fn answering() -> std::io::Result<SocketAddr> {
     serve(|line| {
         let questions = line.split(';').filter(|piece| piece.contains('?'));
@@ -138,7 +138,7 @@ fn answering() -> std::io::Result<SocketAddr> {
     })
 }
 
-/// Writes with a query a second, and the least time of a frame of 26 x 26 readings, s, by pyvisa with this Python.
+/// Writes with a query per second, and the minimum time of a frame of 26 x 26 readings, s, by pyvisa with this Python.
 fn pyvisa(python: &str) -> Result<(f64, f64), AnyError> {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/pyvisa_speed.py");
     let mut command = std::process::Command::new(python);
@@ -155,7 +155,7 @@ fn pyvisa(python: &str) -> Result<(f64, f64), AnyError> {
     }
 }
 
-/// Prints a frame in real time message by message: when it was sent, how long its answer took, which instrument.
+/// Prints the messages of a frame in real time: when each was sent, how long its answer took, and the instrument.
 async fn messages() -> Result<(), AnyError> {
     let simulated = SimulatedRig::new(&Profile::load("pairs-34924a")?, Scene::quiet())?;
     let transcript = RingTranscript::new(1);
@@ -196,7 +196,7 @@ async fn messages() -> Result<(), AnyError> {
     Ok(())
 }
 
-/// Write and query a second: ours, a bare blocking socket as the floor, and pyvisa where it was measured.
+/// Write and query per second: our driver, a bare blocking socket as the limit, and pyvisa if measured.
 async fn conversations(peer: Option<(f64, f64)>) -> Result<(), AnyError> {
     const REQUESTED: u32 = 5_000;
     let address = trivial()?;
@@ -251,7 +251,7 @@ async fn connect(source: BoxStream, mainframe: BoxStream) -> Result<MainframeRig
     Ok(Rig::simulated(source, mainframe.clone(), mainframe))
 }
 
-/// The answers of an instrument in their order, and from where on frames repeat.
+/// The answers of an instrument in order, and the index from which frames repeat.
 #[derive(Clone)]
 struct Script {
     answers: Vec<(String, Option<String>)>,
@@ -288,7 +288,7 @@ impl Script {
     }
 }
 
-/// The least time of a frame with instruments that take none.
+/// The minimum time of a frame with instruments that take no time.
 async fn own_time(profile: &str, wiring: &Wiring) -> Result<Duration, AnyError> {
     let profile = Profile::load(profile)?.at_pace(Pace::Instant);
     let simulated = SimulatedRig::new(&profile, Scene::quiet())?;
@@ -302,7 +302,7 @@ async fn own_time(profile: &str, wiring: &Wiring) -> Result<Duration, AnyError> 
         acquire(&rig, &plan, meter, clock, &never).await?;
         marks.push(simulated.transcript().len());
     }
-    // The first two frames set up, the third is as all that follow.
+    // The first two frames set up the instruments, the third is like all later ones.
     let transcript = simulated.transcript();
     let mut streams = HashMap::new();
     for instrument in [Instrument::Source, Instrument::Mainframe] {
@@ -333,7 +333,7 @@ async fn own_time(profile: &str, wiring: &Wiring) -> Result<Duration, AnyError> 
     Ok(least)
 }
 
-/// What the instruments need by their data sheets, and the least that a frame took, s.
+/// The time of the instruments by their data sheets, and the minimum time of a frame, s.
 async fn real_time(wiring: &Wiring, nplc: f64) -> Result<(f64, f64), AnyError> {
     let simulated = SimulatedRig::new(&Profile::load("pairs-34924a")?, Scene::quiet())?;
     let rig = connect(simulated.connect_6221(), simulated.connect_34980a()).await?;
@@ -355,7 +355,7 @@ async fn real_time(wiring: &Wiring, nplc: f64) -> Result<(f64, f64), AnyError> {
     Ok((plan.duration(&timing).as_secs_f64(), least))
 }
 
-/// From a peer's close to the error of the question under way, s.
+/// Time from the close of a peer's connection to the error of the pending query, s.
 async fn closing() -> Result<f64, AnyError> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let address = listener.local_addr()?.to_string();

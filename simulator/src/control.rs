@@ -1,4 +1,5 @@
-//! The control socket of a served rig: faults and presses, as lines of words; every answer is a line of JSON.
+//! The control socket of a served rig: commands for faults and presses, as lines of text; every reply is a line of
+//! JSON.
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
@@ -12,19 +13,19 @@ use tokio::task::JoinSet;
 
 use crate::{Fault, Load, SimulatedRig};
 
-/// Longest line of words.
+/// Longest command line, bytes.
 const LONGEST_LINE: usize = 4096;
-/// How long a person's command waits for its answer.
+/// Timeout of a command.
 const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Begins to listen; only the owner may connect.
+/// Creates the socket; only the owner may connect.
 ///
 /// # Errors
-/// A path that cannot be had.
+/// A socket that cannot be created.
 pub(crate) fn listen(path: &Path) -> io::Result<UnixListener> {
     let socket = std::fs::symlink_metadata(path).is_ok_and(|found| found.file_type().is_socket());
     if socket && std::os::unix::net::UnixStream::connect(path).is_err() {
-        // Left over by one that was killed; what is no socket is somebody's file.
+        // Remove a socket left by a killed process, but never another kind of file.
         std::fs::remove_file(path).ok();
     }
     let listener = UnixListener::bind(path)?;
@@ -59,7 +60,7 @@ async fn converse(rig: SimulatedRig, mut stream: UnixStream) {
                 Ok(line) => {
                     let rig = rig.clone();
                     let line = String::from_utf8_lossy(&line).into_owned();
-                    // A fault or a press may cost a solution of the sheet.
+                    // A fault or a press may need a solution of the sheet.
                     let obeyed = tokio::task::spawn_blocking(move || obey(&rig, &line)).await;
                     obeyed.unwrap_or_else(|fault| json!({ "error": fault.to_string() }))
                 }
@@ -76,7 +77,7 @@ async fn converse(rig: SimulatedRig, mut stream: UnixStream) {
     }
 }
 
-/// Does what a line says.
+/// Executes a command line.
 fn obey(rig: &SimulatedRig, line: &str) -> Value {
     let done = match line.split_whitespace().collect::<Vec<_>>().as_slice() {
         ["status"] => return serde_json::to_value(rig.status()).unwrap_or_default(),
@@ -106,17 +107,17 @@ fn press(rig: &SimulatedRig, numbers: &[&str]) -> Result<(), String> {
         .map_err(|refusal| survey::error_chain(&refusal).to_string())
 }
 
-/// Where sockets of served rigs lie.
+/// Folder of the sockets of served rigs.
 fn folder() -> PathBuf {
     std::env::var_os("XDG_RUNTIME_DIR").map_or_else(std::env::temp_dir, PathBuf::from)
 }
 
-/// Beginning of the name of a served rig's own folder.
+/// Prefix of the name of a served rig's own folder.
 const PREFIX: &str = "tactus-sim-";
 /// Name of the socket in it.
 pub(crate) const SOCKET: &str = "control";
 
-/// A folder of a served rig's own, removed with it.
+/// Creates a served rig's own folder, removed with it.
 pub(crate) fn own_folder() -> io::Result<tempfile::TempDir> {
     tempfile::Builder::new()
         .prefix(PREFIX)
@@ -124,10 +125,10 @@ pub(crate) fn own_folder() -> io::Result<tempfile::TempDir> {
         .tempdir_in(folder())
 }
 
-/// Sends one line to a running rig and gives its answer. Without a path there must be exactly one rig running.
+/// Sends a command line to a running rig and returns its reply. Without a path exactly one rig must be running.
 ///
 /// # Errors
-/// No rig, several of them, or one that refuses; in words.
+/// No rig, several rigs, or a command that is refused; in words.
 pub(crate) fn ask(path: Option<&Path>, line: &str) -> Result<Value, String> {
     let path = match path {
         Some(path) => path.to_owned(),
@@ -194,7 +195,7 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"precious");
         std::fs::remove_file(&path).unwrap();
         drop(listen(&path).unwrap());
-        // its name is still there, and nobody listens
+        // its name still exists, but no process listens
         assert!(path.exists());
         listen(&path).unwrap();
     }

@@ -1,4 +1,4 @@
-//! Faults: what a person or a test may do to the instruments, in words.
+//! Faults of the instruments, and their textual form.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,10 +8,10 @@ use survey::Relay;
 
 use crate::{Instrument, Wire};
 
-/// Longest time that a fault may name; longer ones are slips of the pen.
+/// Longest duration of a fault; longer ones are taken for typing errors.
 const LONGEST: Duration = Duration::from_secs(86_400);
 
-/// The words of every fault, for people.
+/// The grammar of faults, for help texts.
 pub(crate) const GRAMMAR: &str = "\
 wire INSTRUMENT cut|silent|sound    connections are closed, or stay open and carry nothing
 drop INSTRUMENT                     its connections break once, new ones are taken
@@ -36,20 +36,20 @@ serial unplug|plug                  the board's port is gone, or back
 none                                everything is mended
 INSTRUMENT is 6221, 34980a or board; RELAY is 1003, or on a board pole x 100 + electrode.";
 
-/// What happens to replies.
+/// Faults of replies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReplyFault {
-    /// It comes so much later.
+    /// It is delayed by this time.
     Late(Duration),
-    /// It never comes.
+    /// It is lost.
     Lost,
-    /// It comes twice.
+    /// It is sent twice.
     Doubled,
-    /// It breaks off in the middle, without its end.
+    /// It is cut off in the middle, without a line end.
     HalfLine,
 }
 
-/// One thing that goes wrong, or is put right again. Written and read in the words of `tactus-sim fault`.
+/// A fault, or the end of one, in the text form of `tactus-sim fault`.
 ///
 /// ```
 /// use simulator::{Fault, Instrument, ReplyFault};
@@ -62,25 +62,25 @@ pub enum ReplyFault {
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Fault {
-    /// The wire to an instrument is so from now on.
+    /// Sets the state of the wire to an instrument.
     Wire(Instrument, Wire),
-    /// Connections break, and new ones are taken at once.
+    /// Breaks connections; new ones are accepted immediately.
     Drop(Instrument),
-    /// The next so many replies.
+    /// Applies to this number of following replies.
     Replies(Instrument, ReplyFault, u32),
-    /// Every answer takes so much longer.
+    /// Delays every reply by this time.
     Slow(Instrument, Duration),
-    /// Power off and on.
+    /// Power cycle.
     Reset(Instrument),
-    /// The error queue is full, and more.
+    /// Fills the error queue until it overflows.
     QueueOverflow(Instrument),
-    /// Reads as it is commanded, and stays open.
+    /// The relay is reported as commanded, but stays open.
     StuckOpen(Relay),
-    /// Reads as it is commanded, and stays closed.
+    /// The relay is reported as commanded, but stays closed.
     StuckClosed(Relay),
-    /// Not stuck any more.
+    /// The relay is no longer stuck.
     Free(Relay),
-    /// The module is out of this slot, 1 to 8, or back in it.
+    /// Whether the module is in this slot, 1 to 8.
     Slot(u32, bool),
     /// Whether the mainframe has its voltmeter.
     Voltmeter(bool),
@@ -88,45 +88,45 @@ pub enum Fault {
     Overload(bool),
     /// Whether the source's interlock is closed.
     Interlock(bool),
-    /// Whether the terminal block of a slot, 1 to 8, is shut.
+    /// Whether the terminal block of a slot, 1 to 8, is closed.
     TerminalBlock(u32, bool),
     /// A pulse on a line of the source's trigger link (1 to 6), or at the mainframe's external trigger.
     Pulse(Option<u8>),
-    /// Whether the board's port is there.
+    /// Whether the board's port exists.
     Serial(bool),
-    /// Everything is mended.
+    /// Ends all faults.
     None,
 }
 
-/// Why there is no such fault, or not here.
+/// Why a fault is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FaultError {
-    /// Words that mean nothing.
+    /// Text that is not a fault.
     #[error("'{words}' is no fault: {why}")]
     Words {
-        /// What was said.
+        /// The text.
         words: String,
         /// What is wrong with it.
         why: String,
     },
-    /// The profile has no such thing.
+    /// The rig has no such part.
     #[error("{0}; the profile of this rig has none")]
     NotHere(&'static str),
-    /// A relay that no module of the profile has, nor its board.
+    /// A relay that neither a module of the profile nor its board has.
     #[error(
         "there is no relay {0} in this rig: relays are slot x 1000 + channel of its modules, or pole x 100 + electrode of its board"
     )]
     NoRelay(Relay),
-    /// A relay that moves as it should.
+    /// A relay that is not stuck.
     #[error("relay {0} is not stuck")]
     NotStuck(Relay),
-    /// A slot that the profile leaves empty.
+    /// A slot that is empty in the profile.
     #[error("there is no module in slot {0}: the profile of this rig has none there")]
     NoModule(u32),
 }
 
 impl Fault {
-    /// What puts it right again; `None` for what passes by itself.
+    /// The fault that ends this one; `None` if it has no duration.
     pub fn mended(&self) -> Option<Self> {
         Some(match self {
             Self::Wire(instrument, Wire::Cut | Wire::Silent) => {
@@ -319,20 +319,20 @@ impl FromStr for Fault {
     }
 }
 
-/// A fault on the instruments' time line.
+/// A fault on the time line of the instruments.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TimedFault {
-    /// When it happens, by the instruments' clock.
+    /// Time on the instruments' clock.
     pub at: Duration,
-    /// What happens.
+    /// The fault.
     pub fault: Fault,
 }
 
 impl TimedFault {
-    /// Words on a time line: what happens, and what ends it after the time it lasts.
+    /// Reads an entry of a time line: a fault, and the one that ends it after its duration.
     ///
     /// # Errors
-    /// Words that mean nothing, or that last although what they mean passes by itself.
+    /// Text that is not a fault, or a duration for a fault that has none.
     pub(crate) fn read(
         at: Duration,
         lasts: Option<Duration>,

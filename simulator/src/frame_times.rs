@@ -1,4 +1,4 @@
-//! What a frame takes by the instruments' own clock: plans run by the real drivers on simulators that wait for nobody.
+//! Frame times by the instruments' clock: plans run by the real drivers on simulators in instant time.
 
 use std::time::Duration;
 
@@ -12,10 +12,10 @@ use tokio::runtime::Runtime;
 use crate::profile::{Pace, Profile};
 use crate::simulated_rig::SimulatedRig;
 
-/// An answer is there at once; this only ends a hang.
+/// Replies are immediate; the timeout only ends a hang.
 const DEADLINE: Duration = Duration::from_secs(60);
 
-/// A 6221 and a 34980A that need the time of their relays and readings and none for anything else.
+/// A 6221 and a 34980A whose only delays are those of relays and readings.
 ///
 /// ```
 /// use std::time::Duration;
@@ -35,16 +35,16 @@ pub struct FrameTimes {
     rig: Rig<Keithley6221<BoxStream>, Keysight34980a<BoxStream>, Keysight34980a<BoxStream>>,
 }
 
-/// Why there is no frame time.
+/// Errors of frame times.
 #[derive(Debug, thiserror::Error)]
 pub enum FrameTimeError {
     /// No runtime to run the drivers in.
     #[error("no runtime for the drivers")]
     Runtime(#[from] std::io::Error),
-    /// The sheet or the slots are refused.
+    /// The sheet or the slots were refused.
     #[error("the simulated rig is refused")]
     Rig(#[from] crate::RigError),
-    /// A driver could not connect.
+    /// A driver failed to connect.
     #[error("a simulated instrument is refused by its driver")]
     Driver(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// The plan failed.
@@ -53,10 +53,10 @@ pub enum FrameTimeError {
 }
 
 impl FrameTimes {
-    /// Instruments of a profile about the sheet of a scene, without the profile's times for commands.
+    /// Instruments of a profile with the sheet of a scene, without the profile's times for commands.
     ///
     /// # Errors
-    /// What is refused, and by whom.
+    /// The refusal, with its source.
     pub fn new(profile: &Profile, scene: Scene) -> Result<Self, FrameTimeError> {
         let mut profile = profile.clone().at_pace(Pace::Instant);
         profile.source.command_ms = 0.0;
@@ -83,7 +83,7 @@ impl FrameTimes {
         })
     }
 
-    /// Runs the plan once, readings on the 1 V range, and tells what the instruments' clock says of it.
+    /// Runs the plan once, with readings on the 1 V range, and returns its duration by the instruments' clock.
     ///
     /// # Errors
     /// A plan that fails.

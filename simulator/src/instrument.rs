@@ -1,4 +1,4 @@
-//! The instruments of a simulated rig by name, and the state of the wire to each.
+//! Names of the instruments in a simulated rig, and the state of the wire to each.
 
 use std::fmt;
 
@@ -21,14 +21,14 @@ impl Instrument {
         self as usize
     }
 
-    /// The instrument that a transcript or a golden calls so: `6221`, `34980a`, `gpio`.
+    /// The instrument with this name in transcripts and goldens: `6221`, `34980a`, `gpio`.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL
             .into_iter()
             .find(|instrument| instrument.name().eq_ignore_ascii_case(name))
     }
 
-    /// What transcripts and goldens call it.
+    /// Name in transcripts and goldens.
     pub fn name(self) -> &'static str {
         match self {
             Self::Source => "6221",
@@ -48,18 +48,18 @@ impl fmt::Display for Instrument {
     }
 }
 
-/// The state of the wire to an instrument: a fault that a test or a person may cause.
+/// State of the wire to an instrument, set by faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wire {
     /// Connected.
     Sound,
-    /// Every connection is closed, and a new one at once.
+    /// Every connection is closed, and each new one immediately.
     Cut,
-    /// Open, but nothing comes through: the far side receives nothing and says nothing.
+    /// Open, but without traffic: the instrument receives nothing and sends nothing.
     Silent,
 }
 
-/// A wire, and how often it was cut: a cut that is mended at once breaks connections all the same.
+/// State of a wire, and the number of cuts: even a cut of zero duration breaks connections.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct WireState {
     pub(crate) wire: Wire,

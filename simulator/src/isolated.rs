@@ -1,4 +1,4 @@
-//! One simulated instrument on its own, for conversations whose times are given: goldens and transcripts.
+//! A single simulated instrument for conversations with given times: goldens and transcripts.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -12,23 +12,23 @@ use crate::Instrument;
 use crate::simulated_instruments::instrument::SimulatedInstrument;
 use crate::simulated_instruments::{Board, Mainframe, Source};
 
-/// What an instrument is made of and what its terminals meet.
+/// Configuration of an instrument, and the circuit at its terminals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InstrumentSetup {
     /// Which instrument.
     pub instrument: Instrument,
-    /// First field of the mainframe's `*IDN?`; without one as it comes.
+    /// First field of the mainframe's `*IDN?`; `None` for the default.
     pub vendor: Option<String>,
     /// The mainframe's modules.
     pub slots: [Option<Module>; 8],
-    /// What hangs on the source's terminals, ohm; infinite where nothing does.
+    /// Resistance at the source's terminals, ohm; infinite if open.
     pub ohms: f64,
-    /// What the voltmeter sees, V.
+    /// Voltage at the voltmeter, V.
     pub volts: f64,
 }
 
 impl InstrumentSetup {
-    /// An instrument as it comes: no modules, nothing on its terminals.
+    /// An instrument with default settings: no modules, nothing on its terminals.
     pub fn of(instrument: Instrument) -> Self {
         Self {
             instrument,
@@ -40,7 +40,7 @@ impl InstrumentSetup {
     }
 }
 
-/// What an isolated instrument meets: one resistor, one voltage wherever it is measured, poles that lead nowhere.
+/// The surroundings of an isolated instrument: one resistor, one voltage everywhere, unconnected poles.
 #[derive(Debug)]
 struct FixedSurroundings {
     resistor: Resistor,
@@ -69,7 +69,7 @@ impl Poles for FixedSurroundings {
     fn poles(&mut self, _: [Option<Electrode>; 4], _: Duration) {}
 }
 
-/// An instrument just switched on.
+/// An instrument after power on.
 #[derive(Debug)]
 pub(crate) struct IsolatedInstrument {
     instrument: Box<dyn SimulatedInstrument>,
@@ -101,9 +101,9 @@ impl IsolatedInstrument {
         }
     }
 
-    /// Receives a message at a time since power on: the reply, and how long the instrument is busy with it.
+    /// Receives a message at a time since power on; returns the reply, and the time that the instrument is busy.
     pub(crate) fn receive(&mut self, line: &str, at: Duration) -> (Option<String>, Duration) {
-        // Readings that were due meanwhile are taken at their own times.
+        // Readings that were due in between are taken at their own times.
         while let Some(due) = self.instrument.due().filter(|due| *due < at) {
             self.instrument.pass(due, &mut self.surroundings);
         }

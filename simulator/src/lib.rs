@@ -1,14 +1,16 @@
 //! The simulated rig: the drivers' simulators joined to one phantom, in memory or on TCP.
 //!
-//! Every reading follows from the current that really flows and the relays that are really closed. The drivers' simulators
-//! bring behaviour, the phantom brings physics and imperfections; this crate connects them and serves the streams of bytes
-//! that drivers and other clients use. A reading reaches a client only as text on a wire, and the crate adds no
+//! Every reading follows from the actual current and the relays that are actually closed. The drivers' simulators
+//! provide the behaviour, the phantom provides physics and imperfections; this crate connects them and serves the byte
+//! streams for drivers and other clients. Readings reach a client only as text on a wire, and the crate adds no
 //! imperfections of its own.
 //!
-//! - **profile**: the instruments and their time; **scene**: the sheet, its loads and effects (see `phantom`)
-//! - **fixture**: which relay joins what to what; **circuit**: what then flows, for any combination of closed relays
-//! - **golden**: a conversation that a simulator must hold; **transcript**: one that was held (see [`rig::transcript`])
-//! - **wire**: the connection to an instrument, which may be cut or fall silent
+//! - **profile**: the instruments and their timing; **scene**: the sheet, its loads and effects (see `phantom`)
+//! - **fixture**: the connections of each relay; **circuit**: the resulting currents, for any combination of closed
+//!   relays
+//! - **golden**: a conversation that a simulator must reproduce; **transcript**: a recorded one (see
+//!   [`rig::transcript`])
+//! - **wire**: the connection to an instrument, which may be cut or silent
 //!
 //! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -1,4 +1,4 @@
-//! A profile: the instruments of a simulated rig. What hangs on them is the scene's.
+//! A profile: the instruments of a simulated rig. The scene describes the sheet.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 use crate::circuit::load_network::{LoadNetwork, LoadNetworkError};
 use crate::fault::TimedFault;
 
-/// How the instruments take their time.
+/// Speed of the instruments' time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pace {
-    /// As real ones do.
+    /// Real time.
     Real,
-    /// So many times faster (above 1) or slower (below).
+    /// Faster (above 1) or slower (below) by this factor.
     Scaled(f64),
-    /// Answers come at once; the instruments' own clock still goes on by what they would have needed.
+    /// Replies are immediate; the instruments' clock still advances by the time they would have needed.
     Instant,
 }
 
@@ -32,7 +32,7 @@ pub enum Pace {
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
-    /// How the instruments take their time.
+    /// Speed of the instruments' time.
     pub pace: Pace,
     /// Mains frequency, Hz: 50 or 60.
     pub line_hz: f64,
@@ -40,26 +40,26 @@ pub struct Profile {
     pub source: Source,
     /// The switch and voltmeter.
     pub mainframe: Mainframe,
-    /// What is in slots 1 to 8.
+    /// The modules in slots 1 to 8.
     pub slots: [Option<Module>; 8],
     /// The multiplexer board, if there is one.
     pub board: Option<Board>,
-    /// What hangs on the terminals.
+    /// The load on the terminals.
     pub load: LoadNetwork,
-    /// What goes wrong, and when.
+    /// Faults with their times.
     pub faults: Vec<TimedFault>,
 }
 
-/// What a second client of the 6221 meets while the first is connected.
+/// Treatment of a second client of the 6221 while the first is connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SecondClient {
-    /// It is connected, and receives nothing until the first has left.
+    /// Accepted, but its messages are only received after the first has disconnected.
     #[default]
     Held,
-    /// Its connection is closed at once.
+    /// Disconnected immediately.
     Refused,
-    /// It is served as the first is.
+    /// Served like the first.
     Served,
 }
 
@@ -71,9 +71,9 @@ pub struct Source {
     pub serial: String,
     /// Time a message takes, ms.
     pub command_ms: f64,
-    /// What a second TCP client meets.
+    /// Treatment of a second TCP client.
     pub second_client: SecondClient,
-    /// How long the only place stays taken after a client that left without a goodbye, s.
+    /// How long the only connection stays occupied after a client vanished without closing it, s.
     pub slot_hold_s: f64,
 }
 
@@ -96,21 +96,21 @@ pub struct Mainframe {
     pub serial: String,
     /// Time a message takes, ms.
     pub command_ms: f64,
-    /// What its clock shows at the start, seconds since 1970-01-01; without it the year 2000, and the present where the
-    /// program serves it.
+    /// Initial time of its clock, seconds since 1970-01-01. Default: the year 2000, or the present time if the program
+    /// serves it.
     pub clock_unix_s: Option<u32>,
-    /// Whose headers of autozero and input impedance it has.
+    /// Which headers it has for autozero and input impedance.
     pub headers: Headers,
 }
 
-/// Whose headers of autozero and input impedance the simulated 34980A has; the others are undefined.
+/// Variants of the headers for autozero and input impedance; the headers of the other variant are undefined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 pub enum Headers {
-    /// `VOLT:DC:ZERO:AUTO` and `VOLT:DC:IMP:AUTO`, as its help documents them.
+    /// `VOLT:DC:ZERO:AUTO` and `VOLT:DC:IMP:AUTO`, as documented in its help.
     #[default]
     #[serde(rename = "34980A")]
     Documented,
-    /// `ZERO:AUTO` and `INP:IMP:AUTO`, as the 34970A's manual documents them.
+    /// `ZERO:AUTO` and `INP:IMP:AUTO`, as documented in the 34970A's manual.
     #[serde(rename = "34970A")]
     Of34970A,
 }
@@ -154,19 +154,19 @@ impl Default for Board {
     }
 }
 
-/// Why a profile cannot be used.
+/// Errors of profiles.
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
     /// The file cannot be read.
     #[error("profile {path} cannot be read; shipped ones are {}", shipped_names())]
     Unreadable {
-        /// Its path, or a name that no shipped profile has.
+        /// Its path, or the unknown name.
         path: String,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         cause: std::io::Error,
     },
-    /// The text is no profile.
+    /// The text is not a valid profile.
     #[error("{file}:{line}:{column}: {what}")]
     Text {
         /// File.
@@ -175,12 +175,12 @@ pub enum ProfileError {
         line: usize,
         /// Column, from 1.
         column: usize,
-        /// What is wrong there.
+        /// What is wrong.
         what: String,
     },
 }
 
-/// Names and texts of the profiles that come with the program.
+/// Names and texts of the shipped profiles.
 const SHIPPED: [(&str, &str); 7] = [
     (
         "pairs-34924a",
@@ -245,7 +245,7 @@ fn fifty() -> toml::Spanned<f64> {
 }
 
 impl Default for Profile {
-    /// The first of the shipped ones: pairs on a 34924A, in real time.
+    /// The first shipped profile: pairs on a 34924A, in real time.
     fn default() -> Self {
         let (name, text) = SHIPPED[0];
         Self::parse(name, text).expect("a test reads every shipped profile")
@@ -258,22 +258,22 @@ impl Profile {
         SHIPPED.into_iter().map(|(name, _)| name)
     }
 
-    /// What a shipped profile says of itself.
+    /// Description of a shipped profile.
     pub(crate) fn what(name: &str) -> &'static str {
         let text = SHIPPED.into_iter().find(|(known, _)| *known == name);
         text.map_or("", |(_, text)| first_comment(text))
     }
 
-    /// One of the shipped profiles.
+    /// A shipped profile.
     pub fn shipped(name: &str) -> Option<Self> {
         let (name, text) = SHIPPED.into_iter().find(|(known, _)| *known == name)?;
         Some(Self::parse(name, text).expect("a test reads every shipped profile"))
     }
 
-    /// A shipped profile by its name, else a file by its path.
+    /// A shipped profile by its name, otherwise a file by its path.
     ///
     /// # Errors
-    /// A file that cannot be read, or its text, with line and column.
+    /// A file that cannot be read, or an error in its text with line and column.
     pub fn load(name_or_path: &str) -> Result<Self, ProfileError> {
         if let Some(shipped) = Self::shipped(name_or_path) {
             return Ok(shipped);
@@ -354,7 +354,7 @@ impl Profile {
                     .map_or(0.0, |board| board.command_ms),
             ),
         ] {
-            // Within what a Duration holds, with room to spare.
+            // Well within the range of a Duration.
             if !(0.0..=60_000.0).contains(&command_ms) {
                 let at = text.find("command_ms").unwrap_or(0);
                 return Err(fault(
@@ -417,7 +417,7 @@ impl Profile {
         })
     }
 
-    /// The same instruments at another pace.
+    /// The same instruments with another speed.
     #[must_use]
     pub fn at_pace(mut self, pace: Pace) -> Self {
         self.pace = pace;
@@ -425,7 +425,7 @@ impl Profile {
     }
 }
 
-/// Milliseconds of a profile as time; checked when the profile was read.
+/// Milliseconds of a profile as a duration; validated when the profile was read.
 pub(crate) fn milliseconds(value: f64) -> Duration {
     Duration::try_from_secs_f64(value * 1e-3).unwrap_or_default()
 }
@@ -436,10 +436,10 @@ fn first_comment(text: &str) -> &str {
     first.strip_prefix('#').unwrap_or_default().trim()
 }
 
-/// A slot and its module as the command line and goldens name them: `1=34924A`.
+/// A slot and its module in the form of the command line and goldens: `1=34924A`.
 ///
 /// # Errors
-/// A text that names neither, in words.
+/// A text of another form, in words.
 pub(crate) fn slot(text: &str) -> Result<(usize, Module), String> {
     let (number, module) = text
         .split_once('=')

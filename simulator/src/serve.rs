@@ -19,7 +19,7 @@ use crate::transport::vxi11::Mainframe;
 use crate::transport::{telnet, web};
 use crate::{Instrument, SimulatedRig};
 
-/// Where to serve. Port 0 takes a free one.
+/// Addresses and ports. Port 0 selects a free one.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ServeOptions {
     /// Address to listen on.
@@ -28,15 +28,15 @@ pub struct ServeOptions {
     pub port_6221: u16,
     /// Port of the 34980A; its raw socket is 5025.
     pub port_34980a: u16,
-    /// Port of the 34980A's VXI-11 core channel, if it is to have one.
+    /// Port of the 34980A's VXI-11 core channel; `None` to disable it.
     pub port_vxi11: Option<u16>,
-    /// Port of the 34980A's telnet server, if it is to have one.
+    /// Port of the 34980A's telnet server; `None` to disable it.
     pub port_telnet: Option<u16>,
-    /// Port of the 34980A's web pages; without one they are served on a free port when announced, else not at all.
+    /// Port of the 34980A's web pages. Default: a free port if the instruments are announced, otherwise none.
     pub port_http: Option<u16>,
-    /// Whether the 6221 has its serial port too.
+    /// Whether to add the 6221's serial port.
     pub serial_6221: bool,
-    /// Path of the control socket; without one it lies in a folder of its own.
+    /// Path of the control socket; by default in a folder of its own.
     pub control: Option<PathBuf>,
     /// Whether to announce the instruments by mDNS.
     pub announce: bool,
@@ -58,7 +58,7 @@ impl Default for ServeOptions {
     }
 }
 
-/// What is printed, as one line of JSON, once clients can connect.
+/// The line of JSON that is printed once clients can connect.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Ready {
     /// Always true.
@@ -69,28 +69,28 @@ pub struct Ready {
     /// `host:port` of switch and voltmeter.
     #[serde(rename = "34980a")]
     pub mainframe: String,
-    /// What a second client of the current source meets while the first is connected: `held`, `refused` or `served`.
+    /// Treatment of a second client of the current source: `held`, `refused` or `served`.
     #[serde(rename = "6221-second-client")]
     pub second_client: SecondClient,
     /// Path of the board's serial port; null without a board.
     pub serial: Option<String>,
-    /// Path of the 6221's serial port; null unless asked for.
+    /// Path of the 6221's serial port; null unless requested.
     #[serde(rename = "6221-serial")]
     pub source_serial: Option<String>,
-    /// `host:port` of the VXI-11 core channel; null unless asked for.
+    /// `host:port` of the VXI-11 core channel; null unless requested.
     pub vxi11: Option<String>,
-    /// `host:port` of the telnet server; null unless asked for.
+    /// `host:port` of the telnet server; null unless requested.
     pub telnet: Option<String>,
-    /// `host:port` of the web pages; null unless asked for or announced.
+    /// `host:port` of the web pages; null unless requested or announced.
     pub http: Option<String>,
     /// Path of the control socket.
     pub control: String,
 }
 
-/// Why the rig is not served.
+/// Errors of serving.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// A port that cannot be had.
+    /// A port that cannot be opened.
     #[error(
         "{address} cannot be listened on for the {instrument}; choose another port, or 0 for a free one"
     )]
@@ -99,36 +99,36 @@ pub enum ServeError {
         address: String,
         /// Which instrument.
         instrument: Instrument,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         cause: std::io::Error,
     },
-    /// An address that this machine has not.
+    /// An address that this machine does not have.
     #[error(
         "{bind} is no address of this machine: name one of its own by --bind, 127.0.0.1 for this machine alone or 0.0.0.0 for all"
     )]
     Address {
         /// Address or name.
         bind: String,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         cause: std::io::Error,
     },
-    /// No pseudo-terminal for an instrument.
+    /// A pseudo-terminal cannot be created.
     #[error("no pseudo-terminal can be opened for the {instrument}")]
     Pty {
         /// Which instrument.
         instrument: Instrument,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         cause: std::io::Error,
     },
-    /// No control socket.
+    /// The control socket cannot be created.
     #[error("the control socket {path} cannot be had; name another path")]
     Control {
         /// Its path.
         path: String,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         cause: std::io::Error,
     },
@@ -139,15 +139,15 @@ pub struct Server {
     ready: Ready,
     tasks: JoinSet<()>,
     announcement: Option<Announcement>,
-    /// Socket and names of serial ports lie here; it goes with the server.
+    /// Folder of the socket and the names of serial ports, removed with the server.
     _folder: TempDir,
     control: PathBuf,
 }
 
-/// Serves the rig. Connections are accepted when this returns.
+/// Serves the rig. Connections are accepted when the function returns.
 ///
 /// # Errors
-/// A port, a pseudo-terminal or a socket that cannot be had.
+/// A port, a pseudo-terminal or a socket that cannot be opened.
 pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, ServeError> {
     let mut tasks = JoinSet::new();
     let bind = options.bind.as_str();
@@ -252,12 +252,12 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
 }
 
 impl Server {
-    /// Where the instruments are.
+    /// Addresses of the instruments.
     pub fn ready(&self) -> &Ready {
         &self.ready
     }
 
-    /// Says goodbye by mDNS and closes every connection.
+    /// Withdraws the mDNS announcement and closes every connection.
     pub async fn stop(mut self) {
         if let Some(announcement) = self.announcement.take() {
             announcement.withdraw().await;
@@ -268,7 +268,7 @@ impl Server {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // A path of somebody's choice does not lie in the folder that goes.
+        // A socket at a path chosen by the user is outside the folder that is removed.
         std::fs::remove_file(&self.control).ok();
     }
 }
@@ -294,7 +294,7 @@ async fn listen(
     Ok((listener, address))
 }
 
-/// Waits for a client for as long as it takes.
+/// Waits for a client without timeout.
 async fn next_client(instrument: Instrument, listener: &TcpListener) -> (TcpStream, String) {
     loop {
         match listener.accept().await {
@@ -310,7 +310,7 @@ async fn next_client(instrument: Instrument, listener: &TcpListener) -> (TcpStre
     }
 }
 
-/// Takes several clients at once.
+/// Accepts several clients at once.
 async fn accept(rig: SimulatedRig, instrument: Instrument, listener: TcpListener) {
     let mut clients = JoinSet::new();
     loop {
@@ -320,7 +320,7 @@ async fn accept(rig: SimulatedRig, instrument: Instrument, listener: TcpListener
     }
 }
 
-/// Takes the source's clients, as its profile says.
+/// Accepts the source's clients according to its profile.
 async fn accept_source(rig: SimulatedRig, listener: TcpListener) {
     let instrument = Instrument::Source;
     if rig.source_profile().second_client == SecondClient::Served {
@@ -332,7 +332,7 @@ async fn accept_source(rig: SimulatedRig, listener: TcpListener) {
             let end = rig.clone().converse(instrument, address, stream).await;
             if end == End::Abnormal {
                 let hold = rig.source_profile().slot_hold_s;
-                // The profile's reader has seen to its bounds.
+                // The range was checked when the profile was read.
                 tokio::time::sleep(Duration::try_from_secs_f64(hold).unwrap_or_default()).await;
             }
         };
@@ -344,7 +344,7 @@ async fn accept_source(rig: SimulatedRig, listener: TcpListener) {
             loop {
                 let (second, address) = next_client(instrument, &listener).await;
                 tracing::warn!("{address} is refused: the {instrument} has a client");
-                // Closed with a reset: nothing that it sends is received.
+                // Closed with a reset: its messages are not received.
                 second.set_zero_linger().ok();
             }
         };
@@ -355,7 +355,7 @@ async fn accept_source(rig: SimulatedRig, listener: TcpListener) {
     }
 }
 
-/// Opens a pseudo-terminal under a name that stays.
+/// Opens a pseudo-terminal under a fixed name.
 fn plug(path: &Path) -> std::io::Result<Pty> {
     let pty = Pty::open()?;
     std::fs::remove_file(path).ok();
@@ -363,7 +363,7 @@ fn plug(path: &Path) -> std::io::Result<Pty> {
     Ok(pty)
 }
 
-/// Serves a serial port, through its being pulled and plugged.
+/// Serves a serial port, and recreates it after a fault that removes it.
 async fn serial_port(rig: SimulatedRig, instrument: Instrument, path: PathBuf, first: Pty) {
     let mut pty = first;
     loop {
@@ -382,7 +382,7 @@ async fn serial_port(rig: SimulatedRig, instrument: Instrument, path: PathBuf, f
     }
 }
 
-/// Lets the time line's faults happen at their time, also while nobody speaks.
+/// Applies the faults of the time line at their times, also without messages from clients.
 async fn time_line(rig: SimulatedRig) {
     while let Some(left) = rig.next_fault_in() {
         tokio::time::sleep(left).await;

@@ -1,5 +1,5 @@
-//! Arbitrary bytes at the mainframe's web server: nothing panics or hangs, and whatever is asked, the answer is one of
-//! four whole ones.
+//! Arbitrary bytes sent to the mainframe's web server: it never panics or hangs, and every reply is one of four
+//! complete ones.
 
 #![no_main]
 
@@ -16,7 +16,7 @@ async fn ask(rig: &SimulatedRig, request: &[u8]) {
     let (mut from, mut to) = tokio::io::split(rig.connect_web());
     let mut answer = Vec::new();
     let say = async {
-        // What comes behind a request is not read.
+        // Bytes after a request are not read.
         to.write_all(request).await.ok();
         to.shutdown().await.ok();
     };

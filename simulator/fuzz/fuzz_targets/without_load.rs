@@ -1,4 +1,4 @@
-//! What the targets speak to: an empty rig_without_load in instant time, one for all inputs of a thread.
+//! The target rig: instruments without load in instant time, one rig for all inputs of a thread.
 
 use std::cell::OnceCell;
 
@@ -23,7 +23,7 @@ pub fn rig_without_load() -> RigWithoutLoad {
     };
     let rig = {
         let _inside = runtime.enter();
-        // the sheet is not joined to anything here: a coarse one is made sooner
+        // the sheet is not connected to anything: a coarse mesh is faster to make
         let scene = Scene::parse("coarse", "[mesh]\nfineness = 0.25\n").expect("a scene");
         SimulatedRig::new(&profile, scene).expect("an empty rig_without_load")
     };

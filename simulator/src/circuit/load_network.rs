@@ -1,25 +1,25 @@
-//! What hangs on the terminals: the scene's sheet, or resistors beside it.
+//! The load on the terminals: the scene's sheet, or resistors instead of it.
 //!
-//! Terminal k is where the fixture leads electrode k.
+//! Terminal k is connected by the fixture like electrode k.
 
 use std::fmt;
 use std::str::FromStr;
 
 use crate::circuit::{Point, Resistor};
 
-/// What hangs on the terminals, instead of the scene's sheet if it is another.
+/// The load on the terminals: the scene's sheet or a replacement.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum LoadNetwork {
     /// The scene's sheet.
     #[default]
     Sheet,
-    /// Nothing: every terminal is open.
+    /// No load: every terminal is open.
     Nothing,
     /// One resistor between two terminals, counted from 1.
     Resistor {
-        /// One end.
+        /// One terminal.
         from: usize,
-        /// The other.
+        /// The other terminal.
         to: usize,
         /// Its resistance, ohm.
         ohms: f64,
@@ -27,23 +27,23 @@ pub enum LoadNetwork {
     /// A square grid of equal resistors; the terminals are the nodes of its edge, counter-clockwise from the lower left
     /// corner. For 26 terminals it has 7 x 8 nodes.
     Mesh {
-        /// Each of them, ohm.
+        /// Resistance of each, ohm.
         ohms: f64,
     },
 }
 
-/// Words that are no load.
+/// Text that does not describe a load.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{words}' is no load: {reason}")]
 pub struct LoadNetworkError {
-    /// What was given.
+    /// The text.
     pub words: String,
-    /// What is wrong with it, and what is allowed.
+    /// What is wrong, and what is allowed.
     pub reason: String,
 }
 
 impl LoadNetwork {
-    /// The words of every load.
+    /// The grammar of loads, for help texts.
     pub(crate) const GRAMMAR: &str = "\
 sheet                   the scene's sheet
 nothing                 every terminal is open
@@ -64,7 +64,7 @@ mesh OHMS               a square grid of equal resistors, the terminals round it
         }
     }
 
-    /// Number of the largest terminal that it needs.
+    /// Number of the largest terminal used.
     pub(crate) fn terminals(&self) -> usize {
         match self {
             Self::Resistor { from, to, .. } => *from.max(to),
@@ -73,7 +73,7 @@ mesh OHMS               a square grid of equal resistors, the terminals round it
     }
 }
 
-/// A grid whose edge has at least so many nodes.
+/// A grid whose edge has at least this many nodes.
 fn mesh(terminals: usize, ohms: f64) -> Vec<Resistor> {
     let half = terminals.div_ceil(2).max(2) + 2;
     let (columns, rows) = (half / 2, half - half / 2);
@@ -200,7 +200,7 @@ mod tests {
             .filter(|point| matches!(point, Point::Terminal(_)))
             .collect();
         assert_eq!(terminals.len(), 26);
-        // Neighbours are joined by one resistor.
+        // Neighbours are connected by one resistor.
         let ring = (0..26).all(|k| {
             let pair = [Point::Terminal(k), Point::Terminal((k + 1) % 26)];
             resistors

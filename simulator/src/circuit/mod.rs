@@ -1,6 +1,6 @@
-//! What really flows: a source, a sheet, and the resistances of the relays closed between them.
+//! Computes the currents: a source, a sheet, and the resistances of the closed relays between them.
 //!
-//! The sheet is known by its transfer impedance Z (electrode potentials U = Z J, J the currents that enter it, their sum
+//! The sheet is given by its transfer impedance Z (electrode potentials U = Z J, J the currents into it, with sum
 //! zero). Everything else is resistors between points. Loop currents are the unknowns: a spanning tree carries the
 //! source's ampere, every resistor outside it closes one loop, and for the loop currents x
 //!
@@ -8,9 +8,9 @@
 //! Cᵀ (R + Bᵀ Z B) C x = - Cᵀ (R + Bᵀ Z B) p
 //! ```
 //!
-//! where p is the tree's flow, C the loops, R the resistances and B the resistors' ends on the sheet. One injecting and
-//! one measuring pair closed leave no loop and nothing to solve: the reading is then the current times four entries of
-//! Z, with no other rounding.
+//! where p is the tree's flow, C the loops, R the resistances and B the resistors' ends on the sheet. With one
+//! injecting and one measuring pair closed there is no loop and nothing to solve: the reading is the current times four
+//! entries of Z, without further rounding.
 
 pub(crate) mod load_network;
 pub(crate) mod sheet;
@@ -20,20 +20,20 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
 
-/// A place where wires meet.
+/// A node of the circuit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) enum Point {
     /// A contact of the sheet.
     Electrode(usize),
     /// The source's HI (`true`) or LO.
     Source(bool),
-    /// One wire, H (`true`) or L, of an analogue bus; the voltmeter is on bus 1.
+    /// One wire, H (`true`) or L, of an analogue bus; the voltmeter is connected to bus 1.
     Bus(u32, bool),
     /// A terminal of a load of resistors.
     Terminal(usize),
     /// A node inside such a load.
     Node(usize),
-    /// One wire of a bank's common, or of a matrix row, that leads nowhere else: slot, number, wire.
+    /// One wire of a bank's common, or of a matrix row, without another connection: slot, number, wire.
     Common(u32, u32, bool),
 }
 
@@ -49,23 +49,24 @@ pub(crate) struct Resistor {
     pub(crate) ohms: f64,
 }
 
-/// How an ampere from source HI to source LO spreads. Everything is linear in it.
+/// The distribution of one ampere from source HI to source LO. Everything is linear in it.
 #[derive(Debug)]
 pub(crate) struct Flow {
     resistors: Vec<Resistor>,
     /// Through each resistor, in its direction, per ampere of the source.
     currents: Vec<f64>,
-    /// Into the sheet at each electrode that current passes.
+    /// Into the sheet, at each electrode with a current.
     entering: BTreeMap<usize, f64>,
     tree: Tree,
     joined: bool,
 }
 
-/// Numbers the sheet as one node (0) and every other point met.
+/// A spanning tree; the sheet is one node (0), every other point a node of its own.
 #[derive(Debug, Default)]
 struct Tree {
     number: BTreeMap<Point, usize>,
-    /// How each node is reached: resistor and whether it is passed in its own direction. `None` at a root.
+    /// The resistor to the parent of each node, and whether the path from the parent follows its direction. `None` at a
+    /// root.
     reached_by: Vec<Option<(usize, bool)>>,
     component: Vec<usize>,
     depth: Vec<usize>,
@@ -128,7 +129,7 @@ impl Tree {
         }
     }
 
-    /// The resistors of the way from one node to another, each with whether it is passed in its own direction.
+    /// The resistors on the path from one node to another, and whether each is passed in its own direction.
     fn way(&self, resistors: &[Resistor], from: usize, to: usize) -> Vec<(usize, bool)> {
         let (mut up, mut down) = (Vec::new(), Vec::new());
         let (mut here, mut there) = (from, to);
@@ -185,7 +186,7 @@ impl Flow {
         }
     }
 
-    /// Resistance that the source sees, ohm; infinite when nothing joins its terminals.
+    /// Load resistance of the source, ohm; infinite if nothing connects its terminals.
     pub(crate) fn resistance(&self, z: &DMatrix<f64>) -> f64 {
         if !self.joined {
             return f64::INFINITY;
@@ -193,8 +194,8 @@ impl Flow {
         self.across(z, Point::Source(true), Point::Source(false))
     }
 
-    /// Solves it for an ampere from the one point to the other. The source and these two have changed places then:
-    /// `resistance` is what that ampere meets.
+    /// Solves the network for one ampere from one point to another, which replace the source's terminals: `resistance`
+    /// is then the resistance between these points.
     pub(crate) fn solve_between(
         mut resistors: Vec<Resistor>,
         [from, to]: [Point; 2],
@@ -214,7 +215,7 @@ impl Flow {
         Self::solve(resistors, z)
     }
 
-    /// Whether anything joins two points.
+    /// Whether two points are connected.
     pub(crate) fn joins(&self, one: Point, other: Point) -> bool {
         let component = |point| match point {
             Point::Electrode(_) => Some(self.tree.component[0]),
@@ -223,7 +224,7 @@ impl Flow {
         component(one).is_some_and(|found| component(other) == Some(found))
     }
 
-    /// Voltage between two points per ampere, V. Two points that nothing joins have none: the voltmeter's own input
+    /// Voltage between two points per ampere, V. Zero for two points without connection: the voltmeter's own input
     /// resistance, however large, pulls an open input to zero.
     pub(crate) fn across(&self, z: &DMatrix<f64>, hi: Point, lo: Point) -> f64 {
         if !self.joins(hi, lo) {
@@ -240,7 +241,7 @@ impl Flow {
     }
 }
 
-/// Where the way enters the sheet and leaves it again, the sheet's own voltage counts.
+/// Where the path enters and leaves the sheet, the potential difference of the sheet is added.
 fn potential_along(
     way: &[(usize, bool)],
     resistors: &[Resistor],
@@ -255,7 +256,7 @@ fn potential_along(
         } else {
             (resistor.to, resistor.from)
         };
-        // Leaving the sheet takes the potential away that entering it gave: the two belong to one crossing.
+        // Potentials of the sheet are added at one end of a crossing and subtracted at the other.
         if let Point::Electrode(electrode) = end {
             volts += potential(electrode, z, entering);
         }
@@ -273,7 +274,7 @@ fn potential(electrode: usize, z: &DMatrix<f64>, entering: &BTreeMap<usize, f64>
         .sum()
 }
 
-/// What enters the sheet at each electrode.
+/// Currents into the sheet at each electrode.
 fn entering(resistors: &[Resistor], currents: &[f64]) -> BTreeMap<usize, f64> {
     let mut entering = BTreeMap::new();
     for (resistor, current) in resistors.iter().zip(currents) {
@@ -309,14 +310,14 @@ fn loops(tree: &Tree, resistors: &[Resistor]) -> Vec<Vec<(usize, bool)>> {
         .collect()
 }
 
-/// Adds to the currents what flows round each loop.
+/// Adds the loop currents.
 fn close_loops(
     loops: &[Vec<(usize, bool)>],
     resistors: &[Resistor],
     z: &DMatrix<f64>,
     currents: &mut [f64],
 ) {
-    // The voltage round a loop for currents in all resistors, and into the sheet.
+    // The voltage round a loop, for given currents in all resistors and into the sheet.
     let around =
         |way: &[(usize, bool)], currents: &[f64], entering: &BTreeMap<usize, f64>| -> f64 {
             let wires: f64 = way
@@ -343,7 +344,7 @@ fn close_loops(
     let entering = entering(resistors, currents);
     let driven = loops.iter().map(|way| -around(way, currents, &entering));
     let driven = DVector::from_iterator(count, driven);
-    // Every loop holds a relay, and every relay a resistance: the matrix is positive definite.
+    // Every loop contains a relay, and every relay has a resistance: the matrix is positive definite.
     let Some(flows) = matrix.lu().solve(&driven) else {
         return;
     };
@@ -394,7 +395,7 @@ mod tests {
         let flow = Flow::solve([inject, measure].concat(), &z);
         let expected = (z[(3, 0)] - z[(3, 1)]) - (z[(4, 0)] - z[(4, 1)]);
         assert!((flow.across(&z, METER_HI, METER_LO) - expected).abs() <= 1e-13 * expected.abs());
-        // 1 kohm beside five in series, and two poles of 100.1 ohm
+        // 1 kohm in parallel with five in series, and two poles of 100.1 ohm
         let seen = 5.0 / 6.0 * 1000.0 + 200.2;
         assert!((flow.resistance(&z) - seen).abs() < 1e-9);
     }

@@ -1,4 +1,4 @@
-//! The sheet of the simulated rig, with the wires that lead to it now.
+//! The sheet of the simulated rig with its present connections.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -17,7 +17,7 @@ const FIRST_OF_MAINFRAME: u32 = 1000;
 /// The source's terminals.
 const SOURCE: [Point; 2] = [Point::Source(true), Point::Source(false)];
 
-/// The board's chips that join poles to electrodes.
+/// The board's chips that connect poles to electrodes.
 fn chips(poles: [Option<Electrode>; 4]) -> impl Iterator<Item = Relay> {
     (1..).zip(poles).filter_map(|(pole, electrode)| {
         let number = u32::try_from(electrode?.number()).ok()?;
@@ -25,46 +25,46 @@ fn chips(poles: [Option<Electrode>; 4]) -> impl Iterator<Item = Relay> {
     })
 }
 
-/// How the voltmeter takes a reading.
+/// Parameters of a reading.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ReadingRequest {
     pub(crate) relay: Option<Relay>,
     pub(crate) range: Volts,
     pub(crate) nplc: f64,
-    /// What the voltmeter itself sends from HI to LO.
+    /// The voltmeter's own test current from HI to LO.
     pub(crate) test: Amps,
-    /// The bus that it looks at.
+    /// The analogue bus it measures.
     pub(crate) bus: u32,
 }
 
-/// A phantom behind a fixture: what the source sees, and what the voltmeter sees.
+/// A phantom with its wiring: the load of the source, and the voltage at the voltmeter.
 #[derive(Debug)]
 pub(crate) struct Sheet {
     pub(crate) phantom: Phantom,
-    /// What hangs on the terminals instead of the phantom.
+    /// Resistors on the terminals instead of the phantom.
     load_network: Option<Vec<Resistor>>,
     no_sheet: DMatrix<f64>,
     fixture: Fixture,
     closed: BTreeSet<Relay>,
-    /// The channel that the voltmeter's scan has closed for the reading under way, with its bank's bus relay.
+    /// The channel closed by the voltmeter's scan for the reading in progress, with its bank's bus relay.
     scanned: Vec<Relay>,
     poles: [Option<Electrode>; 4],
-    /// Relays that stay as they are, whatever their instrument believes: closed or open.
+    /// Relays stuck closed or open by a fault, whatever their instrument reports.
     stuck: BTreeMap<Relay, bool>,
-    /// The same, of those whose life is over; and the ones that have been replaced since, which are not worn.
+    /// The same for relays at the end of their life; and those replaced since, which are not worn.
     worn: BTreeMap<Relay, bool>,
     replaced: BTreeSet<Relay>,
-    /// How often each has closed, where an effect of the scene must know it.
+    /// Number of closures of each relay, if an effect of the scene needs it.
     closures: BTreeMap<Relay, u64>,
-    /// Whatever is measured is over range.
+    /// Whether every reading is over range.
     pub(crate) overload: bool,
     flowing: Amps,
     source_range: Amps,
-    /// Of the mains, which integration is counted in.
+    /// Mains frequency, the unit of the integration time.
     line_hz: f64,
-    /// When current or relays last changed.
+    /// Time of the last change of current or relays.
     changed: Duration,
-    /// What the phantom could not compute; the source then sees an open circuit and readings are over range.
+    /// Error of the phantom's last solution; the source then sees an open circuit and readings are over range.
     fault: Option<PhantomError>,
 }
 
@@ -115,7 +115,7 @@ impl Sheet {
         self.changed = at;
     }
 
-    /// Relays have closed once more; some for the last time.
+    /// Counts a closure of relays; some may fail by it.
     fn count(&mut self, relays: Vec<Relay>, at: Duration) {
         for relay in relays {
             let closures = self.closures.entry(relay).or_default();
@@ -129,7 +129,7 @@ impl Sheet {
         }
     }
 
-    /// Says which channel a scan reads; `None` when it reads none.
+    /// Sets the channel that a scan reads; `None` for none.
     pub(crate) fn set_scanned(&mut self, channel: Option<Relay>) {
         self.scanned.clear();
         if let Some(channel) = channel {
@@ -138,12 +138,12 @@ impl Sheet {
         }
     }
 
-    /// A relay stays closed, or open.
+    /// Makes a relay stick, closed or open.
     pub(crate) fn stick(&mut self, relay: Relay, closed: bool) {
         self.stuck.insert(relay, closed);
     }
 
-    /// A relay moves again; a worn one has been replaced.
+    /// Frees a stuck relay; replaces a worn one.
     pub(crate) fn free(&mut self, relay: Relay) {
         self.stuck.remove(&relay);
         if self.worn.remove(&relay).is_some() {
@@ -151,12 +151,12 @@ impl Sheet {
         }
     }
 
-    /// Whether a relay stays as it is, by a fault or by wear.
+    /// Whether a relay is stuck, by a fault or by wear.
     pub(crate) fn is_stuck(&self, relay: Relay) -> bool {
         self.stuck.contains_key(&relay) || self.worn.contains_key(&relay)
     }
 
-    /// Whether a module of the mainframe has a relay, or the board where there is one.
+    /// Whether a module of the mainframe, or the board if present, has this relay.
     pub(crate) fn has_relay(&self, relay: Relay, board: bool) -> bool {
         match relay.0 {
             FIRST_OF_MAINFRAME.. => self.fixture.has_relay(relay),
@@ -175,16 +175,16 @@ impl Sheet {
             .extend(std::mem::take(&mut self.worn).into_keys());
     }
 
-    /// The mainframe's relays that are really closed, outside of a scan.
+    /// The mainframe's relays that are actually closed, without those of a scan.
     pub(crate) fn closed(&self) -> BTreeSet<Relay> {
         self.really(self.closed.iter().copied())
             .filter(|relay| relay.0 >= FIRST_OF_MAINFRAME)
             .collect()
     }
 
-    /// Of relays that should be closed those that are, and with them the ones that are stuck closed.
+    /// The relays that are actually closed: those of the commanded ones that can close, and those stuck closed.
     fn really(&self, commanded: impl Iterator<Item = Relay>) -> impl Iterator<Item = Relay> {
-        // What a person has stuck stays so, whatever wear would make of it.
+        // A fault takes precedence over wear.
         let worn = self.worn.iter();
         let worn = worn.filter(|(relay, _)| !self.stuck.contains_key(relay));
         let stuck = self.stuck.iter().chain(worn);
@@ -208,13 +208,13 @@ impl Sheet {
         self.fault.as_ref()
     }
 
-    /// What an ideal voltmeter has at its terminals.
+    /// The voltage at an ideal voltmeter's terminals.
     pub(crate) fn voltage(&mut self, at: Duration) -> Volts {
         self.voltage_with(at, Amps(0.0), 1)
     }
 
-    /// What it has on that bus while it sends a current of its own through its terminals; infinite where that current
-    /// finds no way. The source goes on as it is: what the test current does to its compliance is left out.
+    /// The voltage on a bus while the voltmeter sends its own test current; infinite without a path for that current.
+    /// The effect of the test current on the source's compliance is ignored.
     fn voltage_with(&mut self, at: Duration, test: Amps, bus: u32) -> Volts {
         let flowing = self.flowing.0;
         if flowing == 0.0 && test.0 == 0.0 {
@@ -248,13 +248,13 @@ impl Sheet {
         }
     }
 
-    /// How long an integration of so many power-line cycles takes.
+    /// Duration of an integration of this many power-line cycles.
     pub(crate) fn integration(&self, nplc: f64) -> Duration {
         survey::duration(nplc / self.line_hz)
     }
 
-    /// What the voltmeter is given to measure: the ideal voltage, bent by the scene's effects. `mean` is what flowed on
-    /// average during the reading, where a source knows it.
+    /// The measured voltage: the ideal voltage with the scene's effects. `mean` is the mean current during the reading,
+    /// if the source computes it.
     pub(crate) fn measured(
         &mut self,
         at: Duration,
@@ -298,8 +298,7 @@ impl Sheet {
         self.phantom.reading(exact, context)
     }
 
-    /// What a current from the one point to the other meets, ohm; infinite where nothing joins them or the phantom
-    /// cannot be solved.
+    /// Resistance between two points, ohm; infinite if they are not connected or the phantom cannot be solved.
     fn resistance_between(&mut self, [from, to]: [Point; 2], at: Duration) -> f64 {
         let resistors = self.resistors(at);
         match self.impedance(at) {
@@ -311,7 +310,7 @@ impl Sheet {
         }
     }
 
-    /// Voltage at the voltmeter for each ampere of the source.
+    /// Voltage at the voltmeter per ampere of the source.
     pub(crate) fn transfer(&mut self, at: Duration) -> Ohms {
         let resistors = self.resistors(at);
         match self.impedance(at) {
@@ -365,7 +364,7 @@ impl Sheet {
             .collect()
     }
 
-    /// The transfer impedance of what the electrodes belong to; nothing belongs to it when resistors hang there.
+    /// The transfer impedance of the sheet; it has no connected electrodes if resistors replace it.
     fn impedance(&mut self, at: Duration) -> Result<&DMatrix<f64>, PhantomError> {
         match self.load_network {
             Some(_) => Ok(&self.no_sheet),

@@ -1,4 +1,4 @@
-//! Which relay joins what to what: the terminal blocks of a rig wired for pairs.
+//! Connections of each relay: the terminal blocks of a rig wired for pairs.
 //!
 //! Pair k is electrodes k and k+1, H on k, L on k+1, the last with the first (fact sheet 34980A, section 8).
 //!
@@ -10,7 +10,7 @@
 //! | 34934A | rows I+, I-, V+, V-; column k: electrode k; the voltmeter by the rear ABus connector |
 //! | multiplexer board | poles I+, I-, V+, V-, any electrode on each; the voltmeter by the rear ABus connector |
 //!
-//! A channel beyond the last pair leads nowhere. A 34933A as one-wire matrices is left unwired.
+//! A channel after the last pair is not connected. A 34933A as one-wire matrices is left unwired.
 
 use std::collections::BTreeMap;
 
@@ -28,11 +28,11 @@ const FET: f64 = 350.0;
 /// A channel of a 74HC4067 on 5 V, ohm.
 const CHIP: f64 = 70.0;
 
-/// The resistances that each relay of the mainframe puts between two points when closed.
+/// The resistors of each mainframe relay when closed.
 #[derive(Debug, Default)]
 pub(crate) struct Fixture {
     relays: BTreeMap<Relay, Vec<Resistor>>,
-    /// For a channel of a multiplexer the relay that a scan closes with it: its bank's to bus 1.
+    /// For a channel of a multiplexer, the relay that a scan closes with it: its bank's to bus 1.
     scanned_by: BTreeMap<Relay, Relay>,
     slots: [Option<Module>; 8],
     electrodes: usize,
@@ -65,12 +65,12 @@ impl Fixture {
         fixture
     }
 
-    /// The resistances of a closed relay; none for one that leads nowhere.
+    /// The resistors of a closed relay; none if it is not connected.
     pub(crate) fn resistors(&self, relay: Relay) -> &[Resistor] {
         self.relays.get(&relay).map_or(&[], Vec::as_slice)
     }
 
-    /// The resistances of a closed relay of the mainframe or of the board.
+    /// The resistors of a closed relay of the mainframe or the board.
     pub(crate) fn joined(&self, relay: Relay) -> impl Iterator<Item = Resistor> {
         let chip = board(relay).filter(|chip| self.has(chip.from));
         self.resistors(relay).iter().copied().chain(chip)
@@ -82,7 +82,7 @@ impl Fixture {
         self.slots.get(index).copied().flatten()
     }
 
-    /// Whether the module in its slot has a relay, wherever that leads.
+    /// Whether the module in its slot has this relay, connected or not.
     pub(crate) fn has_relay(&self, relay: Relay) -> bool {
         let place = keysight_34980a::split(relay);
         place.is_some_and(|(slot, channel)| {
@@ -91,7 +91,7 @@ impl Fixture {
         })
     }
 
-    /// Whether the board has a chip that joins this pole to an electrode.
+    /// Whether the board has a chip that connects this pole to an electrode.
     pub(crate) fn has_chip(&self, relay: Relay) -> bool {
         board(relay).is_some_and(|chip| self.has(chip.from))
     }
@@ -151,7 +151,7 @@ fn closed(module: &Module, slot: u32, channel: u32, electrodes: usize) -> Vec<Re
         Contact::AnalogBus { bank, bus } if is_multiplexer(model) => {
             two_wires(|hi| common(model, slot, bank, hi), |hi| Point::Bus(bus, hi))
         }
-        // On a dual matrix 921 ties row 5 to ABus1, 922 row 6 to ABus2, and so on.
+        // On a dual matrix 921 connects row 5 to ABus1, 922 row 6 to ABus2, and so on.
         Contact::AnalogBus { bus, .. } => {
             two_wires(|hi| row(slot, 4 + bus, hi), |hi| Point::Bus(bus, hi))
         }

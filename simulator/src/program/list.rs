@@ -1,4 +1,4 @@
-//! `tactus-sim list`: what can be simulated.
+//! `tactus-sim list`: available modules, profiles, scenes, loads and faults.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::{Profile, Scene};
 
-/// Every module with every terminal that it may have, as a slot is written.
+/// Every module with every terminal that it may have, in the form of a slot.
 const MODULES: [(&str, &str); 9] = [
     (
         "34921A",
@@ -35,7 +35,7 @@ const MODULES: [(&str, &str); 9] = [
     ),
 ];
 
-/// What there is, as JSON: modules, profiles, scenes, loads, faults.
+/// The lists as JSON: modules, profiles, scenes, loads, faults.
 pub(crate) fn json() -> Value {
     let modules: Vec<Value> = MODULES
         .iter()
@@ -77,7 +77,7 @@ pub(crate) fn json() -> Value {
     json!({ "modules": modules, "profiles": profiles, "scenes": scenes, "loads": loads, "faults": faults })
 }
 
-/// The same for people.
+/// The lists as text.
 pub(crate) fn text() -> String {
     let all = json();
     let mut text = String::new();

@@ -150,7 +150,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     }) {
         Ok(parsed) => parsed,
         Err(refusal) => {
-            // There is no other way to report an error that cannot be printed.
+            // An error that cannot be printed cannot be reported.
             refusal.print().ok();
             return ExitCode::from(u8::try_from(refusal.exit_code()).unwrap_or(2));
         }
@@ -239,12 +239,12 @@ fn prepare(options: &Serve) -> Result<(Profile, Scene), Fault> {
     Ok((profile, scene))
 }
 
-/// A shipped scene, or one in a file; without a name the quiet one.
+/// A shipped scene, or one in a file; the unloaded sheet without a name.
 fn scene_named(name: Option<&str>) -> Result<Scene, Fault> {
     Ok(name.map_or_else(|| Ok(Scene::quiet()), Scene::open)?)
 }
 
-/// Sends one line to a served rig.
+/// Sends a command line to a served rig.
 fn tell(to: &Control, line: &str) -> ExitCode {
     match crate::control::ask(to.control.as_deref(), line) {
         Ok(_) => ExitCode::SUCCESS,
@@ -273,7 +273,7 @@ fn show(of: &Control, json: bool) -> ExitCode {
     }
 }
 
-/// Prints; a closed pipe is no error.
+/// Prints; a closed pipe is not an error.
 fn say(text: &str) -> ExitCode {
     match writeln!(std::io::stdout(), "{text}") {
         Err(fault) if fault.kind() != std::io::ErrorKind::BrokenPipe => fail(&fault, 1),
@@ -286,10 +286,10 @@ async fn serve_until_stopped(
     options: &Serve,
     panel: Option<Panel>,
 ) -> Result<(), Fault> {
-    // Before the ready line: whoever waits for it may stop us at once.
+    // Before the ready line: a parent process may stop this one as soon as it appears.
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;
-    // Of a terminal that is closed.
+    // Sent when the terminal closes.
     let mut hangup = signal(SignalKind::hangup())?;
     let shown = rig.clone();
     let server = serve(
@@ -330,7 +330,7 @@ async fn serve_until_stopped(
     Ok(())
 }
 
-/// Prints the chain of causes once, at the edge.
+/// Prints the chain of causes.
 fn fail(fault: &dyn std::error::Error, code: u8) -> ExitCode {
     eprintln!("tactus-sim: {}", survey::error_chain(fault));
     ExitCode::from(code)
@@ -353,7 +353,7 @@ mod tests {
                 "press --control",
                 "release --control",
                 "replay file",
-                // a socket, which is bound where nothing has its name
+                // a socket, which is created if nothing has its name
                 "serve --control",
                 "status --control",
             ],
@@ -369,9 +369,9 @@ mod tests {
         let lines = chapter.lines().map(str::trim);
         for line in lines.filter(|line| line.starts_with("tactus-sim ")) {
             let line = line.split(" #").next().unwrap_or_default();
-            // The shell's own.
+            // The shell's background operator.
             let line = line.trim_end().trim_end_matches('&');
-            // Quotes hold words together.
+            // Quotes group words.
             let words = line.split('"').enumerate().flat_map(|(index, part)| {
                 if index % 2 == 1 {
                     vec![part]
@@ -390,7 +390,7 @@ mod tests {
         assert!(commands > 10);
         for profile in chapter.split("```toml\n").skip(1) {
             let text = profile.split("```").next().unwrap_or_default();
-            // a profile, or a piece of a scene
+            // a profile, or a part of a scene
             if let Err(fault) = Profile::parse("README.md", text) {
                 assert!(
                     crate::Scene::parse("README.md", text).is_ok(),

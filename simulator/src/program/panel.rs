@@ -1,4 +1,4 @@
-//! The lines on a terminal that say what a served rig does, written over as it changes.
+//! Status lines on a terminal that show a served rig, redrawn when it changes.
 
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,19 +8,19 @@ use tracing_subscriber::fmt::MakeWriter;
 
 use crate::SimulatedRig;
 
-/// Least time between two drawings.
+/// Minimum time between two redraws.
 const PERIOD: Duration = Duration::from_millis(200);
-/// Up to the panel's first line, and everything below it gone.
+/// Erases everything below the cursor, which is at the panel's first line.
 const ERASE: &str = "\x1b[0J";
 
-/// Lines at the foot of standard error; messages are printed above them.
+/// Lines at the end of standard error; messages are printed above them.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Panel(Arc<Mutex<Drawn>>);
 
 #[derive(Debug, Default)]
 struct Drawn {
     text: String,
-    /// What the terminal shows of it: lines.
+    /// Number of lines on the terminal.
     lines: usize,
 }
 
@@ -29,11 +29,11 @@ impl Panel {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Draws the rig's state whenever it has changed, for as long as it is polled.
+    /// Draws the rig's state whenever it changes, as long as the future is polled.
     pub(crate) async fn keep_drawing(&self, rig: &SimulatedRig) {
         loop {
             let looked_at = rig.clone();
-            // The state may cost a solution of the sheet.
+            // The state may need a solution of the sheet.
             let status = tokio::task::spawn_blocking(move || looked_at.status()).await;
             if let Ok(status) = status {
                 self.draw(&status.to_string()).ok();
@@ -64,8 +64,7 @@ fn erase(drawn: &mut Drawn, out: &mut impl Write) -> io::Result<()> {
 
 fn show(drawn: &mut Drawn, out: &mut impl Write) -> io::Result<()> {
     for line in drawn.text.lines() {
-        // Without wrapping, so that a line is a line.
-        // clients of the instruments are quoted in it
+        // Escaped, because it quotes clients of the instruments. Without wrapping, so that each entry takes one line.
         let line = survey::printable(line);
         writeln!(out, "\x1b[?7l{line}\x1b[?7h")?;
     }

@@ -1,4 +1,4 @@
-//! `tactus-sim golden` and `tactus-sim replay`: transcripts played to simulators.
+//! `tactus-sim golden` and `tactus-sim replay`: replay of transcripts to simulators.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -111,7 +111,7 @@ pub(super) fn make_golden(options: &MakeGolden) -> ExitCode {
     }
 }
 
-/// The golden, and where the simulator answers otherwise.
+/// The golden, and the first difference of the simulator's replies.
 fn written_golden(options: &MakeGolden) -> Result<(Golden, Option<String>), Fault> {
     let entries = read_transcript(&options.file)?;
     let place = options.file.display().to_string();
@@ -128,7 +128,7 @@ fn written_golden(options: &MakeGolden) -> Result<(Golden, Option<String>), Faul
         }
         None => "the golden".to_owned(),
     };
-    // Read again, so that differences are reported with their lines.
+    // Parsed again, so that differences are reported with their lines.
     let differs = Golden::parse(&place, &text)?.play(&place).err();
     Ok((golden, differs.map(|fault| fault.to_string())))
 }

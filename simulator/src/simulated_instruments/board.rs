@@ -1,4 +1,4 @@
-//! The multiplexer board as an instrument of the rig.
+//! The multiplexer board of the simulated rig.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrume
 pub(crate) struct Board(SimulatorGpioMux);
 
 impl Board {
-    /// Just switched on.
+    /// A board after power on.
     pub(crate) fn new(settings: Settings) -> Self {
         Self(SimulatorGpioMux::new(settings))
     }

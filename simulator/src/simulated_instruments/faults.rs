@@ -9,11 +9,11 @@ use crate::instrument::Instrument;
 use crate::profile::Pace;
 use crate::simulated_instruments::{ReplyTiming, SimulatedInstruments};
 
-/// More messages than any instrument's error queue holds.
+/// More messages than the error queue of any instrument holds.
 const OVERFLOWING: usize = 64;
 
 impl SimulatedInstruments {
-    /// Queues an error that arose outside of any message; what the instrument says to it, if it says anything.
+    /// Queues an error that does not belong to a message; returns the instrument's reply, if any.
     pub(crate) fn refuse(
         &mut self,
         instrument: Instrument,
@@ -28,7 +28,7 @@ impl SimulatedInstruments {
         refused.0
     }
 
-    /// What the time line holds until now.
+    /// The faults of the time line that are due.
     pub(crate) fn take_due_faults(&mut self) -> Vec<Fault> {
         let now = self.now();
         let due = self.time_line.iter().take_while(|timed| timed.at <= now);
@@ -39,7 +39,7 @@ impl SimulatedInstruments {
             .collect()
     }
 
-    /// Time on the wall until the next of the time line.
+    /// Real time until the next fault of the time line.
     pub(crate) fn next_fault_in(&self) -> Option<Duration> {
         let left = self.time_line.front()?.at.saturating_sub(self.now());
         match self.pace {
@@ -49,13 +49,13 @@ impl SimulatedInstruments {
         }
     }
 
-    /// Whether a module or the voltmeter has been taken out.
+    /// Whether a module or the voltmeter is removed.
     pub(crate) fn is_opened_up(&self) -> bool {
         let mut instruments = self.places.iter().map(|place| &place.instrument);
         instruments.any(|instrument| instrument.is_opened_up())
     }
 
-    /// A fault inside the instruments or between them and the sheet.
+    /// Applies a fault inside the instruments or between them and the sheet.
     pub(crate) fn fault(&mut self, fault: &Fault) {
         let at = self.now();
         match fault {
@@ -91,7 +91,7 @@ impl SimulatedInstruments {
         self.catch_up();
     }
 
-    /// Offers a fault to all instruments, the source first; each takes what concerns it.
+    /// Passes a fault to all instruments, the source first; each handles the faults that concern it.
     fn fault_of_instruments(&mut self, fault: &Fault, at: Duration) {
         for role in Instrument::ALL {
             self.act(role, |instrument, outside| {

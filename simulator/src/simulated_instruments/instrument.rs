@@ -1,4 +1,4 @@
-//! What the rig asks of an instrument, and what an instrument meets outside of its terminals.
+//! The interface between the rig and its instruments.
 
 use std::fmt;
 use std::time::Duration;
@@ -10,26 +10,26 @@ use scpi::{ErrorEntry, ParseError};
 
 use crate::fault::Fault;
 
-/// The world outside of an instrument's terminals: what a source drives current through, what relays and poles lead to,
-/// and what a voltmeter measures. An instrument uses the part that it has terminals for.
+/// The circuit outside an instrument's terminals: the load of a source, the connections of relays and poles, and the
+/// voltages at a voltmeter. An instrument uses the part that it has terminals for.
 pub(crate) trait Outside: Load + Wires + Poles {}
 
 impl<T: Load + Wires + Poles> Outside for T {}
 
-/// What an instrument makes of a message.
+/// Result of a message.
 #[derive(Debug, Default)]
 pub(crate) struct Reply {
-    /// The reply without its line end; none where the message has none.
+    /// The reply without its line end; `None` if the message has none.
     pub(crate) text: Option<String>,
-    /// How long the instrument is busy with it, by its own clock.
+    /// Time that the instrument is busy, by its own clock.
     pub(crate) busy: Duration,
-    /// Whether [`SimulatedInstrument::fetch`] gives the reply when that time is over.
+    /// Whether the reply must be fetched by [`SimulatedInstrument::fetch`] after that time.
     pub(crate) later: bool,
 }
 
-/// An instrument of the simulated rig. It receives text and gives text; times are those of its own clock, since power on.
+/// An instrument of the simulated rig. It receives and sends text; times are those of its own clock, since power on.
 pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
-    /// Receives one message of a client's session and gives the reply, whatever time that takes.
+    /// Receives a message of a client's session and returns the complete reply.
     fn receive(
         &mut self,
         session: u32,
@@ -38,7 +38,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         outside: &mut dyn Outside,
     ) -> Reply;
 
-    /// As [`SimulatedInstrument::receive`], but readings are taken at their own instants: the reply may come later.
+    /// As [`SimulatedInstrument::receive`], but readings are taken at their own times, so the reply may come later.
     fn begin(
         &mut self,
         session: u32,
@@ -49,7 +49,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         self.receive(session, line, at, outside)
     }
 
-    /// The reply that was to come later.
+    /// The postponed reply.
     fn fetch(
         &mut self,
         _session: u32,
@@ -59,26 +59,26 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         None
     }
 
-    /// The next instant at which it does something by itself.
+    /// The time of its next action without a message.
     fn due(&self) -> Option<Duration> {
         None
     }
 
-    /// Does what was due until now.
+    /// Performs the actions that are due.
     fn pass(&mut self, at: Duration, outside: &mut dyn Outside);
 
-    /// Another instrument has moved what leads to the terminals.
+    /// Notifies it that another instrument has changed the connections of its terminals.
     fn load_changed(&mut self, _at: Duration, _load: &mut dyn Load) {}
 
-    /// The current source in it, if it is one.
+    /// The instrument as a current source, if it is one.
     fn current_source(&self) -> Option<&Simulator6221> {
         None
     }
 
-    /// How many errors it ever queued, and the last of them.
+    /// Number of errors queued since power on, and the last of them.
     fn latest_error(&self) -> (u64, Option<&ErrorEntry>);
 
-    /// Queues an error that arose outside of any message; gives a reply where the instrument replies even so.
+    /// Queues an error that does not belong to a message; returns the instrument's reply, if any.
     fn refuse(
         &mut self,
         session: u32,
@@ -87,13 +87,13 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         outside: &mut dyn Outside,
     ) -> Option<String>;
 
-    /// A client has connected: what the instrument calls it.
+    /// Registers a client under the name that the instrument uses for it.
     fn name_session(&mut self, _session: u32, _name: &str) {}
 
-    /// A client has left.
+    /// Removes a client that has disconnected.
     fn end_session(&mut self, _session: u32) {}
 
-    /// A device clear of a client.
+    /// Device clear by a client.
     fn clear_session(&mut self, _session: u32, _at: Duration, _outside: &mut dyn Outside) {}
 
     /// The status byte of a serial poll, without message available.
@@ -101,18 +101,18 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         0
     }
 
-    /// Switches it off and on; gives what it then sends unasked.
+    /// Power cycle; returns what the instrument then sends without a query.
     fn power_cycle(&mut self, at: Duration, outside: &mut dyn Outside) -> Option<String>;
 
-    /// Fills the error queue until it overflows; false where only messages can do that.
+    /// Fills the error queue until it overflows; false if only messages can do that.
     fn overflow_errors(&mut self) -> bool {
         false
     }
 
-    /// A fault inside the rig; the instrument takes what concerns it. [`Fault::None`] ends them all.
+    /// Applies a fault inside the rig, if it concerns the instrument. [`Fault::None`] ends them all.
     fn fault(&mut self, _fault: &Fault, _at: Duration, _outside: &mut dyn Outside) {}
 
-    /// Whether a part of it has been taken out.
+    /// Whether a part of it is removed.
     fn is_opened_up(&self) -> bool {
         false
     }

@@ -1,4 +1,4 @@
-//! The switch and voltmeter, a 34980A, as an instrument of the rig.
+//! The switch and voltmeter (34980A) of the simulated rig.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use scpi::{ErrorEntry, ParseError};
 use crate::fault::Fault;
 use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrument};
 
-/// A 34980A with the modules that a fault may take out and put back.
+/// A 34980A whose modules can be removed and inserted by faults.
 #[derive(Debug)]
 pub(crate) struct Mainframe {
     simulator: Simulator34980a,
@@ -18,7 +18,7 @@ pub(crate) struct Mainframe {
 }
 
 impl Mainframe {
-    /// Just switched on.
+    /// A mainframe after power on.
     pub(crate) fn new(settings: Settings34980a) -> Self {
         Self {
             slots: settings.slots,

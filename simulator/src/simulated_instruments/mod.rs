@@ -1,5 +1,5 @@
-//! The instruments and the sheet of one rig: whatever one instrument moves, the others meet.
-//! How an instrument behaves is left to the drivers' simulators, how clients reach it to `transport`.
+//! The instruments and the sheet of one rig, with their interactions. The drivers' simulators define the instruments'
+//! behaviour, `transport` the connections of clients.
 
 mod board;
 mod faults;
@@ -31,24 +31,24 @@ pub(crate) use crate::simulated_instruments::source::Source;
 /// 2000-01-01, seconds since 1970-01-01.
 const YEAR_2000: u32 = 946_684_800;
 
-/// The instruments of one rig, joined to one sheet.
+/// The instruments of one rig, connected to one sheet.
 #[derive(Debug)]
 pub(crate) struct SimulatedInstruments {
-    /// In the order in which they do what was due: what switches before what drives current.
+    /// In the order in which they perform due actions: switches before sources.
     places: Vec<Place>,
     pub(crate) sheet: Sheet,
     pace: Pace,
     start: Instant,
-    /// In instant time: what the instruments would have needed so far. Else what was skipped.
+    /// In instant time: the time that the instruments would have needed so far. Otherwise the time skipped.
     elapsed: Duration,
     pub(crate) transcript: Option<Vec<TranscriptLine>>,
-    /// Where in it a reply is still missing.
+    /// Position at which a reply is pending.
     unanswered: Option<usize>,
-    /// Where all messages and replies are written.
+    /// Writer of all messages and replies.
     pub(crate) recorder: Option<TranscriptWriter>,
-    /// What is still to happen, earliest first.
+    /// Future faults, earliest first.
     time_line: VecDeque<TimedFault>,
-    /// The last error that an instrument queued, for people.
+    /// The last error that an instrument queued, for the status.
     pub(crate) last_error: Option<String>,
 }
 
@@ -61,7 +61,7 @@ struct Place {
     identity: String,
 }
 
-/// The instruments that a profile describes, each with its role, in the order in which they do what was due.
+/// The instruments of a profile with their roles, in the order in which they perform due actions.
 fn of_profile(
     profile: &Profile,
     electrodes: usize,
@@ -96,12 +96,12 @@ fn of_profile(
     ]
 }
 
-/// What an instrument has received and said, counted.
+/// Counters of an instrument's messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Messages {
     /// Messages received.
     pub received: u64,
-    /// Replies given.
+    /// Replies sent.
     pub answered: u64,
     /// Messages that made the voltmeter take readings.
     pub reading: u64,
@@ -109,42 +109,42 @@ pub struct Messages {
     pub readings: u64,
 }
 
-/// One line of a transcript.
+/// A line of a transcript.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TranscriptLine {
     /// The instruments' time.
     pub at: Duration,
-    /// Who received it.
+    /// The instrument that received the message.
     pub instrument: Instrument,
-    /// What it received.
+    /// The message.
     pub received: String,
-    /// What it answered.
+    /// The reply.
     pub answered: Option<String>,
 }
 
-/// What an instrument made of a message.
+/// Outcome of a message.
 #[derive(Debug)]
 pub(crate) struct MessageOutcome {
     pub(crate) text: Option<String>,
-    /// How long that takes by the clock on the wall.
+    /// Time until the reply, in real time.
     pub(crate) wait: Duration,
-    /// The reply is to be fetched when that is over.
+    /// Whether the reply must be fetched after that time.
     pub(crate) later: bool,
-    /// The error queued on the way, if one was.
+    /// The error queued by the message, if any.
     pub(crate) refused: Option<String>,
 }
 
-/// When a reply is made.
+/// When to compute a reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ReplyTiming {
-    /// At once, whatever time it takes by the instrument's clock.
+    /// Immediately, whatever time it takes by the instrument's clock.
     AtOnce,
-    /// When its time has come: readings are taken at their own instants, and [`SimulatedInstruments::fetch`] gives the reply.
+    /// In time: readings are taken at their own times, and [`SimulatedInstruments::fetch`] returns the reply.
     InTime,
 }
 
 impl SimulatedInstruments {
-    /// Instruments just switched on.
+    /// Instruments after power on.
     pub(crate) fn new(profile: &Profile, phantom: Phantom, mut time_line: Vec<TimedFault>) -> Self {
         let electrodes = phantom.electrodes();
         time_line.sort_by_key(|timed| timed.at);
@@ -176,7 +176,7 @@ impl SimulatedInstruments {
             let reply = new.receive(role, 0, "*IDN?", ReplyTiming::AtOnce);
             new.place_mut(role).identity = reply.text.unwrap_or_default();
         }
-        // No client has sent a message yet, and no time has passed.
+        // Before the first client message and without elapsed time.
         for place in &mut new.places {
             place.messages = Messages::default();
         }
@@ -194,7 +194,8 @@ impl SimulatedInstruments {
         place.expect("every role has its instrument")
     }
 
-    /// Lets an instrument act on the sheet and the other instruments; gives with the result how many readings it took.
+    /// Lets an instrument act on the sheet and the other instruments; returns its result and the number of readings
+    /// taken.
     fn act<T>(
         &mut self,
         role: Instrument,
@@ -229,7 +230,7 @@ impl SimulatedInstruments {
         &self.place(instrument).identity
     }
 
-    /// What the instruments' clock shows.
+    /// The instruments' clock.
     pub(crate) fn now(&self) -> Duration {
         let passed = self.start.elapsed();
         self.elapsed
@@ -240,7 +241,7 @@ impl SimulatedInstruments {
             }
     }
 
-    /// Lets the instruments' time pass.
+    /// Advances the instruments' time.
     pub(crate) fn advance(&mut self, by: Duration) {
         self.elapsed += by;
     }
@@ -249,14 +250,14 @@ impl SimulatedInstruments {
         self.place(instrument).messages
     }
 
-    /// What may have happened since the last message: the board's watchdog opened its poles, a load of the scene
-    /// changed what the source sees.
+    /// Performs what was due since the last message: the board's watchdog may have opened its poles, or a load of the
+    /// scene may have changed the source's load.
     pub(crate) fn catch_up(&mut self) {
         let at = self.now();
         let roles: Vec<Instrument> = self.places.iter().map(|place| place.role).collect();
         for role in roles {
             self.act(role, |instrument, outside| {
-                // Readings and steps that were due take place at their own instants, with the source as it was then.
+                // Due readings and steps take place at their own times, with the state of the source at these times.
                 while let Some(due) = instrument.due().filter(|due| *due < at) {
                     instrument.pass(due, outside);
                 }
@@ -265,7 +266,7 @@ impl SimulatedInstruments {
         }
     }
 
-    /// Lets an instrument receive one message.
+    /// Passes a message to an instrument.
     pub(crate) fn receive(
         &mut self,
         instrument: Instrument,
@@ -317,7 +318,7 @@ impl SimulatedInstruments {
         }
     }
 
-    /// The reply that was to be made later, now that its time is over.
+    /// The postponed reply, after its time.
     pub(crate) fn fetch(&mut self, session: u32) -> Option<String> {
         self.catch_up();
         let at = self.now();
@@ -336,18 +337,18 @@ impl SimulatedInstruments {
         text
     }
 
-    /// A client has come: what the instrument calls it.
+    /// Registers a client under the name that the instrument uses for it.
     pub(crate) fn name_session(&mut self, instrument: Instrument, session: u32, name: &str) {
         let place = self.place_mut(instrument);
         place.instrument.name_session(session, name);
     }
 
-    /// A client has left.
+    /// Removes a client that has disconnected.
     pub(crate) fn forget_session(&mut self, instrument: Instrument, session: u32) {
         self.place_mut(instrument).instrument.end_session(session);
     }
 
-    /// A client of the mainframe clears the device.
+    /// Device clear by a client of the mainframe.
     pub(crate) fn clear_session(&mut self, session: u32) {
         let at = self.now();
         self.act(Instrument::Mainframe, |mainframe, outside| {
@@ -361,7 +362,7 @@ impl SimulatedInstruments {
         self.place(Instrument::Mainframe).instrument.status_byte()
     }
 
-    /// Switches an instrument off and on; gives what it then sends unasked.
+    /// Power cycle; returns what the instrument then sends without a query.
     pub(crate) fn power_cycle(&mut self, instrument: Instrument) -> Option<String> {
         let at = self.now();
         let cycled = self.act(instrument, |instrument, outside| {
@@ -371,7 +372,7 @@ impl SimulatedInstruments {
     }
 }
 
-/// The sheet and the other instruments, as the one that acts meets them: whatever it moves, the others notice.
+/// The sheet and the other instruments, for the one that acts: they are notified of every change.
 struct Surroundings<'a> {
     others: [&'a mut [Place]; 2],
     sheet: &'a mut Sheet,
@@ -405,7 +406,7 @@ impl Wires for Surroundings<'_> {
     fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts {
         self.readings += 1;
         self.sheet.set_scanned(request.channel);
-        // The sheet may have been pressed since the relays moved.
+        // The loads on the sheet may have changed since the relays switched.
         self.load_changed(at);
         let reading = ReadingRequest {
             relay: request.channel,
@@ -414,7 +415,7 @@ impl Wires for Surroundings<'_> {
             test: request.test_current,
             bus: if request.four_wire { 2 } else { 1 },
         };
-        // What is read is the mean over the aperture, which ends now.
+        // The reading is the mean over the aperture, which ends now.
         let from = at.saturating_sub(self.sheet.integration(request.nplc));
         let places = self.others.iter().flat_map(|places| places.iter());
         let mut sources = places.filter_map(|place| place.instrument.current_source());

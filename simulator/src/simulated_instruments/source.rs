@@ -1,4 +1,4 @@
-//! The current source, a 6221, as an instrument of the rig.
+//! The current source (6221) of the simulated rig.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use survey::Amps;
 use crate::fault::Fault;
 use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrument};
 
-/// A 6221 with the settings that a power cycle restores.
+/// A 6221, with the settings that a power cycle restores.
 #[derive(Debug)]
 pub(crate) struct Source {
     simulator: Simulator6221,
@@ -17,7 +17,7 @@ pub(crate) struct Source {
 }
 
 impl Source {
-    /// Just switched on.
+    /// A source after power on.
     pub(crate) fn new(settings: Settings6221) -> Self {
         Self {
             simulator: Simulator6221::new(settings.clone()),

@@ -1,4 +1,4 @@
-//! What goes wrong in a rig, while it runs.
+//! Faults of a running rig.
 
 use std::collections::VecDeque;
 use std::sync::{MutexGuard, PoisonError};
@@ -10,10 +10,10 @@ use crate::simulated_rig::SimulatedRig;
 use survey::Relay;
 
 impl SimulatedRig {
-    /// Lets something go wrong, or puts it right.
+    /// Applies or ends a fault.
     ///
     /// # Errors
-    /// A fault of something that this rig has not.
+    /// A fault of a part that this rig does not have.
     pub fn fault(&self, fault: &Fault) -> Result<(), FaultError> {
         self.check_is_here(fault)?;
         tracing::info!("fault: {fault}");
@@ -44,7 +44,7 @@ impl SimulatedRig {
                 self.set_wire(Instrument::Board, wire);
             }
             Fault::Slot(..) | Fault::Voltmeter(_) => {
-                // A mainframe is opened with its power off.
+                // A mainframe must be switched off to be opened.
                 self.set_wire(Instrument::Mainframe, Wire::Cut);
                 self.instruments().fault(fault);
                 self.set_wire(Instrument::Mainframe, Wire::Sound);
@@ -75,7 +75,7 @@ impl SimulatedRig {
         Ok(())
     }
 
-    /// Whether this rig has what a fault is about.
+    /// Checks that this rig has the part that a fault concerns.
     fn check_is_here(&self, fault: &Fault) -> Result<(), FaultError> {
         match fault {
             Fault::Wire(Instrument::Board, _)
@@ -119,7 +119,7 @@ impl SimulatedRig {
         }
     }
 
-    /// Lets happen what the time line holds for now.
+    /// Applies the faults of the time line that are due.
     pub(crate) fn apply_due_faults(&self) {
         let due = self.instruments().take_due_faults();
         for fault in due {
@@ -129,18 +129,17 @@ impl SimulatedRig {
         }
     }
 
-    /// Time on the wall until the time line's next fault; `None` when there is none, or when time only passes as
-    /// messages are received.
+    /// Real time until the time line's next fault; `None` if there is none, or if time only advances with messages.
     pub(crate) fn next_fault_in(&self) -> Option<Duration> {
         self.instruments().next_fault_in()
     }
 
-    /// How much later than it could an instrument answers.
+    /// Additional delay of an instrument's replies.
     pub(crate) fn slowness(&self, instrument: Instrument) -> Duration {
         self.link_faults()[instrument.index()].slower_by
     }
 
-    /// What happens to an instrument's next reply.
+    /// The fault of an instrument's next reply.
     pub(crate) fn reply_fault(&self, instrument: Instrument) -> Option<ReplyFault> {
         self.link_faults()[instrument.index()].take()
     }
@@ -151,7 +150,7 @@ impl SimulatedRig {
     }
 }
 
-/// Replies that go wrong, and how slow the answers are.
+/// Faults of replies, and their delay.
 #[derive(Debug, Default)]
 pub(crate) struct LinkFaults {
     next: VecDeque<(ReplyFault, u32)>,
@@ -159,7 +158,7 @@ pub(crate) struct LinkFaults {
 }
 
 impl LinkFaults {
-    /// What happens to the next reply.
+    /// The fault of the next reply.
     fn take(&mut self) -> Option<ReplyFault> {
         let (reply_fault, left) = self.next.front_mut()?;
         let reply_fault = *reply_fault;

@@ -1,4 +1,4 @@
-//! The simulators, joined to one sheet, behind streams of bytes.
+//! The simulated instruments with one sheet, connected by byte streams.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::AtomicU32;
@@ -21,49 +21,49 @@ mod received;
 mod record;
 pub(crate) mod status;
 
-/// Why there is no simulated rig.
+/// Errors of a simulated rig.
 #[derive(Debug, thiserror::Error)]
 pub enum RigError {
-    /// The sheet of the scene cannot be had.
+    /// The scene's sheet cannot be made.
     #[error("the simulated sheet cannot be made")]
     Sheet(#[from] PhantomError),
-    /// The profile's boards are made for fewer electrodes.
+    /// The profile's board supports fewer electrodes.
     #[error("the scene has {electrodes} electrodes, {what} holds {most}")]
     Electrodes {
-        /// The scene's.
+        /// Electrodes of the scene.
         electrodes: usize,
         /// Which instrument.
         what: &'static str,
-        /// What fits.
+        /// Maximum number.
         most: usize,
     },
-    /// The scene has a fault that these instruments do not know.
+    /// A fault of the scene does not apply to these instruments.
     #[error("{place}: {cause}")]
     Fault {
-        /// Where it stands: `file:line:column`.
+        /// Its position: `file:line:column`.
         place: String,
         /// What is wrong with it.
         cause: crate::FaultError,
     },
-    /// The profile's load hangs on terminals that the fixture does not have.
+    /// The profile's load uses terminals that the fixture does not have.
     #[error("the load '{load}' needs more than the {electrodes} terminals of the scene")]
     Load {
-        /// The load's words.
+        /// The load, as text.
         load: String,
-        /// The scene's electrodes.
+        /// Electrodes of the scene.
         electrodes: usize,
     },
 }
 
-/// Simulated instruments joined to one simulated sheet. A handle: clones mean the same rig.
+/// Simulated instruments connected to one simulated sheet. A handle: clones refer to the same rig.
 ///
-/// Connections are streams of bytes; no way from the sheet to a reading avoids text. Inside a tokio runtime.
+/// Connections are byte streams; every reading is transferred as text. Requires a tokio runtime.
 #[derive(Debug, Clone)]
 pub struct SimulatedRig {
     pub(crate) shared: Arc<Shared>,
 }
 
-/// Clients connected now: session, instrument, address.
+/// Clients connected: session, instrument, address.
 pub(crate) type Clients = BTreeMap<u32, (Instrument, String)>;
 
 #[derive(Debug)]
@@ -72,11 +72,11 @@ pub(crate) struct Shared {
     pub(crate) wires: Vec<watch::Sender<WireState>>,
     link_faults: Mutex<Vec<LinkFaults>>,
     clients: Mutex<Clients>,
-    /// The next client's session; 0 is the rig's own.
+    /// Number of the next client's session; 0 is the rig's own.
     pub(crate) sessions: AtomicU32,
-    /// What the board says unasked.
+    /// Text that the board sends without a query.
     pub(crate) banner: watch::Sender<String>,
-    /// Something that people look at may have changed.
+    /// Notifies displays of a possible change.
     pub(crate) changed: Notify,
     electrodes: usize,
     has_board: bool,
@@ -84,10 +84,10 @@ pub(crate) struct Shared {
 }
 
 impl SimulatedRig {
-    /// Instruments just switched on, the scene's time at zero.
+    /// Instruments after power on, with the scene's time at zero.
     ///
     /// # Errors
-    /// A scene whose sheet cannot be made, or has more electrodes than the profile's board takes.
+    /// A scene whose sheet cannot be made, or has more electrodes than the profile's board supports.
     pub fn new(profile: &Profile, scene: Scene) -> Result<Self, RigError> {
         let mut time_line = profile.faults.clone();
         for fault in &scene.faults {
@@ -142,7 +142,7 @@ impl SimulatedRig {
         self.shared.electrodes
     }
 
-    /// Who may connect to the source, and for how long its place stays taken.
+    /// Settings of the source, including those of its connections.
     pub(crate) fn source_profile(&self) -> &crate::profile::Source {
         &self.shared.source
     }
@@ -152,7 +152,7 @@ impl SimulatedRig {
         self.shared.has_board
     }
 
-    /// Breaks or mends the wire to an instrument.
+    /// Cuts or restores the wire to an instrument.
     pub fn set_wire(&self, instrument: Instrument, wire: Wire) {
         self.shared.wires[instrument.index()].send_modify(|line| {
             line.wire = wire;
@@ -160,35 +160,35 @@ impl SimulatedRig {
         });
     }
 
-    /// Presses a load on the sheet, beside those of the scene, until [`SimulatedRig::release`].
+    /// Presses a load on the sheet, in addition to those of the scene, until [`SimulatedRig::release`].
     ///
     /// # Errors
-    /// A load that cannot be.
+    /// An invalid load.
     pub fn press(&self, load: Load) -> Result<(), PhantomError> {
         self.with_phantom(|phantom| phantom.press(load))
     }
 
-    /// Takes off again what was pressed; false where nothing was.
+    /// Removes the pressed loads; false if there are none.
     pub fn release(&self) -> bool {
         self.with_phantom(Phantom::release)
     }
 
-    /// The phantom behind the instruments, for pressing it and asking it for the truth.
+    /// Access to the phantom behind the instruments, for presses and for the true conductance.
     pub fn with_phantom<T>(&self, act: impl FnOnce(&mut Phantom) -> T) -> T {
         act(&mut self.instruments().sheet.phantom)
     }
 
-    /// What the instruments' clock shows: the scene's time line runs by it.
+    /// The instruments' clock, which is also that of the scene's time line.
     pub fn now(&self) -> Duration {
         self.instruments().now()
     }
 
-    /// Lets the instruments' time pass.
+    /// Advances the instruments' time.
     pub fn advance(&self, by: Duration) {
         self.instruments().advance(by);
     }
 
-    /// The current that really flows.
+    /// The actual current.
     pub fn flowing(&self) -> Amps {
         self.instruments_now().sheet.flowing()
     }
@@ -199,57 +199,57 @@ impl SimulatedRig {
         (instruments.source().output(), instruments.source().level())
     }
 
-    /// The mainframe's relays that are really closed.
+    /// The mainframe's relays that are actually closed.
     pub fn closed(&self) -> BTreeSet<Relay> {
         self.instruments_now().sheet.closed()
     }
 
-    /// The electrodes that the board's poles are really joined to: I+, I-, V+, V-.
+    /// The electrodes that the board's poles are actually connected to: I+, I-, V+, V-.
     pub fn poles(&self) -> [Option<Electrode>; 4] {
         self.instruments_now().sheet.poles()
     }
 
-    /// What an ideal voltmeter on analogue bus 1 would have at its terminals now.
+    /// The present voltage at the terminals of an ideal voltmeter on analogue bus 1.
     pub fn voltage(&self) -> Volts {
         let mut instruments = self.instruments_now();
         let at = instruments.now();
         instruments.sheet.voltage(at)
     }
 
-    /// Why the sheet could not be computed, if it ever could not; readings are then over range.
+    /// Error of the sheet's last failed solution, if any; readings are then over range.
     pub fn sheet_fault(&self) -> Option<String> {
         self.instruments().sheet.fault().map(ToString::to_string)
     }
 
-    /// What an instrument has received and said so far.
+    /// Counters of an instrument's messages.
     pub fn messages(&self, instrument: Instrument) -> Messages {
         self.instruments().messages(instrument)
     }
 
-    /// Begins to write down everything that is said, from nothing.
+    /// Starts a new transcript in memory.
     pub fn keep_transcript(&self) {
         self.instruments().transcript = Some(Vec::new());
     }
 
-    /// Everything said since [`SimulatedRig::keep_transcript`].
+    /// The transcript since [`SimulatedRig::keep_transcript`].
     pub fn transcript(&self) -> Vec<TranscriptLine> {
         self.instruments().transcript.clone().unwrap_or_default()
     }
 
-    /// Switches an instrument off and on: its settings are lost, latching relays stay, its connections break.
+    /// Power cycle of an instrument: its settings are lost, latching relays stay, its connections break.
     pub fn power_cycle(&self, instrument: Instrument) {
         self.set_wire(instrument, Wire::Cut);
         self.instruments().power_cycle(instrument);
         self.set_wire(instrument, Wire::Sound);
     }
 
-    /// What an instrument says of itself, without taking its time.
+    /// The instrument's `*IDN?` reply, without taking its time.
     pub(crate) fn identity(&self, instrument: Instrument) -> String {
         let instruments = self.instruments();
         instruments.identity(instrument).to_owned()
     }
 
-    /// What a person wants to know about the rig.
+    /// The state of the rig, for display.
     pub fn status(&self) -> Status {
         let clients = self
             .clients()
@@ -290,14 +290,14 @@ impl SimulatedRig {
         clients.unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The instruments, brought up to the present time.
+    /// The instruments, advanced to the present time.
     fn instruments_now(&self) -> MutexGuard<'_, SimulatedInstruments> {
         let mut instruments = self.instruments();
         instruments.catch_up();
         instruments
     }
 
-    /// A simulator that panicked has logged that already; its state is still what people want to see.
+    /// A panic of a simulator was logged; its state is still useful for display.
     fn instruments(&self) -> MutexGuard<'_, SimulatedInstruments> {
         self.shared
             .instruments

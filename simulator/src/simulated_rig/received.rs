@@ -1,4 +1,4 @@
-//! What the instruments receive, from whom, and what is reported of what they refuse.
+//! Messages from clients to the instruments, and logging of refused ones.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use crate::simulated_instruments::{MessageOutcome, ReplyTiming};
 use crate::simulated_rig::SimulatedRig;
 
 impl SimulatedRig {
-    /// Lets an instrument receive one message, and says what it answers and how long that takes in the caller's time.
+    /// Passes a message to an instrument; returns its reply and the time it takes for the caller.
     pub fn receive(&self, instrument: Instrument, line: &str) -> (Option<String>, Duration) {
         let received = self.receive_from(instrument, 0, line, ReplyTiming::AtOnce);
         (received.text, received.wait)
@@ -55,13 +55,13 @@ impl SimulatedRig {
         received
     }
 
-    /// Lets happen what was due by now.
+    /// Performs what is due.
     pub(crate) fn catch_up(&self) {
         self.apply_due_faults();
         self.instruments().catch_up();
     }
 
-    /// The mainframe's reply that was to be made later, now that its time is over.
+    /// The mainframe's postponed reply, after its time.
     pub(crate) fn fetch(&self, session: u32) -> Option<String> {
         self.apply_due_faults();
         let text = {
@@ -83,7 +83,7 @@ impl SimulatedRig {
         text
     }
 
-    /// Queues an error that arose outside of any message of a session. The board answers even so.
+    /// Queues an error that does not belong to a message of a session. Only the board sends a reply.
     pub(crate) fn refuse(
         &self,
         instrument: Instrument,
@@ -100,7 +100,7 @@ impl SimulatedRig {
             .clients()
             .get(&session)
             .map_or_else(|| "the rig".to_owned(), |(_, address)| address.clone());
-        // Escaped: what a stranger sends must not steer a terminal.
+        // Escaped: untrusted text must not control a terminal.
         let shown: String = line.chars().take(80).flat_map(char::escape_debug).collect();
         match line {
             "" => tracing::warn!("{from} at the {instrument}: {refused}"),
@@ -122,7 +122,7 @@ impl SimulatedRig {
         self.shared.changed.notify_waiters();
     }
 
-    /// What ends a line on the source's serial port.
+    /// The line end of the source's serial port.
     pub(crate) fn serial_terminator(&self) -> &'static str {
         self.instruments().source().serial_terminator()
     }

@@ -1,4 +1,4 @@
-//! What is said to the instruments, written to a file.
+//! Recording of all messages and replies to a file.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use crate::simulated_instruments::SimulatedInstruments;
 use crate::simulated_rig::SimulatedRig;
 
 impl SimulatedRig {
-    /// From now on everything that is said goes into a file. A disk that is full ends that, with a warning.
+    /// Starts recording to a file. A full disk ends the recording with a warning.
     pub fn record(&self, writer: TranscriptWriter) {
         self.instruments().recorder = Some(writer);
     }

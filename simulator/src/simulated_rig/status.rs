@@ -1,19 +1,19 @@
-//! What a person wants to know about a served rig.
+//! The state of a served rig, for display.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// The rig at a moment.
+/// State of the rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// The instruments' time, seconds.
     pub at_s: f64,
-    /// Who is connected.
+    /// Connected clients.
     pub clients: Vec<Client>,
     /// The current source.
     pub source: SourceStatus,
-    /// The mainframe's relays that are really closed.
+    /// The mainframe's relays that are actually closed.
     pub closed: Vec<u32>,
     /// Numbers of the electrodes on the board's poles: I+, I-, V+, V-.
     pub poles: [Option<usize>; 4],
@@ -21,16 +21,16 @@ pub struct Status {
     pub last_error: Option<String>,
 }
 
-/// Somebody connected.
+/// A connected client.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Client {
-    /// To which instrument.
+    /// Its instrument.
     pub instrument: String,
-    /// From where.
+    /// Its address.
     pub address: String,
 }
 
-/// What the source does.
+/// State of the source.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SourceStatus {
     /// Whether the output is on.
@@ -48,11 +48,11 @@ pub struct SourceStatus {
     pub pulses: [u64; 6],
 }
 
-/// Most relays named in a line.
+/// Maximum number of relays listed in a line.
 const NAMED: usize = 12;
 
 impl fmt::Display for Status {
-    /// Four lines: clients, source, relays, last error; a fifth once the source has sent pulses.
+    /// Four lines: clients, source, relays, last error; and a fifth once the source has sent pulses.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let clients: Vec<String> = self
             .clients

@@ -1,4 +1,4 @@
-//! Goldens: conversations that a simulator must hold, each citing where it comes from.
+//! Goldens: conversations that a simulator must reproduce, each with its source.
 //!
 //! ```text
 //! # words for people
@@ -14,10 +14,10 @@
 //! < 1
 //! ```
 //!
-//! `>` is said, `<` is answered to the byte, `~` is answered in this shape (any digit for a digit, any sign for a sign;
-//! an overload is an overload), `.` says that nothing is answered, and `@` that what follows is said not before so many
-//! seconds after power on. Before the first `>` stand `instrument` (`6221`, `34980a`, `gpio`), `cites`, and what the
-//! instrument is made of: `slot N MODEL`, `vendor NAME`, `ohms R` on the source's terminals, `volts V` at the voltmeter.
+//! `>` is sent, `<` is the exact reply, `~` is a reply of this shape (any digit for a digit, any sign for a sign; an
+//! overload is an overload), `.` means no reply, and `@` that the next message is sent at least this number of seconds
+//! after power on. Before the first `>` come `instrument` (`6221`, `34980a`, `gpio`), `cites`, and the configuration:
+//! `slot N MODEL`, `vendor NAME`, `ohms R` on the source's terminals, `volts V` at the voltmeter.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -26,12 +26,12 @@ use std::time::Duration;
 use crate::Instrument;
 use crate::isolated::{InstrumentSetup, IsolatedInstrument};
 
-/// A conversation and what it is held with.
+/// A conversation with its instrument.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Golden {
-    /// What the instrument is made of.
+    /// Configuration of the instrument.
     pub setup: InstrumentSetup,
-    /// Where the conversation comes from: a fact sheet's section, a recording.
+    /// Source of the conversation: a section of a fact sheet, a recording.
     pub cites: Vec<String>,
     /// The conversation.
     pub lines: Vec<GoldenLine>,
@@ -40,36 +40,36 @@ pub struct Golden {
 /// A line of the conversation, with its number in the file (from 1).
 #[derive(Debug, Clone, PartialEq)]
 pub struct GoldenLine {
-    /// Its number; 0 where there is no file yet.
+    /// Its number; 0 if it was not read from a file.
     pub number: usize,
-    /// What it is.
+    /// Its content.
     pub step: Step,
 }
 
-/// What a line of a golden is.
+/// Content of a line of a golden.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
-    /// What follows is said not before this time after power on.
+    /// The next message is sent no earlier than this time after power on.
     At(Duration),
     /// A message.
     Say(String),
     /// Its reply.
     Answer(Expected),
-    /// It has no reply.
+    /// There is no reply.
     Silence,
 }
 
-/// A reply that is expected.
+/// An expected reply.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Expected {
-    /// To the byte.
+    /// Exactly this text.
     Text(String),
-    /// In this shape.
+    /// Any text of this shape.
     Shape(String),
 }
 
 impl Expected {
-    /// Whether a reply is as expected.
+    /// Whether a reply matches.
     pub fn holds(&self, reply: &str) -> bool {
         match self {
             Self::Text(text) => text == reply,
@@ -96,7 +96,7 @@ fn is_alike(one: &str, other: &str) -> bool {
         && overloads(one) == overloads(other)
 }
 
-/// Why a golden cannot be read, or is not held.
+/// Errors of goldens.
 #[derive(Debug, thiserror::Error)]
 pub enum GoldenError {
     /// The file cannot be read.
@@ -104,21 +104,21 @@ pub enum GoldenError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the operating system says.
+        /// The operating system's error.
         #[source]
         cause: std::io::Error,
     },
-    /// A line that says nothing, or something that cannot be.
+    /// An invalid line.
     #[error("{place}:{line}: {reason}")]
     Line {
         /// The file.
         place: String,
         /// Counted from 1.
         line: usize,
-        /// What is wrong with it, and what may stand there.
+        /// What is wrong, and what is allowed.
         reason: String,
     },
-    /// The instrument, or where it comes from, is not said.
+    /// The instrument or the source is missing.
     #[error("{place}: there is no line '{what} ...' before the first message")]
     Missing {
         /// The file.
@@ -126,7 +126,7 @@ pub enum GoldenError {
         /// The line that is missing.
         what: &'static str,
     },
-    /// The simulator answers otherwise.
+    /// The simulator's reply differs.
     #[error(
         "{place}:{line}: to '{content}' {expected} is expected, the simulator answers {answered}"
     )]
@@ -139,7 +139,7 @@ pub enum GoldenError {
         content: String,
         /// What is expected.
         expected: String,
-        /// What came.
+        /// The reply.
         answered: String,
     },
 }
@@ -148,7 +148,7 @@ impl Golden {
     /// Reads a file.
     ///
     /// # Errors
-    /// A file that cannot be read or is no golden.
+    /// A file that cannot be read or is not a golden.
     pub fn read(path: &Path) -> Result<Self, GoldenError> {
         let text = std::fs::read_to_string(path).map_err(|cause| GoldenError::Unreadable {
             path: path.to_owned(),
@@ -157,10 +157,10 @@ impl Golden {
         Self::parse(&path.display().to_string(), &text)
     }
 
-    /// Reads a text; `place` names it in errors.
+    /// Parses a text; `place` is its name in errors.
     ///
     /// # Errors
-    /// A line that is not of the format, with its number; no instrument, or nothing cited.
+    /// An invalid line, with its number; a missing instrument or source.
     pub fn parse(place: &str, text: &str) -> Result<Self, GoldenError> {
         let mut instrument = None;
         let mut setup = InstrumentSetup::of(Instrument::Source);
@@ -253,7 +253,7 @@ impl Golden {
         })
     }
 
-    /// Holds the conversation with a simulator just switched on.
+    /// Plays the conversation to a simulator after power on.
     ///
     /// # Errors
     /// [`GoldenError::Differs`] at the first reply that is not as expected.
@@ -306,7 +306,7 @@ impl fmt::Display for Expected {
 }
 
 impl fmt::Display for Golden {
-    /// As it is read.
+    /// In the format of the file.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let InstrumentSetup {
             instrument,

@@ -1,5 +1,5 @@
-//! Recorded conversations with instruments, played to the simulators: compared, or made into golden files.
-//! The file format is `rig::transcript`'s.
+//! Recorded conversations with instruments, replayed to the simulators for comparison, or converted to golden files.
+//! `rig::transcript` defines the file format.
 
 pub(crate) mod golden;
 pub(crate) mod playback;

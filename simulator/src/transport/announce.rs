@@ -1,33 +1,33 @@
-//! Announces the served instruments by mDNS, each under every type of service it has, and says goodbye.
+//! mDNS announcement of the served instruments under all their service types, and its withdrawal.
 //!
-//! `_scpi-raw._tcp` always; `_lxi._tcp`, `_http._tcp` and `_vxi-11._tcp` for what is served beside it, under the same
-//! instance name and with the same TXT record. Announcing fails soft: a machine without a multicast route serves all the
-//! same.
+//! `_scpi-raw._tcp` always; `_lxi._tcp`, `_http._tcp` and `_vxi-11._tcp` for the corresponding services, with the same
+//! instance name and TXT record. A failure is not fatal: a machine without a multicast route still serves the
+//! instruments.
 
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
 use mdns_sd::{IfKind, ServiceDaemon, ServiceInfo};
 
-/// Types of service (fact sheet lxi-discovery, section 3).
+/// Service types (fact sheet lxi-discovery, section 3).
 pub(crate) const SCPI_RAW: &str = "_scpi-raw._tcp.local.";
 pub(crate) const LXI: &str = "_lxi._tcp.local.";
 pub(crate) const HTTP: &str = "_http._tcp.local.";
 pub(crate) const SCPI_TELNET: &str = "_scpi-telnet._tcp.local.";
 pub(crate) const VXI_11: &str = "_vxi-11._tcp.local.";
 
-/// How long a goodbye may take.
+/// Timeout of the withdrawal.
 const GOODBYE: Duration = Duration::from_secs(2);
 
-/// What is announced, until [`Announcement::withdraw`].
+/// An announcement, until [`Announcement::withdraw`].
 pub(crate) struct Announcement {
     daemon: ServiceDaemon,
     names: Vec<String>,
 }
 
 impl Announcement {
-    /// Announces each service: its instrument's `*IDN?` reply, its type, its address; `None`, with a warning, when that
-    /// cannot be done.
+    /// Announces each service: its instrument's `*IDN?` reply, its type, its address; `None`, with a warning, if that
+    /// fails.
     pub(crate) fn make(services: &[(String, &'static str, SocketAddr)]) -> Option<Self> {
         let daemon = ServiceDaemon::new()
             .inspect_err(|fault| tracing::warn!("instruments are not announced: {fault}"))
@@ -36,7 +36,7 @@ impl Announcement {
             .iter()
             .any(|(_, _, address)| address.ip().is_loopback())
         {
-            // Left out unless asked for; a service on it alone is found only there.
+            // Disabled by default; a service bound to this interface can only be found on it.
             daemon.enable_interface(IfKind::LoopbackV4).ok();
             daemon.enable_interface(IfKind::LoopbackV6).ok();
         }
@@ -53,7 +53,7 @@ impl Announcement {
         Some(Self { daemon, names })
     }
 
-    /// Sends the goodbye records.
+    /// Sends the goodbye records, which withdraw the announcement.
     pub(crate) async fn withdraw(self) {
         for name in &self.names {
             if let Ok(gone) = self.daemon.unregister(name) {
@@ -66,7 +66,7 @@ impl Announcement {
     }
 }
 
-/// The four fields of `*IDN?`, byte for byte, in the order of the fact sheet.
+/// The four fields of `*IDN?`, unchanged, in the order of the fact sheet.
 pub(crate) fn properties(identity: &str) -> Vec<(&'static str, String)> {
     let mut fields = identity.splitn(4, ',').map(str::to_owned);
     let mut next = || fields.next().unwrap_or_default();

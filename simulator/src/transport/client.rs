@@ -1,4 +1,4 @@
-//! Clients at an instrument: who is connected, each with a session of its own, and how replies reach them.
+//! Connections of clients to an instrument: each has its own session; delivery of replies.
 
 use std::io;
 use std::net::SocketAddr;
@@ -17,23 +17,23 @@ use crate::instrument::{Instrument, Wire, WireState};
 use crate::simulated_instruments::{MessageOutcome, ReplyTiming};
 use crate::simulated_rig::SimulatedRig;
 
-/// Longest message an instrument takes, bytes; a longer one is dropped and queues -363.
+/// Longest message that an instrument accepts, bytes; a longer one is dropped and queues -363.
 pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
 
-/// How long an answer is waited for on behalf of a client that has closed its side.
+/// How long to wait for a reply for a client that has closed its sending side.
 const GRACE: Duration = Duration::from_secs(10);
 
-/// What a pipe in memory holds, bytes.
+/// Capacity of a pipe in memory, bytes.
 const PIPE: usize = 64 * 1024;
 
-/// A message that comes so soon after a reply was due follows it at once.
+/// A message this soon after the previous reply was due counts as sent immediately after it.
 const AT_ONCE: Duration = Duration::from_millis(3);
 
-/// How often readings that are waited for are brought up to date.
+/// Shortest interval for computing readings while a client waits for them.
 const SHORTEST_STEP: Duration = Duration::from_millis(5);
 const LONGEST_STEP: Duration = Duration::from_millis(100);
 
-/// A client connected to an instrument; it is entered in the rig's list until it is dropped.
+/// A client connected to an instrument; it is in the rig's list of clients until it is dropped.
 #[derive(Debug)]
 pub(crate) struct ClientSession {
     rig: SimulatedRig,
@@ -41,26 +41,26 @@ pub(crate) struct ClientSession {
     session: u32,
     line: watch::Receiver<WireState>,
     cuts: u64,
-    /// When the last reply was due, without what waiting took longer.
+    /// When the last reply was due, without delays of timers.
     due: Mutex<Instant>,
-    /// Whether the source's serial port is spoken to, whose lines end as its settings say.
+    /// Whether this is the source's serial port, whose line end is a setting.
     serial: bool,
 }
 
-/// What is to be sent for one message.
+/// The bytes to send for one message.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Delivery {
-    /// The bytes, with their line end unless a fault took it.
+    /// The bytes, with their line end unless a fault removed it.
     pub(crate) bytes: Vec<u8>,
 }
 
 impl ClientSession {
-    /// Enters a client; `address` is for people.
+    /// Registers a client; `address` is for display.
     pub(crate) fn enter(rig: &SimulatedRig, instrument: Instrument, address: &str) -> Self {
         let session = rig.shared.sessions.fetch_add(1, Ordering::Relaxed);
         let line = rig.shared.wires[instrument.index()].subscribe();
         let cuts = line.borrow().cuts;
-        // The instrument names a client of its network port by the address (`SYST:LOCK:OWN?`).
+        // The instrument identifies a client of its network port by the address (`SYST:LOCK:OWN?`).
         let socket = address.rsplit(' ').next().unwrap_or(address);
         if let Ok(socket) = socket.parse::<SocketAddr>() {
             rig.name_session(instrument, session, &format!("LAN{}", socket.ip()));
@@ -79,13 +79,13 @@ impl ClientSession {
         }
     }
 
-    /// Gives the session the name that the instrument has for its interface.
+    /// Sets the instrument's name for the session's interface.
     pub(crate) fn named(self, name: &str) -> Self {
         self.rig.name_session(self.instrument, self.session, name);
         self
     }
 
-    /// Bytes as they are received: a carriage return ends a message where the serial port is set so. Beside a line feed it
+    /// Converts received bytes: a carriage return ends a message if the serial port is set so; next to a line feed it
     /// is white space.
     fn received_as(&self, bytes: &mut [u8]) {
         if self.serial && self.rig.serial_terminator() == "\r" {
@@ -95,13 +95,13 @@ impl ClientSession {
         }
     }
 
-    /// Replies as they are sent.
+    /// Converts replies to the port's line end.
     fn sent_as(&self, bytes: Vec<u8>) -> Vec<u8> {
         let terminator = self.rig.serial_terminator();
         if !self.serial || terminator == "\n" {
             return bytes;
         }
-        // No reply has a line feed inside.
+        // No reply contains a line feed.
         let ended = |byte: u8| match byte {
             b'\n' => terminator.as_bytes().to_vec(),
             other => vec![other],
@@ -114,22 +114,22 @@ impl ClientSession {
         cut(self.line.clone(), self.cuts).await;
     }
 
-    /// Whether the far side receives and says nothing.
+    /// Whether the wire is silent.
     pub(crate) fn is_silent(&self) -> bool {
         self.line.borrow().wire == Wire::Silent
     }
 
-    /// Lets the instrument receive a message, waits as long as it needs, and gives what is to be sent.
+    /// Passes a message to the instrument, waits for the reply, and returns the bytes to send.
     pub(crate) async fn receive(&self, message: Vec<u8>) -> io::Result<Delivery> {
         let received = self.begin(message).await?;
         Ok(self.finish(received).await)
     }
 
-    /// Lets the instrument receive a message. What is then waited for, [`ClientSession::finish`] does.
+    /// Passes a message to the instrument. [`ClientSession::finish`] waits for the reply.
     pub(crate) async fn begin(&self, message: Vec<u8>) -> io::Result<MessageOutcome> {
         let received = String::from_utf8_lossy(&message).into_owned();
         let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
-        // A load that has moved costs a solution of the sheet, too long for a thread that others wait on.
+        // A moved load needs a solution of the sheet, too long for a thread with other tasks.
         let reply = tokio::task::spawn_blocking(move || {
             rig.receive_from(instrument, session, &received, ReplyTiming::InTime)
         })
@@ -137,8 +137,8 @@ impl ClientSession {
         reply.map_err(io::Error::other)
     }
 
-    /// When the reply to a message that came now is due. A client that sends the next message at once is answered at the
-    /// pace of the source itself (200 messages a second at 5 ms): what timers and the way took is made good.
+    /// When the reply to a message received now is due. A client that sends the next message immediately is answered at
+    /// the source's own rate (200 messages per second at 5 ms): delays of timers and transfers are compensated.
     fn due(&self, wait: Duration) -> Instant {
         let now = Instant::now();
         if self.instrument != Instrument::Source || wait.is_zero() {
@@ -150,12 +150,12 @@ impl ClientSession {
         *due
     }
 
-    /// Waits as long as the instrument needs, and gives what is to be sent.
+    /// Waits for the reply, and returns the bytes to send.
     pub(crate) async fn finish(&self, received: MessageOutcome) -> Delivery {
-        // The pace of the source makes up for delays of timers, not for a fault that slows the instrument.
+        // Delays of timers are compensated, a fault that slows the instrument is not.
         let slowness = self.rig.slowness(self.instrument);
         let end = self.due(received.wait) + slowness;
-        // Readings cost a solution of the sheet each: they are taken while they are waited for, not at the end.
+        // Each reading needs a solution of the sheet: they are computed during the wait, not at its end.
         let step = (received.wait / 8).clamp(SHORTEST_STEP, LONGEST_STEP);
         while received.later && end.saturating_duration_since(Instant::now()) > 2 * step {
             tokio::time::sleep(step).await;
@@ -197,15 +197,15 @@ impl ClientSession {
         Delivery { bytes }
     }
 
-    /// Queues an error that arose outside of any message: -363, -410, -420. The board answers even so.
+    /// Queues an error that does not belong to a message: -363, -410, -420. Only the board sends a reply.
     pub(crate) fn refuse(&self, refusal: ParseError) -> Option<String> {
         self.rig.refuse(self.instrument, self.session, refusal)
     }
 
-    /// A device clear: what the instrument does for this client ends.
+    /// Device clear: ends what the instrument does for this client.
     pub(crate) async fn clear(&self) {
         let (rig, session) = (self.rig.clone(), self.session);
-        // Relays that open cost a solution of the sheet. The task is not cancelled, so it ends well.
+        // Opening relays needs a solution of the sheet. The blocking task is never cancelled.
         tokio::task::spawn_blocking(move || rig.clear_session(session))
             .await
             .ok();
@@ -218,7 +218,7 @@ impl ClientSession {
         byte.unwrap_or_default()
     }
 
-    /// Serves a stream of bytes until its client leaves.
+    /// Serves a byte stream until its client disconnects.
     pub(crate) async fn answer<S>(&self, stream: &mut S) -> io::Result<()>
     where
         S: AsyncRead + AsyncWrite + Unpin + Send,
@@ -228,7 +228,7 @@ impl ClientSession {
         let mut banner = self.rig.shared.banner.subscribe();
         let mut half_closed = false;
         loop {
-            // What came while the instrument was busy is handled before more is read.
+            // Messages received while the instrument was busy are handled before more is read.
             while let Some(message) = framer.next() {
                 let message = match message {
                     Ok(message) => message,
@@ -278,9 +278,9 @@ impl ClientSession {
     }
 }
 
-/// Waits for an answer and watches the client: bytes that it sends meanwhile are kept, up to a bound; a client
-/// that has broken off is let go at once, one that has closed its side after [`GRACE`], because nothing tells it from
-/// one that has left.
+/// Waits for a reply and watches the client: bytes received meanwhile are kept, up to a limit; a client that breaks the
+/// connection is released immediately, one that closed its sending side after [`GRACE`], because it cannot be
+/// distinguished from one that has gone.
 async fn attended<S>(
     receiving: impl Future<Output = io::Result<Delivery>>,
     stream: &mut S,
@@ -323,38 +323,38 @@ impl Drop for ClientSession {
 }
 
 async fn cut(mut line: watch::Receiver<WireState>, before: u64) {
-    // The sender lives as long as the rig, and whoever waits holds that: waiting cannot fail.
+    // The sender lives as long as the rig, which the waiting task holds: waiting cannot fail.
     line.wait_for(|line| line.wire == Wire::Cut || line.cuts != before)
         .await
         .ok();
 }
 
-/// How a conversation ended.
+/// How a connection ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum End {
-    /// The client said goodbye.
+    /// The client closed it.
     Clean,
     /// The connection was reset, or the wire cut.
     Abnormal,
 }
 
 impl SimulatedRig {
-    /// Connects to the current source.
+    /// Connects a client to the current source.
     pub fn connect_6221(&self) -> BoxStream {
         self.connect(Instrument::Source)
     }
 
-    /// Connects to the mainframe. It serves several clients at once.
+    /// Connects a client to the mainframe, which serves several clients at once.
     pub fn connect_34980a(&self) -> BoxStream {
         self.connect(Instrument::Mainframe)
     }
 
-    /// Connects to the multiplexer board. Its port has been open since it was switched on: no banner comes.
+    /// Connects a client to the multiplexer board. Its port has been open since power on, so no banner is sent.
     pub fn connect_gpio(&self) -> BoxStream {
         self.connect(Instrument::Board)
     }
 
-    /// Connects to one of the instruments.
+    /// Connects a client to one of the instruments.
     pub fn connect(&self, instrument: Instrument) -> BoxStream {
         let (here, there) = tokio::io::duplex(PIPE);
         tokio::spawn(
@@ -364,20 +364,20 @@ impl SimulatedRig {
         Box::new(here)
     }
 
-    /// Waits until the wire to an instrument is cut, from this call on.
+    /// Waits until the wire to an instrument is cut after this call.
     pub(crate) fn until_cut(&self, instrument: Instrument) -> impl Future<Output = ()> + use<> {
         let line = self.shared.wires[instrument.index()].subscribe();
         let cuts = line.borrow().cuts;
         cut(line, cuts)
     }
 
-    /// Waits until there is a wire to an instrument.
+    /// Waits until the wire to an instrument is not cut.
     pub(crate) async fn until_connected(&self, instrument: Instrument) {
         let mut line = self.shared.wires[instrument.index()].subscribe();
         line.wait_for(|line| line.wire != Wire::Cut).await.ok();
     }
 
-    /// Serves one connection until its client leaves or the wire is cut.
+    /// Serves one connection until its client disconnects or the wire is cut.
     pub(crate) async fn converse<S>(self, instrument: Instrument, address: String, stream: S) -> End
     where
         S: AsyncRead + AsyncWrite + Unpin + Send,
@@ -386,7 +386,7 @@ impl SimulatedRig {
         serve_client(client, address, stream).await
     }
 
-    /// Serves a serial port until it is pulled.
+    /// Serves a serial port until it is removed.
     pub(crate) async fn converse_by_serial<S>(
         self,
         instrument: Instrument,

@@ -1,5 +1,5 @@
-//! How clients reach the simulated instruments: sockets, telnet, VXI-11, pseudo-terminals, web pages, mDNS.
-//! What an instrument replies is decided by the drivers' simulators.
+//! Connections to the simulated instruments: sockets, telnet, VXI-11, pseudo-terminals, web pages, mDNS. The drivers'
+//! simulators compute the replies.
 
 pub(crate) mod announce;
 pub(crate) mod client;

@@ -11,13 +11,13 @@ use tokio_serial::{SerialPort, SerialStream};
 #[derive(Debug)]
 pub(crate) struct Pty {
     board: SerialStream,
-    /// The clients' end, kept open so that a client's leaving is not the end of the line.
+    /// The clients' end, kept open so that the port survives a client that disconnects.
     client: SerialStream,
     path: String,
 }
 
 impl Pty {
-    /// Opens one, raw: no echo, no line discipline. Inside a tokio runtime.
+    /// Opens a raw pseudo-terminal: no echo, no line discipline. Requires a tokio runtime.
     pub(crate) fn open() -> io::Result<Self> {
         let (board, client) = SerialStream::pair()?;
         let path = client
@@ -30,7 +30,7 @@ impl Pty {
         })
     }
 
-    /// Where a client opens it.
+    /// Path for clients.
     pub(crate) fn path(&self) -> &str {
         &self.path
     }
@@ -43,8 +43,8 @@ impl AsyncRead for Pty {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         ready!(Pin::new(&mut self.board).poll_read(context, buffer))?;
-        // A client that claimed the port for itself would keep the next one out even after it has left, because our own
-        // end stays open.
+        // A client's exclusive claim would exclude the next one even after it has disconnected, because our end stays
+        // open.
         self.client.set_exclusive(false).ok();
         Poll::Ready(Ok(()))
     }

@@ -1,6 +1,6 @@
 //! The mainframe's telnet port (fact sheet 34980A, section 1): a greeting, a prompt, and lines as a person types them.
 //!
-//! Its clients are sessions like any other. Offers and requests of the telnet protocol (RFC 854) are declined.
+//! Its clients have sessions like all others. Offers and requests of the telnet protocol (RFC 854) are declined.
 
 use std::io;
 
@@ -14,7 +14,7 @@ use scpi::{Framer, ParseError};
 use crate::transport::client::{ClientSession, LONGEST_MESSAGE};
 use crate::{Instrument, SimulatedRig};
 
-/// The wording is assumed; the sources only say that there is a prompt.
+/// The wording is assumed; the sources only mention a prompt.
 const GREETING: &str = "Welcome to the 34980A Switch/Measure Unit, simulated\r\n";
 const PROMPT: &str = "34980A> ";
 
@@ -75,7 +75,7 @@ async fn answer(client: &ClientSession, stream: &mut impl Stream) -> io::Result<
         for byte in &chunk[..count] {
             protocol = protocol.receive(*byte, &mut typed, &mut output);
         }
-        // Whoever presses Enter alone gets a prompt; the framer passes such lines over.
+        // Enter alone gives a prompt; the framer ignores empty lines.
         let lines = typed.iter().filter(|byte| **byte == b'\n').count();
         framer.push(&typed);
         let mut received = 0;
@@ -103,21 +103,21 @@ async fn answer(client: &ClientSession, stream: &mut impl Stream) -> io::Result<
     }
 }
 
-/// Where in the telnet protocol a stream of bytes is.
+/// State of the telnet protocol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Protocol {
     Text,
-    /// Behind the byte that announces a command.
+    /// After the byte that announces a command.
     Command,
-    /// Behind DO, DONT, WILL or WONT: an option follows.
+    /// After DO, DONT, WILL or WONT: an option follows.
     Option(u8),
-    /// Within a negotiation, and behind an announcement there.
+    /// Within a negotiation, and after an escape byte in it.
     Negotiation,
     NegotiationCommand,
 }
 
 impl Protocol {
-    /// Takes one byte: what was typed goes on, offers and requests are declined.
+    /// Processes one byte: typed text is passed on, offers and requests are declined.
     fn receive(self, byte: u8, typed: &mut Vec<u8>, output: &mut Vec<u8>) -> Self {
         match (self, byte) {
             (Self::Text, INTERPRET) => Self::Command,

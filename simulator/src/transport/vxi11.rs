@@ -1,6 +1,6 @@
-//! The mainframe's VXI-11 core channel, on a port of choice (no port mapper, no privilege).
+//! The mainframe's VXI-11 core channel, on any port (no port mapper, no privileges).
 //!
-//! A reply that is written over is lost (-410), a read without a question times out (-420).
+//! A reply that is overwritten is lost (-410), a read without a query times out (-420).
 
 use std::io;
 
@@ -11,7 +11,7 @@ use crate::simulated_instruments::MessageOutcome;
 use crate::transport::client::{ClientSession, LONGEST_MESSAGE};
 use crate::{Instrument, SimulatedRig};
 
-/// The mainframe, as its VXI-11 core channel reaches it.
+/// The mainframe as a VXI-11 device.
 #[derive(Debug, Clone)]
 pub(crate) struct Mainframe(pub(crate) SimulatedRig);
 
@@ -34,7 +34,7 @@ impl Device for Mainframe {
     }
 }
 
-/// The framer of the instrument's sockets.
+/// The message framer of the instrument's sockets.
 pub(crate) struct Messages(Framer);
 
 impl MessageFramer for Messages {

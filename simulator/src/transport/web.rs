@@ -9,10 +9,10 @@ use tokio::net::TcpListener;
 
 use crate::{Instrument, SimulatedRig};
 
-/// Room of a connection in memory, bytes.
+/// Capacity of a connection in memory, bytes.
 const PIPE: usize = 16 * 1024;
 
-/// Ports that the pages name.
+/// Ports listed on the pages.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ports {
     pub(crate) mainframe: SocketAddr,
@@ -20,12 +20,12 @@ pub(crate) struct Ports {
 }
 
 impl SimulatedRig {
-    /// Connects to the mainframe's web server, in memory: one request, one answer. Inside a tokio runtime.
+    /// Connects to the mainframe's web server, in memory: one request, one reply. Requires a tokio runtime.
     pub fn connect_web(&self) -> BoxStream {
         let (here, there) = tokio::io::duplex(PIPE);
         let rig = self.clone();
         tokio::spawn(async move {
-            // The addresses that the instrument itself would name.
+            // The addresses that the instrument would list.
             let at = |port| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
             let ports = Ports {
                 mainframe: at(5025),

@@ -1,7 +1,7 @@
-//! Third parties' clients, unmodified, in virtual environments of their own.
+//! Unmodified third-party clients, in virtual environments of their own.
 //!
-//! They are fetched and run only when asked for: with TACTUS_REQUIRE_PYVISA=1 what pyvisa-py does, with
-//! TACTUS_REQUIRE_CLIENTS=1 all of them; what then cannot be had fails the test.
+//! They are fetched and run only on request: pyvisa-py with TACTUS_REQUIRE_PYVISA=1, all clients with
+//! TACTUS_REQUIRE_CLIENTS=1; a client that cannot be fetched then fails the test.
 
 #[allow(dead_code)]
 #[path = "../served_rig/program.rs"]
@@ -44,7 +44,7 @@ fn is_requested(client: &str) -> bool {
     requested
 }
 
-/// The Python of an environment with the packages; one that is complete already is used again.
+/// The Python of an environment with the packages; a complete environment is reused.
 fn python((name, packages): (&str, &[&str])) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("venv-{name}"));
     let python = folder.join("bin/python");
@@ -72,7 +72,7 @@ fn python((name, packages): (&str, &[&str])) -> PathBuf {
     python
 }
 
-/// Runs a script of this folder with a client's packages, unless nobody asks for it.
+/// Runs a script of this folder with a client's packages, if requested.
 fn script(client: (&str, &[&str]), script: &str, arguments: &[&str]) {
     // Each environment is made once.
     static ONE_AT_A_TIME: std::sync::Mutex<()> = std::sync::Mutex::new(());
@@ -202,7 +202,7 @@ fn zeroconf_and_avahi_find_every_service() {
     );
     assert!(reported.contains("vxi-11 service on port"), "{reported}");
     assert_eq!(served.terminate(), Some(0));
-    // A clean stop says goodbye, and within five seconds nobody knows of it.
+    // A clean stop withdraws the announcement, which takes effect within five seconds.
     let stopped = Instant::now();
     let browse = ["--terminate", "--parsable", "_lxi._tcp"];
     while avahi.ask("avahi-browse", &browse).contains(&serial) {
@@ -210,7 +210,7 @@ fn zeroconf_and_avahi_find_every_service() {
     }
 }
 
-/// An avahi-daemon with a message bus of its own.
+/// An avahi-daemon with its own message bus.
 struct Avahi {
     bus: Child,
     daemon: Child,
@@ -309,7 +309,7 @@ fn pymeasure_uses_every_property_of_a_served_source() {
         return;
     }
     let served = Served::start_in_time(&["--load", "resistor 1 2 500"]);
-    // The injecting relay of pair 1 leads to the resistor.
+    // The injecting relay of pair 1 connects to the resistor.
     let mut mainframe = TcpStream::connect(served.address("34980a")).unwrap();
     mainframe.write_all(b"ROUT:CLOS (@1036);*OPC?\n").unwrap();
     BufReader::new(mainframe)
@@ -349,7 +349,7 @@ fn instro_reads_scans_and_switches_what_is_served() {
     let served = Served::start_in_time(&slots);
     let port = served.address("34980a").rsplit(':').next().unwrap();
     let script_file = "../drivers/keysight-34980a/tests/clients/instro_34980a.py";
-    // Nothing hangs on the terminals: an ideal meter reads nothing.
+    // Without a load an ideal meter reads zero.
     script(INSTRO, script_file, &[port, "0.0"]);
 }
 

@@ -1,5 +1,4 @@
-//! Every kind of fault, as a person says it while the program runs and as a scene says it beforehand: it is not there,
-//! it happens, it is seen by a client, and it is over.
+//! Every kind of fault, by command and on a scene's time line: absent at first, then visible to a client, then over.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -8,13 +7,13 @@ use crate::program::Served;
 use rig::{BoxStream, connect_tcp, open_serial};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 
-/// Generous: whatever is waited for comes, or the test has failed.
+/// Generous: the expected event happens, or the test has failed.
 const DEADLINE: Duration = Duration::from_secs(120);
 
-/// How much later replies come that are late or slow.
+/// Delay of late and slow replies.
 const LATE: Duration = Duration::from_millis(300);
 
-/// What goes wrong; `true` where it lasts until it is mended, `false` where it passes by itself.
+/// The fault; `true` if it lasts until it is ended, `false` if it has no duration.
 const ON_THE_PAIRS: [(&str, bool); 24] = [
     ("stuck-open 1036", true),
     ("stuck-closed 1036", true),
@@ -55,7 +54,7 @@ const ON_THE_BOARD: [(&str, bool); 10] = [
     ("pulse 34980a", false),
 ];
 
-/// One instrument's wire.
+/// A connection to one instrument.
 struct Wire {
     address: String,
     baud: Option<u32>,
@@ -72,7 +71,7 @@ impl Wire {
     }
 
     async fn connect(&mut self) {
-        // The old one first: a source has one place.
+        // Close the old one first: a source accepts one connection.
         self.stream = None;
         let stream = match self.baud {
             Some(baud) => open_serial(&self.address, baud).ok(),
@@ -86,12 +85,12 @@ impl Wire {
             self.connect().await;
         }
         if let Some(stream) = &mut self.stream {
-            // One that is gone is found when its reply is read.
+            // A broken connection is detected when the reply is read.
             stream.write_all(text.as_bytes()).await.ok();
         }
     }
 
-    /// The next line; `None` where the other side is gone.
+    /// The next line; `None` if the connection is closed.
     async fn line(&mut self) -> Option<String> {
         let mut line = String::new();
         let read = self.stream.as_mut()?.read_line(&mut line);
@@ -109,7 +108,7 @@ impl Wire {
         line
     }
 
-    /// Asks again over a new connection where the old one has broken.
+    /// Repeats the query over a new connection if the old one is broken.
     async fn insist(&mut self, question: &str) -> String {
         let begun = Instant::now();
         loop {
@@ -146,7 +145,7 @@ impl FaultyRig {
         }
     }
 
-    /// The wire that a fault names, a question with a short answer, and that answer.
+    /// The connection that a fault concerns, a query with a short reply, and that reply.
     fn named(&mut self, words: &str) -> (&mut Wire, &'static str, &'static str) {
         match words.split(' ').nth(1) {
             Some("6221") => (&mut self.source, "*ESE?", "0"),
@@ -155,7 +154,7 @@ impl FaultyRig {
         }
     }
 
-    /// What must stand before the fault can show itself.
+    /// Prepares the state in which the fault becomes visible.
     async fn prepare(&mut self, words: &str) {
         self.source.insist("*RST;*CLS;*OPC?").await;
         self.mainframe.insist("*RST;*CLS;*OPC?").await;
@@ -182,7 +181,7 @@ impl FaultyRig {
         }
     }
 
-    /// Whether a client sees the fault.
+    /// Whether a client observes the fault.
     async fn shows(&mut self, words: &str) -> bool {
         let compliance = "STAT:MEAS:COND?";
         match words.split(' ').next().unwrap() {
@@ -206,7 +205,7 @@ impl FaultyRig {
                 match (kind, replies.as_slice()) {
                     ("lost", [only]) => *only == answer,
                     ("doubled", [one, two, _]) => one == two,
-                    // Half the identity, without its end, and what was answered next.
+                    // Half the identity without its line end, followed by the next reply.
                     ("half-line", [only]) => *only != answer && only.ends_with(answer),
                     (_, [_, last]) if *last == answer => false,
                     other => panic!("{words}: {other:?}"),
@@ -236,7 +235,7 @@ impl FaultyRig {
             "reset" => {
                 let mut lines = vec![self.board.insist("STAT?").await];
                 if lines[0] != "3,4,OFF,OFF" {
-                    // The banner came unasked, before the reply or after it.
+                    // The banner is sent without a query, before the reply or after it.
                     lines.extend(self.board.line().await);
                 }
                 lines.sort();
@@ -271,8 +270,8 @@ impl FaultyRig {
         }
     }
 
-    /// Lets the instruments' time go on by 25 s, and lets happen what is due: at the next message to any of them, here
-    /// to one that the fault does not mean.
+    /// Advances the instruments' time by 25 s and triggers what is due: that happens at the next message to any of
+    /// them, here to one that the fault does not concern.
     async fn time_passes(&mut self, words: &str) {
         if words.starts_with("wire 34980a") {
             let sweep = "SOUR:DEL 25;:SOUR:SWE:POIN 1;ARM;:INIT;*OPC?";
@@ -284,7 +283,7 @@ impl FaultyRig {
             true => &mut self.source,
             false => &mut self.mainframe,
         };
-        // One of its own kind may break: it has been received all the same.
+        // The connection may break, but the message has been received.
         bystander.ask("*OPC?").await;
     }
 }
@@ -296,7 +295,7 @@ impl Wire {
         }
     }
 
-    /// Everything that comes between some questions and the answer to a last one, which is about errors.
+    /// All replies to some queries and to a final error query.
     async fn replies_to(&mut self, questions: &[&str]) -> Vec<String> {
         self.say(&format!("{}\nSYST:ERR?\n", questions.join("\n")))
             .await;
@@ -311,7 +310,7 @@ impl Wire {
     }
 }
 
-/// How a fault comes about.
+/// How a fault is caused.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Way {
     Live,
@@ -321,7 +320,7 @@ enum Way {
 async fn holds(rig: &mut FaultyRig, (words, lasts): (&str, bool), way: Way) {
     let timed = words.starts_with("late") || words.starts_with("slow");
     rig.prepare(words).await;
-    // A machine that is busy may be slow without any fault.
+    // A busy machine may be slow without any fault.
     assert!(timed || !rig.shows(words).await, "{words}, {way:?}: before");
     rig.prepare(words).await;
     match way {

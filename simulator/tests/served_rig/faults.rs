@@ -1,4 +1,4 @@
-//! Faults, live over the control socket and on the time line.
+//! Faults by the control socket and on the time line.
 
 use std::time::Duration;
 
@@ -21,7 +21,7 @@ fn ask(rig: &SimulatedRig, instrument: Instrument, question: &str) -> String {
     rig.receive(instrument, question).0.unwrap()
 }
 
-/// What the voltmeter reads on a channel.
+/// The voltmeter's reading on a channel.
 fn read(rig: &SimulatedRig, channel: u32) -> f64 {
     rig.receive(
         Instrument::Mainframe,
@@ -45,13 +45,13 @@ async fn loads_beside_the_sheet_obey_ohm() {
     let rig = simulated("pairs-34924a", "resistor 1 2 470".parse().unwrap());
     drive(&rig);
     assert!(near(read(&rig, 1001), 0.47), "{}", read(&rig, 1001));
-    // A pair with an end on the resistor and the other in the air has no voltage.
+    // A pair with one end on the resistor and the other open has no voltage.
     assert!(near(read(&rig, 1002), 0.0));
     let rig = simulated("pairs-34924a", LoadNetwork::Nothing);
     drive(&rig);
     assert_eq!(ask(&rig, Instrument::Source, "STAT:MEAS:COND?"), "8");
     assert_eq!(rig.flowing(), survey::Amps(0.0));
-    // A mesh: round its edge the voltages add up to nothing.
+    // A mesh: the voltages along its edge sum to zero.
     let rig = simulated("pairs-34924a", LoadNetwork::Mesh { ohms: 100.0 });
     drive(&rig);
     let around: f64 = (1001..=1026).map(|channel| read(&rig, channel)).sum();
@@ -207,7 +207,7 @@ async fn replies_go_wrong_as_a_person_says() {
     let mut mainframe = link(&served, "34980a").await;
     let identity = mainframe.ask("*IDN?").await.unwrap();
     served.fault("doubled 34980a");
-    // A link that finds more than it asked for says so.
+    // A link that receives more than one reply returns an error.
     let doubled = mainframe.ask("*IDN?").await;
     assert!(doubled.is_err(), "{doubled:?}");
     let mut mainframe = link(&served, "34980a").await;
@@ -297,7 +297,7 @@ fn what_a_rig_does_not_have_is_refused_with_its_reason() {
         assert_eq!(done.status.code(), Some(1), "{command} {words}: {reported}");
         assert!(reported.contains(reason), "{command} {words}: {reported}");
     }
-    // what it has is obeyed
+    // commands for existing parts are executed
     for (command, words) in [
         ("press", "107 115 10 50"),
         ("release", ""),
@@ -376,7 +376,7 @@ async fn a_person_presses_looks_and_lists() {
         .unwrap();
     let list: serde_json::Value = serde_json::from_slice(&list.stdout).unwrap();
     assert_eq!(list["profiles"][0]["name"], "pairs-34924a");
-    // The socket goes with the program.
+    // The socket is removed with the program.
     let control = served.address("control").to_owned();
     assert_eq!(served.terminate(), Some(0));
     assert!(!std::path::Path::new(&control).exists());
@@ -424,7 +424,7 @@ async fn the_serial_port_of_the_source_ends_its_lines_as_it_is_set() {
         ("LFCR", "\n\r"),
         ("LF", "\n"),
     ] {
-        // The reply to the question behind the setting ends in the new way already.
+        // The reply to the query after the setting uses the new line end already.
         for (message, reported) in [
             (format!("SYST:COMM:SER:TERM {word};TERM?{before}"), word),
             (format!("*ESE?{end}"), "0"),
@@ -438,7 +438,7 @@ async fn the_serial_port_of_the_source_ends_its_lines_as_it_is_set() {
         }
         before = end;
     }
-    // The network's lines end in a line feed all the same.
+    // Network lines still end in a line feed.
     let message = b"SYST:COMM:SER:TERM CR;TERM?\n";
     port.write_all(message).await.unwrap();
     let mut received = [0; 3];

@@ -1,4 +1,4 @@
-//! Goldens are held, transcripts are played, and a difference is reported with its place.
+//! Goldens are reproduced, transcripts are replayed, and a difference is reported with its position.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
@@ -28,7 +28,7 @@ fn every_golden_of_the_folder_is_held() {
         assert!(!golden.lines.is_empty(), "{} says nothing", path.display());
         let played = golden.play(&path.display().to_string());
         played.unwrap_or_else(|fault| panic!("{fault}"));
-        // What is written is what is read, line numbers aside.
+        // The written text parses to the same golden, except for line numbers.
         let text = golden.to_string();
         assert_eq!(Golden::parse("again", &text).unwrap().to_string(), text);
         held += 1;
@@ -57,7 +57,7 @@ fn a_golden_that_is_not_held_says_where() {
             "{lines}"
         );
     }
-    // An overload is no reading, whatever its digits.
+    // An overload does not match a reading, whatever its digits.
     let overload = "slot 1 34924A\nvolts 1e9\n> MEAS:VOLT:DC? 1,(@1001)\n";
     for (expected, holds) in [("+9.90000000E+37", true), ("+1.00000000E+00", false)] {
         let text = format!("instrument 34980a\ncites x\n{overload}~ {expected}\n");
@@ -87,7 +87,7 @@ fn a_golden_that_is_not_held_says_where() {
     }
 }
 
-/// Talks to a served bench that records it.
+/// Talks to a served rig that records the conversation.
 fn recorded(transcript: &Path) {
     let arguments = [
         "--profile",
@@ -130,7 +130,7 @@ fn what_was_recorded_is_replayed_and_made_a_golden() {
     let transcript = folder.path().join("talk.jsonl");
     let file = transcript.to_str().unwrap();
     recorded(&transcript);
-    // A recording is not written over.
+    // A recording is not overwritten.
     let again = program(&["serve", "--record", file]);
     assert_eq!(again.status.code(), Some(78));
     let reported = String::from_utf8_lossy(&again.stderr);
@@ -185,7 +185,7 @@ fn what_was_recorded_is_replayed_and_made_a_golden() {
     );
     Golden::read(&golden).unwrap().play(out).unwrap();
 
-    // A byte changed is found, with its line.
+    // A changed byte is found, with its line.
     let changed = std::fs::read_to_string(&transcript).unwrap();
     let changed = changed.replace(
         "\"received\":\"1.000000E-03\"",

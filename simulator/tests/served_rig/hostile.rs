@@ -1,4 +1,4 @@
-//! Clients that mean no good, and those that try everything: limits, overflow, garbage, and what is said about it.
+//! Hostile and exhaustive clients: limits, overflow, garbage, and their error messages.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -44,7 +44,7 @@ fn number(text: &str) -> f64 {
         .unwrap_or_else(|_| panic!("'{text}' is no number"))
 }
 
-/// Each header with what stands behind MIN, MAX and DEF; the limits are reported and can be set.
+/// Each header with MIN, MAX and DEF; the reported limits can be set.
 #[test]
 fn every_limit_is_listed_and_can_be_set() {
     let served = Served::start(&["--profile", "pairs-34924a"]);
@@ -99,14 +99,14 @@ fn every_limit_is_listed_and_can_be_set() {
                 "{header}: {default}"
             );
             if *header == "SOUR:CURR:CENT" {
-                // With a span left and right of it there is less room.
+                // A span on both sides reduces the range.
                 client.send(b"SOUR:CURR:SPAN 0\n");
             }
             for (limit, value) in [("MIN", least), ("max", most)] {
                 let here = list.trim_start_matches(',');
                 let reported = client.ask(&format!("{header} {limit}{list};:{header}? {here}"));
                 assert_eq!(number(&reported), value, "{header} {limit}");
-                // As it is reported it can be set, too.
+                // The reported value can be set, too.
                 let again = client.ask(&format!("{header} {reported}{list};:{header}? {here}"));
                 assert_eq!(again, reported, "{header} {reported}");
                 let error = client.error();
@@ -136,7 +136,7 @@ fn a_queue_that_overflows_keeps_the_oldest_and_says_so() {
             .collect();
         assert_eq!(codes[..depth - 1], vec![-113; depth - 1][..], "{key}");
         assert_eq!(codes[depth - 1..], [-350, 0, 0], "{key}");
-        // Room again: the next error is reported as it is.
+        // With space in the queue the next error is reported normally.
         client.send(b"NONSENSE\n");
         assert!(client.error().contains("-113"));
     }
@@ -235,7 +235,7 @@ fn a_bank_that_is_scanned_takes_no_other_closure() {
     assert!(client.error().starts_with("+0,"));
 }
 
-/// What is wrong is logged with who said it, escaped, and shown at once, and nobody else notices.
+/// Invalid input is logged with its sender, escaped, and displayed immediately; other clients are not affected.
 #[test]
 fn bad_input_is_logged_with_its_address_and_disturbs_nobody() {
     let mut child = Command::new(env!("CARGO_BIN_EXE_tactus-sim"))
@@ -264,7 +264,7 @@ fn bad_input_is_logged_with_its_address_and_disturbs_nobody() {
     let mut bad = Client::at(&address("34980a"));
     let mut source = Client::at(&address("6221"));
     assert_eq!(good.ask("*ESE 4;*ESE?"), "+4");
-    // Half a message of the bad one stands open all the while; its reply queue and lock are its own.
+    // Half a message of the bad client is pending all the time; its reply queue and lock are its own.
     bad.send(b"NON\x1b[2JSENSE\nROUT:CLOS (@1001);:BLAH?;*IDN?\n");
     for _ in 0..50 {
         bad.send(&[0xff, 0xfe, b'\n']);
@@ -277,7 +277,7 @@ fn bad_input_is_logged_with_its_address_and_disturbs_nobody() {
     let from_vxi11 = stranger.local_addr().unwrap().to_string();
     stranger.read_to_end(&mut Vec::new()).ok();
     assert_eq!(good.ask("*ESE?"), "+4");
-    // A question that is none has no reply, and the next line is received as if nothing had been.
+    // An invalid query has no reply, and the next line is processed normally.
     assert_eq!(
         bad.ask("N?;*ESE?").split(',').next(),
         Some("Agilent Technologies")

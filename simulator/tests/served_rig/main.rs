@@ -1,5 +1,5 @@
-//! The rig as `tactus-sim` serves it: sockets, VXI-11, pages, faults, transcripts and goldens, hostile clients.
-//! What the instruments measure is tested by `simulated_rig`.
+//! The rig as served by `tactus-sim`: sockets, VXI-11, pages, faults, transcripts and goldens, hostile clients.
+//! `simulated_rig` tests the measurements.
 
 mod fault_kinds;
 mod faults;

@@ -5,19 +5,19 @@ use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::Value;
 
-/// Serving on free ports; killed if a test leaves it running.
+/// A server on free ports; killed if a test leaves it running.
 pub struct Served {
     child: Child,
     pub ready: Value,
 }
 
 impl Served {
-    /// In instant time.
+    /// Starts it in instant time.
     pub fn start(arguments: &[&str]) -> Self {
         Self::start_in_time(&[&["--instant"], arguments].concat())
     }
 
-    /// In the profile's time.
+    /// Starts it with the profile's speed.
     pub fn start_in_time(arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_tactus-sim"))
             .arg("serve")
@@ -40,12 +40,12 @@ impl Served {
         self.ready[key].as_str().unwrap()
     }
 
-    /// Ends it as systemd would, and says how it ended.
+    /// Terminates it like systemd, and returns its exit code.
     pub fn terminate(self) -> Option<i32> {
         self.end("-TERM")
     }
 
-    /// Ends it by a signal, and says how it ended.
+    /// Ends it by a signal, and returns its exit code.
     pub fn end(mut self, signal: &str) -> Option<i32> {
         let killed = Command::new("kill")
             .args([signal, &self.child.id().to_string()])
@@ -63,7 +63,7 @@ impl Served {
             .unwrap()
     }
 
-    /// Lets something go wrong.
+    /// Applies a fault.
     pub fn fault(&self, words: &str) {
         let done = self.command("fault", words);
         let reported = String::from_utf8_lossy(&done.stderr).into_owned();

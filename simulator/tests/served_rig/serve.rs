@@ -1,4 +1,4 @@
-//! The program: its ready line, its ports, its serial port, its clean end.
+//! The program: its ready line, its ports, its serial port, its clean exit.
 
 use std::process::Command;
 use std::time::Duration;
@@ -53,7 +53,7 @@ async fn mainframe_serves_many_clients_and_source_one_at_a_time() {
     source.send("SOUR:CURR 1e-3;:OUTP ON").await.unwrap();
     assert_eq!(source.ask("OUTP?").await.unwrap(), "1");
     drop(source);
-    // The output survives its client: the next one finds it on.
+    // The output stays on after its client disconnects.
     let mut next = link(&served, "6221").await;
     assert_eq!(next.ask("OUTP?").await.unwrap(), "1");
 }
@@ -83,7 +83,7 @@ async fn announced_instruments_are_found_by_name_and_say_goodbye() {
     let browser = ServiceDaemon::new().unwrap();
     browser.enable_interface(IfKind::LoopbackV4).unwrap();
     let events = browser.browse("_scpi-raw._tcp.local.").unwrap();
-    // Another serial number than any other simulator's on this machine.
+    // A different serial number from other simulators on this machine.
     let folder = tempfile::tempdir().unwrap();
     let profile = folder.path().join("announced.toml");
     let serial = std::process::id();

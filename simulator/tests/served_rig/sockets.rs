@@ -1,4 +1,4 @@
-//! Raw sockets: bytes as clients and networks really send them.
+//! Raw sockets: bytes as real clients and networks send them.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpStream};
@@ -15,7 +15,7 @@ impl Client {
         Self::taken(served, instrument).unwrap()
     }
 
-    /// `None` where the other side resets the connection even before the call has returned.
+    /// `None` if the server resets the connection before the call returns.
     fn taken(served: &Served, instrument: &str) -> Option<Self> {
         let stream = TcpStream::connect(served.address(instrument)).ok()?;
         stream.set_nodelay(true).ok()?;
@@ -23,7 +23,7 @@ impl Client {
         Some(Self(BufReader::new(stream)))
     }
 
-    /// A client that is served, with its first reply; tried until there is a place.
+    /// A client with its first reply; retried until a connection is free.
     fn insisting(served: &Served, question: &str) -> (Self, String, u32) {
         let begun = Instant::now();
         for tries in 1.. {
@@ -62,7 +62,7 @@ impl Client {
         error.split(',').next().unwrap().parse().unwrap()
     }
 
-    /// The other side closed, with or without a reset.
+    /// Whether the server closed the connection, with or without a reset.
     fn is_closed(&mut self) -> bool {
         let mut rest = Vec::new();
         match self.0.read_to_end(&mut rest) {
@@ -72,7 +72,7 @@ impl Client {
     }
 }
 
-/// Leaves without a goodbye: the other side sees a reset.
+/// Disconnects without closing: the server sees a reset.
 fn reset(client: Client) {
     let socket = client.0.into_inner();
     // Unread input makes the kernel reset instead of closing.
@@ -106,7 +106,7 @@ fn fragments_line_ends_and_pipelines_are_all_one() {
         for _ in 0..200 {
             assert!(client.line().contains(model));
         }
-        // A message cut anywhere, joined with the next.
+        // A message cut anywhere, combined with the next.
         client.send(b"*ESE 4\n*ES");
         client.send(b"E?\n*ESE 0;*ESE?\n*ID");
         assert_eq!(client.line().trim_start_matches('+'), "4");
@@ -136,7 +136,7 @@ fn long_lines_are_read_and_longer_ones_refused() {
         client.send(&[&[b'A'; 1_000_000][..], b"\n"].concat());
         assert_eq!(client.code(), -363, "{instrument}");
         assert_eq!(client.code(), 0);
-        // Without an end it costs no memory, and nothing else is disturbed.
+        // An endless message takes no memory and does not disturb others.
         client.send(&[b'A'; 1_000_000]);
         if instrument == "34980a" {
             let mut other = Client::of(&served, instrument);
@@ -155,7 +155,7 @@ fn bytes_that_are_no_text_are_refused_and_forgotten() {
         assert!(client.code() < 0);
         client.send(b"*CLS\n");
         assert_eq!(client.code(), 0);
-        // A query that is none has no reply; the next one has.
+        // An invalid query has no reply; the next one has.
         client.send(b"FOO?\n");
         assert_eq!(client.code(), -113);
     }
@@ -203,7 +203,7 @@ fn sessions_of_the_mainframe_have_queues_of_their_own() {
     slow.send(b"CONF:VOLT:DC 1,(@1001:1026);:VOLT:DC:NPLC 2,(@1001:1026)\n*OPC?\n");
     assert_eq!(slow.line().trim_start_matches('+'), "1");
     let begun = Instant::now();
-    // 26 x 40 ms, twice for autozero or not: time in which the other is served.
+    // 26 x 40 ms, twice that with autozero: time in which the other client is served.
     slow.send(b"READ?\n");
     assert!(quick.ask("*IDN?").contains("34980A"));
     assert_eq!(quick.ask("ROUT:CLOS? (@1036)"), "0");
@@ -227,7 +227,7 @@ fn a_second_client_of_the_source_is_held_or_refused_or_served() {
     assert!(!first.ask("*IDN?").is_empty());
     let mut second = Client::of(&held, "6221");
     second.send(b"*ESE?\n");
-    // What the second says is received only after the first has left.
+    // Messages of the second client are received only after the first has disconnected.
     first.send(b"*ESE 7\n");
     drop(first);
     assert_eq!(second.line(), "7");
@@ -272,7 +272,7 @@ fn the_only_place_stays_taken_after_a_client_that_vanished() {
     assert!(!back.ask("*IDN?").is_empty());
 }
 
-/// A sweep of 10,000 s, and a question that waits for its end.
+/// A sweep of 10,000 s, and a query that waits for its end.
 const LONG_SWEEP: &[u8] =
     b"SOUR:SWE:SPAC LIST;:SOUR:LIST:CURR 1e-3;DEL 10000;COMP 10;:SOUR:SWE:ARM;:INIT\n*OPC?\n";
 
@@ -338,7 +338,7 @@ fn a_list_sweep_runs_in_real_time() {
     }
     let whole = begun.elapsed();
     let levels: Vec<&str> = seen.iter().map(|(level, _)| level.as_str()).collect();
-    // A look may come late on a loaded machine, never early.
+    // The check may be late on a loaded machine, never early.
     assert!(
         levels
             .iter()

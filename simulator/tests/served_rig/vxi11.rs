@@ -47,7 +47,7 @@ impl Client {
         Self { stream, xid: 0 }
     }
 
-    /// Sends a record in fragments of so many bytes, and gives the reply from its accept state on.
+    /// Sends a record in fragments of this many bytes, and returns the reply from its accept state on.
     fn call_in(
         &mut self,
         piece: usize,
@@ -208,7 +208,7 @@ fn unread_and_unrequested_replies_are_errors() {
     let mut client = Client::of(&served);
     let link = client.create(b"inst0").unwrap();
     assert_eq!(client.write(link, b"*IDN?", END), 0);
-    // Only once the reply is there does the next message interrupt it.
+    // The next message interrupts the reply only after it is available.
     while word(&client.generic(13, link, 0, 0), 1) & 16 == 0 {}
     assert_eq!(client.ask(link, "*ESE?"), "+0");
     assert_eq!(client.code(link), -410);
@@ -217,7 +217,7 @@ fn unread_and_unrequested_replies_are_errors() {
     assert!(begun.elapsed() >= Duration::from_millis(300));
     assert_eq!(client.code(link), -420);
     assert_eq!(client.code(link), 0);
-    // A device clear forgets the reply and half a message, and is no error.
+    // A device clear discards the reply and half a message, without an error.
     assert_eq!(client.write(link, b"*IDN?\n*ID", 0), 0);
     while word(&client.generic(13, link, 0, 0), 1) & 16 == 0 {}
     assert_eq!(word(&client.generic(15, link, 0, 0), 0), 0);
@@ -236,17 +236,17 @@ fn vxi11_trigger_follows_earlier_messages_and_has_a_reply() {
     let served = Served::start_in_time(&["--port-vxi11", "0"]);
     let mut client = Client::of(&served);
     let link = client.create(b"inst0").unwrap();
-    // The second message waits for the readings of the first: a trigger that passed it by would find nothing that waits
-    // for one, and FETC? no reading.
+    // The second message waits for the readings of the first: otherwise its trigger would be ignored, and FETC? would
+    // return no reading.
     let long = b"CONF:VOLT:DC 1,(@1001);:VOLT:DC:NPLC 10,(@1001);:READ?";
     assert_eq!(client.write(link, long, END), 0);
     assert_eq!(client.write(link, b"TRIG:SOUR BUS;:INIT", END), 0);
     assert_eq!(word(&client.generic(14, link, 0, 0), 0), 0);
     assert_eq!(client.ask(link, "FETC?").split(',').count(), 1);
-    // The reply to READ? was not read, and there is no other error.
+    // The reply to READ? was not read, which is the only error.
     assert_eq!(client.code(link), -410);
     assert_eq!(client.code(link), 0);
-    // A trigger that nothing waits for is an error, and interrupts no reply.
+    // A trigger that is not awaited is an error, and interrupts no reply.
     assert_eq!(client.write(link, b"*IDN?", END), 0);
     assert_eq!(word(&client.generic(14, link, 0, 0), 0), 0);
     assert!(client.read(link, 100, 5000, None).2.contains("34980A"));
@@ -264,7 +264,7 @@ fn device_clear_aborts_measurement_and_poll_does_not_wait() {
     let link = client.create(b"inst0").unwrap();
     let begun = Instant::now();
     assert_eq!(client.write(link, LONG_SCAN, END), 0);
-    // Nothing available yet: said at once.
+    // Nothing is available yet: the status is returned immediately.
     assert_eq!(word(&client.generic(13, link, 0, 0), 1) & 16, 0);
     assert_eq!(client.read(link, 100, 50, None).0, 15);
     assert_eq!(word(&client.generic(15, link, 0, 0), 0), 0);
@@ -289,7 +289,7 @@ fn an_abort_ends_a_read_that_waits() {
     assert_eq!(client.write(link, LONG_SCAN, END), 0);
     let begun = Instant::now();
     let mut other = Client::of(&served);
-    // Until the read is under way there is nothing to abort; then it ends, and this with it.
+    // The abort fails until the read has started; then the read ends.
     let (ended, reported) = std::sync::mpsc::channel::<()>();
     let aborter = std::thread::spawn(move || {
         while reported.try_recv() == Err(std::sync::mpsc::TryRecvError::Empty) {
@@ -323,7 +323,7 @@ fn one_link_locks_the_others_out() {
     assert!(mine.ask(link, "*IDN?").contains("34980A"));
     assert_eq!(mine.unlock(link), 0);
     assert!(other.ask(stranger, "*IDN?").contains("34980A"));
-    // A connection that ends releases what it held.
+    // A closed connection releases its locks.
     assert_eq!(other.lock(stranger, 0, 0), 0);
     drop(other);
     assert_eq!(mine.lock(link, WAIT_FOR_LOCK, 20_000), 0);
@@ -360,12 +360,12 @@ fn what_is_no_call_is_refused_as_rpc_says() {
     );
     let lie = Arguments::default().word(1).word(0).word(0).word(u32::MAX);
     assert_eq!(word(&client.call_in(999, CORE, 1, 10, lie), 0), 4);
-    // The interrupt channel and docmd are not supported, and say so.
+    // The interrupt channel and docmd are not supported, and return an error.
     assert_eq!(word(&client.call(26, Arguments::default()), 0), 8);
     // The abort program is on the same port.
     let aborted = client.call_in(999, CORE + 1, 1, 1, Arguments::default().word(12_345));
     assert_eq!((word(&aborted, 0), word(&aborted, 1)), (0, 4));
-    // A record that is too long ends the connection, and nobody else's.
+    // A record that is too long closes its connection only.
     client.stream.write_all(&[0xff; 64]).unwrap();
     let mut rest = Vec::new();
     assert!(
@@ -378,7 +378,7 @@ fn what_is_no_call_is_refused_as_rpc_says() {
     let mut next = Client::of(&served);
     let link = next.create(b"inst0").unwrap();
     assert!(next.ask(link, "*IDN?").contains("34980A"));
-    // A long message in one call, longer than a write is said to be.
+    // A message in one call, longer than the advertised maximum.
     let long = "*ESE 1;".repeat(3000);
     assert_eq!(next.ask(link, &format!("{long}*ESE?")), "+1");
 }

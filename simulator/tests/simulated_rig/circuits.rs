@@ -1,4 +1,4 @@
-//! What the voltmeter makes of the network besides DC volts.
+//! Measurements of the network other than DC volts.
 
 use std::time::Duration;
 
@@ -34,10 +34,10 @@ async fn two_wires_measure_relays_and_load_four_the_load_alone() {
         470.0 + 2.0 * (100.1 + 0.1),
     );
     near(read(&rig, "MEAS:FRES? AUTO,(@1001)"), 470.0);
-    // one end on the resistor, the other in the air
+    // one end on the resistor, the other open
     assert_eq!(read(&rig, "MEAS:RES? AUTO,(@1002)"), 9.9e37);
     assert_eq!(read(&rig, "MEAS:FRES? AUTO,(@1002)"), 9.9e37);
-    // the source's own ampere is in the reading, unless it is compensated
+    // the source's own current is part of the reading, unless it is compensated
     rig.receive(Instrument::Mainframe, "ROUT:SCAN (@)");
     rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1036)");
     rig.receive(Instrument::Source, "SOUR:CURR 1e-4;:OUTP ON");
@@ -45,7 +45,7 @@ async fn two_wires_measure_relays_and_load_four_the_load_alone() {
     near(read(&rig, "RES:OCOM ON,(@1001);:READ?"), 470.0 + 200.4);
     let rig = simulated(LoadNetwork::Nothing);
     assert_eq!(read(&rig, "MEAS:RES? AUTO,(@1001)"), 9.9e37);
-    // a sheet that is not broken is some hundred ohm between neighbours
+    // an intact sheet has several hundred ohm between neighbours
     let sheet = simulated(LoadNetwork::Mesh { ohms: 100.0 });
     assert!((10.0..100.0).contains(&read(&sheet, "MEAS:FRES? AUTO,(@1003)")));
 }
@@ -66,7 +66,7 @@ async fn a_wave_of_the_source_is_read_as_ac_volts_and_frequency() {
     near(read(&rig, "MEAS:VOLT:AC? AUTO,(@1001)"), 0.47 / 2f64.sqrt());
     near(read(&rig, "MEAS:FREQ? (@1001)"), 123.0);
     near(read(&rig, "MEAS:PER? (@1001)"), 1.0 / 123.0);
-    // clipped at the voltage limit it comes nearer to a square wave
+    // clipped at the voltage limit it approaches a square wave
     rig.receive(
         Instrument::Source,
         "SOUR:WAVE:ABOR;:SOUR:CURR:COMP 0.1;:SOUR:WAVE:ARM;INIT",
@@ -92,11 +92,11 @@ async fn dc_volts_are_the_mean_over_the_aperture() {
             "CONF:VOLT:DC 10,(@1001);:VOLT:DC:NPLC {cycles},(@1001);:VOLT:DC:ZERO:AUTO OFF,(@1001)"
         );
         rig.receive(Instrument::Mainframe, &set_up);
-        // at some phase of the wave
+        // at an arbitrary phase of the wave
         rig.receive(Instrument::Mainframe, "SYST:DEL 0.003");
         read(&rig, "READ?")
     };
-    // whole power-line cycles take a sine of the mains out
+    // averaging over whole power-line cycles removes a sine of the mains frequency
     for cycles in ["1", "2", "10"] {
         for _ in 0..4 {
             assert!(volts(cycles).abs() < 1e-7, "{cycles}");
@@ -109,13 +109,13 @@ async fn dc_volts_are_the_mean_over_the_aperture() {
     assert!((0.2..0.4701).contains(&most), "{short:?}");
     rig.receive(Instrument::Source, "SOUR:WAVE:OFFS 1e-4");
     near(volts("1"), 0.047);
-    // a square wave that is high for a quarter of the time
+    // a square wave with a duty cycle of a quarter
     rig.receive(
         Instrument::Source,
         "SOUR:WAVE:ABOR;FUNC SQU;DCYC 25;OFFS 0;ARM;INIT",
     );
     near(volts("10"), -0.235);
-    // a sweep of two levels, a cycle each
+    // a sweep of two levels, each for one cycle
     rig.receive(
         Instrument::Source,
         "SOUR:WAVE:ABOR;:SOUR:SWE:SPAC LIST;COUN INF;:SOUR:LIST:CURR 1e-3,3e-3;DEL 0.02;:SOUR:SWE:ARM;:INIT",
@@ -150,7 +150,7 @@ async fn source_change_during_a_scan_shows_in_later_readings() {
         .collect();
     let before = readings.iter().take_while(|volts| **volts > 0.0).count();
     assert!((2..=3).contains(&before), "{readings:?}");
-    // the reading at work then is the mean over its aperture
+    // the reading in progress then is the mean over its aperture
     let [first, .., last] = readings.as_slice() else {
         panic!("{readings:?}");
     };
@@ -158,7 +158,7 @@ async fn source_change_during_a_scan_shows_in_later_readings() {
     near(*last, -0.94);
     let between = |volts: &&f64| (-0.93..0.46).contains(*volts);
     assert_eq!(readings.iter().filter(between).count(), 1, "{readings:?}");
-    // broken off by another client: what has been read is answered
+    // aborted by another client: the readings so far are returned
     writer.write_all(b"READ?\n").await.unwrap();
     tokio::time::sleep(Duration::from_millis(500)).await;
     rig.receive(Instrument::Mainframe, "ABOR");

@@ -17,7 +17,7 @@ const DEADLINE: Duration = Duration::from_secs(20);
 
 pub const METER: MeterSettings = MeterSettings::new(Volts(1.0), 1.0);
 
-/// Stands still: a test asks the instruments for their time.
+/// A clock that stands still: tests use the instruments' clock.
 pub struct Frozen;
 
 impl Clock for Frozen {

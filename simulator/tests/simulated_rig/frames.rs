@@ -1,4 +1,4 @@
-//! A frame through bytes against the bare forward solution.
+//! Frames through the byte streams compared with the forward solution.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use rig::{CurrentSource, Move, Switch, Voltmeter};
 use simulator::{Instrument, SimulatedRig};
 use survey::{Amps, Dipole, Electrode, Frame, Reading, Relay, Volts, Wiring};
 
-/// Current times transfer impedance, straight from the phantom.
+/// Current times transfer impedance, directly from the phantom.
 fn bare(simulated: &SimulatedRig, wiring: &Wiring) -> Vec<f64> {
     let plan = plan(wiring);
     simulated.with_phantom(|phantom| {
@@ -26,7 +26,7 @@ fn bare(simulated: &SimulatedRig, wiring: &Wiring) -> Vec<f64> {
     })
 }
 
-/// Half a unit of the last of nine digits, and the rounding of two ways to the same number.
+/// Half a unit of the last of nine digits, and the rounding difference of two calculations.
 fn digits(volts: f64, largest: f64) -> f64 {
     0.5 * 10.0_f64.powi(volts.abs().log10().floor() as i32 - 8) + 1e-12 * largest
 }
@@ -72,7 +72,7 @@ async fn every_wiring_reads_forward_solution_to_the_digits_sent() {
         rig.now()
     );
     assert_eq!((messages.reading, messages.readings), (26, 26 * 26));
-    // The source confirms every message: on two wires only an answer keeps the order of things.
+    // The source confirms every message: with two connections only a reply guarantees the order.
     let source = rig.messages(Instrument::Source);
     assert_eq!(source.received, source.answered);
     assert_off(&rig);
@@ -148,10 +148,10 @@ async fn current_flows_while_the_driving_pair_is_closed() {
         .unwrap();
     switch.settle().await.unwrap();
     assert_eq!(rig.flowing(), Amps(1e-3));
-    // Events latch: the first answer still tells of the open circuit.
+    // Events latch: the first reply still reports the open circuit.
     assert!(source.in_compliance().await.unwrap());
     assert!(!source.in_compliance().await.unwrap());
-    // Two neighbouring pairs: the source is shorted through electrode 2, little is left for the sheet.
+    // Two neighbouring pairs: the source is shorted through electrode 2, and little current is left for the sheet.
     switch
         .move_relays(&[Move::Close(vec![Relay(1037)])])
         .await
@@ -200,13 +200,13 @@ async fn one_wrong_relay_number_and_the_readings_go_wrong() {
     let rig = mainframe_rig(&sim).await;
     let bare = bare(&sim, &right);
 
-    // Injecting pair 3 is configured to use the relay of pair 30, which leads nowhere: compliance, nothing measured.
+    // Injecting pair 3 is configured with the relay of pair 30, which is not connected: compliance, no measurement.
     let mut wrong = right.clone();
     wrong.inject[2].1 = vec![Relay(1614)];
     let frame_of_nothing = frame(&rig, &wrong).await.unwrap();
     assert_eq!(frame_of_nothing.compliance, [Electrode(2)]);
 
-    // Measuring pairs 3 and 4 exchanged: both read the other's voltage, everything else is right.
+    // Measuring pairs 3 and 4 exchanged: each has the other's voltage, everything else is correct.
     let mut wrong = right.clone();
     let third = wrong.measure[2].1.clone();
     wrong.measure[2].1 = std::mem::replace(&mut wrong.measure[3].1, third);

@@ -1,5 +1,5 @@
-//! The simulated rig in memory: circuits, relays, frames that the real drivers measure, faults of the wires.
-//! The served program is tested by `served_rig`, foreign clients by `clients`.
+//! The simulated rig in memory: circuits, relays, frames measured by the real drivers, faults of the wires.
+//! `served_rig` tests the served program, `clients` third-party clients.
 
 mod circuits;
 mod drivers;

@@ -1,4 +1,4 @@
-//! What the settings of a session do to the imperfections that they are for, through the drivers and their text.
+//! Settings of a session reduce the imperfections that they are for, tested through the drivers.
 
 use std::time::Duration;
 
@@ -77,7 +77,7 @@ async fn reversal_and_zero_frame_cancel_thermal_voltages() {
     zeroed.subtract(&zero).unwrap();
     let zeroed = apart_uv(&volts(&zeroed), &truth);
     println!("10 uV of thermal voltages: {plain:.2} uV, reversed {turned:.2}, zeroed {zeroed:.2}");
-    // 26 channels draw 10 uV each; they wander by 0.35 uV between the two directions, by 2 uV from frame to frame
+    // 26 channels with 10 uV each; they wander by 0.35 uV between the two directions, by 2 uV between frames
     assert!((6.0..16.0).contains(&plain), "{plain}");
     assert!(turned < 0.4, "{turned}");
     assert!(zeroed < 4.0, "{zeroed}");

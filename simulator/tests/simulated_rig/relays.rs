@@ -1,4 +1,4 @@
-//! What a scene makes of relays and wires, as the instruments feel it.
+//! Effects of a scene on relays and wires, observed through the instruments.
 
 use crate::drivers::{board_rig, frame, mainframe_rig, simulated};
 use phantom::{Preview, Scan, Scene};
@@ -74,7 +74,7 @@ async fn a_relay_whose_life_is_over_sticks_and_can_be_replaced() {
     let close = |rig: &SimulatedRig| {
         rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1036)");
     };
-    // With a shape of 20 lives lie within some percent of three closures.
+    // With a shape of 20, all lives are within a few percent of three closures.
     let rig = worn(0);
     drive(&rig);
     for _ in 0..2 {
@@ -124,7 +124,7 @@ async fn a_board_that_does_not_wait_reads_before_its_relays_are_there() {
         frames.push(volts(frame(&rig, &wiring).await.unwrap()));
     }
     assert_eq!(frames[0], frames[1]);
-    // while they bounce a reading is a share of the true one
+    // while they bounce, a reading is a share of the true one
     let shares: Vec<f64> = frames[0]
         .iter()
         .zip(&frames[2])

@@ -1,4 +1,4 @@
-//! The rig takes the scenes that the laboratory runs: the same names, the same files.
+//! The rig accepts the same scenes as the laboratory, by name and by file.
 
 use simulator::{Pace, Profile, Scene, SimulatedRig};
 
@@ -26,7 +26,7 @@ fn a_file_is_the_scene_of_its_name() {
         std::fs::write(&path, text).unwrap();
         let read = Scene::open(path.to_str().unwrap()).unwrap();
         let known = Scene::open(name).unwrap();
-        // Faults say in which file they stand.
+        // Faults contain the name of their file.
         assert_eq!((&read.loads, &read.effects), (&known.loads, &known.effects));
         assert_eq!(read.faults.len(), known.faults.len());
     }

@@ -1,4 +1,4 @@
-//! What the rig itself offers: wires that break, instruments that lose power, time, presses, any relay that is closed.
+//! Functions of the rig itself: wires that break, power cycles, time, presses, closed relays.
 
 use std::time::Duration;
 
@@ -66,7 +66,7 @@ async fn source_lost_in_mid_frame_opens_relays_and_is_unknown() {
     assert!(matches!(fault, AcquireError::Unsafe { .. }), "{fault}");
     assert!(fault.cleanup().unwrap().source_state_unknown());
     assert!(sim.closed().is_empty());
-    // The output stays on when its client vanishes; without a relay it drives nothing.
+    // The output stays on when its client disconnects; without a closed relay no current flows.
     assert!(sim.source_output().0);
     assert_eq!(sim.flowing(), Amps(0.0));
     sim.set_wire(Instrument::Source, Wire::Sound);
@@ -115,7 +115,7 @@ async fn real_time_takes_what_the_instruments_need() {
         frame(&rig, &pairs()).await.unwrap();
         let took = before.elapsed().as_secs_f64();
         println!("{pace:?}: {took:.2} s");
-        // Every wait is rounded up to the timer's millisecond.
+        // Every delay is rounded up to the timer's millisecond.
         assert!((seconds..seconds * 1.25).contains(&took), "{took}");
     }
 }
@@ -170,14 +170,14 @@ async fn the_transcript_tells_what_went_over_the_wires() {
         .iter()
         .filter(|message| message.received.contains("READ?"));
     assert_eq!(reads.clone().count(), 26);
-    // The overlap goes out in the segment of the question: close first, then open.
+    // The overlap is in the same segment as the query: close first, then open.
     let second = reads.clone().nth(1).unwrap();
     assert!(
         second.received.starts_with("ROUT:CLOS (@1037);"),
         "{}",
         second.received
     );
-    // and the error queue is read behind it
+    // the error queue is read after it
     let (readings, error) = second.answered.as_ref().unwrap().split_once(';').unwrap();
     assert_eq!(readings.split(',').count(), 26);
     assert_eq!(error, "+0,\"No error\"");
@@ -200,7 +200,7 @@ async fn frames_in_instant_time_cost_milliseconds() {
 #[tokio::test(start_paused = true)]
 async fn source_answers_at_the_rate_of_its_command_time() {
     let mut profile = Profile::shipped("pairs-34924a").unwrap();
-    // what a timer of whole milliseconds would round up
+    // a timer of whole milliseconds would round this up
     profile.source.command_ms = 5.3;
     let rig = SimulatedRig::new(&profile.at_pace(Pace::Real), Scene::quiet()).unwrap();
     let mut source = rig::Link::new(rig.connect_6221(), "6221", Duration::from_secs(1));

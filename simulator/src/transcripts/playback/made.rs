@@ -1,4 +1,4 @@
-//! What a transcript tells of an instrument, and the golden that is made of it.
+//! Converts the part of one instrument in a transcript to a golden.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -11,11 +11,11 @@ use crate::isolated::InstrumentSetup;
 use crate::transcripts::golden::{Expected, Golden, GoldenLine, Step};
 use crate::transcripts::playback::ReplayError;
 
-/// Makes a golden of what a transcript has of one instrument. Readings, times, counts and serial numbers are kept in
-/// their shape.
+/// Converts the part of one instrument to a golden. Readings, times, counts and serial numbers are compared by shape
+/// only.
 ///
 /// # Errors
-/// Nothing said to that instrument; a reply to nothing.
+/// No message to that instrument; a reply without a message.
 pub fn golden_of(
     place: &str,
     entries: &[(usize, Entry)],
@@ -28,7 +28,7 @@ pub fn golden_of(
         .filter(|(_, entry)| Instrument::named(&entry.model()) == Some(instrument));
     let mut steps: Vec<Step> = Vec::new();
     let (mut last, mut began) = (0.0, None);
-    // Messages whose reply is still to come, by their place among the steps: clients may send ahead.
+    // Messages whose reply is pending, by the index of their step: clients may send ahead.
     let mut open: VecDeque<(usize, String)> = VecDeque::new();
     for (line, entry) in of_it {
         match &entry.content {
@@ -75,7 +75,7 @@ pub fn golden_of(
     })
 }
 
-/// What an instrument is made of, completed by what it tells of itself in the transcript.
+/// Configuration of an instrument, completed by its replies in the transcript.
 pub(super) fn setup_of_transcript(
     entries: &[(usize, Entry)],
     instrument: Instrument,
@@ -116,7 +116,7 @@ pub(super) fn setup_of_transcript(
     setup
 }
 
-/// Whether the reply to a message depends on what cannot be the same twice: the specimen, the clock, the unit's age.
+/// Whether the reply to a message depends on the individual unit or the time: serial number, clock, age.
 pub(super) fn varies(instrument: Instrument, message: &str) -> bool {
     use keithley_6221::Command as Source;
     use keysight_34980a::{Command as Mainframe, Functions, Measure, System};

@@ -1,4 +1,4 @@
-//! Transcripts played to the simulators: compared, or made into goldens.
+//! Transcripts replayed to the simulators for comparison, or converted to goldens.
 
 mod made;
 
@@ -13,7 +13,7 @@ pub use crate::transcripts::playback::made::golden_of;
 use crate::transcripts::playback::made::{setup_of_transcript, varies};
 use crate::{Instrument, SimulatedRig};
 
-/// Why a transcript cannot be played, or where the simulators answer otherwise.
+/// Why a transcript cannot be replayed, or the first difference.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// An instrument that is not simulated.
@@ -33,10 +33,10 @@ pub enum ReplayError {
     Nothing {
         /// The file.
         place: String,
-        /// Which.
+        /// The instrument.
         instrument: Instrument,
     },
-    /// Nobody can say what was asked.
+    /// A reply without a message.
     #[error(
         "{place}:{line}: '{text}' is received, and nothing was asked; replies stand behind their messages"
     )]
@@ -45,7 +45,7 @@ pub enum ReplayError {
         place: String,
         /// Counted from 1.
         line: usize,
-        /// What was received.
+        /// The reply.
         text: String,
     },
     /// The first difference.
@@ -57,18 +57,18 @@ pub enum ReplayError {
         place: String,
         /// The line of the reply, or of the message where the recording has none.
         line: usize,
-        /// Which.
+        /// The instrument.
         instrument: Instrument,
         /// The message.
         message: String,
-        /// What the recording has.
+        /// The recorded reply.
         recorded: String,
-        /// What the simulator answers.
+        /// The simulator's reply.
         simulated: String,
     },
 }
 
-/// What was played.
+/// Statistics of a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Played {
     /// Messages sent.
@@ -77,29 +77,29 @@ pub struct Played {
     pub replies: usize,
 }
 
-/// How closely replies are compared.
+/// Accuracy of the comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Comparison {
-    /// To the byte.
+    /// Exact.
     Exact,
-    /// Readings, times, counts and serial numbers in their shape, everything else to the byte.
+    /// Readings, times, counts and serial numbers by shape, everything else exactly.
     Shapes,
 }
 
-/// What a transcript is played to.
+/// Target of a replay.
 #[derive(Debug, Clone)]
 pub enum ReplayTarget {
-    /// Each instrument on its own, as recorded: mainframes hold the modules that the transcript tells of. The source
-    /// drives so many ohms, the voltmeter sees so many volts.
+    /// Each instrument alone, as recorded: mainframes contain the modules identified in the transcript, the source has
+    /// a resistor as its load, the voltmeter a constant voltage.
     Alone {
-        /// What the mainframe holds, where the transcript does not tell.
+        /// Configuration of the mainframe, as far as the transcript does not identify it.
         setup: InstrumentSetup,
     },
-    /// The instruments of one simulated rig. Its pace should be instant: times are those of the transcript.
+    /// The instruments of one simulated rig. Its speed should be instant: times are those of the transcript.
     Together(SimulatedRig),
 }
 
-/// A message under way.
+/// A message without its reply yet.
 #[derive(Debug)]
 struct Sent {
     line: usize,
@@ -107,7 +107,7 @@ struct Sent {
     reply: Option<String>,
 }
 
-/// One instrument's wire in a transcript.
+/// State of one instrument's messages in a transcript.
 struct Wire {
     name: String,
     instrument: Instrument,
@@ -116,10 +116,11 @@ struct Wire {
     under_way: VecDeque<Sent>,
 }
 
-/// Plays a transcript (see [`rig::transcript`]): every message to its simulator at its time, every reply compared.
+/// Replays a transcript (see [`rig::transcript`]): sends every message to its simulator at its time, and compares every
+/// reply.
 ///
 /// # Errors
-/// The first difference; an instrument that is not simulated; a reply to nothing.
+/// The first difference; an instrument that is not simulated; a reply without a message.
 pub fn replay(
     place: &str,
     entries: &[(usize, Entry)],
@@ -210,8 +211,7 @@ impl Wire {
         }
     }
 
-    /// Compares a reply to that of the message it must be the answer of: the oldest that was answered, or may have
-    /// been.
+    /// Compares a reply with that of the oldest message that was answered, or may have been.
     fn compare(
         &mut self,
         place: &str,
@@ -224,7 +224,7 @@ impl Wire {
             line,
             text: text.to_owned(),
         };
-        // Commands before the question have no reply on either side.
+        // Commands before the query have no reply on either side.
         let answered = self.under_way.iter().position(|sent| sent.reply.is_some());
         let asks = |sent: &Sent| sent.message.contains('?');
         let index = answered
