@@ -1,5 +1,5 @@
-//! Draws what the room can draw into a folder: `cargo run -p tactus-render --example gallery -- FOLDER`.
-//! The maps are made up: smooth bumps on a grid of triangles, no tomography.
+//! Draws examples of all pictures into a folder: `cargo run -p tactus-render --example gallery -- FOLDER`. The maps are
+//! artificial: smooth bumps on a grid of triangles, without tomography.
 
 use std::path::PathBuf;
 
@@ -96,7 +96,7 @@ fn disc() -> Sheet {
     sheet
 }
 
-/// Bumps of a loss, with some waves between.
+/// A map of loss bumps with waves between them.
 fn map(sheet: &Sheet, bumps: &[([f64; 2], f64, f64)], waves: f64) -> Map {
     let values = sheet.triangles.iter().map(|corners| {
         let middle = [0, 1].map(|axis| corners.iter().map(|c| c[axis]).sum::<f64>() / 3.0);

@@ -1,4 +1,4 @@
-//! Everything of a picture except its triangles: outline, axes, numbers, marks, colour bar, words.
+//! All parts of a picture except its triangles: outline, axes, numbers, marks, colour bar, texts.
 
 use plotters::prelude::*;
 use survey::{Electrode, Map};
@@ -11,20 +11,20 @@ use crate::{Extent, PictureError, Range, Sheet, Style};
 
 const PAPER: RGBColor = RGBColor(236, 236, 238);
 const ALARM: RGBColor = RGBColor(176, 64, 0);
-/// Between the sheet's edge and the axes: room for the electrodes' numbers, in points.
+/// Space between the sheet's edge and the axes for the electrodes' numbers, in points.
 pub(crate) const RING: f64 = 20.0;
 
-/// One map's place on the page, in points from the upper left corner.
+/// Position of one map on the page, in points from the upper left corner.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Panel {
     /// Upper left corner of the sheet's box.
     pub(crate) corner: [f64; 2],
-    /// Points a metre.
+    /// Points per metre.
     pub(crate) per_metre: f64,
     pub(crate) extent: Extent,
-    /// Size of the small words.
+    /// Size of small text.
     pub(crate) words: f64,
-    /// Whether numbers stand at the axes' ticks: across, up.
+    /// Whether the ticks of the axes have numbers: across, up.
     pub(crate) numbered: [bool; 2],
 }
 
@@ -43,7 +43,7 @@ impl Panel {
         ]
     }
 
-    /// The sheet itself, as far as the map leaves it bare.
+    /// The background of the sheet, visible where the map has no triangles.
     pub(crate) fn ground<DB: DrawingBackend>(
         &self,
         pen: &Pen<'_, DB>,
@@ -124,7 +124,7 @@ impl Panel {
         Ok(())
     }
 
-    /// Just outside the sheet: straight out from an electrode on a side of the box, else away from the middle.
+    /// A position just outside the sheet: perpendicular to a side of the box, otherwise away from the middle.
     fn beside(&self, at: [f64; 2], middle: [f64; 2], size: f64) -> [f64; 2] {
         let [width, height] = self.size();
         let out = size * 0.95;
@@ -207,7 +207,7 @@ impl Panel {
     }
 }
 
-/// A colour bar with its ticks and what they mean.
+/// A colour bar with its ticks and label.
 pub(crate) fn bar<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     range: &Range,
@@ -263,7 +263,7 @@ pub(crate) fn bar<DB: DrawingBackend>(
     pen.upright(&format!("{label}, {unit}"), place, words)
 }
 
-/// Title, and under it method and gaps; at the right end the mark of a simulation.
+/// Title, below it method and missing readings; at the right end the label of a simulation.
 pub(crate) fn heading<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     title: &str,
@@ -302,7 +302,7 @@ pub(crate) fn heading<DB: DrawingBackend>(
     Ok(())
 }
 
-/// What the marks mean; nothing where there are none.
+/// Explanation of the marks; empty without marks.
 pub(crate) fn legend<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     [mut x, y]: [f64; 2],
@@ -321,8 +321,8 @@ pub(crate) fn legend<DB: DrawingBackend>(
     Ok(())
 }
 
-/// What stands under the title: that the map shows nothing above its noise, where it does not; the method; and how many
-/// readings it had to do without.
+/// The line under the title: whether the map shows nothing above its noise, the method, and the number of missing
+/// readings.
 pub(crate) fn caption(map: &Map, style: &Style) -> String {
     let method = match map.masked {
         0 => map.method.clone(),
@@ -335,14 +335,14 @@ pub(crate) fn caption(map: &Map, style: &Style) -> String {
     }
 }
 
-/// What is said of a map that shows nothing above its noise, a relative loss.
+/// The text for a map that shows nothing above its noise, a relative loss.
 pub fn nothing_above(noise: f64) -> String {
     let percent = 100.0 * noise;
     let (_, decimals) = step(percent, 10);
     format!("nothing above the noise ({percent:.decimals$} %)")
 }
 
-/// The title over one map of a grid, no wider than its room.
+/// The title above one map of a grid, shortened to fit.
 pub(crate) fn small_title<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     title: &str,
@@ -367,7 +367,7 @@ fn circle<DB: DrawingBackend>(
             centre[1] + radius * angle.sin(),
         ]
     };
-    // White beneath, so that it shows on dark colours as well.
+    // White below, so that it is visible on dark colours.
     pen.line((0..=72).map(|k| at(f64::from(k) / 72.0)), WHITE, 2.2)?;
     for dash in 0..dashes {
         let arc = (0..=6).map(|k| at((dash as f64 + 0.58 * f64::from(k) / 6.0) / dashes as f64));
@@ -376,12 +376,12 @@ fn circle<DB: DrawingBackend>(
     Ok(())
 }
 
-/// A closed line of dashes, white beneath.
+/// A closed dashed line, white below.
 fn dashed<DB: DrawingBackend>(pen: &Pen<'_, DB>, corners: &[[f64; 2]]) -> Result<(), PictureError> {
     const DASH: f64 = 4.0;
     const GAP: f64 = 3.0;
     pen.line(corners.iter().chain(corners.first()).copied(), WHITE, 2.2)?;
-    // how far into the pattern of dash and gap the line is
+    // position of the line in the pattern of dash and gap
     let mut along = 0.0;
     for (a, b) in corners.iter().zip(corners.iter().cycle().skip(1)) {
         let length = (b[0] - a[0]).hypot(b[1] - a[1]);
@@ -417,7 +417,7 @@ fn cross<DB: DrawingBackend>(
     Ok(())
 }
 
-/// Every electrode's number where neighbours leave room, else every fifth or tenth.
+/// Interval of the electrodes' numbers: every one if there is space, otherwise every fifth or tenth.
 fn number_every(places: &[[f64; 2]], size: f64) -> usize {
     let closest = places
         .iter()

@@ -1,4 +1,4 @@
-//! Patches where the most is lost, or pressed.
+//! Connected patches of the largest loss or pressure.
 
 use std::collections::VecDeque;
 
@@ -11,19 +11,19 @@ use crate::{PictureError, Sheet, raster};
 pub struct HotSpot {
     /// Its centroid, weighted by loss, m.
     pub place: [f64; 2],
-    /// Its largest loss (of a map of pressure: its largest pressure), a positive number in the map's unit.
+    /// Its largest loss (or pressure, in a map of pressure), a positive number in the map's unit.
     pub loss: f64,
     /// Its area, m2.
     pub area: f64,
 }
 
-/// Pixels across the longer side when patches are looked for.
+/// Pixels across the longer side in the search for patches.
 const FINENESS: f64 = 200.0;
 
-/// A patch with less than this part of the greatest area times loss is left out.
+/// Patches below this share of the largest product of area and loss are dropped.
 const SPECK: f64 = 0.02;
 
-/// The hot spots of a map, the worst first; none where nothing is lost.
+/// The hot spots of a map, the worst first; empty if nothing is lost.
 ///
 /// # Errors
 /// A map of another sheet, or a sheet without area.
@@ -78,7 +78,7 @@ pub fn hot_spots(sheet: &Sheet, map: &Map) -> Result<Vec<HotSpot>, PictureError>
             area: f64::from(pixels) * step[0] * step[1],
         });
     }
-    // The ragged edge of a patch is no patch of its own.
+    // The ragged edge of a patch is not a separate patch.
     let least = SPECK
         * spots
             .iter()

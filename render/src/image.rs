@@ -16,7 +16,7 @@ use crate::{Grid, PictureError, Range, Rgb, Scales, Sheet, Style};
 /// A map as a PNG, 720 pixels wide.
 ///
 /// # Errors
-/// A map of another sheet, a sheet without area, a scale that is none.
+/// A map of another sheet, a sheet without area, an invalid scale.
 pub fn png(sheet: &Sheet, map: &Map, style: &Style) -> Result<Vec<u8>, PictureError> {
     Page::single(sheet, map, style)?.png()
 }
@@ -29,7 +29,7 @@ pub fn svg(sheet: &Sheet, map: &Map, style: &Style) -> Result<String, PictureErr
     Page::single(sheet, map, style)?.svg()
 }
 
-/// Many maps of one sheet in one PNG, row by row. It says SIMULATED if any is.
+/// Many maps of one sheet in one PNG, row by row. The label SIMULATED is drawn if any of them is.
 ///
 /// # Errors
 /// As [`png()`]; or no map, or no column, or maps of several units on one scale.
@@ -61,7 +61,7 @@ struct Drawn<'a> {
     range: Range,
 }
 
-/// A colour bar: its range, upper left corner and size, size of its words, whether it says what it shows.
+/// A colour bar: its range, upper left corner and size, text size, and whether it has a label.
 struct Bar {
     range: Range,
     corner: [f64; 2],
@@ -70,7 +70,7 @@ struct Bar {
     labelled: bool,
 }
 
-/// What goes where, in points.
+/// Layout of a page, in points.
 struct Page<'a> {
     sheet: &'a Sheet,
     panels: Vec<Drawn<'a>>,
@@ -89,7 +89,7 @@ impl Drawn<'_> {
     }
 }
 
-/// Room beside a map of a grid for a bar of its own.
+/// Width of the colour bar next to a map of a grid.
 const OWN_BAR: f64 = 58.0;
 
 impl<'a> Page<'a> {
@@ -111,7 +111,7 @@ impl<'a> Page<'a> {
         let [across, down] = panel.size();
         let frame = down + 2.0 * RING;
         let range = Range::styled(map, style)?;
-        // Words at the ends of the bar need room between frame and bar.
+        // Labels at the ends of the bar need space between frame and bar.
         let inset = if range.below || range.above {
             22.0
         } else {
@@ -180,7 +180,7 @@ impl<'a> Page<'a> {
                 per_metre,
                 extent,
                 words,
-                // A cell has numbers below where no other map stands below it.
+                // A cell has numbers below if there is no map below it.
                 numbered: [index + columns >= maps.len(), column == 0],
             };
             let [across, down] = panel.size();
@@ -260,7 +260,7 @@ impl<'a> Page<'a> {
         self.size.map(|points| (points * scale).round() as usize)
     }
 
-    /// What lies beneath the maps.
+    /// The part below the maps.
     fn beneath<DB: DrawingBackend>(
         &self,
         area: &DrawingArea<DB, Shift>,
@@ -273,7 +273,7 @@ impl<'a> Page<'a> {
             .try_for_each(|drawn| drawn.panel.ground(&pen, self.sheet))
     }
 
-    /// What lies above them.
+    /// The part above the maps.
     fn above<DB: DrawingBackend>(
         &self,
         area: &DrawingArea<DB, Shift>,
@@ -376,7 +376,7 @@ impl<'a> Page<'a> {
         Ok(svg)
     }
 
-    /// All triangles of one colour are one path; a stroke of the same colour closes the seams that viewers leave.
+    /// All triangles of one colour are one path; a stroke of the same colour closes the seams in viewers.
     fn triangles(&self, drawn: &Drawn<'_>) -> String {
         let Drawn { panel, map, .. } = drawn;
         let mut paths: BTreeMap<Rgb, String> = BTreeMap::new();

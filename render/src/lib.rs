@@ -1,12 +1,13 @@
-//! A map made visible: raster, PNG and SVG, terminal cells.
+//! Draws maps: raster, PNG and SVG, terminal cells.
 //!
-//! Every picture states its units, numbers its electrodes from 1, and says SIMULATED when the voltages were. Zero has
-//! one colour everywhere, loss goes to blue, gain to brown, lightness falls with the amount on both sides: readable
-//! without red and green, and in grey. A value that is not a number has no colour. The crate knows no
-//! files, clocks or meshes, and refuses a map that does not fit its sheet.
+//! Every picture shows its units, numbers its electrodes from 1, and is labelled SIMULATED if the voltages were. Zero
+//! has the same colour everywhere, losses are blue, gains brown, and lightness decreases with the amount on both sides:
+//! readable without distinguishing red and green, and in grey. NaN has no colour. The crate uses no files, clocks or
+//! meshes, and refuses a map that does not fit its sheet.
 //!
-//! - **sheet**: what is drawn on: triangles of the region in the order of the map's values, outline, electrodes, in metres
-//! - **style**: what is said beside it: title, scale, the true load if one is known, what was found
+//! - **sheet**: the geometry of a picture: triangles of the region in the order of the map's values, outline,
+//!   electrodes, in metres
+//! - **style**: title, scale, the true load if known, the position found
 //! - **hot spot**: a connected patch that has lost at least half of what the worst triangle has lost
 //!
 //! ```
@@ -49,7 +50,7 @@ pub use terminal::{TerminalColour, TerminalStyle, terminal};
 
 use survey::Map;
 
-/// What a map is drawn on. All coordinates in metres, y upwards.
+/// The geometry of a picture. All coordinates in metres, y upwards.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sheet {
     /// Triangles of the region, in the order of the map's values.
@@ -60,68 +61,68 @@ pub struct Sheet {
     pub electrodes: Vec<[f64; 2]>,
 }
 
-/// What the ends of the colour scale are. Zero is always on the scale and always has the same colour.
+/// Ends of the colour scale. Zero is always on the scale and always has the same colour.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Scale {
-    /// From the smallest to the largest value of what is drawn.
+    /// The smallest and the largest value in the picture.
     #[default]
     Own,
-    /// From the first to the second, in the map's unit (-0.5 is half the conductance lost); what lies beyond takes the
-    /// colour of the end, and the end is marked.
+    /// The given ends, in the map's unit (-0.5 is half the conductance lost); values beyond them take the colour of the
+    /// end, and the end is marked.
     Fixed(f64, f64),
 }
 
-/// Where a load really was.
+/// True position of a load.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TruePlace {
     /// Its centre, m.
     pub centre: [f64; 2],
-    /// Radius of the circle to draw, m; where that is smaller than 8 points, 8 points are drawn.
+    /// Radius of the circle, m; at least 8 points are drawn.
     pub radius: f64,
 }
 
-/// What is said beside a map.
+/// Texts and marks of a picture.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Style {
-    /// First line.
+    /// Title.
     pub title: String,
     /// Ends of the colour scale.
     pub scale: Scale,
-    /// Whether the voltages come from a simulated sheet; then the picture says so.
+    /// Whether the voltages are simulated; the picture then has a label.
     pub simulated: bool,
-    /// Where the load really was: a dashed circle.
+    /// True position of the load: a dashed circle.
     pub true_position: Option<TruePlace>,
-    /// The outline of a load that is no disc, m: a dashed line.
+    /// Outline of a load that is not a disc, m: a dashed line.
     pub true_outline: Vec<[f64; 2]>,
-    /// Where it was found, m: a cross.
+    /// Position found, m: a cross.
     pub found: Option<[f64; 2]>,
-    /// Where nothing of the map is above its noise: the noise, as a relative loss. The picture is then grey, on a scale
-    /// that does not depend on the map unless one is fixed, and says so.
+    /// Present if nothing in the map is above its noise: the noise, as a relative loss. The picture is then grey with a
+    /// label, and its scale does not depend on the map unless fixed.
     pub nothing_above: Option<f64>,
 }
 
-/// How the colours of a grid's maps are scaled.
+/// Scaling of the colours in a grid of maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Scales {
-    /// One scale that serves all maps, with one bar: amounts can be compared.
+    /// One scale with one bar for all maps: amounts can be compared.
     #[default]
     Common,
     /// A scale and a bar for each map: shapes can be compared.
     Each,
 }
 
-/// How a grid of maps is laid out.
+/// Layout of a grid of maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Grid<'a> {
-    /// Maps in a row.
+    /// Maps per row.
     pub columns: usize,
-    /// First line.
+    /// Title.
     pub title: &'a str,
-    /// Whose colours can be compared.
+    /// Scaling of the colours.
     pub scales: Scales,
 }
 
-/// Why there is no picture.
+/// Errors of drawing.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PictureError {
     /// The map is of another sheet.
@@ -137,7 +138,7 @@ pub enum PictureError {
     /// The sheet has no extent, or a coordinate that is not a number.
     #[error("the sheet cannot be drawn: {0}")]
     Sheet(&'static str),
-    /// The scale's ends are not in order or not numbers.
+    /// The scale's ends are not ascending or not finite.
     #[error("a colour scale from {low} to {high} cannot be drawn; the first end must be the lower")]
     Scale {
         /// Lower end.
@@ -145,25 +146,25 @@ pub enum PictureError {
         /// Upper end.
         high: f64,
     },
-    /// The picture has no room or far too much.
+    /// The picture is too small or far too large.
     #[error("a picture of {width} x {height} cannot be drawn; {limit}")]
     Size {
-        /// Width asked for.
+        /// Width requested.
         width: usize,
-        /// Height asked for.
+        /// Height requested.
         height: usize,
         /// What is possible.
         limit: &'static str,
     },
-    /// A point that is nowhere on its chart.
+    /// A point that cannot be drawn on its chart.
     #[error("a point at {across} across and {up} up cannot be drawn")]
     Point {
-        /// Its place across.
+        /// Its abscissa.
         across: f64,
-        /// Its place up.
+        /// Its ordinate.
         up: f64,
     },
-    /// Maps on one scale whose values do not mean the same.
+    /// Maps with different units on one scale.
     #[error("maps in per cent, in siemens and in kPa cannot share one colour scale")]
     Units,
     /// A grid without maps.
@@ -174,7 +175,7 @@ pub enum PictureError {
     Draw(String),
 }
 
-/// Smallest box round a sheet.
+/// Bounding box of a sheet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Extent {
     pub(crate) low: [f64; 2],
@@ -191,7 +192,7 @@ impl Extent {
 }
 
 impl Sheet {
-    /// The box of outline and triangles; refuses what cannot be drawn.
+    /// The bounding box of outline and triangles; refuses invalid sheets.
     pub(crate) fn extent(&self) -> Result<Extent, PictureError> {
         let mut extent = Extent {
             low: [f64::INFINITY; 2],

@@ -4,11 +4,11 @@ use survey::Map;
 
 use crate::{Extent, PictureError, Sheet};
 
-/// No picture needs more.
+/// Maximum size of a raster.
 pub(crate) const MOST_PIXELS: usize = 64 << 20;
 
-/// The value under the centre of each pixel of a box that just holds the sheet, row by row from the top (largest y),
-/// left to right. `None` outside the region, and where the value is not a number.
+/// The value at the centre of each pixel of the sheet's bounding box, row by row from the top (largest y), left to
+/// right. `None` outside the region, and for NaN.
 ///
 /// # Errors
 /// A map of another sheet, a sheet without area, no pixel or more than 67 million.
@@ -39,7 +39,7 @@ pub(crate) fn check_size(width: usize, height: usize) -> Result<(), PictureError
     })
 }
 
-/// Tells for each pixel whose centre lies in a triangle which one it is.
+/// Calls `draw` with pixel and triangle for each pixel whose centre is in a triangle.
 pub(crate) fn fill(
     sheet: &Sheet,
     extent: Extent,
@@ -59,7 +59,7 @@ pub(crate) fn fill(
         if turn == 0.0 {
             continue;
         }
-        // A pixel centre on a common edge must not fall between the two triangles.
+        // A pixel centre on a common edge must belong to one of the triangles.
         let slack = -1e-9 * turn.abs();
         let bound = |axis: usize, size: usize| {
             let low = a[axis].min(b[axis]).min(c[axis]);

@@ -1,4 +1,4 @@
-//! A map in a terminal: two pixels a character cell.
+//! Draws a map in a terminal: two pixels per character cell.
 
 use std::fmt::Write;
 
@@ -8,7 +8,7 @@ use crate::drawing::colour::luminance;
 use crate::raster::raster;
 use crate::{Extent, HotSpot, PictureError, Range, Rgb, Sheet, Style, hot_spots};
 
-/// What the terminal can show.
+/// Colour support of the terminal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TerminalColour {
     /// 24 bits, half blocks.
@@ -16,19 +16,19 @@ pub enum TerminalColour {
     /// The 256 colours of xterm, half blocks.
     #[default]
     Ansi256,
-    /// No colour and no character beyond ASCII: the more is lost, the denser the sign.
+    /// No colour and only ASCII characters: the larger the loss, the denser the character.
     Plain,
 }
 
-/// How a map is shown in a terminal.
+/// Layout of a map in a terminal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TerminalStyle {
-    /// Columns the sheet and its numbers take at most; at least 20. Below about 50 the words beneath are longer.
+    /// Maximum columns of the sheet with its numbers; at least 20. Below about 50, the text below is longer.
     pub width: usize,
-    /// Lines that the whole text takes at most, as far as 14 lines and the lines of found and true place allow; `None`
-    /// for as many as the width needs.
+    /// Maximum lines of the whole text, but at least 14 and the lines of found and true position; `None` for as many as
+    /// the width needs.
     pub height: Option<usize>,
-    /// What the terminal can show.
+    /// Colour support of the terminal.
     pub colour: TerminalColour,
     /// Title, scale, marks.
     pub style: Style,
@@ -47,22 +47,22 @@ impl Default for TerminalStyle {
 
 /// Columns between the edge of the text and the sheet, for electrode numbers.
 const MARGIN: usize = 4;
-/// Wider pictures do not fit a screen's height.
+/// Wider pictures are too high for a screen.
 const WIDEST: usize = 72;
-/// Rows of the sheet, as far as the height has so many, before hot spots are named.
+/// Minimum rows of the sheet, if the height allows, before hot spots are listed.
 const FEWEST_ROWS: usize = 10;
-/// Hot spots named at most.
+/// Maximum number of hot spots listed.
 const SPOTS: usize = 3;
-/// Nothing, then more and more loss.
+/// Zero, followed by increasing loss.
 const LOSS_SIGNS: &[u8] = b".:-=oO%@";
-/// Nothing, then more and more gain.
+/// Zero, followed by increasing gain.
 const GAIN_SIGNS: &[u8] = b".'\"^";
 
-/// A map as lines of text, each ended by a newline: title, sheet with the electrodes' numbers round it, scale in per cent,
-/// and places (mm) of hot spots. Hot spots are marked 1, 2, 3; the true place `o`; the found place `x`.
+/// A map as lines of text, each ended by a newline: title, sheet surrounded by the electrodes' numbers, scale in per
+/// cent, and positions (mm) of hot spots. Hot spots are marked 1, 2, 3; the true position `o`; the position found `x`.
 ///
 /// # Errors
-/// A map of another sheet, a sheet without area, a scale that is none, fewer than 20 columns.
+/// A map of another sheet, a sheet without area, an invalid scale, fewer than 20 columns.
 pub fn terminal(sheet: &Sheet, map: &Map, style: &TerminalStyle) -> Result<String, PictureError> {
     if style.width < 20 {
         return Err(PictureError::Size {
@@ -155,7 +155,7 @@ fn scale(text: &mut String, map: &Map, range: &Range, columns: usize, ink: Ink) 
     line(text, &bar);
     let (low, high) = (range.words(range.low), range.words(range.high));
     let sign = |beyond: bool, sign: &'static str| if beyond { sign } else { "" };
-    // as programs without the signs of mathematics write them
+    // ASCII forms of the mathematical signs
     let [below, above] = range.beyond().map(|sign| match sign {
         "\u{2264}" => "<= ",
         _ => ">= ",
@@ -215,13 +215,13 @@ fn line(text: &mut String, words: &str) {
     text.push('\n');
 }
 
-/// Pixels of the sheet and characters over and round it.
+/// Pixels of the sheet, and characters on and around it.
 struct Canvas {
     extent: Extent,
     columns: usize,
     rows: usize,
     pixels: Vec<Option<f64>>,
-    /// A margin of [`MARGIN`] columns and one row round the sheet.
+    /// A margin of [`MARGIN`] columns and one row around the sheet.
     signs: Vec<Option<char>>,
 }
 
@@ -240,7 +240,7 @@ impl Canvas {
         self.pixels = pixels.to_vec();
     }
 
-    /// Cell of a place, from the sheet's upper left corner.
+    /// Cell of a position, from the sheet's upper left corner.
     fn cell(&self, [x, y]: [f64; 2]) -> (usize, usize) {
         let across = (x - self.extent.low[0]) / self.extent.width() * self.columns as f64;
         let down = (self.extent.high[1] - y) / self.extent.height() * self.rows as f64;
@@ -262,7 +262,7 @@ impl Canvas {
         self.put(row + 1, column + MARGIN, sign);
     }
 
-    /// Each electrode's number beside the nearest side of the sheet.
+    /// Each electrode's number next to the nearest side of the sheet.
     fn number(&mut self, sheet: &Sheet) {
         let mut taken = vec![false; self.signs.len()];
         for (index, &place) in sheet.electrodes.iter().enumerate() {
@@ -287,7 +287,7 @@ impl Canvas {
             let stride = self.columns + 2 * MARGIN;
             let first = (row * stride + column).saturating_sub(1);
             let last = (row * stride + column + number.len()).min(taken.len() - 1);
-            // In a narrow picture some numbers must give way rather than run into each other.
+            // In a narrow picture, overlapping numbers are omitted.
             if taken[first..=last].iter().any(|taken| *taken) {
                 continue;
             }
@@ -327,7 +327,7 @@ impl Canvas {
     }
 }
 
-/// Cells in the terminal's own language.
+/// Escape sequences for the terminal's colour support.
 #[derive(Clone, Copy)]
 struct Ink(TerminalColour);
 
@@ -368,7 +368,7 @@ impl Ink {
         }
     }
 
-    /// Back to the terminal's own colours.
+    /// Resets to the terminal's own colours.
     fn rest(self) -> &'static str {
         match self.0 {
             TerminalColour::Plain => "",

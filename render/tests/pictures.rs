@@ -1,4 +1,4 @@
-//! What a picture says, and what it refuses.
+//! Content of pictures, and invalid input.
 
 use render::{
     Grid, PictureError, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace,
@@ -355,7 +355,7 @@ fn maps_of_a_grid_can_have_a_scale_each() {
         let [r, g, b] = render::colour(-1.0).unwrap();
         format!("{r:02x}{g:02x}{b:02x}")
     });
-    // the darkest colour fills triangles of one map on one scale, of both on a scale each
+    // the darkest colour fills triangles of one map on a common scale, of both on separate scales
     let dark = |svg: &str| {
         svg.lines()
             .filter(|line| line.starts_with("<path") && line.contains(&full))

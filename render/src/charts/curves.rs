@@ -1,4 +1,4 @@
-//! Curves: what happens to a figure when something is varied; a line a method, bars where there is a spread.
+//! Charts of a figure against a varied parameter; a curve per method, with error bars.
 
 use plotters::prelude::*;
 
@@ -16,13 +16,13 @@ const BOTTOM: f64 = 52.0;
 /// One line of a chart.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// What it is.
+    /// Its name.
     pub name: String,
-    /// Across, up, and half the length of the bar through the point (0: none); in the order in which they are joined.
+    /// Abscissa, ordinate, and half the length of the error bar (0: none), in the order of connection.
     pub points: Vec<[f64; 3]>,
 }
 
-/// How an axis counts.
+/// Kind of axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Axis {
     /// Equal steps.
@@ -31,29 +31,29 @@ pub enum Axis {
     Log,
 }
 
-/// A chart with its words.
+/// A chart with its texts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curves<'a> {
     /// First line.
     pub title: &'a str,
-    /// What runs across, with its unit.
+    /// Label of the abscissa, with its unit.
     pub across: &'a str,
-    /// What runs up, with its unit.
+    /// Label of the ordinate, with its unit.
     pub up: &'a str,
-    /// How the axes count: across, up.
+    /// Kinds of the axes: across, up.
     pub axes: [Axis; 2],
-    /// Upright lines with their names.
+    /// Vertical lines with their names.
     pub marks: Vec<(f64, &'a str)>,
-    /// What is drawn.
+    /// The curves.
     pub curves: Vec<Curve>,
-    /// Points that get a ring and are joined by a dashed line: those that no other beats.
+    /// Points marked by a ring and connected by a dashed line: the Pareto front.
     pub front: Vec<[f64; 2]>,
 }
 
 /// A chart as a PNG, 720 points wide.
 ///
 /// # Errors
-/// No point; a value that is not finite, or not positive on an axis that counts factors.
+/// No point; a value that is not finite, or not positive on a logarithmic axis.
 pub fn curves_png(curves: &Curves<'_>) -> Result<Vec<u8>, PictureError> {
     Plot::new(curves)?.png()
 }
@@ -66,7 +66,7 @@ pub fn curves_svg(curves: &Curves<'_>) -> Result<String, PictureError> {
     Plot::new(curves)?.svg()
 }
 
-/// Ends of the axes, as the axes count.
+/// Ranges of the axes, in axis units.
 struct Plot<'a> {
     curves: &'a Curves<'a>,
     low: [f64; 2],
@@ -101,7 +101,7 @@ impl<'a> Plot<'a> {
         }
         for axis in 0..2 {
             match curves.axes[axis] {
-                // amounts are seen against nothing
+                // ordinates include zero
                 Axis::Linear if axis == 1 => {
                     low[1] = low[1].min(0.0);
                     high[1] = high[1].max(low[1] + f64::MIN_POSITIVE);
@@ -131,7 +131,7 @@ impl<'a> Plot<'a> {
         ]
     }
 
-    /// Values at the ticks and what is written there.
+    /// Positions and labels of the ticks.
     fn ticks(&self, axis: usize) -> Vec<(f64, String)> {
         match self.curves.axes[axis] {
             Axis::Linear => {
@@ -158,7 +158,7 @@ impl<'a> Plot<'a> {
         }
     }
 
-    /// Every how many decades there is room for words.
+    /// Number of decades between labelled ticks, by the available space.
     fn decades_a_tick(&self, axis: usize) -> usize {
         let available = [9.0, 18.0][axis];
         ((self.high[axis] - self.low[axis]) / available)
@@ -166,7 +166,7 @@ impl<'a> Plot<'a> {
             .max(1.0) as usize
     }
 
-    /// The lower end as values are.
+    /// The lower end as a value.
     fn shown_low(&self, axis: usize) -> f64 {
         match self.curves.axes[axis] {
             Axis::Linear => self.low[axis],
@@ -256,7 +256,7 @@ impl Drawing for Plot<'_> {
     }
 }
 
-/// A mark of its own for each curve: discs, squares, triangles, crosses.
+/// A different mark for each curve: discs, squares, triangles, crosses.
 fn mark<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     curve: usize,
@@ -264,7 +264,7 @@ fn mark<DB: DrawingBackend>(
     colour: RGBColor,
 ) -> Result<(), PictureError> {
     let r = 3.6;
-    // a ninth curve has the first one's colour and another mark
+    // a ninth curve has the first one's colour and a different mark
     match (curve + curve / COLOURS.len()) % 4 {
         0 => pen.area(&round([x, y], r), colour),
         1 => pen.area(

@@ -1,4 +1,4 @@
-//! Accuracy against time: a panel a judged set, a point a method.
+//! Accuracy against time: a panel per test set, a point per method.
 
 use plotters::prelude::*;
 
@@ -13,18 +13,18 @@ pub struct WorkPoint {
     pub panel: String,
     /// The method.
     pub name: String,
-    /// Time a frame, ms.
+    /// Time per frame, ms.
     pub ms: f64,
     /// The accuracy, 0 to 1, upwards.
     pub value: f64,
-    /// What else stands beside it.
+    /// Additional text for the label.
     pub words: String,
 }
 
 const WIDTH: f64 = 460.0;
 const HEIGHT: f64 = 330.0;
 
-/// A PNG with two panels a row; `marks` are times (ms) drawn as upright lines with their names.
+/// A PNG with two panels per row; `marks` are times (ms) drawn as vertical lines with their names.
 ///
 /// # Errors
 /// No point, a value that is not finite or a time that is not positive; or a drawing that fails.
@@ -56,7 +56,7 @@ pub fn work_precision_png(
     plot.png()
 }
 
-/// Panels row by row, and the ends of their axis in powers of ten.
+/// Panels row by row, and the range of their axis in powers of ten.
 struct Plot<'a> {
     title: &'a str,
     points: &'a [WorkPoint],
@@ -142,7 +142,7 @@ fn panel<DB: DrawingBackend>(
         let at = [x(*ms) + 3.0, top + tall - 8.0 - 12.0 * k as f64];
         pen.text(words, at, 9.0, RGBColor(90, 90, 96), Anchor::Left)?;
     }
-    // words that would stand on one another move down
+    // overlapping labels move down
     let mut taken: Vec<[f64; 2]> = Vec::new();
     let here: Vec<&WorkPoint> = points.iter().filter(|p| p.panel == name).collect();
     for (k, point) in here.iter().enumerate() {

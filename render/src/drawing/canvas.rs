@@ -1,4 +1,4 @@
-//! What every picture is drawn on: white paper of so many points, as PNG and as SVG; and the colours of curves and points.
+//! The page of every picture: a white area in points, as PNG and as SVG; and the colours of curves and points.
 
 use plotters::prelude::*;
 
@@ -6,14 +6,14 @@ use crate::PictureError;
 use crate::drawing::pen::Pen;
 use crate::raster::check_size;
 
-/// Pixels of a PNG to the point; of a map each is the mean of so many by so many.
+/// Pixels of a PNG per point, in each direction; maps are drawn finer by this factor and averaged.
 pub(crate) const FINER: usize = 2;
-/// Lines and words of an SVG lie on a grid of so many to the point (plotters knows whole numbers only).
+/// Resolution of lines and text in an SVG per point (plotters uses integers only).
 pub(crate) const GRAIN: f64 = 4.0;
-/// plotters writes words of a bitmap too high by this part of their size, those of an SVG right.
+/// plotters draws text in bitmaps too high by this fraction of its size, in SVGs correctly.
 pub(crate) const SINK: f64 = 0.1;
 
-/// What is drawn side by side is told apart by these; each has another brightness beside the next.
+/// Colours of adjacent elements; consecutive ones differ in brightness too.
 pub(crate) const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 90, 160),
     RGBColor(200, 80, 0),
@@ -24,17 +24,17 @@ pub(crate) const COLOURS: [RGBColor; 8] = [
     RGBColor(70, 70, 150),
     RGBColor(90, 60, 40),
 ];
-/// Lines of a grid behind curves and points.
+/// Grid lines behind curves and points.
 pub(crate) const GRID: RGBColor = RGBColor(205, 205, 210);
-/// Edges and upright marks.
+/// Edges and vertical marks.
 pub(crate) const PALE: RGBColor = RGBColor(120, 120, 126);
 
-/// Something that a pen can draw.
+/// A picture that can be drawn by a pen.
 pub(crate) trait Drawing {
     /// Width and height, points.
     fn size(&self) -> [f64; 2];
 
-    /// Draws it on white paper.
+    /// Draws it on a white page.
     fn draw<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError>;
 
     fn png(&self) -> Result<Vec<u8>, PictureError> {
@@ -71,7 +71,7 @@ pub(crate) trait Drawing {
     }
 }
 
-/// The first tag of an SVG: its size in points, and in grains.
+/// The first tag of an SVG: its size in points, and in units of the resolution.
 pub(crate) fn opening([width, height]: [usize; 2], grains: [u32; 2]) -> String {
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {} {}\">\n",
@@ -79,7 +79,7 @@ pub(crate) fn opening([width, height]: [usize; 2], grains: [u32; 2]) -> String {
     )
 }
 
-/// What stands between the first and the last tag of an SVG.
+/// The content between the first and the last tag of an SVG.
 pub(crate) fn inside(svg: &str) -> &str {
     let after_head = svg
         .find("<svg")

@@ -1,4 +1,4 @@
-//! One colour scale for everything: zero almost white, loss to blue, gain to brown.
+//! The common colour scale: zero almost white, loss to blue, gain to brown.
 
 /// Red, green, blue, 0 to 255 (sRGB).
 pub type Rgb = [u8; 3];
@@ -21,8 +21,8 @@ const GAIN: [Rgb; 5] = [
     [120, 44, 12],
 ];
 
-/// The colour of a share of the scale: 0 is zero, -1 the largest loss, 1 the largest gain; beyond that the end's colour.
-/// `None` for what is not a number.
+/// The colour of a share of the scale: 0 is zero, -1 the largest loss, 1 the largest gain; values beyond take the end's
+/// colour. `None` for NaN.
 pub fn colour(share: f64) -> Option<Rgb> {
     if share.is_nan() {
         return None;
@@ -37,7 +37,7 @@ pub fn colour(share: f64) -> Option<Rgb> {
     }))
 }
 
-/// Relative luminance, 0 to 1: what is left of a colour in a grey print.
+/// Relative luminance, 0 to 1: the brightness in a grey print.
 pub(crate) fn luminance(colour: Rgb) -> f64 {
     let linear = colour.map(|channel| (f64::from(channel) / 255.0).powf(2.2));
     0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]

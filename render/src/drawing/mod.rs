@@ -1,5 +1,4 @@
-//! What every picture is drawn with: canvas, pen, colours, scales, text that fits.
-//! What is drawn is decided by the callers.
+//! Drawing tools for all pictures: canvas, pen, colours, scales, text fitting.
 
 pub(crate) mod canvas;
 pub(crate) mod colour;

@@ -1,4 +1,4 @@
-//! Lines, areas and words in points, whatever the backend counts in.
+//! Lines, areas and text in points, independent of the backend's unit.
 
 use std::sync::Once;
 
@@ -9,10 +9,10 @@ use plotters::style::{FontStyle, register_font};
 
 use crate::PictureError;
 
-/// What words and marks are drawn in.
+/// Colour of text and marks.
 pub(crate) const INK: RGBColor = RGBColor(34, 34, 38);
 
-/// Where text stands relative to its point.
+/// Position of text relative to its point.
 #[derive(Clone, Copy)]
 pub(crate) enum Anchor {
     Left,
@@ -24,7 +24,7 @@ pub(crate) enum Anchor {
 pub(crate) struct Pen<'a, DB: DrawingBackend> {
     area: &'a DrawingArea<DB, Shift>,
     scale: f64,
-    /// How far below its place a backend must be told to write for the words to stand centred there, in heights.
+    /// Vertical offset that centres text in this backend, in text heights.
     sink: f64,
 }
 
@@ -105,7 +105,7 @@ impl<'a, DB: DrawingBackend> Pen<'a, DB> {
         self.write(words, at, font, colour, anchor)
     }
 
-    /// How wide words are in bold, points.
+    /// Width of bold text, points.
     ///
     /// # Errors
     /// A size that no font has.
@@ -114,7 +114,7 @@ impl<'a, DB: DrawingBackend> Pen<'a, DB> {
         self.width(words, &font)
     }
 
-    /// How wide words are, points.
+    /// Width of text, points.
     pub(crate) fn text_width(&self, words: &str, size: f64) -> Result<f64, PictureError> {
         let font = ("sans-serif", size * self.scale).into_font();
         self.width(words, &font)

@@ -1,36 +1,36 @@
-//! Ends and ticks of a scale.
+//! Range and ticks of a scale.
 
 use survey::{Map, MapUnit};
 
 use crate::drawing::colour::{colour, luminance};
 use crate::{PictureError, Rgb, Scale, Style};
 
-/// Ends of a colour scale, in the map's unit; zero is never outside.
+/// Range of a colour scale, in the map's unit; it includes zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
     /// Lower end, at most 0.
     pub low: f64,
     /// Upper end, at least 0.
     pub high: f64,
-    /// Whether values below the lower end are drawn in its colour.
+    /// Whether there are values below the lower end, drawn in its colour.
     pub below: bool,
-    /// Whether values above the upper end are drawn in its colour.
+    /// Whether there are values above the upper end, drawn in its colour.
     pub above: bool,
-    /// What the values mean.
+    /// Unit of the values.
     pub unit: MapUnit,
-    /// Whether values are drawn in grey: they are noise.
+    /// Whether values are drawn in grey, because they are noise.
     pub grey: bool,
 }
 
-/// The upper end of a scale of pressures that are noise, kPa.
+/// Upper end of the scale for pressures that are noise, kPa.
 const GREY_KPA: f64 = 100.0;
 
 impl Range {
-    /// The range that serves one or more maps. With [`Scale::Own`] of maps without a value: a loss of
-    /// one per cent, or one of whatever the unit is shown in.
+    /// The range for one or more maps. For [`Scale::Own`] and maps without a value: a loss of one per cent, or one unit
+    /// as displayed.
     ///
     /// # Errors
-    /// Fixed ends out of order, or not numbers; maps whose values do not mean the same.
+    /// Fixed ends that are not ascending or not finite; maps with different units.
     pub fn of<'a>(maps: impl IntoIterator<Item = (&'a Map, Scale)>) -> Result<Self, PictureError> {
         let (mut low, mut high) = (0.0_f64, 0.0_f64);
         let (mut least, mut most) = (0.0_f64, 0.0_f64);
@@ -71,7 +71,7 @@ impl Range {
         })
     }
 
-    /// The range of one map drawn like this: where nothing is above its noise, grey and from no loss to all of it.
+    /// The range of one map with this style: if nothing is above its noise, grey and from no loss to complete loss.
     ///
     /// # Errors
     /// As [`Range::of`].
@@ -86,12 +86,12 @@ impl Range {
         Ok(Self { grey, ..range })
     }
 
-    /// A value as a part of the larger end: negative where it is a load.
+    /// A value relative to the larger end: negative for loads.
     pub(crate) fn share(&self, value: f64) -> f64 {
         -self.unit.load(value) / self.low.abs().max(self.high)
     }
 
-    /// The colour of a value: loads have the colours of losses, whether they are shown as such or as pressure.
+    /// The colour of a value: loads have the colours of losses, in maps of loss and of pressure.
     pub fn colour(&self, value: f64) -> Option<Rgb> {
         let colour = colour(self.share(value))?;
         Some(match self.grey {
@@ -100,7 +100,7 @@ impl Range {
         })
     }
 
-    /// Places of the ticks, ascending, with what is written there: as the unit is shown, without it.
+    /// Positions of the ticks, ascending, with labels in the displayed unit (without its name).
     pub(crate) fn ticks(&self, most: usize) -> Vec<(f64, String)> {
         let (per, _) = self.unit.shown();
         let (step, decimals) = step(per.abs() * (self.high - self.low), most);
@@ -114,7 +114,8 @@ impl Range {
             .collect()
     }
 
-    /// Signs before an end that values lie beyond: below the lower one, above the upper one. Losses are shown positive.
+    /// Signs at ends with values beyond them: below the lower one, above the upper one. Losses are displayed as
+    /// positive.
     pub(crate) fn beyond(&self) -> [&'static str; 2] {
         let signs = ["\u{2264}", "\u{2265}"];
         match self.unit.shown().0 < 0.0 {
@@ -123,7 +124,7 @@ impl Range {
         }
     }
 
-    /// A value as the unit is shown, with as many decimals as the range deserves.
+    /// A value in the displayed unit, with decimals suited to the range.
     pub(crate) fn words(&self, value: f64) -> String {
         let (per, unit) = self.unit.shown();
         let (_, decimals) = step(per.abs() * (self.high - self.low), 20);
@@ -131,7 +132,7 @@ impl Range {
     }
 }
 
-/// A number with a true minus sign, and no sign before a zero.
+/// A number with a minus sign (U+2212), and no sign before a zero.
 fn signed(value: f64, decimals: usize) -> String {
     let text = format!("{:.decimals$}", value.abs());
     let zero = text.bytes().all(|c| matches!(c, b'0' | b'.'));
@@ -142,7 +143,7 @@ fn signed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// The smallest of 1, 2, 5 times a power of ten that gives at most so many steps, and the decimals it needs.
+/// The smallest of 1, 2, 5 times a power of ten that gives at most this number of steps, and its decimals.
 pub(crate) fn step(span: f64, most: usize) -> (f64, usize) {
     let least = (span / most.max(1) as f64).max(f64::MIN_POSITIVE);
     let power = least.log10().floor();

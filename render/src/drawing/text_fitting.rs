@@ -1,8 +1,8 @@
-//! Words cut to the room they have.
+//! Text shortened to the available width.
 
 use crate::PictureError;
 
-/// Words broken at the last gap that lets the first line fit; what does not fit the second is left out.
+/// Text broken at the last space that lets the first line fit; the second line is cut to fit.
 pub(crate) fn two_lines(
     words: &str,
     available: f64,
@@ -22,7 +22,7 @@ pub(crate) fn two_lines(
     ])
 }
 
-/// Words that fit the room, with an ellipsis where something had to be left out.
+/// Text that fits the width, with an ellipsis if it was cut.
 pub(crate) fn shortened(
     words: &str,
     available: f64,
