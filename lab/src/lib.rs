@@ -1,12 +1,12 @@
-//! The command line of offline work, `tactus-lab`: meshes, forward solutions, sensitivities, training, reconstruction of
-//! recorded data, the studies. What is computed is in `eit`, `imaging`, `training` and `studies`.
+//! The command line for offline work, `tactus-lab`: meshes, forward solutions, sensitivities, training, reconstruction
+//! of recorded data, the studies. The computations are in `eit`, `imaging`, `training` and `studies`.
 //!
-//! Everything here reads and writes plain files: case folders (geometry, protocol, conductances as CSV), frames, maps,
-//! model files. Left to others: instruments, the bus, the daemon; nothing that runs for months links this crate.
+//! All commands read and write plain files: case folders (geometry, protocol, conductances as CSV), frames, maps, model
+//! files. The daemon does not link this crate.
 //!
-//! - **case**: a folder with a mesh, electrodes and a protocol; **preset**: a case made from measures
+//! - **case**: a folder with a mesh, electrodes and a protocol; **preset**: a case made from dimensions
 //! - **frames**: rows (or columns) of readings; **baseline**: the frame of the unloaded sheet
-//! - **maps**: a row a frame, a column a triangle of the region, relative change of conductance
+//! - **maps**: a row per frame, a column per triangle of the region, relative change of conductance
 //!
 //! ```
 //! let folder = tempfile::tempdir()?;
@@ -39,7 +39,7 @@ pub fn command() -> clap::Command {
     Arguments::command()
 }
 
-/// The whole program: `words` are the arguments with the program's name first. 0 done, 1 failed, 2 usage.
+/// Runs the program; `words` are the arguments, starting with the program's name. Exit code 0 done, 1 failed, 2 usage.
 pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     let command = Arguments::command();
     let parsed = command.clone().try_get_matches_from(words);
@@ -49,7 +49,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     }) {
         Ok(parsed) => parsed,
         Err(refusal) => {
-            // --help and --version come this way too, and are no failure; a closed terminal is not ours to report
+            // also for --help and --version, which are no errors; a closed terminal is ignored
             let _ = refusal.print();
             return ExitCode::from(if refusal.use_stderr() { 2 } else { 0 });
         }
@@ -168,7 +168,7 @@ mod outputs {
                 "reconstruct --frames",
                 "reconstruct --model",
                 "train dnn --case",
-                // replaced where it is a checkpoint of the same training, else refused
+                // replaced if it is a checkpoint of the same training, otherwise refused
                 "train dnn --checkpoint",
                 "train dnn --dataset",
                 "train dnn --noise-frames",

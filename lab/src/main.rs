@@ -1,4 +1,4 @@
-//! `tactus-lab`: all of it is in the library.
+//! `tactus-lab`; the code is in the library.
 
 fn main() -> std::process::ExitCode {
     lab::run(std::env::args_os())

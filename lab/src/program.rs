@@ -1,4 +1,4 @@
-//! The commands of this program, as a study runs them.
+//! The commands of this program, for studies that run them.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -27,7 +27,7 @@ impl Program for TactusLab {
         crate::perform(&arguments.command)
     }
 
-    /// A process of its own: in this one the model would move into memory that training has left behind.
+    /// In a new process: here, the model would reuse memory freed by the training.
     fn resident_bytes(&self, model: &Path) -> Option<u64> {
         let program = std::env::current_exe().ok()?;
         let mut command = std::process::Command::new(&program);

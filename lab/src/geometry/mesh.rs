@@ -62,7 +62,7 @@ pub(crate) fn case(preset: &Preset, current: Amps) -> Result<Case, Failure> {
         .map_err(|fault| Failure::of("no protocol for this ring", &fault))
 }
 
-/// A case folder, with a warning on standard error where its electrodes are coarse.
+/// A case folder, with a warning on standard error if its electrodes are coarse.
 pub(crate) fn read(folder: &std::path::Path) -> Result<Case, Failure> {
     let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
     warn_of_coarse_electrodes(&case);
@@ -85,7 +85,7 @@ fn warn_of_coarse_electrodes(case: &Case) {
     }
 }
 
-/// The preset with its changed measures; an unknown key or a value of another type is named.
+/// The preset with its changed dimensions; an unknown key or a value of another type is an error.
 pub(crate) fn preset(name: PresetName, set: &[String]) -> Result<Preset, Failure> {
     let kind = match name {
         PresetName::PaperSheet => "paper-sheet",

@@ -1,5 +1,4 @@
-//! Commands on geometries: case folders from presets, forward solutions, sensitivities, transfer matrices. Left to others:
-//! frames and maps.
+//! Commands on geometries: case folders from presets, forward solutions, sensitivities, transfer matrices.
 
 mod mesh;
 mod solve;

@@ -13,16 +13,16 @@ use studies::{Failure, progress, write};
 use super::mesh::read;
 use crate::args::{ForwardOptions, JacobianOptions, Of, TransferOptions};
 
-/// Runs of which `--timing` prints the median.
+/// Number of runs for the median of `--timing`.
 const RUNS: usize = 21;
 
-/// A conductance and how a person calls it.
+/// A conductance and its name.
 struct Named {
     name: String,
     sigma: Vec<f64>,
 }
 
-/// Readings, and the electrode voltages if asked.
+/// Computes readings, and the electrode voltages if requested.
 pub(crate) fn forward(options: &ForwardOptions) -> Result<(), Failure> {
     let case = read(&options.case)?;
     let conductances = conductances(options, &case)?;
@@ -228,7 +228,7 @@ fn model(case: &Case) -> Result<Forward, Failure> {
         .map_err(|fault| Failure::of("the forward model", &fault))
 }
 
-/// As many threads as asked.
+/// A pool with the requested number of threads.
 fn pool(threads: Option<usize>) -> Result<rayon::ThreadPool, Failure> {
     if threads == Some(0) {
         return Err(Failure::usage("--threads 0: at least one is needed"));

@@ -1,4 +1,4 @@
-//! What a training is given, from its options: the case, the noise, the set.
+//! Inputs of a training, from its options: the case, the noise, the set.
 
 use std::path::Path;
 
@@ -52,13 +52,13 @@ impl Data {
         Ok(Self { case, jitter, set })
     }
 
-    /// The set as a training reads it; `None` where cases are simulated for the purpose.
+    /// The set for a training; `None` if cases are simulated for it.
     pub(super) fn samples(&self) -> Option<&dyn Samples> {
         self.set.as_ref().map(|set| set as &dyn Samples)
     }
 }
 
-/// Frames of the unloaded sheet, V: whole ones only.
+/// Frames of the unloaded sheet, V; complete ones only.
 fn noise_frames(path: &Path, readings: usize) -> Result<Vec<Vec<f64>>, Failure> {
     read_frames(path, readings, false)?
         .iter()
@@ -77,7 +77,7 @@ fn noise_frames(path: &Path, readings: usize) -> Result<Vec<Vec<f64>>, Failure> 
         .collect()
 }
 
-/// Refuses what is not a positive number.
+/// Refuses a value that is not a positive number.
 fn positive(option: &str, value: f64, hint: &str) -> Result<(), Failure> {
     match value > 0.0 && value.is_finite() {
         true => Ok(()),

@@ -8,7 +8,7 @@ use training::dataset::make_shard;
 use crate::args::DatasetOptions;
 use crate::geometry;
 
-/// Makes one shard, or goes on with it.
+/// Makes or resumes one shard.
 pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
     let case = match &options.case {
         Some(folder) => geometry::read(folder)?,

@@ -17,10 +17,10 @@ use super::data::Data;
 use super::model_file;
 use crate::args::{DeepOptions, Profile};
 
-/// Of the numbers in a checkpoint.
+/// Version of the numbers in a checkpoint.
 const LAYOUT: u32 = 2;
 
-/// Everything about a deep training that is a choice: `[data]` and `[deep]` of a settings file.
+/// The settings of a deep training: `[data]` and `[deep]` of a settings file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Settings {
@@ -33,7 +33,8 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
     let data = Data::read(&options.data)?;
     let mut settings = settings(options, &data.jitter)?;
     if let Some(set) = &data.set {
-        // what was drawn is the set's; jitter, copies and the seed of weights and order are this training's
+        // the set determines how cases were drawn; jitter, copies and the seed of weights and order belong to this
+        // training
         settings.data = TrainingSettings {
             jitter: settings.data.jitter,
             repeats: settings.data.repeats,
@@ -54,7 +55,7 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
     };
     let model = trained(&data, &settings, options, &checkpoint)?;
     model_file::save(&options.out, &options.replacing, &model)?;
-    // the model holds what the checkpoint was for
+    // the model is complete, so the checkpoint is no longer needed
     let _ = std::fs::remove_file(&checkpoint);
     let Report::Deep(report) = &model.metadata().report else {
         unreachable!("a deep network was trained");
@@ -108,7 +109,7 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
         deep: DeepSettings::default(),
     };
     if options.data.profile == Profile::Matched {
-        // 3e-5 of the largest reading, some 10 uV at 1 mA: small loads are not drowned by it
+        // 3e-5 of the largest reading, about 10 uV at 1 mA: it does not hide small loads
         settings.deep.normalisation_epsilon = 1e-9;
     }
     if let Some(path) = &options.settings {
@@ -150,7 +151,7 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
     Ok(settings)
 }
 
-/// Settings with the entries of `given` in place of theirs; what is unknown is refused.
+/// Settings with the entries of `given` replacing theirs; unknown keys are refused.
 fn changed(settings: &Settings, given: toml::Table) -> Result<Settings, String> {
     let mut whole = toml::Table::try_from(settings).map_err(|fault| fault.to_string())?;
     for (name, table) in given {
@@ -173,13 +174,13 @@ fn trained(
     let (case, given) = (&data.case, data.samples());
     let failed = |fault: &dyn std::error::Error| Failure::of("the training", fault);
     let sigma0 = case.unloaded_conductance();
-    // the held-out cases follow those that are trained on
+    // the held-out cases follow those used for training
     let drawn = TrainingSettings {
         cases: settings.data.cases + settings.deep.held_out,
         neurons: 1,
         ..settings.data.clone()
     };
-    // a set in files is read sample by sample; one made for the purpose is solved once and kept in memory
+    // a set in files is read sample by sample; a simulated one is solved once and kept in memory
     let made = match given {
         Some(_) => None,
         None => {
@@ -229,7 +230,7 @@ fn trained(
         samples,
         noise: &noise,
         repeats: settings.data.repeats,
-        // views of one case stay on one side
+        // all symmetric copies of a case are on the same side
         settings: DeepSettings {
             held_out: settings.deep.held_out * views,
             ..settings.deep.clone()
@@ -258,7 +259,7 @@ fn trained(
     Ok(with_noise_figure(model, case, &sigma0, &noise))
 }
 
-/// A bar an epoch, and a line for each that is done.
+/// A bar per epoch, and a line for each completed one.
 #[derive(Default)]
 struct Watch {
     bar: RefCell<Option<ProgressBar>>,

@@ -1,4 +1,4 @@
-//! Commands that make training sets and train models. Left to others: the training itself (`training`).
+//! Commands that make training sets and train models; `training` does the training.
 
 mod data;
 mod dataset;

@@ -1,4 +1,4 @@
-//! What every training ends with: its model file, and what `--json` prints of it.
+//! The last step of every training: its model file, and the output of `--json`.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ pub(super) fn save(path: &Path, replacing: &Replacing, trained: &Model) -> Resul
         .map_err(|fault| Failure::of("cannot write the model", &fault))
 }
 
-/// The model and what its training found.
+/// The model and the results of its training.
 pub(super) fn json(path: &Path, model: &Model, report: &impl Serialize) -> Value {
     json!({
         "model": path.display().to_string(),

@@ -77,7 +77,7 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What the training of an RBF network found.
+/// The results of an RBF network's training.
 fn found(model: &Model) -> &TrainingReport {
     match &model.metadata().report {
         Report::Rbf(report) => report,

@@ -15,7 +15,7 @@ use crate::geometry;
 
 const HEADER: [&str; 5] = ["frame", "x_m", "y_m", "diameter_m", "mass_kg"];
 
-/// Fits and writes the file.
+/// Fits a calibration and writes its file.
 pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     let case = geometry::read(&options.case)?;
     let presses = options
@@ -102,7 +102,7 @@ pub(crate) fn read(path: &Path) -> Result<Calibration, Failure> {
     Ok(calibration)
 }
 
-/// The method in the words of `reconstruct`.
+/// The method as arguments of `reconstruct`.
 fn words(options: &CalibrateOptions) -> Vec<String> {
     let mut words: Vec<String> = match options.method.strip_prefix("model ") {
         Some(file) => vec!["--model".to_owned(), file.to_owned()],

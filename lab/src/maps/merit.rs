@@ -12,7 +12,7 @@ use studies::Failure;
 /// File with a row of x, y for each image, in the folder of the images.
 const TARGETS: &str = "targets.csv";
 
-/// One line an image: GREIT's figures, and what a truth beside it allows.
+/// Prints one line per image: GREIT's figures, and those that compare it with its truth.
 pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
     let files = images(&options.images)?;
     let targets = targets(options, &files)?;
@@ -33,7 +33,7 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
         let millimetres = target
             .zip(options.width_mm.zip(options.height_mm))
             .map(|(t, (w, h))| {
-                // half the box is 1; x runs along rows, which lie along the sheet's height
+                // half the box is 1; x is along rows, that is along the sheet's height
                 (0.5 * h * (t[0] - merit.centroid[0])).hypot(0.5 * w * (t[1] - merit.centroid[1]))
             });
         let beside = match &options.truth {
@@ -105,7 +105,7 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Every CSV file of the folder by its name, the targets excepted.
+/// Every CSV file of the folder by its name, except the targets.
 fn images(folder: &Path) -> Result<BTreeMap<String, PathBuf>, Failure> {
     let failed = |cause: std::io::Error| Failure::of(&format!("{}", folder.display()), &cause);
     let mut files = BTreeMap::new();
@@ -184,7 +184,7 @@ fn targets(
     Ok(targets)
 }
 
-/// Rows of pixels; an empty field is outside as NaN is.
+/// Rows of pixels; an empty field is outside, like NaN.
 fn read(path: &Path) -> Result<Vec<Vec<f64>>, Failure> {
     let text = std::fs::read_to_string(path)
         .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;

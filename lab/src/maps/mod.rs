@@ -1,5 +1,5 @@
-//! Commands on frames and maps: reconstruction, calibration to pressure, figures of merit of images. Left to others: methods
-//! and how they are chosen (`studies::evaluation`).
+//! Commands on frames and maps: reconstruction, calibration to pressure, figures of merit of images.
+//! `studies::evaluation` prepares the methods.
 
 mod calibrate;
 mod merit;

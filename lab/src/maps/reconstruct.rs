@@ -17,10 +17,10 @@ use super::calibrate;
 use crate::args::ReconstructOptions;
 use crate::geometry;
 
-/// A row for each frame of the file. A frame that is refused makes the command fail, naming it.
+/// Writes a row for each frame of the file. A frame that the method refuses is an error that names it.
 pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let case = geometry::read(&options.case)?;
-    // nothing can lie beside a device or a pipe
+    // a device or a pipe has no companion files
     let beside = (!outfile::is_stream(&options.out)).then(|| MapCompanions::of(&options.out));
     for path in beside
         .iter()
@@ -54,7 +54,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         bar.inc(1);
         Ok((map, start.elapsed().as_secs_f64() * 1e3))
     };
-    // quick methods one after the other, so that their times are their own
+    // fast methods run sequentially, so that their times do not influence each other
     let made: Vec<(Map, f64)> = if model.slow {
         recording
             .frames

@@ -1,4 +1,4 @@
-//! `tactus-lab scene explain`: what is in a scene, what was left out, and whether it matters.
+//! `tactus-lab scene explain`: which effects a scene includes, which it omits, and whether they matter.
 
 use std::time::Duration;
 
@@ -14,14 +14,14 @@ const OF_NOISE: f64 = 0.1;
 /// and below this share of the load's signal, is left out without loss.
 const OF_SIGNAL: f64 = 1e-3;
 
-/// What is to be said of an effect.
+/// Assessment of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
     /// Named, and it matters; or neither.
     Fine,
-    /// Not named, and it would matter.
+    /// Not named, but it matters.
     Missing,
-    /// Not named, and it would matter if it happened.
+    /// Not named, and it would matter if it occurred.
     Fault,
     /// Named, and it does not matter.
     Negligible,
@@ -49,7 +49,7 @@ impl Verdict {
     }
 }
 
-/// A load or a fault of the scene, and when it comes.
+/// A load or a fault of the scene, and its time.
 #[derive(Debug, Serialize)]
 struct TimedEntry {
     name: String,
@@ -107,7 +107,7 @@ impl TimeLine {
         }
     }
 
-    /// For people; ends in an empty line where there is something.
+    /// As text; ends in an empty line unless empty.
     fn lines(&self) -> Vec<String> {
         let loads = self.loads.iter().map(|load| load.line("load"));
         let faults = self.faults.iter().map(|fault| fault.line("fault"));

@@ -1,4 +1,4 @@
-//! `tactus-lab scene`: scenes explained, checked, run and listed.
+//! `tactus-lab scene`: explains, checks, runs and lists scenes.
 
 mod explain;
 mod record;
@@ -28,7 +28,7 @@ fn open(name: &str) -> Result<Scene, Failure> {
     Scene::open(name).map_err(|fault| Failure::because(fault.to_string()))
 }
 
-/// Reads each and starts it; all faults are told, not only the first.
+/// Reads and starts each scene; reports all errors, not only the first.
 fn check(scenes: &[String]) -> Result<(), Failure> {
     let mut wrong = 0;
     for name in scenes {
@@ -73,7 +73,7 @@ fn list(json: bool) {
     }
 }
 
-/// The scan that a session with these settings takes of a scene.
+/// The scan of a session with these settings.
 fn scan(scene: &Scene, options: &SessionOptions) -> Result<Scan, Failure> {
     for (key, value, most) in [
         ("--current-ua", options.current_ua, 105_000.0),

@@ -1,4 +1,4 @@
-//! Frames of a scene as a session of the logbook, as the daemon keeps its own.
+//! Writes frames of a scene as a session of the logbook, like the daemon's.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use survey::{Baseline, Frame, Precautions, Reading, Settings, Volts};
 
 use studies::Failure;
 
-/// Frames that are written with one wait for the disk.
+/// Frames per write to disk.
 const TOGETHER: usize = 64;
 
 /// A session that is being written.
@@ -28,8 +28,8 @@ fn failed(fault: &LogbookError) -> Failure {
 }
 
 impl Session {
-    /// A session named after the scene and its seed. Its time line begins with the year 2000: no clock is read, so that
-    /// the same scene gives the same record.
+    /// Creates a session named after the scene and its seed. Its time line begins with the year 2000: no clock is read,
+    /// so that equal scenes give equal records.
     pub(super) fn create(folder: &Path, scene: &Scene, scan: &Scan) -> Result<Self, Failure> {
         let name: String = (scene.name.to_lowercase().chars())
             .map(|letter| {
@@ -73,7 +73,7 @@ impl Session {
         })
     }
 
-    /// The first frame is the baseline.
+    /// Adds a frame; the first is the baseline.
     pub(super) fn put(&mut self, begin: Duration, readings: &[Volts]) -> Result<(), Failure> {
         let wall = self.started + TimeDelta::from_std(begin).unwrap_or(TimeDelta::MAX);
         let frame = Frame {
@@ -112,7 +112,7 @@ impl Session {
         Ok(())
     }
 
-    /// Closes the session; says where it is.
+    /// Closes the session and returns its path.
     pub(super) fn end(mut self) -> Result<String, Failure> {
         self.write()?;
         let place = self.writer.path().display().to_string();

@@ -1,7 +1,7 @@
-//! `tactus-lab scene run`: frames of a scene in a case folder, as `judge` writes them.
+//! `tactus-lab scene run`: simulated frames of a scene in a case folder, in the format of `judge`.
 //!
-//! The readings come straight from the phantom, in virtual time; through instruments and their text they come from
-//! `tactus-sim` or the daemon's simulated rig, which take the same scenes.
+//! The readings come directly from the phantom, in virtual time. `tactus-sim` and the daemon's simulated rig simulate
+//! the same scenes with instruments and their commands.
 
 use eit::{Preset, frames_text, matrix_text};
 use nalgebra::DMatrix;
@@ -14,7 +14,7 @@ use crate::geometry;
 use studies::evaluation::test_set;
 use studies::{Failure, progress, write};
 
-/// Takes the frames and writes them as they come.
+/// Simulates the frames and writes each when it is complete.
 pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
     let scene = super::open(&options.scene)?;
     let scan = super::scan(&scene, &options.session)?;
@@ -45,7 +45,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
         None => None,
         Some(shelf) => Some(Session::create(shelf, phantom.scene(), &scan)?),
     };
-    // The truth is computed when the loads change, and written again while they do not.
+    // The truth is computed when the loads change, and reused until then.
     let mut known: Option<(Vec<Load>, String)> = None;
     let bar = progress::bar(scan.frames, "frames");
     for frame in 0..scan.frames {
@@ -113,7 +113,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The sheet on the mesh that one reconstructs on: never the phantom's own.
+/// The sheet with a mesh for the reconstruction, which is never the phantom's own.
 fn preset(sheet: &Preset) -> Preset {
     match sheet.clone() {
         Preset::PaperSheet(sheet) => Preset::PaperSheet(eit::PaperSheet {

@@ -1,4 +1,4 @@
-//! `tactus-lab judge` and `tactus-lab evaluate`: judging data, and every method on it, in one table.
+//! `tactus-lab judge` and `tactus-lab evaluate`: test sets, and a table of all methods on them.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use studies::evaluation::{Figures, figures, maps, of_frames};
 use crate::args::{EvaluateOptions, TestSetOptions};
 use crate::geometry;
 
-/// Makes a folder of judging data.
+/// Makes a test set.
 pub(crate) fn judge(options: &TestSetOptions) -> Result<(), Failure> {
     let Preset::PaperSheet(sheet) = geometry::preset(PresetName::PaperSheet, &options.measures)?
     else {
@@ -40,7 +40,7 @@ pub(crate) fn judge(options: &TestSetOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What is compared where nothing is said.
+/// Default methods.
 const METHODS: [&str; 6] = [
     "one-step",
     "one-step --loss-only",
@@ -49,10 +49,10 @@ const METHODS: [&str; 6] = [
     "linear",
     "best",
 ];
-/// The paper's times a frame (section 5.4), ms.
+/// The paper's times per frame (section 5.4), ms.
 const PAPER: [(&str, f64); 3] = [("paper: TV", 650.0), ("DNN", 5.0), ("RBF", 3.0)];
 
-/// Compares and prints; makes the sets first where none is given.
+/// Evaluates methods and prints the table; without sets, makes the standard ones first.
 pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     let made = match options.set.is_empty() {
         true => Some(Made::new(options)?),
@@ -146,7 +146,7 @@ pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// One line; the method's own noise figure and the share of frames that it calls new are no figures of maps.
+/// Prints one line; noise figure and share of novel frames belong to the method, not to its maps.
 fn show(figures: &Figures, noise_figure: Option<f64>, novel_share: Option<f64>, json: bool) {
     let [ar, pe, res, sd, rng] = figures.greit;
     if json {
@@ -195,7 +195,7 @@ fn show(figures: &Figures, noise_figure: Option<f64>, novel_share: Option<f64>, 
     }
 }
 
-/// Standard sets in a folder that goes when they have been judged.
+/// Standard sets in a temporary folder, which is removed afterwards.
 struct Made {
     folder: PathBuf,
     sets: Vec<PathBuf>,
@@ -233,7 +233,7 @@ impl Made {
 
 impl Drop for Made {
     fn drop(&mut self) {
-        // what is left in the folder of temporary files is the system's to clear
+        // a folder that cannot be removed is left to the system's cleaning of temporary files
         let _ = std::fs::remove_dir_all(&self.folder);
     }
 }

@@ -1,4 +1,4 @@
-//! Commands of the studies: options become settings of `studies`, results are printed.
+//! Commands of the studies: convert options to settings of `studies`, print results.
 
 mod evaluate;
 
@@ -105,7 +105,7 @@ fn show(point: &Point, json: bool) {
     );
 }
 
-/// `tactus-lab stability`: a broken bound is a failure.
+/// `tactus-lab stability`: a violated bound is an error.
 pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
     let table = hard_cases::run(&options.only)?;
     if options.json {

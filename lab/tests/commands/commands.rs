@@ -1,4 +1,4 @@
-//! The program's commands: what they write, and what they refuse.
+//! The program's commands: output and errors.
 
 use crate::program::{done, lab, numbers, reference, words};
 
@@ -102,7 +102,7 @@ fn a_small_network_is_trained_kept_and_used() {
     let message = String::from_utf8(output.stdout).unwrap();
     assert!(message.contains("\"method\":\"rbf matched\""), "{message}");
 
-    // another ring, another mesh: refused by name
+    // another ring, another mesh: refused with both named
     done(&words(
         "mesh --preset disc-tank --set electrodes=9 --set fineness=0.5 --out {}",
         &[&path("nine")],
@@ -126,7 +126,7 @@ fn a_small_network_is_trained_kept_and_used() {
         "{message}"
     );
 
-    // a file cut short, and one that is something else
+    // a truncated file, and one of another format
     let whole = std::fs::read(path("a.safetensors")).unwrap();
     std::fs::write(path("cut.safetensors"), &whole[..whole.len() / 2]).unwrap();
     for (model, word) in [
@@ -283,7 +283,7 @@ fn what_cannot_be_meant_is_a_usage_error() {
     assert!(String::from_utf8_lossy(&shells.stdout).contains("tactus-lab"));
 }
 
-/// Frames without noise, and noise too small to be believed: a good map whatever is said of the noise.
+/// Frames without noise, and an implausibly small noise: a good map for any stated noise.
 #[test]
 fn frames_without_noise_make_good_maps() {
     let Some(case) = reference("cases/disc16") else {

@@ -1,4 +1,4 @@
-//! Trainings that are killed, or whose disk is full, go on from where they were and end with the same bits.
+//! Trainings that are killed, or whose disk is full, resume and end with the same bits.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ fn tank(folder: &Path) -> PathBuf {
     case
 }
 
-/// Runs the program where no file may grow beyond so many blocks of 512 bytes, as on a disk that is full there.
+/// Runs the program with a limit on file size in blocks of 512 bytes, which simulates a full disk.
 fn with_little_space(blocks: u32, line: &str, paths: &[&Path]) -> Output {
     let limited = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
     Command::new("sh")
@@ -56,7 +56,7 @@ fn killed_training_on_full_disk_resumes_to_the_same_bits() {
     assert!(!broken.exists(), "it was killed before it ended");
     let checkpoint = broken.with_extension("checkpoint");
     let kept = std::fs::read(&checkpoint).unwrap();
-    // no room for the next checkpoint: said, and the last one stays
+    // no space for the next checkpoint: an error, and the last one is kept
     let blocks = u32::try_from(kept.len() / 1024 / 2).unwrap();
     let message = words_of(&with_little_space(blocks, TRAIN, &[&case, &broken]));
     for word in [
@@ -68,7 +68,7 @@ fn killed_training_on_full_disk_resumes_to_the_same_bits() {
         assert!(message.contains(word), "{word}: {message}");
     }
     assert!(std::fs::read(&checkpoint).unwrap() == kept);
-    // room again
+    // with space again
     let message = done(&words(TRAIN, &[&case, &broken]));
     assert!(message.contains("going on from a checkpoint"), "{message}");
     assert!(std::fs::read(&whole).unwrap() == std::fs::read(&broken).unwrap());

@@ -1,11 +1,11 @@
-//! Training sets in files, the trained linear map, figures of merit and judging, by the program's own command lines.
+//! Training sets in files, the trained linear map, figures of merit and test sets, by command lines.
 
 use std::path::{Path, PathBuf};
 
 use crate::program::{done, lab, numbers, words};
 use sha2::{Digest, Sha256};
 
-/// A deep training of a moment.
+/// A very short deep training.
 const SMALL_DEEP: &str = "train dnn --profile matched --epochs 2 --set width=24 --set hidden_layers=2 --set batch=16 --set held_out=20";
 
 fn tank(folder: &Path) -> PathBuf {
@@ -31,7 +31,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
         done(&words(&line, &[&case, out]));
     };
     make("0/1", &whole);
-    // a shard stopped in the middle of a record goes on and is the same file
+    // a shard interrupted in the middle of a record is resumed, with the same resulting file
     make("0/2", &parts);
     let shard = parts.join("shard-0-of-2.tset");
     let bytes = std::fs::read(&shard).unwrap();
@@ -44,7 +44,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     std::fs::remove_file(parts.join("shard-0-of-2.json")).unwrap();
     make("0/2", &parts);
     assert!(std::fs::read(&shard).unwrap() == bytes);
-    // what is incomplete is refused
+    // incomplete sets are refused
     let model = folder.path().join("a.safetensors");
     let train = "train linear --force --profile matched --dataset {} --case {} --out {}";
     let message = refused(train, &[&parts, &case, &model]);
@@ -53,13 +53,13 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
         "the missing shard is named: {message}"
     );
     make("1/2", &parts);
-    // the last third without the middle one: the gap has a name too
+    // the last third without the middle one: the error names the gap
     let thirds = folder.path().join("thirds");
     make("0/3", &thirds);
     make("2/3", &thirds);
     let message = refused(train, &[&thirds, &case, &model]);
     assert!(message.contains("shard-1-of-3.tset"), "{message}");
-    // a shard of another seed among them
+    // a shard of another seed
     let other = folder.path().join("other");
     let line = "dataset --shard 1/3 --seed 4 --cases 150 --case {} --out {}";
     done(&words(line, &[&case, &other]));
@@ -71,7 +71,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
         message.contains("shard-1-of-3.json") && message.contains("another set"),
         "{message}"
     );
-    // the same cases, so the same weights
+    // equal cases give equal weights
     let other = folder.path().join("b.safetensors");
     done(&words(train, &[&parts, &case, &model]));
     done(&words(train, &[&whole, &case, &other]));
@@ -82,10 +82,10 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
         done(&words(&line, &[&whole, &case, &other]));
         assert!(std::fs::read(&model).unwrap() == std::fs::read(&other).unwrap());
     }
-    // another seed does not mix with what is there
+    // a shard of another seed is not added to an existing set
     let line = "dataset --shard 0/2 --seed 4 --cases 150 --case {} --out {}";
     assert!(refused(line, &[&case, &parts]).contains("another set"));
-    // a bit that turned, and a NaN under a checksum that fits
+    // a flipped bit, and a NaN with a matching checksum
     let mut spoilt = bytes.clone();
     let record = {
         let head = spoilt.iter().position(|byte| *byte == b'\n').unwrap() + 1;
@@ -151,7 +151,7 @@ fn a_linear_map_is_trained_loaded_and_finds_a_press() {
     let line = "reconstruct --case {} --model {} --frames {} --baseline {} --out {} --loss-only";
     let paths: [&Path; 5] = [&case, &model, &at("v1.csv"), &at("v0.csv"), &at("cut.csv")];
     done(&words(line, &paths));
-    // the truth lies within the bounds, so no triangle is further from it after the cut
+    // the truth is within the bounds, so clipping increases no triangle's error
     let mut cut = 0;
     for ((cut_to, whole), truth) in numbers(&at("cut.csv"))[0].iter().zip(map).zip(&truth) {
         assert_eq!(*cut_to, whole.clamp(-1.0, 0.0));
@@ -159,18 +159,18 @@ fn a_linear_map_is_trained_loaded_and_finds_a_press() {
         cut += usize::from(cut_to != whole);
     }
     assert!(cut > 10, "{cut}");
-    // 8 electrodes and 720 cases give .62; a map of the wrong sign, scale or order of readings gives less than none
+    // 8 electrodes and 720 cases give .62; a map of the wrong sign, scale or order of readings gives a negative value
     assert!(like.correlation > 0.5, "{like:?}");
 }
 
-/// What each kind of network is trained with in the tests below: little.
+/// Small trainings of each kind of network for the tests below.
 const KINDS: [&str; 3] = [
     "rbf --neurons 5 --repeats 2",
     "dnn --repeats 2 --epochs 1 --set width=8 --set hidden_layers=1 --set batch=10 --set held_out=4",
     "linear",
 ];
 
-/// The JSON line of a training with the profile `matched`.
+/// The JSON output of a training with the profile `matched`.
 fn trained(line: &str, paths: &[&Path]) -> serde_json::Value {
     let output = lab(&words(
         &format!("train {line} --profile matched --cases 120 --json --force"),
@@ -290,7 +290,7 @@ fn methods_are_compared_on_frames_of_a_finer_mesh() {
     assert!(of(0, "location_error_mm") < 3.0 && of(1, "location_error_mm") < 0.8);
     assert!(of(1, "correlation") > 0.95 && of(1, "dice") > 0.93);
     assert!(of(1, "correlation") > of(0, "correlation"));
-    // of a linear map by its formula, else by draws
+    // by its formula for a linear map, otherwise by draws
     assert!((0..3).all(|k| of(k, "noise_figure") > 0.0));
     assert!(std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
     let message = refused("evaluate --set {} --method one-step", &[folder.path()]);

@@ -1,10 +1,10 @@
-//! `mesh`, `forward`, `jacobian` and `transfer` by the command line: what they write, and what they refuse.
+//! `mesh`, `forward`, `jacobian` and `transfer` by command lines: output and errors.
 
 use std::path::{Path, PathBuf};
 
 use crate::program::{done, lab, numbers, words};
 
-/// What is done to the lines of a file.
+/// A change of a file's lines.
 type Change<'a> = &'a dyn Fn(Vec<String>) -> Vec<String>;
 
 struct Tank {
@@ -73,7 +73,7 @@ fn batch_of_conductances_gives_same_readings_on_any_threads() {
     }
     assert_eq!(read("v1.csv"), read("v2.csv"));
     assert_eq!(read("v1.csv"), read("v8.csv"));
-    // each row is what the conductance gives alone
+    // each row equals the result for that conductance alone
     let many = numbers(&tank.path("v1.csv"));
     assert_eq!((many.len(), many[0].len()), (12, 40));
     for k in [0, 7] {
@@ -210,7 +210,7 @@ fn bad_conductances_meshes_and_protocols_are_named() {
         message.contains("none.csv") && message.contains("no element conducts"),
         "{message}"
     );
-    // a triangle without conductance is a load of 100 %: taken, and said
+    // a triangle without conductance is a load of 100 %: accepted, with a note
     tank.put("hole.csv", &conductance(6, 0.0));
     let message = done(&words(
         "forward --force --case {} --sigma {} --out {}",
@@ -267,7 +267,7 @@ fn bad_conductances_meshes_and_protocols_are_named() {
         assert!(message.contains(wanted), "{message}");
         std::fs::write(tank.path("tank").join(file), before).unwrap();
     }
-    // few edges under an electrode: taken, with a warning that names it
+    // few edges under an electrode: accepted, with a warning that names it
     change("electrode_edges.csv", &|lines| {
         let mut kept = 0;
         lines

@@ -1,11 +1,11 @@
-//! `tactus-lab paper`: what is made once is not made again, and what others made is named.
+//! `tactus-lab paper`: existing outputs are reused, and outputs of other commands are refused by name.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant, SystemTime};
 
-/// What the first network is waited for at most.
+/// Timeout for the first network.
 const DEADLINE: Duration = Duration::from_secs(120);
 
 fn figure(number: &str, out: &Path) -> Output {
@@ -34,7 +34,7 @@ fn the_mesh_is_drawn_once_and_made_again_only_by_other_words() {
     ] {
         assert!(out.join(file).is_file(), "{file}");
     }
-    // the same words made it: it is taken as it lies there, and a fault in it is named
+    // made by the same words: reused as it is, and an error in it is reported
     let nodes = out.join("case/nodes.csv");
     let whole = std::fs::read_to_string(&nodes).unwrap();
     std::fs::write(&nodes, "x_m,y_m\n0,zero\n").unwrap();
@@ -42,7 +42,7 @@ fn the_mesh_is_drawn_once_and_made_again_only_by_other_words() {
     assert!(!spoiled.status.success());
     let message = String::from_utf8_lossy(&spoiled.stderr).into_owned();
     assert!(message.contains("nodes.csv"), "{message}");
-    // other words made it: it is made again
+    // made by other words: made again
     std::fs::write(out.join("case.command"), "mesh --preset disc-tank\n").unwrap();
     let again = figure("3", &out);
     assert!(
@@ -53,7 +53,7 @@ fn the_mesh_is_drawn_once_and_made_again_only_by_other_words() {
     assert_eq!(std::fs::read_to_string(&nodes).unwrap(), whole);
 }
 
-/// What was made when.
+/// Modification times of all files.
 fn stamps(folder: &Path) -> BTreeMap<PathBuf, SystemTime> {
     let mut found = BTreeMap::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -77,7 +77,7 @@ fn killed_run_resumes_with_missing_parts_and_names_damage() {
         .stderr(std::process::Stdio::null())
         .spawn()
         .unwrap();
-    // kill -9 once the first two networks are there
+    // kill -9 once the first two networks exist
     let there = out.join("models/rbf-paper.safetensors.command");
     let begun = Instant::now();
     while !there.exists() {
@@ -118,7 +118,7 @@ fn killed_run_resumes_with_missing_parts_and_names_damage() {
             path.display()
         );
     }
-    // once more: nothing is made again at all
+    // again: nothing is made again
     let third = figure("6", &out);
     let message = String::from_utf8_lossy(&third.stderr).into_owned();
     assert!(

@@ -1,4 +1,4 @@
-//! From relative loss to kPa: fitted to presses of known mass, judged on others.
+//! From relative loss to kPa: fitted to presses of known mass, tested on others.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -45,7 +45,7 @@ fn known_masses_come_back_in_newtons() {
         at,
     ));
     println!("{fitted}");
-    // other places, another seed
+    // other positions, another seed
     done(lab(
         &[
             "judge", "--set", "masses", "--seed", "9", "--count", "12", "--out", "judged",
@@ -99,7 +99,7 @@ fn known_masses_come_back_in_newtons() {
         100.0 * rms
     );
     assert!(rms < 0.2, "{off:?}");
-    // the same maps without a calibration are in no pressure
+    // the same maps without a calibration have no pressure
     let bare = done(lab(
         &[
             &frames[..],
@@ -116,7 +116,7 @@ fn known_masses_come_back_in_newtons() {
         at,
     ));
     assert!(!bare.contains("kPa") && bare.contains("relative change of conductance"));
-    // another method's maps are refused
+    // maps of another method are refused
     let foreign = lab(
         &[
             &frames[..],
@@ -180,7 +180,7 @@ fn presses_that_say_nothing_are_refused_by_line() {
     assert!(message.contains("mass_kg"), "{message}");
     let message = tried(whole.replacen("\n3,", "\n99,", 1));
     assert!(message.contains("frame 99"), "{message}");
-    // every second mass in grams, as if it were in kilograms: the worst line is named with both forces
+    // every second mass in grams instead of kilograms: the error names the worst line with both forces
     let contradictory: String = whole
         .lines()
         .enumerate()

@@ -1,10 +1,10 @@
-//! What the tests share: running the program, reference data, tables of numbers.
+//! Shared functions: running the program, reference data, tables of numbers.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// The program itself, with its exit code and what it printed.
+/// Runs the program; returns its exit code and output.
 pub fn lab<S: AsRef<std::ffi::OsStr>>(words: &[S]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
         .args(words)
@@ -31,7 +31,7 @@ pub fn words(line: &str, paths: &[&Path]) -> Vec<OsString> {
         .collect()
 }
 
-/// A folder of reference material beside the project, or `None`, with the reason printed.
+/// A folder of reference material beside the project; `None`, with the reason printed, if it does not exist.
 pub fn reference(name: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../shared")
@@ -44,7 +44,7 @@ pub fn reference(name: &str) -> Option<PathBuf> {
     }
 }
 
-/// Rows of numbers of a CSV file; a header is left out.
+/// Rows of numbers of a CSV file, without its header.
 pub fn numbers(path: &Path) -> Vec<Vec<f64>> {
     std::fs::read_to_string(path)
         .unwrap()

@@ -1,11 +1,11 @@
-//! Real tanks: the Kuopio challenge and the Ottawa recordings, by the program's own command lines.
+//! Recordings of real tanks: the Kuopio challenge and the Ottawa recordings, by command lines.
 
 use std::path::Path;
 
 use crate::program::{done, numbers, reference, words};
 use eit::{Case, Mesh};
 
-/// Correlation of a map with a label picture (256 x 256, line 0 on top) over the pixels inside the tank.
+/// Correlation of a map with a label image (256 x 256, line 0 at the top) over the pixels inside the tank.
 fn correlation(mesh: &Mesh, radius: f64, map: &[f64], labels: &[f64]) -> f64 {
     let corner = |p: [f64; 2], q: [f64; 2], x: f64, y: f64| {
         (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
@@ -78,7 +78,7 @@ fn kuopio_four_targets_with_one_hyper_parameter() {
     };
     let noser = mean("--method one-step --prior noser --lambda 1");
     assert!(noser >= 0.80, "{noser}");
-    // nothing given: lambda from the frames themselves, gains seen and left free
+    // without options: lambda from the frames, gains detected and allowed
     let best = mean("--method best");
     assert!(best >= 0.80, "{best}");
 }

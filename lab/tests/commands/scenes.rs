@@ -1,4 +1,4 @@
-//! `tactus-lab scene`: what it prints, what it writes, what it refuses.
+//! `tactus-lab scene`: output, files and errors.
 
 use crate::program::{done, lab, numbers, words};
 
@@ -29,7 +29,7 @@ fn explain_lists_every_effect_and_says_what_matters() {
             .unwrap()
             .contains(&"leakage".into())
     );
-    // Through a kilohm 50 pA are 50 nV.
+    // 50 pA through a kilohm are 50 nV.
     assert_eq!(of("bias-current")["verdict"], "");
     let text = printed("scene explain effect-output-resistance --nplc 0.02");
     let row = text
@@ -128,7 +128,7 @@ fn a_run_is_a_session_of_the_logbook() {
     let baseline = session.baseline().unwrap().unwrap();
     assert_eq!(volts(&baseline.readings), frames[0]);
     assert_eq!(volts(&session.frame(2).unwrap().frame.readings), frames[2]);
-    // A second one of the same name is refused, not written over.
+    // A second one of the same name is refused, without overwriting the first.
     let again = lab(&words(
         "scene run paper-test1 --frames 2 --logbook {}",
         &[folder.path()],

@@ -1,4 +1,4 @@
-//! `tactus-lab stability`: the table, its files, and numbers that are none.
+//! `tactus-lab stability`: the table, its files, and invalid case numbers.
 
 use crate::program::{lab, words};
 

@@ -1,4 +1,4 @@
-//! `tactus-lab tradeoff` and `advise`: tables that are taken as they lie, drawn, and asked for advice.
+//! `tactus-lab tradeoff` and `advise`: reuse of tables, drawing, and advice.
 
 use crate::program::{done, lab, words};
 
@@ -20,7 +20,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     ] {
         assert!(out.join(file).is_file(), "{file}");
     }
-    // nothing is drawn of a diagram without a point, and what is missing is said
+    // a diagram without points has no picture, and the missing data are reported
     assert!(!out.join("uncertainty.png").exists());
     let table = out.join("acquisition.json");
     let value: serde_json::Value =
@@ -28,7 +28,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     let points = value["points"].as_array().unwrap();
     assert!(points.len() >= 8);
     for point in points {
-        // no unbiased method beats the bound; the one-step method is biased, but not by that much here
+        // no unbiased method beats the bound; the one-step method is biased, but not that much here
         let (error, bound) = (
             point["error"].as_f64().unwrap(),
             point["also"]["bound, mm"].as_f64().unwrap(),
@@ -37,7 +37,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     }
     assert!(points.iter().any(|point| point["front"] == true));
 
-    // taken as it lies: a word put into it by hand stays
+    // reused: a manual change of it is kept
     let marked =
         std::fs::read_to_string(&table)
             .unwrap()
@@ -46,7 +46,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     let again = lab(&words(&format!("{line} --json"), &[&out]));
     assert!(again.status.success(), "{}", message(&again));
     assert!(String::from_utf8_lossy(&again.stdout).contains("by hand"));
-    // another seed makes it anew
+    // computed again with another seed
     done(&words(&format!("{line} --seed 2"), &[&out]));
     assert!(!std::fs::read_to_string(&table).unwrap().contains("by hand"));
 
