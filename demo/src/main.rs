@@ -1,9 +1,9 @@
-//! `cargo demo`: the main job, whole, on the simulated rig.
+//! `cargo demo`: the main use case, complete, on the simulated rig.
 //!
-//! The real `tactusd` and the real `tactus`, each a process of its own, over the peer socket: records a baseline, presses
-//! the 16 positions of the paper's Test #1 one after the other, reads every frame as SCPI text, records it, and
-//! reconstructs it by the one-step method and by the two RBF networks that ship. This binary is each of the programs: it
-//! starts itself again.
+//! Runs the real `tactusd` and `tactus`, each in a process of its own, connected by the peer socket: records a
+//! baseline, presses the 16 positions of the paper's Test #1 one after another, reads every frame as SCPI text, records
+//! it, and reconstructs it by the one-step method and by the two shipped RBF networks. This binary is each of the
+//! programs: it starts itself again.
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -19,12 +19,12 @@ use survey::{Baseline, Frame, Map};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// The paper's Test #1: a 10 mm disc that takes half the conductance away (issue and decisions: our reading).
+/// The paper's Test #1: a 10 mm disc that takes half of the conductance (our interpretation, see the decisions).
 const DIAMETER_M: f64 = 0.010;
 const LOSS: f64 = 0.5;
 /// One voltmeter range for all readings and 2 uV of noise.
 const SCENE: &str = demo::TWO_MICROVOLTS;
-/// How many frames make the baseline.
+/// Number of frames in the baseline.
 const BASELINE_FRAMES: &str = "10";
 
 fn main() -> ExitCode {
@@ -45,13 +45,13 @@ fn main() -> ExitCode {
     }
 }
 
-/// One press: where it was, and where each method found it.
+/// One press: its position, and the position found by each method.
 struct Press {
     truth: [f64; 2],
     found: Vec<Option<[f64; 2]>>,
 }
 
-/// A method, its maps of all presses.
+/// A method with its maps of all presses.
 struct Method {
     name: String,
     maps: Vec<Map>,
@@ -189,7 +189,7 @@ fn demo() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Presses one place after the other; the daemon takes a frame at each.
+/// Presses one position after another; the daemon takes a frame at each.
 async fn press_all(
     stage: &Stage,
     session: &str,
@@ -287,7 +287,7 @@ fn compare(mesh: &Mesh, truths: &[[f64; 2]], methods: &[Method]) -> Vec<Press> {
         .collect()
 }
 
-/// The table: nothing is hidden, the worst stands beside the mean.
+/// Prints the table, with the mean and the worst error.
 fn report(methods: &[Method], presses: &[Press]) {
     println!(
         "\nDistance from the true place, mm (a 10 mm disc, half its conductance lost, 2 uV of noise)\n"
@@ -419,7 +419,7 @@ fn places(truth: [f64; 2], found: Option<[f64; 2]>) -> String {
     }
 }
 
-/// `--out DIR`, else `target/demo` beside the workspace.
+/// `--out DIR`, by default `target/demo` in the workspace.
 fn out_folder() -> Result<PathBuf, Failure> {
     let mut args = std::env::args_os().skip(1);
     let folder = match (args.next(), args.next()) {
@@ -431,7 +431,7 @@ fn out_folder() -> Result<PathBuf, Failure> {
     Ok(folder)
 }
 
-/// True colour on a terminal that says so, 256 colours on another, signs in a file.
+/// True colour if the terminal advertises it, 256 colours on another terminal, ASCII in a file.
 fn colour() -> TerminalColour {
     if !std::io::stdout().is_terminal() || std::env::var_os("NO_COLOR").is_some() {
         TerminalColour::Plain

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-/// The one deadline under which every story awaits what it needs.
+/// The timeout of every wait in the system tests.
 pub const DEADLINE: Duration = Duration::from_secs(120);
 
 /// A simulated rig in instant time with 2 uV of voltmeter noise, pair wiring, one-step reconstruction, peer bus only.
@@ -17,32 +17,32 @@ pub const SIMULATED: &str = include_str!("../rigs/simulated.toml");
 /// The instruments of that rig.
 const INSTANT: &str = include_str!("../rigs/instant.toml");
 
-/// Why the stage could not be set, or a program did not do what was asked.
+/// Errors of the temporary rig and its programs.
 #[derive(Debug, thiserror::Error)]
 pub enum StageError {
-    /// The operating system said no.
+    /// The operating system returned an error.
     #[error("{what}")]
     System {
         /// What was attempted.
         what: String,
-        /// What it said.
+        /// The error.
         #[source]
         cause: io::Error,
     },
-    /// The daemon ended, or said nothing, before it was ready.
+    /// The daemon exited or did not report before it was ready.
     #[error("tactusd was not ready within {deadline:?}; it said:\n{stderr}")]
     NotReady {
-        /// How long it was waited for.
+        /// The timeout.
         deadline: Duration,
         /// Its standard error.
         stderr: String,
     },
-    /// A program took too long.
+    /// A program exceeded the timeout.
     #[error("`{command}` did not end within {deadline:?}")]
     Slow {
         /// The command line.
         command: String,
-        /// How long it was waited for.
+        /// The timeout.
         deadline: Duration,
     },
     /// A program failed where success was expected.
@@ -50,16 +50,16 @@ pub enum StageError {
     Failed {
         /// The command line.
         command: String,
-        /// Its exit code; none when a signal ended it.
+        /// Its exit code; `None` if a signal ended it.
         code: Option<i32>,
-        /// What it printed.
+        /// Its standard output.
         stdout: String,
-        /// What it complained.
+        /// Its standard error.
         stderr: String,
     },
 }
 
-/// A folder of its own for one story.
+/// A folder for one system test.
 #[derive(Debug)]
 pub struct Stage {
     folder: tempfile::TempDir,
@@ -67,12 +67,12 @@ pub struct Stage {
     launcher: Vec<OsString>,
 }
 
-/// What a program said and how it ended.
+/// Output and exit code of a program.
 #[derive(Debug)]
 pub struct Spoken {
     /// The command line, for messages.
     pub command: String,
-    /// Exit code; none when a signal ended it.
+    /// Exit code; `None` if a signal ended it.
     pub code: Option<i32>,
     /// Standard output.
     pub stdout: String,
@@ -82,7 +82,7 @@ pub struct Spoken {
 
 impl Stage {
     /// Writes `config` into a new folder; `STAGE` in it becomes the folder's path. The programs are this process's own
-    /// binary; see [`Stage::with_program`] where that is a test harness.
+    /// binary; in a test harness use [`Stage::with_program`].
     ///
     /// # Errors
     /// The temporary folder cannot be made.
@@ -92,7 +92,7 @@ impl Stage {
         Self::with_program(config, program)
     }
 
-    /// Like [`Stage::new`], re-executing the binary given.
+    /// Like [`Stage::new`], with the given binary.
     ///
     /// # Errors
     /// The temporary folder cannot be made.
@@ -127,22 +127,22 @@ impl Stage {
         self.folder.path()
     }
 
-    /// Where the configuration lies.
+    /// Path of the configuration.
     pub fn config_path(&self) -> PathBuf {
         self.folder.path().join("config.toml")
     }
 
-    /// Where sessions are recorded.
+    /// Directory of sessions.
     pub fn state_path(&self) -> PathBuf {
         self.folder.path().join("state")
     }
 
-    /// Where the daemon listens.
+    /// Path of the daemon's socket.
     pub fn peer_path(&self) -> PathBuf {
         self.folder.path().join("peer")
     }
 
-    /// Has every program from now on started by this command line, as an argument of it (`nsenter`, `prlimit`).
+    /// Starts all later programs through this command line, as its arguments (`nsenter`, `prlimit`).
     pub fn launch_by(&mut self, launcher: impl IntoIterator<Item = impl Into<OsString>>) {
         self.launcher = launcher.into_iter().map(Into::into).collect();
     }
@@ -173,15 +173,15 @@ impl Stage {
         command
     }
 
-    /// Starts `tactusd` on this stage and waits until it says that it is ready.
+    /// Starts `tactusd` with this configuration and waits until it reports that it is ready.
     ///
     /// # Errors
-    /// It ends, or says nothing, before the deadline; its standard error is in the message.
+    /// It exits or does not report before the timeout; its standard error is in the message.
     pub fn start_daemon(&self) -> Result<DaemonProcess, StageError> {
         self.start_daemon_with(|_| {})
     }
 
-    /// Like [`Stage::start_daemon`], with a last word on the command (environment, more arguments).
+    /// Like [`Stage::start_daemon`], with changes to the command (environment, more arguments).
     ///
     /// # Errors
     /// As [`Stage::start_daemon`].
@@ -235,7 +235,7 @@ impl Stage {
                 Err(_) => {
                     let ended = daemon.child.try_wait().ok().flatten().is_some();
                     if ended || begun.elapsed() > DEADLINE {
-                        // lets the listening thread go
+                        // ends the listening thread
                         let _ = UnixDatagram::unbound()
                             .and_then(|socket| socket.send_to(b"ENDED", &notify_path));
                         return Err(StageError::NotReady {
@@ -248,16 +248,16 @@ impl Stage {
         }
     }
 
-    /// Runs `tactus` against this stage's daemon and waits for its end.
+    /// Runs `tactus` with this daemon and waits for its exit.
     ///
     /// # Errors
-    /// It cannot be started, or does not end before the deadline. A failing exit code is no error here:
-    /// see [`Spoken::succeeded`].
+    /// It cannot be started, or does not exit before the timeout. A failing exit code is not an error here: see
+    /// [`Spoken::succeeded`].
     pub fn tactus(&self, args: &[&str]) -> Result<Spoken, StageError> {
         self.tactus_with(args, |_| {})
     }
 
-    /// Like [`Stage::tactus`], with a last word on the command (environment, more arguments).
+    /// Like [`Stage::tactus`], with changes to the command (environment, more arguments).
     ///
     /// # Errors
     /// As [`Stage::tactus`].
@@ -274,7 +274,7 @@ impl Stage {
         listen(command)
     }
 
-    /// Runs a command made by [`Stage::command`] and waits for its end.
+    /// Runs a command made by [`Stage::command`] and waits for its exit.
     ///
     /// # Errors
     /// As [`Stage::tactus`].
@@ -282,7 +282,7 @@ impl Stage {
         listen(command)
     }
 
-    /// Runs any of the programs and waits for its end.
+    /// Runs any of the programs and waits for its exit.
     ///
     /// # Errors
     /// As [`Stage::tactus`].
@@ -293,7 +293,7 @@ impl Stage {
     }
 }
 
-/// Runs a command under the one deadline and keeps what it says.
+/// Runs a command with the timeout and collects its output.
 fn listen(mut command: Command) -> Result<Spoken, StageError> {
     let line = std::iter::once(command.get_program())
         .chain(command.get_args())
@@ -352,10 +352,10 @@ fn signal(id: u32, signal: rustix::process::Signal) {
 }
 
 impl Spoken {
-    /// Itself when the exit code is 0.
+    /// Itself if the exit code is 0.
     ///
     /// # Errors
-    /// The exit code is another.
+    /// A different exit code.
     pub fn succeeded(self) -> Result<Self, StageError> {
         if self.code == Some(0) {
             return Ok(self);
@@ -371,7 +371,7 @@ impl Spoken {
     /// Each line of standard output as JSON.
     ///
     /// # Panics
-    /// A line is not JSON: a story that asked for `--json` has found a fault.
+    /// If a line is not JSON: a test with `--json` has found a bug.
     pub fn json(&self) -> Vec<serde_json::Value> {
         self.stdout
             .lines()
@@ -400,20 +400,20 @@ impl DaemonProcess {
         self.child.id()
     }
 
-    /// Whether it has not ended.
+    /// Whether it is still running.
     pub fn is_running(&mut self) -> bool {
         matches!(self.child.try_wait(), Ok(None))
     }
 
-    /// What it has said on standard error so far.
+    /// Its standard error so far.
     pub fn log(&self) -> String {
         std::fs::read_to_string(&self.log_path).unwrap_or_default()
     }
 
-    /// Asks it to end (SIGTERM) and waits.
+    /// Sends SIGTERM and waits for its exit.
     ///
     /// # Errors
-    /// It does not end before the deadline, or not with exit code 0.
+    /// It does not exit before the timeout, or not with exit code 0.
     pub fn stop(mut self) -> Result<(), StageError> {
         signal(self.child.id(), rustix::process::Signal::TERM);
         let begun = Instant::now();
@@ -445,7 +445,7 @@ impl DaemonProcess {
         })
     }
 
-    /// Kills it without warning (SIGKILL).
+    /// Kills it (SIGKILL).
     pub fn kill(mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
