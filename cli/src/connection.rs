@@ -1,4 +1,4 @@
-//! The way to the daemon, and what its refusals mean for a person and for a script.
+//! The connection to the daemon, and the conversion of its errors to messages and exit codes.
 
 use std::time::Duration;
 
@@ -10,20 +10,20 @@ use zbus::{Connection, ObjectPath};
 use crate::args::Global;
 use crate::failure::Failure;
 
-/// A daemon that answered.
+/// A connection to a running daemon.
 pub(crate) struct Daemon {
     connection: Connection,
-    /// Where it was found.
+    /// Its address.
     pub(crate) address: Address,
-    /// The longest that one call may take.
+    /// Timeout of one call.
     pub(crate) patience: Duration,
     pub(crate) manager: Manager1Proxy<'static>,
 }
 
-/// Connects to the daemon that `--bus` or `TACTUS_BUS` names, or to the first of the usual places where one answers.
+/// Connects to the daemon at `--bus` or `TACTUS_BUS`, or to the first of the usual addresses with a daemon.
 ///
 /// # Errors
-/// Nobody there, with how to start one; not allowed; an address that is none.
+/// No daemon (the message explains how to start one); no permission; an invalid address.
 pub(crate) async fn open(global: &Global) -> Result<Daemon, Failure> {
     let named = match &global.bus {
         Some(text) => Some(text.clone()),
@@ -53,10 +53,10 @@ pub(crate) async fn open(global: &Global) -> Result<Daemon, Failure> {
 }
 
 impl Daemon {
-    /// Awaits one answer, no longer than `--timeout`.
+    /// Awaits one reply, at most for `--timeout`.
     ///
     /// # Errors
-    /// The daemon's refusal as a [`Failure`] that says what to do, or [`Failure::Timeout`].
+    /// The daemon's error as a [`Failure`] with advice, or [`Failure::Timeout`].
     pub(crate) async fn ask<T>(
         &self,
         what: &str,
@@ -68,7 +68,7 @@ impl Daemon {
             .map_err(|error| fault(what, &error))
     }
 
-    /// The object at a path, which asks the daemon for each property.
+    /// The proxy of an object, which queries the daemon for each property.
     async fn object<P>(&self, what: &str, path: ObjectPath<'static>) -> Result<P, Failure>
     where
         P: Defaults + From<zbus::Proxy<'static>>,
@@ -81,7 +81,7 @@ impl Daemon {
             .map_err(|error| fault(what, &error.into()))
     }
 
-    /// The object of a session.
+    /// The proxy of a session.
     pub(crate) async fn session(
         &self,
         path: ObjectPath<'static>,
@@ -89,7 +89,7 @@ impl Daemon {
         self.object("the session", path).await
     }
 
-    /// The object of an instrument.
+    /// The proxy of an instrument.
     pub(crate) async fn instrument(
         &self,
         path: ObjectPath<'static>,
@@ -97,7 +97,7 @@ impl Daemon {
         self.object("the instrument", path).await
     }
 
-    /// The session that runs now, if one does.
+    /// The running session, if any.
     pub(crate) async fn active(&self) -> Result<Option<Session1Proxy<'static>>, Failure> {
         let path = self
             .ask("the running session", self.manager.active_session())
@@ -108,7 +108,7 @@ impl Daemon {
         self.session(path.into()).await.map(Some)
     }
 
-    /// The session of that id, running or ended a short while ago.
+    /// The session with this id, running or recently ended.
     pub(crate) async fn named(&self, id: &str) -> Result<Session1Proxy<'static>, Failure> {
         let path = dbus::session_path(id).map_err(|error| Failure::Usage(error.to_string()))?;
         let session = self.session(path).await?;
@@ -122,7 +122,7 @@ impl Daemon {
     }
 }
 
-/// The contract writes an empty text where there is none.
+/// The D-Bus contract uses an empty text for an absent one.
 pub(crate) fn nonempty(text: String) -> Option<String> {
     Some(text).filter(|text| !text.is_empty())
 }
@@ -145,7 +145,7 @@ fn unreached(error: &ConnectError) -> Failure {
     }
 }
 
-/// Each place on a line of its own, then how to start one.
+/// The failure of all attempts, one per line, and how to start a daemon.
 fn nobody(tried: &[String]) -> Failure {
     let mut text = "no daemon answers at".to_owned();
     for place in tried {
@@ -159,7 +159,7 @@ fn nobody(tried: &[String]) -> Failure {
     Failure::Missing(text)
 }
 
-/// A reason without the numbers and names that only the system's own programmers read.
+/// A reason without internal numbers and names of the system.
 fn plainly(reason: &str) -> String {
     let mut text = reason.to_owned();
     while let Some(from) = text.find(" (os error ") {
@@ -173,7 +173,7 @@ fn plainly(reason: &str) -> String {
         .replace("Connection refused", "nobody listens there")
 }
 
-/// The daemon's refusal, with what to do next where its own words do not say it.
+/// The daemon's error, with advice if its text has none.
 pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
     let message = fault.text();
     let advise = |advice: &str| {
@@ -226,7 +226,7 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
     }
 }
 
-/// An error that is not the daemon's own: the bus, or the library at the other end, says it.
+/// An error from the bus or the library, not from the daemon.
 fn undelivered(what: &str, name: &str, message: &str) -> Failure {
     match name.rsplit('.').next().unwrap_or(name) {
         "AccessDenied" | "AuthFailed" | "InteractiveAuthorizationRequired" => {

@@ -1,4 +1,4 @@
-//! Why a command did not do what was asked, and the exit code that says so to a script.
+//! Failures of commands, with their exit codes.
 
 use std::error::Error;
 use std::process::ExitCode;
@@ -6,37 +6,37 @@ use std::process::ExitCode;
 use imaging::GeometryError;
 use outfile::OutFileError;
 
-/// The kinds of failure, each with its exit code. The message says what to do next.
+/// The kinds of failure, each with its exit code. The message includes advice.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
-    /// Something was attempted and did not work.
+    /// An attempt failed.
     #[error("{0}")]
     Failed(String),
-    /// The command line asks for something that cannot be.
+    /// The command line is invalid.
     #[error("{0}")]
     Usage(String),
-    /// No daemon answers, or there is no such session.
+    /// No daemon replies, or there is no such session.
     #[error("{0}")]
     Missing(String),
-    /// The daemon does not take orders from this user.
+    /// The daemon refuses commands from this user.
     #[error("{0}")]
     NotAuthorised(String),
     /// An instrument failed, or the daemon stopped because of one.
     #[error("{0}")]
     Instrument(String),
-    /// The thing waited for did not come.
+    /// The timeout has expired.
     #[error("{0}")]
     Timeout(String),
-    /// The daemon is busy, or as many of something are open as there may be: the same command may succeed later.
+    /// The daemon is busy, or a limit is reached: the same command may succeed later.
     #[error("{0}")]
     Busy(String),
     /// A file, model or recording that does not fit.
     #[error("{0}")]
     Configuration(String),
-    /// The reader of our output has gone (`tactus ... | head`): not a failure.
+    /// The reader of the output has closed it (`tactus ... | head`): not a failure.
     #[error("the reader of the output has gone")]
     Closed,
-    /// A signal asked the program to end: not a failure, and nothing is printed.
+    /// A signal requested the program's end: not a failure, and nothing is printed.
     #[error("ended by signal {0}")]
     Signal(u8),
 }

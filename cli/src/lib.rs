@@ -1,9 +1,9 @@
 //! The program `tactus`.
 //!
-//! It turns a command line into calls of a running daemon (status, baseline, start, stop, watch, plan) or into work on
-//! recorded files without one (sessions, export, replay), and prints text for a person or, with `--json`, one object a
-//! line for a script. It knows neither instruments nor the inside of the daemon. No output is made up: without a daemon
-//! it reports how to start one, and a missing reading is a blank and never a number.
+//! It converts a command line to calls of a running daemon (status, baseline, start, stop, watch, plan) or to work on
+//! recorded files without one (sessions, export, replay), and prints text or, with `--json`, one object per line for
+//! scripts. It does not depend on instruments or on the daemon's internals. All output is real: without a daemon it
+//! reports how to start one, and a missing reading is a blank, never a number.
 //!
 //! The modules build on each other in this order: `options` and `output`; `connection` (to the daemon) and
 //! `session_files`; `maps`; and the commands in `control`, `instruments`, `records` and `doctor`.
@@ -56,7 +56,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         Ok(parsed) => parsed,
         Err(refusal) => {
             let code = u8::try_from(refusal.exit_code()).unwrap_or(2);
-            // Nothing can be said where the terminal itself has gone.
+            // If the terminal itself is closed, nothing can be reported.
             let _unsayable = refusal.print();
             return ExitCode::from(code);
         }
@@ -73,7 +73,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     }
 }
 
-/// Writes the manual pages; the generator's own way to write them replaces what it finds.
+/// Writes the manual pages; the generator's own function would overwrite existing files.
 fn manual(folder: &Path) -> Result<(), Failure> {
     fn pages(command: &clap::Command, folder: &Path) -> Result<(), Failure> {
         for inner in command
@@ -215,7 +215,7 @@ mod outputs {
                 "replay --case",
                 "replay --frames",
                 "replay --model",
-                // a new session file, by the logbook, which replaces nothing
+                // a new session file, created by the logbook, which never overwrites
                 "sessions repair --out",
                 "start --model",
             ],

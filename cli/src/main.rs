@@ -1,4 +1,4 @@
-//! `tactus`: the program; all of it lives in the library.
+//! `tactus`; the code is in the library.
 
 use std::process::ExitCode;
 

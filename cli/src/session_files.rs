@@ -1,4 +1,4 @@
-//! Session files on disk, found and read without a daemon.
+//! Finding and opening of session files without a daemon.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -8,14 +8,14 @@ use logbook::{LogbookError, SessionReader};
 use crate::args::Global;
 use crate::failure::Failure;
 
-/// A running daemon that does not answer within this is passed over.
+/// A running daemon that does not reply within this time is ignored.
 const DAEMON_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Where session files are looked for: `--state` or `TACTUS_STATE` alone where one is given; else the directory of the
-/// running daemon, `$XDG_STATE_HOME/tactus`, `~/.local/state/tactus`, `/var/lib/tactus`.
+/// Directories of session files: only `--state` or `TACTUS_STATE` if given; otherwise the directory of the running
+/// daemon, `$XDG_STATE_HOME/tactus`, `~/.local/state/tactus`, `/var/lib/tactus`.
 ///
 /// # Errors
-/// A `--bus` that is no address.
+/// An invalid `--bus` address.
 pub(crate) fn directories(global: &Global) -> Result<Vec<PathBuf>, Failure> {
     if let Some(directory) = &global.state {
         return Ok(vec![directory.clone()]);
@@ -40,7 +40,7 @@ pub(crate) fn directories(global: &Global) -> Result<Vec<PathBuf>, Failure> {
     Ok(places)
 }
 
-/// Where a running daemon records; `None` where none answers.
+/// The directory in which a running daemon records; `None` if no daemon replies.
 fn daemon_directory(global: &Global) -> Result<Option<PathBuf>, Failure> {
     let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -65,7 +65,7 @@ fn daemon_directory(global: &Global) -> Result<Option<PathBuf>, Failure> {
     }
 }
 
-/// Places as a person reads them.
+/// Paths as text.
 pub(crate) fn listed(places: &[PathBuf]) -> String {
     let places: Vec<String> = places
         .iter()
@@ -74,10 +74,10 @@ pub(crate) fn listed(places: &[PathBuf]) -> String {
     places.join(", ")
 }
 
-/// What a person says for the session that was started last.
+/// The name of the session that was started last.
 pub(crate) const LAST: &str = "last";
 
-/// The file of the session that was started last, over all of these places.
+/// The file of the session that was started last, over all directories.
 fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
     let listings = places
         .iter()
@@ -94,12 +94,12 @@ fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
             listed(places)
         ))
     })?;
-    // of a session in parts the first
+    // the first part of a session in parts
     logbook::find(place, session.session()).map_err(|error| refused(&error))
 }
 
-/// The file of a session: a path as it is; `last`; else the id (or its beginning) in the first of [`directories`] that has
-/// it.
+/// The file of a session: a path unchanged; `last`; otherwise the id (or its beginning) in the first of [`directories`]
+/// that has it.
 pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Failure> {
     let path = Path::new(named);
     if path.is_file() {
@@ -142,7 +142,7 @@ pub(crate) fn open(path: &Path) -> Result<SessionReader, Failure> {
     SessionReader::open(path).map_err(|error| refused(&error))
 }
 
-/// What the logbook's refusal means here.
+/// Converts an error of the logbook to a failure.
 pub(crate) fn refused(error: &LogbookError) -> Failure {
     let text = crate::failure::chain(error);
     match error {

@@ -34,15 +34,15 @@ struct Shown {
     settle_s: Option<f64>,
     wiring: Option<String>,
     protocol_hash: Option<String>,
-    /// V, in the protocol's order; null where there is none.
+    /// V, in the protocol's order; null for invalid readings.
     volts: Vec<Option<f64>>,
     /// 0 ok, 1 overload, 2 timeout, 3 not measured.
     flags: Vec<u8>,
-    /// What a person should know before it is used.
+    /// Warnings about its use.
     remarks: Vec<String>,
 }
 
-/// Records a baseline and, unless told otherwise, waits until it is done.
+/// Records a baseline and waits until it is complete, unless `--no-wait` is given.
 pub(crate) async fn record(
     daemon: &Daemon,
     record: &BaselineRecord,
@@ -75,7 +75,7 @@ pub(crate) async fn record(
             Ok((session.id().await?, daemon.manager.baseline().await?))
         })
         .await?;
-    // stopped before it was complete, it is not the baseline
+    // an aborted recording does not become the baseline
     for text in report.more.remarks.unwrap_or_default() {
         if report.id == id {
             session::warn(&id, text, printer)?;

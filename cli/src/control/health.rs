@@ -1,4 +1,4 @@
-//! Whether the daemon is well, as it tells it itself.
+//! The daemon's health, as reported by itself.
 
 use chrono::DateTime;
 use serde::Serialize;
@@ -58,7 +58,7 @@ struct Answering {
     fault: Option<String>,
 }
 
-/// Of the relay that will be worn out first.
+/// The relay that will be worn out first.
 #[derive(Debug, Serialize)]
 struct RelayLife {
     relay: u32,
@@ -120,7 +120,7 @@ impl From<dbus::Health> for Health {
 }
 
 impl Health {
-    /// The first lines: well, or not and why.
+    /// The first lines: healthy, or what is wrong.
     pub(crate) fn verdict(&self) -> Vec<String> {
         if self.well {
             return vec!["verdict    well".to_owned()];
@@ -138,7 +138,7 @@ impl Health {
         }
     }
 
-    /// Behind the baseline's id.
+    /// Text after the baseline's id.
     pub(crate) fn age_of_baseline(&self) -> String {
         match self.baseline_age_s {
             Some(age) => format!(", {} old", display_long(age)),
@@ -146,7 +146,7 @@ impl Health {
         }
     }
 
-    /// A line each of what there is.
+    /// A line for each value available.
     pub(crate) fn for_a_person(&self) -> Vec<String> {
         let mut lines = Vec::new();
         lines.push(match (&self.last_frame, self.backlog) {

@@ -1,5 +1,5 @@
 //! Commands that control the daemon's sessions: start, stop, baseline, status, watch, plan.
-//! Commands about instruments are in `instruments`.
+//! `instruments` has the commands about instruments.
 
 pub(crate) mod baseline;
 pub(crate) mod health;

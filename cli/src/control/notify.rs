@@ -1,4 +1,4 @@
-//! `tactus notify test`: whether people would be notified.
+//! `tactus notify test`: tests the notification command.
 
 use std::io::Write;
 
@@ -34,10 +34,10 @@ impl Fared {
     }
 }
 
-/// Runs the daemon's command of `[notify]` once.
+/// Runs the daemon's notification command (`[notify]`) once.
 ///
 /// # Errors
-/// The command did not say yes.
+/// The command failed.
 pub(crate) async fn test(
     daemon: &Daemon,
     printer: &mut Printer<impl Write>,

@@ -33,7 +33,7 @@ struct Plan {
     lines: Vec<String>,
 }
 
-/// How each reading is taken; an older daemon does not say.
+/// How each reading is taken; not reported by an older daemon.
 #[derive(Debug, Serialize)]
 struct Measuring {
     nplc: f64,
@@ -114,7 +114,7 @@ fn measuring(more: &PlanDetails) -> Option<Measuring> {
     })
 }
 
-/// What the settings cost a frame and gain in noise, the dearest first.
+/// Cost per frame and gain in noise of the settings, the most expensive first.
 fn costs_text(costs: &[SettingCost]) -> String {
     let mut costs: Vec<&SettingCost> = costs.iter().collect();
     costs.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));

@@ -14,25 +14,25 @@ use crate::options::duration::display_span;
 use crate::output::Printer;
 use crate::output::progress::progress;
 
-/// Where no bar can be drawn, a line says so often how far it is.
+/// Interval of the lines that report progress if no bar can be drawn.
 const SAYS_EVERY: Duration = Duration::from_secs(10);
 
 /// A line of `start`, `stop`, `step` and `baseline record` with `--json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub(crate) enum Line {
-    /// The daemon has taken the order.
+    /// The daemon has started a session.
     Started {
         session: String,
         kind: String,
         path: String,
         simulated: bool,
     },
-    /// So many frames are on disk.
+    /// This many frames are on disk.
     Stepped { session: String, sequence: u64 },
-    /// What a person should know before the session's data are used.
+    /// A warning about the session's data.
     Warning { session: String, text: String },
-    /// The session is over, its record closed, the source off.
+    /// The session has ended: its record is closed, the source is off.
     Ended {
         session: String,
         reason: String,
@@ -90,7 +90,7 @@ fn start_options(start: &Start) -> Result<SessionOptions, Failure> {
     Ok(start.about.with(start.measuring.with(options)))
 }
 
-/// A model file's absolute path: the daemon has another working directory. `one-step` is no file.
+/// A model file's absolute path, because the daemon has another working directory. `one-step` is not a file.
 fn as_the_daemon_sees_it(model: &Path) -> Result<PathBuf, Failure> {
     if model == Path::new("one-step") {
         return Ok(model.to_owned());
@@ -107,7 +107,7 @@ pub(crate) async fn stop(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let session = chosen(daemon, stop.session.as_deref()).await?;
-    // Stopping waits for the frame being taken and for the source: longer than one answer may take.
+    // Stopping waits for the current frame and for the source: longer than the timeout of one reply.
     session
         .stop()
         .await
@@ -126,7 +126,7 @@ pub(crate) async fn step(
     let sequence = match session.step(step.frames).await {
         Ok(sequence) => sequence,
         Err(error) => {
-            // A session that ends in a fault while it is stepped is an instrument's failure.
+            // A session that ends in a fault during the steps is an instrument fault.
             judge(daemon, &session).await?;
             return Err(fault("step", &error));
         }
@@ -149,7 +149,7 @@ async fn chosen(daemon: &Daemon, id: Option<&str>) -> Result<Session1Proxy<'stat
     }
 }
 
-/// Says which session has begun.
+/// Reports which session has started.
 pub(crate) async fn announce(
     daemon: &Daemon,
     session: &Session1Proxy<'_>,
@@ -175,7 +175,7 @@ pub(crate) async fn announce(
     })
 }
 
-/// Says what a person should know before the session's data are used.
+/// Prints a warning about the session's data.
 pub(crate) fn warn(
     session: &str,
     text: String,
@@ -191,10 +191,10 @@ pub(crate) fn warn(
     })
 }
 
-/// Waits until a session has ended, with a bar for a person; `whole` is how many frames it will have, where known.
+/// Waits until a session has ended, with a progress bar on a terminal; `whole` is its number of frames, if known.
 ///
 /// # Errors
-/// [`Failure::Timeout`] after `within` (the session goes on), [`Failure::Instrument`] when it ended in a fault.
+/// [`Failure::Timeout`] after `within` (the session continues), [`Failure::Instrument`] if it ended in a fault.
 pub(crate) async fn follow(
     daemon: &Daemon,
     session: &Session1Proxy<'static>,
@@ -254,7 +254,7 @@ pub(crate) async fn follow(
     ended(daemon, session, Some(reason), printer).await
 }
 
-/// Says how a session ended; a fault is a failure.
+/// Reports how a session ended; a fault is a failure.
 async fn ended(
     daemon: &Daemon,
     session: &Session1Proxy<'_>,
@@ -283,7 +283,7 @@ async fn ended(
     judge(daemon, session).await
 }
 
-/// A session that ended in a fault is a failure.
+/// Returns a failure if the session ended in a fault.
 pub(crate) async fn judge(daemon: &Daemon, session: &Session1Proxy<'_>) -> Result<(), Failure> {
     if daemon.ask("the session", session.state()).await? != "faulted" {
         return Ok(());

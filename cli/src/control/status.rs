@@ -1,4 +1,4 @@
-//! `tactus status`: what the daemon is doing, and whether it is well, in one screen.
+//! `tactus status`: state and health of the daemon on one screen.
 
 use std::io::Write;
 
@@ -29,7 +29,7 @@ struct Status {
     health: Health,
 }
 
-/// A lost rig that is being looked for.
+/// A lost rig that the daemon tries to reconnect.
 #[derive(Debug, Serialize)]
 pub(crate) struct Recovery {
     what: String,
@@ -39,7 +39,7 @@ pub(crate) struct Recovery {
 }
 
 impl Recovery {
-    /// `None` when nothing is lost.
+    /// `None` if nothing is lost.
     pub(crate) fn from(reported: dbus::Recovery) -> Option<Self> {
         Some(Self {
             what: reported.what?,
@@ -49,7 +49,7 @@ impl Recovery {
         })
     }
 
-    /// Which try this is, what is missing and when it is tried again.
+    /// The number of the attempt, the missing instruments and the time of the next attempt.
     pub(crate) fn for_a_person(&self) -> String {
         let tries = match self.tries {
             0 => "reconnecting".to_owned(),
@@ -77,11 +77,11 @@ struct Running {
     map: Option<Shown>,
 }
 
-/// The last map, and what it took to make.
+/// The last map and its computing times.
 #[derive(Debug, Serialize)]
 struct Shown {
     sequence: u64,
-    /// `kPa` with a calibration; without one never.
+    /// `kPa` with a calibration, otherwise relative.
     unit: &'static str,
     largest_loss: Option<f64>,
     significant: Option<bool>,
@@ -93,7 +93,7 @@ struct Shown {
 }
 
 impl Shown {
-    /// `None` before the first map, and of a baseline session.
+    /// `None` before the first map, and for a baseline session.
     fn from(status: &dbus::SessionStatus) -> Option<Self> {
         let map = status.map.as_ref()?;
         Some(Self {

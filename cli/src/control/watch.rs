@@ -1,4 +1,4 @@
-//! `tactus watch`: every frame of a session as it comes, with its map in the terminal.
+//! `tactus watch`: displays every frame of a session with its map in the terminal.
 
 use std::cell::Cell;
 use std::io::Write;
@@ -20,9 +20,9 @@ use crate::options::duration::{display_long, display_span};
 use crate::output::screen::Screen;
 use crate::output::{Printer, complain};
 
-/// How often the daemon is asked whether a session has begun.
+/// Interval of the queries whether a session has started.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
-/// Without a frame for this long, it says why it waits.
+/// Time without a frame after which the reason is displayed.
 const WAITS: Duration = Duration::from_secs(2);
 
 /// Follows a session until it ends, or until `--count` or `--for` is reached.
@@ -98,7 +98,7 @@ pub(crate) async fn run(
         }
         std::future::pending().await
     };
-    // a suspended session sends no frames: why, and which try this is, is printed beside the maps
+    // a suspended session sends no frames; the reason and the number of the attempt are printed next to the maps
     let events = async {
         while let Some(signal) = dbus::next(&mut news).await {
             if let Ok(event) = signal.args() {
@@ -144,7 +144,7 @@ pub(crate) async fn run(
         printer,
     );
     if screen.is_some() {
-        // an error says that there is none yet
+        // an error means that there is no map yet
         if let Ok(latest) = session.latest_map().await {
             let pressure = session.latest_pressure().await.ok();
             viewer.show_latest(latest, pressure, noise().await)?;
@@ -170,8 +170,8 @@ pub(crate) async fn run(
     }
 }
 
-/// The number of the first signal that asks the program to end. Without a screen there is nothing to put back, and the
-/// signal ends the program by itself.
+/// The number of the first signal that requests the program's end. Without the alternate screen nothing must be
+/// restored, and the signal ends the program by default.
 async fn ended_by_signal(on_screen: bool) -> u8 {
     let signals = [
         (SignalKind::interrupt(), 2),
@@ -193,7 +193,7 @@ async fn ended_by_signal(on_screen: bool) -> u8 {
     }
 }
 
-/// Why no frame comes, and when the next one will.
+/// Why no frame arrives, and when the next one will.
 fn reason(id: &str, status: dbus::Status) -> (String, Option<String>) {
     let session = status.session.unwrap_or_default();
     if session.id.as_deref() != Some(id) {
@@ -219,7 +219,7 @@ fn reason(id: &str, status: dbus::Status) -> (String, Option<String>) {
                 Some(format!(", the next in {}", display_long(left))),
             )
         }
-        // a running session that expects no frame by itself
+        // a running session that waits for a command to take a frame
         (_, None) => (why(": `tactus step` takes it"), None),
         _ => (why(""), None),
     }
@@ -236,7 +236,7 @@ fn quality(frame: u64, flags: &str) -> String {
     }
 }
 
-/// The running session, or the next to start; `None` at the deadline.
+/// The running session, or the next one to start; `None` at the timeout.
 async fn first(
     daemon: &Daemon,
     deadline: Option<Instant>,

@@ -1,4 +1,4 @@
-//! `tactus doctor`: looks at the machine that the daemon is to run on, and says what to do about what it finds.
+//! `tactus doctor`: checks the machine for the daemon, with advice for each problem.
 
 mod machine;
 mod running;
@@ -13,7 +13,7 @@ use crate::failure::Failure;
 use crate::output::Printer;
 use machine::Machine;
 
-/// How one thing is.
+/// Result of one check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 enum Verdict {
@@ -30,7 +30,7 @@ struct Finding {
     check: &'static str,
     verdict: Verdict,
     text: String,
-    /// What to do about it.
+    /// Advice.
     advice: Option<String>,
 }
 
@@ -75,7 +75,7 @@ impl Finding {
     }
 }
 
-/// What of the daemon's configuration concerns the machine; everything else is `tactusd --check`'s business.
+/// The part of the daemon's configuration that concerns the machine; `tactusd --check` checks the rest.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 struct Wanted {
@@ -113,10 +113,10 @@ struct Notify {
     command: Vec<String>,
 }
 
-/// Looks at everything.
+/// Runs all checks.
 ///
 /// # Errors
-/// Something is bad; the lines said what.
+/// A check is bad; the printed lines tell which.
 pub(crate) fn run(
     global: &Global,
     requested: &Doctor,
@@ -149,7 +149,7 @@ pub(crate) fn run(
         .build()
         .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
     let running = runtime.block_on(running::check(global, &wanted));
-    // where a daemon runs it knows best where it records
+    // a running daemon knows its directory
     let directory = running
         .record_directory
         .or_else(|| wanted.record.directory.clone());

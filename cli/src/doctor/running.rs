@@ -1,4 +1,4 @@
-//! What programs and buses say: the configuration's own check, systemd, the system bus, the daemon itself.
+//! Checks of programs and buses: the configuration's own check, systemd, the system bus, the daemon.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -10,18 +10,18 @@ use zbus::fdo::DBusProxy;
 use super::{Finding, Wanted};
 use crate::args::Global;
 
-/// What does not answer within this is not there.
+/// Timeout; what does not reply counts as absent.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// What is found out from running programs.
+/// Results of the checks of running programs.
 #[derive(Debug, Default)]
 pub(super) struct Running {
     pub findings: Vec<Finding>,
-    /// Where the running daemon records.
+    /// The directory in which the running daemon records.
     pub record_directory: Option<PathBuf>,
 }
 
-/// `tactusd --check`, where the program is.
+/// Runs `tactusd --check`, if the program is installed.
 pub(super) fn configuration(file: &Path) -> Finding {
     let beside = std::env::current_exe()
         .ok()
@@ -107,7 +107,7 @@ pub(super) async fn check(global: &Global, wanted: &Wanted) -> Running {
     running
 }
 
-/// Where the daemon's own socket is configured, it is there and can be reached.
+/// Checks that the configured socket of the daemon exists and is accessible.
 fn peer_socket(wanted: &Wanted) -> Option<Finding> {
     if wanted.bus.peer == Some(false) {
         return None;
@@ -129,7 +129,7 @@ fn peer_socket(wanted: &Wanted) -> Option<Finding> {
     })
 }
 
-/// The state of the service, as systemd says it.
+/// The state of the service, from systemd.
 fn unit() -> Finding {
     let output = Command::new("systemctl")
         .args(["show", "tactusd.service", "--property"])
@@ -141,7 +141,7 @@ fn unit() -> Finding {
     }
 }
 
-/// What `systemctl show` says.
+/// Interprets the output of `systemctl show`.
 fn service(shown: &str) -> Finding {
     let of = |name: &str| {
         let line = shown.lines().find_map(|line| line.strip_prefix(name));
@@ -172,7 +172,7 @@ fn service(shown: &str) -> Finding {
     }
 }
 
-/// Names on the system bus: ours, polkit's, and whether the clock is kept.
+/// Checks names on the system bus: ours, polkit's, and whether the clock is synchronised.
 async fn system_bus(wanted: &Wanted) -> Vec<Finding> {
     let reached = async {
         let connection = Connection::system().await.ok()?;

@@ -1,5 +1,5 @@
-//! `tactus instruments discover`: what is there, proposed as lines of configuration. Before there is a daemon,
-//! `tactusd --discover` prints the same.
+//! `tactus instruments discover`: finds instruments and proposes lines of configuration. Without a daemon, `tactusd
+//! --discover` prints the same.
 
 use std::io::Write;
 
@@ -43,7 +43,7 @@ pub(crate) async fn run(
         broadcast: Some(!requested.no_broadcast),
     };
     let addresses: Vec<&str> = requested.addresses.iter().map(String::as_str).collect();
-    // listening takes its time; the daemon's own patience with each instrument comes on top
+    // added to the listening time: the daemon's own timeout for each instrument
     let patience = daemon.patience + requested.within;
     let found = tokio::time::timeout(patience, daemon.manager.discover(&addresses, &options))
         .await

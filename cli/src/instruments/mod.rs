@@ -1,4 +1,4 @@
-//! `tactus instruments`: which instruments the rig has, and whether they answer.
+//! `tactus instruments`: the instruments of the rig, and whether they reply.
 
 pub(crate) mod discover;
 pub(crate) mod recovery;
@@ -77,7 +77,7 @@ fn show(found: &[Instrument], printer: &mut Printer<impl Write>) -> Result<(), F
     ))
 }
 
-/// A state's first sentence, in a line that fits beside the other columns; `--json` has the whole.
+/// A state's first sentence, shortened for its column; `--json` has the full text.
 fn brief(state: &str) -> String {
     const LONG: usize = 48;
     if state.chars().count() <= LONG {

@@ -1,5 +1,5 @@
-//! What a person does for a rig that needs one: open its relays, agree to other instruments, take another configuration,
-//! look at what was said over the wires.
+//! Commands for a rig that needs intervention: open its relays, accept replaced instruments, reload the configuration,
+//! print the transcript of messages.
 
 use std::io::Write;
 
@@ -53,7 +53,7 @@ pub(crate) async fn reload(
     done("reloaded", text, printer)
 }
 
-/// The transcript itself is lines of JSON, with `--json` or without.
+/// The transcript is lines of JSON, with `--json` or without.
 pub(crate) async fn transcript(
     daemon: &Daemon,
     requested: &Transcript,

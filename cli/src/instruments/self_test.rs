@@ -1,4 +1,4 @@
-//! `tactus instruments test` and `relays`: what is wrong with the rig, and what is worn.
+//! `tactus instruments test` and `relays`: faults of the rig, and wear of its relays.
 
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
@@ -54,7 +54,7 @@ struct Worn {
     left_s: Option<f64>,
 }
 
-/// Tests the rig; with findings the exit code is that of an instrument fault.
+/// Tests the rig; with findings, the exit code is that of an instrument fault.
 pub(crate) async fn test(
     daemon: &Daemon,
     all: bool,
@@ -69,7 +69,7 @@ pub(crate) async fn test(
     let mut report = std::pin::pin!(daemon.manager.test_instruments(&options));
     let bar = std::io::stderr().is_terminal();
     let report = loop {
-        // patience is for one step, however many there are
+        // the timeout is for one step, however many there are
         let next = tokio::time::timeout(daemon.patience, async {
             tokio::select! {
                 report = &mut report => Some(report),
@@ -79,7 +79,7 @@ pub(crate) async fn test(
                     {
                         eprint!("\r\x1b[K{:>4}/{} {}", step.done, step.total, survey::printable(step.what));
                     }
-                    // without a connection only the answer's own error can come
+                    // if the connection is lost, only the call's own error can arrive
                     if step.is_none() { std::future::pending::<()>().await; }
                     None
                 }
@@ -249,7 +249,7 @@ fn worn(wear: RelayWear) -> Worn {
     }
 }
 
-/// Days and years, where a person thinks in them.
+/// Days or years, whichever suits the duration.
 fn span(seconds: f64) -> String {
     let days = seconds / 86_400.0;
     match days {

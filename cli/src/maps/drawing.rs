@@ -1,4 +1,4 @@
-//! A mesh and a map handed to `picture`: terminal cells, PNG, SVG; and where a map's load lies.
+//! Draws meshes and maps by `render`: terminal cells, PNG, SVG; and finds the position of a map's load.
 
 use std::io::Write;
 
@@ -10,7 +10,7 @@ use crate::failure::Failure;
 use crate::options::choices::Scale;
 use crate::output::Printer;
 
-/// The region a map covers: what a picture and [`Map::found`] need of its mesh.
+/// The region of a map: the part of its mesh that a picture and [`Map::found`] need.
 pub(crate) struct Field {
     mesh_hash: String,
     pub(crate) sheet: Sheet,
@@ -36,10 +36,10 @@ impl Field {
         }
     }
 
-    /// The daemon's region, as it came over the bus.
+    /// The region from the daemon's D-Bus message.
     ///
     /// # Errors
-    /// Indices or counts that do not fit together.
+    /// Inconsistent indices or counts.
     pub(crate) fn from_bus(geometry: dbus::Geometry) -> Result<Self, Failure> {
         let (Some(triangles), Some(outline)) = (geometry.corners(), geometry.loops()) else {
             return Err(Failure::Failed(
@@ -73,7 +73,7 @@ impl Field {
         map.mesh_hash == self.mesh_hash && map.values.len() == self.areas.len()
     }
 
-    /// Where the load lies, m: [`Map::found_above`].
+    /// Position of the load, m: [`Map::found_above`].
     pub(crate) fn found(&self, map: &Map, noise: Option<f64>) -> Option<[f64; 2]> {
         map.found_above(noise, &self.centroids, &self.areas)
     }
@@ -86,7 +86,7 @@ fn scale(scale: Scale) -> render::Scale {
     }
 }
 
-/// Title, scale and marks of the picture of one map, whose noise alone makes this largest loss.
+/// Title, scale and marks for the picture of one map; `noise` is the largest loss by noise alone.
 pub(crate) fn style(
     title: String,
     wanted: Scale,
@@ -105,7 +105,7 @@ pub(crate) fn style(
     }
 }
 
-/// As wide as the terminal, in the colours it can show.
+/// A style with the terminal's width and colours.
 pub(crate) fn terminal_style(printer: &Printer<impl Write>, style: Style) -> TerminalStyle {
     TerminalStyle {
         width: printer.width(),
@@ -131,7 +131,7 @@ pub(crate) fn terminal(field: &Field, map: &Map, style: &TerminalStyle) -> Resul
         .map_err(|error| Failure::failed("the map cannot be drawn", &error))
 }
 
-/// `(129.3, 44.0) mm`, or that nothing was found; the place in millimetres.
+/// `(129.3, 44.0) mm`, or that nothing was found; the position is in millimetres.
 pub(crate) fn place(found_mm: Option<[f64; 2]>) -> String {
     match found_mm {
         Some([x, y]) => format!("({x:.1}, {y:.1}) mm"),
@@ -144,14 +144,13 @@ pub(crate) fn millimetres(found: Option<[f64; 2]>) -> Option<[f64; 2]> {
     found.map(|place| place.map(|metres| metres * 1e3))
 }
 
-/// The noise that no loss of the map is above, as a relative loss; `None` where the map shows more, or the noise is not
-/// known.
+/// The noise, if no loss of the map exceeds it, as a relative loss; `None` if the map shows more, or the noise is
+/// unknown.
 pub(crate) fn nothing_above(map: &Map, noise: Option<f64>) -> Option<f64> {
     noise.filter(|_| map.is_significant(noise) == Some(false))
 }
 
-/// The map in words: newtons and kPa where there is a calibration, never without one; that it shows nothing where it does
-/// not show more than this noise.
+/// The map in words: newtons and kPa only with a calibration; and that it shows nothing, if no loss exceeds the noise.
 pub(crate) fn map_summary(
     largest_loss: f64,
     pressed: Option<(f64, f64)>,

@@ -1,5 +1,5 @@
-//! Maps made without a daemon: settings, sources of frames, reconstruction, replay, drawing.
-//! The mathematics is the crate `eit`'s.
+//! Maps made without a daemon: settings, sources of frames, reconstruction, replay, drawing. The mathematics is in the
+//! crate `eit`.
 
 pub(crate) mod drawing;
 pub(crate) mod reconstruction;

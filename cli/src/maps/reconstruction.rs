@@ -1,4 +1,4 @@
-//! What turns voltages into a map here, without a daemon: the options and the record together give a model of `imaging`.
+//! Reconstruction without a daemon: builds a model of `imaging` from the options and the record.
 
 use eit::inverse::learned::network::is_onnx;
 use eit::{DiscTank, Mesh, PaperSheet, Preset};
@@ -12,22 +12,22 @@ use crate::maps::drawing::Field;
 use crate::maps::settings::Chosen;
 use crate::options::choices::{GeometryChoice, PresetName};
 
-/// A reconstructor with what a person should know about it.
+/// A reconstructor with remarks for the user.
 pub(crate) struct Reconstruction {
     model: Model,
-    /// What its maps cover.
+    /// The region of its maps.
     pub(crate) field: Field,
-    /// What was assumed or derived on the way, a sentence each.
+    /// Assumptions and derived values, a sentence each.
     pub(crate) remarks: Vec<String>,
-    /// The largest loss that noise alone makes; `None` where the noise of a reading is not known.
+    /// The largest loss by noise alone; `None` if the noise of a reading is unknown.
     pub(crate) noise: Option<f64>,
 }
 
 impl Reconstruction {
-    /// Loads the model, or prepares the method on the geometry that options, folder or session name.
+    /// Loads the model, or prepares the method for the geometry given by options, folder or session.
     ///
     /// # Errors
-    /// A model or geometry that does not fit the record, naming both.
+    /// A model or geometry that does not match the record; the error names both.
     pub(crate) fn new(
         method: &MethodArguments,
         geometry: &GeometryChoice,
@@ -37,7 +37,7 @@ impl Reconstruction {
         let mut chosen = Chosen::new(method, origin)?;
         let model = match &chosen.settings.file {
             Some(file) => {
-                // an ONNX file brings no mesh
+                // an ONNX file contains no mesh
                 let geometry = match is_onnx(file) {
                     true => Some(choose_geometry(geometry, origin, protocol)?.0),
                     false => None,
@@ -51,7 +51,7 @@ impl Reconstruction {
                 prepare(&mut chosen, geometry, recording)?
             }
         };
-        // what is assumed of the noise says nothing of a map; a slow method would take longer for it than for the maps
+        // an assumed noise has no significance for a map; for a slow method, the draws would take longer than the maps
         let unloaded = &recording.unloaded;
         let measured = Noise::of_baseline(unloaded.noise, &unloaded.readings)
             .and_then(Noise::measured)
@@ -71,7 +71,7 @@ impl Reconstruction {
     /// The map of one frame.
     ///
     /// # Errors
-    /// Too many missing readings, or readings the method cannot use.
+    /// Too many missing readings, or readings that the method cannot use.
     pub(crate) fn map(&self, baseline: &[Reading], frame: &[Reading]) -> Result<Map, Failure> {
         self.model
             .reconstructor
@@ -89,8 +89,8 @@ impl Reconstruction {
     }
 }
 
-/// Prepares a method as the session had it; of a recording without a configuration, conductance, current and noise that
-/// nobody says are taken from the baseline.
+/// Prepares a method as in the session; for a recording without a configuration, conductance, current and noise that
+/// are not given are derived from the baseline.
 fn prepare(
     chosen: &mut Chosen,
     geometry: Geometry,
@@ -102,7 +102,7 @@ fn prepare(
         false => recording.sample()?,
     };
     let model = if chosen.as_recorded {
-        // the daemon takes noise at the frames' own current, and a map can only be verified as it was made
+        // the daemon's noise is at the frames' own current, and verification needs the same map
         let conditions = Conditions {
             sample: Some(&sample),
             ..Conditions::live(&geometry, protocol, recording.current)
@@ -120,10 +120,10 @@ fn prepare(
     Ok(model)
 }
 
-/// The geometry that options, folder or session name, in this order, and what was assumed of it.
+/// The geometry given by options, folder or session, in this order, and the assumptions about it.
 ///
 /// # Errors
-/// No geometry is named, or it is not the protocol's or the session's.
+/// No geometry is given, or it does not match the protocol or the session.
 pub(crate) fn choose_geometry(
     requested: &GeometryChoice,
     origin: &Origin,
@@ -200,7 +200,7 @@ fn from_preset(
     Ok(Geometry::from_preset(&preset)?)
 }
 
-/// What a refused model or method means on this command line.
+/// Converts the refusal of a model or method to a failure of this command line.
 fn not_built(error: BuildError) -> Failure {
     match &error {
         BuildError::File { path, cause } => Failure::failed(&path.display().to_string(), cause),

@@ -1,4 +1,4 @@
-//! The recording that `replay` names: a case folder with measured frames, or a session of the logbook.
+//! The recording for `replay`: a case folder with measured frames, or a session of the logbook.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::args::{Global, Replay};
 use crate::failure::Failure;
 use crate::session_files;
 
-/// Opens what `replay` names: a folder, a session file, or a session's id in the state directory.
+/// Opens a folder, a session file, or a session by its id in the state directory.
 pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failure> {
     let path = Path::new(&replay.source);
     if path.is_dir() {
@@ -22,12 +22,12 @@ pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failur
     }
 }
 
-/// How many frames [`frames`] gives, unless some cannot be read.
+/// Number of frames of [`frames`], including unreadable ones.
 pub(crate) fn count(recording: &Recording, replay: &Replay) -> Result<usize, Failure> {
     Ok(recording.len()?.min(most(replay)))
 }
 
-/// The frames that are asked for, in order; those that cannot be read are named on the error stream.
+/// The requested frames in order; unreadable ones are reported on standard error.
 pub(crate) fn frames<'a>(
     recording: &'a Recording,
     replay: &Replay,
@@ -42,7 +42,7 @@ pub(crate) fn frames<'a>(
     readable.take(most(replay))
 }
 
-/// Reports a frame that cannot be read.
+/// Reports an unreadable frame.
 pub(crate) fn left_out(error: &LogbookError) {
     eprintln!(
         "tactus: a frame is left out: {}",

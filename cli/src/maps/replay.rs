@@ -1,4 +1,4 @@
-//! `tactus replay`: a recording reconstructed offline, frame by frame, with the mathematics the daemon uses.
+//! `tactus replay`: reconstructs a recording offline, frame by frame, with the daemon's mathematics.
 
 use std::fmt::Write as _;
 use std::io::Write;
@@ -30,19 +30,19 @@ struct Line<'a> {
     method: &'a str,
     found_mm: Option<[f64; 2]>,
     largest_loss: f64,
-    /// Whether that is more than `noise`; `None` where that is not known.
+    /// Whether that is more than `noise`; `None` if the noise is unknown.
     significant: Option<bool>,
-    /// The largest loss that noise alone makes.
+    /// The largest loss by noise alone.
     noise: Option<f64>,
     masked: usize,
     map_hash: String,
-    /// Whether the recorded map had the same bits; `None` where none was recorded.
+    /// Whether the recorded map had the same bits; `None` if none was recorded.
     verified: Option<bool>,
     simulated: Option<bool>,
     png: Option<String>,
 }
 
-/// Reconstructs each frame of the recording; prints, draws and writes what was asked.
+/// Reconstructs each frame of the recording; prints, draws and writes the requested outputs.
 pub(crate) fn run(
     global: &Global,
     replay: &Replay,
@@ -143,27 +143,27 @@ pub(crate) fn run(
     Ok(())
 }
 
-/// How far a map of another build or processor may be from the recorded one, relative to its length: far above what the
-/// last bits of the readings change (1e-13), a hundredth of what 2 uV do; the test of that name prints both.
+/// Largest relative distance of a map from one recorded by another build or processor: far above the effect of rounding
+/// in the readings (1e-13), a hundredth of the effect of 2 uV; the test of the tolerance prints both.
 const TOLERANCE: f64 = 1e-4;
 
-/// What `replay --verify` says last; see `docs/reference/json.md`.
+/// The last line of `replay --verify`; see `docs/reference/json.md`.
 #[derive(Debug, Default, Serialize)]
 struct Verdict {
-    /// Maps with the bits that were recorded.
+    /// Number of maps with the recorded bits.
     same: u64,
-    /// Frames whose map was made by this build on this processor, and is another now, or is further off than
+    /// Frames whose map differs although it was made by this build on this processor, or is farther away than
     /// [`TOLERANCE`].
     different: Vec<u64>,
-    /// Maps of another build or processor that are no further from it than [`TOLERANCE`].
+    /// Number of maps of another build or processor within [`TOLERANCE`].
     near: u64,
     /// The largest such distance, relative.
     furthest: Option<f64>,
-    /// Frames whose map differs and was made by another build or on another processor, which kept its hash only.
+    /// Frames whose map differs and was made by another build or on another processor, which recorded its hash only.
     elsewhere: Vec<u64>,
     /// The first of those builds and processors.
     made_by: Option<String>,
-    /// Frames without a trace of a map.
+    /// Number of frames without a recorded map.
     without: u64,
 }
 
@@ -304,7 +304,7 @@ fn sentence(line: &Line<'_>) -> String {
     text
 }
 
-/// The table of maps, and what stands beside it.
+/// The table of maps and its companion tables.
 struct MapTables {
     maps: OutFile,
     frames: Option<OutFile>,
@@ -315,7 +315,7 @@ impl MapTables {
     fn create(path: &Path, mesh: &Mesh, existing: Existing) -> Result<Self, Failure> {
         let mut maps = OutFile::create(path, existing)?;
         maps.put(maps_heading(mesh).as_bytes())?;
-        // nothing can lie beside a device or a pipe
+        // a device or a pipe has no companion files
         let (mut frames, mut triangles) = (None, None);
         if !outfile::is_stream(path) {
             let beside = MapCompanions::of(path);

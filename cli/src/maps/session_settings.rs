@@ -1,4 +1,4 @@
-//! How the daemon made the maps of a recorded session, from the configuration kept in it.
+//! Reconstruction settings of a recorded session, from the stored configuration.
 
 use eit::DiscTank;
 use imaging::{Geometry, GeometrySettings, ReconstructionSettings, short_hash};
@@ -8,18 +8,18 @@ use serde::de::{Deserializer, Visitor};
 
 use crate::failure::Failure;
 
-/// The part of a daemon's configuration that says how maps are made.
+/// The part of a daemon's configuration that concerns maps.
 #[derive(Debug, Default)]
 pub(crate) struct Kept {
     geometry: GeometrySettings,
     pub(crate) model: ReconstructionSettings,
 }
 
-/// The effective configuration kept in a session. The daemon has checked it, so keys that this program does not know are
-/// passed over.
+/// The effective configuration stored in a session. The daemon has validated it, so keys unknown to this program are
+/// ignored.
 ///
 /// # Errors
-/// Text that is no configuration of a daemon.
+/// Text that is not a configuration of the daemon.
 pub(crate) fn kept(header: &SessionHeader) -> Result<Kept, Failure> {
     let read = || -> Result<Kept, toml::de::Error> {
         let mut tables: toml::Table = toml::from_str(&header.config_toml)?;
@@ -39,7 +39,7 @@ pub(crate) fn kept(header: &SessionHeader) -> Result<Kept, Failure> {
     })
 }
 
-/// A section without the keys that its type does not have.
+/// A section without keys unknown to its type.
 fn known_keys<T: serde::de::DeserializeOwned + Default>(
     section: Option<toml::Value>,
 ) -> Result<T, toml::de::Error> {
@@ -50,7 +50,7 @@ fn known_keys<T: serde::de::DeserializeOwned + Default>(
     }
 }
 
-/// A table that gives a struct the keys that the struct has.
+/// A table that passes only the keys of a struct to its deserialisation.
 struct KnownKeys(toml::Table);
 
 impl<'de> Deserializer<'de> for KnownKeys {
@@ -79,10 +79,10 @@ impl<'de> Deserializer<'de> for KnownKeys {
 const NAME_IT: &str =
     "say --preset paper-sheet or disc-tank, --case DIR with a mesh, or --model FILE";
 
-/// The geometry of a session, from the configuration kept in it, verified by the hash kept beside it.
+/// The geometry of a session, from its stored configuration, verified by the stored hash.
 ///
 /// # Errors
-/// The geometry that is named is not the one that was used.
+/// The named geometry is not the one that was used.
 pub(crate) fn geometry(header: &SessionHeader) -> Result<Geometry, Failure> {
     let mut named = kept(header)?.geometry;
     if named.case.is_some() {
@@ -93,7 +93,7 @@ pub(crate) fn geometry(header: &SessionHeader) -> Result<Geometry, Failure> {
         ..DiscTank::default()
     });
     let mut geometry = named.geometry(None)?;
-    // the daemon takes it as it is where a case folder does not say it
+    // the daemon uses it unchanged unless a case folder lacks it
     geometry.sigma0_known = true;
     match &header.geometry_hash {
         Some(hash) if hash != geometry.mesh.hash() => Err(Failure::Configuration(format!(

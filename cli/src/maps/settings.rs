@@ -1,4 +1,4 @@
-//! How maps are to be made: what the options say, else what the session had, else the defaults.
+//! Settings for maps: from the options, otherwise from the session, otherwise the defaults.
 
 use imaging::recorded::Origin;
 use imaging::{MethodArguments, ReconstructionSettings, find_model, find_model_in, short_hash};
@@ -6,26 +6,27 @@ use imaging::{MethodArguments, ReconstructionSettings, find_model, find_model_in
 use crate::failure::Failure;
 use crate::maps::session_settings;
 
-/// Settings of a reconstruction, with what only these programs know about them.
+/// Settings of a reconstruction, with remarks and information on their origin.
 pub(crate) struct Chosen {
     pub(crate) settings: ReconstructionSettings,
-    /// Whether the session keeps how its daemon made the maps: noise then counts at the current of its frames.
+    /// Whether the session stores how its daemon made the maps: noise is then at the current of its frames.
     pub(crate) as_recorded: bool,
-    /// Whether the method is the session's, nothing else being asked for: it is then settled by the frames that settled it there.
+    /// Whether the method is exactly the session's: its parameters are then chosen from the same frames as in the
+    /// session.
     pub(crate) unchanged: bool,
-    /// What a person should know about the choice, a sentence each.
+    /// Remarks on the choice, a sentence each.
     pub(crate) remarks: Vec<String>,
 }
 
 impl Chosen {
-    /// Looks at the options first, then at the configuration that the session kept.
+    /// Combines the options with the configuration stored in the session.
     ///
     /// # Errors
-    /// A session whose configuration cannot be read, or options that do not fit the method.
+    /// A session with an invalid configuration, or options that do not fit the method.
     pub(crate) fn new(requested: &MethodArguments, origin: &Origin) -> Result<Self, Failure> {
         let mut remarks = Vec::new();
         let requested = requested.settings().map_err(Failure::Usage)?;
-        // A session made without a daemon keeps no configuration.
+        // A session recorded without a daemon has no configuration.
         let header = match origin {
             Origin::Session(header) if !header.config_toml.is_empty() => Some(header),
             Origin::Session(_) | Origin::Folder(_) => None,
@@ -34,7 +35,7 @@ impl Chosen {
             Some(header) => Some(session_settings::kept(header)?.model),
             None => None,
         };
-        // maps of a model that is named are bounded as the session's were
+        // maps of a model given by option are bounded like the session's
         let loss_only = requested.loss_only.or(header
             .and_then(|header| session_settings::kept(header).ok())
             .and_then(|kept| kept.model.loss_only));
@@ -61,7 +62,7 @@ impl Chosen {
     }
 }
 
-/// The trained model to use: the one that is named, else the session's where it is here.
+/// The trained model: the one given by option, otherwise the session's if its file is available.
 fn model_file(
     requested: &ReconstructionSettings,
     origin: &Origin,

@@ -1,4 +1,4 @@
-//! What a lab needs to know later of what it measures: options of `start` and of `baseline record`.
+//! Descriptions of the experiment: options of `start` and of `baseline record`.
 
 use clap::Args;
 use dbus::SessionOptions;
@@ -22,7 +22,7 @@ pub struct About {
 }
 
 impl About {
-    /// Adds what is said to the options of a session.
+    /// Adds the given descriptions to the options of a session.
     pub(crate) fn with(&self, options: SessionOptions) -> SessionOptions {
         SessionOptions {
             sheet: self.sheet.clone(),

@@ -1,4 +1,4 @@
-//! What options choose between, each parsed into its type; and the options that several commands share.
+//! Values of options, each parsed into its type; and options shared by several commands.
 
 use std::path::PathBuf;
 

@@ -2,27 +2,27 @@
 
 use std::time::Duration;
 
-/// Why a text is not a duration.
+/// Errors of durations.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SpanError {
-    /// It cannot be read.
+    /// It cannot be parsed.
     #[error("'{text}' is no duration ({cause}); write for example 10s, 5m, 2h")]
     Text {
-        /// What was written.
+        /// The text.
         text: String,
         /// What is wrong with it.
         cause: humantime::DurationError,
     },
-    /// Zero, or more than the clock can count.
+    /// Zero, or more than the maximum.
     #[error("'{0}' is not a usable duration; it must be more than zero and less than 100 years")]
     Range(String),
 }
 
-/// Reads a duration: one or more numbers (a decimal point is allowed), each with its unit: `ms`, `s`, `m` or `min`, `h`,
-/// `d`, and the others of the crate humantime.
+/// Parses a duration: one or more numbers (a decimal point is allowed), each with its unit: `ms`, `s`, `m` or `min`,
+/// `h`, `d`, and the others of the crate humantime.
 ///
 /// # Errors
-/// A text that cannot be read; zero, and 100 years or more.
+/// A text that cannot be parsed; zero, or 100 years or more.
 ///
 /// ```
 /// use std::time::Duration;
@@ -39,7 +39,7 @@ pub fn parse_span(text: &str) -> Result<Duration, SpanError> {
     Ok(span)
 }
 
-/// Writes a span shortly: `850 ms`, `12.5 s`, `3 min 20 s`, `2 h 5 min`.
+/// Formats a duration briefly: `850 ms`, `12.5 s`, `3 min 20 s`, `2 h 5 min`.
 pub(crate) fn display_span(span: Duration) -> String {
     let seconds = span.as_secs_f64();
     if seconds < 1.0 {
@@ -55,7 +55,7 @@ pub(crate) fn display_span(span: Duration) -> String {
     format!("{} h {} min", whole / 3_600, whole % 3_600 / 60)
 }
 
-/// Writes a time that may be long, with one unit: `1.4 s`, `1.5 min`, `2.0 h`, `40.0 d`.
+/// Formats a possibly long time with one unit: `1.4 s`, `1.5 min`, `2.0 h`, `40.0 d`.
 pub(crate) fn display_long(seconds: f64) -> String {
     match seconds.abs() {
         short if short < 60.0 => format!("{seconds:.1} s"),

@@ -1,5 +1,5 @@
-//! How a session measures, where that is not as the daemon's configuration says: options of `start` and of
-//! `baseline record`, which must agree.
+//! Measuring settings of a session that differ from the daemon's configuration: options of `start` and of `baseline
+//! record`, which must be the same for both.
 
 use std::time::Duration;
 
@@ -56,7 +56,7 @@ pub enum Ranges {
 }
 
 impl Measuring {
-    /// Adds what is said to the options of a session.
+    /// Adds the given settings to the options of a session.
     pub(crate) fn with(&self, options: SessionOptions) -> SessionOptions {
         let milliseconds = |span: Duration| 1e3 * span.as_secs_f64();
         let ranges = self.ranges.map(|ranges| match ranges {

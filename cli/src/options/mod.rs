@@ -1,5 +1,4 @@
-//! Options that several commands share, parsed into their types.
-//! Options of one command are in `args`.
+//! Options shared by several commands, parsed into their types. `args` has the options of single commands.
 
 pub(crate) mod about;
 pub(crate) mod choices;

@@ -1,4 +1,4 @@
-//! Which numbers the command line takes; the daemon checks by itself what it is sent.
+//! Ranges of numbers on the command line; the daemon checks its input independently.
 
 use survey::Bounds;
 
@@ -10,7 +10,7 @@ pub(crate) fn speed(text: &str) -> Result<f64, String> {
         .map_err(|refusal| format!("{refusal}: {meaning}"))
 }
 
-/// Integration time, power-line cycles; which ones there are depends on the voltmeter.
+/// Integration time, power-line cycles; the valid values depend on the voltmeter.
 pub(crate) fn nplc(text: &str) -> Result<f64, String> {
     Bounds::Within(0.001, 1000.0).parse(text)
 }

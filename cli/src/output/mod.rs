@@ -1,4 +1,4 @@
-//! What is printed: text for a person, or one JSON object a line for a script.
+//! Output: text for people, or one JSON object per line for scripts.
 
 pub(crate) mod progress;
 pub(crate) mod screen;
@@ -12,7 +12,7 @@ use survey::{printable_json, printable_lines};
 
 use crate::failure::Failure;
 
-/// Where answers go, and in which of the two languages.
+/// Destination and format of the output.
 pub(crate) struct Printer<W> {
     json: bool,
     colour: Colour,
@@ -44,7 +44,7 @@ impl Printer<std::io::Stdout> {
 }
 
 impl<W: Write> Printer<W> {
-    /// Into anything, as if it were not a terminal.
+    /// Prints to any sink, as if it were not a terminal.
     #[cfg(test)]
     pub(crate) fn into(json: bool, sink: W) -> Self {
         Self {
@@ -64,12 +64,12 @@ impl<W: Write> Printer<W> {
         self.json
     }
 
-    /// Whether text goes to a terminal that a person watches.
+    /// Whether text goes to a terminal.
     pub(crate) fn is_terminal(&self) -> bool {
         self.terminal && !self.json
     }
 
-    /// Columns of the terminal; 80 where nobody says.
+    /// Columns of the terminal; 80 if unknown.
     pub(crate) fn width(&self) -> usize {
         let measured = self.terminal.then(terminal_size).flatten();
         let from_environment = || std::env::var("COLUMNS").ok()?.parse().ok();
@@ -80,7 +80,7 @@ impl<W: Write> Printer<W> {
             .clamp(20, 400)
     }
 
-    /// How a map is coloured here.
+    /// The colours of maps.
     pub(crate) fn map_colour(&self) -> render::TerminalColour {
         let wanted = match self.colour {
             Colour::Always => true,
@@ -98,10 +98,10 @@ impl<W: Write> Printer<W> {
         }
     }
 
-    /// Prints one record: as a JSON line, or as the text that `person` makes of it.
+    /// Prints one record: as a JSON line, or as the text from `person`.
     ///
     /// # Errors
-    /// [`Failure::Closed`] when the reader has gone.
+    /// [`Failure::Closed`] if the reader has closed the output.
     pub(crate) fn record<T: Serialize>(
         &mut self,
         record: &T,
@@ -119,7 +119,7 @@ impl<W: Write> Printer<W> {
         self.line(&line)
     }
 
-    /// Prints text for a person; with `--json` nothing.
+    /// Prints text; nothing with `--json`.
     pub(crate) fn text(&mut self, text: &str) -> Result<(), Failure> {
         if self.json {
             return Ok(());
@@ -127,7 +127,7 @@ impl<W: Write> Printer<W> {
         self.line(&printable_lines(text))
     }
 
-    /// Prints a map of the program's own drawing, which has the terminal's own sequences in it; with `--json` nothing.
+    /// Prints a map drawn by this program, including escape sequences; nothing with `--json`.
     pub(crate) fn drawn(&mut self, map: &str) -> Result<(), Failure> {
         if self.json {
             return Ok(());
@@ -135,7 +135,7 @@ impl<W: Write> Printer<W> {
         self.line(map)
     }
 
-    /// Prints bytes as they are (a script for a shell, a CSV table).
+    /// Prints unchanged bytes (a script for a shell, a CSV table).
     pub(crate) fn raw(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         self.sink
             .write_all(bytes)
@@ -153,15 +153,15 @@ impl<W: Write> Printer<W> {
     }
 }
 
-/// Columns and rows of the terminal that standard output is; `None` where it is none.
+/// Columns and rows of the terminal on standard output; `None` if it is not one.
 fn terminal_size() -> Option<(usize, usize)> {
     let size = rustix::termios::tcgetwinsize(std::io::stdout()).ok()?;
     Some((usize::from(size.ws_col), usize::from(size.ws_row)))
         .filter(|&(columns, rows)| columns > 0 && rows > 0)
 }
 
-/// Tells a person something on standard error. Further lines of it are indented, so that a text from outside begins no line
-/// that looks like one of ours.
+/// Prints a message on standard error. Its further lines are indented, so that text from outside cannot imitate a
+/// message of this program.
 pub(crate) fn complain(text: &str) {
     eprintln!("{}", printable_lines(text.trim_end()).replace('\n', "\n  "));
 }

@@ -1,10 +1,10 @@
-//! Progress on the terminal's error stream.
+//! Progress bars on standard error.
 
 use std::io::IsTerminal;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar of `frames`, a spinner where their number is not known; hidden where nobody watches.
+/// A bar of `frames`, or a spinner if their number is unknown; hidden if not on a terminal.
 pub(crate) fn progress(frames: Option<u64>, terminal: bool) -> ProgressBar {
     if !terminal || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();

@@ -1,4 +1,4 @@
-//! The terminal's alternate screen: a picture that is drawn anew, with two rows of text at the bottom.
+//! The terminal's alternate screen: a picture that is redrawn, with two rows of text at the bottom.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -11,9 +11,9 @@ use survey::printable_lines;
 use crate::failure::Failure;
 use crate::output::{complain, terminal_size, written};
 
-/// Messages kept to be printed again behind the screen.
+/// Number of messages kept, to be printed again after the screen is closed.
 const KEPT: usize = 50;
-/// Rows at the bottom: the last message, and why nothing is drawn.
+/// Rows at the bottom: the last message, and why there is no picture.
 const BOTTOM: usize = 2;
 const ENTER: &[u8] = b"\x1b[?1049h\x1b[?25l\x1b[2J";
 const LEAVE: &[u8] = b"\x1b[?25h\x1b[?1049l";
@@ -30,7 +30,7 @@ impl Screen {
     /// Shows the alternate screen, without a cursor.
     ///
     /// # Errors
-    /// [`Failure::Closed`] when the terminal has gone.
+    /// [`Failure::Closed`] if the terminal is closed.
     pub(crate) fn enter() -> Result<Self, Failure> {
         static HOOK: Once = Once::new();
         HOOK.call_once(|| {
@@ -55,7 +55,7 @@ impl Screen {
         (columns, rows.saturating_sub(BOTTOM))
     }
 
-    /// Draws a text of the program's own, which may have the terminal's own sequences in it, from the first row on.
+    /// Draws text of this program, which may include escape sequences, from the first row on.
     ///
     /// # Errors
     /// As [`Screen::enter`].
@@ -70,7 +70,7 @@ impl Screen {
         self.bottom()
     }
 
-    /// Shows a message in the last row but one, and keeps it for [`Screen::close`].
+    /// Displays a message in the second-last row, and keeps it for [`Screen::close`].
     pub(crate) fn message(&self, text: &str) -> Result<(), Failure> {
         let mut messages = self.messages.borrow_mut();
         messages.truncate(KEPT - 1);
@@ -79,7 +79,7 @@ impl Screen {
         self.bottom()
     }
 
-    /// Shows in the last row why nothing is drawn; empty where something is.
+    /// Displays in the last row why there is no picture; empty if there is one.
     pub(crate) fn waiting(&self, text: &str) -> Result<(), Failure> {
         if *self.waiting.borrow() == text {
             return Ok(());
@@ -104,7 +104,7 @@ impl Screen {
         write(text.as_bytes())
     }
 
-    /// Leaves the screen and prints the messages that were shown on it.
+    /// Leaves the screen and prints the messages that were displayed on it.
     pub(crate) fn close(self) {
         leave();
         for message in self.messages.borrow().iter().rev() {
@@ -119,10 +119,10 @@ impl Drop for Screen {
     }
 }
 
-/// Back to the terminal's own screen, where the alternate one is shown.
+/// Returns to the normal screen, if the alternate one is shown.
 fn leave() {
     if SHOWN.swap(false, Ordering::SeqCst) {
-        // a terminal that has gone shows neither
+        // a closed terminal shows neither
         let _gone = write(LEAVE);
     }
 }

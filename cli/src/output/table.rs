@@ -1,4 +1,4 @@
-//! Columns for a person: as wide as their widest entry, two spaces between.
+//! Text tables: columns as wide as their widest entry, separated by two spaces.
 
 use std::borrow::Cow;
 
@@ -6,7 +6,7 @@ use survey::printable;
 
 /// Aligns rows under a heading; the last column is not padded.
 pub(crate) fn columns<const N: usize>(heading: [&str; N], rows: &[[String; N]]) -> String {
-    // a cell is a cell, whatever somebody else has written into it
+    // escaped: text from outside must stay in its cell
     let rows: Vec<[Cow<'_, str>; N]> = rows
         .iter()
         .map(|row| row.each_ref().map(|cell| printable(cell)))

@@ -2,12 +2,12 @@
 
 use chrono::{DateTime, Local, SecondsFormat, Utc};
 
-/// Wall time as it is stored and written to files: UTC.
+/// Wall time in files: UTC.
 pub(crate) fn utc(time: DateTime<Utc>) -> String {
     time.to_rfc3339_opts(SecondsFormat::AutoSi, true)
 }
 
-/// Wall time for a person: local, to the second, with its distance from UTC.
+/// Wall time for people: local, to the second, with the offset from UTC.
 pub(crate) fn local(time: DateTime<Utc>) -> String {
     time.with_timezone(&Local)
         .format("%Y-%m-%d %H:%M:%S %:z")

@@ -1,5 +1,5 @@
-//! The case folder that `export` writes: mesh, protocol, frames, baseline and where they come from, so that
-//! `tactus replay` and `tactus-lab reconstruct` open it as it is.
+//! The case folder written by `export`: mesh, protocol, frames, baseline and provenance. `tactus replay` and
+//! `tactus-lab reconstruct` can open it unchanged.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,7 +18,7 @@ use crate::options::choices::GeometryChoice;
 use crate::output::complain;
 use crate::output::time::utc;
 
-/// First line of a table of bare voltages.
+/// First line of a table of voltages only.
 pub(crate) fn heading(protocol: &Protocol) -> String {
     let heading: Vec<String> = (0..protocol.len())
         .map(|reading| format!("m{reading}"))
@@ -37,7 +37,7 @@ pub(crate) fn row(label: &str, readings: &[Reading]) -> String {
     row
 }
 
-/// The voltage to the last bit, or nothing.
+/// The voltage with all its bits, or nothing.
 pub(crate) fn cell(reading: Reading) -> String {
     reading
         .volts()
@@ -45,10 +45,10 @@ pub(crate) fn cell(reading: Reading) -> String {
         .unwrap_or_default()
 }
 
-/// Writes all of the folder but the frames.
+/// Writes the folder without the frames.
 ///
 /// # Errors
-/// A file that cannot be written. A geometry that cannot be made is reported and left out.
+/// A file that cannot be written. An invalid geometry is reported and omitted.
 pub(crate) fn write(
     folder: &Path,
     header: &SessionHeader,
@@ -89,7 +89,7 @@ pub(crate) fn write(
     Ok(())
 }
 
-/// The geometry that the options name, else the session's.
+/// The geometry given by options, otherwise the session's.
 fn mesh_of(header: &SessionHeader, requested: &GeometryChoice) -> Result<Geometry, String> {
     let named = requested.preset.is_some() || requested.case.is_some();
     if header.config_toml.is_empty() && !named {
@@ -104,7 +104,7 @@ fn mesh_of(header: &SessionHeader, requested: &GeometryChoice) -> Result<Geometr
         .map_err(|failure| failure.to_string())
 }
 
-/// The conductance of a preset is an assumption: without `homog`, the readers of the case fit one to the baseline.
+/// The conductance of a preset is an assumption: without `homog`, readers of the case fit one to the baseline.
 fn case(geometry: &Geometry, protocol: &Protocol, currents: Vec<f64>) -> Case {
     let uniform = geometry.sigma0.windows(2).all(|pair| pair[0] == pair[1]);
     let mut sigma = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! `tactus events`: what happened to a session and to its rig, from the record.
+//! `tactus events`: events of a session and its rig, from the record.
 
 use std::io::Write;
 

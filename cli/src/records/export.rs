@@ -1,4 +1,4 @@
-//! `tactus export`: a recorded session as tables that any program reads, or a frame's map as a picture.
+//! `tactus export`: writes a recorded session as tables, or a frame's map as a picture.
 
 use std::fmt::Write as _;
 use std::io::Write;
@@ -30,7 +30,7 @@ struct Written {
     session: String,
     frames: usize,
     simulated: bool,
-    /// Of a picture: which frame, how, and what it shows.
+    /// For a picture: the frame, the method, and the result.
     frame: Option<u64>,
     method: Option<String>,
     found_mm: Option<[f64; 2]>,
@@ -39,7 +39,7 @@ struct Written {
     noise: Option<f64>,
 }
 
-/// Writes what was asked and says where it lies.
+/// Writes the requested files and reports their paths.
 pub(crate) fn run(
     global: &Global,
     export: &Export,
@@ -86,7 +86,7 @@ fn tables(
         })
     };
     let existing = export.replacing.existing();
-    // nothing can lie beside a device or a pipe
+    // a device or a pipe has no companion files
     let beside = (!outfile::is_stream(&export.out)).then(|| Beside::of(&export.out));
     let mut file = OutFile::create(&export.out, existing)?;
     file.put(frames_heading(header.protocol.len()).as_bytes())?;
@@ -147,16 +147,16 @@ fn tables(
             header.id
         )));
     }
-    // what went into a device or a pipe may be nowhere, and `sessions prune --exported-only` believes the mark
+    // output to a device or a pipe may not be stored, and `sessions prune --exported-only` relies on the mark
     for part in session.each().iter().filter(|_| beside.is_some()) {
         let own = part.last_sequence()?;
-        // what a session that still runs has got since was not written
+        // frames that a running session has recorded since then were not exported
         crate::records::maintenance::mark(part, own.min(last), &export.out);
     }
     Ok(())
 }
 
-/// What a table of frames has beside it.
+/// The companion files of a table of frames.
 struct Beside {
     baseline: PathBuf,
     case: PathBuf,
@@ -171,7 +171,7 @@ impl Beside {
     }
 }
 
-/// Columns of the table of frames: what a person looks for first, then the voltages. Electrodes count from 0 in every file.
+/// Columns of the table of frames: summary values first, then the voltages. Files number electrodes from 0.
 fn frames_heading(readings: usize) -> String {
     let mut heading = String::from(
         "sequence,wall_utc,monotonic_s,duration_s,simulated,current_A,overloads,timeouts,not_measured,compliance,missing",

@@ -1,4 +1,4 @@
-//! `tactus log`: what happened, to the daemon and to all its sessions, from their records.
+//! `tactus log`: events of the daemon and of all its sessions, from their records.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -59,7 +59,7 @@ impl Line {
     }
 }
 
-/// What is in the records, the oldest first.
+/// Prints recorded events, the oldest first.
 pub(crate) fn run(
     global: &Global,
     log: &Log,
@@ -80,13 +80,13 @@ pub(crate) fn run(
     lines.iter().try_for_each(|line| line.print(printer))
 }
 
-/// The same, and then what happens.
+/// Prints recorded events and continues with new ones.
 pub(crate) async fn follow(
     daemon: &Daemon,
     log: &Log,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    // subscribed before the records are read, so that no event is missed
+    // subscribed before the records are read, so that no event is lost
     let listening = daemon.manager.receive_happened();
     let mut happened = daemon
         .ask("its events", async { Ok(listening.await?) })
@@ -123,7 +123,7 @@ fn since(log: &Log, now: DateTime<Utc>) -> Option<DateTime<Utc>> {
     now.checked_sub_signed(span)
 }
 
-/// Events of a folder; a session that cannot be read is named on the error stream.
+/// Events of a folder; unreadable sessions are reported on standard error.
 fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Iterator<Item = Line> {
     let mut lines = Vec::new();
     if log.session.is_none() {
@@ -157,8 +157,8 @@ fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Itera
         .filter(move |line| line.is_requested(&log, since))
 }
 
-/// Whether a file was last written before the span began: it need not be opened. The journal beside a file that is being
-/// written is newer than the file.
+/// Whether a file was last written before the time span began: it need not be opened. The journal of a file that is
+/// being written is newer than the file.
 fn untouched(file: &Path, span: Option<Duration>) -> bool {
     let Some(span) = span else { return false };
     let journal = file.with_extension("tactus-wal");
@@ -169,7 +169,7 @@ fn untouched(file: &Path, span: Option<Duration>) -> bool {
         .is_some_and(|age| age > span)
 }
 
-/// Beginning, events and end of one session.
+/// Start, events and end of one session.
 fn of_session(file: &Path) -> Result<Vec<Line>, logbook::LogbookError> {
     let session = SessionReader::open(file)?;
     let header = session.header();
@@ -205,7 +205,7 @@ mod tests {
         DateTime::from_timestamp_nanos(second * 1_000_000_000)
     }
 
-    /// One closed session, one that runs, and two events of the daemon.
+    /// One closed session, one running, and two events of the daemon.
     fn folder() -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         let protocol = Protocol::sheffield(4).unwrap();

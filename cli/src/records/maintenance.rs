@@ -1,4 +1,4 @@
-//! `tactus sessions verify | repair | prune`: is a record whole, what can be saved of it, what may go.
+//! `tactus sessions verify | repair | prune`: checks, repairs and removes records.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -74,7 +74,7 @@ fn verify(
     }
 }
 
-/// One file of every session, the oldest first.
+/// One file per session, the oldest first.
 fn all(global: &Global) -> Result<Vec<PathBuf>, Failure> {
     let mut files: Vec<PathBuf> = Vec::new();
     for place in session_files::directories(global)? {
@@ -227,7 +227,7 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
     ))
 }
 
-/// Marks a session as exported; a folder that cannot be written to is said and no failure.
+/// Marks a session as exported; an unwritable folder is reported, but is not a failure.
 pub(crate) fn mark(session: &logbook::SessionReader, last: u64, to: &std::path::Path) {
     let exported = logbook::Exported {
         at: Utc::now(),
@@ -246,7 +246,7 @@ pub(crate) fn mark(session: &logbook::SessionReader, last: u64, to: &std::path::
     }
 }
 
-/// Reads a size in bytes: `500MB`, `20GB`, `1TB` (powers of ten), `1GiB` (of two), or a bare number.
+/// Parses a size in bytes: `500MB`, `20GB`, `1TB` (powers of ten), `1GiB` (of two), or a bare number.
 pub(crate) fn parse_size(text: &str) -> Result<u64, String> {
     parse_size::parse_size(text)
         .map_err(|cause| format!("'{text}' is no size ({cause}); write for example 20GB or 1GiB"))

@@ -1,5 +1,5 @@
-//! Commands that read or maintain recorded sessions, with or without a daemon.
-//! The file format is the crate `logbook`'s.
+//! Commands that read or maintain recorded sessions, with or without a daemon. The crate `logbook` defines the file
+//! format.
 
 pub(crate) mod case_folder;
 pub(crate) mod events;

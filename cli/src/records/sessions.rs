@@ -1,4 +1,4 @@
-//! `tactus sessions`: what the state directory holds, with or without a daemon.
+//! `tactus sessions`: lists the state directory, with or without a daemon.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -60,7 +60,7 @@ pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<
     list(global, |_| true, printer)
 }
 
-/// `baseline list`: the sessions that hold a baseline.
+/// `baseline list`: the sessions with a baseline.
 pub(crate) fn baselines(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
     list(
         global,

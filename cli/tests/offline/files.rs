@@ -1,4 +1,4 @@
-//! Lists, tables, refusals.
+//! Lists, tables, errors.
 
 use crate::scene::{done, lines, refused, session, tactus};
 

@@ -1,4 +1,4 @@
-//! What somebody else wrote into a record is shown, and acts on nothing.
+//! Hostile text in a record is displayed harmlessly.
 
 use chrono::{DateTime, Utc};
 use logbook::{DaemonLog, Event, SessionHeader, SessionWriter};

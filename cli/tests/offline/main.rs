@@ -1,4 +1,4 @@
-//! The commands that need no daemon, run as a person runs them, on session files written here.
+//! Commands that need no daemon, run as processes on session files written by the tests.
 
 mod files;
 mod hostile;

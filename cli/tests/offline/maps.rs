@@ -1,4 +1,4 @@
-//! Maps made again from what was recorded.
+//! Maps recomputed from records.
 
 use crate::scene::{PRESSED, done, lines, refused, session, session_in_parts, session_of};
 
@@ -165,7 +165,7 @@ fn a_geometry_that_is_not_the_one_recorded_is_refused() {
     );
     let message = refused(folder.path(), &["replay", "m1"], 78);
     assert!(message.contains("was recorded on geometry"), "{message}");
-    // What a person names is believed.
+    // An explicit option takes precedence.
     done(
         folder.path(),
         &[
@@ -214,7 +214,7 @@ fn a_session_that_was_rolled_over_is_one() {
             rolled.len()
         );
     }
-    // A later part by itself, and the last frame of all.
+    // A later part alone, and the last frame of all.
     assert_eq!(outcome(rolled.path(), "m1_p3").0, of_whole.0[2..]);
     let picture = ["export", "m1", "--format", "svg", "--out", "map.svg"];
     let message = done(
@@ -222,7 +222,7 @@ fn a_session_that_was_rolled_over_is_one() {
         &[&picture[..], &["--preset", "disc-tank", "--json"]].concat(),
     );
     assert_eq!(lines(&message)[0]["frame"], 3);
-    // Exported is what was exported: all parts of it.
+    // All parts are marked as exported.
     let pruning = [
         "sessions",
         "prune",

@@ -1,4 +1,4 @@
-//! A simulated tank, a session of it, and the program run as a person runs it.
+//! A simulated tank, a session of it, and running of the program.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -12,7 +12,7 @@ use serde_json::Value;
 use survey::{Amps, Baseline, Frame, Map, Protocol, Reading, Settings, Volts};
 
 const CURRENT: f64 = 1e-3;
-/// Where the simulated load lies, mm from the tank's centre.
+/// Position of the simulated load, mm from the tank's centre.
 pub const PRESSED: [f64; 2] = [60.0, 35.0];
 
 pub fn tactus(folder: &Path, words: &[&str]) -> Output {
@@ -82,18 +82,18 @@ pub fn session(folder: &Path) -> PathBuf {
     )
 }
 
-/// The same, rolled over behind each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
+/// The same, with a new part after each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
 pub fn session_in_parts(folder: &Path) {
     let header = SessionHeader::new("m1", at(0), protocol());
     record(folder, header, None, |_, record, _| record, true);
 }
 
-/// The same as a daemon records it that reconstructs on a disc tank, for 3 uV of noise; `configuration` is kept with it.
+/// The same as recorded by a daemon that reconstructs on a disc tank, for 3 uV of noise, with `configuration` stored.
 pub fn session_of(folder: &Path, id: &str, configuration: &str) -> PathBuf {
     session_with(folder, id, configuration, |_, record, _| record)
 }
 
-/// The same, with what is kept of a map changed on the way, by the second of its frame.
+/// The same, with changes to the recorded maps by frame time in seconds.
 pub fn session_with(
     folder: &Path,
     id: &str,

@@ -1,4 +1,4 @@
-//! Records checked, repaired, pruned, and their maps verified.
+//! Checking, repair and pruning of records, and verification of their maps.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use survey::Map;
 
 use crate::scene::{done, lines, refused, session, session_of, session_with, tactus};
 
-/// What the sessions of these tests were made for.
+/// Configuration of the sessions in these tests.
 const NOISE: &str = "[model]\nnoise_uv = 3.0\n";
 
-/// Turns a bit of a file, somewhere in what a text of it stands near.
+/// Flips a bit of a file, at an offset after a given text.
 fn bend(path: &Path, near: &[u8], behind: usize) {
     let mut bytes = std::fs::read(path).unwrap();
     let place = bytes
@@ -51,7 +51,7 @@ fn a_whole_record_is_verified_and_a_damaged_one_is_not() {
         "{message}"
     );
 
-    // The note stands in the header.
+    // The note is in the header.
     bend(&path, b"three frames", 1);
     let output = tactus(folder.path(), &["sessions", "verify", "--all"]);
     assert_eq!(output.status.code(), Some(1));
@@ -121,7 +121,7 @@ fn repair_writes_good_frames_to_new_file_and_keeps_the_old() {
         &["sessions", "verify", "m1_repaired", "--json"],
     ));
     assert_eq!(whole[0]["whole"], true);
-    // What was said about the maps is kept, too.
+    // The records of the maps are kept, too.
     done(folder.path(), &["replay", "m1_repaired", "--verify"]);
     let again = refused(folder.path(), &["sessions", "repair", "m1"], 1);
     assert!(again.contains("exists already"), "{again}");
@@ -168,7 +168,7 @@ fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
     assert!(!first.with_extension("exported.json").exists());
     let message = std::fs::read_to_string(folder.path().join("pruned.jsonl")).unwrap();
     assert!(message.contains("m20270115_1"), "{message}");
-    // All sessions of these tests are of 2027: none is old yet, any is too large for nothing.
+    // All sessions of these tests are of 2027: none is old yet, and no limit of zero bytes can be met.
     assert!(refused(folder.path(), &["sessions", "prune"], 2).contains("--older-than"));
     let message = done(folder.path(), &["sessions", "prune", "--keep-bytes", "0"]);
     assert!(message.contains("m2 went"), "{message}");
@@ -218,11 +218,11 @@ fn maps_are_verified_against_what_was_kept_of_them() {
     assert!(message.contains("nothing to verify"), "{message}");
 }
 
-/// On another processor sums are taken in another order: the bits are others, the map is not.
+/// Another processor adds in another order: the bits differ, the map does not.
 #[test]
 fn maps_of_another_build_are_verified_within_a_tolerance() {
     let folder = tempfile::tempdir().unwrap();
-    // As if another build had made them, each a little and then much beside.
+    // As if made by another build, with a small deviation each and then a large one.
     let elsewhere = |beside: f64| {
         move |map: &Map, record, _| MapRecord {
             hash: "0".repeat(64),
@@ -251,7 +251,7 @@ fn maps_of_another_build_are_verified_within_a_tolerance() {
     assert!(message.contains("proves nothing"), "{message}");
 }
 
-/// What stands beside the tolerance in `replay.rs`: far above rounding, far below noise.
+/// The claim about the tolerance in `replay.rs`: far above rounding, far below noise.
 #[test]
 fn the_tolerance_of_a_map_lies_between_rounding_and_noise() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What `tactus watch` makes of the stream's records.
+//! Displays the records of a session's stream for `tactus watch`.
 
 use std::cell::Cell;
 use std::io::Write;
@@ -23,16 +23,16 @@ use crate::options::choices::Scale;
 use crate::output::Printer;
 use crate::output::screen::Screen;
 
-/// A map follows its frame at once where there is one; a frame without a map is not held back longer than this.
+/// Maximum time to hold a frame for its map, which usually follows immediately.
 const MAP_FOLLOWS: Duration = Duration::from_secs(2);
 
 /// A line of `watch --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 enum Line {
-    /// A frame, with what its map says.
+    /// A frame with its map's results.
     Frame(Seen),
-    /// The session is over.
+    /// The session has ended.
     Ended { session: String, reason: String },
 }
 
@@ -42,58 +42,59 @@ struct Seen {
     sequence: u64,
     wall: String,
     simulated: bool,
-    /// Records lost just before, because this reader was too slow.
+    /// Records lost just before, because this client was too slow.
     gap: u64,
     readings: usize,
     overloads: usize,
     timeouts: usize,
     not_measured: usize,
-    /// `None` where no map was made.
+    /// `None` without a map.
     method: Option<String>,
     largest_loss: Option<f64>,
-    /// Whether that is more than `noise`; `None` where that is not known.
+    /// Whether that is more than `noise`; `None` if the noise is unknown.
     significant: Option<bool>,
-    /// The largest loss that noise alone makes.
+    /// The largest loss by noise alone.
     noise: Option<f64>,
     found_mm: Option<[f64; 2]>,
-    /// What the map shown is in; `None` where no map was made.
+    /// Unit of the displayed map; `None` without a map.
     unit: Option<&'static str>,
-    /// Of a calibrated method.
+    /// Present with a calibration.
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
 }
 
-/// A map as a calibration reads it, and the frame it is of.
+/// A map converted by a calibration, and its frame.
 struct Pressed {
     sequence: u64,
     kpa: Vec<f64>,
     newtons: f64,
 }
 
-/// A frame as it is shown, to draw it again when the terminal's size changes.
+/// A displayed frame, for redrawing when the terminal's size changes.
 struct Picture {
     sentence: String,
     map: Map,
     style: render::Style,
 }
 
-/// Shows records as they come: a line a frame, its map below; on a screen each in place of the one before.
+/// Displays records as they arrive: a line per frame with its map below; on the alternate screen each replaces the one
+/// before.
 pub(crate) struct Viewer<'a, W> {
     id: String,
     watch: &'a Watch,
     field: Option<Field>,
-    /// The largest loss that noise alone makes of the session's maps, and whether the daemon has been asked for it.
+    /// The largest loss by noise alone in the session's maps, and whether the daemon has been queried for it.
     noise: (Option<f64>, bool),
     shown: u64,
-    /// Sequence of the frame shown last.
+    /// Sequence number of the frame displayed last.
     last: Option<u64>,
-    /// A frame whose map may still come, and until when it is waited for.
+    /// A frame whose map may still arrive, and when to stop waiting for it.
     waiting: Option<(Record, Instant)>,
-    /// Comes before its map.
+    /// It arrives before its map.
     pressed: Option<Pressed>,
     screen: Option<&'a Screen>,
     picture: Option<Picture>,
-    /// When something was shown last.
+    /// When something was last displayed.
     shown_at: &'a Cell<Instant>,
     printer: &'a mut Printer<W>,
 }
@@ -123,7 +124,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         }
     }
 
-    /// Shows the map that the session has already, which is not counted: the next one may be minutes away.
+    /// Displays the session's latest map, which is not counted: the next one may be minutes away.
     pub(crate) fn show_latest(
         &mut self,
         latest: dbus::LatestMap,
@@ -156,12 +157,12 @@ impl<'a, W: Write> Viewer<'a, W> {
         self.print(&frame, Some(&map))
     }
 
-    /// What was shown last, in words; `None` before the first map.
+    /// The last map in words; `None` before the first map.
     pub(crate) fn last_sentence(&self) -> Option<String> {
         Some(self.picture.as_ref()?.sentence.clone())
     }
 
-    /// Reads records until the session ends (its reason), or until enough was shown (`None`).
+    /// Reads records until the session ends (returns its reason), or until enough were displayed (`None`).
     pub(crate) async fn follow(
         &mut self,
         mut stream: impl tokio::io::AsyncRead + Unpin,
@@ -178,7 +179,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                 .next_record()
                 .map_err(|error| Failure::failed("the stream cannot be understood", &error))?
             {
-                // the daemon knows it with the first map
+                // the daemon knows the noise after the first map
                 if matches!(record.body, Body::Map { .. }) && !self.noise.1 {
                     self.noise = (noise().await, true);
                 }
@@ -241,7 +242,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         self.watch.count.is_some_and(|count| self.shown >= count)
     }
 
-    /// Takes one record; returns the reason when it is the last.
+    /// Handles one record; returns the reason for the end if it is the last.
     fn take(&mut self, mut record: Record) -> Result<Option<String>, Failure> {
         match &record.body {
             Body::Frame { .. } => {
@@ -299,7 +300,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         }
     }
 
-    /// Shows a frame whose map does not come.
+    /// Displays a frame whose map did not arrive.
     fn flush(&mut self) -> Result<(), Failure> {
         match self.waiting.take() {
             Some((frame, _)) => self.show(&frame, None),
@@ -359,7 +360,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                 .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
         });
         let picture = fits.filter(|_| !self.watch.no_map).map(|(map, _)| {
-            // a scale that was asked for is one of conductance
+            // a scale given by option is for conductance
             let scale = match pressure {
                 Some(_) => Scale::Own,
                 None => self.watch.scale,
@@ -384,7 +385,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         Ok(())
     }
 
-    /// Draws the last map, as large as the screen now allows.
+    /// Draws the last map as large as the screen allows.
     fn draw(&mut self) -> Result<(), Failure> {
         let (Some(picture), Some(field)) = (&self.picture, &self.field) else {
             return Ok(());
@@ -423,7 +424,7 @@ pub(crate) async fn end(
     session::judge(daemon, session).await
 }
 
-/// What a map's values are in.
+/// Unit of a map's values.
 fn unit(map: &Map) -> &'static str {
     match map.unit {
         MapUnit::Pressure => map.unit.label(),

@@ -1,4 +1,4 @@
-//! The viewer against streams made by hand.
+//! The viewer with hand-made streams.
 
 use crate::control::viewer::*;
 
@@ -144,7 +144,7 @@ async fn with_a_calibration_everything_is_in_kilopascals_and_newtons() {
         text.contains("\"unit\":\"kPa\",\"newtons\":5.625,\"largest_kpa\":12.5}"),
         "{text}"
     );
-    // a pressure of another frame is none of this one's
+    // a pressure of another frame is ignored
     let records = [pressure(1), frame(2, 0), map(2), end()];
     let (text, _) = shown(&[], Some(field()), &records).await;
     assert!(text.contains("\"newtons\":null"), "{text}");

@@ -1,4 +1,4 @@
-//! What files say about a machine: people and groups, devices, what is installed, the record's folder and disk.
+//! Checks of a machine's files: users and groups, devices, installed files, directory and disk of the records.
 
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use chrono::{DateTime, Datelike, Utc};
 use super::{Finding, Wanted};
 use crate::failure::chain;
 
-/// File systems on which another machine, or a cut of power, has the last word.
+/// File systems on other machines; `FLEETING` has those in memory.
 const REMOTE: [&str; 9] = [
     "nfs",
     "nfs4",
@@ -22,21 +22,21 @@ const REMOTE: [&str; 9] = [
 ];
 const FLEETING: [&str; 2] = ["tmpfs", "ramfs"];
 
-/// Less free than this warns, bytes.
+/// Free space below this is a warning, bytes.
 const LITTLE: u64 = 2_000_000_000;
-/// Less than this is bad, bytes.
+/// Free space below this is an error, bytes.
 const TOO_LITTLE: u64 = 200_000_000;
 
-/// A machine: its files below a root, who asks, and what that user may do.
+/// A machine: its files below a root, the user, and the user's permissions.
 #[derive(Debug)]
 pub(super) struct Machine {
     root: PathBuf,
     user: u32,
-    /// Groups of the process that asks.
+    /// Groups of this process.
     groups: Vec<u32>,
 }
 
-/// What of a configuration concerns the machine.
+/// The part of a configuration that concerns the machine.
 pub(super) fn wanted(file: &Path) -> Result<Wanted, Finding> {
     let advice = "name the daemon's configuration with --config FILE";
     let text = std::fs::read_to_string(file).map_err(|cause| {
@@ -101,7 +101,7 @@ impl Machine {
             .map_or_else(|| id.to_string(), str::to_owned)
     }
 
-    /// Whoever asks, and the daemon's own user.
+    /// Checks the current user, and the daemon's own user.
     pub(super) fn people(&self, wanted: &Wanted) -> Vec<Finding> {
         let me = self.name("etc/passwd", self.user);
         let mut findings = Vec::new();
@@ -146,7 +146,7 @@ impl Machine {
         findings
     }
 
-    /// Every device that the configuration names.
+    /// Checks every device in the configuration.
     pub(super) fn devices(&self, wanted: &Wanted) -> Vec<Finding> {
         let each = devices(wanted);
         each.iter()
@@ -204,7 +204,7 @@ impl Machine {
         Finding::ok("device", format!("{named} can be opened"))
     }
 
-    /// Names that stay, of the serial ports that are there.
+    /// Stable names of the serial ports that exist.
     fn by_id(&self) -> Vec<String> {
         let folder = "/dev/serial/by-id";
         let entries = std::fs::read_dir(self.path(folder)).into_iter().flatten();
@@ -216,7 +216,7 @@ impl Machine {
         names
     }
 
-    /// What an installation puts beside the programs.
+    /// Checks the files of an installation besides the programs.
     pub(super) fn installed(&self, wanted: &Wanted) -> Vec<Finding> {
         let mut findings = Vec::new();
         if wanted.bus.system {
@@ -264,7 +264,7 @@ impl Machine {
         findings
     }
 
-    /// Whether the wall clock is one to stamp frames with.
+    /// Checks that the wall clock is good enough for time stamps.
     pub(super) fn clock(&self, now: DateTime<Utc>) -> Vec<Finding> {
         let mut findings = Vec::new();
         if !(2025..2100).contains(&now.year()) {
@@ -287,7 +287,7 @@ impl Machine {
             .and_then(|seconds| seconds.trim().parse::<f64>().ok());
         if let (Some(up), Some(since)) = (up, since) {
             let off = now.timestamp() as f64 - (since + up);
-            // both are told in whole seconds, one after the other
+            // both are in whole seconds and queried one after the other
             if off.abs() > 60.0 {
                 let text = format!("wall clock and time since the boot disagree by {off:.0} s");
                 let advice = "the clock was set after the boot, or a container has another; frames carry both";
@@ -297,7 +297,7 @@ impl Machine {
         findings
     }
 
-    /// The folder of sessions and its disk.
+    /// Checks the directory of sessions and its disk.
     pub(super) fn record(&self, directory: Option<&Path>) -> Vec<Finding> {
         let Some(directory) = directory else {
             return Vec::new();
@@ -359,10 +359,10 @@ impl Machine {
         let text = self.text("proc/mounts");
         let mounts = text.lines().filter_map(|line| {
             let mut fields = line.split(' ').skip(1);
-            // spaces in a path are written \040 there
+            // /proc/mounts writes spaces in a path as \040
             Some((fields.next()?.replace("\\040", " "), fields.next()?))
         });
-        // of those at the same place the last one is on top
+        // of several mounts at the same path the last one is visible
         mounts
             .filter(|(at, _)| path.starts_with(at))
             .max_by_key(|(at, _)| at.len())
@@ -380,7 +380,7 @@ fn free_space(free: u64) -> Finding {
     }
 }
 
-/// Serial ports and chips of the configuration, each once.
+/// Serial ports and GPIO chips in the configuration, without repetition.
 fn devices(wanted: &Wanted) -> Vec<(&'static str, String)> {
     let mut devices = Vec::new();
     for place in [&wanted.source, &wanted.switch, &wanted.voltmeter] {

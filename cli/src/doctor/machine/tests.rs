@@ -3,7 +3,7 @@ use std::os::unix::fs::{PermissionsExt, symlink};
 use super::super::Verdict;
 use super::*;
 
-/// A machine of files: an ordinary user 1000 (ada) and the daemon's own.
+/// A simulated machine: an ordinary user 1000 (ada) and the daemon's own.
 fn machine(root: &Path, groups: &[u32]) -> Machine {
     let write = |name: &str, text: &str| {
         let path = root.join(name);
