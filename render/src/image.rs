@@ -260,7 +260,7 @@ impl<'a> Page<'a> {
         self.size.map(|points| (points * scale).round() as usize)
     }
 
-    /// The part below the maps.
+    /// The layer below the maps: paper and sheets.
     fn beneath<DB: DrawingBackend>(
         &self,
         area: &DrawingArea<DB, Shift>,
@@ -273,7 +273,7 @@ impl<'a> Page<'a> {
             .try_for_each(|drawn| drawn.panel.ground(&pen, self.sheet))
     }
 
-    /// The part above the maps.
+    /// The layer above the maps: outlines, axes, marks, texts.
     fn above<DB: DrawingBackend>(
         &self,
         area: &DrawingArea<DB, Shift>,

@@ -39,7 +39,7 @@ pub(crate) fn check_size(width: usize, height: usize) -> Result<(), PictureError
     })
 }
 
-/// Calls `draw` with pixel and triangle for each pixel whose centre is in a triangle.
+/// Calls `each` with pixel and triangle for each pixel whose centre is in a triangle.
 pub(crate) fn fill(
     sheet: &Sheet,
     extent: Extent,

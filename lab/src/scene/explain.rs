@@ -9,9 +9,9 @@ use serde_json::json;
 use crate::args::ExplainOptions;
 use studies::Failure;
 
-/// An effect below this share of the noise,
+/// An effect is negligible if it is below this share of the noise
 const OF_NOISE: f64 = 0.1;
-/// and below this share of the load's signal, is left out without loss.
+/// and below this share of the load's signal.
 const OF_SIGNAL: f64 = 1e-3;
 
 /// Assessment of an effect.
