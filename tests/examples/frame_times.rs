@@ -1,12 +1,12 @@
-//! What a map takes in the daemon, method by method: p50 and p99 of frames that came as SCPI text, beside the paper's.
+//! Time per map in the daemon by method: p50 and p99 for frames received as SCPI text, with the paper's times.
 //!
 //! ```text
 //! cargo run --release -p tactus-tests --example frame_times [-- FRAMES [DEEP.safetensors]]
 //! ```
 //!
-//! 200 frames a method where no number is given. Without a file a deep network of the paper's size is trained on a handful of
-//! cases: its maps are worthless, its time is not. Times are the daemon's own, of its recorder's thread: the map alone, and
-//! from the last reading until frame and map are on disk.
+//! 200 frames per method by default. Without a file, a deep network of the paper's size is trained on a handful of
+//! cases: its maps are worthless, its time is realistic. Times are measured by the daemon's recorder thread: for the
+//! map alone, and from the last reading until frame and map are on disk.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -16,9 +16,9 @@ use tactus_tests::{SIMULATED, Stage, act_as};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Lines of the stage's configuration that name its method.
+/// Lines of the configuration that name its method.
 const METHOD: &str = "method = \"one-step\"\nnoise_uv = 2.0\n";
-/// Warm caches, no first-time work.
+/// Frames not counted, because they fill caches.
 const UNCOUNTED: usize = 5;
 
 fn main() -> ExitCode {
@@ -125,7 +125,7 @@ fn measure() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Of the map, and until it is on disk: ms, sorted.
+/// Times of the map alone, and until it is on disk: ms, sorted.
 async fn times(stage: &Stage, frames: usize) -> Result<[Vec<f64>; 2], Failure> {
     let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path()))).await?;
     let manager = Manager1Proxy::new(&connection).await?;
@@ -165,7 +165,7 @@ async fn times(stage: &Stage, frames: usize) -> Result<[Vec<f64>; 2], Failure> {
     Ok(found)
 }
 
-/// The value below which so large a part lies.
+/// The quantile of sorted values.
 fn at(sorted: &[f64], part: f64) -> f64 {
     let place = (part * sorted.len() as f64).ceil() as usize;
     sorted

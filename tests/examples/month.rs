@@ -1,13 +1,13 @@
-//! A month of the shipped month scene in minutes, with faults all the way: the record is whole at its end, every gap in it
-//! has an event that explains it, and the source is off.
+//! A month of the shipped month scene in minutes, with continual faults: afterwards the record is complete, every gap
+//! in it has an event that explains it, and the source is off.
 //!
 //! ```text
 //! cargo run -p tactus-tests --example month [-- FRAMES [SEED]]
 //! ```
 //!
-//! 4,320 frames where no number is given, a frame every ten minutes of the scene. The instruments are served over TCP by
-//! this process, at a pace of a tenth of a second for ten minutes, and outlive the daemon, which is a process of its own
-//! and is killed, stopped, frozen and begun again among the faults of the instruments.
+//! 4,320 frames by default, one per ten minutes of the scene. This process serves the instruments over TCP, at a speed
+//! of ten minutes per tenth of a second. The daemon is a separate process; between faults of the instruments it is
+//! killed, stopped, frozen and restarted.
 
 use std::collections::BTreeMap;
 use std::process::ExitCode;
@@ -21,27 +21,27 @@ use tactus_tests::{DEADLINE, DaemonProcess, SIMULATED, Stage, act_as};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// The shipped scene. Everything in it changes all the time, so that each reading costs a solution of the sheet: on a
-/// coarse mesh, because what is looked at here is the record.
+/// The shipped scene. It changes all the time, so that each reading needs a solution of the sheet: a coarse mesh is
+/// used, because the test is about the record.
 const MONTH: &str = include_str!("../../tomography/phantom/scenes/month.toml");
-/// Of the scene, from one frame to the next: as its own head says.
+/// Time between frames of the scene, s, as stated in its first comment.
 const SCENE_S: f64 = 600.0;
 const EVERY_S: f64 = 0.1;
-/// Frames between two blows.
+/// Frames between two faults.
 const PEACE: u64 = 60;
 
-/// What befalls the rig or the daemon.
+/// A fault of the instruments or the daemon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Blow {
-    /// In the words of `tactus-sim fault`; mended by the other words, where it does not pass by itself.
+    /// The text of a `tactus-sim fault`, and the text that ends it, unless it has no duration.
     Instruments(&'static str, Option<&'static str>),
-    /// SIGKILL, and another daemon.
+    /// SIGKILL, followed by a new daemon.
     Killed,
-    /// SIGTERM, and another daemon: an update.
+    /// SIGTERM, followed by a new daemon: an update.
     Updated,
     /// SIGSTOP for some periods.
     Frozen,
-    /// Instruments and daemon lose their power together.
+    /// Instruments and daemon lose power together.
     PowerCut,
 }
 use Blow::{Frozen, Instruments, Killed, PowerCut, Updated};
@@ -159,7 +159,7 @@ fn month() -> Result<(), Failure> {
     month.judge(frames, blows)
 }
 
-/// The stories' rig, with its instruments on TCP, in parts of a few megabytes.
+/// The stories' rig, with its instruments on TCP, and parts of a few megabytes.
 fn configuration(source: &str, mainframe: &str) -> String {
     let deadline = "deadline_ms = 1000";
     SIMULATED
@@ -173,12 +173,12 @@ fn configuration(source: &str, mainframe: &str) -> String {
         )
         .replace(
             "[record]\n",
-            // the hours are short here
+            // time is compressed here
             "[record]\nroll_mb = 1\nresume_per_hour = 1000\n",
         )
 }
 
-/// Every blow once, in an order of the seed's.
+/// Every fault once, in an order given by the seed.
 fn shuffled(seed: u64) -> Vec<Blow> {
     let mut order = BLOWS.to_vec();
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
@@ -204,7 +204,7 @@ impl Month {
         Ok(())
     }
 
-    /// Frames on disk, frames that failed.
+    /// Number of frames on disk, and of failed frames.
     fn so_far(&self) -> Result<(u64, u64), Failure> {
         let message = self.stage.tactus(&["status", "--json"])?.succeeded()?;
         let session = &message.json()[0]["session"];
@@ -218,7 +218,7 @@ impl Month {
         Ok(durable)
     }
 
-    /// Waits for what happens within [`DEADLINE`] from the last frame on.
+    /// Waits for an event for at most [`DEADLINE`] since the last frame.
     fn until(&self, what: &str, happened: impl Fn((u64, u64)) -> bool) -> Result<(), Failure> {
         let mut last = (self.so_far()?, Instant::now());
         while !happened(last.0) {
@@ -244,7 +244,7 @@ impl Month {
         match blow {
             Instruments(words, mend) => {
                 self.fault(words)?;
-                // what passes by itself may pass between two frames, unseen
+                // a fault without duration may pass between two frames, unnoticed
                 self.until("a failed frame", |now| {
                     now.1 > failed || (mend.is_none() && now.0 > durable + 20)
                 })?;
@@ -254,7 +254,7 @@ impl Month {
             }
             Killed => {
                 self.kill()?;
-                // as systemd does it, by ExecStopPost
+                // as systemd does it by ExecStopPost
                 let config = self.stage.config_path();
                 let safe_off = ["--safe-off", "--config", &config.to_string_lossy()];
                 self.stage.run("tactusd", &safe_off)?.succeeded()?;
@@ -303,7 +303,7 @@ impl Month {
         if verified.frames < frames || !verified.closed {
             return Err(format!("{} frames of {frames} are there", verified.frames).into());
         }
-        // few blows pass between two frames
+        // few faults pass between two frames
         if (verified.gaps.len() as u64) < blows / 2 {
             return Err(format!("{} gaps of {blows} blows", verified.gaps.len()).into());
         }

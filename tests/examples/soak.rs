@@ -1,15 +1,15 @@
-//! Whether a daemon that runs for months stays as it is: frames of a static sheet, one after the other, while its resident
-//! memory, descriptors and threads are looked at.
+//! Checks that a daemon does not grow over months: it takes frames of a static sheet without a pause, while resident
+//! memory, descriptors and threads are sampled.
 //!
 //! ```text
 //! cargo run -p tactus-tests --example soak [-- FRAMES]
 //! ```
 //!
-//! A million frames where no number is given (an hour on two cores): an 8-electrode tank whose transfer impedance is solved
-//! once, instruments that take no time. Looked at is resident memory of the process's own (RssAnon): pages of the program's
-//! file come as its code is first run, and go when the machine wants them back. The first tenth is warm-up, 60,000 frames at
-//! least; after it memory may grow by less than 1 MB, and descriptors and threads not beyond those that come and go with
-//! whoever looks. At the end `tactus sessions verify` reads the whole record.
+//! A million frames by default (an hour on two cores): an 8-electrode tank whose transfer impedance is solved once, and
+//! instruments that take no time. The resident memory is that of the process's own pages (RssAnon): pages of the
+//! program file are loaded when its code is first run, and dropped when the system needs memory. The first tenth is
+//! warm-up, at least 60,000 frames; after it memory may grow by less than 1 MB, and descriptors and threads only by
+//! those of temporary clients. At the end `tactus sessions verify` reads the whole record.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -20,12 +20,12 @@ use tactus_tests::{DaemonProcess, SIMULATED, Stage, act_as};
 type Failure = Box<dyn std::error::Error>;
 
 const SCENE: &str = "[disc-tank]\nelectrodes = 8\n";
-/// Looks at the process over a whole run.
+/// Number of samples in a run.
 const LOOKS: u64 = 50;
 const MOST_GROWTH_KB: i64 = 1024;
-/// Until then SQLite's cache of pages (2 MB) fills, at some 40 bytes a frame of a sheet that stands still.
+/// Until then SQLite's page cache (2 MB) fills, at about 40 bytes per frame of a static sheet.
 const WARM_UP: u64 = 60_000;
-/// Of the client that looks, and of threads that end when they have had nothing to do for a while.
+/// Descriptors and threads of the sampling client, and threads that end after an idle time.
 const COMING_AND_GOING: usize = 4;
 
 fn main() -> ExitCode {
@@ -97,7 +97,7 @@ fn soak() -> Result<(), Failure> {
         .iter()
         .filter(|look| look.frames > WARM_UP.max(frames / 10));
     let first = *warm.next().ok_or("too few looks")?;
-    // of one look it may be chance: the last tenth together
+    // a single sample may be an outlier: the last tenth together
     let last = &looks[looks.len() - looks.len() / 10..];
     let resident = last.iter().map(|look| look.resident_kb).min().unwrap_or(0);
     let growth = resident - first.resident_kb;

@@ -1,4 +1,4 @@
-//! Attacks by calls that anybody may make: absurd numbers, calls left behind, the list of sessions in number.
+//! Attacks by calls open to all users: absurd numbers, abandoned calls, many requests for the list of sessions.
 
 use std::time::{Duration, Instant};
 
@@ -61,7 +61,7 @@ async fn absurd_numbers_in_a_plan_end_no_session() {
     daemon.assert_unharmed();
 }
 
-/// More than all calls together that may wait.
+/// More calls than may be pending in total.
 const LEFT_BEHIND: usize = 1_100;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -84,7 +84,7 @@ async fn callers_who_left_hold_no_place() {
             .build(&())
             .unwrap();
         client.send(&wait).await.unwrap();
-        // what was sent before this answer has gone to the daemon
+        // all earlier messages have reached the daemon when this reply arrives
         let broker = Some("org.freedesktop.DBus");
         client
             .call_method(broker, "/org/freedesktop/DBus", broker, "GetId", &())
@@ -107,7 +107,7 @@ async fn callers_who_left_hold_no_place() {
     daemon.shrinks_to(before).await;
 }
 
-/// Sessions in the record, and frames of each.
+/// Number of sessions in the record, and frames of each.
 const SESSIONS: usize = 20;
 const FRAMES: usize = 300;
 const WIDTH: Width = Width {
@@ -152,7 +152,7 @@ async fn a_list_that_many_ask_for_delays_no_frame_or_stop() {
     }
 }
 
-/// Writes a closed session into the record.
+/// Writes a closed session to the record.
 fn record(site: &Site, id: &str) {
     let folder = site.stage.state_path();
     std::fs::create_dir_all(&folder).unwrap();

@@ -1,5 +1,5 @@
-//! Every call that the interfaces have, with hostile arguments: taken from the kept introspection data, so that a new
-//! method, property or option is tried as soon as it is there.
+//! Every call of the interfaces with hostile arguments, derived from the kept introspection data, so that a new method,
+//! property or option is included automatically.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -51,7 +51,7 @@ fn call(path: &str, interface: &str, member: &str, body: Option<Body>) -> Call {
     }
 }
 
-/// What every object of a bus has beside: reading and setting properties, its description, its children.
+/// The standard interfaces of every object: properties, introspection, peer.
 fn standard(path: &str, interface: &str, properties: &[&str]) -> Vec<Call> {
     let freedesktop = |name: &str| format!("org.freedesktop.DBus.{name}");
     let of_properties = |member: &str, arguments: Vec<Variant<'static>>| {
@@ -102,7 +102,7 @@ fn body(arguments: Vec<Variant<'static>>) -> Body {
     builder.build().unwrap()
 }
 
-/// Each argument through all of its values, the others going along.
+/// Varies each argument through all its values, with ordinary values for the others.
 fn bodies(
     interface: &str,
     member: &str,
@@ -189,7 +189,7 @@ fn lists() -> Vec<Variant<'static>> {
     ]
 }
 
-/// None; each option with each value of its own type and one of each other; one that does not exist; all at once.
+/// Empty; each option with each value of its own type and one of each other type; an unknown option; all at once.
 fn dictionaries(options: &[Named]) -> Vec<Variant<'static>> {
     let one = |name: &str, value: Variant<'static>| {
         Variant::from(HashMap::from([(name.to_owned(), value)]))
@@ -214,7 +214,7 @@ fn dictionaries(options: &[Named]) -> Vec<Variant<'static>> {
     dictionaries
 }
 
-/// Each method, with the signatures of what it takes.
+/// Each method, with the signatures of its arguments.
 fn methods(xml: &str) -> Vec<(&str, Vec<&str>)> {
     let mut methods: Vec<(&str, Vec<&str>)> = Vec::new();
     let mut open = false;
@@ -248,7 +248,7 @@ fn attribute<'a>(line: &'a str, name: &str) -> Option<&'a str> {
     Some(rest.split_once('"')?.0)
 }
 
-/// Options are in comments, as `name` (type); comments wrap.
+/// Options are documented in comments as `name` (type); comments may wrap.
 fn options(xml: &str) -> Vec<Named> {
     let text = xml.split_whitespace().collect::<Vec<_>>().join(" ");
     let mut found = BTreeSet::new();
@@ -267,7 +267,7 @@ fn options(xml: &str) -> Vec<Named> {
     found.into_iter().collect()
 }
 
-/// The interfaces as they are kept are read in full, and so is this reader.
+/// Checks that this reader finds everything in the kept interfaces.
 #[test]
 fn hostile_calls_cover_every_method_property_and_option() {
     let calls = all("/session", "/instrument");

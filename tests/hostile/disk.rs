@@ -1,4 +1,4 @@
-//! A disk without room: what was stopped then does not start again.
+//! A full disk: a session that it stopped is not resumed.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -12,14 +12,14 @@ use crate::site::Site;
 
 const KILOBYTES: u32 = 32 * 1024;
 
-/// A small disk in the place of a folder, for those who are in its mount namespace; gone when dropped.
+/// A small disk mounted over a folder, in its own mount namespace; unmounted when dropped.
 struct SmallDisk {
     holder: Child,
     folder: PathBuf,
 }
 
 impl SmallDisk {
-    /// `None`, with the reason printed, where no disk can be mounted in a namespace.
+    /// `None`, with the reason printed, if no disk can be mounted in a namespace.
     fn mount(folder: &Path) -> Option<Self> {
         std::fs::create_dir_all(folder).unwrap();
         let mut holder = Command::new("unshare")
@@ -46,19 +46,19 @@ impl SmallDisk {
         None
     }
 
-    /// A command that runs another where this disk is.
+    /// A command that runs another one in the namespace of this disk.
     fn launcher(&self) -> Vec<String> {
         let namespace = format!("--mount=/proc/{}/ns/mnt", self.holder.id());
         vec!["nsenter".to_owned(), namespace]
     }
 
-    /// A path on the disk as it is reached from outside.
+    /// A path on the disk, as accessible from outside the namespace.
     fn outside(&self, name: &str) -> PathBuf {
         let root = PathBuf::from(format!("/proc/{}/root", self.holder.id()));
         root.join(self.folder.strip_prefix("/").unwrap()).join(name)
     }
 
-    /// Leaves no byte.
+    /// Fills the disk completely.
     fn fill(&self) {
         let mut filler = std::fs::File::create(self.outside("filler")).unwrap();
         for size in [64 * 1024, 4096] {
@@ -113,7 +113,7 @@ async fn a_session_stopped_on_a_full_disk_stays_stopped() {
         begun.elapsed()
     );
     assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
-    // as at a power cut, with the disk still full
+    // like a power cut, with the disk still full
     daemon.daemon.kill();
     disk.free();
     assert_does_not_go_on(&site, &id).await;

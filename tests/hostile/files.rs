@@ -1,4 +1,4 @@
-//! The session's own file taken away while it is written: locked by another program, deleted, moved.
+//! A session's file becomes unavailable while it is written: locked by another program, deleted, moved.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -9,7 +9,7 @@ use rusqlite::{Connection, TransactionBehavior};
 use crate::site::{Daemon, SOON, STOPS_WITHIN, Site, frames, is_alive, within};
 use crate::users::User;
 
-/// How long another program holds a lock: longer than any wait for one.
+/// How long another program holds a lock: longer than any timeout for one.
 const LOCKED: Duration = Duration::from_secs(12);
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -123,7 +123,7 @@ async fn taken_away(take: impl FnOnce(&Path)) {
     let reader = logbook::SessionReader::open(&next).unwrap();
     assert!(reader.closed().is_some());
     let first = reader.frames().next().unwrap().unwrap().frame.sequence;
-    // what was written between the loss and its notice is gone with the file
+    // frames between the loss and its detection are lost with the file
     assert!(
         first <= held + 1,
         "{} begins with frame {first}",
@@ -135,7 +135,7 @@ async fn taken_away(take: impl FnOnce(&Path)) {
     );
 }
 
-/// Waits until the session is written to a file that is there, and that it is said.
+/// Waits until the session is written to an existing file, and this is reported.
 async fn another_file(daemon: &Daemon<'_>, session: &Session1Proxy<'_>, file: &Path) -> PathBuf {
     let begun = Instant::now();
     loop {
@@ -163,7 +163,7 @@ async fn another_file(daemon: &Daemon<'_>, session: &Session1Proxy<'_>, file: &P
     }
 }
 
-/// A loss is looked for every few seconds.
+/// A loss is detected within a few seconds.
 const NOTICED: Duration = Duration::from_secs(30);
 
 /// The name of a file that SQLite puts beside its own.
@@ -173,7 +173,7 @@ fn beside(file: &Path, suffix: &str) -> PathBuf {
     name.into()
 }
 
-/// Every frame from the first to the last that was acknowledged is in one of the session's files.
+/// Every frame from the first to the last acknowledged is in one of the session's files.
 async fn assert_continuous(site: &Site, session: &Session1Proxy<'_>) {
     let durable = session.frames_durable().await.unwrap();
     let last = PathBuf::from(session.path().await.unwrap());
@@ -192,10 +192,10 @@ async fn assert_continuous(site: &Site, session: &Session1Proxy<'_>) {
     );
 }
 
-/// The next daemon has no session under way, and leaves the source off.
+/// The next daemon has no active session, and leaves the source off.
 pub async fn assert_does_not_go_on(site: &Site, id: &str) {
     let daemon = site.start().await;
-    // what goes on has begun before a daemon says that it is ready
+    // a session is resumed before a daemon reports that it is ready
     let active = daemon.manager.active_session().await.unwrap();
     assert_eq!(
         active.as_str(),

@@ -1,4 +1,4 @@
-//! Many calls at once by several users, until it is ended.
+//! Many concurrent calls by several users, until stopped.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -15,34 +15,34 @@ use crate::site::within;
 use crate::system_bus::SystemBus;
 use crate::users::User;
 
-/// How wide a flood is.
+/// Concurrency of a flood.
 #[derive(Debug, Clone, Copy)]
 pub struct Width {
     /// Connections of each user.
     pub connections: usize,
-    /// Calls that wait at once on each of them.
+    /// Concurrent calls on each of them.
     pub at_once: usize,
 }
 
-/// What is not answered in this time is left to itself: the next call follows, and the connection stays.
+/// A call without a reply in this time is abandoned: the next one follows on the same connection.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// A flood under way.
+/// A running flood.
 pub struct Flood {
     over: Arc<AtomicBool>,
     workers: JoinSet<()>,
     answers: Answers,
-    /// Calls sent, and how many there are.
+    /// Index of the next call, and number of calls.
     turn: Arc<AtomicUsize>,
     calls: usize,
 }
 
-/// How often each kind of answer came.
+/// Number of replies of each kind.
 pub type Counts = BTreeMap<String, usize>;
 type Answers = Arc<Mutex<Counts>>;
 
 impl Flood {
-    /// Sends these calls in turn, again and again, by each of the users.
+    /// Starts sending these calls in turn, repeatedly, by each of the users.
     pub async fn begin(bus: &SystemBus, users: &[User], width: Width, calls: Vec<Call>) -> Self {
         let mut flood = Self {
             over: Arc::default(),
@@ -69,7 +69,7 @@ impl Flood {
         flood
     }
 
-    /// Sends one call as fast as the bus takes it, `width.at_once` of them at a time, without asking for an answer.
+    /// Starts sending one call at the maximum rate, `width.at_once` at a time, without requesting replies.
     pub async fn begin_unanswered(
         bus: &SystemBus,
         users: &[User],
@@ -118,12 +118,12 @@ impl Flood {
         within(round).await;
     }
 
-    /// How many answers came so far, of whatever kind.
+    /// Number of replies so far, of any kind.
     pub fn answered(&self) -> usize {
         self.answers.lock().unwrap().values().sum()
     }
 
-    /// Ends it, closes its connections, and says what the answers were.
+    /// Stops it, closes its connections, and returns the counts of replies.
     pub async fn end(mut self) -> Counts {
         self.over.store(true, Ordering::Relaxed);
         while let Some(worker) = self.workers.join_next().await {

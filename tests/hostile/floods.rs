@@ -1,5 +1,5 @@
-//! Floods of every call that the bus lets through, by one user and by eight: the session goes on, no frame is missed, and
-//! root's `tactus stop` ends it.
+//! Floods of every permitted call, by one user and by eight: the session continues, no frame is missed, and root's
+//! `tactus stop` ends it.
 
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -58,7 +58,7 @@ async fn everything(users: usize, ways: &[&str]) {
     site.verify();
 }
 
-/// Each call by itself takes minutes: with `TACTUS_HOSTILE=all` only.
+/// Testing each call alone takes minutes: only with `TACTUS_HOSTILE=all`.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn no_call_alone_delays_a_frame_or_stop() {
     if std::env::var("TACTUS_HOSTILE").as_deref() != Ok("all") {
@@ -106,7 +106,7 @@ async fn eight_users_who_want_no_answer_delay_no_frame_or_stop() {
     unanswered(8).await;
 }
 
-/// Its answer is the largest, and goes through the one socket of the bus, as the answer to a stop does.
+/// Its reply is the largest, and uses the bus's single socket, as does the reply to a stop.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn eight_users_who_ask_for_the_geometry_delay_no_stop() {
     let Some(site) = Site::prepare().await else {
@@ -138,8 +138,8 @@ async fn eight_users_who_ask_for_the_geometry_delay_no_stop() {
     assert!(shortest < STOPS_WITHIN, "{shortest:?}");
 }
 
-/// What asks for no answer is not counted by the bus, so nothing but the daemon limits it. Calls that control the rig are
-/// the ones that are not discarded at once.
+/// The bus does not count calls without a requested reply, so only the daemon limits them. Calls that control the rig
+/// are used, because others are discarded immediately.
 async fn unanswered(users: usize) {
     let Some(site) = Site::prepare().await else {
         return;

@@ -1,4 +1,4 @@
-//! Bytes on the peer socket that are no greeting of D-Bus, or one that goes wrong.
+//! Invalid or incomplete D-Bus authentication on the peer socket.
 
 use std::io::{Read, Write};
 use std::net::Shutdown;
@@ -33,7 +33,7 @@ async fn malformed_greetings_end_only_their_own_connection() {
     let held = session.frames_durable().await.unwrap();
     frames(&session, held + 1).await;
 
-    // some that say nothing, and some that begin and stop; what is too much is closed at once
+    // some send nothing, some stop in the middle; those beyond the limit are closed immediately
     let half_open: Vec<UnixStream> = (0..HALF_OPEN)
         .map(|number| {
             let mut stream = UnixStream::connect(site.stage.peer_path()).unwrap();
@@ -52,7 +52,7 @@ async fn malformed_greetings_end_only_their_own_connection() {
     assert_eq!(status.code, Some(0), "{status:?}");
 }
 
-/// Sends it all, and reads until the daemon closes or a moment has passed.
+/// Sends all bytes, and reads until the daemon closes the connection or a short timeout expires.
 fn greet(path: &std::path::Path, bytes: &[u8]) {
     let mut stream = UnixStream::connect(path).unwrap();
     stream
@@ -61,7 +61,7 @@ fn greet(path: &std::path::Path, bytes: &[u8]) {
     stream
         .set_read_timeout(Some(Duration::from_millis(100)))
         .unwrap();
-    // it may be closed before all is said
+    // it may be closed before all bytes are sent
     let _ = stream.write_all(bytes);
     let _ = stream.shutdown(Shutdown::Write);
     let _ = stream.read(&mut [0; 4096]);
@@ -145,7 +145,7 @@ fn greetings() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// Bytes that look random and are the same every time.
+/// Pseudo-random bytes, the same every time.
 fn noise(count: usize, seed: u64) -> Vec<u8> {
     let mut state = seed;
     (0..count)

@@ -1,5 +1,5 @@
-//! What is attacked: a daemon of its own process, on a peer socket and a system bus, with instruments that take the time
-//! that real ones take.
+//! The target of the attacks: a daemon in a separate process, on a peer socket and a system bus, with instruments in
+//! real time.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -12,17 +12,17 @@ use zbus::proxy::CacheProperties;
 
 use crate::system_bus::SystemBus;
 
-/// One attack after the other: each measures how long something takes.
+/// One attack at a time, because each measures times.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::const_new(());
 
-/// Ending a session takes less than a second; on a machine that does much else beside, ten times as long.
+/// Ending a session takes less than a second; ten times that on a busy machine.
 pub const SOON: Duration = Duration::from_secs(10);
 
-/// What ending a session takes at most on a machine that does nothing else, under whatever flood. Other programs of a
-/// machine make single attempts slower, so it is asserted of the shortest of several.
+/// Maximum time for ending a session on an idle machine, under any flood. Other programs may slow single attempts, so
+/// it is asserted for the shortest of several.
 pub const STOPS_WITHIN: Duration = Duration::from_secs(1);
 
-/// A frame takes a fraction of this, so that one is missed only where the daemon stands still.
+/// Period of the frames; each takes a fraction of it, so that one is missed only if the daemon stands still.
 const EVERY_S: f64 = 2.0;
 
 const CONFIG: &str = r#"
@@ -52,7 +52,7 @@ system = true
 const PROFILE: &str = "time = \"real\"\n[slots]\n1 = \"34924A\"\n";
 const SCENE: &str = "seed = 1\n[disc-tank]\nelectrodes = 8\n[effects.voltmeter-noise]\nuv = 2.0\n";
 
-/// A place for a daemon: a folder that other users can pass through, and a system bus.
+/// The environment of a daemon: a folder accessible to other users, and a system bus.
 pub struct Site {
     pub bus: SystemBus,
     pub stage: Stage,
@@ -60,7 +60,7 @@ pub struct Site {
 }
 
 impl Site {
-    /// `None`, with the reason printed, where this machine cannot have it.
+    /// `None`, with the reason printed, if this machine cannot provide it.
     pub async fn prepare() -> Option<Self> {
         if !may_try() {
             return None;
@@ -102,7 +102,7 @@ impl Site {
         }
     }
 
-    /// A connection of root to the peer socket.
+    /// Connects as root to the peer socket.
     pub async fn come_to_peer(&self) -> Connection {
         let address = Address::Unix(self.stage.peer_path());
         dbus::connect(Some(&address)).await.unwrap().0
@@ -128,7 +128,7 @@ impl Site {
     }
 }
 
-/// Whether other users can be tried here; the reason is printed where not.
+/// Whether this machine permits acting as other users; otherwise the reason is printed.
 fn may_try() -> bool {
     let why_not = if std::env::var_os("TACTUS_RIG").is_some() {
         "TACTUS_RIG names a real rig, and this needs the simulated one".to_owned()
@@ -160,7 +160,7 @@ fn has(program: &str) -> bool {
     std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
 }
 
-/// A daemon that runs, and root's connection to its peer socket.
+/// A running daemon, and root's connection to its peer socket.
 pub struct Daemon<'a> {
     pub site: &'a Site,
     pub daemon: DaemonProcess,
@@ -168,7 +168,7 @@ pub struct Daemon<'a> {
     pub manager: Manager1Proxy<'static>,
 }
 
-/// What a process has of the system.
+/// Resources of a process.
 #[derive(Debug, Clone, Copy)]
 pub struct Size {
     pub descriptors: usize,
@@ -183,7 +183,7 @@ impl Daemon<'_> {
         within(self.session(path).await.wait()).await.unwrap();
     }
 
-    /// The session of this path.
+    /// The session with this object path.
     pub async fn session(&self, path: zbus::OwnedObjectPath) -> Session1Proxy<'static> {
         Session1Proxy::builder(&self.connection)
             .path(path)
@@ -193,7 +193,7 @@ impl Daemon<'_> {
             .unwrap()
     }
 
-    /// Starts a session with a schedule that leaves much time between frames, and waits for its first.
+    /// Starts a session with a schedule that leaves much time between frames, and waits for its first frame.
     pub async fn measure(&self) -> Session1Proxy<'static> {
         let options = Options::new().with("every_s", EVERY_S);
         let path = self.manager.start_session(&options).await.unwrap();
@@ -202,7 +202,7 @@ impl Daemon<'_> {
         session
     }
 
-    /// What its process has now.
+    /// Present resources of its process.
     pub fn size(&self) -> Size {
         let process = PathBuf::from(format!("/proc/{}", self.daemon.id()));
         let count = |what: &str| std::fs::read_dir(process.join(what)).unwrap().count();
@@ -212,7 +212,7 @@ impl Daemon<'_> {
         }
     }
 
-    /// Waits until the process has about as much as before; what comes and goes with whoever looks is allowed for.
+    /// Waits until the process uses about as much as before, allowing for temporary connections.
     pub async fn shrinks_to(&self, before: Size) {
         let begun = Instant::now();
         loop {
@@ -225,8 +225,8 @@ impl Daemon<'_> {
         }
     }
 
-    /// Runs `tactus stop` as root, on `system` or `peer`: the session must end soon, with the source verified off. Returns
-    /// how long that took, with the start of the command's process.
+    /// Runs `tactus stop` as root, on `system` or `peer`: the session must end soon, with the source verified off.
+    /// Returns the time, including the start of the command's process.
     pub async fn stop_by_command(&self, way: &str, session: &Session1Proxy<'_>) -> Duration {
         let begun = Instant::now();
         let stopped = self.site.tactus(way, &["stop", "--json"]);
@@ -243,13 +243,13 @@ impl Daemon<'_> {
         took
     }
 
-    /// No frame that was due is missing, and every number is there once.
+    /// No due frame is missing, and every number exists once.
     pub async fn assert_nothing_missed(&self, session: &Session1Proxy<'_>) -> u64 {
         assert_eq!(session.frames_dropped().await.unwrap(), 0);
         assert_eq!(session.frames_failed().await.unwrap(), 0);
         let path = session.path().await.unwrap();
         let verified = logbook::verify(&path, |_| ()).unwrap();
-        // a machine that stood still for some seconds says nothing
+        // a machine that stood still for some seconds proves nothing
         let mut findings = verified.findings.iter();
         assert!(
             findings.all(|finding| finding.kind == "gap"),
@@ -268,7 +268,7 @@ impl Daemon<'_> {
         count
     }
 
-    /// The same process runs, and no thread of it has panicked.
+    /// The same process is running, and none of its threads has panicked.
     pub fn assert_unharmed(&mut self) {
         let log = self.daemon.log();
         assert!(
@@ -279,12 +279,12 @@ impl Daemon<'_> {
     }
 }
 
-/// Whether a session of this state goes on, or does so when what it waits for is there.
+/// Whether a session in this state is running, or will continue when its condition is met.
 pub fn is_alive(state: &str) -> bool {
     matches!(state, "running" | "suspended")
 }
 
-/// Waits until so many frames are on disk.
+/// Waits until this number of frames is on disk.
 pub async fn frames(session: &Session1Proxy<'_>, count: u64) {
     let begun = Instant::now();
     while session.frames_durable().await.unwrap() < count {
@@ -298,7 +298,7 @@ pub async fn frames(session: &Session1Proxy<'_>, count: u64) {
     }
 }
 
-/// Awaits under the one deadline.
+/// Awaits with the common timeout.
 pub async fn within<T>(future: impl Future<Output = T>) -> T {
     tokio::time::timeout(DEADLINE, future)
         .await

@@ -1,5 +1,5 @@
-//! A system bus of the test's own: the policy that Debian gives every system bus, ours as it is shipped, and polkit with
-//! our actions and rules only.
+//! A private system bus: Debian's policy for system buses, the policy shipped with this project, and polkit with our
+//! actions and rules only.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ const POLKIT_POLICY: &str = "/usr/share/dbus-1/system.d/org.freedesktop.PolicyKi
 const POLKIT_NAME: &str = "org.freedesktop.PolicyKit1";
 /// Debian's, then other distributions'.
 const POLKITD: [&str; 2] = ["/usr/lib/polkit-1/polkitd", "/usr/libexec/polkitd"];
-/// Gives polkit our actions and rules in place of the machine's, for itself only.
+/// Replaces the machine's actions and rules by ours, for polkit's process only.
 const POLKIT_HERE: &str = "mount --make-rprivate / && mount --bind \"$1/actions\" /usr/share/polkit-1/actions && \
                            mount --bind \"$1/rules.d\" /usr/share/polkit-1/rules.d && exec \"$0\" --no-debug";
 
@@ -31,7 +31,7 @@ pub struct SystemBus {
 }
 
 impl SystemBus {
-    /// Starts it in this folder; without polkit where that cannot be had, which is printed.
+    /// Starts it in this folder; without polkit if that is not available, which is printed.
     pub async fn start(folder: &Path) -> Self {
         let socket = folder.join("system-bus");
         let config = folder.join("system-bus.conf");
@@ -75,7 +75,7 @@ impl SystemBus {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        // it prints its address when it listens
+        // it prints its address once it is listening
         let mut line = String::new();
         let stdout = broker.stdout.take().unwrap();
         BufReader::new(stdout).read_line(&mut line).unwrap();
@@ -146,12 +146,12 @@ impl SystemBus {
         Ok(())
     }
 
-    /// Where it listens.
+    /// Path of its socket.
     pub fn socket(&self) -> &Path {
         &self.socket
     }
 
-    /// For `DBUS_SYSTEM_BUS_ADDRESS`.
+    /// Value for `DBUS_SYSTEM_BUS_ADDRESS`.
     pub fn address(&self) -> String {
         format!("unix:path={}", self.socket.display())
     }

@@ -1,4 +1,4 @@
-//! Other users of this machine: connections that the kernel and the bus take for theirs.
+//! Other users of this machine: connections attributed to them by the kernel and the bus.
 
 use std::io::{self, IoSliceMut, Write};
 use std::mem::MaybeUninit;
@@ -11,10 +11,10 @@ use std::process::{Child, Command, Stdio};
 
 use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
 
-/// Accounts that may more on a bus than others.
+/// Accounts with more permissions on a bus than others.
 const NOT_STRANGERS: [&str; 4] = ["root", "messagebus", "polkitd", "tactusd"];
 
-/// One user who is not root, with a process of theirs.
+/// A user other than root, with a process of that user.
 #[derive(Debug)]
 pub struct User {
     pub name: String,
@@ -25,9 +25,9 @@ pub struct User {
 }
 
 impl User {
-    /// The first so many accounts of this machine that are strangers to the daemon. A bus knows only users with an account.
+    /// The first `count` ordinary accounts of this machine. A bus accepts only users with an account.
     pub fn strangers(count: usize, folder: &Path) -> Vec<Self> {
-        // other users need not reach the folder where it was built
+        // other users may not have access to the build folder
         let connector = folder.join("connector");
         std::fs::copy(env!("CARGO_BIN_EXE_connector"), &connector).unwrap();
         std::fs::set_permissions(&connector, std::fs::Permissions::from_mode(0o755)).unwrap();
@@ -74,7 +74,7 @@ impl User {
     /// Connects to a socket.
     ///
     /// # Errors
-    /// What the system says to this user.
+    /// The system's error for this user.
     pub fn connect(&self, path: &Path) -> io::Result<UnixStream> {
         writeln!(&self.commands, "{}", path.display())?;
         let mut answer = [u8::MAX];
@@ -104,7 +104,7 @@ impl User {
     /// Connects to the message bus at this socket.
     ///
     /// # Errors
-    /// The bus has no room for one more, or refuses this user.
+    /// The bus is full, or refuses this user.
     pub async fn come_to_bus(&self, socket: &Path) -> zbus::Result<zbus::Connection> {
         let stream = self.connect(socket)?;
         zbus::connection::Builder::unix_stream(stream)

@@ -1,8 +1,8 @@
-//! Connects to unix sockets as the user that runs it, and hands each connection to its parent. The kernel, and so a message
-//! bus, takes the user of a connection from the process that made it, whoever holds it later.
+//! Connects to unix sockets as the user that runs it, and passes each connection to its parent. The kernel, and so a
+//! message bus, attributes a connection to the user of the process that made it, whichever process holds it later.
 //!
-//! Standard input is a socket. Each line of it is the path of a socket to connect to; the answer is one byte: 0 with the
-//! connection beside it, or the number of the error. It ends when the parent closes its end.
+//! Standard input is a socket. Each line on it is the path of a socket to connect to; the reply is one byte: 0 with the
+//! connection's descriptor, or the error number. The program ends when the parent closes its end.
 
 use std::io::{self, BufRead, BufReader, IoSlice, Write};
 use std::mem::MaybeUninit;

@@ -1,4 +1,5 @@
-//! What the system tests (stories) share: the temporary rig of [`demo`], and a binary that is any of the four programs.
+//! Shared parts of the system tests (stories): the temporary rig of [`demo`], and a binary that is any of the four
+//! programs.
 
 use std::ffi::OsString;
 use std::process::ExitCode;

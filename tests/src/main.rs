@@ -1,4 +1,4 @@
-//! Any of the four programs, named by the first argument: what the system tests start.
+//! Any of the four programs, selected by the first argument: started by the system tests.
 
 use std::process::ExitCode;
 

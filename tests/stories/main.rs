@@ -1,9 +1,9 @@
-//! System tests: all programs together on a simulated rig, by topic. One executable holds them all, because each more
-//! would link all crates once more; it also plays the part of the programs.
+//! System tests: all programs together on a simulated rig, by topic. They share one executable, because each additional
+//! one would link all crates again; it also acts as the programs.
 //!
-//! `TACTUS_RIG=rig.toml cargo test -p tactus-tests` runs the same tests on the instruments that `rig.toml` names (a
-//! configuration of `tactusd`; record and bus are replaced by the test's own). Each test declares what it needs and its
-//! largest current; what a rig does not have is skipped, and the reason is printed.
+//! `TACTUS_RIG=rig.toml cargo test -p tactus-tests` runs the same tests on the instruments in `rig.toml` (a
+//! configuration of `tactusd`; record and bus are replaced by the test's own). Each test declares its requirements and
+//! its largest current; a test whose requirements the rig does not meet is skipped, with the reason printed.
 
 mod instruments;
 mod interfaces;

@@ -1,16 +1,16 @@
-//! What every story sets up: a stage on the rig at hand, or the reason why this rig cannot play it.
+//! Setup of the stories: a temporary rig, or the reason why the rig is unsuitable.
 
 use std::path::{Path, PathBuf};
 
 use survey::Amps;
 use tactus_tests::{DaemonProcess, SIMULATED, Stage};
 
-/// What a story needs of a rig.
+/// Requirements of a story.
 #[derive(Debug, Clone, Copy)]
 pub struct Needs {
-    /// A sheet that can be pressed (or a fault that can be caused) by program.
+    /// A sheet that programs can press (or a fault that they can cause).
     pub simulated: bool,
-    /// The largest current that the story drives.
+    /// The largest current of the story.
     pub largest_current: Amps,
 }
 
@@ -32,12 +32,12 @@ pub const NOISY: &str = tactus_tests::TWO_MICROVOLTS;
 /// No effect at all.
 pub const QUIET: &str = "seed = 1\n";
 
-/// A stage on the rig at hand, or `None` with the reason printed.
+/// A temporary rig, or `None` with the reason printed.
 pub fn set(needs: Needs, scene: &str) -> Option<Stage> {
     set_with(needs, scene, |config| config.to_owned())
 }
 
-/// Like [`set`], with a last word on the simulated rig's configuration.
+/// Like [`set`], with changes to the simulated rig's configuration.
 pub fn set_with(needs: Needs, scene: &str, adjust: impl FnOnce(&str) -> String) -> Option<Stage> {
     let config = match std::env::var_os("TACTUS_RIG") {
         None => adjust(SIMULATED),
@@ -54,7 +54,7 @@ pub fn set_with(needs: Needs, scene: &str, adjust: impl FnOnce(&str) -> String) 
     Some(stage)
 }
 
-/// The real rig's configuration with record and bus of the story's own.
+/// The real rig's configuration with record and bus replaced by the story's own.
 fn real_rig(path: &Path, needs: Needs) -> Option<String> {
     let text = std::fs::read_to_string(path)
         .unwrap_or_else(|fault| panic!("TACTUS_RIG={}: {fault}", path.display()));
@@ -86,14 +86,14 @@ fn real_rig(path: &Path, needs: Needs) -> Option<String> {
     Some(config.to_string())
 }
 
-/// The daemon, ready.
+/// Starts the daemon and waits until it is ready.
 pub fn start(stage: &Stage) -> DaemonProcess {
     stage
         .start_daemon()
         .unwrap_or_else(|fault| panic!("{fault}"))
 }
 
-/// Runs `tactus`, which must succeed, and gives its lines of JSON.
+/// Runs `tactus`, which must succeed, and returns its lines of JSON.
 pub fn ask(stage: &Stage, args: &[&str]) -> Vec<serde_json::Value> {
     let mut args = args.to_vec();
     args.push("--json");
@@ -109,7 +109,7 @@ pub fn baseline(stage: &Stage, frames: usize) -> Vec<serde_json::Value> {
     )
 }
 
-/// Starts a session that takes `count` frames and waits for its end; gives its id.
+/// Starts a session of `count` frames and waits for its end; returns its id.
 pub fn measure(stage: &Stage, count: usize) -> String {
     let lines = ask(stage, &["start", "--count", &count.to_string(), "--wait"]);
     lines[0]["session"]
@@ -118,7 +118,7 @@ pub fn measure(stage: &Stage, count: usize) -> String {
         .to_owned()
 }
 
-/// The frames of a session as `tactus export` writes them: a header, then a row a frame.
+/// The frames of a session as written by `tactus export`: a header, then a row per frame.
 pub fn export_csv(stage: &Stage, id: &str) -> String {
     let csv = stage.path().join(format!("{id}.csv"));
     let out = csv.display().to_string();
@@ -136,7 +136,7 @@ pub fn number(value: &serde_json::Value, field: &str) -> f64 {
         .unwrap_or_else(|| panic!("no number '{field}' in {value}"))
 }
 
-/// Facts and recordings beside the project's folder; `None` with the reason printed where they are absent.
+/// Facts and recordings beside the project's folder; `None`, with the reason printed, if they do not exist.
 pub fn shared(what: &str) -> Option<PathBuf> {
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(what);
     if path.exists() {
@@ -146,7 +146,7 @@ pub fn shared(what: &str) -> Option<PathBuf> {
     None
 }
 
-/// Whether a program is on the path; where it is not, the reason is printed, or the test fails if `required` is set.
+/// Whether a program is installed; if not, the reason is printed, or the test fails if `required` is set.
 pub fn has(program: &str, required: &str) -> bool {
     let found = std::env::var_os("PATH").is_some_and(|path| {
         std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
@@ -161,7 +161,7 @@ pub fn has(program: &str, required: &str) -> bool {
     found
 }
 
-/// A runtime for stories that speak D-Bus or drive instruments themselves.
+/// A runtime for stories that use D-Bus or instruments directly.
 pub fn runtime() -> tokio::runtime::Runtime {
     tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
@@ -170,7 +170,7 @@ pub fn runtime() -> tokio::runtime::Runtime {
         .expect("a runtime can be built")
 }
 
-/// What `tactusd --check` prints of a configuration that it refuses with exit code 78.
+/// The output of `tactusd --check` for a configuration that it refuses with exit code 78.
 pub fn refused_by_check(stage: &Stage) -> String {
     let path = stage.config_path().display().to_string();
     let output = stage

@@ -1,5 +1,5 @@
-//! Two simulators announce themselves: both are listed, by what they answer to `*IDN?`, and a daemon that runs uses
-//! neither. How long that took is printed.
+//! Two simulators announce themselves: both are listed with their reply to `*IDN?`, and a running daemon uses neither.
+//! The time is printed.
 
 use std::process::Command;
 
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::test_rig::{self, Needs, ask};
 
-/// A network of its own, so that nobody else's announcements are heard; `$0` is the program, `$1` the folder.
+/// A private network namespace without other announcements; `$0` is the program, `$1` the folder.
 const ALONE: &str = r#"
 set -e
 ip link set lo up multicast on
@@ -93,7 +93,7 @@ fn two_announced_simulators_are_each_listed_once() {
         );
     }
     let took: u64 = read("took_ms").trim().parse().expect("milliseconds");
-    // five seconds are the goal; a machine with other work to do may need another try
+    // the goal is five seconds; a busy machine may need another try
     println!("both listed {took} ms after the start of tactusd --discover");
 }
 
@@ -103,7 +103,7 @@ fn running_daemon_lists_a_given_address_and_goes_on() {
         return;
     };
     let _guard = test_rig::start(&stage);
-    // somebody who counts what is said to it
+    // a listener that counts the bytes sent to it
     let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = listener.local_addr().expect("it has one").port();
     let stranger = std::thread::spawn(move || {
@@ -118,7 +118,7 @@ fn running_daemon_lists_a_given_address_and_goes_on() {
         client
             .write_all(b"Agilent Technologies,34980A,MY1,2.43\n")
             .expect("an answer");
-        // until it leaves
+        // until it disconnects
         client.read_to_end(&mut received).ok();
         String::from_utf8_lossy(&received).into_owned()
     });

@@ -1,4 +1,4 @@
-//! Over TCP and serial lines: a sound rig passes its self-test, each fault is named, and the source is off afterwards.
+//! Self-test over TCP and serial lines: a sound rig passes, each fault is named, and the source is off afterwards.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Stdio};
@@ -8,7 +8,7 @@ use tactus_tests::Stage;
 
 use crate::test_rig::{self, Needs, ask, number};
 
-/// A served bench; killed when dropped.
+/// A served rig; killed when dropped.
 struct Served {
     child: Child,
     ready: Value,
@@ -59,7 +59,7 @@ impl Served {
         reported.unwrap_or_else(|fault| panic!("{fault}"));
     }
 
-    /// What the instruments are really doing.
+    /// The actual state of the instruments.
     fn status(&self, stage: &Stage) -> Value {
         let args = ["status", "--json", "--control", self.address("control")];
         let reported = stage
@@ -185,7 +185,7 @@ fn self_test_over_tcp_passes_and_names_each_fault() {
         served.assert_off(&stage);
         served.fault(&stage, "none");
     }
-    // a person reads the same
+    // the text output names the same fault
     served.fault(&stage, "stuck-open 1042");
     let spoken = stage
         .tactus(&["instruments", "test"])
@@ -197,7 +197,7 @@ fn self_test_over_tcp_passes_and_names_each_fault() {
     );
     served.fault(&stage, "none");
 
-    // an instrument lost in the middle is a fault, not a finding; it is looked for, and found again
+    // an instrument lost in the middle is a fault, not a finding; the daemon reconnects it
     served.fault(&stage, "wire 34980a cut");
     let spoken = stage
         .tactus(&["instruments", "test"])
@@ -237,7 +237,7 @@ fn source_on_rs232_and_board_on_usb_form_a_rig() {
         "gpio-board",
         &addresses,
     );
-    // 5 V of supply leave 4.5 V
+    // a supply of 5 V leaves 4.5 V
     let config = config.replace("compliance_v = 10.0", "compliance_v = 4.0");
     stage
         .configure(&config)
@@ -292,7 +292,7 @@ fn simulated_source_beside_a_real_switch_is_reported() {
         (true.into(), false.into())
     );
     assert_eq!(ask(&stage, &["status"])[0]["simulated"], true);
-    // its current reaches no sheet: the self-test says so, and names no relay
+    // its current does not reach the sheet: the self-test reports that, and names no relay
     let (report, code) = tested(&stage);
     assert_eq!(code, Some(5));
     let found = report["findings"].to_string();

@@ -1,4 +1,4 @@
-//! Bad input is named where it stands, nothing moves, and the exit code says configuration.
+//! Errors in input name its position, nothing moves, and the exit code is that of configuration errors.
 
 use crate::test_rig::{self, Needs, ask, baseline};
 
@@ -70,7 +70,7 @@ fn a_missing_scene_is_named() {
 #[test]
 fn missing_instrument_is_an_error_and_never_simulated() {
     let real = |config: &str| {
-        // port 1 of loopback: nobody listens
+        // port 1 of loopback: connection refused
         config
             .replace("kind = \"simulated\"", "kind = \"instruments\"")
             .replace("profile = \"STAGE/profile.toml\"\n", "")
@@ -103,7 +103,7 @@ fn a_second_daemon_on_the_same_record_is_refused() {
         "names the other's process: {}",
         second.stderr
     );
-    // and the first goes on
+    // the first daemon continues
     assert_eq!(ask(&stage, &["status"])[0]["state"], "idle");
 }
 

@@ -1,4 +1,4 @@
-//! What the running daemon shows on D-Bus is the XML that is kept in the repository.
+//! The introspection data of the running daemon equal the XML in the repository.
 
 use dbus::Address;
 
@@ -13,7 +13,7 @@ fn interface(xml: &str, name: &str) -> Option<String> {
         .lines()
         .map(str::trim)
         .filter(|line| {
-            // documentation comments may be worded anew without breaking the contract
+            // documentation comments may be reworded without breaking the contract
             let inside = comment || line.starts_with("<!--");
             comment = inside && !line.ends_with("-->");
             !inside && !line.is_empty()

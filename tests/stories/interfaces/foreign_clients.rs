@@ -1,4 +1,4 @@
-//! Nobody needs our clients: `busctl` reads a map from the session bus, twenty lines of Python read the stream.
+//! Third-party clients suffice: `busctl` reads a map from the session bus, twenty lines of Python read the stream.
 
 use std::io::Read;
 use std::os::fd::OwnedFd;
@@ -112,7 +112,7 @@ fn busctl_reads_a_map() {
         "State",
     ]);
     assert_eq!(state.trim(), "s \"idle\"");
-    // the daemon that owns the name keeps it: a second one on another state directory is refused it
+    // the daemon that owns the name keeps it: a second one with another state directory is refused
     let second = Command::new("busctl")
         .arg(format!("--address={}", broker.address))
         .args(["status", dbus::BUS_NAME])

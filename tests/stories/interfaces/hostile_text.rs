@@ -1,9 +1,9 @@
-//! An instrument with a hostile serial number and a session with a hostile note: whatever shows them, nothing acts on the
-//! terminal or begins a line of its own.
+//! An instrument with a hostile serial number and a session with a hostile note: displayed text never controls the
+//! terminal or imitates a line of output.
 
 use crate::test_rig::{self, Needs, ask, baseline};
 
-/// As a client gives it: an argument has no NUL.
+/// As passed on a command line: an argument cannot contain NUL.
 const NOTE: &str = "a\n2027-01-15 08:00:09  alarm  forged\r\u{1b}[2J\u{202e}\u{9b}2J\"\"\"\\";
 
 fn assert_shown(what: &str, text: &str) {

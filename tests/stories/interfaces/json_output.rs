@@ -1,4 +1,4 @@
-//! Every command that prints data prints one object a line, and says no with the exit code that design promises.
+//! Every command that prints data prints one JSON object per line, and fails with the documented exit code.
 
 use crate::test_rig::{self, Needs, ask, baseline, measure, number};
 

@@ -1,5 +1,5 @@
-//! What users and programs see: errors of configuration, JSON, D-Bus, and hostile text that is only shown.
-//! The pages of the manual are tested in `manual`.
+//! Interfaces for users and programs: configuration errors, JSON, D-Bus, and harmless display of hostile text. `manual`
+//! tests the pages of the manual.
 
 mod bad_input;
 mod dbus_contract;

@@ -1,4 +1,4 @@
-//! How many messages a command costs the daemon.
+//! Number of D-Bus messages that a command sends to the daemon.
 
 use std::io::{Read, Write};
 use std::net::Shutdown;
@@ -8,13 +8,13 @@ use std::thread;
 
 use crate::test_rig::{self, Needs, baseline, measure};
 
-/// Passes one connection on to the daemon's socket, and counts the calls that the client sends.
+/// Relays one connection to the daemon's socket, and counts the client's calls.
 fn counted(listener: &UnixListener, daemon: &Path) -> usize {
     let (client, _) = listener.accept().expect("a client");
     let server = UnixStream::connect(daemon).expect("the daemon's socket");
     let (mut from_server, mut to_client) = (clone(&server), clone(&client));
     let answers = thread::spawn(move || {
-        // ends with either side
+        // ends when either side closes
         let _ = std::io::copy(&mut from_server, &mut to_client);
         let _ = to_client.shutdown(Shutdown::Both);
     });
@@ -35,7 +35,7 @@ fn clone(stream: &UnixStream) -> UnixStream {
     stream.try_clone().expect("a descriptor")
 }
 
-/// The method calls in what a client sends: the authentication, then messages.
+/// Number of method calls in the bytes of a client: authentication, then messages.
 fn calls(sent: &[u8]) -> usize {
     const BEGIN: &[u8] = b"BEGIN\r\n";
     let begun = sent.windows(BEGIN.len()).position(|window| window == BEGIN);

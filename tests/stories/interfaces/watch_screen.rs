@@ -17,12 +17,12 @@ const ROWS: usize = 24;
 const ENTER: &str = "\x1b[?1049h";
 const LEAVE: &str = "\x1b[?1049l";
 
-/// A program on a pseudo-terminal, and what it has printed.
+/// A program on a pseudo-terminal, and its output.
 struct Terminal {
     child: Child,
     output: Receiver<Vec<u8>>,
     text: String,
-    // hung up only when the test is over
+    // closed only at the end of the test
     _master: OwnedFd,
 }
 
@@ -59,7 +59,7 @@ impl Terminal {
         let (sender, output) = channel();
         std::thread::spawn(move || {
             let mut bytes = [0; 4096];
-            // an error is the end: nobody has the terminal open any more
+            // an error means that the terminal is closed
             while let Ok(count @ 1..) = reader.read(&mut bytes) {
                 if sender.send(bytes[..count].to_vec()).is_err() {
                     break;
@@ -83,7 +83,7 @@ impl Terminal {
         }
     }
 
-    /// The rows of the last picture that is complete.
+    /// The rows of the last complete picture.
     fn rows(&self) -> Vec<&str> {
         let picture = self.text.rsplit("\x1b[H").next().unwrap_or_default();
         let (picture, _) = picture.split_once("\x1b[J").expect("a complete picture");
@@ -114,7 +114,7 @@ fn watch_shows_the_last_map_on_80_by_24_and_leaves_it() {
     let (code, text) = empty.end(Signal::INT);
     assert_eq!(code, Some(130), "{text:?}");
     ask(&stage, &["step", "1"]);
-    // no further frame comes: what is shown is the last one
+    // no further frame follows: the last one is displayed
     let mut terminal = Terminal::watch(&stage);
     terminal.until("frame 1");
     terminal.until("\x1b[J");

@@ -1,4 +1,4 @@
-//! The `cargo` commands of pages, comments and scripts name packages, tests, examples and programs that exist.
+//! The `cargo` commands in pages, comments and scripts name existing packages, tests, examples and programs.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use cargo_metadata::{MetadataCommand, Package, Target};
 
 use super::pages::{self, Page, root};
 
-/// Files with commands whose names have no extension of a page or of a source.
+/// Files with commands whose extensions are not those of pages or sources.
 const SCRIPTS: &[&str] = &[
     ".cargo/config.toml",
     ".ci/run",
@@ -15,17 +15,17 @@ const SCRIPTS: &[&str] = &[
     "systemd/package",
 ];
 
-/// What one command names, each with the place where it stands.
+/// The names in one command, each with its position.
 #[derive(Default)]
 struct Named {
     packages: Vec<String>,
-    /// Kind of target, as cargo calls it, and its name.
+    /// Kind of target, in cargo's terms, and its name.
     targets: Vec<(&'static str, String)>,
-    /// Words that choose tests by their names.
+    /// Filters of test names.
     filters: Vec<String>,
 }
 
-/// The arguments of the `cargo` commands of a text, one entry a command.
+/// The arguments of the `cargo` commands in a text, one entry per command.
 fn commands(text: &str) -> impl Iterator<Item = (usize, Vec<&str>)> {
     text.lines().enumerate().flat_map(|(index, line)| {
         let alias = line
@@ -68,7 +68,7 @@ fn named(words: &[&str]) -> Named {
             _ => {}
         }
     }
-    // placeholders of a page, such as NAME
+    // placeholders in a page, such as NAME
     let is_name = |name: &String| {
         !name.starts_with(|letter: char| letter.is_ascii_uppercase() || letter == '$')
     };
@@ -77,7 +77,7 @@ fn named(words: &[&str]) -> Named {
     named
 }
 
-/// Whether a function or a module of these sources has a name with this part.
+/// Whether a function or a module in these sources has a name that contains the filter.
 fn chooses(sources: &[Page], folders: &[String], filter: &str) -> bool {
     let part = filter
         .trim_end_matches("...")
@@ -127,7 +127,7 @@ fn cargo_commands_name_what_exists() {
                 .unwrap_or_else(|error| panic!("{script}: {error}")),
         });
     }
-    // what the project was once, and what a fuzz workspace of its own holds
+    // old versions, and the fuzz workspaces of their own
     texts.retain(|page| page.path != "CHANGELOG.md");
     let mut checked = 0;
     let mut wrong = Vec::new();

@@ -1,11 +1,11 @@
-//! Every command line and every flag that a page names is one of the programs' own.
+//! Every command line and every flag in a page exists in the programs.
 
 use clap::error::ErrorKind;
 use clap::{Arg, Command};
 
 use super::pages;
 
-/// The programs, as they define themselves.
+/// The programs' own definitions.
 pub fn programs() -> [Command; 4] {
     [
         cli::command(),
@@ -89,14 +89,14 @@ fn commands_and_flags_named_in_the_text_exist() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Follows subcommands as far as they go; every flag on the way must exist.
+/// Follows subcommands as far as they exist; every flag on the way must exist.
 fn walk(program: &Command, words: &[&str]) -> Result<(), String> {
     let mut path = vec![program];
     let mut positional = false;
     for word in words {
         let command = path[path.len() - 1];
         if let Some(flag) = word.strip_prefix("--") {
-            // those of a command, and the global ones of the commands above it
+            // those of the command, and the global ones of its parents
             if !path.iter().any(|command| has_flag(command, flag, false)) {
                 return Err(format!("`{}` has no `--{flag}`", command.get_name()));
             }

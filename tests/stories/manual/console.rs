@@ -1,8 +1,8 @@
-//! The console blocks of README and manual run, page by page, on a simulated rig.
+//! Runs the console blocks of README and manual, page by page, on a simulated rig.
 //!
-//! Each page has a stage of its own, with the rig of the stories as `config.toml`, and its blocks run in their order. The
-//! daemon is started by the page's own `tactusd --config config.toml`, or before its first `tactus`. `SESSION` stands for
-//! the last measured session; where a page has measured none, one of three frames is measured for it.
+//! Each page has its own temporary rig, with the rig of the stories as `config.toml`, and its blocks run in order. The
+//! daemon is started by the page's `tactusd --config config.toml`, or before its first `tactus`. `SESSION` stands for
+//! the last measured session; if a page has measured none, a session of three frames is measured for it.
 //! A block with `norun` in its info string needs real instruments, hours, or another program; it is counted.
 
 use tactus_tests::{DaemonProcess, Spoken, Stage};
@@ -46,7 +46,7 @@ fn play_all(chosen: impl Fn(&str) -> bool, at_least: usize) {
     assert!(run >= at_least, "only {run} command lines were run");
 }
 
-/// Runs a page's blocks and gives the number of its lines; `None` where the rig at hand is not the simulated one.
+/// Runs a page's blocks and returns the number of its lines; `None` if the rig is not the simulated one.
 fn play(page: &Page) -> Option<usize> {
     let blocks = page.blocks();
     let (left, run): (Vec<_>, Vec<_>) = blocks
@@ -125,7 +125,7 @@ impl Player {
         }
     }
 
-    /// The last session that was measured; one is measured where there is none.
+    /// The last measured session; measures one if there is none.
     fn session(&mut self) -> String {
         let measured = |stage: &Stage| {
             let sessions = ask(stage, &["sessions"]);

@@ -1,4 +1,4 @@
-//! Every relative link of every page leads somewhere.
+//! The target of every relative link in every page exists.
 
 use std::collections::BTreeMap;
 

@@ -1,10 +1,10 @@
-//! The Markdown pages of the repository against the programs: links, commands, reference pages, console blocks.
+//! Checks the Markdown pages of the repository against the programs: links, commands, reference pages, console blocks.
 //!
 //! - **pages**: the pages, their links, headings and command lines
 //! - **links**: every relative link and anchor exists
-//! - **commands**: every command line and every flag named is one of the programs' own
-//! - **cargo_commands**: packages, tests, examples and programs that `cargo` commands name exist
-//! - **reference**: the generated pages are what the programs say of themselves
+//! - **commands**: every command line and every flag in a page exists in the programs
+//! - **cargo_commands**: packages, tests, examples and programs in `cargo` commands exist
+//! - **reference**: the generated pages agree with the programs
 //! - **console**: the console blocks of README and manual run on a simulated rig
 
 mod cargo_commands;

@@ -1,4 +1,4 @@
-//! The tests that the page of promises names exist.
+//! The tests named in the page of promises exist.
 
 use super::pages;
 

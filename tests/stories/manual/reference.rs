@@ -1,4 +1,4 @@
-//! The reference pages of commands, configuration, events and metrics are what the programs say of themselves.
+//! The reference pages of commands, configuration, events and metrics agree with the programs.
 
 use clap::Command;
 use clap_markdown::MarkdownOptions;
@@ -43,7 +43,7 @@ fn reference_pages_are_generated_from_the_programs() {
     );
 }
 
-/// Marks a page that nobody should edit.
+/// The comment that marks a generated page.
 fn generated(from: &str) -> String {
     format!(
         "<!-- Generated from {from}. Do not edit: \
@@ -62,7 +62,7 @@ fn command_page(program: &Command) -> String {
     format!("{head}{}\n", lines.join("\n").trim())
 }
 
-/// The complete example, a heading a table.
+/// The complete example, with a heading per table.
 fn configuration_page() -> String {
     let example = std::fs::read_to_string(pages::root().join("config.toml"))
         .expect("the complete example ships with the project");
@@ -74,7 +74,7 @@ fn configuration_page() -> String {
     let mut pending: Vec<&str> = Vec::new();
     for line in example.lines() {
         if let Some(table) = table_name(line) {
-            // what stands between the last blank line and a table belongs to the table
+            // comments between the last blank line and a table belong to the table
             let above = pending
                 .iter()
                 .rposition(|line| line.is_empty())
@@ -94,7 +94,7 @@ fn configuration_page() -> String {
     page.trim_end().to_owned() + "\n"
 }
 
-/// A row for each kind of event.
+/// A row per kind of event.
 fn events_page() -> String {
     let mut page = generated("the daemon's table of events")
         + "# Events\n\nWhat the daemon reports. Each event has `at` (time), `kind` (the name below), `text` (a sentence) and \
@@ -113,7 +113,7 @@ fn events_page() -> String {
             writes the file, not reported.\n"
 }
 
-/// A row for each metric.
+/// A row per metric.
 fn metrics_page() -> String {
     let mut page = generated("the daemon's table of metrics")
         + "# Metrics\n\n`tactusd` serves OpenMetrics at `/metrics`, off by default ([metrics](configuration.md#metrics)). A \
@@ -128,7 +128,7 @@ fn metrics_page() -> String {
     page
 }
 
-/// The name of a table, also of one that is commented out.
+/// The name of a table, including one that is commented out.
 fn table_name(line: &str) -> Option<&str> {
     let line = line.strip_prefix("# ").unwrap_or(line);
     let (name, _) = line.strip_prefix('[')?.split_once(']')?;

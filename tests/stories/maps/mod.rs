@@ -1,5 +1,5 @@
-//! Methods of reconstruction in the daemon and offline: networks, and the tests of the paper.
-//! Accuracy by itself is tested in `eit` and `lab`.
+//! Methods of reconstruction in the daemon and offline: networks, and the tests of the paper. `eit` and `lab` test the
+//! accuracy of methods.
 
 mod networks;
 mod paper_over_scpi;

@@ -1,10 +1,10 @@
-//! Networks make the daemon's maps: a deep one, trained here in seconds, and one that somebody trained elsewhere.
+//! Networks make the daemon's maps: a deep one, trained here in seconds, and an ONNX network.
 
 use std::path::Path;
 
 use crate::test_rig::{self, Needs, ask, baseline, measure};
 
-/// So small that it learns next to nothing, which is enough to be run.
+/// A training too small to learn much, but enough to run the network.
 const TRAIN: &str = "tactus-lab train dnn --profile matched --cases 400 --repeats 1 --epochs 2 --set width=24 \
                      --set hidden_layers=2 --set batch=16 --set held_out=8 --precision f16 --out";
 
@@ -57,7 +57,8 @@ fn build_without_onnx_refuses_an_onnx_model() {
     );
 }
 
-/// Needs ONNX Runtime (`ORT_DYLIB_PATH`) and a `python3` with onnx; without them it says so, unless TACTUS_REQUIRE_ONNX.
+/// Needs ONNX Runtime (`ORT_DYLIB_PATH`) and a `python3` with onnx; otherwise it prints that and passes, unless
+/// TACTUS_REQUIRE_ONNX is set.
 #[cfg(feature = "onnx")]
 #[test]
 fn a_network_trained_elsewhere_makes_the_daemons_maps() {
@@ -108,7 +109,7 @@ fn a_network_trained_elsewhere_makes_the_daemons_maps() {
         maps.display()
     );
     assert_eq!(lab(&reconstruct), done);
-    // in the daemon, and again from its record
+    // in the daemon, and recomputed from its record
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
         with_model(config, &file)
     }) else {
@@ -121,7 +122,7 @@ fn a_network_trained_elsewhere_makes_the_daemons_maps() {
     assert_eq!(found["verified"], true, "{found}");
     assert_eq!(found["method"], "onnx elsewhere", "{found}");
     drop(daemon);
-    // of another sheet: refused before anything moves, both named
+    // for another sheet: refused before anything moves, with both named
     let config = std::fs::read_to_string(stage.config_path()).expect("the stage is there");
     let other = config.replace(
         "preset = \"paper-sheet\"",

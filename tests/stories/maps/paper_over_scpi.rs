@@ -1,5 +1,5 @@
-//! Every trained method runs the paper's two tests in the daemon, on frames that came as SCPI text, and answers as it does
-//! offline on ideal frames: to the digits that instruments send.
+//! Every trained method runs the paper's two tests in the daemon, on frames received as SCPI text. The maps equal those
+//! made offline from ideal frames, within the digits of the instruments.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -12,7 +12,7 @@ use survey::{Protocol, Reading, Volts};
 use crate::test_rig::{self, Needs, QUIET, runtime};
 
 const CURRENT: f64 = 1e-3;
-/// So small that they learn next to nothing, which is enough to be run.
+/// Trainings too small to learn much, but enough to run the networks.
 const TRAIN: [(&str, &str); 2] = [
     (
         "deep",
@@ -109,7 +109,7 @@ fn paper_tests_agree_between_daemon_and_offline() {
                     .iter()
                     .zip(&offline.values)
                     .fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
-                // networks add up in single precision: some units of its last place come on top
+                // networks sum in single precision: some units in its last place are added
                 let allowed = allowed + 4.0 * f64::from(f32::EPSILON) * largest;
                 assert!(
                     off <= allowed,
@@ -130,7 +130,7 @@ fn paper_tests_agree_between_daemon_and_offline() {
     });
 }
 
-/// The exact answers of the simulated sheet at 1 mA: untouched, and under each load.
+/// The exact readings of the simulated sheet at 1 mA: unloaded, and under each load.
 fn ideal(loads: &[Load]) -> (Vec<f64>, Vec<Vec<f64>>) {
     let scene = Scene::parse("quiet", QUIET).expect("the scene is sound");
     let mut phantom = Phantom::new(scene).expect("the sheet can be made");
@@ -173,9 +173,9 @@ fn half_a_digit(volts: f64) -> f64 {
     0.5 * 10_f64.powf(volts.abs().log10().floor() - 8.0)
 }
 
-/// By how much a value of a map can differ when every reading of baseline and frame is off by half of its last digit,
-/// each in the worst direction: the sum of what each does, by differences a thousand times as large (networks count in
-/// single precision, below which nothing would move). The largest of four frames, one of each shape.
+/// Largest change of a map's value if every reading of baseline and frame changes by half of its last digit, each in
+/// the worst direction: the sum of the single effects, from differences a thousand times as large (smaller ones would
+/// vanish in the single precision of networks). The maximum over four frames, one of each shape.
 fn digits_of_a_map(model: &dyn Reconstructor, baseline: &[f64], ideal: &[Vec<f64>]) -> f64 {
     const STEP: f64 = 1e3;
     let map = |baseline: &[f64], frame: &[f64]| {
@@ -204,7 +204,7 @@ fn digits_of_a_map(model: &dyn Reconstructor, baseline: &[f64], ideal: &[Vec<f64
     worst
 }
 
-/// Puts a load of the paper down on the daemon's sheet.
+/// Presses a load of the paper on the daemon's sheet.
 async fn press(hand: &Simulation1Proxy<'_>, load: &Load) {
     let (shape, mm) = match load.shape {
         Shape::Disc { diameter_mm } => ("disc", diameter_mm),

@@ -1,4 +1,4 @@
-//! The paper's Test #1 as we read it: sixteen presses of a 10 mm disc, 2 uV of noise, data from a finer mesh.
+//! The paper's Test #1 in our interpretation: sixteen presses of a 10 mm disc, 2 uV of noise, data from a finer mesh.
 
 use phantom::Scene;
 use survey::Baseline;

@@ -1,4 +1,4 @@
-//! One method is one method: in the daemon, in `tactus replay` and in `tactus-lab reconstruct`.
+//! A method gives the same maps in the daemon, in `tactus replay` and in `tactus-lab reconstruct`.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -131,7 +131,8 @@ fn a_rule_settles_the_method_in_daemon_and_replay_alike() {
     let _daemon = test_rig::start(&stage);
     baseline(&stage, 3);
     let id = measure(&stage, 19);
-    // the eighth frame that is to have a map is the fifteenth; in instant time a later one may come while it is still made
+    // the eighth frame due for a map is the fifteenth; in instant time, a later one may arrive while its map is being
+    // made
     let maps = ask(&stage, &["replay", &id, "--no-map"]);
     assert_eq!(maps.len(), 19);
     let same = |frame: usize| maps[frame - 1]["verified"].as_bool();

@@ -1,4 +1,4 @@
-//! The main job, by hand: a baseline, a press, and the place is found.
+//! The main use case: after a baseline, the position of a press is found.
 
 use dbus::{Address, Simulation1Proxy};
 

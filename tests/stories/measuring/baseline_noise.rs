@@ -1,9 +1,9 @@
-//! An untouched sheet reads the same again, within the voltmeter's own noise.
+//! Repeated readings of an unloaded sheet agree within the voltmeter's noise.
 
 use crate::test_rig::{self, Needs, ask, baseline, number};
 
-/// Noise of a reading at 1 PLC relative to its range (34970A integration table, same converter), taken as rms; a rig's
-/// own noise may be ten times that before something is wrong with its wiring.
+/// Noise of a reading at 1 PLC relative to its range (34970A integration table, same converter), taken as rms; a real
+/// rig's noise may be ten times that before its wiring is suspect.
 const NOISE_OF_RANGE: f64 = 3e-6;
 const ALLOWANCE: f64 = 10.0;
 
@@ -34,7 +34,7 @@ fn baseline_measures_the_noise_of_the_scene() {
     let _guard = test_rig::start(&stage);
     baseline(&stage, 20);
     let noise = number(&ask(&stage, &["baseline", "show"])[0], "noise_v");
-    // 598 readings, 19 degrees of freedom each: the estimate is good to 1 %
+    // 598 readings with 19 degrees of freedom each: the estimate is accurate to 1 %
     assert!(
         (noise / 2e-6 - 1.0).abs() < 0.05,
         "{noise} V, the scene says 2 uV"

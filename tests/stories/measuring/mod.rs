@@ -1,5 +1,5 @@
-//! What a frame measures on a simulated sheet: baselines, presses, patterns, wirings, overloads.
-//! How a frame travels over the wires is in `transport`.
+//! Measurements on a simulated sheet: baselines, presses, patterns, wirings, overloads. `transport` tests the messages
+//! of a frame.
 
 mod baseline_and_press;
 mod baseline_noise;

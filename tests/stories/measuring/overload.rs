@@ -1,10 +1,10 @@
-//! A reading over range is a gap: flagged, counted, masked, blank in the export, and never a number.
+//! A reading over range is missing: flagged, counted, masked, blank in the export, and never a number.
 
 use crate::test_rig::{self, Needs, ask, baseline, measure, number};
 
 #[test]
 fn overload_is_never_recorded_as_a_number() {
-    // the largest readings of the sheet are some 300 mV: on the 0.1 V range those beside the corners overload
+    // the largest readings of the sheet are about 300 mV: on the 0.1 V range those near the corners overload
     let narrow = |config: &str| config.replace("range_v = 1.0", "range_v = 0.1");
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, narrow) else {
         return;

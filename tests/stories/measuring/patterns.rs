@@ -1,4 +1,5 @@
-//! Another pattern is a line of the configuration: the linearised method follows, a model trained for another refuses.
+//! Another pattern is one line of the configuration: the linearised method adapts, a model trained for another is
+//! refused.
 
 use dbus::{Address, Simulation1Proxy};
 
@@ -6,7 +7,7 @@ use crate::test_rig::{self, Needs, ask, baseline, measure, number};
 
 const BOARD: &str = "time = \"instant\"\n[board]\n";
 
-/// A press of 30 mm is found on a rig with this change of its configuration; gives the number of readings of a frame.
+/// A press of 30 mm is found on a rig with this change of its configuration; returns the number of readings per frame.
 fn found_with(change: impl FnOnce(&str) -> String) -> Option<usize> {
     let stage = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, change)?;
     std::fs::write(stage.path().join("board.toml"), BOARD).expect("the story's folder");
@@ -44,7 +45,7 @@ fn a_press_is_found_with_pairs_that_leave_out_two_electrodes() {
             .replace("nplc = 1.0", "nplc = 1.0\nskip = 2")
     };
     if let Some(readings) = found_with(change) {
-        // each pair leaves out itself and the two that share an electrode with it
+        // each pair excludes itself and the two that share an electrode with it
         assert_eq!(readings, 26 * 23);
     }
 }

@@ -1,4 +1,4 @@
-//! The same sheet through a scan of pairs and through a matrix: the same voltages.
+//! The same sheet measured by a scan of pairs and through a matrix: the same voltages.
 
 use phantom::Scene;
 

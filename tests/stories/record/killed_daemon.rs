@@ -1,4 +1,4 @@
-//! What was acknowledged is on disk, whatever happens to the daemon; and the next one starts on the same record.
+//! Acknowledged frames are on disk, whatever happens to the daemon; and the next daemon starts with the same record.
 
 use dbus::{Address, Session1Proxy};
 
@@ -20,7 +20,7 @@ fn killed_daemon_keeps_every_acknowledged_frame() {
                 .expect("an id")
                 .to_owned();
         }
-        // the session of the daemon that was killed goes on by itself
+        // the killed daemon's session is resumed automatically
         let acknowledged = test_rig::runtime().block_on(async {
             let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
                 .await

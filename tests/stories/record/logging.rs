@@ -1,4 +1,4 @@
-//! A night of logging: every frame is recorded, numbered without a gap, and the session closes itself.
+//! A night of logging: every frame is recorded, the numbers have no gap, and the session closes itself.
 
 use crate::test_rig::{self, Needs, ask, baseline, measure};
 
@@ -49,13 +49,13 @@ fn schedule_ends_by_itself_and_daemon_stops_within_one() {
     let daemon = test_rig::start(&stage);
     baseline(&stage, 2);
     ask(&stage, &["start", "--every", "50ms", "--for", "10h"]);
-    // the session is running: let it take a few frames before the daemon is asked to end
+    // the session is running: wait for a few frames before the daemon is stopped
     ask(&stage, &["watch", "--count", "3", "--no-map"]);
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
     let sessions = ask(&stage, &["sessions"]);
     let last = sessions.last().expect("a session is listed");
     assert!(test_rig::number(last, "frames") >= 3.0, "{last}");
-    // the night is not over: it goes on with the next daemon, and ends where a person ends it
+    // the session is not complete: the next daemon resumes it until it is stopped
     assert_eq!(last["closed"], false, "{last}");
     let daemon = test_rig::start(&stage);
     let status = &ask(&stage, &["status"])[0];

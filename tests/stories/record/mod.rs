@@ -1,5 +1,4 @@
-//! Sessions on disk: nights of frames, kills, and recordings that are played again.
-//! The file format itself is tested in `logbook`.
+//! Sessions on disk: nights of frames, kills, and playback of recordings. `logbook` tests the file format.
 
 mod killed_daemon;
 mod logging;

@@ -1,4 +1,4 @@
-//! Recordings of a real tank play through the daemon as a rig does, and offline through `tactus replay`.
+//! Recordings of a real tank are played by the daemon like a rig, and offline by `tactus replay`.
 
 use std::path::Path;
 
@@ -63,12 +63,13 @@ fn daemon_replays_750_frames_of_a_real_tank() {
         maps.iter().all(|map| map["verified"] == true),
         "every map is made again, bit for bit"
     );
-    // the frames of the baseline show the empty tank
+    // the frames of the baseline are of the empty tank
     for map in &maps[..16] {
         assert_eq!(map["significant"], false, "{map}");
         assert_eq!(map["found_mm"], serde_json::Value::Null);
     }
-    // the ball is carried round: from frame 60 on something is found inside the tank, but in the middle, where it is too weak
+    // the ball is moved round: from frame 60 on something is found inside the tank, except in the middle, where the
+    // signal is too weak
     let mut found = 0;
     for map in maps[60..].iter().filter(|map| map["significant"] == true) {
         let place = &map["found_mm"];

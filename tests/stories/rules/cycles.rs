@@ -5,12 +5,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::module_tree::ModuleTree;
 use super::source_reader::ModulePath;
 
-/// Sibling modules that use each other, directly or by way of others of them.
+/// Sibling modules that use each other, directly or indirectly.
 pub struct Cycle {
-    /// The module in which they lie; empty for the root of the crate.
+    /// Their parent module; empty for the root of the crate.
     pub parent: ModulePath,
     pub members: BTreeSet<String>,
-    /// For each use among them: who, whom, and where and how it is written.
+    /// For each pair (user, used): positions and texts of the uses.
     pub uses: BTreeMap<(String, String), BTreeSet<String>>,
 }
 

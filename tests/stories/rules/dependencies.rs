@@ -1,4 +1,4 @@
-//! Which crate may depend on which, over `cargo metadata`. Development dependencies follow the same table.
+//! Permitted dependencies between crates, checked by `cargo metadata`. Development dependencies follow the same table.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,7 +6,7 @@ use cargo_metadata::{DependencyKind, Package};
 
 use super::{crates, folder, metadata, only_exceptions, root, rust_files, short, text};
 
-/// The table of ARCHITECTURE.md. A crate may use fewer, never more. `tests` may use anything.
+/// The table of ARCHITECTURE.md. A crate may use fewer crates, never more. `tests` may use anything.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("survey", &[]),
     ("scpi", &[]),
@@ -188,7 +188,7 @@ fn mathematics_uses_no_clock_no_runtime_no_bus() {
         for service in ["tokio", "zbus", "tokio-serial", "mdns-sd"] {
             assert!(!used.contains(service), "{name} depends on {service}");
         }
-        // a drawing may carry its date, an offline job reports how long it took
+        // a drawing may carry its date, an offline job reports its time
         if ["render", "training"].contains(&name) {
             continue;
         }
@@ -209,7 +209,7 @@ fn mathematics_uses_no_clock_no_runtime_no_bus() {
 fn nine_packages_named_by_the_user_are_used() {
     let metadata = metadata();
     let crates = crates(&metadata);
-    // each with the crate that uses it, and a word of its use
+    // each with the crate that uses it, and a word from its use
     for (package, user, word) in [
         ("tokio", "rig", "AsyncRead"),
         ("tokio-serial", "rig", "tokio_serial"),
@@ -233,7 +233,7 @@ fn nine_packages_named_by_the_user_are_used() {
     }
 }
 
-/// Crates that could be published: whoever has an instrument or a phantom of their own can use them without the rest.
+/// Crates that could be published: useful without the rest, for other instruments or phantoms.
 const PUBLISHABLE: &[&str] = &[
     "dbus",
     "eit",
@@ -286,7 +286,7 @@ fn publishable_crates_are_complete_and_packaged() {
     }
 }
 
-/// Packages without a use in their crate, as `crate: package`.
+/// Packages that their crate does not use, as `crate: package`.
 const UNUSED: &[&str] = &[];
 
 #[test]
@@ -302,7 +302,7 @@ fn every_dependency_is_named_in_its_crate() {
         for dependency in &package.dependencies {
             let known_as = dependency.rename.as_ref().unwrap_or(&dependency.name);
             let library = short(known_as).replace('-', "_");
-            // `zbus = { features = ["tokio"] }` needs no use of its own: the name in any path or macro call is enough
+            // `zbus = { features = ["tokio"] }` needs no other use: the name in any path or macro call is enough
             let named = ["::", "!", " as ", ";", ","]
                 .iter()
                 .any(|after| contains_word(&source, &library, after));
@@ -318,7 +318,7 @@ fn every_dependency_is_named_in_its_crate() {
     );
 }
 
-/// Whether `word` stands in the text, begins a name there, and is followed by `after`.
+/// Whether the text contains `word` at the beginning of a name, followed by `after`.
 fn contains_word(text: &str, word: &str, after: &str) -> bool {
     text.match_indices(&format!("{word}{after}"))
         .any(|(at, _)| {

@@ -1,4 +1,4 @@
-//! The folders in the map of ARCHITECTURE.md are those of the tree.
+//! The map of ARCHITECTURE.md lists the folders of the tree.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -20,7 +20,7 @@ fn folders_in_map(page: &str, begin: &str, end: &str) -> BTreeSet<String> {
         .collect()
 }
 
-/// The folders directly inside of one, those that git ignores by name left out.
+/// The folders directly inside of one, except those ignored by git.
 fn folders_in(folder: &Path) -> BTreeSet<String> {
     std::fs::read_dir(folder)
         .expect("a folder of the project can be read")
@@ -51,7 +51,7 @@ fn map_has_every_crate_and_folder_at_the_top() {
         .values()
         .map(|package| from_root(folder(package)))
         .collect();
-    // folders that only hold crates are not in the map themselves
+    // folders that only contain crates are not in the map
     let groups: BTreeSet<String> = tree
         .iter()
         .filter_map(|path| Some(path.split_once('/')?.0.to_owned()))

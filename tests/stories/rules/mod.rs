@@ -1,9 +1,9 @@
-//! Rules of ARCHITECTURE.md that the compiler does not check: which crate may depend on which, no import cycles, small
-//! folders, telling names. What broke a rule when it was written is listed as an exception; a list may only shrink.
+//! Rules of ARCHITECTURE.md that the compiler does not check: permitted dependencies, no import cycles, small folders,
+//! descriptive names. Code that violated a rule when it was written is listed as an exception; a list may only shrink.
 //!
 //! - **dependencies**: the table of dependencies, and packages that no crate or no workspace member may name
 //! - **modules**: import cycles and folder sizes; `source_reader`, `module_tree` and `cycles` find them
-//! - **map**: the folders of ARCHITECTURE.md's map are those of the tree
+//! - **map**: ARCHITECTURE.md's map lists the folders of the tree
 //! - **test_names**: names of tests have at most 60 characters
 //! - **words**: model names, forbidden names, unfinished code, paths of a machine
 
@@ -33,7 +33,7 @@ fn metadata() -> Metadata {
         .expect("cargo runs this test, so it can describe the workspace")
 }
 
-/// A package's name without the prefix that all packages of the workspace share.
+/// A package's name without the common prefix of the workspace.
 fn short(package: &str) -> &str {
     package.strip_prefix("tactus-").unwrap_or(package)
 }
@@ -55,7 +55,7 @@ fn folder(package: &Package) -> &Path {
         .as_std_path()
 }
 
-/// Every Rust file below a folder, `target` left out.
+/// Every Rust file below a folder, except `target`.
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let Ok(entries) = std::fs::read_dir(folder) else {
@@ -77,7 +77,7 @@ fn text(path: &Path) -> String {
         .unwrap_or_else(|error| panic!("{}: cannot be read: {error}", path.display()))
 }
 
-/// A path from the root of the workspace, with `/` between its parts.
+/// A path relative to the root of the workspace, with `/` as separator.
 fn from_root(path: &Path) -> String {
     let root = root().canonicalize().expect("the workspace has a folder");
     let path = path.canonicalize().expect("the file was just listed");
@@ -87,7 +87,7 @@ fn from_root(path: &Path) -> String {
         .to_string()
 }
 
-/// Compares what breaks a rule with the listed exceptions: neither may have what the other lacks.
+/// Compares violations of a rule with the listed exceptions: both must be equal.
 fn only_exceptions<T: Ord + std::fmt::Debug>(
     rule: &str,
     found: impl IntoIterator<Item = T>,

@@ -1,8 +1,8 @@
-//! The modules of a crate as its source text declares them, and the modules that each of them uses.
+//! The modules of a crate, as declared in its source text, and the modules that each of them uses.
 //!
-//! Paths are resolved the way the compiler does it, as far as a dependency rule needs: `crate::`, `self::`, `super::`,
-//! nested `use` trees, renamed imports, re-exports, glob imports, inline modules, and modules in files of their own.
-//! Code under `#[cfg(test)]` is left out. Names of other crates resolve to nothing.
+//! Paths are resolved like by the compiler, as far as a dependency rule needs: `crate::`, `self::`, `super::`, nested
+//! `use` trees, renamed imports, re-exports, glob imports, inline modules, and modules in files of their own. Code
+//! under `#[cfg(test)]` is ignored. Names of other crates are not resolved.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -18,23 +18,23 @@ pub struct ModuleTree {
 pub struct Use {
     pub from: ModulePath,
     pub to: ModulePath,
-    /// The path as it is written.
+    /// The path in the source text.
     pub written: String,
 }
 
 impl ModuleTree {
-    /// Reads the crate whose root is `root`; `read` gives the text of a file, or `None` where there is none.
+    /// Reads the crate whose root is `root`; `read` returns the text of a file, or `None` if it does not exist.
     ///
     /// # Errors
     ///
-    /// A file that is no Rust source, or a `mod name;` without a file.
+    /// A file that is not Rust source, or a `mod name;` without a file.
     pub fn read(root: &Path, read: &dyn Fn(&Path) -> Option<String>) -> Result<Self, String> {
         Ok(Self {
             modules: source_reader::read(root, read)?,
         })
     }
 
-    /// All references between modules of the crate, those to the module itself left out.
+    /// All references between modules of the crate, except those to the module itself.
     pub fn uses(&self) -> Vec<Use> {
         let mut uses = Vec::new();
         for (from, module) in &self.modules {
@@ -58,7 +58,7 @@ impl ModuleTree {
         &self.modules[module].file
     }
 
-    /// Adds every module that `path`, written in module `from`, leads through or to.
+    /// Adds every module on the path `path`, as used in module `from`, including its end.
     fn resolve(
         &self,
         from: &ModulePath,
@@ -158,7 +158,7 @@ impl ModuleTree {
         sources
     }
 
-    /// The module that a path names, where it names one.
+    /// The module named by a path, if it names one.
     fn module_at(&self, from: &ModulePath, path: &[String]) -> Option<ModulePath> {
         let mut here = from.clone();
         for name in path {

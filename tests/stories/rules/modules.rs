@@ -1,4 +1,4 @@
-//! No import cycle between sibling modules, and at most twelve files side by side.
+//! No import cycle between sibling modules, and at most twelve files per folder.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,9 +7,9 @@ use super::cycles::{Cycle, cycles};
 use super::module_tree::ModuleTree;
 use super::{crates, folder, from_root, metadata, only_exceptions, rust_files};
 
-/// Folders with more than twelve Rust files side by side. A catalogue of like things may stay.
+/// Folders with more than twelve Rust files. A catalogue of similar items may stay.
 const LARGE_FOLDERS: &[&str] = &[
-    // the catalogue of effects, one file an effect
+    // the catalogue of effects, one file per effect
     "tomography/phantom/src/effects",
 ];
 
@@ -45,7 +45,7 @@ fn describe(name: &str, cycle: &Cycle) -> String {
     let mut text = format!("({name:?}, {parent:?}, &[{}]),\n", members.join(", "));
     for ((user, used), written) in &cycle.uses {
         text += &format!("    // {user} uses {used}:\n");
-        // the imports; names that they bring into scope would repeat them
+        // only imports; names that they bring into scope would repeat them
         let is_import = |path: &str| path.contains("crate::") || path.contains("super::");
         let imports = written.iter().filter(|path| is_import(path));
         let shown: Vec<&String> = match imports.count() {

@@ -1,19 +1,19 @@
-//! What the source text of each module of a crate declares, imports and names.
+//! Declarations, imports and names in the source text of each module of a crate.
 //!
-//! Text is read as tokens, so that comments and strings name nothing. Code under `#[cfg(test)]` is left out.
+//! Text is parsed to tokens, so comments and strings are ignored. So is code under `#[cfg(test)]`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
-/// A module by the names that lead to it from the root of its crate; the root is empty.
+/// The path of a module from the root of its crate; empty for the root.
 pub type ModulePath = Vec<String>;
 
-/// What the text of one module declares and names.
+/// Declarations and names in the text of one module.
 #[derive(Default)]
 pub struct Module {
-    /// The file in which its text stands.
+    /// The module's file.
     pub file: PathBuf,
     pub children: BTreeSet<String>,
     pub items: BTreeSet<String>,
@@ -24,7 +24,7 @@ pub struct Module {
 /// One leaf of a `use` tree.
 pub struct Import {
     pub path: Vec<String>,
-    /// The name that it brings into scope; none for `*`.
+    /// The name it brings into scope; `None` for `*`.
     pub name: Option<String>,
 }
 
@@ -32,11 +32,11 @@ const ITEM_KEYWORDS: &[&str] = &[
     "fn", "struct", "enum", "union", "trait", "type", "const", "static",
 ];
 
-/// Reads the crate whose root is the file `root`; `read` gives the text of a file, or `None` where there is none.
+/// Reads the crate whose root is the file `root`; `read` returns the text of a file, or `None` if it does not exist.
 ///
 /// # Errors
 ///
-/// A file that is no Rust source, or a `mod name;` without a file.
+/// A file that is not Rust source, or a `mod name;` without a file.
 pub fn read(
     root: &Path,
     read: &dyn Fn(&Path) -> Option<String>,
@@ -56,7 +56,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Reads the module `module` from `file`; its child modules lie in `folder`.
+    /// Reads the module `module` from `file`; its child modules are in `folder`.
     fn file(&mut self, file: &Path, folder: &Path, module: ModulePath) -> Result<(), String> {
         let text = (self.read)(file).ok_or(format!("{}: there is no such file", file.display()))?;
         let tokens: TokenStream = text
@@ -72,7 +72,7 @@ impl Reader<'_> {
         self.tokens(tokens, file, folder, &module, true)
     }
 
-    /// Reads the tokens of a module; `top` where they are its items and not the inside of one.
+    /// Reads the tokens of a module; `top` if they are its items and not the inside of one.
     fn tokens(
         &mut self,
         tokens: TokenStream,
@@ -142,7 +142,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Reads `mod name;` or `mod name { .. }` at `at` and gives the position behind it.
+    /// Reads `mod name;` or `mod name { .. }` at `at` and returns the position after it.
     fn child(
         &mut self,
         tokens: &[TokenTree],
@@ -226,7 +226,7 @@ fn is_test_only(attribute: &[TokenTree]) -> bool {
     }
 }
 
-/// The position behind the item (or field, statement, match arm) that begins at `at`.
+/// The position after the item (or field, statement, match arm) that begins at `at`.
 fn end_of_item(tokens: &[TokenTree], mut at: usize) -> usize {
     while is_punct(tokens.get(at), '#') {
         at += 2;
@@ -262,7 +262,7 @@ fn end_of_item(tokens: &[TokenTree], mut at: usize) -> usize {
     at
 }
 
-/// Paths in the strings of an attribute, such as `#[serde(with = "crate::seconds")]`; documentation is left out.
+/// Paths in the strings of an attribute, such as `#[serde(with = "crate::seconds")]`, except documentation.
 fn paths_in_strings(attribute: &[TokenTree]) -> Vec<Vec<String>> {
     if matches!(attribute.first(), Some(TokenTree::Ident(word)) if word == "doc") {
         return Vec::new();
@@ -290,7 +290,7 @@ fn paths_in_strings(attribute: &[TokenTree]) -> Vec<Vec<String>> {
     found
 }
 
-/// The path that begins with the word at `at`, and the position behind it.
+/// The path that begins with the word at `at`, and the position after it.
 fn path_from(tokens: &[TokenTree], mut at: usize) -> (Vec<String>, usize) {
     let mut path = Vec::new();
     while let Some(TokenTree::Ident(word)) = tokens.get(at) {
@@ -307,7 +307,7 @@ fn path_from(tokens: &[TokenTree], mut at: usize) -> (Vec<String>, usize) {
     (path, at)
 }
 
-/// Whether the word at `at` begins a path: it is no field, no method, and no associated item of a type before it.
+/// Whether the word at `at` begins a path: it is not a field, method, or associated item.
 fn is_path_head(tokens: &[TokenTree], at: usize) -> bool {
     let before = |back: usize, wanted| at >= back && is_punct(tokens.get(at - back), wanted);
     let is_field = before(1, '.') && !before(2, '.');

@@ -1,4 +1,4 @@
-//! Names and words that must not stand where they do.
+//! Forbidden names and words.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use proc_macro2::{TokenStream, TokenTree};
 
 use super::{crates, folder, from_root, metadata, root, rust_files, text};
 
-/// Crates for any instrument: a model's name or limit belongs to its driver.
+/// Instrument-independent crates: a model's name or limit belongs to its driver.
 const WITHOUT_INSTRUMENTS: &[&str] = &["survey", "rig", "eit"];
 
 const MODEL_NAMES: &[&str] = &[
@@ -56,7 +56,7 @@ fn names_model(tokens: TokenStream) -> bool {
     })
 }
 
-/// Names of crates, modules and files that say nothing about what is inside.
+/// Uninformative names of crates, modules and files.
 const EMPTY_NAMES: &[&str] = &[
     "util", "utils", "common", "helpers", "core", "types", "manager", "misc",
 ];
@@ -80,7 +80,7 @@ fn crates_and_files_have_telling_names() {
     }
 }
 
-/// Words that are no part of an identifier, and what to call the thing instead.
+/// Words that must not be part of an identifier, each with its replacement.
 const METAPHORS: &[(&str, &str)] = &[
     ("said", "message, text, reported"),
     ("unsaid", "unreported"),
@@ -102,10 +102,10 @@ const METAPHORS: &[(&str, &str)] = &[
     ("mishap", "failed_frame"),
 ];
 
-/// Names that session files and scenes hold under these words.
+/// Names with these words in the formats of session files and scenes.
 const STORED: &[&str] = &["asked", "room_c", "room_rh"];
 
-/// Crates that are not yet held to [`METAPHORS`].
+/// Crates that are exempt from [`METAPHORS`] for now.
 const EXEMPT: &[&str] = &["keithley-6221", "keysight-34980a", "gpio-mux", "vxi11"];
 
 #[test]
@@ -166,7 +166,7 @@ fn metaphor(identifier: &str) -> Option<&'static (&'static str, &'static str)> {
 #[test]
 fn nothing_is_left_unfinished() {
     let metadata = metadata();
-    // spelled apart so that this file does not contain them
+    // split so that this file does not contain them
     let words = [
         concat!("to", "do!("),
         concat!("unimplemented", "!("),

@@ -1,5 +1,5 @@
-//! No path from phantom to frame avoids text: 26 messages carry a frame, the digits are the instruments', and one wrong
-//! relay number spoils it.
+//! Every path from phantom to frame goes through text: 26 messages carry a frame, the digits are the instruments', and
+//! one wrong relay number spoils it.
 
 use std::time::Duration;
 
@@ -44,7 +44,7 @@ pub async fn drivers(bench: &SimulatedRig) -> PairRig {
 
 pub fn plan(wiring: &Wiring) -> Plan {
     let protocol = Protocol::sheffield(26).expect("26 electrodes");
-    // no waiting time: relays and question then travel in one message
+    // without a delay, relays and query are in one message
     Plan::new(&protocol, wiring, CURRENT, Volts(10.0), Duration::ZERO)
         .expect("the wiring serves the protocol")
 }
@@ -99,7 +99,7 @@ fn frame_is_26_messages_and_their_replies() {
                 message.received
             );
             let answer = message.answered.as_deref().expect("READ? is answered");
-            // the readings, and the error queue asked in the same message
+            // the readings, and the error queue queried in the same message
             let (readings, errors) = answer.split_once(';').expect("two questions");
             assert_eq!(readings.split(',').count(), 26, "{answer}");
             assert_eq!(errors, "+0,\"No error\"");
@@ -143,7 +143,7 @@ fn one_wrong_relay_number_spoils_the_readings() {
         let right = keysight_34980a::pairs_34924a(1, 26).expect("26 pairs fit");
         let good = volts(&frame(&rig, &plan(&right)).await);
         let mut wrong = right.clone();
-        // pair 6 is told to use the relay of a pair that is wired elsewhere: 62 is wired to nothing
+        // pair 6 is configured with the relay of a pair wired elsewhere: 62 is not connected
         wrong.inject[5] = (Dipole::adjacent(5, 26), vec![Relay(1062)]);
         let spoiled = rig::acquire(
             &rig,
@@ -170,7 +170,7 @@ fn one_wrong_relay_number_spoils_the_readings() {
         swapped.measure[2].0 = tenth;
         swapped.measure[9].0 = third;
         let spoiled = frame(&rig, &plan(&swapped)).await;
-        // where a driven pair is read for another, its contacts carry the current and the reading is over range
+        // if a driven pair is measured instead of another, its contacts carry the current and the reading is over range
         let changed = good
             .iter()
             .zip(&spoiled.readings)

@@ -1,5 +1,5 @@
-//! The link to the source breaks in the middle of a frame: the injecting relays open, its state is said to be unknown,
-//! and when it comes back it is switched off and read back.
+//! The connection to the source breaks in the middle of a frame: the injecting relays open, its state is reported as
+//! unknown, and after reconnection it is switched off and read back.
 
 use std::time::Duration;
 
@@ -21,7 +21,7 @@ fn lost_source_opens_relays_and_is_verified_off_on_return() {
         let plan = plan(&wiring);
         let cutter = bench.clone();
         let cut = tokio::spawn(async move {
-            // wait for the thing itself: current flows
+            // wait until current flows
             while cutter.flowing() == Amps(0.0) {
                 tokio::task::yield_now().await;
             }

@@ -1,5 +1,5 @@
-//! Frames as SCPI text between drivers and simulators, transcripts of it, and a broken link.
-//! What the readings mean is in `measuring`.
+//! Frames as SCPI text between drivers and simulators, their transcripts, and a broken connection. `measuring` tests
+//! the values.
 
 pub mod frame_as_text;
 mod lost_source;

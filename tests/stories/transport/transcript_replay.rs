@@ -1,5 +1,5 @@
-//! What was said for a frame is played to instruments that were just switched on, and they answer the same; where one
-//! reply is altered, the first difference is named.
+//! The messages of a frame are replayed to instruments after power on, whose replies are the same; if one reply is
+//! altered, the first difference is named.
 
 use crate::test_rig::{self, Needs, baseline};
 
@@ -36,7 +36,7 @@ fn replayed_transcript_names_an_altered_reply() {
     println!("{}", played.stdout.trim_end());
 
     let text = std::fs::read_to_string(&file).expect("it was written");
-    // the level that the source reads back, once, in the middle
+    // the level read back from the source, once, in the middle
     let altered = text.replacen("1.000000E-03", "1.100000E-03", 1);
     let differs = |(one, other): (&str, &str)| one != other;
     let line = 1 + text
