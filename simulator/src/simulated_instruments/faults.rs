@@ -74,6 +74,7 @@ impl SimulatedInstruments {
             | Fault::TerminalBlock(..)
             | Fault::Pulse(_)
             | Fault::Slot(..)
+            | Fault::Module(..)
             | Fault::Voltmeter(_) => self.fault_of_instruments(fault, at),
             Fault::None => {
                 self.sheet.free_all();
@@ -86,6 +87,7 @@ impl SimulatedInstruments {
             | Fault::Replies(..)
             | Fault::Slow(..)
             | Fault::Reset(_)
+            | Fault::PowerCut
             | Fault::Serial(_) => {}
         }
         self.catch_up();

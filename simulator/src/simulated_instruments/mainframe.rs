@@ -13,7 +13,8 @@ use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrume
 pub(crate) struct Mainframe {
     simulator: Simulator34980a,
     slots: [Option<Module>; 8],
-    emptied: [bool; 8],
+    /// Whose module is out, or another one.
+    changed: [bool; 8],
     voltmeter_missing: bool,
 }
 
@@ -22,16 +23,25 @@ impl Mainframe {
     pub(crate) fn new(settings: Settings34980a) -> Self {
         Self {
             slots: settings.slots,
-            emptied: [false; 8],
+            changed: [false; 8],
             voltmeter_missing: false,
             simulator: Simulator34980a::new(settings),
         }
     }
 
-    fn set_slot(&mut self, slot: u32, filled: bool, at: Duration, outside: &mut dyn Outside) {
-        let index = slot as usize - 1;
-        let module = self.slots[index].filter(|_| filled);
-        self.emptied[index] = !filled && self.slots[index].is_some();
+    /// The module that the profile has in a slot, 1 to 8.
+    fn own(&self, slot: u32) -> Option<Module> {
+        self.slots[slot as usize - 1]
+    }
+
+    fn set_slot(
+        &mut self,
+        slot: u32,
+        module: Option<Module>,
+        at: Duration,
+        outside: &mut dyn Outside,
+    ) {
+        self.changed[slot as usize - 1] = module != self.own(slot);
         self.simulator.power_cycle(at, outside);
         self.simulator.set_module(slot, module, at, outside);
     }
@@ -137,13 +147,17 @@ impl SimulatedInstrument for Mainframe {
                 self.simulator.set_interlock(*slot, !shut, at, outside);
             }
             Fault::Pulse(None) => self.simulator.pulse(at, outside),
-            Fault::Slot(slot, filled) => self.set_slot(*slot, *filled, at, outside),
+            Fault::Slot(slot, filled) => {
+                let module = self.own(*slot).filter(|_| *filled);
+                self.set_slot(*slot, module, at, outside);
+            }
+            Fault::Module(slot, module) => self.set_slot(*slot, Some(*module), at, outside),
             Fault::Voltmeter(present) => self.set_voltmeter(*present, at, outside),
             Fault::None => {
                 for slot in 1..=8 {
                     self.simulator.set_interlock(slot, false, at, outside);
-                    if self.emptied[slot as usize - 1] {
-                        self.set_slot(slot, true, at, outside);
+                    if self.changed[slot as usize - 1] {
+                        self.set_slot(slot, self.own(slot), at, outside);
                     }
                 }
                 if self.voltmeter_missing {
@@ -155,6 +169,6 @@ impl SimulatedInstrument for Mainframe {
     }
 
     fn is_opened_up(&self) -> bool {
-        self.voltmeter_missing || self.emptied.contains(&true)
+        self.voltmeter_missing || self.changed.contains(&true)
     }
 }

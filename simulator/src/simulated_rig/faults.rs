@@ -43,7 +43,17 @@ impl SimulatedRig {
                 let wire = if *plugged { Wire::Sound } else { Wire::Cut };
                 self.set_wire(Instrument::Board, wire);
             }
-            Fault::Slot(..) | Fault::Voltmeter(_) => {
+            Fault::PowerCut => {
+                for instrument in [Instrument::Source, Instrument::Mainframe] {
+                    self.fault(&Fault::Reset(instrument))?;
+                    self.fault(&Fault::Drop(instrument))?;
+                }
+                if self.has_board() {
+                    // Its line stays: a serial port belongs to the computer.
+                    self.fault(&Fault::Reset(Instrument::Board))?;
+                }
+            }
+            Fault::Slot(..) | Fault::Module(..) | Fault::Voltmeter(_) => {
                 // A mainframe must be switched off to be opened.
                 self.set_wire(Instrument::Mainframe, Wire::Cut);
                 self.instruments().fault(fault);
@@ -93,7 +103,7 @@ impl SimulatedRig {
                     false => Err(FaultError::NotStuck(*relay)),
                 }
             }
-            Fault::Slot(slot, _) | Fault::TerminalBlock(slot, _) => {
+            Fault::Slot(slot, _) | Fault::Module(slot, _) | Fault::TerminalBlock(slot, _) => {
                 match self.instruments().sheet.has_module(*slot) {
                     true => Ok(()),
                     false => Err(FaultError::NoModule(*slot)),
@@ -139,9 +149,13 @@ impl SimulatedRig {
         self.link_faults()[instrument.index()].slower_by
     }
 
-    /// The fault of an instrument's next reply.
-    pub(crate) fn reply_fault(&self, instrument: Instrument) -> Option<ReplyFault> {
-        self.link_faults()[instrument.index()].take()
+    /// What happens to an instrument's next reply: the fault of its transport, and the reply with what is wrong in it.
+    pub(crate) fn reply_fault(
+        &self,
+        instrument: Instrument,
+        reply: String,
+    ) -> (Option<ReplyFault>, String) {
+        self.link_faults()[instrument.index()].take(reply)
     }
 
     fn link_faults(&self) -> MutexGuard<'_, Vec<LinkFaults>> {
@@ -155,17 +169,86 @@ impl SimulatedRig {
 pub(crate) struct LinkFaults {
     next: VecDeque<(ReplyFault, u32)>,
     slower_by: Duration,
+    /// The readings of the last reply that had some.
+    last_readings: Vec<String>,
 }
 
 impl LinkFaults {
-    /// The fault of the next reply.
-    fn take(&mut self) -> Option<ReplyFault> {
-        let (reply_fault, left) = self.next.front_mut()?;
-        let reply_fault = *reply_fault;
-        *left -= 1;
-        if *left == 0 {
+    /// What happens to the next reply.
+    fn take(&mut self, reply: String) -> (Option<ReplyFault>, String) {
+        let readings: Vec<String> = readings(&reply).map(str::to_owned).collect();
+        let next = self.next.front_mut();
+        let next = next.filter(|(fault, _)| !fault.is_of_readings() || !readings.is_empty());
+        let taken = next.map(|(fault, left)| {
+            *left -= 1;
+            (*fault, *left == 0)
+        });
+        if taken.is_some_and(|(_, last)| last) {
             self.next.pop_front();
         }
-        Some(reply_fault)
+        let fault = taken.map(|(fault, _)| fault);
+        let reply = match fault {
+            Some(ReplyFault::NotANumber) => with_readings(&reply, |_| "NAN"),
+            Some(ReplyFault::Stale) if !self.last_readings.is_empty() => {
+                let last = &self.last_readings;
+                with_readings(&reply, |index| &last[index % last.len()])
+            }
+            _ => reply,
+        };
+        if !readings.is_empty() {
+            self.last_readings = readings;
+        }
+        (fault, reply)
+    }
+}
+
+/// The words of a reply that are readings: numbers with an exponent. A block's length would not fit other words.
+fn readings(reply: &str) -> impl Iterator<Item = &str> {
+    let words = (!reply.starts_with('#')).then(|| reply.split([',', ';', ' ']));
+    words.into_iter().flatten().filter(|word| is_reading(word))
+}
+
+fn is_reading(word: &str) -> bool {
+    word.contains(['E', 'e']) && word.parse::<f64>().is_ok_and(f64::is_finite)
+}
+
+/// The reply with other words in place of its readings, by their index.
+fn with_readings<'a>(reply: &str, other: impl Fn(usize) -> &'a str) -> String {
+    let mut index = 0;
+    let mut out = String::with_capacity(reply.len());
+    for part in reply.split_inclusive([',', ';', ' ']) {
+        let word = part.trim_end_matches([',', ';', ' ']);
+        if is_reading(word) {
+            out.push_str(other(index));
+            out.push_str(&part[word.len()..]);
+            index += 1;
+        } else {
+            out.push_str(part);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_readings_of_a_reply_go_wrong() {
+        let mut faults = LinkFaults::default();
+        faults.next.push_back((ReplyFault::NotANumber, 1));
+        faults.next.push_back((ReplyFault::Stale, 2));
+        let mut take = |reply: &str| faults.take(reply.to_owned());
+        // no reading in it: passed over
+        assert_eq!(take("1"), (None, "1".to_owned()));
+        assert_eq!(take("#17+1.0E-3"), (None, "#17+1.0E-3".to_owned()));
+        let (fault, reply) = take("+1.5E-03 VDC,+2.5E-03 VDC;+0,\"No error\"");
+        assert_eq!(fault, Some(ReplyFault::NotANumber));
+        assert_eq!(reply, "NAN VDC,NAN VDC;+0,\"No error\"");
+        let (fault, reply) = take("+3.5E-03,+4.5E-03,+5.5E-03;+0,\"No error\"");
+        assert_eq!(fault, Some(ReplyFault::Stale));
+        assert_eq!(reply, "+1.5E-03,+2.5E-03,+1.5E-03;+0,\"No error\"");
+        assert_eq!(take("+9.5E-03").1, "+3.5E-03");
+        assert_eq!(take("+8.5E-03"), (None, "+8.5E-03".to_owned()));
     }
 }

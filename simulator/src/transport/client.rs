@@ -180,9 +180,10 @@ impl ClientSession {
         if self.line.borrow().wire != Wire::Sound {
             return Delivery::default();
         }
+        let (fault, text) = self.rig.reply_fault(self.instrument, text);
         let mut bytes = text.into_bytes();
-        match self.rig.reply_fault(self.instrument) {
-            None => bytes.push(b'\n'),
+        match fault {
+            None | Some(ReplyFault::NotANumber | ReplyFault::Stale) => bytes.push(b'\n'),
             Some(ReplyFault::Lost) => bytes.clear(),
             Some(ReplyFault::HalfLine) => bytes.truncate(bytes.len() / 2),
             Some(ReplyFault::Late(by)) => {

@@ -14,7 +14,7 @@ const DEADLINE: Duration = Duration::from_secs(120);
 const LATE: Duration = Duration::from_millis(300);
 
 /// The fault; `true` if it lasts until it is ended, `false` if it has no duration.
-const ON_THE_PAIRS: [(&str, bool); 24] = [
+const ON_THE_PAIRS: [(&str, bool); 30] = [
     ("stuck-open 1036", true),
     ("stuck-closed 1036", true),
     ("lost 6221", false),
@@ -25,13 +25,19 @@ const ON_THE_PAIRS: [(&str, bool); 24] = [
     ("doubled 34980a", false),
     ("half-line 6221", false),
     ("half-line 34980a", false),
+    ("nan 6221", false),
+    ("nan 34980a", false),
+    ("stale 6221", false),
+    ("stale 34980a", false),
     ("drop 6221", false),
     ("drop 34980a", false),
     ("wire 6221 cut", true),
     ("wire 34980a cut", true),
     ("reset 6221", false),
     ("reset 34980a", false),
+    ("power-cut", false),
     ("slot 1 empty", true),
+    ("slot 1 34922A", true),
     ("voltmeter missing", true),
     ("overload on", true),
     ("slow 6221 0.3", true),
@@ -41,7 +47,7 @@ const ON_THE_PAIRS: [(&str, bool); 24] = [
     ("terminal-block 1 open", true),
 ];
 
-const ON_THE_BOARD: [(&str, bool); 10] = [
+const ON_THE_BOARD: [(&str, bool); 11] = [
     ("stuck-open 101", true),
     ("lost board", false),
     ("doubled board", false),
@@ -49,6 +55,7 @@ const ON_THE_BOARD: [(&str, bool); 10] = [
     ("late board 0.3", false),
     ("slow board 0.3", true),
     ("reset board", false),
+    ("power-cut", false),
     ("queue-overflow board", false),
     ("serial unplug", true),
     ("pulse 34980a", false),
@@ -164,7 +171,13 @@ impl FaultyRig {
                 self.mainframe.insist("ROUT:CLOS (@1036);*OPC?").await;
                 self.source.insist("SOUR:CURR 1e-3;:OUTP ON;*OPC?").await;
             }
-            "reset" => {
+            "stale" => {
+                self.source
+                    .insist("SOUR:CURR:COMP 5;:SOUR:CURR:COMP?")
+                    .await;
+                self.mainframe.insist("MEAS:VOLT:DC? 10,(@1001)").await;
+            }
+            "reset" | "power-cut" => {
                 self.source.insist("SOUR:CURR:COMP 5;*OPC?").await;
                 self.mainframe.insist("ROUT:CLOS (@1036);*OPC?").await;
                 // Its watchdog would open it too.
@@ -211,6 +224,25 @@ impl FaultyRig {
                     other => panic!("{words}: {other:?}"),
                 }
             }
+            "nan" if words.ends_with("6221") => {
+                self.source.insist("*OPC?").await == "1"
+                    && self.source.insist("SOUR:CURR:COMP?").await == "NAN"
+            }
+            "nan" => self.mainframe.insist("MEAS:VOLT:DC? 10,(@1001)").await == "NAN",
+            "stale" if words.ends_with("6221") => {
+                let set = "SOUR:CURR:COMP 7;:SOUR:CURR:COMP?";
+                let read = self.source.insist(set).await;
+                assert!(["5.000000E+00", "7.000000E+00"].contains(&read.as_str()));
+                read == "5.000000E+00"
+            }
+            "stale" => {
+                self.mainframe.insist("ROUT:CLOS (@1036);*OPC?").await;
+                self.source.insist("SOUR:CURR 1e-3;:OUTP ON;*OPC?").await;
+                let read = self.mainframe.insist("MEAS:VOLT:DC? 10,(@1001)").await;
+                let volts: f64 = read.parse().unwrap();
+                assert!(volts.abs() < 1e-3 || (volts - 0.47).abs() < 1e-3, "{read}");
+                volts.abs() < 1e-3
+            }
             "late" | "slow" => {
                 let (wire, question, _) = self.named(words);
                 let begun = Instant::now();
@@ -226,21 +258,24 @@ impl FaultyRig {
                 wire.connect().await;
                 wire.ask(question).await.is_none()
             }
+            "power-cut" => {
+                // Of the connections the source's is the one that carries nothing meanwhile.
+                let broken = self.source.ask("*ESE?").await.is_none();
+                let reset = self.source.insist("SOUR:CURR:COMP?").await == "1.000000E+01";
+                // With a board the mainframe has no modules.
+                let open = match self.board.address.is_empty() {
+                    true => self.mainframe.insist("ROUT:CLOS? (@1036)").await == "0",
+                    false => self.board_was_reset().await,
+                };
+                broken && reset && open
+            }
             "reset" if words.ends_with("6221") => {
                 self.source.insist("SOUR:CURR:COMP?").await == "1.000000E+01"
             }
             "reset" if words.ends_with("34980a") => {
                 self.mainframe.insist("ROUT:CLOS? (@1036)").await == "0"
             }
-            "reset" => {
-                let mut lines = vec![self.board.insist("STAT?").await];
-                if lines[0] != "3,4,OFF,OFF" {
-                    // The banner is sent without a query, before the reply or after it.
-                    lines.extend(self.board.line().await);
-                }
-                lines.sort();
-                lines == ["OFF,OFF,OFF,OFF", "Tactus,GPIO-MUX,0001,1.0 ready"]
-            }
+            "reset" => self.board_was_reset().await,
             "queue-overflow" => {
                 let (wire, _, _) = self.named(words);
                 let mut overflown = false;
@@ -251,6 +286,10 @@ impl FaultyRig {
                         return overflown;
                     }
                 }
+            }
+            "slot" if words.ends_with("34922A") => {
+                let card = self.mainframe.insist("SYST:CTYP? 1").await;
+                card.contains(",34922A,")
             }
             "slot" => self
                 .mainframe
@@ -268,6 +307,17 @@ impl FaultyRig {
             "pulse" => self.mainframe.insist("SYST:DEL 1;:DATA:POIN?").await == "+1",
             other => panic!("how does '{other}' show itself?"),
         }
+    }
+
+    /// Whether the board's poles are open, and it has sent its banner.
+    async fn board_was_reset(&mut self) -> bool {
+        let mut lines = vec![self.board.insist("STAT?").await];
+        if lines[0] != "3,4,OFF,OFF" {
+            // The banner is sent without a query, before the reply or after it.
+            lines.extend(self.board.line().await);
+        }
+        lines.sort();
+        lines == ["OFF,OFF,OFF,OFF", "Tactus,GPIO-MUX,0001,1.0 ready"]
     }
 
     /// Advances the instruments' time by 25 s and triggers what is due: that happens at the next message to any of

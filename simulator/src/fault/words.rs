@@ -1,11 +1,13 @@
-//! Faults of the instruments, and their textual form.
+//! Faults as words, for people, scenes and profiles: each is read as it is written.
 
 use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
+use keysight_34980a::ModuleError;
 use survey::Relay;
 
+use super::{Fault, FaultError, ReplyFault};
 use crate::{Instrument, Wire};
 
 /// Longest duration of a fault; longer ones are taken for typing errors.
@@ -19,13 +21,16 @@ late INSTRUMENT SECONDS [COUNT]     the next replies come so much later
 lost INSTRUMENT [COUNT]             the next replies never come
 doubled INSTRUMENT [COUNT]          the next replies come twice
 half-line INSTRUMENT [COUNT]        the next replies break off in the middle
+nan 6221|34980a [COUNT]             the next replies with readings have the text NAN in their place
+stale 6221|34980a [COUNT]           the next replies with readings repeat those of the reply before
 slow INSTRUMENT SECONDS             every answer takes so much longer; 0 ends it
 reset INSTRUMENT                    power off and on; the board says its banner again
+power-cut                           power off and on of all instruments at once; their network connections break
 queue-overflow INSTRUMENT           its error queue is full and more
 stuck-open RELAY                    reads closed when it is commanded to close, and stays open
 stuck-closed RELAY                  reads open when it is commanded to open, and stays closed
 free RELAY                          not stuck any more
-slot N empty|filled                 the module is out of its slot, or back in it (with a power cycle)
+slot N empty|filled|MODULE          the module is out of its slot, back in it, or another one is there (with a power cycle)
 voltmeter missing|present           the mainframe has no internal voltmeter (with a power cycle)
 overload on|off                     whatever is measured is over range
 interlock open|closed               of the 6221
@@ -34,116 +39,8 @@ pulse 6221 LINE                     on line 1 to 6 of its trigger link
 pulse 34980a                        at its external trigger
 serial unplug|plug                  the board's port is gone, or back
 none                                everything is mended
-INSTRUMENT is 6221, 34980a or board; RELAY is 1003, or on a board pole x 100 + electrode.";
-
-/// Faults of replies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ReplyFault {
-    /// It is delayed by this time.
-    Late(Duration),
-    /// It is lost.
-    Lost,
-    /// It is sent twice.
-    Doubled,
-    /// It is cut off in the middle, without a line end.
-    HalfLine,
-}
-
-/// A fault, or the end of one, in the text form of `tactus-sim fault`.
-///
-/// ```
-/// use simulator::{Fault, Instrument, ReplyFault};
-/// let fault: Fault = "lost 34980a 3".parse()?;
-/// assert_eq!(fault, Fault::Replies(Instrument::Mainframe, ReplyFault::Lost, 3));
-/// assert_eq!(fault.to_string(), "lost 34980a 3");
-/// assert!("lost 34980b".parse::<Fault>().is_err());
-/// # Ok::<(), simulator::FaultError>(())
-/// ```
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Fault {
-    /// Sets the state of the wire to an instrument.
-    Wire(Instrument, Wire),
-    /// Breaks connections; new ones are accepted immediately.
-    Drop(Instrument),
-    /// Applies to this number of following replies.
-    Replies(Instrument, ReplyFault, u32),
-    /// Delays every reply by this time.
-    Slow(Instrument, Duration),
-    /// Power cycle.
-    Reset(Instrument),
-    /// Fills the error queue until it overflows.
-    QueueOverflow(Instrument),
-    /// The relay is reported as commanded, but stays open.
-    StuckOpen(Relay),
-    /// The relay is reported as commanded, but stays closed.
-    StuckClosed(Relay),
-    /// The relay is no longer stuck.
-    Free(Relay),
-    /// Whether the module is in this slot, 1 to 8.
-    Slot(u32, bool),
-    /// Whether the mainframe has its voltmeter.
-    Voltmeter(bool),
-    /// Whether every reading is over range.
-    Overload(bool),
-    /// Whether the source's interlock is closed.
-    Interlock(bool),
-    /// Whether the terminal block of a slot, 1 to 8, is closed.
-    TerminalBlock(u32, bool),
-    /// A pulse on a line of the source's trigger link (1 to 6), or at the mainframe's external trigger.
-    Pulse(Option<u8>),
-    /// Whether the board's port exists.
-    Serial(bool),
-    /// Ends all faults.
-    None,
-}
-
-/// Why a fault is refused.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum FaultError {
-    /// Text that is not a fault.
-    #[error("'{words}' is no fault: {why}")]
-    Words {
-        /// The text.
-        words: String,
-        /// What is wrong with it.
-        why: String,
-    },
-    /// The rig has no such part.
-    #[error("{0}; the profile of this rig has none")]
-    NotHere(&'static str),
-    /// A relay that neither a module of the profile nor its board has.
-    #[error(
-        "there is no relay {0} in this rig: relays are slot x 1000 + channel of its modules, or pole x 100 + electrode of its board"
-    )]
-    NoRelay(Relay),
-    /// A relay that is not stuck.
-    #[error("relay {0} is not stuck")]
-    NotStuck(Relay),
-    /// A slot that is empty in the profile.
-    #[error("there is no module in slot {0}: the profile of this rig has none there")]
-    NoModule(u32),
-}
-
-impl Fault {
-    /// The fault that ends this one; `None` if it has no duration.
-    pub fn mended(&self) -> Option<Self> {
-        Some(match self {
-            Self::Wire(instrument, Wire::Cut | Wire::Silent) => {
-                Self::Wire(*instrument, Wire::Sound)
-            }
-            Self::Slow(instrument, by) if !by.is_zero() => Self::Slow(*instrument, Duration::ZERO),
-            Self::StuckOpen(relay) | Self::StuckClosed(relay) => Self::Free(*relay),
-            Self::Slot(slot, false) => Self::Slot(*slot, true),
-            Self::Voltmeter(false) => Self::Voltmeter(true),
-            Self::Overload(true) => Self::Overload(false),
-            Self::Interlock(false) => Self::Interlock(true),
-            Self::TerminalBlock(slot, false) => Self::TerminalBlock(*slot, true),
-            Self::Serial(false) => Self::Serial(true),
-            _ => return None,
-        })
-    }
-}
+INSTRUMENT is 6221, 34980a or board; RELAY is 1003, or on a board pole x 100 + electrode;
+MODULE is 34922A, or with its terminal block 34934A,4x128; a reading is a number with an exponent.";
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -166,12 +63,15 @@ impl fmt::Display for Fault {
                     ReplyFault::Lost => write!(f, "lost {at} {count}"),
                     ReplyFault::Doubled => write!(f, "doubled {at} {count}"),
                     ReplyFault::HalfLine => write!(f, "half-line {at} {count}"),
+                    ReplyFault::NotANumber => write!(f, "nan {at} {count}"),
+                    ReplyFault::Stale => write!(f, "stale {at} {count}"),
                 }
             }
             Self::Slow(instrument, by) => {
                 write!(f, "slow {} {}", word(*instrument), by.as_secs_f64())
             }
             Self::Reset(instrument) => write!(f, "reset {}", word(*instrument)),
+            Self::PowerCut => f.write_str("power-cut"),
             Self::QueueOverflow(instrument) => write!(f, "queue-overflow {}", word(*instrument)),
             Self::StuckOpen(relay) => write!(f, "stuck-open {relay}"),
             Self::StuckClosed(relay) => write!(f, "stuck-closed {relay}"),
@@ -179,6 +79,7 @@ impl fmt::Display for Fault {
             Self::Slot(slot, filled) => {
                 write!(f, "slot {slot} {}", which(*filled, "filled", "empty"))
             }
+            Self::Module(slot, module) => write!(f, "slot {slot} {module}"),
             Self::Voltmeter(here) => write!(f, "voltmeter {}", which(*here, "present", "missing")),
             Self::Overload(on) => write!(f, "overload {}", which(*on, "on", "off")),
             Self::Interlock(closed) => write!(f, "interlock {}", which(*closed, "closed", "open")),
@@ -270,24 +171,38 @@ impl FromStr for Fault {
                     count(rest.first())?,
                 ))
             }),
-            [kind @ ("lost" | "doubled" | "half-line"), at, rest @ ..] if rest.len() < 2 => {
-                instrument(at).and_then(|at| {
-                    let reply_fault = match *kind {
-                        "lost" => ReplyFault::Lost,
-                        "doubled" => ReplyFault::Doubled,
-                        _ => ReplyFault::HalfLine,
-                    };
-                    Ok(Self::Replies(at, reply_fault, count(rest.first())?))
-                })
-            }
+            [
+                kind @ ("lost" | "doubled" | "half-line" | "nan" | "stale"),
+                at,
+                rest @ ..,
+            ] if rest.len() < 2 => instrument(at).and_then(|at| {
+                let reply_fault = match *kind {
+                    "lost" => ReplyFault::Lost,
+                    "doubled" => ReplyFault::Doubled,
+                    "half-line" => ReplyFault::HalfLine,
+                    "nan" => ReplyFault::NotANumber,
+                    _ => ReplyFault::Stale,
+                };
+                if reply_fault.is_of_readings() && at == Instrument::Board {
+                    return Err("the board's replies hold no readings".to_owned());
+                }
+                Ok(Self::Replies(at, reply_fault, count(rest.first())?))
+            }),
             ["slow", at, by] => instrument(at).and_then(|at| Ok(Self::Slow(at, seconds(by)?))),
             ["reset", at] => instrument(at).map(Self::Reset),
             ["queue-overflow", at] => instrument(at).map(Self::QueueOverflow),
             ["stuck-open", which] => relay(which).map(Self::StuckOpen),
             ["stuck-closed", which] => relay(which).map(Self::StuckClosed),
             ["free", which] => relay(which).map(Self::Free),
-            ["slot", number, state] => either(state, "filled", "empty")
-                .and_then(|filled| Ok(Self::Slot(slot(number)?, filled))),
+            ["slot", number, "filled"] => slot(number).map(|slot| Self::Slot(slot, true)),
+            ["slot", number, "empty"] => slot(number).map(|slot| Self::Slot(slot, false)),
+            ["slot", number, module] => slot(number).and_then(|slot| {
+                let parsed = module.parse();
+                parsed
+                    .map(|module| Self::Module(slot, module))
+                    .map_err(|why: ModuleError| format!("'{module}' is not empty or filled: {why}"))
+            }),
+            ["power-cut"] => Ok(Self::PowerCut),
             ["terminal-block", number, state] => either(state, "shut", "open")
                 .and_then(|shut| Ok(Self::TerminalBlock(slot(number)?, shut))),
             ["voltmeter", state] => either(state, "present", "missing").map(Self::Voltmeter),
@@ -319,45 +234,6 @@ impl FromStr for Fault {
     }
 }
 
-/// A fault on the time line of the instruments.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct TimedFault {
-    /// Time on the instruments' clock.
-    pub at: Duration,
-    /// The fault.
-    pub fault: Fault,
-}
-
-impl TimedFault {
-    /// Reads an entry of a time line: a fault, and the one that ends it after its duration.
-    ///
-    /// # Errors
-    /// Text that is not a fault, or a duration for a fault that has none.
-    pub(crate) fn read(
-        at: Duration,
-        lasts: Option<Duration>,
-        what: &str,
-    ) -> Result<Vec<Self>, FaultError> {
-        let fault: Fault = what.parse()?;
-        let mut timed = Vec::new();
-        if let Some(lasts) = lasts {
-            let words = |why: &str| FaultError::Words {
-                words: what.to_owned(),
-                why: why.to_owned(),
-            };
-            let mended = fault
-                .mended()
-                .ok_or_else(|| words("it passes by itself, it takes no for_s"))?;
-            let at = at
-                .checked_add(lasts)
-                .ok_or_else(|| words("it would last too long"))?;
-            timed.push(Self { at, fault: mended });
-        }
-        timed.push(Self { at, fault });
-        Ok(timed)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -372,6 +248,9 @@ mod tests {
             "lost 34980a 3",
             "doubled 6221 1",
             "half-line board 2",
+            "nan 34980a 1",
+            "stale 6221 2",
+            "power-cut",
             "slow 34980a 1.5",
             "reset board",
             "queue-overflow 6221",
@@ -379,6 +258,8 @@ mod tests {
             "stuck-closed 1036",
             "free 1003",
             "slot 3 empty",
+            "slot 1 34922A",
+            "slot 1 34934A,4x128",
             "voltmeter missing",
             "overload on",
             "interlock open",
@@ -415,6 +296,10 @@ mod tests {
             ("late 6221 1e300", "not a time of 0 to 86400 seconds"),
             ("lost 6221 0", "'0' is not a count"),
             ("slot 9 empty", "slots are 1 to 8"),
+            ("slot 1 34999A", "'34999A' is not empty or filled: "),
+            ("nan board", "the board's replies hold no readings"),
+            ("stale 6221 -1", "'-1' is not a count"),
+            ("power-cut 6221", "it is written power-cut"),
             ("stuck-open K3", "'K3' is not the number of a relay"),
             ("pulse 6221 7", "lines are 1 to 6"),
             ("overload maybe", "'maybe' is not off or on"),
