@@ -98,8 +98,12 @@ impl History {
 
     fn follow(&mut self, past: f64, places: &Places<'_>) {
         let mut losses = self.plain.clone();
+        let places = Places {
+            pressed: &self.plain,
+            ..*places
+        };
         for effect in &mut self.effects {
-            effect.follow(past, places, &mut losses);
+            effect.follow(past, &places, &mut losses);
         }
         if losses != self.bent {
             self.bent = losses;

@@ -249,12 +249,14 @@ impl Phantom {
             let places = Places {
                 centroids: &self.places,
                 areas: &self.areas,
+                pressed: &[],
             };
             history.change(change, losses, moved, &places);
         }
         let places = Places {
             centroids: &self.places,
             areas: &self.areas,
+            pressed: &[],
         };
         history.rest(at, &places);
         self.history = Some(history);

@@ -33,7 +33,7 @@ path = [{ at_s = 30000, mass_g = 3000 }, { at_s = 60000, mass_g = 600 }]
 ";
 
 /// Each effect with its parameters, scan and number of seeds; effects with one number per frame need many seeds.
-const EFFECTS: [(&str, &str, Taken, u64); 41] = [
+const EFFECTS: [(&str, &str, Taken, u64); 43] = [
     ("electrode-placement", "", Day, 4),
     ("foam", "", Pressed, 1),
     ("gauge-law", "", Pressed, 1),
@@ -41,8 +41,10 @@ const EFFECTS: [(&str, &str, Taken, u64); 41] = [
     ("log-law", "", Pressed, 1),
     ("hysteresis", "", Pressed, 1),
     ("creep", "", Pressed, 1),
+    ("power-law-creep", "", Pressed, 1),
     ("set", "", Pressed, 1),
     ("stretch", "", Pressed, 1),
+    ("body-contact", "", Pressed, 1),
     ("channel-resistance", "", Day, 1),
     ("lead-resistance", "", Day, 1),
     ("wear", "", Day, 1),

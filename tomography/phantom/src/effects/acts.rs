@@ -15,13 +15,15 @@ pub(crate) trait OnMesh: fmt::Debug + Send {
     fn displace(&self, sheet: &Preset, nodes: &mut [[f64; 2]]);
 }
 
-/// Positions and areas of the triangles.
+/// Positions and areas of the triangles, and the loads on them.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Places<'a> {
     /// m
     pub(crate) centroids: &'a [[f64; 2]],
     /// m2
     pub(crate) areas: &'a [f64],
+    /// Log losses by the loads themselves, before any effect; 0 where no load lies.
+    pub(crate) pressed: &'a [f64],
 }
 
 /// Changes the loss that loads cause in each triangle, as its log loss -ln(sigma / sigma_0).

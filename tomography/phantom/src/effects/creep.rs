@@ -62,7 +62,12 @@ impl Effect for CreepSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.losses.push(Box::new(Creep::new(self)));
+        let terms = self.percent.iter().zip(&self.tau_s);
+        let terms = terms.map(|(percent, tau)| [percent / 100.0, *tau]);
+        let every = survey::duration(self.every_s);
+        effects
+            .losses
+            .push(Box::new(PronySeries::new(terms.collect(), every)));
     }
 }
 
@@ -109,8 +114,9 @@ impl PronyStep {
     }
 }
 
+/// A sum of terms that grow under a load, each by itself.
 #[derive(Debug)]
-struct Creep {
+pub(super) struct PronySeries {
     /// Share and time constant (s) of each term.
     terms: Vec<[f64; 2]>,
     every: Duration,
@@ -120,21 +126,19 @@ struct Creep {
     held: Vec<Vec<f64>>,
 }
 
-impl Creep {
-    fn new(settings: &CreepSettings) -> Self {
-        let terms = settings.percent.iter().zip(&settings.tau_s);
+impl PronySeries {
+    /// Share and time constant (s) of each term, and how often the sheet is computed anew.
+    pub(super) fn new(terms: Vec<[f64; 2]>, every: Duration) -> Self {
         Self {
-            terms: terms
-                .map(|(percent, tau)| [percent / 100.0, *tau])
-                .collect(),
-            every: survey::duration(settings.every_s),
+            terms,
+            every,
             last: Vec::new(),
             held: Vec::new(),
         }
     }
 }
 
-impl OnLoss for Creep {
+impl OnLoss for PronySeries {
     fn follow(&mut self, past: f64, _places: &Places<'_>, losses: &mut [f64]) {
         self.last.resize(losses.len(), 0.0);
         self.held.resize(self.terms.len(), vec![0.0; losses.len()]);
@@ -162,15 +166,11 @@ impl OnLoss for Creep {
 mod tests {
     use super::*;
 
-    fn creep(share: f64, tau: f64) -> Creep {
-        Creep::new(&CreepSettings {
-            percent: vec![100.0 * share],
-            tau_s: vec![tau],
-            every_s: 1.0,
-        })
+    fn creep(share: f64, tau: f64) -> PronySeries {
+        PronySeries::new(vec![[share, tau]], survey::duration(1.0))
     }
 
-    fn follow(creep: &mut Creep, past: f64, input: f64) -> f64 {
+    fn follow(creep: &mut PronySeries, past: f64, input: f64) -> f64 {
         let mut losses = [input];
         creep.follow(past, &Places::default(), &mut losses);
         losses[0]

@@ -12,6 +12,7 @@
 mod acts;
 mod autozero_off;
 mod bias_current;
+mod body_contact;
 mod bounds;
 mod channel_noise;
 mod channel_resistance;
@@ -39,6 +40,7 @@ mod log_law;
 mod long_drift;
 mod mains_pickup;
 mod output_resistance;
+mod power_law_creep;
 mod quantisation;
 mod relay_bounce;
 mod response;
@@ -168,10 +170,14 @@ effects! {
     hysteresis: HysteresisSettings = "hysteresis";
     /// A loss that goes on growing under a load.
     creep: CreepSettings = "creep";
+    /// A loss that grows by a power of time under a load.
+    power_law_creep: PowerLawCreepSettings = "power-law-creep";
     /// What stays after many loads.
     set: SetSettings = "set";
     /// Foam that widens under a load.
     stretch: StretchSettings = "stretch";
+    /// Warmth of a body that lies on the sheet.
+    body_contact: BodyContactSettings = "body-contact";
     /// Uneven spraying of the sheet.
     spray: SpraySettings = "spray";
     /// Temperature of the sheet.
@@ -268,7 +274,7 @@ impl EffectSettings {
 }
 
 /// Pairs of effects that a scene cannot combine, and why.
-const CONTRADICTING: [(&str, &str, &str); 4] = [
+const CONTRADICTING: [(&str, &str, &str); 5] = [
     (
         "gauge-law",
         "exponential-law",
@@ -288,6 +294,11 @@ const CONTRADICTING: [(&str, &str, &str); 4] = [
         "foam",
         "log-law",
         "the film takes the pressure itself, no strain",
+    ),
+    (
+        "creep",
+        "power-law-creep",
+        "both say how a loss grows under a load that stays",
     ),
 ];
 

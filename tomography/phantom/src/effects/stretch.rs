@@ -114,6 +114,7 @@ mod tests {
         let places = Places {
             centroids: &centroids,
             areas: &areas,
+            pressed: &[],
         };
         let mut losses: Vec<f64> = (0..side * side)
             .map(|k| if k % side <= 40 { 0.5 } else { 0.0 })
