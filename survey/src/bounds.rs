@@ -1,11 +1,11 @@
-//! Numbers from outside: which ones are allowed, seconds as a length of time, and times as numbers.
+//! Range checks for numbers from configuration, options and files; conversion of seconds and wall times.
 
 use std::fmt;
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 
-/// The values that a number from outside may have. What is not finite is in no bounds.
+/// The allowed range of a number from outside. NaN and infinities are always refused.
 ///
 /// ```
 /// use survey::Bounds;
@@ -22,7 +22,7 @@ pub enum Bounds {
     Above(f64, f64),
     /// Above the first and below the second.
     Between(f64, f64),
-    /// One of these.
+    /// One of the listed values.
     OneOf(&'static [f64]),
 }
 
@@ -37,10 +37,10 @@ pub struct OutOfBounds {
 }
 
 impl Bounds {
-    /// The number that a text is, where it is allowed.
+    /// Parses a number and checks it.
     ///
     /// # Errors
-    /// What is allowed, in words.
+    /// The allowed range, in words.
     pub fn parse(self, text: &str) -> Result<f64, String> {
         let number = text.trim().parse().ok();
         number
@@ -48,10 +48,10 @@ impl Bounds {
             .ok_or_else(|| format!("it must be {self}"))
     }
 
-    /// The value, where it is allowed.
+    /// Returns the value if it is in range.
     ///
     /// # Errors
-    /// The value and what is allowed.
+    /// The value and the allowed range.
     pub fn check(self, value: f64) -> Result<f64, OutOfBounds> {
         let allowed = match self {
             Self::Within(low, high) => (low..=high).contains(&value),
@@ -102,8 +102,8 @@ impl fmt::Display for Short {
 /// The longest time that [`duration`] gives: a hundred years. Every clock can still add it.
 pub const LONGEST_S: f64 = 100.0 * 365.25 * 86_400.0;
 
-/// Seconds as a length of time: nothing for what is negative or no number, [`LONGEST_S`] for what is longer. The numbers of
-/// a configuration and of options have been checked before; for all others there is no length of time that fits better.
+/// Converts seconds to a duration: zero for negative numbers and NaN, at most [`LONGEST_S`]. Meant for numbers that
+/// have been range-checked already.
 ///
 /// ```
 /// use std::time::Duration;
@@ -112,7 +112,7 @@ pub const LONGEST_S: f64 = 100.0 * 365.25 * 86_400.0;
 /// assert_eq!(survey::duration(1e308).as_secs(), 3_155_760_000);
 /// ```
 pub fn duration(seconds: f64) -> Duration {
-    // what is no number is not larger
+    // false for NaN
     let seconds = if seconds > LONGEST_S {
         LONGEST_S
     } else {
@@ -121,7 +121,7 @@ pub fn duration(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }
 
-/// Nanoseconds since 1970 UTC; the ends of the scale outside of 1677 to 2262.
+/// Nanoseconds since 1970 UTC, clamped to the representable range (1677 to 2262).
 pub fn nanoseconds(wall: DateTime<Utc>) -> i64 {
     wall.timestamp_nanos_opt()
         .unwrap_or(if wall < DateTime::UNIX_EPOCH {

@@ -1,4 +1,4 @@
-//! What the sheet answered: readings, frames, baselines.
+//! Frames, baselines and the settings that make them comparable.
 
 use std::time::Duration;
 
@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Amps, Electrode, Measurement, Reading, Volts};
 
-/// Everything that must agree between a baseline and a frame for their difference to mean anything.
+/// The settings that must agree between a baseline and a frame for their difference to be meaningful.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
-    /// [`crate::Protocol::hash`] of the questions asked.
+    /// [`crate::Protocol::hash`] of the measurements.
     pub protocol_hash: String,
     /// Injected current.
     pub current: Amps,
@@ -18,16 +18,16 @@ pub struct Settings {
     pub range: Volts,
     /// Integration in power-line cycles.
     pub nplc: f64,
-    /// Waiting time after the current has moved.
+    /// Settling time after a change of current.
     pub settle: Duration,
     /// Name of the wiring.
     pub wiring: String,
-    /// What was done against noise, offset and drift.
+    /// Measures against noise, offset and drift.
     #[serde(default)]
     pub precautions: Precautions,
 }
 
-/// What is done against noise, offset and drift. The default is nothing.
+/// Measures against noise, offset and drift. The default is none.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Precautions {
@@ -37,13 +37,14 @@ pub struct Precautions {
     pub averages: u32,
     /// Waiting time before each scanned channel.
     pub channel_delay: Duration,
-    /// Whether the current went both ways, a reading being half the difference.
+    /// Whether each injection was read with both polarities; a reading is half the difference.
     pub reversal: bool,
     /// Whether a zero-current frame has been subtracted.
     pub zeroed: bool,
-    /// Whether each reading had a range of its own; the settings' range is then the largest of those asked.
+    /// Whether each reading had its own range; the range in the settings is then the largest one used.
     pub planned_ranges: bool,
-    /// Resolution of the voltmeter at this integration as a part of its range, from its driver's table; 0: not known.
+    /// Resolution of the voltmeter at this integration time, as a fraction of its range, from its driver's table; 0:
+    /// unknown.
     #[serde(skip_serializing_if = "is_zero")]
     pub resolution: f64,
 }
@@ -67,8 +68,8 @@ impl Default for Precautions {
 }
 
 impl Settings {
-    /// Noise of one reading: the voltmeter's resolution taken for a standard deviation, on the settings' range; nothing
-    /// for settings that do not say (somebody's CSV).
+    /// Noise of one reading: the voltmeter's resolution, taken as a standard deviation, times the range of the
+    /// settings; zero if the resolution is unknown (an imported CSV).
     pub fn noise(&self) -> Volts {
         let Precautions {
             averages,
@@ -82,7 +83,7 @@ impl Settings {
         Volts(resolution * self.range.0 * (subtracted / readings).sqrt())
     }
 
-    /// The names of the settings in which two differ, with both values, for a message; empty when they agree.
+    /// The settings that differ, with both values, for a message; empty if all agree.
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let mut differences = Vec::new();
         let mut compare = |name: &str, mine: String, theirs: String| {
@@ -100,7 +101,7 @@ impl Settings {
             self.current.to_string(),
             other.current.to_string(),
         );
-        // a voltage is one on whatever range it was read; two fixed ones differ because somebody changed his mind
+        // with planned ranges the ranges may differ; two different fixed ranges mean that the setting was changed
         if !(self.precautions.planned_ranges || other.precautions.planned_ranges) {
             compare("range", self.range.to_string(), other.range.to_string());
         }
@@ -130,23 +131,23 @@ impl Settings {
     }
 }
 
-/// A reading that the scan took beside those that the protocol asks: it tells of contacts, and masks nothing.
+/// A reading taken by the scan in addition to the protocol's. It is used for contact checks and never masks a reading.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Extra {
-    /// What was read.
+    /// The measurement.
     pub question: Measurement,
-    /// Its answer.
+    /// Its result.
     pub reading: Reading,
 }
 
-/// All answers to one protocol, with when and how they were taken.
+/// All readings of one protocol, with their time and settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// Counted from 1 in its session; 0 before a session has taken it.
     pub sequence: u64,
-    /// Answers in the protocol's order.
+    /// Readings in the protocol's order.
     pub readings: Vec<Reading>,
-    /// What was read beside the protocol, where the wiring's scan does so. Not kept in records.
+    /// Readings taken in addition to the protocol's, if the wiring scans them. Not kept in records.
     #[serde(default)]
     pub extra: Vec<Extra>,
     /// Monotonic time of the first step, since the daemon (or the recording) started.
@@ -164,10 +165,11 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Takes a zero-current frame from this one, reading by reading; a reading that either lacks has the reason for it.
+    /// Subtracts a zero-current frame, reading by reading. A reading that is invalid in either frame is invalid in the
+    /// result.
     ///
     /// # Errors
-    /// Another number of readings.
+    /// The numbers of readings differ.
     pub fn subtract(&mut self, zero: &Self) -> Result<(), BaselineError> {
         if zero.readings.len() != self.readings.len() {
             return Err(BaselineError::Length {
@@ -306,7 +308,7 @@ impl Baseline {
         })
     }
 
-    /// Refuses a frame (or the settings of a coming one) that this baseline was not taken for.
+    /// Checks that this baseline fits a frame (or the settings of frames to come).
     ///
     /// # Errors
     /// Names the settings that differ.

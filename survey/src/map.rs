@@ -1,4 +1,4 @@
-//! The answer as a picture wants it: one value for each triangle of the region of interest.
+//! Maps: one value for each triangle of the region of interest.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -11,12 +11,12 @@ pub enum MapUnit {
     RelativeConductance,
     /// Change of sheet conductance, siemens per square.
     Conductance,
-    /// Pressure, kPa: what a calibration makes of a relative change.
+    /// Pressure, kPa: a calibrated relative change.
     Pressure,
 }
 
 impl MapUnit {
-    /// What the values are, as a program reads them: losses are negative changes.
+    /// Name of the quantity in machine-readable output; losses are negative changes.
     pub fn label(self) -> &'static str {
         match self {
             Self::RelativeConductance => "relative change of conductance",
@@ -25,7 +25,7 @@ impl MapUnit {
         }
     }
 
-    /// What stands beside a scale, for a person: of the values as [`MapUnit::shown`] turns them.
+    /// Label of a colour scale, for values scaled as [`MapUnit::shown`] returns.
     pub fn caption(self) -> &'static str {
         match self {
             Self::RelativeConductance => "relative loss of conductance",
@@ -34,7 +34,7 @@ impl MapUnit {
         }
     }
 
-    /// What a value is multiplied with before it is shown to a person, and the unit of the result.
+    /// Factor for display, and the unit of the scaled value.
     pub fn shown(self) -> (f64, &'static str) {
         match self {
             Self::RelativeConductance => (-1e2, "%"),
@@ -43,7 +43,7 @@ impl MapUnit {
         }
     }
 
-    /// How much load a value tells of, in its own unit: lost conductance, or pressure.
+    /// The load that a value indicates, in the value's unit: lost conductance, or pressure.
     pub fn load(self, value: f64) -> f64 {
         match self {
             Self::RelativeConductance | Self::Conductance => -value,
@@ -52,7 +52,7 @@ impl MapUnit {
     }
 }
 
-/// Values per triangle of the region of interest of one mesh, in the mesh's order of that region.
+/// One value for each triangle of a mesh's region of interest, in the mesh's order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Map {
     /// Hash of the mesh whose region this is.
@@ -61,14 +61,14 @@ pub struct Map {
     pub values: Vec<f64>,
     /// Their meaning.
     pub unit: MapUnit,
-    /// Which method made it, as a person would name it.
+    /// Display name of the method that made it.
     pub method: String,
-    /// Readings left out because they were not valid.
+    /// Invalid readings left out.
     pub masked: usize,
 }
 
 impl Map {
-    /// SHA-256 of the values' bits and the mesh hash, hex: recomputing on the same build gives the same.
+    /// SHA-256 of the values' bits and the mesh hash, hex: the same build recomputes the same hash.
     pub fn hash(&self) -> String {
         let mut hasher = Sha256::new();
         hasher.update(self.mesh_hash.as_bytes());
@@ -78,8 +78,8 @@ impl Map {
         crate::pattern::hex(&hasher.finalize())
     }
 
-    /// The largest loss (of a map of pressure: the largest pressure), as a positive number, and its index; `None` where
-    /// nothing is lost.
+    /// The largest loss (for pressure: the largest pressure) as a positive number, with its index; `None` if nothing is
+    /// lost.
     pub fn largest_loss(&self) -> Option<(usize, f64)> {
         self.values
             .iter()
@@ -89,14 +89,14 @@ impl Map {
             .max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Whether the map shows more than noise, which alone makes this largest loss of an untouched sheet; `None` where the
-    /// noise is not known.
+    /// Whether the largest loss exceeds `noise`, the largest loss that noise alone causes on an unloaded sheet; `None`
+    /// if the noise is unknown.
     pub fn is_significant(&self, noise: Option<f64>) -> Option<bool> {
         let largest = self.largest_loss().map_or(0.0, |(_, loss)| loss);
         noise.map(|noise| largest > noise)
     }
 
-    /// [`Map::found`] of a map whose noise alone makes this largest loss; `None` also where nothing is above it.
+    /// [`Map::found`], but `None` if nothing exceeds `noise`, the largest loss that noise alone causes.
     pub fn found_above(
         &self,
         noise: Option<f64>,
@@ -109,10 +109,10 @@ impl Map {
         }
     }
 
-    /// The loss-weighted centroid of the triangles at or above half the largest loss, in the units of `centroids`
-    /// (one point a triangle of the region), weighted by loss times `areas`. `None` where nothing is lost.
+    /// The centroid of the triangles at or above half the largest loss, weighted by loss times `areas`, in the units of
+    /// `centroids` (one point for each triangle of the region). `None` if nothing is lost.
     ///
-    /// This is our reading of "found" in the paper, whose text gives no rule.
+    /// This is our interpretation of "found" in the paper, which gives no rule.
     pub fn found(&self, centroids: &[[f64; 2]], areas: &[f64]) -> Option<[f64; 2]> {
         let (_, largest) = self.largest_loss()?;
         let mut weight = 0.0;

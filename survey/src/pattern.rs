@@ -1,4 +1,4 @@
-//! Stimulation patterns as iterators, and the protocol: the list of all questions of a frame, in order.
+//! Stimulation patterns as iterators, and the protocol: the ordered list of a frame's measurements.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 
 use crate::{Dipole, Electrode, Reading};
 
-/// One question: drive current through one pair, read the voltage over another.
+/// One measurement: drive current through one pair, read the voltage across another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Measurement {
     /// Current enters at `drive.plus` and leaves at `drive.minus`.
@@ -27,7 +27,7 @@ impl Measurement {
 }
 
 /// The Sheffield adjacent pattern: drive each neighbouring pair, sense every pair that shares no electrode with it.
-/// Source-major, measuring pair ascending; `ring (ring - 3)` questions.
+/// Drives in ring order, sensing pairs ascending; `ring (ring - 3)` measurements.
 ///
 /// ```
 /// assert_eq!(survey::sheffield(26).count(), 598);
@@ -48,7 +48,7 @@ pub fn skip(ring: usize, skip: usize) -> impl Iterator<Item = Measurement> + Clo
         })
 }
 
-/// Keeps of each reciprocal pair of questions the one that comes first: half the readings, the same information.
+/// Keeps the first measurement of each reciprocal pair: half the readings, the same information.
 pub fn half(pattern: impl Iterator<Item = Measurement>) -> impl Iterator<Item = Measurement> {
     let mut requested = BTreeSet::new();
     pattern.filter(move |question| {
@@ -57,7 +57,7 @@ pub fn half(pattern: impl Iterator<Item = Measurement>) -> impl Iterator<Item = 
     })
 }
 
-/// All questions of a frame in the order of its readings, and how many electrodes the ring has.
+/// All measurements of a frame in the order of its readings, and the number of electrodes on the ring.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "Unchecked")]
 pub struct Protocol {
@@ -78,13 +78,13 @@ impl TryFrom<Unchecked> for Protocol {
     }
 }
 
-/// Why a list of questions is not a protocol.
+/// Why a list of measurements is not a protocol.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProtocolError {
-    /// A question names an electrode that the ring does not have.
+    /// A measurement names an electrode that the ring does not have.
     #[error("reading {reading} names electrode {electrode}, but there are {electrodes} electrodes")]
     NoSuchElectrode {
-        /// Index of the question, from 0.
+        /// Index of the measurement, from 0.
         reading: usize,
         /// The electrode named.
         electrode: Electrode,
@@ -94,18 +94,18 @@ pub enum ProtocolError {
     /// Both ends of a pair are the same electrode.
     #[error("reading {reading} joins electrode {electrode} to itself")]
     Degenerate {
-        /// Index of the question, from 0.
+        /// Index of the measurement, from 0.
         reading: usize,
         /// The electrode named twice.
         electrode: Electrode,
     },
-    /// No question at all.
+    /// No measurements.
     #[error("a protocol without readings asks nothing")]
     Empty,
 }
 
 impl Protocol {
-    /// Checks every question against the ring.
+    /// Checks every measurement against the ring.
     pub fn new(electrodes: usize, measurements: Vec<Measurement>) -> Result<Self, ProtocolError> {
         if measurements.is_empty() {
             return Err(ProtocolError::Empty);
@@ -135,7 +135,7 @@ impl Protocol {
         })
     }
 
-    /// The Sheffield adjacent pattern on `electrodes` electrodes (4 or more, else there is nothing to ask).
+    /// The Sheffield adjacent pattern on `electrodes` electrodes (at least 4).
     ///
     /// # Errors
     /// [`ProtocolError::Empty`] for fewer than 4 electrodes.
@@ -151,7 +151,7 @@ impl Protocol {
         self.electrodes
     }
 
-    /// All questions in the order of a frame's readings.
+    /// All measurements in the order of a frame's readings.
     pub fn measurements(&self) -> &[Measurement] {
         &self.measurements
     }
@@ -161,7 +161,7 @@ impl Protocol {
         self.measurements.len()
     }
 
-    /// Never true: a protocol has at least one question.
+    /// Always false: a protocol has at least one measurement.
     pub fn is_empty(&self) -> bool {
         self.measurements.is_empty()
     }
@@ -176,7 +176,7 @@ impl Protocol {
             .collect()
     }
 
-    /// For each reading the index of its reciprocal twin, where the protocol asks both.
+    /// For each reading the index of its reciprocal twin, if the protocol has both.
     pub fn reciprocal_twins(&self) -> Vec<Option<usize>> {
         let index: std::collections::BTreeMap<_, _> = self
             .measurements
@@ -190,9 +190,9 @@ impl Protocol {
             .collect()
     }
 
-    /// The readings of a frame of this protocol out of those of another: each question is answered by itself, or by its
-    /// reciprocal. A half frame answers a whole one so. `None` where a question has neither, or the readings are not as
-    /// many as the questions of `requested`.
+    /// Selects the readings of this protocol from the readings of `requested`: each measurement is matched by itself or
+    /// by its reciprocal, so a half frame fills a whole one. `None` if a measurement has neither, or the number of
+    /// readings differs from the number of measurements in `requested`.
     pub fn answered_by(&self, requested: &Self, readings: &[Reading]) -> Option<Vec<Reading>> {
         if requested.len() != readings.len() {
             return None;
@@ -213,7 +213,7 @@ impl Protocol {
             .collect()
     }
 
-    /// SHA-256 over ring size and questions, hex: what a model or a baseline was made for.
+    /// SHA-256 over ring size and measurements, hex: identifies the protocol of a model or baseline.
     pub fn hash(&self) -> String {
         let mut hasher = Sha256::new();
         hasher.update((self.electrodes as u64).to_le_bytes());

@@ -1,15 +1,14 @@
-//! Text from outside, as it may be shown.
+//! Escapes text from outside before it is displayed.
 //!
-//! Instruments, announcements on the network, session files, models and configurations hold text that somebody else wrote.
-//! Printed as it is it could move the cursor, clear a terminal, reverse the direction of writing, or begin a line that
-//! looks like the program's own. Everything of that kind passes one of these functions before it is printed, logged or
-//! recorded as part of a sentence.
+//! Instruments, network announcements, session files, models and configurations contain text from others. Printed as it
+//! is, it could move the cursor, clear a terminal, reverse the direction of writing, or imitate a line of the program.
+//! All such text passes one of these functions before it is printed, logged or recorded as part of a sentence.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// The text on one line: every character that is not simply seen (controls, line ends, marks of direction, what has no
-/// width) as its escape, `\n` or `\u{202e}`.
+/// The text on one line: every character that is not plainly visible (controls, line ends, direction marks, zero width)
+/// is escaped, as `\n` or `\u{202e}`.
 ///
 /// ```
 /// assert_eq!(survey::printable("10 µV"), "10 µV");
@@ -19,13 +18,13 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     escaped(text, is_seen)
 }
 
-/// The same for text of several lines of the program's own, of which only parts are from outside and have been made
-/// [`printable`]: line ends stay.
+/// Like [`printable`], but keeps line ends: for multi-line text of the program whose foreign parts have been escaped
+/// already.
 pub fn printable_lines(text: &str) -> Cow<'_, str> {
     escaped(text, |letter| letter == '\n' || is_seen(letter))
 }
 
-/// As [`printable`], and no longer than so many characters: what is cut off is replaced by `...`.
+/// Like [`printable`], at most `most` characters long; a longer text is cut and ends in `...`.
 pub fn printable_within(text: &str, most: usize) -> Cow<'_, str> {
     match text.char_indices().nth(most) {
         None => printable(text),
@@ -54,8 +53,8 @@ pub fn error_chain(error: &dyn std::error::Error) -> String {
     printable(&text).into_owned()
 }
 
-/// JSON with the same characters as `\uXXXX`: the same values, and safe to show. The text must be JSON, in which such
-/// characters stand in strings only.
+/// JSON with the same characters escaped as `\uXXXX`: the same values, safe to display. The text must be valid JSON,
+/// where such characters occur in strings only.
 ///
 /// ```
 /// assert_eq!(survey::printable_json("{\"note\":\"\u{202e}\"}".to_owned()), r#"{"note":"\u202e"}"#);
@@ -92,7 +91,7 @@ fn escaped(text: &str, stays: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Whether a character is a letter, a sign, a mark on a letter or a space, and nothing that acts.
+/// Whether a character is plainly visible: a letter, a sign, a combining mark or a space.
 fn is_seen(letter: char) -> bool {
     match letter {
         ' '..='~' => true,
@@ -100,7 +99,7 @@ fn is_seen(letter: char) -> bool {
         '\u{2028}' | '\u{2029}' => false,
         _ if letter.is_control() => false,
         _ if letter.is_whitespace() => true,
-        // after another character, so that a mark on a letter is not escaped for being one
+        // tested after another character, because a leading combining mark would be escaped
         _ => {
             let mut pair = String::from("x");
             pair.push(letter);

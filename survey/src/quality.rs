@@ -1,4 +1,4 @@
-//! What a frame's own readings say about it: counts, laws that every passive sheet obeys, and flags where one is broken.
+//! Quality checks of a frame from its own readings: counts, physical laws of a passive sheet, and flags for violations.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Dipole, Electrode, Frame, Protocol, Reading};
 
-/// Something that a frame does not do as a sound sheet on a sound rig would.
+/// A deviation from what a sound sheet and rig would measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum QualityFlag {
@@ -14,19 +14,19 @@ pub enum QualityFlag {
     Incomplete,
     /// The source was in compliance at an injection.
     Compliance,
-    /// A reading differs from its reciprocal twin by more than [`Checks::TOLERANCE`] of the largest, and six times its
-    /// noise: something moved within the frame, leaks, or is wired wrong.
+    /// A reading differs from its reciprocal twin by more than [`Checks::TOLERANCE`] of the largest reading plus six
+    /// times its noise: motion within the frame, leakage, or a wiring fault.
     Reciprocity,
-    /// The voltages round the ring do not add up to nothing, by the same measure: a relay or a lead is not where it
-    /// should be.
+    /// The voltages round the ring do not sum to zero, within the same tolerance: a relay or lead is in the wrong
+    /// place.
     LoopSum,
-    /// A reading is larger than the voltage of its driven pair, or has the other sign than in the baseline: no load
-    /// does that.
+    /// A reading is larger than the voltage of its driven pair, or its sign differs from the baseline's: no load causes
+    /// that.
     Plausibility,
 }
 
 impl QualityFlag {
-    /// As written on the bus, in records and in `--json`.
+    /// The word used on D-Bus, in records and in `--json`.
     pub fn word(self) -> &'static str {
         match self {
             Self::Incomplete => "incomplete",
@@ -58,12 +58,12 @@ impl fmt::Display for QualityFlag {
     }
 }
 
-/// What a frame's own readings say about it.
+/// Results of the quality checks of a frame.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Quality {
     /// Readings over range.
     pub overloads: usize,
-    /// Readings without an answer in time.
+    /// Readings without a reply in time.
     pub timeouts: usize,
     /// Readings not taken.
     pub not_measured: usize,
@@ -71,14 +71,14 @@ pub struct Quality {
     pub compliance: Vec<Electrode>,
     /// Largest difference of a reading from its reciprocal twin, relative to the largest reading; `None` without twins.
     pub reciprocity: Option<f64>,
-    /// Largest sum of the voltages round the ring at one injection, relative to the largest reading asked; `None` where
-    /// no injection was read all the way round.
+    /// Largest sum of the voltages round the ring at one injection, relative to the largest reading of the protocol;
+    /// `None` if no injection was read all the way round.
     #[serde(default)]
     pub loop_sum: Option<f64>,
     /// Readings that no load on a passive sheet explains.
     #[serde(default)]
     pub implausible: usize,
-    /// What is not as it should be, in the order of [`QualityFlag`].
+    /// Violations, in the order of [`QualityFlag`].
     #[serde(default)]
     pub flags: Vec<QualityFlag>,
 }
@@ -107,14 +107,14 @@ impl Quality {
             && self.compliance.is_empty()
     }
 
-    /// The flags' words, joined by commas; empty where there is none.
+    /// The flags' words, joined by commas; empty if there is none.
     pub fn words(&self) -> String {
         let words: Vec<&str> = self.flags.iter().map(|flag| flag.word()).collect();
         words.join(",")
     }
 }
 
-/// What frames of one protocol are held against.
+/// The checks for frames of one protocol.
 #[derive(Debug, Clone)]
 pub struct Checks {
     protocol: Protocol,
@@ -123,17 +123,16 @@ pub struct Checks {
 }
 
 impl Checks {
-    /// Of the largest reading: how far twins may differ, and how much may be left of a loop sum, before noise is
-    /// allowed for.
+    /// Allowed difference of twins, and allowed loop sum, as a fraction of the largest reading, before noise is added.
     pub const TOLERANCE: f64 = 1e-3;
 
-    /// Noise is allowed for with so many standard deviations: one of 299 pairs goes beyond it once in a million frames.
+    /// Noise allowance in standard deviations: one of 299 pairs exceeds it once in a million frames.
     const DEVIATIONS: f64 = 6.0;
 
-    /// A reading below this part of the largest has no sign worth comparing.
+    /// Readings below this fraction of the largest are not compared by sign.
     const SIGN_FROM: f64 = 5e-3;
 
-    /// For frames of this protocol, with nothing yet to compare them with.
+    /// Checks for frames of this protocol, without a baseline.
     pub fn new(protocol: &Protocol) -> Self {
         Self {
             twins: protocol.reciprocal_twins(),
@@ -142,14 +141,14 @@ impl Checks {
         }
     }
 
-    /// And with the readings of a baseline, whose signs no load changes.
+    /// Adds a baseline's readings, whose signs no load changes.
     #[must_use]
     pub fn against(mut self, baseline: &[Reading]) -> Self {
         baseline.clone_into(&mut self.baseline);
         self
     }
 
-    /// Looks a frame over.
+    /// Checks a frame.
     pub fn of(&self, frame: &Frame) -> Quality {
         let mut quality = Quality::counted(frame);
         let largest = largest(&frame.readings);
@@ -181,7 +180,7 @@ impl Checks {
         quality
     }
 
-    /// [`Quality::reciprocity`] alone: all that it needs is in the readings.
+    /// [`Quality::reciprocity`] alone.
     pub fn reciprocal(&self, frame: &Frame) -> Option<f64> {
         let largest = largest(&frame.readings);
         let worst = self.reciprocity(frame).filter(|_| largest > 0.0)?;
@@ -232,8 +231,8 @@ impl Checks {
             .reduce(f64::max)
     }
 
-    /// Readings larger than their driven pair's own voltage (all potentials of a passive sheet lie between those of the
-    /// two driven electrodes), or of the other sign than in the baseline.
+    /// Readings larger than the voltage of their driven pair (all potentials of a passive sheet lie between those of
+    /// the driven electrodes), or of the opposite sign to the baseline's.
     fn implausible(&self, frame: &Frame, largest: f64) -> usize {
         let tolerance = Self::TOLERANCE * largest;
         let driven = |drive: Dipole| {

@@ -10,11 +10,11 @@ use crate::Volts;
 pub enum Reading {
     /// A valid voltage.
     Ok(Volts),
-    /// The voltmeter was over its range, or answered something that is not a number.
+    /// The voltmeter was over its range, or returned something that is not a number.
     Overload,
-    /// No answer in time.
+    /// No reply in time.
     Timeout,
-    /// The plan did not get here, or the source was in compliance.
+    /// The plan was stopped before this reading, or the source was in compliance.
     NotMeasured,
 }
 
@@ -32,7 +32,7 @@ impl Reading {
         matches!(self, Self::Ok(_))
     }
 
-    /// The flag's stable number on the wire and on disk: 0 ok, 1 overload, 2 timeout, 3 not measured.
+    /// The flag's stable number in messages and files: 0 ok, 1 overload, 2 timeout, 3 not measured.
     pub fn flag(self) -> u8 {
         match self {
             Self::Ok(_) => 0,
@@ -54,7 +54,7 @@ impl Reading {
     }
 }
 
-/// Of each reading that is a voltage in both, how much it has changed, as a share of what it was.
+/// The relative change of each reading that is a voltage in both frames.
 pub fn relative_changes(from: &[Reading], to: &[Reading]) -> impl Iterator<Item = f64> {
     from.iter().zip(to).filter_map(|(from, to)| {
         let (from, to) = (from.volts()?.0, to.volts()?.0);

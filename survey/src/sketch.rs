@@ -1,13 +1,13 @@
-//! What is kept of a map beside its hash: enough to tell how far another map is from it.
+//! A checksum of a map's values from which the distance to another map can be estimated.
 
 use crate::Map;
 
 impl Map {
-    /// The sum of its values, with signs that look random and that `seed` draws.
+    /// The sum of the map's values with pseudo-random signs drawn from `seed`.
     ///
-    /// Of two maps the difference of these sums has, squared and averaged over the seeds, the squared length of the maps'
-    /// difference: one sum tells their distance as one throw of a normal distribution tells its width. Each map of a
-    /// session has signs of its own, so that nothing slips through all of them.
+    /// The squared difference of two maps' sums, averaged over seeds, is the squared length of the maps' difference, so
+    /// one sum estimates their distance as one sample estimates a standard deviation. Each map of a session has
+    /// different signs, so that no difference is missed by all of them.
     ///
     /// ```
     /// let map = |values: [f64; 3]| survey::Map {
@@ -36,8 +36,8 @@ impl Map {
         sums.sum()
     }
 
-    /// How far a map whose [`Map::signed_sum`] was kept is from this one, as far as that tells, relative to this one's
-    /// length: 0 where they are the same, infinite where this one is all zeros and the other is not.
+    /// Estimated distance of this map from the one whose [`Map::signed_sum`] is `kept`, relative to this map's length:
+    /// 0 if they are the same, infinite if this map is all zeros and the other is not.
     pub fn distance(&self, kept: f64, seed: u32) -> f64 {
         let apart = (self.signed_sum(seed) - kept).abs();
         let squares = self.values.iter().map(|value| value * value);
@@ -72,7 +72,7 @@ mod tests {
         }
     }
 
-    /// Numbers between -1 and 1 that look random.
+    /// Pseudo-random numbers between -1 and 1.
     fn noise(seed: u64) -> Vec<f64> {
         let of = |k: u64| mixed(!(seed << 32) - k) as f64;
         (0..1000)

@@ -1,4 +1,4 @@
-//! What a rig allows, why a plan cannot be made, and the check of one against the other.
+//! Limits of a rig, reasons why a plan is refused, and the check of a plan against the limits.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ pub struct SourceLimits {
     pub compliance: (Volts, Volts),
 }
 
-/// What a relay carries and withstands.
+/// What a relay can carry and withstand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RelayLimits {
     /// Largest current through it, closed.
@@ -23,7 +23,7 @@ pub struct RelayLimits {
     pub voltage: Volts,
 }
 
-/// What a rig allows: the smallest over source, switch modules and settings.
+/// The limits of a rig: the smallest over source, switch modules and settings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// Largest current of the source.
@@ -34,12 +34,13 @@ pub struct Limits {
     pub relay_current: Amps,
     /// Largest voltage over an open relay.
     pub relay_voltage: Volts,
-    /// Whether the voltmeter is set to measure current: then it is a short, and must never meet the source's pair.
+    /// Whether the voltmeter is set to measure current: its input is then a short circuit and must not be joined to the
+    /// driven pair.
     pub meter_on_current_range: bool,
 }
 
 impl Limits {
-    /// Of a source behind relays: the smallest that any of them allows.
+    /// The limits of a source behind relays: the smallest that any of them allows.
     pub fn of(source: SourceLimits, relays: impl IntoIterator<Item = RelayLimits>) -> Self {
         let unlimited = Self {
             source_current: source.current,
@@ -68,7 +69,7 @@ pub enum PlanError {
     /// Over the source's limit.
     #[error("{requested} is over the source's {most}; nothing is clipped, ask for less")]
     SourceCurrent {
-        /// Asked.
+        /// Requested.
         requested: Amps,
         /// Allowed.
         most: Amps,
@@ -76,7 +77,7 @@ pub enum PlanError {
     /// Over the relays' limit.
     #[error("{requested} is over the {most} that a relay of this wiring carries; ask for less")]
     RelayCurrent {
-        /// Asked.
+        /// Requested.
         requested: Amps,
         /// Allowed.
         most: Amps,
@@ -84,7 +85,7 @@ pub enum PlanError {
     /// Compliance outside the source's range.
     #[error("a compliance of {requested} is outside the source's {least} to {most}")]
     Compliance {
-        /// Asked.
+        /// Requested.
         requested: Volts,
         /// Smallest.
         least: Volts,
@@ -96,7 +97,7 @@ pub enum PlanError {
         "a compliance of {requested} is over the {most} that an open relay of this wiring withstands"
     )]
     RelayVoltage {
-        /// Asked.
+        /// Requested.
         requested: Volts,
         /// Allowed.
         most: Volts,
@@ -123,7 +124,7 @@ pub enum PlanError {
     },
 }
 impl Plan {
-    /// Checks the plan against what the rig allows, and its own steps against the rules of the wiring.
+    /// Checks the plan against the rig's limits, and its steps against the rules of the wiring.
     ///
     /// # Errors
     /// Every fault found, in order.

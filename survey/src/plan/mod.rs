@@ -20,7 +20,7 @@ pub use timing::{Counts, Timing};
 /// The steps of one frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
-    /// The questions, whose order the frame's readings have.
+    /// The measurements, in the order of the frame's readings.
     pub protocol: Protocol,
     /// The relays.
     pub wiring: Wiring,
@@ -28,31 +28,31 @@ pub struct Plan {
     pub current: Amps,
     /// Voltage limit of the source.
     pub compliance: Volts,
-    /// Waiting time after the current has moved or turned.
+    /// Settling time after the current is switched or reversed.
     pub settle: Duration,
-    /// Whether every injection is read with the current both ways; a reading is half the difference.
+    /// Whether every injection is read with both polarities; a reading is half the difference.
     pub reversal: bool,
-    /// Whether the source stays at 0 A: what is read is offset and noise.
+    /// Whether the source stays at 0 A, to read offset and noise.
     pub zero: bool,
     /// The steps in order; the first and the last are [`Step::AllOff`].
     pub steps: Vec<Step>,
 }
 
-/// What goes into the sheet, and how.
+/// The current applied to the sheet, and how.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Injection {
     /// Injected current.
     pub current: Amps,
     /// Voltage limit of the source.
     pub compliance: Volts,
-    /// Waiting time after the current has moved or turned.
+    /// Settling time after the current is switched or reversed.
     pub settle: Duration,
-    /// Read every injection with the current both ways: cancels thermal EMFs and leakage, takes twice as long.
+    /// Read every injection with both polarities: cancels thermal EMFs and leakage, takes twice as long.
     pub reversal: bool,
 }
 
 impl Plan {
-    /// Expands a protocol over a wiring, the current one way only.
+    /// Expands a protocol over a wiring, without reversal.
     ///
     /// # Errors
     /// A wiring that is faulty, is for another number of electrodes, or cannot serve a pair of the protocol.
@@ -74,9 +74,9 @@ impl Plan {
 
     /// Expands a protocol over a wiring.
     ///
-    /// Where the protocol asks of an injection all pairs that do not touch it, a scan takes the touching ones as well:
-    /// its list then never changes, and they tell of contacts and of the loop sum. Where it asks fewer (a half frame),
-    /// only those are scanned.
+    /// If the protocol has all pairs that do not touch an injection, the scan also takes those that do: its channel
+    /// list then never changes, and the extra readings serve the contact and loop-sum checks. If the protocol has fewer
+    /// pairs (a half frame), only those are scanned.
     ///
     /// # Errors
     /// As [`Plan::new`].
@@ -144,8 +144,8 @@ impl Plan {
         })
     }
 
-    /// The same frame with the source at 0 A throughout, on and joined as ever: what is read is offset and noise.
-    /// Ranges stay, since offsets have theirs; nothing is reversed, since there is nothing to turn.
+    /// The same frame with the source on at 0 A throughout and the same relays: reads offset and noise. Ranges stay,
+    /// since offsets depend on the range; nothing is reversed.
     #[must_use]
     pub fn at_zero_current(&self) -> Self {
         let mut turned = false;
@@ -168,7 +168,7 @@ impl Plan {
     }
 }
 
-/// The steps that read one injection. `routed` are the relays that the last ones left closed.
+/// The steps that read one injection. `routed`: relays left closed by the previous steps.
 fn read(
     protocol: &Protocol,
     wiring: &Wiring,

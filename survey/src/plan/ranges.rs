@@ -1,22 +1,22 @@
-//! A range for every reading, planned from what it is expected to be.
+//! A range for each reading, planned from its expected value.
 
 use std::collections::BTreeMap;
 
 use super::{Plan, Step};
 use crate::{Dipole, Measurement, Relay, Volts};
 
-/// Which ranges there are, and how much room a reading is given in its own.
+/// The available ranges, and the margin for each reading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RangeRule {
     /// The voltmeter's ranges, ascending.
     pub available: Vec<Volts>,
-    /// A range must hold so many times what is expected: 1.5 leaves room for a press that raises a reading by half
-    /// (and the voltmeter's own fifth beyond its range).
+    /// A range must hold the expected value times this margin: 1.5 allows for a press that raises a reading by half
+    /// (the voltmeter also reads a fifth beyond its range).
     pub margin: f64,
 }
 
 impl RangeRule {
-    /// The smallest range that holds an expected reading with its margin; the largest there is where none does.
+    /// The smallest range that holds an expected reading with its margin; the largest range if none does.
     pub fn choose(&self, expected: Volts) -> Option<Volts> {
         self.available
             .iter()
@@ -34,7 +34,7 @@ impl RangeRule {
     }
 }
 
-/// Noise of one reading as planned, V: resolution of the voltmeter taken as its standard deviation, over readings.
+/// Planned noise of one reading, V: the voltmeter's resolution taken as its standard deviation, over all readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resolution {
     /// Root of the mean square.
@@ -44,8 +44,8 @@ pub struct Resolution {
 }
 
 impl Plan {
-    /// Gives every reading the range that it needs, scanned ones that the protocol does not ask included. Where
-    /// nothing is expected the range stays as it was.
+    /// Gives every reading the range that it needs, including scanned readings outside the protocol. A range without an
+    /// expected value is kept.
     #[must_use]
     pub fn with_ranges(
         mut self,
@@ -82,7 +82,7 @@ impl Plan {
         self
     }
 
-    /// The range of each reading in the frame's order; `None` where it is the session's one range.
+    /// The range of each reading in the frame's order; `None` for the session's range.
     pub fn ranges(&self) -> Vec<Option<Volts>> {
         let mut ranges = vec![None; self.protocol.len()];
         for (reading, range) in self.steps.iter().flat_map(Step::readings) {
@@ -98,7 +98,7 @@ impl Plan {
         self.ranges().iter().any(Option::is_some)
     }
 
-    /// Gives these readings the next larger range. Returns those that could be helped, with their new range.
+    /// Gives these readings the next larger range. Returns those that could be widened, with their new range.
     pub fn widen(&mut self, rule: &RangeRule, overloaded: &[usize]) -> Vec<(usize, Volts)> {
         let wider: BTreeMap<usize, Volts> = self
             .ranges()
@@ -134,7 +134,7 @@ impl Plan {
         wider.into_iter().collect()
     }
 
-    /// How many times a channel's range is set on the way: only where it differs from what the channel had.
+    /// Number of range commands in a frame: a channel's range is set only if it changes.
     pub fn range_changes(&self) -> usize {
         let mut set: BTreeMap<Option<Relay>, Option<Volts>> = BTreeMap::new();
         let mut changes = 0;
@@ -158,8 +158,8 @@ impl Plan {
         changes
     }
 
-    /// Noise of a reading with the ranges as planned. `fraction`: resolution of the voltmeter as a part of its range;
-    /// `otherwise`: the range of readings without one of their own; `averages`: readings averaged to one.
+    /// Noise of a reading with the planned ranges. `fraction`: resolution of the voltmeter as a fraction of its range;
+    /// `otherwise`: the range of readings without their own; `averages`: readings averaged to one.
     pub fn resolution(&self, fraction: f64, otherwise: Volts, averages: u32) -> Resolution {
         let both_ways = if self.reversal { 2.0 } else { 1.0 };
         let scale = fraction / (f64::from(averages.max(1)) * both_ways).sqrt();

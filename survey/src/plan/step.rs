@@ -1,4 +1,4 @@
-//! One step of a frame, and how it is told.
+//! One step of a frame, and its text form.
 
 use std::fmt;
 use std::time::Duration;
@@ -14,8 +14,8 @@ pub struct Channel {
     pub relay: Relay,
     /// The pair behind it.
     pub sense: Dipole,
-    /// Index of its reading in the frame; `None` where the protocol does not ask: it is kept beside the frame, and its
-    /// overload is nobody's fault.
+    /// Index of its reading in the frame; `None` if the protocol does not have it: it is then kept beside the frame,
+    /// and its overload is ignored.
     pub reading: Option<usize>,
     /// The voltmeter's range; `None` for the one range of the session.
     pub range: Option<Volts>,
@@ -26,9 +26,9 @@ pub struct Channel {
 pub struct Routed {
     /// The pair.
     pub sense: Dipole,
-    /// Relays of the last pair.
+    /// Relays of the previous pair, to open.
     pub open: Vec<Relay>,
-    /// Relays of this pair.
+    /// Relays of this pair, to close.
     pub close: Vec<Relay>,
     /// Index of the reading in the frame.
     pub reading: usize,
@@ -36,7 +36,7 @@ pub struct Routed {
     pub range: Option<Volts>,
 }
 
-/// One step of a frame. Stopping is something done between steps.
+/// One step of a frame. A frame is stopped only between steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "step")]
 pub enum Step {
@@ -47,25 +47,25 @@ pub enum Step {
         /// To close.
         close: Vec<Relay>,
     },
-    /// Source to 0 A, open the last pair, close the next, source on at the plan's current.
+    /// Source to 0 A, open the previous pair, close the next, source on at the plan's current.
     Break {
         /// Where the current goes.
         drive: Dipole,
-        /// Relays of the last pair.
+        /// Relays of the previous pair, to open.
         open: Vec<Relay>,
-        /// Relays of this pair.
+        /// Relays of this pair, to close.
         close: Vec<Relay>,
     },
-    /// Close the next pair, then open the last, source on.
+    /// Close the next pair, then open the previous one, with the source on.
     Overlap {
         /// Where the current goes.
         drive: Dipole,
-        /// Relays of this pair.
+        /// Relays of this pair, to close.
         close: Vec<Relay>,
-        /// Relays of the last pair.
+        /// Relays of the previous pair, to open.
         open: Vec<Relay>,
     },
-    /// The current the other way through the same pair; what is read then counts with the other sign.
+    /// Reverse the current through the same pair; subsequent readings count with the opposite sign.
     Reverse {
         /// Where the current goes.
         drive: Dipole,
@@ -84,9 +84,9 @@ pub enum Step {
     Route {
         /// The pair.
         sense: Dipole,
-        /// Relays of the last pair.
+        /// Relays of the previous pair, to open.
         open: Vec<Relay>,
-        /// Relays of this pair.
+        /// Relays of this pair, to close.
         close: Vec<Relay>,
     },
     /// Read the routed pair.
@@ -101,10 +101,10 @@ pub enum Step {
         /// In the order of the readings.
         routes: Vec<Routed>,
     },
-    /// Ask the source whether it was in compliance; if so this injection's readings are not measured. Asked while the
-    /// voltmeter reads, where the relays are known to have settled.
+    /// Query the source's compliance state; if it was in compliance, this injection's readings count as not measured.
+    /// Sent while the voltmeter reads, when the relays have settled.
     Compliance {
-        /// The injection asked about.
+        /// The injection concerned.
         drive: Dipole,
     },
 }
@@ -118,7 +118,7 @@ impl Step {
         )
     }
 
-    /// The range of every reading of this step that counts, with the reading's index.
+    /// The index and range of each reading of this step that the protocol has.
     pub(super) fn readings(&self) -> Vec<(usize, Option<Volts>)> {
         match self {
             Self::Scan { channels } => channels
@@ -146,7 +146,7 @@ fn list(relays: &[Relay]) -> String {
         .join(",")
 }
 
-/// `; ranges 1 V: 3-4,4-5; 100 mV: 5-6`, or nothing where none is set.
+/// `; ranges 1 V: 3-4,4-5; 100 mV: 5-6`, or nothing if none is set.
 fn ranges(pairs: impl Iterator<Item = (Dipole, Option<Volts>)>) -> String {
     let mut groups: Vec<(Volts, Vec<String>)> = Vec::new();
     for (pair, range) in pairs {

@@ -1,4 +1,4 @@
-//! What a plan does, and how long the instruments need for it.
+//! Counts and duration of a plan.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{Plan, Step};
 use crate::bounds::duration;
 
-/// What the instruments cost in time, for [`Plan::duration`].
+/// Timing of the instruments, for [`Plan::duration`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Timing {
     /// Closing of a relay.
@@ -28,14 +28,14 @@ pub struct Timing {
     pub channel_delay: Duration,
     /// Readings averaged to one, 1 or more.
     pub averages: u32,
-    /// Setting the range of one channel (no source gives it; to be measured on the instrument).
+    /// Setting the range of one channel (not specified by the maker; to be measured on the instrument).
     pub range_command: Duration,
-    /// One message there and its answer back.
+    /// Round trip of one message and its reply.
     pub round_trip: Duration,
 }
 
 impl Timing {
-    /// Instruments that need no time but the integration.
+    /// Instruments that need no time beyond the integration.
     pub const fn ideal(nplc: f64, line_hz: f64) -> Self {
         Self {
             relay_close: Duration::ZERO,
@@ -70,7 +70,7 @@ impl Timing {
         f64::from(self.averages) * self.integration().max(self.reading_period.as_secs_f64())
     }
 
-    /// Opening the last and closing the next, s.
+    /// Opening the previous relays and closing the next, s.
     fn move_on(&self, opens: bool) -> f64 {
         let open = if opens {
             self.relay_open
@@ -80,7 +80,7 @@ impl Timing {
         (self.relay_close + open).as_secs_f64()
     }
 
-    /// The answer to one question of the voltmeter, s, without round trip.
+    /// Duration of the voltmeter's reply to one step, s, without round trip.
     fn answer(&self, step: &Step) -> f64 {
         match step {
             Step::Scan { channels } => channels.len() as f64 * self.scanned(),
@@ -94,27 +94,27 @@ impl Timing {
     }
 }
 
-/// How much a plan does.
+/// Counts of a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
     /// Steps.
     pub steps: usize,
     /// Injections.
     pub injections: usize,
-    /// Relays opened or closed by the plan itself (a scan's own are not counted).
+    /// Relays opened or closed by the plan itself (not by a scan).
     pub relay_moves: usize,
     /// Readings kept.
     pub readings: usize,
-    /// Readings that the scan takes beside them.
+    /// Additional readings that the scan takes.
     pub extra_readings: usize,
-    /// Messages that ask the voltmeter for readings.
+    /// Messages that request readings from the voltmeter.
     pub reading_messages: usize,
-    /// Ranges set on the way, one channel each.
+    /// Range commands, one channel each.
     pub range_changes: usize,
 }
 
 impl Plan {
-    /// How much the plan does. A reading taken with the current both ways counts once.
+    /// Counts the plan's work. A reading taken with both polarities counts once.
     pub fn counts(&self) -> Counts {
         let mut counts = Counts {
             steps: self.steps.len(),
@@ -161,7 +161,7 @@ impl Plan {
         counts
     }
 
-    /// How long the instruments need for a frame, round trips included.
+    /// Time that the instruments need for a frame, round trips included.
     pub fn duration(&self, timing: &Timing) -> Duration {
         let round_trip = timing.round_trip.as_secs_f64();
         let seconds: f64 = self
@@ -184,8 +184,8 @@ impl Plan {
         duration(seconds + ranges)
     }
 
-    /// How long one answer of the voltmeter may take: the readings of the longest question with their periods, and a
-    /// fifth more. What any answer may take on its way comes on top.
+    /// The longest time that one reply of the voltmeter may take: the readings of the largest request, plus a fifth.
+    /// The transport's timeout is added by the caller.
     pub fn longest_answer(&self, timing: &Timing) -> Duration {
         let longest = self
             .steps

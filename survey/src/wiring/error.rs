@@ -20,7 +20,7 @@ pub enum WiringError {
         /// Its measuring pair.
         measure: Dipole,
     },
-    /// Two different pairs are told to use the very same relays.
+    /// Two different pairs use exactly the same relays.
     #[error(
         "wiring '{wiring}': pairs {first} and {second} are both given relays {relays}; closing one would close the other and short the source"
     )]
@@ -65,12 +65,12 @@ pub enum WiringError {
     TooMany {
         /// The wiring's name.
         wiring: String,
-        /// What was asked.
+        /// Electrodes requested.
         electrodes: usize,
         /// What fits.
         most: usize,
     },
-    /// As many pairs must be measured as injected.
+    /// The numbers of injecting and measuring pairs differ.
     #[error(
         "wiring '{wiring}' has {inject} injecting and {measure} measuring pairs; every pair needs both"
     )]

@@ -17,7 +17,7 @@ pub use error::WiringError;
 pub use relay_table::OwnWiring;
 pub use transition::Transition;
 
-/// The number of a switch as its instrument counts, such as slot x 1000 + channel on a mainframe (`1042`).
+/// The number of a switch as its instrument counts, such as slot x 1000 + channel in a mainframe (`1042`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Relay(pub u32);
@@ -28,7 +28,7 @@ impl fmt::Display for Relay {
     }
 }
 
-/// How the voltmeter gets at the pairs.
+/// How the voltmeter is joined to the pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sensing {
@@ -43,11 +43,11 @@ pub enum Sensing {
 /// The relays of a rig, per pair, with the rules that follow from them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Wiring {
-    /// What a person calls it, such as `gpio board`.
+    /// Display name, such as `gpio board`.
     pub name: String,
     /// Number of electrodes of the ring.
     pub electrodes: usize,
-    /// How the voltmeter gets at the pairs.
+    /// How the voltmeter is joined to the pairs.
     pub sensing: Sensing,
     /// How the current moves to the next pair.
     pub transition: Transition,
@@ -60,8 +60,8 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// The same with the readings of an injection chained in one message, where the switch is the mainframe whose
-    /// voltmeter reads; a scan stays a scan.
+    /// The same wiring with the readings of an injection chained in one message, if switch and voltmeter are the same
+    /// mainframe; a scan stays a scan.
     #[must_use]
     pub fn chained(mut self) -> Self {
         if self.sensing == Sensing::Single {
@@ -70,8 +70,8 @@ impl Wiring {
         self
     }
 
-    /// The same with the pairs of a protocol, where each electrode has relays of its own: two a pair, the first to its
-    /// plus, the second to its minus. A wiring of pairs stays as it is wired.
+    /// The same wiring with the pairs of a protocol, if each electrode has its own relays: two for each pair, the first
+    /// to its plus, the second to its minus electrode. A wiring of fixed pairs is unchanged.
     #[must_use]
     pub fn joining(mut self, protocol: &crate::Protocol) -> Self {
         let measurements = protocol.measurements();

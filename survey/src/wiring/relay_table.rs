@@ -1,4 +1,4 @@
-//! Wirings given relay by relay, and what each relay is for.
+//! Wirings given as a table of relays, and the purpose of each relay.
 
 use super::{Relay, Sensing, Wiring, WiringError};
 use crate::{Dipole, Transition};
@@ -6,9 +6,9 @@ use crate::{Dipole, Transition};
 /// A wiring as a table: the relays of pair 1, pair 2, and so on.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OwnWiring {
-    /// What a person calls it.
+    /// Display name.
     pub name: String,
-    /// How the voltmeter gets at the pairs.
+    /// How the voltmeter is joined to the pairs.
     pub sensing: Sensing,
     /// How the current moves to the next pair.
     pub transition: Transition,
@@ -24,7 +24,7 @@ impl Wiring {
     /// A wiring from a table; the ring has as many electrodes as there are pairs.
     ///
     /// # Errors
-    /// Other numbers of injecting and measuring pairs, and whatever [`Wiring::check`] refuses.
+    /// The numbers of injecting and measuring pairs differ, or [`Wiring::check`] refuses the wiring.
     pub fn own(own: OwnWiring) -> Result<Self, WiringError> {
         let electrodes = own.inject.len();
         if own.measure.len() != electrodes {
@@ -57,7 +57,8 @@ impl Wiring {
     pub fn purpose(&self, relay: Relay) -> String {
         let of = |pairs: &[(Dipole, Vec<Relay>)], to: &str| {
             let (pair, relays) = pairs.iter().find(|(_, relays)| relays.contains(&relay))?;
-            // one relay of several is one pole: the first the plus electrode's, the second the minus electrode's
+            // a relay that is one of several is one pole: the first for the plus electrode, the second for the minus
+            // electrode
             Some(match relays.as_slice() {
                 [plus, _] if *plus == relay => format!("joins electrode {} to {to}", pair.plus),
                 [_, minus] if *minus == relay => format!("joins electrode {} to {to}", pair.minus),

@@ -6,8 +6,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Transition {
-    /// Source to 0 A, open the last, close the next, source on.
+    /// Source to 0 A, open the previous pair, close the next, source on.
     Break,
-    /// Close the next pair, then open the last, source on all the while: it is never open-circuit, for a moment shorted.
+    /// Close the next pair, then open the previous one with the source on: it is never open-circuit, but briefly
+    /// shorted.
     Overlap,
 }
