@@ -10,7 +10,7 @@ use crate::options::about::About;
 use crate::options::choices::{BaselineRule, Format, GeometryChoice, MethodArguments, Scale};
 use crate::options::duration::{SpanError, parse_span};
 use crate::options::measuring::Measuring;
-use crate::options::numbers::speed;
+use crate::options::numbers::{pixels, speed};
 use crate::output::Colour;
 
 fn span(text: &str) -> Result<Duration, SpanError> {
@@ -238,6 +238,11 @@ pub struct Transcript {
 /// What is asked of recorded sessions.
 #[derive(Debug, Subcommand)]
 pub enum SessionsCommand {
+    /// Show with what a session was taken: settings, sheet, operator, method, calibration, baseline, size, duration
+    Show {
+        /// Session: an id, the beginning of one, `last`, or a session file
+        session: String,
+    },
     /// Check that records are whole: checksums, sequence, parts, an event for every gap (1 where one is not)
     Verify(Verify),
     /// Write what can be read of a damaged session file into a new one and say what was cut; the old one is not touched
@@ -395,7 +400,8 @@ pub struct Watch {
     /// End after this long
     #[arg(long = "for", value_name = "SPAN", value_parser = span)]
     pub duration: Option<Duration>,
-    /// Scale of the map: `own` (each map fills it) or LOW,HIGH
+    /// Scale of the map: `own` (each map fills it) or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a
+    /// calibration)
     #[arg(
         long,
         value_name = "SCALE",
@@ -425,7 +431,10 @@ pub struct Export {
     /// Which frame's map to draw (default: the last one)
     #[arg(long, value_name = "SEQUENCE")]
     pub frame: Option<u64>,
-    /// Scale of the map: `own` or LOW,HIGH
+    /// Pixels along each side of a raster
+    #[arg(long, value_name = "N", default_value_t = 32, value_parser = pixels)]
+    pub raster: usize,
+    /// Scale of the map: `own`, or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a calibration)
     #[arg(
         long,
         value_name = "SCALE",
@@ -433,6 +442,10 @@ pub struct Export {
         allow_hyphen_values = true
     )]
     pub scale: Scale,
+    /// A calibration of this mesh and method (`tactus-lab calibrate`): maps in kPa, and each map's load in newtons [default: the
+    /// session's, unless another method is named]
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
     #[command(flatten)]
     pub method: MethodArguments,
     #[command(flatten)]
@@ -471,7 +484,7 @@ pub struct Replay {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub replacing: Replacing,
-    /// Scale of the maps: `own` or LOW,HIGH
+    /// Scale of the maps: `own`, or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a calibration)
     #[arg(
         long,
         value_name = "SCALE",
@@ -482,6 +495,10 @@ pub struct Replay {
     /// Print a line a frame but draw no map in the terminal
     #[arg(long)]
     pub no_map: bool,
+    /// A calibration of this mesh and method (`tactus-lab calibrate`): maps in kPa, and each map's load in newtons [default: the
+    /// session's, unless another method is named]
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
     #[command(flatten)]
     pub method: MethodArguments,
     #[command(flatten)]
@@ -594,10 +611,17 @@ mod tests {
 
     #[test]
     fn a_fixed_scale_may_be_negative() {
-        let arguments = parse(&["replay", "d", "--scale", "-0.5,0"]).unwrap();
+        let arguments = parse(&["replay", "d", "--scale", "-5,50"]).unwrap();
         let Command::Replay(replay) = arguments.command else {
             panic!()
         };
-        assert_eq!(replay.scale, Scale::Fixed(-0.5, 0.0));
+        assert_eq!(
+            replay.scale,
+            Scale::Fixed {
+                low: -5.0,
+                high: 50.0,
+                unit: None
+            }
+        );
     }
 }

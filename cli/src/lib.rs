@@ -210,8 +210,10 @@ mod outputs {
             inputs: &[
                 "--state",
                 "doctor --config",
+                "export --calibration",
                 "export --case",
                 "export --model",
+                "replay --calibration",
                 "replay --case",
                 "replay --frames",
                 "replay --model",

@@ -147,6 +147,7 @@ mod outputs {
                 ),
             ],
             inputs: &[
+                "advise --config",
                 "advise --table",
                 "calibrate --case",
                 "calibrate --frames",

@@ -48,6 +48,17 @@ impl Bounds {
             .ok_or_else(|| format!("it must be {self}"))
     }
 
+    /// Parses a whole number in range; `1e5` is accepted.
+    ///
+    /// # Errors
+    /// The allowed range, in words.
+    pub fn parse_count(self, text: &str) -> Result<usize, String> {
+        let number = self.parse(text).ok().filter(|number| number.fract() == 0.0);
+        number
+            .map(|number| number as usize)
+            .ok_or_else(|| format!("it must be a whole number {self}"))
+    }
+
     /// Returns the value if it is in range.
     ///
     /// # Errors

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use eit::Mesh;
 use render::{Sheet, Style, TerminalStyle};
-use survey::Map;
+use survey::{Map, MapUnit};
 
 use crate::failure::Failure;
 use crate::options::choices::Scale;
@@ -79,30 +79,26 @@ impl Field {
     }
 }
 
-fn scale(scale: Scale) -> render::Scale {
-    match scale {
-        Scale::Own => render::Scale::Own,
-        Scale::Fixed(low, high) => render::Scale::Fixed(low, high),
-    }
-}
-
-/// Title, scale and marks for the picture of one map; `noise` is the largest loss by noise alone.
+/// Title, scale and marks of the picture of one map, shown in this unit, whose noise alone makes this largest loss.
+///
+/// # Errors
+/// A scale in another unit.
 pub(crate) fn style(
     title: String,
-    wanted: Scale,
+    (wanted, unit): (Scale, MapUnit),
     simulated: bool,
     found: Option<[f64; 2]>,
     map: &Map,
     noise: Option<f64>,
-) -> Style {
-    Style {
+) -> Result<Style, Failure> {
+    Ok(Style {
         title,
-        scale: scale(wanted),
+        scale: wanted.of(unit).map_err(Failure::Usage)?,
         simulated,
         found,
         nothing_above: nothing_above(map, noise),
         ..Style::default()
-    }
+    })
 }
 
 /// A style with the terminal's width and colours.
@@ -123,6 +119,28 @@ pub(crate) fn png(field: &Field, map: &Map, style: &Style) -> Result<Vec<u8>, Fa
 pub(crate) fn svg(field: &Field, map: &Map, style: &Style) -> Result<String, Failure> {
     render::svg(&field.sheet, map, style)
         .map_err(|error| Failure::failed("the picture cannot be drawn", &error))
+}
+
+/// What a map's values are in.
+pub(crate) fn unit(map: &Map) -> &'static str {
+    match map.unit {
+        MapUnit::Pressure => map.unit.label(),
+        MapUnit::RelativeConductance | MapUnit::Conductance => map.unit.caption(),
+    }
+}
+
+/// The map as pixels over the box that just holds the sheet: a row a line, the top first, `nan` outside.
+pub(crate) fn raster(field: &Field, map: &Map, side: usize) -> Result<String, Failure> {
+    let pixels = render::raster(&field.sheet, map, side, side)
+        .map_err(|error| Failure::failed("the raster cannot be made", &error))?;
+    let rows = pixels.chunks(side).map(|row| {
+        let fields: Vec<String> = row
+            .iter()
+            .map(|value| eit::digits(value.unwrap_or(f64::NAN)))
+            .collect();
+        fields.join(",") + "\n"
+    });
+    Ok(rows.collect())
 }
 
 /// The map as terminal cells.
@@ -167,8 +185,6 @@ pub(crate) fn map_summary(
 
 #[cfg(test)]
 mod tests {
-    use survey::MapUnit;
-
     use crate::maps::drawing::*;
 
     fn geometry() -> dbus::Geometry {

@@ -1,7 +1,9 @@
 //! Reconstruction without a daemon: builds a model of `imaging` from the options and the record.
 
+use std::path::Path;
+
 use eit::inverse::learned::network::is_onnx;
-use eit::{DiscTank, Mesh, PaperSheet, Preset};
+use eit::{DiscTank, Mesh, PaperSheet, Preset, Pressure};
 use imaging::noise::Noise;
 use imaging::recorded::{Fitted, Origin, Recording};
 use imaging::{BuildError, Conditions, Geometry, MethodArguments, Model, has_mesh, short_hash};
@@ -21,6 +23,8 @@ pub(crate) struct Reconstruction {
     pub(crate) remarks: Vec<String>,
     /// The largest loss by noise alone; `None` if the noise of a reading is unknown.
     pub(crate) noise: Option<f64>,
+    /// Whether a map that the calibration refuses is an error: the calibration was named.
+    must_calibrate: bool,
 }
 
 impl Reconstruction {
@@ -31,11 +35,12 @@ impl Reconstruction {
     pub(crate) fn new(
         method: &MethodArguments,
         geometry: &GeometryChoice,
+        calibration: Option<&Path>,
         recording: &Recording,
     ) -> Result<Self, Failure> {
         let (origin, protocol) = (&recording.origin, &recording.protocol);
         let mut chosen = Chosen::new(method, origin)?;
-        let model = match &chosen.settings.file {
+        let mut model = match &chosen.settings.file {
             Some(file) => {
                 // an ONNX file contains no mesh
                 let geometry = match is_onnx(file) {
@@ -51,6 +56,16 @@ impl Reconstruction {
                 prepare(&mut chosen, geometry, recording)?
             }
         };
+        if let Some(path) = calibration {
+            imaging::calibrate(&mut model, path).map_err(not_built)?;
+        } else if let Some(path) = &chosen.calibration
+            && let Err(error) = imaging::calibrate(&mut model, path)
+        {
+            chosen.remarks.push(format!(
+                "maps are in relative loss of conductance, because the session's {}; --calibration FILE says where it is",
+                survey::error_chain(&error)
+            ));
+        }
         // an assumed noise has no significance for a map; for a slow method, the draws would take longer than the maps
         let unloaded = &recording.unloaded;
         let measured = Noise::of_baseline(unloaded.noise, &unloaded.readings)
@@ -62,6 +77,7 @@ impl Reconstruction {
         });
         Ok(Self {
             noise,
+            must_calibrate: calibration.is_some(),
             field: Field::from_mesh(model.reconstructor.mesh()),
             model,
             remarks: chosen.remarks,
@@ -77,6 +93,23 @@ impl Reconstruction {
             .reconstructor
             .reconstruct(baseline, frame)
             .map_err(|error| Failure::failed("no map can be made", &error))
+    }
+
+    /// A map as the calibration reads it; `None` without one, and where the session's refuses the map.
+    ///
+    /// # Errors
+    /// The calibration that was named refuses the map.
+    pub(crate) fn pressure(&self, map: &Map) -> Result<Option<Pressure>, Failure> {
+        let Some(calibration) = &self.model.calibration else {
+            return Ok(None);
+        };
+        match calibration.pressure(self.mesh(), map) {
+            Ok(pressure) => Ok(Some(pressure)),
+            Err(error) if self.must_calibrate => {
+                Err(Failure::failed("the map has no pressure", &error))
+            }
+            Err(_) => Ok(None),
+        }
     }
 
     /// The mesh whose region the maps cover.

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use eit::Mesh;
+use eit::{Mesh, Pressure};
 use imaging::recorded::{
     FRAMES_HEADING, MapCompanions, MapRow, RecordedFrame, Recording, maps_heading, triangles_text,
 };
@@ -14,7 +14,7 @@ use survey::Map;
 
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
-use crate::maps::drawing;
+use crate::maps::drawing::{self, unit};
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording;
 use crate::output::Printer;
@@ -34,6 +34,10 @@ struct Line<'a> {
     significant: Option<bool>,
     /// The largest loss by noise alone.
     noise: Option<f64>,
+    /// Of the map as it is drawn and written: `kPa` with a calibration.
+    unit: &'static str,
+    newtons: Option<f64>,
+    largest_kpa: Option<f64>,
     masked: usize,
     map_hash: String,
     /// Whether the recorded map had the same bits; `None` if none was recorded.
@@ -49,7 +53,12 @@ pub(crate) fn run(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let recording = recording::open(global, replay)?;
-    let reconstruction = Reconstruction::new(&replay.method, &replay.geometry, &recording)?;
+    let reconstruction = Reconstruction::new(
+        &replay.method,
+        &replay.geometry,
+        replay.calibration.as_deref(),
+        &recording,
+    )?;
     let count = recording::count(&recording, replay)?;
     introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();
@@ -76,6 +85,9 @@ pub(crate) fn run(
         let noise = reconstruction.noise;
         let found = reconstruction.field.found(&map, noise);
         verdict.take(&recorded, &map);
+        let pressure = reconstruction.pressure(&map)?;
+        let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));
+        let shown = calibrated.as_ref().unwrap_or(&map);
         if let Some(tables) = &mut tables {
             tables.put(&MapRow {
                 frame: recorded.sequence,
@@ -84,13 +96,13 @@ pub(crate) fn run(
                 map: &map,
                 found,
                 noise,
-                pressure: None,
+                pressure: pressure.as_ref(),
             })?;
         }
         let style = || {
             drawing::style(
                 format!("frame {}", recorded.label),
-                replay.scale,
+                (replay.scale, shown.unit),
                 recording.simulated == Some(true),
                 found,
                 &map,
@@ -101,7 +113,7 @@ pub(crate) fn run(
             None => None,
             Some(directory) => {
                 let path = directory.join(format!("frame-{:06}.png", recorded.sequence));
-                let png = drawing::png(&reconstruction.field, &map, &style())?;
+                let png = drawing::png(&reconstruction.field, shown, &style()?)?;
                 outfile::write(&path, existing, &png)?;
                 Some(path.display().to_string())
             }
@@ -115,6 +127,9 @@ pub(crate) fn run(
             largest_loss: map.largest_loss().map_or(0.0, |(_, loss)| loss),
             significant: map.is_significant(noise),
             noise,
+            unit: unit(shown),
+            newtons: pressure.as_ref().map(|pressure| pressure.newtons),
+            largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
             masked: map.masked,
             map_hash: map.hash(),
             verified: recorded.map.as_ref().map(|kept| kept.is_of(&map.hash())),
@@ -124,8 +139,8 @@ pub(crate) fn run(
         progress.suspend(|| -> Result<(), Failure> {
             printer.record(&line, sentence)?;
             if draw {
-                let style = drawing::terminal_style(printer, style());
-                printer.drawn(&drawing::terminal(&reconstruction.field, &map, &style)?)?;
+                let style = drawing::terminal_style(printer, style()?);
+                printer.drawn(&drawing::terminal(&reconstruction.field, shown, &style)?)?;
             }
             Ok(())
         })?;
@@ -285,9 +300,9 @@ fn sentence(line: &Line<'_>) -> String {
         match (line.significant, line.noise) {
             (Some(false), Some(noise)) => render::nothing_above(noise),
             _ => format!(
-                "found {}, largest relative loss of conductance {:.3}",
+                "found {}, {}",
                 drawing::place(line.found_mm),
-                line.largest_loss
+                drawing::map_summary(line.largest_loss, line.newtons.zip(line.largest_kpa), None),
             ),
         },
     );

@@ -1,5 +1,7 @@
 //! Settings for maps: from the options, otherwise from the session, otherwise the defaults.
 
+use std::path::PathBuf;
+
 use imaging::recorded::Origin;
 use imaging::{MethodArguments, ReconstructionSettings, find_model, find_model_in, short_hash};
 
@@ -14,7 +16,9 @@ pub(crate) struct Chosen {
     /// Whether the method is exactly the session's: its parameters are then chosen from the same frames as in the
     /// session.
     pub(crate) unchanged: bool,
-    /// Remarks on the choice, a sentence each.
+    /// The session's calibration, where its method holds too.
+    pub(crate) calibration: Option<PathBuf>,
+    /// What a person should know about the choice, a sentence each.
     pub(crate) remarks: Vec<String>,
 }
 
@@ -40,6 +44,11 @@ impl Chosen {
             .and_then(|header| session_settings::kept(header).ok())
             .and_then(|kept| kept.model.loss_only));
         let as_recorded = kept.is_some();
+        let unchanged = as_recorded && requested.given().is_empty();
+        let calibration = kept
+            .as_ref()
+            .and_then(|kept| kept.calibration.clone())
+            .filter(|_| unchanged);
         let file = model_file(&requested, origin, kept.as_ref(), &mut remarks)?;
         let settings = ReconstructionSettings {
             file,
@@ -56,7 +65,8 @@ impl Chosen {
         Ok(Self {
             settings,
             as_recorded,
-            unchanged: as_recorded && requested.given().is_empty(),
+            unchanged,
+            calibration,
             remarks,
         })
     }
@@ -68,7 +78,7 @@ fn model_file(
     origin: &Origin,
     kept: Option<&ReconstructionSettings>,
     remarks: &mut Vec<String>,
-) -> Result<Option<std::path::PathBuf>, Failure> {
+) -> Result<Option<PathBuf>, Failure> {
     let method_requested = requested.given().iter().any(|key| *key != "loss_only");
     let hash = match origin {
         Origin::Session(header) => header.model_hash.as_deref(),

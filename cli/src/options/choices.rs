@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 pub use imaging::recorded::BaselineRule;
 pub use imaging::{MethodArguments, PresetName};
+use survey::MapUnit;
 
 use crate::options::numbers::{degrees, electrodes, millimetres};
 
@@ -47,6 +48,8 @@ pub enum Format {
     Png,
     /// A drawing of one map.
     Svg,
+    /// One map as pixels by GREIT's convention: CSV, a row of pixels a line, the top first, `nan` outside.
+    Raster,
 }
 
 /// Scale of a map.
@@ -54,8 +57,41 @@ pub enum Format {
 pub enum Scale {
     /// Each map's own extremes.
     Own,
-    /// Fixed, lowest and highest value.
-    Fixed(f64, f64),
+    /// Fixed, in the unit and sign of the axis: per cent of conductance lost, or kPa with a calibration.
+    Fixed {
+        /// Lower end.
+        low: f64,
+        /// Upper end.
+        high: f64,
+        /// The unit that was written; without one it is the axis's.
+        unit: Option<MapUnit>,
+    },
+}
+
+impl Scale {
+    /// The ends as values of a map in this unit.
+    ///
+    /// # Errors
+    /// The scale was written in another unit.
+    pub fn of(self, shown: MapUnit) -> Result<render::Scale, String> {
+        let Self::Fixed { low, high, unit } = self else {
+            return Ok(render::Scale::Own);
+        };
+        let (per, axis) = shown.shown();
+        match unit {
+            Some(MapUnit::Pressure) if shown != MapUnit::Pressure => Err(format!(
+                "--scale {low},{high}kPa: the map is in {axis}, because no calibration holds; write --scale LOW,HIGH in {axis}, or \
+                 give a calibration"
+            )),
+            Some(other) if other != shown => Err(format!(
+                "--scale {low},{high}%: the map is in {axis}; write --scale LOW,HIGH in {axis}"
+            )),
+            _ => {
+                let (one, other) = (low / per, high / per);
+                Ok(render::Scale::Fixed(one.min(other), one.max(other)))
+            }
+        }
+    }
 }
 
 impl std::str::FromStr for Scale {
@@ -65,16 +101,60 @@ impl std::str::FromStr for Scale {
         if text == "own" {
             return Ok(Self::Own);
         }
-        let wrong = || format!("'{text}' is not a scale; write own, or two numbers as in -0.5,0");
-        let (low, high) = text.split_once(',').ok_or_else(wrong)?;
+        let wrong = || {
+            format!(
+                "'{text}' is not a scale; write own, or two numbers, the lower first, as the axis shows them: 0,50 or 0,50% for losses, \
+                 0,20kPa for pressure"
+            )
+        };
+        let (numbers, unit) = match (text.strip_suffix('%'), text.strip_suffix("kPa")) {
+            (Some(numbers), _) => (numbers, Some(MapUnit::RelativeConductance)),
+            (_, Some(numbers)) => (numbers, Some(MapUnit::Pressure)),
+            (None, None) => (text, None),
+        };
+        let (low, high) = numbers.split_once(',').ok_or_else(wrong)?;
         let (low, high): (f64, f64) = (
             low.trim().parse().map_err(|_| wrong())?,
             high.trim().parse().map_err(|_| wrong())?,
         );
         if low.is_finite() && high.is_finite() && low < high {
-            Ok(Self::Fixed(low, high))
+            Ok(Self::Fixed { low, high, unit })
         } else {
             Err(wrong())
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ends(text: &str, unit: MapUnit) -> Result<render::Scale, String> {
+        text.parse::<Scale>().unwrap().of(unit)
+    }
+
+    #[test]
+    fn a_scale_is_in_unit_and_sign_of_the_axis() {
+        let (loss, pressure) = (MapUnit::RelativeConductance, MapUnit::Pressure);
+        assert_eq!(ends("own", loss), Ok(render::Scale::Own));
+        for text in ["-10,50", "-10,50%", "-10, 50 %"] {
+            assert_eq!(
+                ends(text, loss),
+                Ok(render::Scale::Fixed(-0.5, 0.1)),
+                "{text}"
+            );
+        }
+        for text in ["0,20", "0,20kPa"] {
+            assert_eq!(
+                ends(text, pressure),
+                Ok(render::Scale::Fixed(0.0, 20.0)),
+                "{text}"
+            );
+        }
+        let error = ends("0,20kPa", loss).unwrap_err();
+        assert!(error.contains("calibration"), "{error}");
+        let error = ends("0,20%", pressure).unwrap_err();
+        assert!(error.contains("in kPa"), "{error}");
+        assert!("0,20mmHg".parse::<Scale>().is_err());
     }
 }

@@ -25,15 +25,14 @@ pub(crate) fn degrees(text: &str) -> Result<f64, String> {
     Bounds::Within(-360.0, 360.0).parse(text)
 }
 
+/// Pixels along a side.
+pub(crate) fn pixels(text: &str) -> Result<usize, String> {
+    Bounds::Within(2.0, 4096.0).parse_count(text)
+}
+
 /// Electrodes of a ring.
 pub(crate) fn electrodes(text: &str) -> Result<usize, String> {
-    let bounds = Bounds::Within(2.0, 256.0);
-    let refused = |_| format!("it must be a whole number {bounds}");
-    let number: u32 = text.trim().parse().map_err(|_| refused(()))?;
-    bounds
-        .check(f64::from(number))
-        .map(|_| number as usize)
-        .map_err(|_| refused(()))
+    Bounds::Within(2.0, 256.0).parse_count(text)
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use eit::Pressure;
 use imaging::recorded::{Recording, SessionParts};
 use logbook::{Record, SessionKind};
 use outfile::OutFile;
@@ -37,6 +38,9 @@ struct Written {
     largest_loss: Option<f64>,
     significant: Option<bool>,
     noise: Option<f64>,
+    unit: Option<&'static str>,
+    newtons: Option<f64>,
+    largest_kpa: Option<f64>,
 }
 
 /// Writes the requested files and reports their paths.
@@ -49,14 +53,16 @@ pub(crate) fn run(
     let session = SessionParts::open(&path)?;
     match export.format {
         Format::Csv => tables(&session, export, printer),
-        Format::Png | Format::Svg if session.header().kind == SessionKind::Baseline => {
+        Format::Png | Format::Svg | Format::Raster
+            if session.header().kind == SessionKind::Baseline =>
+        {
             Err(Failure::Failed(format!(
                 "session {} is a baseline: it is what maps are compared with and has none of its own; name a measurement \
                  (`tactus sessions`), or take --format csv",
                 session.header().id
             )))
         }
-        Format::Png | Format::Svg => picture(&path, &session, export, printer),
+        Format::Png | Format::Svg | Format::Raster => picture(&path, &session, export, printer),
     }
 }
 
@@ -80,6 +86,9 @@ fn tables(
             largest_loss: None,
             significant: None,
             noise: None,
+            unit: None,
+            newtons: None,
+            largest_kpa: None,
         };
         printer.record(&written, |written| {
             format!("{:<9} {}", written.what, written.path)
@@ -272,9 +281,17 @@ fn picture(
     };
     let record = session.frame(sequence)?;
     let recording = Recording::from_session(path, None, false)?;
-    let reconstruction = Reconstruction::new(&export.method, &export.geometry, &recording)?;
+    let reconstruction = Reconstruction::new(
+        &export.method,
+        &export.geometry,
+        export.calibration.as_deref(),
+        &recording,
+    )?;
     let map = reconstruction.map(&recording.unloaded.readings, &record.frame.readings)?;
     let found = reconstruction.field.found(&map, reconstruction.noise);
+    let pressure = reconstruction.pressure(&map)?;
+    let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));
+    let shown = calibrated.as_ref().unwrap_or(&map);
     let title = format!(
         "{}, frame {sequence}, {}",
         header.id,
@@ -282,18 +299,22 @@ fn picture(
     );
     let style = drawing::style(
         title,
-        export.scale,
+        (export.scale, shown.unit),
         header.simulated,
         found,
         &map,
         reconstruction.noise,
-    );
+    )?;
     let (what, bytes) = match export.format {
         Format::Svg => (
             "svg",
-            drawing::svg(&reconstruction.field, &map, &style)?.into_bytes(),
+            drawing::svg(&reconstruction.field, shown, &style)?.into_bytes(),
         ),
-        Format::Png | Format::Csv => ("png", drawing::png(&reconstruction.field, &map, &style)?),
+        Format::Raster => (
+            "raster",
+            drawing::raster(&reconstruction.field, shown, export.raster)?.into_bytes(),
+        ),
+        Format::Png | Format::Csv => ("png", drawing::png(&reconstruction.field, shown, &style)?),
     };
     outfile::write(&export.out, export.replacing.existing(), &bytes)?;
     for remark in &reconstruction.remarks {
@@ -311,6 +332,9 @@ fn picture(
         largest_loss: Some(map.largest_loss().map_or(0.0, |(_, loss)| loss)),
         significant: map.is_significant(reconstruction.noise),
         noise: reconstruction.noise,
+        unit: Some(drawing::unit(shown)),
+        newtons: pressure.as_ref().map(|pressure| pressure.newtons),
+        largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
     };
     printer.record(&written, |written| {
         format!(

@@ -19,6 +19,7 @@ pub(crate) fn run(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     match what {
+        SessionsCommand::Show { session } => super::show::run(global, session, printer),
         SessionsCommand::Verify(asked) => verify(global, asked, printer),
         SessionsCommand::Repair(asked) => repair(global, asked, printer),
         SessionsCommand::Prune(asked) => prune(global, asked, printer),

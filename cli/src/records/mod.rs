@@ -7,3 +7,4 @@ pub(crate) mod export;
 pub(crate) mod log;
 pub(crate) mod maintenance;
 pub(crate) mod sessions;
+pub(crate) mod show;

@@ -44,6 +44,9 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
             "largest_loss",
             "significant",
             "noise",
+            "unit",
+            "newtons",
+            "largest_kpa",
             "masked",
             "map_hash",
             "verified",
@@ -153,6 +156,108 @@ fn a_session_is_replayed_as_its_daemon_made_it_and_verified() {
     // The first frame is the baseline: no change by any method.
     assert!(otherwise[1..].iter().all(|line| line["verified"] == false));
     assert_eq!(otherwise[0]["method"], "one-step tikhonov");
+}
+
+#[test]
+fn a_calibration_holds_in_replay_export_and_session_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let model = format!(
+        "[model]\nnoise_uv = 3.0\ncalibration = '{}'\n",
+        at("sheet.toml")
+    );
+    session_of(folder.path(), "m1", &model);
+    // the file is not there: maps stay in relative loss, and a scale in kPa has no meaning
+    let replay = ["replay", "m1", "--json", "--png", "pictures", "--force"];
+    let bare = lines(&done(folder.path(), &replay));
+    assert_eq!(bare[2]["unit"], "relative loss of conductance");
+    assert!(bare[2]["newtons"].is_null());
+    let kpa = ["--scale", "0,50kPa"];
+    let message = refused(folder.path(), &[&replay[..], &kpa].concat(), 2);
+    assert!(message.contains("calibration"), "{message}");
+    let text = done(folder.path(), &["replay", "m1", "--no-map"]);
+    assert!(
+        text.contains("sheet.toml") && text.contains("--calibration"),
+        "{text}"
+    );
+    // 100 kPa where all conductance is lost
+    let mesh = eit::DiscTank::default().mesh().unwrap();
+    let calibration = format!(
+        "kind = \"{}\"\nmesh = \"{}\"\nmethod = {}\nloss = [0.0, 1.0]\nkpa = [0.0, 100.0]\n\
+         frame = [0.0, 0.0, 0.1, 0.1]\ngain = [0.0, 0.0, 0.0, 0.0, 0.0]\npresses = 6\nrms = 0.01\n",
+        eit::CALIBRATION_KIND,
+        mesh.hash(),
+        bare[2]["method"],
+    );
+    std::fs::write(at("other.toml"), &calibration).unwrap();
+    let named = ["--calibration", "other.toml", "--out", "maps.csv"];
+    let made = lines(&done(folder.path(), &[&replay[..], &kpa, &named].concat()));
+    assert_eq!(made[2]["unit"], "kPa");
+    let (loss, pressure) = (&made[2]["largest_loss"], &made[2]["largest_kpa"]);
+    let difference = pressure.as_f64().unwrap() - 100.0 * loss.as_f64().unwrap();
+    assert!(difference.abs() < 1e-9, "{pressure} for {loss}");
+    assert!(made[2]["newtons"].as_f64().unwrap() > 0.0);
+    assert_eq!(
+        made[2]["map_hash"], bare[2]["map_hash"],
+        "the map is the same"
+    );
+    let maps = eit::Table::read(&folder.path().join("maps.csv")).unwrap();
+    let most = maps.rows[2]
+        .iter()
+        .flatten()
+        .fold(0.0_f64, |most, value| most.max(*value));
+    assert_eq!(Some(most), pressure.as_f64(), "the table is in kPa");
+    // of another method it is refused where it was named
+    let other = ["--prior", "tikhonov", "--calibration", "other.toml"];
+    let message = refused(folder.path(), &[&replay[..], &other].concat(), 78);
+    assert!(message.contains("tikhonov"), "{message}");
+    // the session's own holds without being named
+    std::fs::write(at("sheet.toml"), &calibration).unwrap();
+    let made = lines(&done(folder.path(), &replay));
+    assert_eq!(made[2]["unit"], "kPa");
+    let picture = [
+        "export", "m1", "--format", "svg", "--out", "map.svg", "--scale", "0,20", "--json",
+    ];
+    let written = lines(&done(folder.path(), &picture));
+    assert_eq!(written[0]["unit"], "kPa");
+    let svg = std::fs::read_to_string(at("map.svg")).unwrap();
+    assert!(
+        svg.contains("kPa") && svg.lines().any(|line| line.trim() == "20"),
+        "the axis ends at 20 kPa"
+    );
+    let raster = [
+        "export",
+        "m1",
+        "--format",
+        "raster",
+        "--raster",
+        "16",
+        "--out",
+        "raster.csv",
+    ];
+    done(folder.path(), &raster);
+    let pixels = eit::Table::read(&folder.path().join("raster.csv")).unwrap();
+    assert_eq!((pixels.rows.len(), pixels.width()), (16, 16));
+    assert_eq!(pixels.rows[0][0], None, "a corner is outside of the disc");
+    // the press is at the upper right: its pixel has more pressure than the mirrored one at the lower left
+    assert!(pixels.rows[6][11] > pixels.rows[9][4], "{pixels:?}");
+    let shown = &lines(&done(folder.path(), &["sessions", "show", "m1", "--json"]))[0];
+    assert_eq!(shown["calibration"], at("sheet.toml"));
+    assert_eq!(shown["method"], bare[2]["method"]);
+    assert_eq!(shown["baseline"]["id"], "b20270115_1");
+    assert_eq!(shown["settings"]["current_a"], 1e-3);
+    assert_eq!(shown["duration_s"], 4.0);
+    assert!(shown["bytes"].as_u64().unwrap() > 1000);
+    let page = done(folder.path(), &["sessions", "show", "m1"]);
+    for line in [
+        "(SIMULATED)",
+        "duration",
+        "4s",
+        "sheet.toml",
+        "noise of a reading 2.00 uV",
+    ] {
+        assert!(page.contains(line), "no '{line}' in {page}");
+    }
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod mutated;
 mod numbers;
 mod played;
 mod rig_plan;
+mod surroundings;
 mod wired;
 
 use std::path::{Path, PathBuf};

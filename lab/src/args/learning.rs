@@ -6,6 +6,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use outfile::OutPath;
 
 use super::Replacing;
+use super::numbers::{cases, epochs, gamma, neurons, noise_v, repeats, spread_times};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Network {
@@ -49,13 +50,13 @@ pub(crate) struct DeepOptions {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
     /// Simulated cases [default: 15000]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = cases)]
     pub(crate) cases: Option<usize>,
     /// Jittered copies of each case [default: 5]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = repeats)]
     pub(crate) repeats: Option<usize>,
     /// Passes over the training set [default: 30]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = epochs)]
     pub(crate) epochs: Option<usize>,
     /// The same seed gives the same file [default: 1]
     #[arg(long, value_name = "S")]
@@ -102,10 +103,10 @@ pub(crate) struct DataOptions {
     #[arg(long, value_enum)]
     pub(crate) profile: Profile,
     /// gamma of the profile `paper`
-    #[arg(long, default_value_t = 0.01)]
+    #[arg(long, default_value_t = 0.01, value_parser = gamma)]
     pub(crate) gamma: f64,
-    /// Noise of one reading for the profile `matched`, V; several levels, several times: copies of a case take them in turn
-    #[arg(long, value_name = "SD", default_values_t = [2e-6])]
+    /// Noise of one reading for the profile `matched`, V, below the largest reading of the case; several levels, several times: copies of a case take them in turn
+    #[arg(long, value_name = "SD", default_values_t = [2e-6], value_parser = noise_v)]
     pub(crate) noise_v: Vec<f64>,
     /// Frames of the unloaded sheet: the profile `matched` takes their covariance in place of --noise-v
     #[arg(long, value_name = "FILE")]
@@ -126,19 +127,19 @@ pub(crate) struct TrainOptions {
     #[command(flatten)]
     pub(crate) data: DataOptions,
     /// Simulated cases
-    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    #[arg(long, value_name = "N", default_value_t = 15_000, value_parser = cases)]
     pub(crate) cases: usize,
     /// Jittered copies of each case
-    #[arg(long, value_name = "N", default_value_t = 5)]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = repeats)]
     pub(crate) repeats: usize,
     /// Neurons
-    #[arg(long, value_name = "N", default_value_t = 100)]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = neurons)]
     pub(crate) neurons: usize,
     /// The same seed gives the same file
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
     /// Width of the neurons in times of Eq. 13's spread
-    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = spread_times)]
     pub(crate) spread_times: f64,
     /// Model file to write
     #[arg(long, value_name = "FILE")]
@@ -155,7 +156,7 @@ pub(crate) struct LinearOptions {
     #[command(flatten)]
     pub(crate) data: DataOptions,
     /// Simulated cases
-    #[arg(long, value_name = "N", default_value_t = 15_000)]
+    #[arg(long, value_name = "N", default_value_t = 15_000, value_parser = cases)]
     pub(crate) cases: usize,
     /// The same seed gives the same file
     #[arg(

@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod learning;
+mod numbers;
 mod paper;
 mod reconstruct;
 mod scene;
@@ -15,6 +16,8 @@ use clap::{Args, Parser, Subcommand};
 use imaging::PresetName;
 use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
 use studies::evaluation::test_set::TestSetName;
+
+use numbers::cases as set_cases;
 
 pub(crate) use calibrate::CalibrateOptions;
 pub(crate) use learning::{
@@ -157,7 +160,7 @@ pub(crate) struct DatasetOptions {
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
     /// Cases of the whole set [default: 15000, or as the settings say]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = set_cases)]
     pub(crate) cases: Option<usize>,
     /// Algorithm 1 with other parameters, and the paper's open readings: TOML with the keys of the training settings, e.g.
     /// polygons = 4, radius_m = 0.07, vertices = 5, [open] size = "diameter"

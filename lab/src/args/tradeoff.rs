@@ -40,13 +40,17 @@ pub(crate) struct AdviseOptions {
     /// The longest frame that is short enough, s
     #[arg(long, value_name = "S")]
     pub(crate) max_seconds: f64,
-    /// Only what this number of electrodes gives
+    /// The configuration to start from: its electrodes and module are kept, and its current is not exceeded [default: config.toml
+    /// here, else /etc/tactus/config.toml, where there is one]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Only what this number of electrodes gives [default: the configuration's]
     #[arg(long, value_name = "N")]
     pub(crate) electrodes: Option<u64>,
-    /// Only what this module gives, e.g. 34924A
+    /// Only what this module gives, e.g. 34924A [default: the configuration's]
     #[arg(long, value_name = "NAME")]
     pub(crate) module: Option<String>,
-    /// Only what this current gives, mA
+    /// Only what this current gives, mA [default: at most the configuration's]
     #[arg(long, value_name = "MA")]
     pub(crate) current_ma: Option<f64>,
     /// A table that `tradeoff --only acquisition` made [default: the kept one]

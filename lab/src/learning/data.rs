@@ -10,6 +10,7 @@ use training::dataset::DataSet;
 use training::samples::Samples;
 use training::{linear, single_current};
 
+use super::limits;
 use crate::args::{DataOptions, Profile};
 use crate::geometry;
 
@@ -23,14 +24,6 @@ pub(super) struct Data {
 impl Data {
     /// Reads the files that the options name.
     pub(super) fn read(options: &DataOptions) -> Result<Self, Failure> {
-        for level in &options.noise_v {
-            positive(
-                "--noise-v",
-                *level,
-                "the noise of one reading in volts, e.g. 2e-6",
-            )?;
-        }
-        positive("--gamma", options.gamma, "the paper's is 0.01")?;
         let case = match &options.case {
             Some(folder) => geometry::read(folder)?,
             None => geometry::case(&Preset::default(), Amps(1e-3))?,
@@ -43,7 +36,10 @@ impl Data {
                 volts: noise_frames(path, case.protocol.len())?,
                 current_a: single_current(&case)?,
             },
-            (Profile::Matched, None) => linear::matched(&options.noise_v, single_current(&case)?),
+            (Profile::Matched, None) => {
+                limits::check_noise(&case, &options.noise_v)?;
+                linear::matched(&options.noise_v, single_current(&case)?)
+            }
         };
         let set = match &options.dataset {
             Some(folder) => Some(DataSet::open(folder, &case)?),
@@ -75,14 +71,4 @@ fn noise_frames(path: &Path, readings: usize) -> Result<Vec<Vec<f64>>, Failure> 
                 })
         })
         .collect()
-}
-
-/// Refuses a value that is not a positive number.
-fn positive(option: &str, value: f64, hint: &str) -> Result<(), Failure> {
-    match value > 0.0 && value.is_finite() {
-        true => Ok(()),
-        false => Err(Failure::usage(format!(
-            "{option} {value}: a positive number is expected ({hint})"
-        ))),
-    }
 }

@@ -14,6 +14,7 @@ use training::samples::{Noise, Samples, TrainingSet};
 use training::symmetry::Symmetric;
 
 use super::data::Data;
+use super::limits;
 use super::model_file;
 use crate::args::{DeepOptions, Profile};
 
@@ -184,6 +185,7 @@ fn trained(
     let made = match given {
         Some(_) => None,
         None => {
+            limits::check_memory(drawn.cases, case.protocol.len(), 0)?;
             let bars = progress::Training::default();
             let set = TrainingSet::build(
                 &case.mesh,

@@ -3,6 +3,7 @@
 mod data;
 mod dataset;
 mod deep;
+mod limits;
 mod linear;
 mod model_file;
 mod rbf;

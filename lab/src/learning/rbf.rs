@@ -5,6 +5,7 @@ use studies::{Failure, progress};
 use training::rbf;
 
 use super::data::Data;
+use super::limits;
 use super::model_file;
 use crate::args::TrainOptions;
 
@@ -33,6 +34,7 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
         jitter: data.jitter.clone(),
         ..drawn
     };
+    limits::check_memory(settings.cases, data.case.protocol.len(), settings.repeats)?;
     let bars = progress::Training::default();
     let show = |stage, done, of| bars.show(stage, done, of);
     let model = rbf::fit(

@@ -1,13 +1,14 @@
 //! Commands of the studies: convert options to settings of `studies`, print results.
 
+mod advise;
 mod evaluate;
 
 use studies::paper::Made;
-use studies::tradeoff::Point;
 use studies::{Failure, paper as paper_study, stability as hard_cases, tradeoff as diagrams};
 
-use crate::args::{AdviseOptions, PaperOptions, StabilityOptions, TradeoffOptions};
+use crate::args::{PaperOptions, StabilityOptions, TradeoffOptions};
 use crate::program::TactusLab;
+pub(crate) use advise::advise;
 pub(crate) use evaluate::{evaluate, judge};
 
 /// `tactus-lab paper`.
@@ -61,48 +62,6 @@ pub(crate) fn tradeoff(options: &TradeoffOptions) -> Result<(), Failure> {
         println!("{}", path.display());
     }
     Ok(())
-}
-
-/// `tactus-lab advise`.
-pub(crate) fn advise(options: &AdviseOptions) -> Result<(), Failure> {
-    let request = diagrams::Request {
-        error_mm: options.error_mm,
-        max_seconds: options.max_seconds,
-        electrodes: options.electrodes,
-        module: options.module.clone(),
-        current_ma: options.current_ma,
-        table: options.table.clone(),
-    };
-    show(&diagrams::advise(&request)?, options.json);
-    Ok(())
-}
-
-fn show(point: &Point, json: bool) {
-    if json {
-        println!("{}", serde_json::to_value(point).expect("plain data"));
-        return;
-    }
-    let also = |name: &str| point.also.get(name).copied().unwrap_or(f64::NAN);
-    println!(
-        "{}, {}\n  a frame          {:.2} s ({:.0} an hour)\n  location error   {:.2} mm +- {:.2} (a 10 mm press that takes \
-         half the conductance; bound {:.3} mm)\n  noise            {:.2} uV rms a reading\nIn config.toml: [survey] electrodes = \
-         {}, nplc = {}, averages = {}, half = {}, skip = {}, current_ua = {:.0}, ranges = \"planned\"\nThis is simulated: noise of the \
-         voltmeter's table, no drift.",
-        point.line,
-        point.setting,
-        point.time,
-        3600.0 / point.time,
-        point.error,
-        point.spread,
-        also("bound, mm"),
-        also("noise, uV rms"),
-        also("electrodes"),
-        also("NPLC"),
-        also("averages"),
-        also("half") > 0.5,
-        also("skip"),
-        1e3 * also("current, mA"),
-    );
 }
 
 /// `tactus-lab stability`: a violated bound is an error.

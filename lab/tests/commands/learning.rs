@@ -296,3 +296,21 @@ fn methods_are_compared_on_frames_of_a_finer_mesh() {
     let message = refused("evaluate --set {} --method one-step", &[folder.path()]);
     assert!(!message.is_empty());
 }
+
+#[test]
+fn slips_of_a_training_are_refused_before_work_begins() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("x.model");
+    for (slip, says) in [
+        ("--noise-v 2", "2e-6"),
+        ("--noise-v 0", "2e-6"),
+        ("--cases 1e11", "10000000"),
+        ("--cases 100000000000", "10000000"),
+    ] {
+        let line = format!("train linear --profile matched {slip} --out {{}}");
+        let message = refused(&line, &[&model]);
+        assert!(message.contains(says), "{slip}: {message}");
+        assert!(!message.contains("cases take about"), "{slip}: {message}");
+    }
+    assert!(!model.exists());
+}

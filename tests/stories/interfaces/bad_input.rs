@@ -195,3 +195,28 @@ fn a_wrong_column_count_names_the_line() {
         message.stderr
     );
 }
+
+#[test]
+fn check_warns_of_what_will_not_work_on_this_machine() {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
+        format!(
+            "{config}\n[notify]\ncommand = [\"/nonexistent/mail\"]\n[schedule]\nevery_s = 0.01\n"
+        )
+    }) else {
+        return;
+    };
+    let path = stage.config_path().display().to_string();
+    let checked = stage
+        .run("tactusd", &["--config", &path, "--check"])
+        .unwrap_or_else(|fault| panic!("{fault}"));
+    let text = format!("{}{}", checked.stdout, checked.stderr);
+    assert_eq!(checked.code, Some(0), "{text}");
+    for warning in [
+        "/nonexistent/mail",
+        "schedule.every_s is 0.01",
+        "a frame takes",
+    ] {
+        assert!(text.contains(warning), "no '{warning}' in {text}");
+    }
+    assert!(!text.contains("no problem found"), "{text}");
+}

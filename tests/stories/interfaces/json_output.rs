@@ -11,7 +11,7 @@ fn every_command_prints_json_on_request() {
     baseline(&stage, 2);
     let id = measure(&stage, 2);
     let picture = stage.path().join("map.png").display().to_string();
-    let fields: [(&[&str], &[&str]); 11] = [
+    let fields: [(&[&str], &[&str]); 12] = [
         (
             &["status"],
             &[
@@ -54,6 +54,19 @@ fn every_command_prints_json_on_request() {
         (
             &["baseline", "show"],
             &["id", "wall", "frames", "volts", "flags", "noise_v"],
+        ),
+        (
+            &["sessions", "show", "last"],
+            &[
+                "id",
+                "settings",
+                "about",
+                "method",
+                "calibration",
+                "baseline",
+                "bytes",
+                "duration_s",
+            ],
         ),
         (
             &["sessions"],

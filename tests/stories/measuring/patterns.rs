@@ -87,3 +87,68 @@ fn a_model_trained_for_another_pattern_is_refused_naming_both() {
         assert!(text.contains(word), "'{word}' is not in: {text}");
     }
 }
+
+#[test]
+fn check_accepts_the_lines_that_advise_prints() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
+        return;
+    };
+    let path = stage.config_path();
+    let config = path.display().to_string();
+    let mut proposed = Vec::new();
+    for options in [&[][..], &["--module", "34934A"], &["--current-ma", "10"]] {
+        let mut words = vec![
+            "advise",
+            "--config",
+            &config,
+            "--error-mm",
+            "3",
+            "--max-seconds",
+            "60",
+        ];
+        words.extend(options);
+        let text = stage
+            .run("tactus-lab", &words)
+            .unwrap_or_else(|fault| panic!("{fault}"));
+        assert_eq!(text.code, Some(0), "{}", text.stderr);
+        words.push("--json");
+        let advice = stage
+            .run("tactus-lab", &words)
+            .unwrap_or_else(|fault| panic!("{fault}"));
+        let advice: serde_json::Value = serde_json::from_str(&advice.stdout).expect("a JSON line");
+        let lines = advice["config"].as_str().expect("TOML").to_owned();
+        assert!(text.stdout.contains(&lines), "{}", text.stdout);
+        let before = std::fs::read_to_string(&path).expect("a configuration");
+        let mut whole: toml::Table = toml::from_str(&before).expect("TOML");
+        for (section, keys) in toml::from_str::<toml::Table>(&lines).expect("TOML") {
+            let given = keys.as_table().expect("a section").clone();
+            let section = whole.entry(section).or_insert_with(|| given.clone().into());
+            section.as_table_mut().expect("a section").extend(given);
+        }
+        let changed = path.with_file_name("advised.toml");
+        std::fs::write(&changed, whole.to_string()).expect("the folder can be written");
+        let changed = changed.display().to_string();
+        let checked = stage
+            .run("tactusd", &["--config", &changed, "--check"])
+            .unwrap_or_else(|fault| panic!("{fault}"));
+        assert_eq!(
+            checked.code,
+            Some(0),
+            "{lines}{}{}",
+            checked.stdout,
+            checked.stderr
+        );
+        proposed.push(lines);
+    }
+    assert!(proposed[0].contains("electrodes = 26\n") && !proposed[0].contains("[wiring]"));
+    assert!(
+        proposed[1].contains("kind = \"matrix-34934a\""),
+        "{}",
+        proposed[1]
+    );
+    assert!(
+        proposed[2].contains("current_ua = 10000.0"),
+        "{}",
+        proposed[2]
+    );
+}

@@ -39,5 +39,5 @@ pub use map_noise::map_noise;
 pub use methods::FRAMES_LOOKED_AT;
 pub use model::Model;
 pub use model_file::{find_model, find_model_in, load, short_hash};
-pub use reconstruction::{build, check_live};
+pub use reconstruction::{build, calibrate, check_live};
 pub use settings::{HyperRule, Method, PriorName, ReconstructionSettings};

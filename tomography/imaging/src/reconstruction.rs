@@ -7,7 +7,6 @@ use eit::Calibration;
 
 use crate::conditions::Conditions;
 use crate::error::BuildError;
-use crate::geometry::Geometry;
 use crate::methods;
 use crate::methods::AfterFrames;
 use crate::model::Model;
@@ -68,13 +67,16 @@ pub fn build(
         }
     };
     if let Some(path) = &settings.calibration {
-        model.calibration = Some(Arc::new(calibration(path, conditions.geometry, &model)?));
+        calibrate(&mut model, path)?;
     }
     Ok(model)
 }
 
-/// Reads a calibration and checks that it was fitted to maps of this method on this geometry.
-fn calibration(path: &Path, geometry: &Geometry, model: &Model) -> Result<Calibration, BuildError> {
+/// Reads a calibration for a model.
+///
+/// # Errors
+/// A file that cannot be read, or a calibration that was fitted to another method's maps or on another mesh.
+pub fn calibrate(model: &mut Model, path: &Path) -> Result<(), BuildError> {
     let refused = |why: String| BuildError::Calibration {
         path: path.to_owned(),
         why,
@@ -85,12 +87,12 @@ fn calibration(path: &Path, geometry: &Geometry, model: &Model) -> Result<Calibr
     calibration
         .check()
         .map_err(|fault| refused(fault.to_string()))?;
-    if calibration.mesh != geometry.mesh.hash() {
+    let mesh = model.reconstructor.mesh().hash();
+    if calibration.mesh != mesh {
         return Err(refused(format!(
-            "it was fitted on mesh {}, this rig has {} ({})",
+            "it was fitted on mesh {}, the maps are on {}",
             short_hash(&calibration.mesh),
-            short_hash(geometry.mesh.hash()),
-            geometry.name
+            short_hash(mesh),
         )));
     }
     let fits = match &model.after_frames {
@@ -99,10 +101,11 @@ fn calibration(path: &Path, geometry: &Geometry, model: &Model) -> Result<Calibr
     };
     if !fits {
         return Err(refused(format!(
-            "it was fitted to maps of '{}', the configured method is '{}'",
+            "it was fitted to maps of '{}', this method is '{}'",
             calibration.method,
             model.reconstructor.method()
         )));
     }
-    Ok(calibration)
+    model.calibration = Some(Arc::new(calibration));
+    Ok(())
 }

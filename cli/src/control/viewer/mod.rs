@@ -19,7 +19,6 @@ use crate::control::session;
 use crate::failure::Failure;
 use crate::maps::drawing;
 use crate::maps::drawing::Field;
-use crate::options::choices::Scale;
 use crate::output::Printer;
 use crate::output::screen::Screen;
 
@@ -353,25 +352,25 @@ impl<'a, W: Write> Viewer<'a, W> {
             significant: map.and_then(|map| map.is_significant(self.noise.0)),
             noise: map.and(self.noise.0),
             found_mm: drawing::millimetres(found),
-            unit: map.map(|map| unit(pressure.as_ref().unwrap_or(map))),
+            unit: map.map(|map| drawing::unit(pressure.as_ref().unwrap_or(map))),
             newtons: pressed.as_ref().map(|pressed| pressed.newtons),
             largest_kpa: pressure
                 .as_ref()
                 .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
         });
-        let picture = fits.filter(|_| !self.watch.no_map).map(|(map, _)| {
-            // a scale given by option is for conductance
-            let scale = match pressure {
-                Some(_) => Scale::Own,
-                None => self.watch.scale,
-            };
-            let title = format!("{}, frame {}", self.id, frame.sequence);
-            Picture {
-                sentence: sentence(&line, wall),
-                style: drawing::style(title, scale, frame.simulated, found, map, self.noise.0),
-                map: pressure.unwrap_or_else(|| map.clone()),
+        let picture = match fits.filter(|_| !self.watch.no_map) {
+            None => None,
+            Some((map, _)) => {
+                let title = format!("{}, frame {}", self.id, frame.sequence);
+                let shown = pressure.unwrap_or_else(|| map.clone());
+                let scale = (self.watch.scale, shown.unit);
+                Some(Picture {
+                    sentence: sentence(&line, wall),
+                    style: drawing::style(title, scale, frame.simulated, found, map, self.noise.0)?,
+                    map: shown,
+                })
             }
-        });
+        };
         if self.screen.is_none() || picture.is_none() {
             match self.screen {
                 Some(screen) => screen.message(&sentence(&line, wall))?,
@@ -422,14 +421,6 @@ pub(crate) async fn end(
     };
     printer.record(&line, |line| sentence(line, DateTime::UNIX_EPOCH))?;
     session::judge(daemon, session).await
-}
-
-/// Unit of a map's values.
-fn unit(map: &Map) -> &'static str {
-    match map.unit {
-        MapUnit::Pressure => map.unit.label(),
-        MapUnit::RelativeConductance | MapUnit::Conductance => map.unit.caption(),
-    }
 }
 
 fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {

@@ -242,6 +242,13 @@ impl Machine {
                 ),
             });
         }
+        if wanted.notify.command.is_empty() {
+            findings.push(Finding::warn(
+                "notify",
+                "nobody is notified of troubles: [notify] has no command",
+                "set [notify] command to a program that reaches people, then `tactus notify test`",
+            ));
+        }
         if let Some(program) = wanted.notify.command.first() {
             let mode = std::fs::metadata(self.path(program)).map(|found| found.mode());
             findings.push(match mode {

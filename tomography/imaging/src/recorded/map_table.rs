@@ -16,7 +16,7 @@ pub struct MapCompanions {
 }
 
 /// First line of the table of frames.
-pub const FRAMES_HEADING: &str = "frame,label,time_utc,found_x_m,found_y_m,largest_loss,noise,significant,masked,newtons,largest_kpa\n";
+pub const FRAMES_HEADING: &str = "frame,label,time_utc,found_x_m,found_y_m,unit,largest_loss,noise,significant,masked,newtons,largest_kpa\n";
 
 impl MapCompanions {
     /// The companions' paths for a table of maps.
@@ -70,7 +70,7 @@ impl MapRow<'_> {
         let largest = self.map.largest_loss().map_or(0.0, |(_, loss)| loss);
         let significant = self.map.is_significant(self.noise);
         format!(
-            "{},{},{},{},{},{},{},{},{},{},{}\n",
+            "{},{},{},{},{},{},{},{},{},{},{},{}\n",
             self.frame,
             self.label,
             self.time
@@ -78,6 +78,10 @@ impl MapRow<'_> {
                 .unwrap_or_default(),
             number(self.found.map(|[x, _]| x)),
             number(self.found.map(|[_, y]| y)),
+            match self.pressure {
+                Some(_) => survey::MapUnit::Pressure.label(),
+                None => self.map.unit.label(),
+            },
             digits(largest),
             number(self.noise),
             significant.map(|yes| yes.to_string()).unwrap_or_default(),

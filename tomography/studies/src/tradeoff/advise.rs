@@ -21,6 +21,8 @@ pub struct Request {
     pub module: Option<String>,
     /// Only settings with this current, mA.
     pub current_ma: Option<f64>,
+    /// Only settings with at most this current, mA.
+    pub most_ma: Option<f64>,
     /// A table made by the diagram `acquisition`, instead of the kept one.
     pub table: Option<PathBuf>,
 }
@@ -54,9 +56,21 @@ pub fn advise(options: &Request) -> Result<Point, Failure> {
         .filter(|point| fits(point, options))
         .collect();
     if points.is_empty() {
-        return Err(Failure::usage(
-            "no setting of the table has these electrodes, this module and this current",
-        ));
+        let wanted = [
+            options
+                .electrodes
+                .map(|count| format!("{count} electrodes")),
+            options.module.as_ref().map(|name| format!("module {name}")),
+            options.current_ma.map(|current| format!("{current} mA")),
+            options
+                .most_ma
+                .map(|current| format!("at most {current} mA")),
+        ];
+        let wanted: Vec<String> = wanted.into_iter().flatten().collect();
+        return Err(Failure::usage(format!(
+            "no setting of the table has {}; --electrodes, --module and --current-ma choose others",
+            wanted.join(", ")
+        )));
     }
     match chosen(&points, options.error_mm, options.max_seconds) {
         Advice::This(point) => Ok(point.clone()),
@@ -110,7 +124,11 @@ fn fits(point: &Point, options: &Request) -> bool {
         let (line, name) = (point.line.to_lowercase(), name.to_lowercase());
         line.contains(&name)
     });
+    let current = point.also.get("current, mA").copied().unwrap_or(0.0);
     module
+        && options
+            .most_ma
+            .is_none_or(|most| current <= most * (1.0 + 1e-6))
         && is("electrodes", options.electrodes.map(|count| count as f64))
         && is("current, mA", options.current_ma)
 }

@@ -1,0 +1,303 @@
+//! `tactus sessions show`: with what a session was taken.
+
+use std::io::Write;
+
+use imaging::noise::rms;
+use imaging::recorded::SessionParts;
+use logbook::About;
+use serde::Serialize;
+use survey::{Baseline, Settings, printable};
+
+use crate::args::Global;
+use crate::failure::Failure;
+use crate::maps::session_settings;
+use crate::output::Printer;
+use crate::output::time::{local, utc};
+use crate::session_files;
+
+/// The line of `sessions show --json`; see `docs/reference/json.md`.
+#[derive(Debug, Serialize)]
+struct Shown {
+    id: String,
+    kind: &'static str,
+    simulated: bool,
+    started: String,
+    ended: Option<String>,
+    reason: Option<String>,
+    last_frame: Option<String>,
+    duration_s: Option<f64>,
+    frames: u64,
+    bytes: u64,
+    parts: Vec<String>,
+    electrodes: usize,
+    readings: usize,
+    settings: Option<Measured>,
+    method: Option<String>,
+    model_hash: Option<String>,
+    calibration: Option<String>,
+    baseline: Option<Unloaded>,
+    about: About,
+    note: String,
+    instruments: Vec<Instrument>,
+    modules: Vec<String>,
+    geometry_hash: Option<String>,
+    config_hash: String,
+    build: String,
+}
+
+/// How the frames were taken.
+#[derive(Debug, Serialize)]
+struct Measured {
+    current_a: f64,
+    range_v: f64,
+    planned_ranges: bool,
+    nplc: f64,
+    settle_s: f64,
+    averages: u32,
+    autozero: bool,
+    reversal: bool,
+    wiring: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Unloaded {
+    id: String,
+    frames: usize,
+    taken: String,
+    noise_v: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct Instrument {
+    role: String,
+    identity: String,
+    address: String,
+}
+
+impl From<&Settings> for Measured {
+    fn from(settings: &Settings) -> Self {
+        let precautions = &settings.precautions;
+        Self {
+            current_a: settings.current.0,
+            range_v: settings.range.0,
+            planned_ranges: precautions.planned_ranges,
+            nplc: settings.nplc,
+            settle_s: settings.settle.as_secs_f64(),
+            averages: precautions.averages,
+            autozero: precautions.autozero,
+            reversal: precautions.reversal,
+            wiring: settings.wiring.clone(),
+        }
+    }
+}
+
+impl From<&Baseline> for Unloaded {
+    fn from(baseline: &Baseline) -> Self {
+        Self {
+            id: baseline.id.clone(),
+            frames: baseline.frames,
+            taken: utc(baseline.wall),
+            noise_v: rms(baseline.deviation.iter().filter_map(|volts| *volts)),
+        }
+    }
+}
+
+/// Reads header, first and last frame, baseline and sizes; no other frame is read.
+pub(crate) fn run(
+    global: &Global,
+    named: &str,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let session = SessionParts::open(&session_files::session_file(global, named)?)?;
+    let header = session.header();
+    let last_part = session.each().last().unwrap_or(&session.each()[0]);
+    let last = last_part.last()?;
+    let baseline = session.baseline()?;
+    let closed = last_part.closed();
+    let kept = session_settings::kept(header).ok();
+    let settings = last
+        .as_ref()
+        .map(|record| &record.frame.settings)
+        .or(baseline.as_ref().map(|baseline| &baseline.settings));
+    let span = last
+        .as_ref()
+        .map(|record| (record.frame.wall - header.started).as_seconds_f64());
+    let shown = Shown {
+        id: header.id.clone(),
+        kind: header.kind.as_str(),
+        simulated: header.simulated,
+        started: utc(header.started),
+        ended: closed.map(|closing| utc(closing.at)),
+        reason: closed.map(|closing| closing.reason.clone()),
+        last_frame: last.as_ref().map(|record| utc(record.frame.wall)),
+        duration_s: closed
+            .map(|closing| (closing.at - header.started).as_seconds_f64())
+            .or(span),
+        frames: session.len()?,
+        bytes: session
+            .each()
+            .iter()
+            .filter_map(|part| Some(std::fs::metadata(part.path()).ok()?.len()))
+            .sum(),
+        parts: session
+            .each()
+            .iter()
+            .map(|part| part.path().display().to_string())
+            .collect(),
+        electrodes: header.protocol.electrodes(),
+        readings: header.protocol.len(),
+        settings: settings.map(Measured::from),
+        method: last
+            .as_ref()
+            .and_then(|record| record.map.as_ref())
+            .map(|map| map.method.clone())
+            .or(kept
+                .as_ref()
+                .filter(|_| !header.config_toml.is_empty() && header.model_hash.is_none())
+                .map(|kept| kept.model.method.unwrap_or_default().name().to_owned())),
+        model_hash: header.model_hash.clone(),
+        calibration: kept
+            .and_then(|kept| kept.model.calibration)
+            .map(|path| path.display().to_string()),
+        baseline: baseline.as_ref().map(Unloaded::from),
+        about: header.about.clone(),
+        note: header.note.clone(),
+        instruments: header
+            .instruments
+            .iter()
+            .cloned()
+            .map(|instrument| Instrument {
+                role: instrument.role,
+                identity: instrument.identity,
+                address: instrument.address,
+            })
+            .collect(),
+        modules: header.modules.clone(),
+        geometry_hash: header.geometry_hash.clone(),
+        config_hash: header.config_hash.clone(),
+        build: header.build.clone(),
+    };
+    let started = local(header.started);
+    let ended = closed.map(|closing| local(closing.at));
+    printer.record(&shown, |shown| page(shown, &started, ended.as_deref()))
+}
+
+/// One entry a line: what is not known is left out, except where that matters.
+fn page(shown: &Shown, started: &str, ended: Option<&str>) -> String {
+    let mut lines: Vec<(&str, String)> = Vec::new();
+    let mut push = |name, text: String| {
+        if !text.is_empty() {
+            lines.push((name, text));
+        }
+    };
+    let simulated = if shown.simulated { " (SIMULATED)" } else { "" };
+    push(
+        "session",
+        format!("{}, {}{simulated}", shown.id, shown.kind),
+    );
+    push("started", started.to_owned());
+    push(
+        "ended",
+        match (ended, &shown.reason) {
+            (Some(ended), Some(reason)) => format!("{ended}, {reason}"),
+            _ => "not yet, or its daemon was killed".to_owned(),
+        },
+    );
+    if let Some(seconds) = shown.duration_s {
+        let whole = std::time::Duration::from_secs(seconds.max(0.0).round() as u64);
+        push("duration", humantime::format_duration(whole).to_string());
+    }
+    push(
+        "size",
+        format!(
+            "{} frames of {} readings, {} electrodes; {:.3} MB in {} file{}",
+            shown.frames,
+            shown.readings,
+            shown.electrodes,
+            shown.bytes as f64 * 1e-6,
+            shown.parts.len(),
+            if shown.parts.len() == 1 { "" } else { "s" },
+        ),
+    );
+    if let Some(taken) = &shown.settings {
+        push(
+            "settings",
+            format!(
+                "{:.6} mA, {}{} V, {} PLC, settling {} ms, averages {}, autozero {}, reversal {}, wiring {}",
+                1e3 * taken.current_a,
+                if taken.planned_ranges {
+                    "ranges up to "
+                } else {
+                    "range "
+                },
+                taken.range_v,
+                taken.nplc,
+                1e3 * taken.settle_s,
+                taken.averages,
+                on_off(taken.autozero),
+                on_off(taken.reversal),
+                taken.wiring,
+            ),
+        );
+    }
+    push(
+        "method",
+        match (&shown.method, &shown.model_hash) {
+            (Some(method), _) => method.clone(),
+            (None, Some(hash)) => format!("model {}", imaging::short_hash(hash)),
+            (None, None) => "none recorded".to_owned(),
+        },
+    );
+    push(
+        "calibration",
+        shown
+            .calibration
+            .clone()
+            .unwrap_or_else(|| "none: maps are in relative loss of conductance".to_owned()),
+    );
+    push(
+        "baseline",
+        match &shown.baseline {
+            None => "none".to_owned(),
+            Some(baseline) => {
+                let noise = baseline.noise_v.map_or(String::new(), |volts| {
+                    format!(", noise of a reading {:.2} uV", 1e6 * volts)
+                });
+                format!(
+                    "{}, {} frames, {}{noise}",
+                    baseline.id, baseline.frames, baseline.taken
+                )
+            }
+        },
+    );
+    for (name, words) in shown.about.entries() {
+        let name = match name {
+            "calibration" => "instruments' calibration",
+            "wiring" => "wiring of the sheet",
+            name => name,
+        };
+        push(name, words.to_owned());
+    }
+    push("note", shown.note.clone());
+    for instrument in &shown.instruments {
+        push(
+            &instrument.role,
+            format!("{} at {}", instrument.identity, instrument.address),
+        );
+    }
+    push("modules", shown.modules.join("; "));
+    push("program", shown.build.clone());
+    for part in &shown.parts {
+        push("file", part.clone());
+    }
+    let width = lines.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+    let lines: Vec<String> = lines
+        .iter()
+        .map(|(name, text)| format!("{:width$}  {}", printable(name), printable(text)))
+        .collect();
+    lines.join("\n")
+}
+
+fn on_off(set: bool) -> &'static str {
+    if set { "on" } else { "off" }
+}

@@ -1,0 +1,87 @@
+//! What a training needs, compared with the case and the machine before work begins.
+
+use eit::{Case, Forward};
+use studies::Failure;
+use survey::Bounds;
+
+/// Refuses noise that no reading of the case is above.
+///
+/// # Errors
+/// The level and the largest reading, or a case that cannot be solved.
+pub(super) fn check_noise(case: &Case, levels: &[f64]) -> Result<(), Failure> {
+    let failed = |fault| Failure::of("the case cannot be solved", &fault);
+    let forward =
+        Forward::new(std::sync::Arc::clone(&case.mesh), &case.contact_ohm_m).map_err(failed)?;
+    let ohms = forward
+        .readings(&case.unloaded_conductance(), &case.protocol)
+        .map_err(failed)?;
+    let largest = ohms
+        .iter()
+        .zip(&case.currents)
+        .fold(0.0_f64, |largest, (ohms, amps)| {
+            largest.max((ohms * amps).abs())
+        });
+    for level in levels {
+        Bounds::Between(0.0, largest).check(*level).map_err(|_| {
+            Failure::usage(format!(
+                "--noise-v {level}: the largest reading of the case is {largest:.2e} V, so nothing is above this noise; is it in \
+                 volts? 2 uV are 2e-6"
+            ))
+        })?;
+    }
+    Ok(())
+}
+
+/// Reports how much memory the cases of a training take, and refuses more than the machine has free.
+///
+/// # Errors
+/// Both sizes, and what to do.
+pub(super) fn check_memory(cases: usize, readings: usize, copies: usize) -> Result<(), Failure> {
+    // single precision; the cases are there twice while they are collected
+    let bytes = 4.0 * readings as f64 * cases as f64 * (2.0 + copies as f64);
+    let needs = format!(
+        "{cases} cases of {readings} readings take about {} of memory",
+        size(bytes)
+    );
+    match free_bytes() {
+        Some(free) if bytes > free => Err(Failure::usage(format!(
+            "{needs}, and {} are free; take fewer --cases or --repeats, or `train linear`, which keeps no cases",
+            size(free)
+        ))),
+        _ => {
+            eprintln!("tactus-lab: {needs}");
+            Ok(())
+        }
+    }
+}
+
+fn size(bytes: f64) -> String {
+    match bytes {
+        bytes if bytes >= 1e9 => format!("{:.1} GB", bytes * 1e-9),
+        bytes => format!("{:.0} MB", (bytes * 1e-6).ceil()),
+    }
+}
+
+/// Memory that the machine can still give; `None` where it does not say.
+fn free_bytes() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text
+        .lines()
+        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let kibibytes: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(1024.0 * kibibytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_memory_than_there_is_is_refused() {
+        let error = check_memory(1_000_000_000_000, 598, 5)
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("GB") && error.contains("--cases"), "{error}");
+        assert!(check_memory(100, 598, 5).is_ok());
+    }
+}

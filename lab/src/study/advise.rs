@@ -1,0 +1,161 @@
+//! `tactus-lab advise`: settings from the table of `tradeoff`, starting from the configuration that is there.
+
+use std::path::{Path, PathBuf};
+
+use config::problems::Source;
+use config::{Config, RigKind, WiringKind};
+use studies::Failure;
+use studies::tradeoff as diagrams;
+use studies::tradeoff::Point;
+
+use crate::args::AdviseOptions;
+
+/// The modules of the table, and the wiring of each.
+const MODULES: [(WiringKind, &str, &str); 5] = [
+    (WiringKind::Pairs34924a, "pairs-34924a", "34924A"),
+    (WiringKind::Pairs34922a, "pairs-34922a", "34922A"),
+    (WiringKind::Fast34925a, "fast-34925a", "34925A"),
+    (WiringKind::Matrix34932a, "matrix-34932a", "34932A"),
+    (WiringKind::Matrix34934a, "matrix-34934a", "34934A"),
+];
+
+/// Electrodes of the sheet, where a configuration does not say how many.
+const ELECTRODES: usize = 26;
+
+/// Prints the setting, its cost and the lines of the configuration that make it.
+pub(crate) fn advise(options: &AdviseOptions) -> Result<(), Failure> {
+    let found = read(options)?;
+    let config = found.as_ref().map(|(_, config)| config);
+    let request = request(options, config)?;
+    let point = diagrams::advise(&request)?;
+    let lines = lines(&point, config);
+    if options.json {
+        let mut line = serde_json::to_value(&point).expect("plain data");
+        line["config"] = lines.into();
+        println!("{}", survey::printable_json(line.to_string()));
+        return Ok(());
+    }
+    if let Some((path, _)) = &found {
+        println!(
+            "From {}: {} electrodes, module {}, at most {} mA; --electrodes, --module and --current-ma change that.",
+            path.display(),
+            request.electrodes.unwrap_or_default(),
+            request.module.as_deref().unwrap_or("any"),
+            request.current_ma.or(request.most_ma).unwrap_or_default(),
+        );
+    }
+    show(&point, &lines);
+    Ok(())
+}
+
+/// The configuration that is named, else the one in this folder, else the service's.
+fn read(options: &AdviseOptions) -> Result<Option<(PathBuf, Config)>, Failure> {
+    let usual = ["config.toml", "/etc/tactus/config.toml"].map(Path::new);
+    let Some(path) = options
+        .config
+        .as_deref()
+        .or(usual.into_iter().find(|path| path.is_file()))
+    else {
+        return Ok(None);
+    };
+    let refused = |why: String| {
+        Failure::usage(format!(
+            "{}: {why}; name another configuration with --config FILE",
+            path.display()
+        ))
+    };
+    let text = std::fs::read_to_string(path).map_err(|cause| refused(cause.to_string()))?;
+    match Source::new(path, text).read() {
+        (Some(config), _) => Ok(Some((path.to_owned(), config))),
+        (None, problems) => Err(refused(
+            problems
+                .first()
+                .map_or_else(String::new, ToString::to_string),
+        )),
+    }
+}
+
+/// What the options say, else what the configuration says.
+fn request(options: &AdviseOptions, config: Option<&Config>) -> Result<diagrams::Request, Failure> {
+    let module = match (&options.module, config) {
+        (Some(module), _) => Some(module.clone()),
+        (None, None) => None,
+        (None, Some(config)) => {
+            let kind = config.wiring.kind;
+            let of_table = MODULES.iter().find(|(known, ..)| *known == kind);
+            let (.., module) = of_table.ok_or_else(|| {
+                Failure::usage(
+                    "the table has no wiring of this configuration (a board or a file); --module NAME takes another, e.g. 34924A",
+                )
+            })?;
+            Some((*module).to_owned())
+        }
+    };
+    Ok(diagrams::Request {
+        error_mm: options.error_mm,
+        max_seconds: options.max_seconds,
+        electrodes: options
+            .electrodes
+            .or(config.map(|config| electrodes(config) as u64)),
+        module,
+        current_ma: options.current_ma,
+        most_ma: config
+            .filter(|_| options.current_ma.is_none())
+            .map(|config| 1e-3 * config.survey.current_ua),
+        table: options.table.clone(),
+    })
+}
+
+fn electrodes(config: &Config) -> usize {
+    config
+        .survey
+        .electrodes
+        .or(config.wiring.electrodes)
+        .unwrap_or(ELECTRODES)
+}
+
+/// Lines of a configuration that make this setting, as TOML.
+fn lines(point: &Point, config: Option<&Config>) -> String {
+    let also = |name: &str| point.also.get(name).copied().unwrap_or(f64::NAN);
+    let count = also("electrodes");
+    let mut text = format!(
+        "[survey]\nelectrodes = {count}\ncurrent_ua = {:.1}\nnplc = {}\naverages = {}\nhalf = {}\nskip = {}\nranges = \"planned\"\n",
+        1e3 * also("current, mA"),
+        also("NPLC"),
+        also("averages"),
+        also("half") > 0.5,
+        also("skip"),
+    );
+    let wired = MODULES
+        .iter()
+        .find(|(.., module)| point.line.contains(module));
+    if let Some((kind, name, _)) = wired
+        && config.is_none_or(|config| config.wiring.kind != *kind)
+    {
+        text += &format!("[wiring]\nkind = \"{name}\"\n");
+        if config.is_some_and(|config| config.rig.kind == RigKind::Simulated) {
+            text += &format!("[rig]\nprofile = \"{name}\"\n");
+        }
+    }
+    if config.is_some_and(|config| electrodes(config) as f64 != count) {
+        text += &format!("# [geometry] and [wiring] must have {count} electrodes too\n");
+    }
+    text
+}
+
+fn show(point: &Point, lines: &str) {
+    let also = |name: &str| point.also.get(name).copied().unwrap_or(f64::NAN);
+    println!(
+        "{}, {}\n  a frame          {:.2} s ({:.0} an hour)\n  location error   {:.2} mm +- {:.2} (a 10 mm press that takes \
+         half the conductance; bound {:.3} mm)\n  noise            {:.2} uV rms a reading\nIn config.toml, in place of the same \
+         keys:\n\n{lines}\nThis is simulated: noise of the voltmeter's table, no drift.",
+        point.line,
+        point.setting,
+        point.time,
+        3600.0 / point.time,
+        point.error,
+        point.spread,
+        also("bound, mm"),
+        also("noise, uV rms"),
+    );
+}
