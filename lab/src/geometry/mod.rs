@@ -1,4 +1,5 @@
 //! Commands on geometries: case folders from presets, forward solutions, sensitivities, transfer matrices.
+//! `maps` has the commands on frames and maps.
 
 mod mesh;
 mod solve;

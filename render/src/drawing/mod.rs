@@ -1,4 +1,5 @@
 //! Drawing tools for all pictures: canvas, pen, colours, scales, text fitting.
+//! The callers decide what to draw.
 
 pub(crate) mod canvas;
 pub(crate) mod colour;

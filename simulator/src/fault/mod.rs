@@ -1,5 +1,5 @@
-//! Faults: what a person or a test may do to the instruments, live or on a time line. How they act is left to the rig and
-//! its instruments.
+//! Faults that a person or a test can cause in the instruments, by command or on a time line. The rig and its
+//! instruments apply them.
 
 mod words;
 
@@ -22,14 +22,14 @@ pub enum ReplyFault {
     Doubled,
     /// It is cut off in the middle, without a line end.
     HalfLine,
-    /// The text NAN stands in place of each of its readings; replies without readings are passed over.
+    /// Each of its readings is replaced by the text NAN; replies without readings are not affected.
     NotANumber,
-    /// Its readings are those of the reply before; replies without readings are passed over.
+    /// Its readings are those of the previous reply; replies without readings are not affected.
     Stale,
 }
 
 impl ReplyFault {
-    /// Whether it needs a reply with readings.
+    /// Whether it only affects replies with readings.
     pub(crate) fn is_of_readings(self) -> bool {
         matches!(self, Self::NotANumber | Self::Stale)
     }

@@ -1,4 +1,4 @@
-//! Faults as words, for people, scenes and profiles: each is read as it is written.
+//! The text form of faults, for commands, scenes and profiles: parsing and formatting.
 
 use std::fmt;
 use std::str::FromStr;

@@ -1,6 +1,6 @@
-//! Files of other formats given as CSV: what they are, and how to make a CSV file of them.
+//! Detects files of other formats given as CSV, and explains how to convert them.
 
-/// What a file is that is no CSV file, and what to do; `None` where nothing speaks against CSV.
+/// The format of a file that is not CSV, and how to convert it; `None` if it may be CSV.
 pub(super) fn format(bytes: &[u8]) -> Option<[String; 2]> {
     let named = |what: &str, remedy: &str| Some([what.to_owned(), remedy.to_owned()]);
     let numpy = "numpy.savetxt('FILE.csv', array, delimiter=',', fmt='%.17g')";
@@ -8,7 +8,7 @@ pub(super) fn format(bytes: &[u8]) -> Option<[String; 2]> {
         let remedy = format!("write it as CSV in Python: array = numpy.load('FILE'); {numpy}");
         return named("a NumPy array (.npy)", &remedy);
     }
-    // version 7.3 is HDF5 behind a block of 512 bytes, which has the same beginning as version 5
+    // version 7.3 is HDF5 after a block of 512 bytes that begins like version 5
     if bytes.starts_with(b"MATLAB 5.0 MAT-file") || bytes.starts_with(b"MATLAB 7.3 MAT-file") {
         let remedy = format!(
             "write its matrix as CSV, in MATLAB: writematrix(X, 'FILE.csv'), or in Python: array = \

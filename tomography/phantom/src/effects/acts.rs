@@ -22,7 +22,7 @@ pub(crate) struct Places<'a> {
     pub(crate) centroids: &'a [[f64; 2]],
     /// m2
     pub(crate) areas: &'a [f64],
-    /// Log losses by the loads themselves, before any effect; 0 where no load lies.
+    /// Log losses by the loads alone, before any effect; 0 without a load.
     pub(crate) pressed: &'a [f64],
 }
 

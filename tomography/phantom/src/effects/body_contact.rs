@@ -1,13 +1,13 @@
-//! Body contact: what lies on the sheet warms it, and heat goes into the foam by diffusion.
+//! Body contact: a body on the sheet warms it, and heat diffuses into the foam.
 //!
-//! Foam of thickness L and diffusivity D, one face held at the body's temperature while a load lies there and at the
-//! room's otherwise, the other face insulated. The mean over the thickness, which is what the sheet's conductance follows,
-//! is a sum of modes: c (1 - sum 8 / (pi² m²) exp(-m² t / tau)), m = 1, 3, 5, ..., tau = 4 L² / (pi² D) (Carslaw and
-//! Jaeger, Conduction of heat in solids, section 3.4). Each mode follows any history of contact exactly. Eight are kept,
-//! the others (2.5 %) act at once: an error below 1e-3 from 0.02 tau on. sigma (1 - alpha T) as in `temperature`.
+//! Foam of thickness L and diffusivity D, one face at the body's temperature under a load and at the room's otherwise,
+//! the other face insulated. The conductance follows the mean temperature over the thickness, which is a sum of modes:
+//! c (1 - sum 8 / (pi² m²) exp(-m² t / tau)), m = 1, 3, 5, ..., tau = 4 L² / (pi² D) (Carslaw and Jaeger, Conduction of
+//! heat in solids, section 3.4). Each mode follows any history of contact exactly. Eight are computed, the others (2.5
+//! %) act immediately: an error below 1e-3 from 0.02 tau on. sigma (1 - alpha T) as in `temperature`.
 //!
-//! +8 degC under a body, tau 1 to 10 min, alpha -0.05 to -0.4 % per degC (fact sheet, section 2.3). Heat along the sheet,
-//! sqrt(D t) or some millimetres in an hour, is left out. Every load is a body.
+//! +8 degC under a body, tau 1 to 10 min, alpha -0.05 to -0.4 % per degC (fact sheet, section 2.3). Conduction along
+//! the sheet, sqrt(D t) or some millimetres in an hour, is ignored. Every load is treated as a body.
 
 use std::f64::consts::PI;
 use std::time::Duration;
@@ -18,17 +18,17 @@ use super::bounds::{Bounds, Fault};
 use super::creep::PronyStep;
 use super::{Effect, Effects, OnLoss, Places, SheetResponse};
 
-/// How warm a body is, and what the sheet makes of it.
+/// Temperature of the body, and the sheet's response.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BodyContactSettings {
-    /// How much warmer than the room, degC.
+    /// Temperature above the room's, degC.
     pub c: f64,
     /// Time constant of the slowest mode, s.
     pub tau_s: f64,
     /// Coefficient of resistance, % per degC.
     pub percent_per_c: f64,
-    /// The sheet is computed anew so often, s: what changes within is left out.
+    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
     pub every_s: f64,
 }
 
@@ -67,12 +67,12 @@ impl Effect for BodyContactSettings {
     }
 }
 
-/// Modes that are followed.
+/// Number of modes computed.
 const MODES: usize = 8;
-/// What is dropped once no load lies there, as a part of the body's temperature.
+/// Remainder that is dropped without a load, as a share of the body's temperature.
 const NOTHING: f64 = 1e-12;
 
-/// Share and time constant, as a part of tau, of a mode.
+/// Share and time constant of a mode, the latter in units of tau.
 fn mode(number: usize) -> [f64; 2] {
     let m = (2 * number + 1) as f64;
     [8.0 / (PI * PI * m * m), 1.0 / (m * m)]
@@ -81,7 +81,7 @@ fn mode(number: usize) -> [f64; 2] {
 #[derive(Debug)]
 struct BodyContact {
     settings: BodyContactSettings,
-    /// Of each place whether something lay there last, and what each mode still holds back.
+    /// For each triangle, whether it was loaded last, and the delayed part of each mode.
     held: Vec<(bool, [f64; MODES])>,
 }
 
@@ -104,7 +104,7 @@ impl OnLoss for BodyContact {
         } = self.settings;
         let steps: [(f64, PronyStep); MODES] = std::array::from_fn(|number| {
             let [share, part] = mode(number);
-            // A body lies down at once: what it holds back is the whole share, and decays from then on.
+            // The contact begins as a step: the delayed part is the whole share, which then decays.
             let decay = PronyStep::new(0.0, past / (part * tau_s));
             (share, decay)
         });
@@ -151,7 +151,7 @@ mod tests {
         })
     }
 
-    /// The mean temperature of the foam, as a part of the body's, from what the effect makes of the loss.
+    /// The mean temperature of the foam as a share of the body's, from the change of the loss.
     fn warmth(body: &mut BodyContact, past: f64, pressed: f64) -> f64 {
         let places = Places {
             pressed: &[pressed],
@@ -162,9 +162,9 @@ mod tests {
         ((pressed - losses[0]).exp() - 1.0) / (0.002 * 8.0)
     }
 
-    /// What is left after a contact of so many tau, by the series that converges at once for short times: images of a face
-    /// kept warm, 2 sqrt(x) (1 / sqrt(pi) + 2 sum (-1)^n ierfc(n / sqrt(x))), x = D t / L² = 4 t / (pi² tau). Below
-    /// x = 0.1 the sum is less than 1e-5.
+    /// Mean temperature after a contact of this many tau, by a series that converges quickly for short times: images of
+    /// a face held at constant temperature, 2 sqrt(x) (1 / sqrt(pi) + 2 sum (-1)^n ierfc(n / sqrt(x))), x = D t / L² =
+    /// 4 t / (pi² tau). Below x = 0.1 the sum is less than 1e-5.
     fn shortly(t_tau: f64) -> f64 {
         2.0 * (4.0 * t_tau / (PI * PI) / PI).sqrt()
     }
@@ -180,7 +180,7 @@ mod tests {
                 "{t}: {seen}"
             );
         }
-        // and late by its slowest mode
+        // and for late times by its slowest mode
         let mut foam = body();
         warmth(&mut foam, 0.0, 0.5);
         let seen = warmth(&mut foam, 3.0 * TAU, 0.5);
@@ -197,11 +197,11 @@ mod tests {
         warmth(&mut pieces, 0.0, 0.3);
         let mut many = 0.0;
         for _ in 0..600 {
-            // how hard it presses makes no body warmer
+            // the temperature does not depend on the force
             many = warmth(&mut pieces, 0.1, 0.7);
         }
         assert!((once - many).abs() < 1e-12, "{once} {many}");
-        // taken away: what was warmed less what the room has taken back since, by superposition
+        // after removal: warming minus cooling since then, by superposition
         let left = warmth(&mut whole, 0.0, 0.0);
         assert!(
             (left - (once - (1.0 - (0..MODES).map(|k| mode(k)[0]).sum::<f64>()))).abs() < 1e-12

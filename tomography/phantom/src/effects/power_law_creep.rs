@@ -1,10 +1,10 @@
-//! Creep by a power law: under a load that stays the loss grows by the same factor in every decade of time.
+//! Power-law creep: under a constant load the loss grows by the same factor in every decade of time.
 //!
-//! Stress relaxes as t^-n, strain grows as t^n, n = 0.02 to 0.1 (fact sheet, section 2.4): a step of the log loss e becomes
-//! e (1 + t / t_0)^n, with no time constant after which it would end. What changes is superposed (Boltzmann), so that a
-//! load's trail recovers as slowly. It is followed as a sum of exponentials, from
-//! (1 + s)^n = 1 + n / Gamma(1 - n) int u^(-n-1) e^-u (1 - e^-su) du by the trapezoid rule in ln u, three points a decade:
-//! within 1e-5 for t up to a century, each exponential exact for any step as in `creep`.
+//! Stress relaxes as t^-n, strain grows as t^n, n = 0.02 to 0.1 (fact sheet, section 2.4): a step of the log loss e
+//! becomes e (1 + t / t_0)^n, without a final time constant. Changes are superposed (Boltzmann), so a load's trail
+//! recovers as slowly. The law is approximated by a sum of exponentials, from (1 + s)^n = 1 + n / Gamma(1 - n) int
+//! u^(-n-1) e^-u (1 - e^-su) du by the trapezoid rule in ln u, three points per decade: within 1e-5 for t up to a
+//! century, with each exponential exact for any step as in `creep`.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,15 +12,15 @@ use super::bounds::{Bounds, Fault};
 use super::creep::PronySeries;
 use super::{Effect, Effects, SheetResponse};
 
-/// How the foam creeps.
+/// Size and start of the creep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PowerLawCreepSettings {
-    /// n: the loss grows by 10^n in a decade of time.
+    /// n: the loss grows by 10^n per decade of time.
     pub exponent: f64,
-    /// t_0, before which it does not grow, s.
+    /// t_0, the time before which it does not grow, s.
     pub from_s: f64,
-    /// The sheet is computed anew so often, s: what changes within is left out.
+    /// Interval at which the sheet is recomputed, s; changes in between are ignored.
     pub every_s: f64,
 }
 
@@ -34,16 +34,16 @@ impl Default for PowerLawCreepSettings {
     }
 }
 
-/// Longest time that is followed, s: a century.
+/// Longest time covered, s: a century.
 const LONGEST: f64 = 3.2e9;
-/// Points in a decade.
+/// Points per decade.
 const POINTS: f64 = 3.0;
 
 impl PowerLawCreepSettings {
-    /// Share and time constant (s) of the exponentials that stand for the law.
+    /// Share and time constant (s) of the exponentials that approximate the law.
     fn terms(&self) -> Vec<[f64; 2]> {
         let step = std::f64::consts::LN_10 / POINTS;
-        // e^-u is nothing beyond e^4; below t_0 / LONGEST the exponentials have not begun.
+        // e^-u is negligible beyond e^4; below t_0 / LONGEST the exponentials have not started.
         let lowest = (self.from_s / LONGEST).ln() - 5.0 * std::f64::consts::LN_10;
         let count = ((4.0 - lowest) / step).ceil() as u32;
         let front = self.exponent / gamma(1.0 - self.exponent);

@@ -19,7 +19,7 @@ pub struct VoltmeterGainSettings {
     pub gain_ppm: f64,
     /// Error of the range, parts per million.
     pub offset_ppm: f64,
-    /// Ranges with errors of their own, in place of those: V, ppm of reading, ppm of range.
+    /// Ranges with separate errors, which replace those above: V, ppm of reading, ppm of range.
     pub by_range: Vec<[f64; 3]>,
 }
 
@@ -34,7 +34,7 @@ impl Default for VoltmeterGainSettings {
 }
 
 impl VoltmeterGainSettings {
-    /// What the voltmeter gives for a voltage on a range.
+    /// The voltmeter's reading for a voltage on a range.
     fn given(&self, volts: f64, range: f64) -> f64 {
         let own = (self.by_range.iter()).find(|[of, ..]| (of - range).abs() <= 1e-6 * range);
         let (gain, offset) = own.map_or((self.gain_ppm, self.offset_ppm), |[_, gain, offset]| {

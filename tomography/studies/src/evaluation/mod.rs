@@ -1,6 +1,6 @@
 //! Evaluates methods on test sets: frames from a finer, different mesh, drawn from other random streams than any
 //! training. A method receives the case and the frames of a folder; only this module reads the truth.
-//!
+//! The callers choose the methods and print the results.
 
 mod figures;
 mod maps;

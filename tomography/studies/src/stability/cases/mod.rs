@@ -1,4 +1,5 @@
 //! The hard cases by topic: each function measures a naive implementation and ours.
+//! The table of all cases is in `stability`, the reference solvers are in `solvers`.
 
 pub(super) mod contacts;
 pub(super) mod contrast;

@@ -1,4 +1,5 @@
 //! Diagrams of the measurement: settings of the rig, and drift of the baseline.
+//! Methods of reconstruction are compared in `methods`.
 
 pub(super) mod acquisition;
 pub(super) mod months;

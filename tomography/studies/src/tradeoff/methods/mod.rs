@@ -1,4 +1,5 @@
 //! Diagrams of methods and models: reconstruction, width and precision, training, uncertainty.
+//! `measuring` compares settings of the measurement.
 
 pub(super) mod precision;
 pub(super) mod reconstruction;
