@@ -1,4 +1,4 @@
-//! What happened to the daemon itself, and to no session: lines of JSON beside the sessions, bounded in size.
+//! Events of the daemon that belong to no session: lines of JSON beside the sessions, bounded in size.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use crate::{Event, LogbookError};
 
-/// The file that is written, and the one before it.
+/// The current file, and the previous one.
 const FILES: [&str; 2] = ["daemon-events.jsonl", "daemon-events.1.jsonl"];
-/// Bytes of each; some ten thousand events.
+/// Bytes of each file; some ten thousand events.
 const MOST: u64 = 2 << 20;
-/// Bytes of a sentence; what is longer is cut.
+/// Bytes of an event's text; a longer one is cut.
 const LONGEST: usize = 4096;
 
 /// Writes events; each is on disk when [`DaemonLog::append`] returns.
@@ -23,10 +23,10 @@ pub struct DaemonLog {
 }
 
 impl DaemonLog {
-    /// Opens the log of a directory for appending, or begins one.
+    /// Opens the log of a directory for appending; creates it if needed.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// The disk refuses the write.
     pub fn open(directory: impl AsRef<Path>) -> Result<Self, LogbookError> {
         Self::bounded(directory.as_ref(), MOST)
     }
@@ -42,7 +42,7 @@ impl DaemonLog {
                 .open(&path)?;
             let bytes = file.metadata()?.len();
             if bytes > 0 {
-                // a line that a power cut has torn stays one line, and is passed over
+                // ends a line torn by a power cut, so that the reader skips only that line
                 let mut last = [0];
                 file.seek(SeekFrom::Start(bytes - 1))?;
                 file.read_exact(&mut last)?;
@@ -61,10 +61,10 @@ impl DaemonLog {
         })
     }
 
-    /// Writes one event; where the file is full it takes the place of the one before it.
+    /// Writes one event; a full file becomes the previous file first.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// The disk refuses the write.
     pub fn append(&mut self, event: &Event) -> Result<(), LogbookError> {
         if self.bytes >= self.most {
             let [path, before] = FILES.map(|name| self.directory.join(name));
@@ -91,10 +91,10 @@ impl DaemonLog {
     }
 }
 
-/// What happened to the daemon that records in this folder, the oldest first. Lines that are none are passed over.
+/// The events of the daemon that records in this folder, oldest first. Invalid lines are skipped.
 ///
 /// # Errors
-/// A file that is there and cannot be read.
+/// A file that exists and cannot be read.
 pub fn read_daemon_log(directory: impl AsRef<Path>) -> Result<Vec<Event>, LogbookError> {
     let mut events = Vec::new();
     for name in FILES.into_iter().rev() {

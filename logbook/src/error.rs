@@ -1,18 +1,18 @@
-//! Why the logbook refuses; one list, because every caller must tell a full disk from a wrong file.
+//! Errors of the logbook, one type for all operations, because callers must distinguish a full disk from a wrong file.
 
 use std::path::{Path, PathBuf};
 
 /// errno of an I/O error, the same on every Unix.
 const EIO: i32 = 5;
 
-/// In which way a disk refuses.
+/// Kinds of disk errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum DiskFault {
-    /// No space, or no quota: goes by when space is back, and the file may be written again.
+    /// No space, or no quota: temporary; the file can be written again when there is space.
     Full,
-    /// An I/O error: nobody knows what reached the disk, and this file is written no more.
+    /// An I/O error: the state on disk is unknown, and this file is not written any more.
     Broken,
-    /// Read-only, not permitted, gone.
+    /// Read-only, not permitted, or missing.
     Refused,
 }
 
@@ -26,15 +26,15 @@ pub enum LogbookError {
     DiskRefused {
         /// The file.
         path: PathBuf,
-        /// What was attempted, a verb first: it stands before the path.
+        /// What was attempted; begins with a verb and precedes the path.
         attempt: &'static str,
-        /// In which way.
+        /// The kind of error.
         fault: DiskFault,
-        /// What the system said.
+        /// Error of the operating system.
         #[source]
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// Another process holds a lock on the file, or on the index of its journal: goes by when it lets go.
+    /// Another process holds a lock on the file, or on the index of its journal: temporary.
     #[error(
         "cannot {attempt} {path}: another program holds a lock on it; close the program that has it open (a database browser?)"
     )]
@@ -43,19 +43,19 @@ pub enum LogbookError {
         path: PathBuf,
         /// What was attempted.
         attempt: &'static str,
-        /// What SQLite said.
+        /// Error of SQLite.
         #[source]
         source: rusqlite::Error,
     },
-    /// The file that is written is no longer the one at its path: nobody finds what is written to it.
+    /// The open file is no longer the one at its path: what is written to it would be lost.
     #[error("{path} {why} while it was recorded")]
     Gone {
-        /// Where it was.
+        /// Its former path.
         path: PathBuf,
         /// What happened to it, and to which of its files.
         why: String,
     },
-    /// A closed session is not written again.
+    /// A closed session cannot be written.
     #[error("{path} is closed ({reason}); start a new session")]
     Closed {
         /// The file.
@@ -63,20 +63,20 @@ pub enum LogbookError {
         /// Why it was closed.
         reason: String,
     },
-    /// A part that another one goes on from is not written again.
+    /// A part that another part continues cannot be written.
     #[error("{path} goes on in {by}; resume that one")]
     Continued {
         /// The file.
         path: PathBuf,
-        /// Id of the part that goes on.
+        /// Id of the part that continues it.
         by: String,
     },
-    /// The file is something else.
+    /// The file is not a session.
     #[error("{path} is not a session file: {why}")]
     NotASession {
         /// The file.
         path: PathBuf,
-        /// How one can tell.
+        /// The evidence.
         why: String,
     },
     /// The file was written by another version of this program.
@@ -97,27 +97,27 @@ pub enum LogbookError {
     AlreadyRunning {
         /// The directory.
         dir: PathBuf,
-        /// Its process number, as it wrote it down.
+        /// Process number of the owner, as recorded in the lock file.
         pid: Option<u32>,
     },
-    /// A session of that name exists; nothing is ever overwritten.
+    /// A session of that name exists; sessions are never overwritten.
     #[error("{path} exists already; a session is never overwritten, choose another id")]
     Exists {
         /// The file.
         path: PathBuf,
     },
-    /// The name cannot be a file name and a D-Bus path.
+    /// The id is not valid as a file name and D-Bus path.
     #[error("'{id}' cannot name a session: use a to z, 0 to 9 and _ (1 to 100 of them)")]
     BadId {
-        /// What was given.
+        /// The given id.
         id: String,
     },
-    /// The readings do not answer the session's protocol.
+    /// The number of readings differs from the session's protocol.
     #[error("a frame of {has} readings does not fit a session whose protocol asks {wants}")]
     WrongLength {
-        /// What it has.
+        /// Readings given.
         has: usize,
-        /// What the protocol asks.
+        /// Readings of the protocol.
         wants: usize,
     },
     /// A reading is flagged ok and is not a number.
@@ -132,7 +132,7 @@ pub enum LogbookError {
         /// What it has.
         has: usize,
     },
-    /// Readings that the record's coding refuses.
+    /// Readings that the codec refuses.
     #[error("a frame cannot be kept: {source}")]
     NotPacked {
         /// Why.
@@ -144,7 +144,7 @@ pub enum LogbookError {
         /// Which time.
         what: &'static str,
     },
-    /// Something in the file does not agree with its checksum or with its own layout.
+    /// The file disagrees with its checksum or layout.
     #[error("{path} is damaged at {place}: {why}")]
     Damaged {
         /// The file.
@@ -159,11 +159,11 @@ pub enum LogbookError {
     NoSuchFrame {
         /// The file.
         path: PathBuf,
-        /// What was asked.
+        /// The requested sequence.
         sequence: u64,
-        /// How many there are.
+        /// Number of frames.
         frames: u64,
-        /// The first one's sequence.
+        /// Sequence of the first frame.
         first: u64,
     },
     /// No session of that name.
@@ -171,15 +171,15 @@ pub enum LogbookError {
     NoSuchSession {
         /// The folder.
         dir: PathBuf,
-        /// What was asked.
+        /// The requested name.
         requested: String,
     },
-    /// Several sessions begin like that.
+    /// Several sessions begin with that prefix.
     #[error("'{requested}' may be any of {candidates} in {dir}; write more of the id")]
     Ambiguous {
         /// The folder.
         dir: PathBuf,
-        /// What was asked.
+        /// The requested prefix.
         requested: String,
         /// Some of them.
         candidates: String,
@@ -191,25 +191,25 @@ pub enum LogbookError {
         path: PathBuf,
         /// What was attempted.
         attempt: &'static str,
-        /// What the system said.
+        /// Error of the operating system.
         #[source]
         source: std::io::Error,
     },
-    /// The store failed in another way.
+    /// Any other error of SQLite.
     #[error("cannot {attempt} {path}")]
     Store {
         /// The file.
         path: PathBuf,
         /// What was attempted.
         attempt: &'static str,
-        /// What SQLite said.
+        /// Error of SQLite.
         #[source]
         source: rusqlite::Error,
     },
 }
 
 impl LogbookError {
-    /// Sorts what SQLite said while something was being written.
+    /// Classifies an error of SQLite on writing.
     pub(crate) fn writing(path: &Path, attempt: &'static str, source: rusqlite::Error) -> Self {
         use rusqlite::ErrorCode::{CannotOpen, DiskFull, ReadOnly, SystemIoFailure};
         if is_lock(&source) {
@@ -239,7 +239,7 @@ impl LogbookError {
         }
     }
 
-    /// Sorts what the system said while something was being written.
+    /// Classifies an error of the operating system on writing.
     pub(crate) fn disk(path: &Path, attempt: &'static str, source: std::io::Error) -> Self {
         use std::io::ErrorKind::{QuotaExceeded, StorageFull};
         let fault = match source.kind() {
@@ -255,7 +255,7 @@ impl LogbookError {
         }
     }
 
-    /// Sorts what SQLite said while something was being read.
+    /// Classifies an error of SQLite on reading.
     pub(crate) fn reading(path: &Path, attempt: &'static str, source: rusqlite::Error) -> Self {
         use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};
         match source.sqlite_error_code() {
@@ -281,42 +281,42 @@ impl LogbookError {
         }
     }
 
-    /// Whether the disk is to blame, so that acquisition must stop.
+    /// Whether the disk refused, so that acquisition must stop.
     pub fn is_disk(&self) -> bool {
         self.disk_fault().is_some()
     }
 
-    /// Whether the disk is full: the same writer may go on when space is back.
+    /// Whether the disk is full: the same writer can continue when there is space again.
     pub fn is_full(&self) -> bool {
         self.disk_fault() == Some(DiskFault::Full)
     }
 
-    /// Whether an I/O error has made the file unknown: only [`crate::SessionWriter::successor`] goes on.
+    /// Whether an I/O error left the file in an unknown state: only [`crate::SessionWriter::successor`] can continue.
     pub fn is_broken(&self) -> bool {
         self.disk_fault() == Some(DiskFault::Broken)
     }
 
-    /// Whether another process holds a lock: the same writer may go on when it lets go.
+    /// Whether another process holds a lock: the same writer can continue when it is released.
     pub fn is_locked(&self) -> bool {
         matches!(self, Self::Locked { .. })
     }
 
-    /// Whether the file was deleted, moved or replaced: only [`crate::SessionWriter::successor`] goes on.
+    /// Whether the file was deleted, moved or replaced: only [`crate::SessionWriter::successor`] can continue.
     pub fn is_gone(&self) -> bool {
         matches!(self, Self::Gone { .. })
     }
 
-    /// Whether only [`crate::SessionWriter::successor`] goes on.
+    /// Whether only [`crate::SessionWriter::successor`] can continue.
     pub fn needs_successor(&self) -> bool {
         self.is_broken() || self.is_gone()
     }
 
-    /// Whether the same writer may go on later: the disk is full, or another process holds a lock.
+    /// Whether the same writer may continue later: the disk is full, or another process holds a lock.
     pub fn may_pass(&self) -> bool {
         self.is_full() || self.is_locked()
     }
 
-    /// In which way the disk refused, where it did.
+    /// The kind of disk error, if it is one.
     pub fn disk_fault(&self) -> Option<DiskFault> {
         match self {
             Self::DiskRefused { fault, .. } => Some(*fault),
@@ -325,7 +325,7 @@ impl LogbookError {
     }
 }
 
-/// Whether SQLite waited for a lock in vain.
+/// Whether SQLite timed out waiting for a lock.
 fn is_lock(source: &rusqlite::Error) -> bool {
     use rusqlite::ErrorCode::{DatabaseBusy, DatabaseLocked, FileLockingProtocolFailed};
     matches!(

@@ -1,4 +1,4 @@
-//! What is kept beside the readings.
+//! Types of a session file besides the readings: header, events, map records, summaries.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use chrono::{DateTime, Utc};
 use serde::{Deserialize, Serialize};
 use survey::{Frame, Map, Protocol, Quality};
 
-/// What a session was for.
+/// The kind of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SessionKind {
@@ -40,18 +40,18 @@ impl fmt::Display for SessionKind {
     }
 }
 
-/// One instrument as it was found when the session began.
+/// An instrument as found at the start of the session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InstrumentRecord {
-    /// `source`, `switch`, `voltmeter`, or what the rig calls it.
+    /// `source`, `switch`, `voltmeter`, or the rig's name for it.
     pub role: String,
     /// Its whole reply to `*IDN?`.
     pub identity: String,
-    /// Where it was reached, or `simulated`.
+    /// Its address, or `simulated`.
     pub address: String,
 }
 
-/// What a lab needs to know later, in free words; what nobody said is empty.
+/// Free-text notes about the experiment; empty where not given.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct About {
@@ -65,12 +65,12 @@ pub struct About {
     pub operator: String,
     /// How the electrodes were wired, beyond what the configuration says.
     pub wiring: String,
-    /// With which calibration the instruments stood.
+    /// Calibration of the instruments.
     pub calibration: String,
 }
 
 impl About {
-    /// What was said, each with its name.
+    /// The notes that were given, each with its name.
     pub fn entries(&self) -> impl Iterator<Item = (&'static str, &str)> {
         [
             ("sheet", &self.sheet),
@@ -86,43 +86,43 @@ impl About {
     }
 }
 
-/// With what a session is taken; written once, before the first frame.
+/// Metadata of a session; written once, before the first frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SessionHeader {
     /// Unique in its folder, `[a-z0-9_]+`; also the file's name.
     pub id: String,
-    /// What it is for.
+    /// Its kind.
     pub kind: SessionKind,
-    /// Wall time of the beginning.
+    /// Wall time of the start.
     pub started: DateTime<Utc>,
     /// Every instrument with its identity.
     pub instruments: Vec<InstrumentRecord>,
-    /// Modules found in the mainframe, one entry a slot, as a person reads them.
+    /// Modules found in the mainframe, one display text for each slot.
     pub modules: Vec<String>,
     /// The effective configuration.
     pub config_toml: String,
     /// SHA-256 of the effective configuration, hex.
     pub config_hash: String,
-    /// SHA-256 of the model file that maps are made with.
+    /// SHA-256 of the model file used for maps.
     pub model_hash: Option<String>,
-    /// Hash of the mesh that maps are made on.
+    /// Hash of the mesh used for maps.
     pub geometry_hash: Option<String>,
-    /// The questions asked, in the order of the readings.
+    /// The measurements, in the order of the readings.
     pub protocol: Protocol,
     /// Version and commit of the program.
     pub build: String,
-    /// Seed of everything random, where there is such a thing.
+    /// Random seed, if one is used.
     pub seed: Option<u64>,
     /// Whether the voltages come from a simulated sheet.
     pub simulated: bool,
-    /// What a person wants remembered.
+    /// A note of the operator.
     pub note: String,
-    /// What a lab needs to know later.
+    /// Notes about the experiment.
     pub about: About,
-    /// The options that the session was started with (JSON), so that it can be resumed after a crash; empty where
-    /// nobody will.
+    /// The options that the session was started with (JSON), for resuming it after a crash; empty if it is never
+    /// resumed.
     pub asked: String,
-    /// The part that this one goes on from, by its id; `None` for a session's first part.
+    /// Id of the part that this one continues; `None` for a session's first part.
     pub continues: Option<String>,
     /// Sequence of the first frame: 1, or one more than the earlier part's last.
     pub first_sequence: u64,
@@ -134,7 +134,7 @@ impl SessionHeader {
         crate::files::part_of(&self.id).0
     }
 
-    /// A measurement of real instruments about which nothing else is known yet; fill in the rest by field.
+    /// The header of a measurement with real instruments; the other fields are empty and may be set.
     pub fn new(id: impl Into<String>, started: DateTime<Utc>, protocol: Protocol) -> Self {
         Self {
             id: id.into(),
@@ -159,14 +159,14 @@ impl SessionHeader {
     }
 }
 
-/// The trace a map leaves: enough to verify that recomputing it gives the same.
+/// Summary of a map: enough to verify that a recomputed map is the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MapRecord {
-    /// [`survey::Map::hash`]; a record that comes back has its first 8 digits, 16 where it has no sum.
-    /// [`MapRecord::is_of`] compares.
+    /// [`survey::Map::hash`]; in a record read from a file only its first 8 digits, or 16 if there is no sum. Compare
+    /// with [`MapRecord::is_of`].
     pub hash: String,
-    /// [`survey::Map::signed_sum`], its seed the first 8 digits of the hash: [`MapRecord::distance`] says how far a map of
-    /// another build or processor is from this one. Kept beside a SHA-256 only.
+    /// [`survey::Map::signed_sum`], seeded with the first 8 digits of the hash, from which [`MapRecord::distance`]
+    /// estimates the distance to a map of another build or processor. Kept only with a SHA-256.
     pub sum: Option<f32>,
     /// [`survey::Map::method`].
     pub method: String,
@@ -179,7 +179,7 @@ pub struct MapRecord {
 }
 
 impl MapRecord {
-    /// The trace of a map.
+    /// The summary of a map.
     pub fn new(map: &Map, model_hash: Option<String>, build: String, cpu: String) -> Self {
         let hash = map.hash();
         Self {
@@ -192,11 +192,12 @@ impl MapRecord {
         }
     }
 
-    /// How far the map that left this trace is from another one, relative to the other's length, as far as one sum tells
-    /// it ([`survey::Map::distance`]); in single precision, so nothing below 1e-7 is seen. `None` where none was kept.
+    /// Estimated distance of the recorded map from another one, relative to the other's length
+    /// ([`survey::Map::distance`]), in single precision: differences below 1e-7 are not resolved. `None` if no sum was
+    /// kept.
     pub fn distance(&self, other: &Map) -> Option<f64> {
         let (sum, seed) = (self.sum?, seed(&self.hash)?);
-        // as it would have been kept
+        // rounded as the kept sum was
         let kept = other.signed_sum(seed) as f32 == sum;
         Some(match kept {
             true => 0.0,
@@ -204,24 +205,23 @@ impl MapRecord {
         })
     }
 
-    /// Whether this is the trace of the map with that hash, as far as it was kept: two maps that differ pass for the same
-    /// once in 4e9.
+    /// Whether the kept part of the hash matches: two different maps match by chance once in 4e9.
     pub fn is_of(&self, hash: &str) -> bool {
         !self.hash.is_empty() && hash.starts_with(&self.hash)
     }
 }
 
-/// What draws the signs of a map's sum.
+/// Seed of the signs of a map's sum.
 fn seed(hash: &str) -> Option<u32> {
     u32::from_str_radix(hash.get(..8)?, 16).ok()
 }
 
-/// A frame as it comes back from the file.
+/// A frame as read from the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// The frame, its sequence counted from 1.
     pub frame: Frame,
-    /// What its readings say about it.
+    /// Its quality checks.
     pub quality: Quality,
     /// Its map, if one was made.
     pub map: Option<MapRecord>,
@@ -232,18 +232,18 @@ pub struct Record {
 pub struct Taken {
     /// Wall time.
     pub wall: DateTime<Utc>,
-    /// Monotonic time, of the clock of its own process: after a reboot it begins anew.
+    /// Monotonic time, by the clock of the recording process: it restarts after a reboot.
     pub monotonic: Duration,
 }
 
-/// Something worth finding later.
+/// An event of a session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Event {
     /// When.
     pub at: DateTime<Utc>,
-    /// One word for a machine: `started`, `compliance`, `link_lost`.
+    /// Machine-readable kind: `started`, `compliance`, `link_lost`.
     pub kind: String,
-    /// A sentence for a person.
+    /// Text for people.
     pub text: String,
 }
 
@@ -256,14 +256,14 @@ pub struct Closing {
     pub reason: String,
 }
 
-/// A session in one line of a list.
+/// Summary of a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SessionSummary {
     /// Its id.
     pub id: String,
     /// Its file.
     pub path: PathBuf,
-    /// What it was for.
+    /// Its kind.
     pub kind: SessionKind,
     /// When it began.
     pub started: DateTime<Utc>,
@@ -271,11 +271,11 @@ pub struct SessionSummary {
     pub last: Option<DateTime<Utc>>,
     /// Frames in it.
     pub frames: u64,
-    /// Sequence of its first frame, whether or not it is there yet.
+    /// Sequence of its first frame, even if there is no frame yet.
     pub first_sequence: u64,
-    /// The part that it goes on from.
+    /// The part that it continues.
     pub continues: Option<String>,
-    /// How it ended; `None` while it runs, or when its writer was killed.
+    /// How it ended; `None` while it runs, or if its writer was killed.
     pub closed: Option<Closing>,
     /// Whether the voltages come from a simulated sheet.
     pub simulated: bool,
@@ -283,7 +283,7 @@ pub struct SessionSummary {
     pub electrodes: usize,
     /// Readings a frame.
     pub readings: usize,
-    /// What a person wanted remembered.
+    /// A note of the operator.
     pub note: String,
 }
 

@@ -1,17 +1,18 @@
 //! Session files: sessions, baselines, frames, events.
 //!
-//! One SQLite file a session, `<id>.tactus`, in one folder. A frame that [`SessionWriter::append`] has acknowledged is
-//! on disk: it survives `kill -9` and, as far as the disk tells the truth, a power cut. Voltages are the record, to the
-//! last bit; of a map only its hash is kept. The crate knows no clocks (time comes in as an
-//! argument), instruments or mathematics, and refuses numbers that are not finite.
+//! One SQLite file a session, `<id>.tactus`, in one folder. When [`SessionWriter::append`] returns, the frame is on
+//! disk: it survives `kill -9` and, if the disk honours syncs, a power cut. Voltages are recorded to the last bit; of a
+//! map only its hash is kept. The crate reads no clock (time is passed in), depends on no instrument or mathematics,
+//! and refuses numbers that are not finite.
 //!
-//! - **session**: one run of measurement, or the recording of a **baseline**; its **header** says with what it was taken
-//! - **record**: a frame as it comes back, with its quality and the hash of its map
-//! - **event**: something a person should find later, with its time
-//! - **part**: one file of a session that was rolled over; it says which one it goes on from
+//! - **session**: one run of measurement, or the recording of a **baseline**; its **header** holds its settings and
+//!   origin
+//! - **record**: a frame as read from the file, with its quality and the hash of its map
+//! - **event**: something worth finding later, with its time
+//! - **part**: one file of a session that was rolled over; it names the part that it continues
 //! - **daemon log**: events that belong to no session, as lines of JSON, bounded in size
-//! - **index**: what the sessions of a folder are, remembered; a cache and nothing else
-//! - **closed**: how a session ended; a session whose writer was killed has no such entry, and is read all the same
+//! - **index**: cached summaries of the sessions of a folder
+//! - **closed**: how a session ended; a session whose writer was killed has no such entry, and is readable all the same
 //!
 //! [`SessionWriter::resume`] continues after a crash, [`SessionWriter::roll`] in the next part,
 //! [`SessionWriter::successor`] after an I/O error; [`verify`](fn@verify), [`repair`](fn@repair) and

@@ -1,4 +1,4 @@
-//! Rows of the file as they are written, checked and read.
+//! Rows of the file: writing, checking and reading.
 
 use chrono::DateTime;
 use rusqlite::Row;
@@ -9,40 +9,39 @@ use survey::{Baseline, Electrode, Settings};
 
 use crate::{Closing, MapRecord, SessionHeader, SessionKind};
 
-/// Numbers and texts of a row, hashed so that none is taken for its neighbour; absent values are told from all others.
+/// Hash of a row's numbers and texts; values are delimited, and absent values differ from all others.
 pub(crate) struct Digest8(Sha256);
 
-/// The checksum of a session's header, which goes into that of every other row: a row of another session is none of
-/// this one.
+/// Checksum of a session's header. It is part of every other row's checksum, so a row of another session is detected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Seal([u8; 8]);
 
 impl Seal {
-    /// Of a header; its JSON is the same for the same header.
+    /// From a header; the same header always gives the same JSON.
     pub(crate) fn of(header: &SessionHeader) -> serde_json::Result<Self> {
         let text = serde_json::to_string(header)?;
         let digest = Digest8(Sha256::new()).text("session").text(text.as_str());
         Ok(Self(digest.finish()))
     }
 
-    /// As the header's row has it.
+    /// As stored in the header's row.
     pub(crate) fn bytes(self) -> [u8; 8] {
         self.0
     }
 
-    /// The beginning of a checksum of a row of a table.
+    /// Starts the checksum of a row of a table.
     fn row(self, table: &str) -> Digest8 {
         Digest8(Sha256::new()).text(table).bytes(self.0.as_slice())
     }
 }
 
 impl Digest8 {
-    /// A negative zero comes back from SQLite as a positive one.
+    /// SQLite returns a negative zero as a positive one.
     fn real(self, number: impl Into<Option<f64>>) -> Self {
         self.number(number.into().map(|number| (number + 0.0).to_bits() as i64))
     }
 
-    /// Texts, blobs and numbers of a column of any type are told from one another.
+    /// Hashes a value with its type: text, blob or number.
     fn value(self, value: Option<&Value>) -> Self {
         match value {
             None | Some(Value::Null) => self.number(0),
@@ -53,7 +52,7 @@ impl Digest8 {
         }
     }
 
-    /// Four bytes, as the rows of large tables have them.
+    /// Four bytes, for the rows of large tables.
     fn finish4(self) -> i64 {
         let [a, b, c, d, ..] = self.finish();
         i64::from(i32::from_le_bytes([a, b, c, d]))
@@ -103,7 +102,7 @@ pub(crate) struct FrameRow {
     pub(crate) loop_sum: Option<f64>,
     pub(crate) remarks: Option<String>,
     pub(crate) map_hash: Option<Value>,
-    /// How many rows before this one the row is whose blob holds its readings; 0 for its own.
+    /// Distance in rows back to the row whose blob holds its readings; 0 for its own.
     pub(crate) place: i64,
     pub(crate) blob: Option<Vec<u8>>,
 }
@@ -127,7 +126,7 @@ impl FrameRow {
     }
 }
 
-/// What is rare about a frame.
+/// Optional data of a frame, rarely present.
 #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct Remarks {
@@ -142,7 +141,7 @@ fn is_none(count: &usize) -> bool {
     *count == 0
 }
 
-/// A row of `stretch`: frames that were taken alike, and a clock that ticks as they do. Microseconds.
+/// A row of `stretch`: frames taken with the same settings, and a common clock rate. Microseconds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Stretch {
     pub(crate) id: i64,
@@ -156,7 +155,7 @@ pub(crate) struct Stretch {
 }
 
 impl Stretch {
-    /// How far a frame's clocks are from this stretch's: its tick, and its wall clock's skew.
+    /// Deviation of a frame's clocks from this stretch: its tick, and its wall clock's skew.
     pub(crate) fn apart(&self, sequence: i64, monotonic: i64, wall: i64) -> (i64, i64) {
         let ticked = self.ticked(sequence);
         let since = monotonic - self.monotonic;
@@ -192,7 +191,7 @@ impl Stretch {
     }
 }
 
-/// Of settings as they come back from the file; a frame's current is a number too.
+/// Checksum of settings as read from the file, including the frame's current.
 pub(crate) fn settings_checksum(seal: Seal, id: i64, settings: &Settings) -> [u8; 8] {
     let precautions = serde_json::to_string(&settings.precautions).unwrap_or_default();
     seal.row("settings")
@@ -207,7 +206,7 @@ pub(crate) fn settings_checksum(seal: Seal, id: i64, settings: &Settings) -> [u8
         .finish()
 }
 
-/// Of who made a map: all of its trace but hash and sum.
+/// Checksum of a map's origin: all of its record except hash and sum.
 pub(crate) fn mapper_checksum(seal: Seal, id: i64, map: &MapRecord) -> [u8; 8] {
     seal.row("mapper")
         .number(id)
@@ -274,12 +273,12 @@ pub(crate) fn reference_checksum(
         .finish()
 }
 
-/// What a session held when it was closed. Rows of most tables are numbered without a gap, so the last number is their
+/// What a session held when it was closed. Rows of most tables are numbered without a gap, so the last number is the
 /// count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Tally {
-    /// Sequence of the last frame; one less than the first would have where there is none.
+    /// Sequence of the last frame; without frames, one less than the first sequence.
     pub(crate) last: u64,
     pub(crate) frames: u64,
     pub(crate) baselines: u64,
@@ -332,11 +331,11 @@ impl StoredFrame {
     }
 }
 
-/// Bytes of a map's hash that are kept where nothing else is.
+/// Bytes of a map's hash kept if there is no sum.
 const KEPT: usize = 8;
 
-/// What is kept of a map: a number, the first 4 bytes of its hash above its sum in single precision; 8 bytes of a hash
-/// (or of what came back of one) that has no sum; else the text that the hash is.
+/// Packs a map record: a number with the first 4 bytes of its hash above its sum in single precision; 8 bytes of a hash
+/// without a sum; or, if the hash is no SHA-256, its text.
 pub(crate) fn pack_trace(map: &MapRecord) -> Value {
     let nibbles: Option<Vec<u8>> = map
         .hash
@@ -388,13 +387,13 @@ impl From<rusqlite::Error> for HeaderFault {
     }
 }
 
-/// What the header's row says about the end of its session.
+/// The closing entry in the header's row.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum End {
-    /// Nothing: it runs, or its writer was killed.
+    /// None: the session runs, or its writer was killed.
     Open,
     Closed(Closing, Tally),
-    /// Something that does not agree with its checksum: it was closed, how is not known.
+    /// Present but fails its checksum: the session was closed, how is unknown.
     Damaged(Closing),
 }
 

@@ -1,4 +1,4 @@
-//! The layout of a session file, for people who open it with another tool.
+//! The layout of a session file, for readers in other tools.
 //!
 //! An SQLite database, `application_id` 0x54616374 ("Tact"), `user_version` [`VERSION`]. While it is written it is in
 //! WAL mode with `synchronous = EXTRA`; closing it leaves a single file in rollback mode, readable from a read-only disk.
@@ -173,7 +173,7 @@ pub(crate) fn lay_out(connection: &Connection) -> rusqlite::Result<()> {
 /// An entry of `sqlite_schema`.
 type Entry = [String; 4];
 
-/// Says how a file's tables differ from those that [`lay_out`] makes; `None` where they do not.
+/// Describes how a file's tables differ from those of [`lay_out`]; `None` if they are equal.
 pub(crate) fn difference(connection: &Connection) -> rusqlite::Result<Option<String>> {
     static LAYOUT: OnceLock<Vec<Entry>> = OnceLock::new();
     let layout = match LAYOUT.get() {
@@ -204,7 +204,7 @@ pub(crate) fn difference(connection: &Connection) -> rusqlite::Result<Option<Str
 fn entries(connection: &Connection, most: usize) -> rusqlite::Result<Vec<Entry>> {
     let most = i64::try_from(most).unwrap_or(i64::MAX);
     let entry = |row: &Row<'_>| -> rusqlite::Result<Entry> {
-        // an index that SQLite makes by itself has no text
+        // SQLite's automatic indexes have no SQL text
         let text = |column| {
             row.get::<_, Option<String>>(column)
                 .map(Option::unwrap_or_default)

@@ -28,7 +28,7 @@ pub(super) fn integer(volts: f64, places: u8) -> Option<i64> {
         .then_some(integer)
 }
 
-/// What an integer of so many places is expected to be near to; 0 where the reference is too large to say.
+/// The integer predicted from a reference at this number of places; 0 if the reference is too large.
 pub(super) fn predicted(reference: f64, places: u8) -> i64 {
     let scaled = (reference * power(places)).round_ties_even();
     if scaled.abs() < INTEGERS {
@@ -43,19 +43,19 @@ pub(super) fn ninth_digit(volts: f64) -> Option<u8> {
     if volts == 0.0 {
         return None;
     }
-    // of the rounded digits: 9.9999999996 has the exponent of 10
+    // from the rounded digits: 9.9999999996 has the exponent of 10
     let text = format!("{volts:.8e}");
     let exponent: i16 = text.split_once('e')?.1.parse().ok()?;
     Some((8 - exponent).clamp(0, i16::from(MOST_PLACES)) as u8)
 }
 
-/// The fewest decimal places that a decimal of nine digits needs; `None` for zero and for what is no such decimal.
+/// The fewest decimal places that represent a nine-digit decimal; `None` for zero and for any other number.
 pub(super) fn places(volts: f64) -> Option<u8> {
     let size = volts.abs();
     if size == 0.0 {
         return None;
     }
-    // a logarithm that is rounded up at a power of ten costs a digit: the next power finds it
+    // a logarithm rounded up at a power of ten yields one digit too few; the next place is then tried
     let guess = (8.0 - size.log10().floor()).clamp(0.0, f64::from(MOST_PLACES)) as u8;
     let (mut integer, mut places) = [guess, guess.saturating_add(1).min(MOST_PLACES)]
         .into_iter()
@@ -67,7 +67,7 @@ pub(super) fn places(volts: f64) -> Option<u8> {
     Some(places)
 }
 
-/// The most places with which integers of that size stay exact.
+/// The most places at which integers of that size stay exact.
 pub(super) fn most_places(largest: f64) -> u8 {
     let fits = |places: &u8| largest * power(*places) < INTEGERS;
     (0..=MOST_PLACES).rev().find(fits).unwrap_or(0)

@@ -1,13 +1,13 @@
-//! Readings of a frame, or of frames that are written together, as a few hundred bytes each, and back to the last bit.
+//! Packs the readings of one frame or several into a few hundred bytes each, without loss.
 //!
 //! A voltmeter sends decimals of nine digits, `+d.ddddddddE+dd`, most of them with zeros at the end (a step of 0.1 uV).
-//! Each reading becomes an integer over a power of ten, and what is kept is its difference to what a reference (the
-//! baseline, or a mean of earlier frames) predicts. The crate `pco` packs the differences; its format is read by
-//! [pcodec](https://pypi.org/project/pcodec/) in Python as well. A voltage that is no such decimal is kept as its 64 bits.
-//! Every finite `f64` comes back bit by bit; property tests prove it.
+//! Each reading becomes an integer over a power of ten; its difference to the prediction from a reference (the
+//! baseline, or a mean of earlier frames) is stored. The crate `pco` packs the differences; its format is also read by
+//! [pcodec](https://pypi.org/project/pcodec/) in Python. A voltage that is no such decimal is stored as its 64 bits.
+//! Every finite `f64` is restored bit by bit; property tests prove it.
 //!
-//! A blob holds frames of equal length one after the other, reading by reading. How many readings a frame has is for the
-//! caller to know (a session's protocol says it); how many frames there are follows from the numbers.
+//! A blob holds frames of equal length one after the other, reading by reading. The caller must know the number of
+//! readings of a frame (from the session's protocol); the number of frames follows.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -45,7 +45,7 @@ use numbers::{pack, unpack};
 /// The note of a voltage that is kept as its bits.
 const BITS: u8 = 4;
 
-/// Most frames of one blob: who reads one of them unpacks all.
+/// Most frames of one blob: reading one of them unpacks all.
 pub const MOST_FRAMES: usize = 32;
 
 /// Readings that [`encode`] does not pack.
@@ -57,7 +57,7 @@ pub enum EncodeError {
     /// More than 65,535 readings.
     #[error("{0} readings; a frame holds 65,535 at most")]
     TooMany(usize),
-    /// The frames are none, more than [`MOST_FRAMES`], or of several lengths.
+    /// No frames, more than [`MOST_FRAMES`], or frames of several lengths.
     #[error("{0} frames cannot be packed together: hand over 1 to {most} of the same length", most = MOST_FRAMES)]
     Frames(usize),
     /// pco refuses.
@@ -65,7 +65,7 @@ pub enum EncodeError {
     Refused(PcoError),
 }
 
-/// A blob that is not what [`encode`] writes.
+/// A blob that [`encode`] did not write.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the readings cannot be unpacked: {0}")]
 pub struct DecodeError(String);
@@ -82,8 +82,8 @@ impl From<PcoError> for DecodeError {
     }
 }
 
-/// Packs frames of equal length, as differences to `reference` where it has that length, too ([`Reference::NONE`] for
-/// none). Frames together take less than each by itself.
+/// Packs frames of equal length as differences to `reference`, if it has the same length ([`Reference::NONE`] for
+/// none). Frames packed together take less space than one by one.
 ///
 /// # Errors
 /// A reading that is flagged ok and is not finite; more readings than a frame can hold; no frames, too many, or frames of
@@ -118,7 +118,7 @@ pub fn encode(frames: &[&[Reading]], reference: &Reference) -> Result<Vec<u8>, E
     Ok(blob)
 }
 
-/// The decimal places that all decimals of the frames do with, as far as the largest stays an exact integer.
+/// The decimal places that represent all decimals of the frames, as far as the largest stays an exact integer.
 fn grid(frames: &[&[Reading]]) -> Result<u8, EncodeError> {
     let (mut grid, mut largest) = (0, 0.0_f64);
     for frame in frames {
@@ -138,7 +138,7 @@ fn grid(frames: &[&[Reading]]) -> Result<u8, EncodeError> {
     Ok(grid.min(most_places(largest)))
 }
 
-/// The note and the number of a voltage.
+/// The note and the number that encode a voltage.
 fn coded(volts: f64, reference: Expected, grid: u8) -> (u8, i64) {
     let expected = reference.places(grid);
     let difference = |places| {
@@ -154,12 +154,12 @@ fn coded(volts: f64, reference: Expected, grid: u8) -> (u8, i64) {
         .unwrap_or((BITS, volts.to_bits() as i64))
 }
 
-/// Unpacks the frames of a blob, of so many readings each, against the same reference as they were packed with. At most
-/// [`MOST_FRAMES`] times that many readings come into memory.
+/// Unpacks the frames of a blob, of `readings` readings each, with the reference that they were packed with. At most
+/// [`MOST_FRAMES`] times `readings` readings are kept in memory.
 ///
 /// # Errors
-/// The blob is not what [`encode`] writes. A damaged one may be taken for other readings: the row's checksum is what tells
-/// damage from data.
+/// [`encode`] did not write the blob. A damaged blob may decode to other readings: only the row's checksum detects
+/// damage.
 pub fn decode(
     blob: &[u8],
     reference: &Reference,
@@ -225,7 +225,7 @@ fn reading(note: i64, number: i64, reference: Expected, grid: u8) -> Result<Read
         .ok_or_else(|| DecodeError::of("a flag or a voltage is impossible"))
 }
 
-/// Readings to take differences against, looked at once for many frames.
+/// Reference readings, prepared once for many frames.
 #[derive(Debug, Clone, Default)]
 pub struct Reference(Vec<Expected>);
 
@@ -244,10 +244,10 @@ impl Expected {
 }
 
 impl Reference {
-    /// Nothing to take differences against.
+    /// No reference.
     pub const NONE: Self = Self(Vec::new());
 
-    /// Of readings that the decoder will have too: a baseline, or a record of its own.
+    /// From readings that the decoder has too: a baseline, or a reference of the record.
     pub fn new(readings: &[Reading]) -> Self {
         let prepared = readings.iter().map(|reading| {
             let volts = reading.volts().map_or(0.0, |volts| volts.0);
@@ -259,7 +259,7 @@ impl Reference {
         Self(prepared.collect())
     }
 
-    /// Of another length than the frame it serves nothing.
+    /// This reference, or none if its length differs from the frame's.
     fn serves(&self, readings: usize) -> &Self {
         if self.0.len() == readings {
             self

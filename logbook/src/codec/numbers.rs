@@ -1,4 +1,4 @@
-//! Integers as a stream of pco's standalone format, and back within bounds.
+//! Integers as a stream of pco's standalone format, unpacked within bounds.
 
 use pco::data_types::{Number, NumberType};
 use pco::errors::PcoError;
@@ -7,9 +7,9 @@ use pco::{ChunkConfig, DeltaSpec, ModeSpec};
 
 use super::DecodeError;
 
-/// Packs numbers in the narrowest type that holds all of them: what pco says about their distribution is shorter so.
+/// Packs numbers in the narrowest type that holds all of them, which shortens pco's description of their distribution.
 pub(super) fn pack(numbers: &[i64]) -> Result<Vec<u8>, PcoError> {
-    // Neighbours are other places on the sheet: differences between them would only add up their noise.
+    // Neighbours are different positions on the sheet: differences between them would only add up their noise.
     let config = ChunkConfig::default()
         .with_mode_spec(ModeSpec::Classic)
         .with_delta_spec(DeltaSpec::NoOp);
@@ -29,16 +29,16 @@ fn all_as<T: TryFrom<i64>>(numbers: &[i64]) -> Option<Vec<T>> {
         .collect()
 }
 
-/// Bytes of a chunk before its description: the type of its numbers and how many there are.
+/// Bytes of a chunk before its description: the type and count of its numbers.
 const CHUNK_HEAD: usize = 4;
-/// What a description begins with in [`pack`]'s streams: four bits for pco's mode, four for its own differences.
+/// First byte of a description in [`pack`]'s streams: four bits for pco's mode, four for its own differences.
 const PLAIN: u8 = 0;
-/// Since this version of pco's format a description begins so.
+/// First version of pco's format with this description.
 const FORMAT: u8 = 3;
-/// What ends a stream.
+/// End of a stream.
 const END: [u8; 1] = [0];
 
-/// Unpacks a stream of [`pack`] of at most so many numbers.
+/// Unpacks a stream of [`pack`] that has at most `most` numbers.
 pub(super) fn unpack(stream: &[u8], most: usize) -> Result<Vec<i64>, DecodeError> {
     let (file, rest) = FileDecompressor::new(stream)?;
     if rest == END {
@@ -58,7 +58,7 @@ fn chunk<T: Number + Into<i64>>(
     rest: &[u8],
     most: usize,
 ) -> Result<Vec<i64>, DecodeError> {
-    // Refused before it is read: tables and windows of other modes take memory by their heads alone.
+    // Checked before reading: the headers of other modes alone allocate memory.
     if file.format_version().major < FORMAT || rest.get(CHUNK_HEAD) != Some(&PLAIN) {
         return Err(DecodeError::of("its numbers are coded in another way"));
     }

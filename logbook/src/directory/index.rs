@@ -1,8 +1,8 @@
-//! What the sessions of a folder are, remembered: a file is opened only where it is not the one that was read last.
+//! Index of the sessions of a folder: a file is opened only if it has changed since it was last read.
 //!
-//! The memory may be kept in a file beside the sessions (`sessions-1.index`, a line each; [`index_file`](super::index_file)). It
-//! is a cache and nothing else: an entry counts only where inode, size and times of the session's file agree with it, a line
-//! only where its checksum does. Without the file, or with a damaged one, the sessions themselves are read.
+//! The index may be stored beside the sessions (`sessions-1.index`, one line each; [`index_file`](super::index_file)).
+//! It is only a cache: an entry is used only if inode, size and times of the session's file agree with it and the
+//! line's checksum is valid. If the index is missing or damaged, the sessions themselves are read.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ use chrono::{DateTime, TimeDelta, Utc};
 use crate::directory::scan::{Candidate, Names, Stamp, now};
 use crate::{Listing, LogbookError, SessionKind, SessionReader, SessionSummary, Unreadable};
 
-/// A clock that is set right moves by less between a recording and the next start.
+/// Allowance for a clock that is corrected between a recording and the next start.
 const CLOCK_STEP: TimeDelta = TimeDelta::try_minutes(5).unwrap();
 
 /// The sessions of a folder.
@@ -21,11 +21,11 @@ const CLOCK_STEP: TimeDelta = TimeDelta::try_minutes(5).unwrap();
 pub struct Index {
     pub(super) dir: PathBuf,
     pub(super) entries: BTreeMap<String, Entry>,
-    /// Names whose entries the file does not have.
+    /// Names whose entries are not in the index file.
     pub(super) unsaved: BTreeSet<String>,
-    /// Lines in the file; `None` where it must be written anew.
+    /// Lines in the index file; `None` if it must be rewritten.
     pub(super) lines: Option<usize>,
-    /// Of the last walk over the folder.
+    /// From the last directory scan.
     pub(super) names: Option<Arc<Names>>,
 }
 
@@ -43,7 +43,7 @@ impl Index {
         &self.dir
     }
 
-    /// The names in the folder now; it is walked over only where it has changed.
+    /// The names in the folder now; it is scanned only if it has changed.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -53,16 +53,16 @@ impl Index {
         Ok(names)
     }
 
-    /// Reads what is not known yet or has changed, and forgets what has gone.
+    /// Reads new and changed sessions, and drops those that are gone.
     ///
     /// # Errors
-    /// The folder cannot be read. A folder that is not there holds nothing.
+    /// The folder cannot be read. A missing folder holds nothing.
     pub fn refresh(&mut self) -> Result<(), LogbookError> {
         self.refresh_where(|_| true)
     }
 
-    /// The same for the sessions that were written at this time or later by the file system's clock; what is known of others
-    /// stays as it is. An interrupted session of today is found among thousands of old ones without opening these.
+    /// Like [`Index::refresh`], for sessions written at this time or later by the file system's clock; entries of
+    /// others stay. Finds an interrupted session of today among thousands of old ones without opening these.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -86,7 +86,7 @@ impl Index {
                 stamp,
                 found: found.map_err(Arc::new),
             };
-            // one that is open, or cannot be read, is read again by whoever wants to know
+            // a session that is open or unreadable is read again on every refresh
             let kept = matches!(&entry.found, Ok(session) if session.closed.is_some());
             match kept && entry.settled {
                 true => self.unsaved.insert(name.to_owned()),
@@ -138,7 +138,7 @@ impl Index {
             .collect()
     }
 
-    /// Sessions that were not closed and that no other part goes on from, the newest first: what may be resumed.
+    /// Sessions that were not closed and that no other part continues, newest first: those that may be resumed.
     pub fn interrupted(&self) -> Vec<SessionSummary> {
         let sessions = self.sessions();
         let continued: BTreeSet<&str> = sessions
@@ -154,9 +154,8 @@ impl Index {
             .collect()
     }
 
-    /// The baseline recorded last as seen `now`, if there is one; sessions that were closed without a baseline in them are
-    /// passed over. One that is dated in the future was recorded while the clock was wrong: it is the last only where there
-    /// is no other.
+    /// The latest baseline as of `now`, if there is one; closed sessions without a baseline are skipped. A baseline
+    /// dated in the future was recorded with a wrong clock and is used only if there is no other.
     ///
     /// # Errors
     /// That baseline cannot be read.
@@ -180,7 +179,7 @@ impl Index {
         Ok(None)
     }
 
-    /// All of it.
+    /// All sessions and unreadable files.
     pub fn listing(&self) -> Listing {
         Listing {
             sessions: self.sessions().into_iter().cloned().collect(),

@@ -1,5 +1,5 @@
-//! The index's file beside the sessions: a line for each closed session, with a checksum of its own.
-//! What a line means, and whether it still counts, is decided in `index`.
+//! The index file beside the sessions: a line with a checksum for each closed session. `index` decides whether an entry
+//! is valid.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{ErrorKind, Write};
@@ -13,11 +13,11 @@ use crate::directory::index::{Entry, Index};
 use crate::directory::scan::Stamp;
 use crate::{LogbookError, SessionSummary};
 
-/// Name of the file; its version is that of an entry's form.
+/// Name of the file, with the version of its entries.
 const FILE: &str = "sessions-1.index";
-/// Name of the file while it is written.
+/// Name of the file while it is being written.
 const NEW: &str = "sessions-1.index.new";
-/// Lines beyond those that are needed before the file is written anew.
+/// Superfluous lines allowed before the file is rewritten.
 const SPARE_LINES: usize = 200;
 /// Bytes of a line's checksum.
 const SUM: usize = 8;
@@ -31,7 +31,7 @@ struct Line {
 }
 
 impl Index {
-    /// What is remembered of a folder; no session is opened.
+    /// Loads the index of a folder; no session is opened.
     pub fn load(dir: impl AsRef<Path>) -> Self {
         let dir = dir.as_ref().to_owned();
         let mut index = Self {
@@ -68,11 +68,11 @@ impl Index {
         index
     }
 
-    /// Keeps what is new in the file beside the sessions: closed sessions, which do not change any more. Only whoever
-    /// holds the folder's lock may.
+    /// Writes new entries of closed sessions, which do not change any more, to the index file. The caller must hold the
+    /// folder's lock.
     ///
     /// # Errors
-    /// The file cannot be written; nothing but time is lost by that.
+    /// The file cannot be written; the next start then reads the sessions again.
     pub fn save(&mut self) -> Result<(), LogbookError> {
         let failed =
             |source| LogbookError::disk(&self.dir.join(FILE), "write the index to", source);
@@ -82,7 +82,7 @@ impl Index {
             .filter(|lines| lines + self.unsaved.len() <= 2 * kept + SPARE_LINES);
         let written = match lines {
             Some(_) if self.unsaved.is_empty() => return Ok(()),
-            // the file may have gone meanwhile
+            // the file may have been removed meanwhile
             Some(lines) => match self.append() {
                 Ok(appended) => lines + appended,
                 Err(_) => self.write_anew().map_err(failed)?,
@@ -117,7 +117,7 @@ impl Index {
             .create_new(true)
             .mode(0o640)
             .open(&new)?;
-        // not synchronised: what a power cut leaves of it fails its checksums
+        // not synced: after a power cut, damaged lines fail their checksums
         file.write_all(&text)?;
         drop(file);
         std::fs::rename(new, self.dir.join(FILE))?;

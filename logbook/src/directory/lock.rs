@@ -1,4 +1,4 @@
-//! One owner for a state directory.
+//! Lock of a state directory: one process writes to it.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -9,7 +9,7 @@ use crate::LogbookError;
 /// Name of the lock file in a state directory.
 pub(crate) const LOCK_FILE: &str = "tactus.lock";
 
-/// Held as long as this value lives; the kernel lets go of it when the process ends, however it ends.
+/// The lock, held as long as this value lives; the kernel releases it when the process ends, however it ends.
 #[derive(Debug)]
 pub struct StateLock {
     file: File,
@@ -17,7 +17,7 @@ pub struct StateLock {
 }
 
 impl StateLock {
-    /// The directory that is owned.
+    /// The locked directory.
     pub fn dir(&self) -> &Path {
         &self.dir
     }
@@ -30,10 +30,10 @@ impl Drop for StateLock {
     }
 }
 
-/// Takes a state directory for this process, making it if it is not there.
+/// Locks a state directory for this process; creates the directory if needed.
 ///
 /// # Errors
-/// [`LogbookError::AlreadyRunning`] with the owner's process number; or the directory cannot be made or written.
+/// [`LogbookError::AlreadyRunning`] with the process number of the owner; or the directory cannot be made or written.
 pub fn lock(dir: impl AsRef<Path>) -> Result<StateLock, LogbookError> {
     let dir = dir.as_ref();
     let io = |attempt, source| LogbookError::Io {
@@ -53,7 +53,7 @@ pub fn lock(dir: impl AsRef<Path>) -> Result<StateLock, LogbookError> {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => {
             let mut owner = String::new();
-            // The owner may be between locking and writing its number: then it has none to show yet.
+            // The owner may not have written its number yet.
             let _ = file.read_to_string(&mut owner);
             return Err(LogbookError::AlreadyRunning {
                 dir: dir.to_owned(),
@@ -62,7 +62,7 @@ pub fn lock(dir: impl AsRef<Path>) -> Result<StateLock, LogbookError> {
         }
         Err(TryLockError::Error(source)) => return Err(io("lock", source)),
     }
-    // Who holds it is for people; a full disk that refuses the number is no reason not to start.
+    // The number is only informative; a full disk that refuses it does not prevent the lock.
     let _ = file
         .set_len(0)
         .and_then(|()| file.seek(SeekFrom::Start(0)))

@@ -31,7 +31,7 @@ pub struct Unreadable {
     pub why: Arc<LogbookError>,
 }
 
-/// Lists the sessions of a folder, by start; a folder that is not there holds none. What cannot be read is listed beside.
+/// Lists the sessions of a folder by start time; a missing folder holds none. Unreadable files are listed separately.
 ///
 /// # Errors
 /// The folder cannot be read.
@@ -39,14 +39,14 @@ pub fn list(dir: impl AsRef<Path>) -> Result<Listing, LogbookError> {
     Ok(index(dir)?.listing())
 }
 
-/// The sessions of a folder as they are now; what is remembered of them is not opened again.
+/// The up-to-date index of a folder; unchanged sessions are not opened again.
 pub(crate) fn index(dir: impl AsRef<Path>) -> Result<Index, LogbookError> {
     let mut index = Index::load(dir);
     index.refresh()?;
     Ok(index)
 }
 
-/// Sessions that were not closed and that no other part goes on from, the newest first: what may be resumed.
+/// Sessions that were not closed and that no other part continues, newest first: those that may be resumed.
 ///
 /// # Errors
 /// The folder cannot be read.
@@ -54,7 +54,7 @@ pub fn interrupted(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, Logbook
     Ok(index(dir)?.interrupted())
 }
 
-/// Finds a session's file by its id, or by the beginning of it if that is enough. Of a session in parts it is the first.
+/// Finds a session's file by its id or a unique prefix of it. For a session in parts, returns the first part.
 ///
 /// # Errors
 /// No session of that name, or several.
@@ -110,9 +110,8 @@ pub fn baselines(dir: impl AsRef<Path>) -> Result<Vec<SessionSummary>, LogbookEr
     Ok(sessions)
 }
 
-/// The baseline recorded last as seen `now`, if there is one; sessions that were closed without a baseline in them are
-/// passed over. One that is dated in the future was recorded while the clock was wrong: it is the last only where there is
-/// no other.
+/// The latest baseline as of `now`, if there is one; closed sessions without a baseline are skipped. A baseline dated
+/// in the future was recorded with a wrong clock and is used only if there is no other.
 ///
 /// # Errors
 /// The folder or that baseline cannot be read.

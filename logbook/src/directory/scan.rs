@@ -1,5 +1,5 @@
-//! One walk over a folder: the files that look like sessions, the journals beside them, and by what each is known again.
-//! What the files hold is the index's affair.
+//! Directory scan: the files that look like sessions, the journals beside them, and the stamps that identify their
+//! versions.
 
 use std::collections::BTreeMap;
 use std::fs::Metadata;
@@ -16,29 +16,29 @@ use serde::{Deserialize, Serialize};
 use crate::LogbookError;
 use crate::files::{COPY_EXTENSION, EXTENSION};
 
-/// A file that was changed this short a time before it was read may change again and look the same: file systems count
-/// time by the kernel's clock tick, 10 ms at most.
+/// A file changed within this time before it was read may change again without a change of its stamp: file systems take
+/// times from the kernel's clock tick, 10 ms at most.
 const SETTLES: Duration = Duration::from_millis(100);
 
 /// Endings of the journals that change what a session's file means.
 const JOURNALS: [&str; 2] = ["-wal", "-journal"];
 
-/// By what a session is known to be the one that was read.
+/// Identifies the version of a session that was read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Stamp {
     pub(crate) file: FileStamp,
-    /// Of the journals beside it, where there are any.
+    /// Of the journals beside it, if any.
     pub(crate) journals: Vec<FileStamp>,
 }
 
-/// By what a file is known to be the one that was read.
+/// Identifies the version of a file that was read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct FileStamp {
     inode: u64,
     pub(crate) bytes: u64,
-    /// Of the content, in ns.
+    /// Modification time of the content (mtime), ns.
     modified: i64,
-    /// Of the content, the name, owner or mode, in ns; no program can set it.
+    /// Change time of content, name, owner or mode (ctime), ns; no program can set it.
     changed: i64,
 }
 
@@ -67,14 +67,14 @@ impl FileStamp {
         }
     }
 
-    /// Whether another change, from this time on, would give it other times.
+    /// Whether any change from now on would alter its times.
     fn is_settled(&self, now: i64) -> bool {
         u128::from(now.abs_diff(self.changed)) > SETTLES.as_nanos()
     }
 }
 
 impl Stamp {
-    /// Whether another write, from this time on, would give it other times.
+    /// Whether any write from now on would alter its times.
     pub(crate) fn is_settled(&self, now: i64) -> bool {
         self.all().all(|file| file.is_settled(now))
     }
@@ -89,14 +89,14 @@ impl Stamp {
     }
 }
 
-/// The names in a folder that matter.
+/// The relevant names in a folder.
 #[derive(Debug)]
 pub(crate) struct Names {
-    /// Of the folder, where no later change of it can look the same.
+    /// Stamp of the folder, if every later change of the folder will alter it.
     folder: Option<FileStamp>,
     /// Files that look like sessions, each with the names of its journals.
     sessions: BTreeMap<String, Vec<String>>,
-    /// Copies of sessions that a killed writer was making.
+    /// Unfinished copies of sessions, left by a killed writer.
     copies: Vec<String>,
 }
 
@@ -109,8 +109,7 @@ pub(crate) struct Candidate<'a> {
 }
 
 impl Names {
-    /// The names in a folder: those of the last walk where the folder has not changed since. A folder that is not there
-    /// has none.
+    /// The names in a folder; reuses the last scan if the folder has not changed since. A missing folder has none.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -175,12 +174,12 @@ impl Names {
         self.sessions.contains_key(name)
     }
 
-    /// Copies that a killed writer was making, by name.
+    /// Names of unfinished copies, left by a killed writer.
     pub(crate) fn copies(&self) -> &[String] {
         &self.copies
     }
 
-    /// The files that look like sessions as they are now, by name; those that have gone since are passed over.
+    /// The current files that look like sessions, by name; files removed since the scan are skipped.
     ///
     /// # Errors
     /// The folder cannot be opened.
@@ -188,7 +187,7 @@ impl Names {
         if self.sessions.is_empty() {
             return Ok(Vec::new());
         }
-        // names are looked up from here: the path to the folder is not walked for each
+        // names are looked up relative to this descriptor, so that the folder's path is resolved once
         let folder: OwnedFd = rustix::fs::open(
             dir,
             OFlags::PATH | OFlags::DIRECTORY | OFlags::CLOEXEC,
@@ -217,7 +216,7 @@ impl Names {
     }
 }
 
-/// As files are stamped; what is not settled is read again, so a wrong clock costs time and nothing else.
+/// The clock that file stamps use; files not settled are read again, so a wrong clock costs only time.
 pub(crate) fn now() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.map_or(0, |since| {

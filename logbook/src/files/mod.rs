@@ -1,5 +1,5 @@
-//! The files of sessions: their names, their parts, the files that SQLite keeps beside them, and which ones this process
-//! writes. What is in a file is for `reader` and `writer`.
+//! The files of sessions: their names, their parts, SQLite's companion files, and the files that this process writes.
+//! Their content is handled by `reader` and `writer`.
 
 pub(crate) mod open_files;
 
@@ -9,7 +9,7 @@ use crate::LogbookError;
 
 /// How a session's file name ends.
 pub(crate) const EXTENSION: &str = "tactus";
-/// Extension of a copy that is being made of a file; see [`crate::SessionWriter::rescue`].
+/// Extension of an unfinished copy; see [`crate::SessionWriter::rescue`].
 pub(crate) const COPY_EXTENSION: &str = "rescue";
 
 /// The folder that a session's file lies in.
@@ -35,7 +35,7 @@ pub(crate) fn part_of(id: &str) -> (&str, u32) {
         .unwrap_or((id, 1))
 }
 
-/// The files of sessions and parts in a folder, by name; a folder that is not there holds none.
+/// The session files and parts in a folder, by name; a missing folder holds none.
 pub(crate) fn in_folder(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
     let failed = |source| LogbookError::Io {
         path: dir.to_owned(),

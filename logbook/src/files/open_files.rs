@@ -1,8 +1,8 @@
 //! The files that this process is writing.
 //!
 //! POSIX locks belong to the process: closing any descriptor of a file drops the locks that SQLite holds on it through
-//! another one, and then another process takes the session for unused. So a file that is in this list is opened only
-//! by SQLite itself, and looking at it first happens under the list's lock.
+//! another descriptor, and another process would then treat the session as unused. So only SQLite opens a file in this
+//! list, and other code inspects a file only under the list's lock.
 
 use std::collections::BTreeMap;
 use std::fs::Metadata;
@@ -13,7 +13,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 /// Device and inode, which stay the same when a file is renamed.
 type Inode = (u64, u64);
 
-/// How many writers each has: while a session is resumed there may be two for a moment.
+/// Number of writers of each file; briefly two while a session is resumed.
 static WRITTEN: Mutex<BTreeMap<Inode, u32>> = Mutex::new(BTreeMap::new());
 
 fn written() -> MutexGuard<'static, BTreeMap<Inode, u32>> {
@@ -50,7 +50,7 @@ impl Drop for InWriting {
     }
 }
 
-/// Looks at a file, unless this process writes it: `None` then. No writer of this process begins meanwhile.
+/// Runs `look` on a file unless this process writes it (then `None`). No writer of this process starts meanwhile.
 pub(crate) fn unless_in_writing<T>(of: &Metadata, look: impl FnOnce() -> T) -> Option<T> {
     let list = written();
     (!list.contains_key(&inode(of))).then(look)

@@ -1,5 +1,5 @@
-//! What a killed writer has left in a folder that nobody writes to: files without a session in them are removed, and
-//! journals of sessions that go on no more are folded into their files.
+//! Removes what a killed writer left in a folder without a writer: deletes files without a session, and folds the
+//! journals of sessions that are closed or continued elsewhere into their files.
 
 use std::path::{Path, PathBuf};
 
@@ -17,13 +17,13 @@ use crate::{Index, LogbookError, SessionReader, schema};
 pub struct Tidied {
     /// Files without a session in them: their writer was killed before the header was on disk.
     pub removed: Vec<PathBuf>,
-    /// Sessions that are one file again.
+    /// Sessions whose journal was folded in.
     pub folded: Vec<PathBuf>,
-    /// What could not be done.
+    /// Errors of what failed.
     pub refused: Vec<LogbookError>,
 }
 
-/// Tidies a folder up; the caller holds its lock, so that no other writer is there.
+/// Tidies a folder; the caller must hold its lock, so that there is no other writer.
 ///
 /// # Errors
 /// The folder cannot be read.
@@ -32,8 +32,8 @@ pub fn tidy(dir: impl AsRef<Path>) -> Result<Tidied, LogbookError> {
 }
 
 impl Index {
-    /// Tidies the folder up; the caller holds its lock, so that no other writer is there. Only what is too small for a
-    /// session, or has a journal, is opened.
+    /// Tidies the folder; the caller must hold its lock, so that there is no other writer. Opens only files that are
+    /// too small for a session or have a journal.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -69,13 +69,13 @@ impl Index {
     }
 }
 
-/// Whether nothing was ever written to a file: neither a table nor, in its journal, the beginning of one.
+/// Whether nothing was ever written to a file or its journal: not even the beginning of a table.
 fn is_stub(path: &Path, bytes: u64) -> bool {
     if bytes == 0 {
         let journal = std::fs::metadata(companion(path, "-wal"));
         return journal.map_or(true, |journal| journal.len() == 0);
     }
-    // what its journals hold is read with it, and they stay as they are
+    // its journals are read with it and stay unchanged
     let tables = open(path).and_then(|connection| {
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
         connection.query_row("SELECT count(*) FROM sqlite_master", [], |row| {
@@ -85,11 +85,11 @@ fn is_stub(path: &Path, bytes: u64) -> bool {
     tables.is_ok_and(|tables| tables == 0)
 }
 
-/// Folds the journal of a session in that is closed, or that another part goes on from; whether it was.
+/// Folds the journal of a session that is closed or continued by another part; returns whether it did.
 fn fold(path: &Path) -> Result<bool, LogbookError> {
     let session = SessionReader::open(path)?;
     if session.is_folded() {
-        // a journal that is none of it
+        // the journal does not belong to this file
         return Ok(false);
     }
     let over = session.closed().is_some() || continued_by(path, &session.header().id)?.is_some();
@@ -114,7 +114,7 @@ fn open(path: &Path) -> rusqlite::Result<Connection> {
     Connection::open_with_flags(path, flags)
 }
 
-/// The journals first, which would be taken for another file's.
+/// Removes the journals first, which would otherwise be applied to another file.
 fn remove(path: &Path) {
     for end in ["-wal", "-shm", "-journal", ""] {
         let _ = std::fs::remove_file(companion(path, end));

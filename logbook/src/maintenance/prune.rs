@@ -1,4 +1,4 @@
-//! Retention: which sessions may go, by age, by size, and only what has been exported.
+//! Retention: removes sessions by age or size, optionally only exported ones.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
@@ -15,65 +15,65 @@ use crate::{LogbookError, SessionKind, SessionReader, SessionSummary};
 
 /// Name of the list of what has been pruned, a JSON object a line.
 const PRUNED: &str = "pruned.jsonl";
-/// How the name of a mark ends that says that a session has been exported.
+/// End of the name of a marker file of an exported session.
 const EXPORTED: &str = "exported.json";
 
-/// What may go.
+/// Which sessions to remove.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Retention {
     /// Sessions whose last frame is older.
     pub older_than: Option<Duration>,
-    /// The oldest sessions, until all files of the folder's sessions together take no more bytes than this.
+    /// The oldest sessions, until the files of all sessions in the folder take at most this many bytes.
     pub keep_bytes: Option<u64>,
-    /// Of those only what has been exported whole; alone: all that has been.
+    /// Of those only completely exported ones; alone: all exported ones.
     pub exported_only: bool,
-    /// Whether the earlier, closed parts of a session that still runs may go, too: a ring.
+    /// Whether the earlier, closed parts of a running session may be removed too (a ring).
     pub ring: bool,
 }
 
-/// A session or part that went, or would go.
+/// A session or part that was removed, or would be.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Removed {
     /// Its id.
     pub id: String,
     /// Its file.
     pub path: PathBuf,
-    /// What it took with everything beside it, bytes.
+    /// Size with all companion files, bytes.
     pub bytes: u64,
-    /// Why it goes.
+    /// Why it is removed.
     pub why: String,
 }
 
-/// A session that would have gone and stays.
+/// A session that was selected but kept.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Spared {
     /// Its id.
     pub id: String,
-    /// Why it stays.
+    /// Why it is kept.
     pub why: String,
 }
 
-/// What pruning did.
+/// Result of pruning.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct Pruned {
-    /// The oldest first.
+    /// Oldest first.
     pub removed: Vec<Removed>,
-    /// What age or size would have taken and something else kept.
+    /// What age or size selected, but another rule kept.
     pub spared: Vec<Spared>,
-    /// What the sessions of the folder take afterwards, bytes.
+    /// Remaining size of the folder's sessions, bytes.
     pub left: u64,
 }
 
-/// Mark beside a session that was exported whole.
+/// Marker of a completely exported session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Exported {
     /// When.
     pub at: DateTime<Utc>,
     /// Sequence of the last frame that was exported.
     pub last: u64,
-    /// As what: `csv`.
+    /// The format: `csv`.
     pub format: String,
-    /// Where to.
+    /// The destination.
     pub to: String,
 }
 
@@ -84,12 +84,12 @@ pub struct Exported {
 pub fn mark_exported(path: impl AsRef<Path>, exported: &Exported) -> Result<(), LogbookError> {
     let mark = path.as_ref().with_extension(EXPORTED);
     let text = serde_json::to_string(exported).unwrap_or_default() + "\n";
-    // whoever owns the folder may have put a link there, and root may be the one who exports
+    // the folder's owner may have put a link there, and root may be exporting
     outfile::write(&mark, Existing::Replace, text.as_bytes())
         .map_err(|refused| LogbookError::disk(&mark, "mark as exported", refused.into_io()))
 }
 
-/// Whether and when all of a session was exported.
+/// When and how a session was completely exported, if it was.
 pub fn exported(path: impl AsRef<Path>) -> Option<Exported> {
     let path = path.as_ref();
     let text = std::fs::read_to_string(path.with_extension(EXPORTED)).ok()?;
@@ -111,12 +111,12 @@ pub(crate) fn pruned_parts(dir: &Path) -> BTreeSet<String> {
         .collect()
 }
 
-/// Removes sessions, or with `dry_run` only says which. Never one that is not closed, nor any part of it (but for a
-/// ring), nor the newest baseline, nor a baseline that a session which stays was measured against. What went is written
-/// down in `pruned.jsonl` beside them.
+/// Removes sessions, or with `dry_run` only lists them. Open sessions and their parts (except in a ring), the newest
+/// baseline, and baselines of kept sessions are never removed. Removed sessions are listed in `pruned.jsonl` beside
+/// them.
 ///
 /// # Errors
-/// The folder cannot be read, or a file not be removed: what went before is gone.
+/// The folder cannot be read, or a file cannot be removed; earlier removals stay.
 pub fn prune(
     dir: impl AsRef<Path>,
     retention: &Retention,
@@ -145,10 +145,10 @@ pub fn prune(
         .collect();
     let newest_baseline = index.latest_baseline(now)?.map(|(session, _)| session.id);
     let mut going = vec![None; sessions.len()];
-    // Measurements first: a baseline is small, and goes only when nobody who stays was measured against it.
+    // Measurements first: a baseline is small, and is removed only if no kept session needs it.
     let (baselines, measurements): (Vec<usize>, Vec<usize>) =
         (0..sessions.len()).partition(|index| sessions[*index].kind == SessionKind::Baseline);
-    // made when the first baseline is due: by then it is known which measurements stay
+    // computed when the first baseline is due, when the kept measurements are known
     let mut needed = None;
     for index in measurements.into_iter().chain(baselines) {
         let session = &sessions[index];
@@ -201,7 +201,7 @@ pub fn prune(
     Ok(pruned)
 }
 
-/// Ids of the baselines that the sessions which stay were measured against.
+/// Ids of the baselines that kept sessions need.
 fn needed_baselines(sessions: &[SessionSummary], going: &[Option<String>]) -> BTreeSet<String> {
     sessions
         .iter()
@@ -237,8 +237,8 @@ fn due(
         .then(|| "it has been exported".to_owned())
 }
 
-/// The files of a folder by the session that they belong to: its own, journals, mark, transcripts of failed frames. One
-/// walk over the folder; files of no session are left out. The session's own file is the last of its files.
+/// The files of a folder by session: its own file, journals, marker, transcripts of failed frames. One directory scan;
+/// files of no session are left out. A session's own file is the last in its list.
 fn by_session(dir: &Path) -> Result<BTreeMap<String, Vec<PathBuf>>, LogbookError> {
     let failed = |source| LogbookError::Io {
         path: dir.to_owned(),
@@ -272,9 +272,9 @@ fn by_session(dir: &Path) -> Result<BTreeMap<String, Vec<PathBuf>>, LogbookError
     Ok(sessions)
 }
 
-/// The session that a file beside it belongs to, by its name.
+/// The session that a companion file belongs to, by its name.
 fn owner(name: &str) -> &str {
-    // a copy may have a dot in its name, an id has none
+    // a copy's name may contain a dot, an id cannot
     let journal = [".tactus-wal", ".tactus-shm", ".tactus-journal"];
     if let Some(id) = journal.iter().find_map(|end| name.strip_suffix(end)) {
         return id;
@@ -324,7 +324,7 @@ fn remove(
     Ok(())
 }
 
-/// What all sessions of a folder take with everything beside them, bytes.
+/// Size of all sessions of a folder with their companion files, bytes.
 ///
 /// # Errors
 /// The folder cannot be read.

@@ -1,4 +1,4 @@
-//! What can still be read of a damaged file, as a new one.
+//! Repair: copies the readable part of a damaged session to a new file.
 
 use std::path::{Path, PathBuf};
 
@@ -9,12 +9,12 @@ use crate::files::{folder_of, id_of, path_of};
 use crate::reader::SMALLEST;
 use crate::{LogbookError, Record, SessionHeader, SessionReader, SessionWriter, schema};
 
-/// Kind of the event that says which frames a repair has cut; its text begins `frames 5 to 9 `.
+/// Kind of the event that lists the frames lost in a repair; its text begins `frames 5 to 9 `.
 pub const CUT: &str = "cut";
 
 /// Frames that are written together.
 const GROUP: usize = 256;
-/// Rows of events that are tried one by one where they cannot be read in order.
+/// Number of event rows tried one by one if they cannot be read in order.
 const EVENTS: i64 = 100_000;
 
 /// Frames that could not be read.
@@ -24,11 +24,11 @@ pub struct Cut {
     pub first: u64,
     /// The last of them.
     pub last: u64,
-    /// Why, of the first.
+    /// Why, for the first of them.
     pub why: String,
 }
 
-/// What a repair kept and what it cut.
+/// What a repair kept and lost.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Repaired {
     /// The new file.
@@ -39,18 +39,18 @@ pub struct Repaired {
     pub events: usize,
     /// Whether a baseline was kept.
     pub baseline: bool,
-    /// Frames that were cut.
+    /// Frames that were lost.
     pub cut: Vec<Cut>,
-    /// What else was lost, a sentence each.
+    /// Other losses, a sentence each.
     pub lost: Vec<String>,
 }
 
-/// Writes what can be read of a session's file into a new one, which is closed; the damaged one is not touched. `out` is
-/// the new file, `<id>_repaired.tactus` beside it where none is named.
+/// Copies the readable part of a session's file to a new file, which is closed; the damaged one is not changed. `out`
+/// is the new file, by default `<id>_repaired.tactus` beside the damaged one.
 ///
 /// # Errors
-/// A header that cannot be read (without the protocol no reading means anything), a file that exists, or a disk that
-/// refuses.
+/// A header that cannot be read (without the protocol no reading means anything), an existing output file, or a disk
+/// error.
 pub fn repair(
     path: impl AsRef<Path>,
     out: Option<&Path>,
@@ -121,7 +121,7 @@ pub fn repair(
     if let Ok(rows) = rows {
         repaired.lost.extend(session.unmet(rows, met));
     }
-    // Rows that could not be read behind the last whole frame are not known to have been there.
+    // Unreadable rows behind the last whole frame may never have existed.
     let last = writer.acknowledged();
     if repaired.cut.iter().any(|cut| cut.last > last) {
         let text = format!("behind frame {last} nothing can be read");
@@ -196,7 +196,7 @@ fn cut(repaired: &mut Repaired, first: u64, last: u64, why: &str) {
     }
 }
 
-/// Rows in order; where they cannot be read in order, one by one.
+/// Rows in order; one by one if they cannot be read in order.
 struct Rows<'a> {
     session: &'a SessionReader,
     next: u64,

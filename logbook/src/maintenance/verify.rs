@@ -1,4 +1,4 @@
-//! Is a record whole? Checksums, sequence, references, baseline, the chain of parts, and an event for every gap.
+//! Verifies a session: checksums, sequence, references, baseline, the chain of parts, and an event for every gap.
 
 use std::path::{Path, PathBuf};
 
@@ -10,28 +10,28 @@ use crate::maintenance::prune::pruned_parts;
 use crate::writer::CONTINUED_IN;
 use crate::{CUT, Event, LogbookError, RESUMED, Record, SessionReader};
 
-/// A scheduled session has a gap where frames are further apart than this many periods: one was left out.
+/// A gap in a scheduled session: frames further apart than this many periods.
 const PERIODS: f64 = 1.5;
-/// One without a schedule where they are further apart than this many times the usual distance.
+/// A gap in a session without a schedule: frames further apart than this many times the usual distance.
 const USUAL: f64 = 5.0;
-/// Closer than this nothing is a gap, s: a frame that was late.
+/// Distances below this are never a gap, s.
 const LEAST: f64 = 1.0;
-/// An event may be written so long after the frame that it explains the lack of.
+/// An event this long after a frame may still explain the gap.
 const LATER: TimeDelta = TimeDelta::try_seconds(5).unwrap();
 
-/// Something that is not as it should be.
+/// A defect of a session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// Id of the part.
     pub part: String,
-    /// One word for a machine: `unreadable`, `header`, `closing`, `damaged`, `missing`, `chain`, `baseline`, `event`,
+    /// Machine-readable kind: `unreadable`, `header`, `closing`, `damaged`, `missing`, `chain`, `baseline`, `event`,
     /// `gap`.
     pub kind: &'static str,
-    /// A sentence for a person.
+    /// Text for people.
     pub text: String,
 }
 
-/// Two frames that are further apart than frames of this session are.
+/// Two frames further apart than usual in this session.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Gap {
     /// Sequence of the frame before.
@@ -42,14 +42,14 @@ pub struct Gap {
     pub explained: Option<String>,
 }
 
-/// What was found.
+/// Result of the verification.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Verified {
     /// Id of the session: its first part's.
     pub session: String,
     /// Ids of its parts, in order.
     pub parts: Vec<String>,
-    /// Frames that are whole.
+    /// Intact frames.
     pub frames: u64,
     /// Whether the last part was closed.
     pub closed: bool,
@@ -59,7 +59,7 @@ pub struct Verified {
     pub findings: Vec<Finding>,
 }
 
-/// The files of the session that a file is a part of, in order; those that are there.
+/// The existing files of the session that a file is a part of, in order.
 ///
 /// # Errors
 /// The folder cannot be read.
@@ -78,10 +78,10 @@ pub fn parts(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
     Ok(parts)
 }
 
-/// Reads all of a session, whatever part of it is named. `progress` is told how many frames have been read.
+/// Reads all parts of a session, whichever part is given. `progress` is called with the number of frames read.
 ///
 /// # Errors
-/// The folder cannot be read. A file that cannot be read is a finding, not an error, and so is damage.
+/// The folder cannot be read. Unreadable files and damage are findings, not errors.
 pub fn verify(
     path: impl AsRef<Path>,
     mut progress: impl FnMut(u64),
@@ -121,7 +121,7 @@ pub fn verify(
     })
 }
 
-/// A frame as far as time is concerned.
+/// The times of a frame.
 #[derive(Clone, Copy)]
 struct Moment {
     sequence: u64,
@@ -129,28 +129,28 @@ struct Moment {
     wall: DateTime<Utc>,
 }
 
-/// What has been seen so far.
+/// Intermediate results.
 #[derive(Default)]
 struct Look {
     session: String,
-    /// Ids, and the sequence that each begins with.
+    /// Ids, with the first sequence of each.
     parts: Vec<(String, u64)>,
-    /// Which part each one says that it goes on from.
+    /// Each part with the part that it continues.
     continues: Vec<(String, String)>,
-    /// What each part that was closed says about it.
+    /// Each closed part with its closing reason.
     closings: Vec<(String, String)>,
-    /// Files that are no session, and why: parts whose making was cut short, or all that is left of one.
+    /// Files that are no session, and why: unfinished new parts, or remains of one.
     strangers: Vec<(String, String)>,
     frames: u64,
     closed: bool,
-    /// Seconds between neighbours that may be further apart than they should.
+    /// Distances of neighbouring frames that may be gaps, s.
     distances: Vec<f64>,
     moments: Vec<(Moment, Moment, f64)>,
     last: Option<Moment>,
     events: Vec<Event>,
     period: Option<f64>,
     findings: Vec<Finding>,
-    /// Sequence of the last frame that was there or is known to be missing.
+    /// Sequence of the last frame that was found or is known to be missing.
     expected: Option<u64>,
 }
 
@@ -224,7 +224,7 @@ impl Look {
         }
         self.expected = Some(header.first_sequence);
         let first_sequence = header.first_sequence;
-        // What a part before this one has from here on was written again.
+        // Frames of an earlier part from this sequence on were written again.
         self.moments
             .retain(|(_, later, _)| later.sequence < first_sequence);
         if self
@@ -233,7 +233,7 @@ impl Look {
         {
             self.last = self.moments.last().map(|(_, later, _)| *later);
         }
-        // Counted before they are read: a session that runs gets more meanwhile.
+        // Counted before reading: a running session grows meanwhile.
         let rows = session.rows();
         let mut met = 0;
         for record in session.frames() {
@@ -242,7 +242,7 @@ impl Look {
                 Ok(record) => self.frame(&id, &record),
                 Err(damage) => {
                     self.found(&id, "damaged", damage.to_string());
-                    // Its sequence is in the text; it is there, whole or not.
+                    // The error names its sequence; the row exists, intact or not.
                     self.expected = self.expected.map(|expected| expected + 1);
                 }
             }
@@ -258,8 +258,8 @@ impl Look {
         }
     }
 
-    /// Whether the parts that the others speak of are there. A file that is no session is none of them: its making was
-    /// cut short, and the session went on in another part.
+    /// Checks that the parts named by others exist. A file that is no session does not count: its creation was
+    /// interrupted, and the session continued in another part.
     fn ends(&mut self, folder: &Path) {
         let ids: Vec<&str> = self.parts.iter().map(|(id, _)| id.as_str()).collect();
         let mut found = Vec::new();
@@ -341,7 +341,7 @@ impl Look {
         if let Some(last) = self.last {
             let by_wall = (now.wall - last.wall).as_seconds_f64();
             let by_clock = now.monotonic - last.monotonic;
-            // A clock that has begun anew belongs to another process: then only the wall clock tells.
+            // A monotonic clock that restarted belongs to another process: use the wall clock.
             let apart = if by_clock < 0.0 { by_wall } else { by_clock };
             self.distances.push(apart);
             let least = self.period.map_or(LEAST, |period| PERIODS * period);
@@ -352,7 +352,7 @@ impl Look {
         self.last = Some(now);
     }
 
-    /// Those that are further apart than they should be.
+    /// The distances that are gaps.
     fn gaps(&mut self) -> Vec<Gap> {
         let usual = match self.distances.len() {
             0 => 0.0,
@@ -364,7 +364,7 @@ impl Look {
             }
         };
         let most = match self.period {
-            // A frame that takes longer than its period follows the one before back to back.
+            // A frame that takes longer than its period directly follows the previous one.
             Some(period) => PERIODS * period.max(usual),
             None => (USUAL * usual).max(LEAST),
         };

@@ -1,4 +1,4 @@
-//! Frames as they come back.
+//! Reading frames.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -32,7 +32,7 @@ impl SessionReader {
         self.unpack(row, &mut Known::default())
     }
 
-    /// A frame as far as it can be read, for a repair: the trace of its map may be lost.
+    /// A frame as far as it can be read, for a repair: its map record may be lost.
     pub(crate) fn kept(&self, sequence: u64) -> Result<Option<Record>, LogbookError> {
         let row = self.row(sequence)?;
         let mut known = Known {
@@ -42,7 +42,7 @@ impl SessionReader {
         row.map(|row| self.unpack(row, &mut known)).transpose()
     }
 
-    /// The sequence of the next frame behind one.
+    /// The sequence of the next frame after a given one.
     pub(crate) fn sequence_behind(&self, sequence: u64) -> Result<Option<u64>, LogbookError> {
         self.ask()
             .prepare_cached("SELECT min(sequence) FROM frame WHERE sequence > ?1")
@@ -64,7 +64,7 @@ impl SessionReader {
             .map_err(|source| LogbookError::reading(&self.path, "read a frame of", source))
     }
 
-    /// All frames in order. A damaged frame is an error in its place, and the ones after it still come.
+    /// All frames in order. A damaged frame yields an error; the frames after it follow.
     pub fn frames(&self) -> Frames<'_> {
         self.frames_from(1)
     }
@@ -104,7 +104,7 @@ impl SessionReader {
                 let size = stored.row.blob.as_ref().map_or(0, Vec::len) as i64;
                 bytes += size as u64;
                 if bytes > available {
-                    // pages that several rows claim: no more of it comes into memory
+                    // several rows claim the same pages: the size read into memory is limited
                     return Err(rusqlite::Error::IntegralValueOutOfRange(10, size));
                 }
                 page.push_back(stored);
@@ -149,7 +149,7 @@ impl SessionReader {
         Ok(record)
     }
 
-    /// Of a map that was made after its frame had been written.
+    /// The record of a map that was made after its frame was written.
     pub(super) fn late_map(&self, sequence: i64) -> Result<Option<MapRecord>, LogbookError> {
         let late = self
             .ask()
@@ -283,7 +283,7 @@ impl Iterator for Frames<'_> {
         if self.page.is_empty() && !self.ended {
             match self.session.page(self.next) {
                 Ok(page) => {
-                    // Out of order in a damaged file, rows that lead no further would come for ever.
+                    // In a damaged file, rows out of order could repeat for ever.
                     self.ended = page.iter().all(|stored| stored.row.sequence < self.next);
                     self.page = page;
                 }
@@ -305,11 +305,11 @@ impl Iterator for Frames<'_> {
     }
 }
 
-/// What was looked up before, for the next frame mostly wants the same.
+/// Cached lookups: consecutive frames mostly need the same rows.
 #[derive(Debug, Default)]
 struct Known {
     readings: KnownReadings,
     stretches: BTreeMap<i64, (Stretch, Settings)>,
-    /// Whether the trace of a map that cannot be read is as if there were none.
+    /// Whether an unreadable map record counts as missing.
     without_maps: bool,
 }

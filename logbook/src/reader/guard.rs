@@ -1,18 +1,18 @@
-//! An end to every question: a file made to harm may lead SQLite round in circles.
+//! Limits the work of each query: a malicious file could make SQLite loop.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use rusqlite::Connection;
 
-/// Steps of SQLite's machine after which it asks whether to go on.
+/// Virtual-machine steps of SQLite between two calls of the progress handler.
 const STEPS: i32 = 10_000;
-/// Times that it may ask, whatever the size of the file.
+/// Calls allowed for a file of any size.
 const LEAST: u64 = 1000;
-/// A page of 512 bytes has at most 14 rows, and no question takes 300 steps for each.
+/// A page of 512 bytes has at most 14 rows, and no query takes 300 steps for each.
 const PAGES_A_TIME: u64 = 2;
 
-/// How much work is left for the present question. Counted in steps, not in seconds: a slow disk is no attack.
+/// Remaining work of the current query. Counted in steps, not seconds: a slow disk is no attack.
 #[derive(Debug)]
 pub(super) struct Guard {
     allowed: u64,
@@ -20,7 +20,7 @@ pub(super) struct Guard {
 }
 
 impl Guard {
-    /// Stands over a connection from now on; before the size of the file is known it is strict.
+    /// Installs the limit on a connection; the limit is small until the size of the file is known.
     pub(super) fn over(connection: &mut Connection) -> rusqlite::Result<Self> {
         let left = Arc::new(AtomicU64::new(LEAST));
         let counter = Arc::clone(&left);
@@ -37,13 +37,13 @@ impl Guard {
         })
     }
 
-    /// A file of so many pages takes longer.
+    /// Raises the limit for a file of this many pages.
     pub(super) fn allow_pages(&mut self, pages: u64) {
         self.allowed = LEAST + pages / PAGES_A_TIME;
         self.begin();
     }
 
-    /// A question begins.
+    /// Starts a new query with the full limit.
     pub(super) fn begin(&self) {
         self.left.store(self.allowed, Ordering::Relaxed);
     }

@@ -1,4 +1,4 @@
-//! Reading a session: closed, or left behind by a writer that was killed, or still being written.
+//! Reading a session: closed, left behind by a killed writer, or still being written.
 
 mod frames;
 mod guard;
@@ -27,7 +27,7 @@ use opening::Mode;
 pub use frames::Frames;
 pub(crate) use order::SMALLEST;
 
-/// A session's file, opened for reading; neither it nor anything beside it is ever changed.
+/// A session's file, opened for reading; neither it nor its companion files are changed.
 #[derive(Debug)]
 pub struct SessionReader {
     connection: Connection,
@@ -37,13 +37,13 @@ pub struct SessionReader {
     header: SessionHeader,
     seal: Seal,
     end: End,
-    /// Made when the first frame is read.
+    /// Created when the first frame is read.
     checks: OnceCell<Checks>,
 }
 
 impl SessionReader {
-    /// Opens a session file. What a killed writer has left in the journal beside it is part of the session; a rollback
-    /// journal is not, and is never played back.
+    /// Opens a session file. The write-ahead log of a killed writer is part of the session; a rollback journal is not,
+    /// and is never applied.
     ///
     /// # Errors
     /// No such file, no regular file, not a session, another schema, or damage to the header.
@@ -59,7 +59,7 @@ impl SessionReader {
         Self::over(opened.connection, path.to_owned(), opened.mode)
     }
 
-    /// Reads the header through a connection that writes.
+    /// Reads the header through a writer's connection.
     pub(crate) fn of_writer(connection: Connection, path: PathBuf) -> Result<Self, LogbookError> {
         Self::over(connection, path, Mode::Wal)
     }
@@ -118,18 +118,18 @@ impl SessionReader {
         })
     }
 
-    /// Whether no journal beside the file is part of it.
+    /// Whether no companion journal is part of the session.
     pub(crate) fn is_folded(&self) -> bool {
         self.mode == Mode::Rollback
     }
 
-    /// What a question is asked through: each has its own share of work.
+    /// The connection for one query, with its own work limit.
     fn ask(&self) -> &Connection {
         self.guard.begin();
         &self.connection
     }
 
-    /// With what the session was taken.
+    /// Metadata of the session.
     pub fn header(&self) -> &SessionHeader {
         &self.header
     }
@@ -139,7 +139,7 @@ impl SessionReader {
         &self.path
     }
 
-    /// How the session had ended when it was opened here; `None` while it runs, or when its writer was killed.
+    /// How the session had ended when it was opened; `None` while it runs, or if its writer was killed.
     pub fn closed(&self) -> Option<&Closing> {
         match &self.end {
             End::Open => None,
@@ -147,7 +147,7 @@ impl SessionReader {
         }
     }
 
-    /// What this reader reads through, without its limit of work, and what its rows' checksums begin with.
+    /// The connection without its work limit, and the seal of its rows' checksums.
     pub(crate) fn into_connection(self) -> rusqlite::Result<(Connection, Seal)> {
         let mut connection = self.connection;
         connection.progress_handler(0, None::<fn() -> bool>)?;
@@ -159,7 +159,7 @@ impl SessionReader {
     /// # Errors
     /// The file cannot be read.
     pub fn len(&self) -> Result<u64, LogbookError> {
-        // Below the first where the file has none, or where damage has left none.
+        // Negative if damage left no valid row.
         Ok(self
             .last_sequence()?
             .saturating_add(1)
@@ -187,13 +187,13 @@ impl SessionReader {
             .map_err(|source| LogbookError::reading(&self.path, "count the rows of", source))
     }
 
-    /// When the last frame was taken, whether or not its readings are whole.
+    /// When the last frame was taken, even if its readings are damaged.
     pub(crate) fn last_taken(&self) -> Result<Option<Taken>, LogbookError> {
         let last = self.last_sequence()?;
         let Some(row) = self.row(last)? else {
             return Ok(None);
         };
-        // Without its stretch nobody knows when it was.
+        // Without its stretch the time is unknown.
         let Ok((stretch, _)) = self.stretch(last as i64, row.row.stretch) else {
             return Ok(None);
         };
@@ -326,7 +326,7 @@ impl SessionReader {
                 );
                 bytes += (kind.len() + text.len()) as u64;
                 if bytes > available {
-                    // pages that several rows claim: no more of it comes into memory
+                    // several rows claim the same pages: the size read into memory is limited
                     return Err(rusqlite::Error::IntegralValueOutOfRange(
                         3,
                         text.len() as i64,
@@ -414,7 +414,7 @@ impl SessionReader {
         Ok(settings)
     }
 
-    /// What the file has room for, so that no more than that is read into memory at once.
+    /// Upper limit for what may be read into memory at once, from the file's size.
     pub(crate) fn bytes(&self) -> Result<u64, LogbookError> {
         let count = |name: &str| -> rusqlite::Result<u64> {
             self.connection
@@ -436,7 +436,7 @@ impl SessionReader {
     }
 }
 
-/// The part that goes on from `id`, if one beside its file does.
+/// The part beside this file that continues `id`, if there is one.
 pub(crate) fn continued_by(path: &Path, id: &str) -> Result<Option<String>, LogbookError> {
     let dir = folder_of(path);
     let (session, part) = part_of(id);

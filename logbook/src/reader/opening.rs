@@ -1,4 +1,4 @@
-//! How a session's file is opened so that nothing beside it or in it changes, whoever wrote it.
+//! Opens a session's file without changing it or its companion files, whatever wrote it.
 //!
 //! | the file is | read how |
 //! |---|---|
@@ -7,8 +7,8 @@
 //! | in WAL mode, with journal and index | read-only with a read-only index: sees what its writer has acknowledged |
 //! | in WAL mode, with a journal alone | the index is made in memory |
 //!
-//! A rollback journal is never played back: a session is in WAL mode from before its header until after its last
-//! entry, so none that lies beside it can belong to its content.
+//! A rollback journal is never applied: a session is in WAL mode from before its header until after its last entry, so
+//! a rollback journal beside it cannot belong to its content.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{ErrorKind, Read};
@@ -27,23 +27,23 @@ use crate::files::open_files::unless_in_writing;
 
 /// The beginning of every SQLite file.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
-/// Bytes of SQLite's header that are looked at.
+/// Bytes of SQLite's header that are checked.
 const HEAD: usize = 100;
-/// Where the header says how the file is read: 1 with a rollback journal, 2 with a write-ahead log.
+/// Offset of the header's read version: 1 with a rollback journal, 2 with a write-ahead log.
 const READ_VERSION: usize = 19;
 /// The longest text or blob of a row, bytes: the protocol of 256 electrodes is of 4 MB.
 const LONGEST: u64 = 16 << 20;
-/// No file is too small for its own schema.
+/// Lower bound of the limit: even a small file must hold its schema.
 const SHORTEST: u64 = 1 << 20;
 /// The longest statement, and the longest entry of a schema, bytes.
 const SQL: i32 = 20_000;
 
-/// What the beginning of a file says.
+/// Journal mode according to the file's header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Mode {
-    /// Folded: whole without a journal.
+    /// Folded: complete without a journal.
     Rollback,
-    /// What is in the journal beside it is part of it.
+    /// The journal beside it is part of it.
     Wal,
 }
 
@@ -54,7 +54,7 @@ enum Way {
     IndexInMemory,
 }
 
-/// A file as it was opened.
+/// An opened file.
 pub(crate) struct Opened {
     pub(crate) connection: Connection,
     pub(crate) mode: Mode,
@@ -63,7 +63,7 @@ pub(crate) struct Opened {
 /// Opens a file for reading.
 ///
 /// # Errors
-/// It is not there, no regular file, no SQLite file, or a rollback journal lies beside a session that is not closed.
+/// The file is missing, no regular file, no SQLite file, or an open session with a rollback journal beside it.
 pub(crate) fn open(
     path: &Path,
     is_closed: impl Fn(&Connection) -> bool,
@@ -73,7 +73,7 @@ pub(crate) fn open(
         attempt: "open",
         source,
     };
-    // SQLite looks for a journal beside the file itself, not beside a link to it.
+    // SQLite looks for a journal beside the file itself, not beside a symbolic link to it.
     let real = std::fs::canonicalize(path).map_err(io)?;
     let found = std::fs::metadata(&real).map_err(io)?;
     check_regular(path, &found)?;
@@ -98,7 +98,7 @@ pub(crate) fn open(
     };
     let size = found.len() + length(&wal);
     if way != Way::Immutable && journal.symlink_metadata().is_ok() {
-        // The power was cut while a closed session was folded: then all of it is in the file.
+        // The power failed while a closed session was being folded: all of it is in the file.
         let alone = connect(path, &real, Way::Immutable, size)?;
         if is_closed(&alone) {
             return Ok(Opened {
@@ -146,7 +146,7 @@ fn look(path: &Path, real: &Path) -> Result<Mode, LogbookError> {
         path: path.to_owned(),
         why: why.to_owned(),
     };
-    // should it have become a FIFO or a terminal since
+    // in case it was replaced by a FIFO or a terminal meanwhile
     let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
     let mut file: File = OpenOptions::new()
         .read(true)
@@ -184,7 +184,7 @@ fn connect(path: &Path, real: &Path, way: Way, size: u64) -> Result<Connection, 
         let parameters = match way {
             Way::Immutable => "immutable=1",
             Way::WithIndex => "readonly_shm=1",
-            // a layer without locks: the index is in memory only for who is alone
+            // a VFS without locks: SQLite builds the index in memory only with exclusive access
             Way::IndexInMemory => "vfs=unix-none",
         };
         let connection = Connection::open_with_flags(uri(real, parameters), flags)?;
@@ -197,7 +197,7 @@ fn connect(path: &Path, real: &Path, way: Way, size: u64) -> Result<Connection, 
     open().map_err(|source| LogbookError::reading(path, "open", source))
 }
 
-/// Takes from SQLite what no session needs, so that a file made to harm reaches less of it.
+/// Disables what no session needs in SQLite, to reduce the attack surface for malicious files.
 fn limit(connection: &Connection, size: u64) -> rusqlite::Result<()> {
     use DbConfig::{
         SQLITE_DBCONFIG_DEFENSIVE, SQLITE_DBCONFIG_ENABLE_TRIGGER, SQLITE_DBCONFIG_ENABLE_VIEW,
@@ -212,7 +212,7 @@ fn limit(connection: &Connection, size: u64) -> rusqlite::Result<()> {
     ] {
         connection.set_db_config(what, on)?;
     }
-    // no row is longer than its file
+    // no row is longer than the file
     let longest = size.clamp(SHORTEST, LONGEST) as i32;
     connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, longest)?;
     connection.set_limit(Limit::SQLITE_LIMIT_SQL_LENGTH, SQL)?;
@@ -222,7 +222,7 @@ fn limit(connection: &Connection, size: u64) -> rusqlite::Result<()> {
     connection.pragma_update(None, "temp_store", "MEMORY")
 }
 
-/// `file:` and the path, with everything escaped that means something in a URI.
+/// `file:` and the path, with all URI metacharacters escaped.
 fn uri(path: &Path, parameters: &str) -> PathBuf {
     let mut uri = String::from("file:");
     for &byte in path.as_os_str().as_bytes() {

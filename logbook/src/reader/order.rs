@@ -1,16 +1,16 @@
-//! Rows of frames as they lie in the file, whatever their numbers: damage may have put one where nobody looks for it.
+//! Scans frame rows in physical order, because damage may have changed their numbers.
 
 use super::SessionReader;
 use crate::LogbookError;
 
-/// No row of a frame is smaller than so many bytes, so a file of some size has no more of them than that.
+/// Smallest size of a frame's row in bytes; bounds the number of rows in a file.
 pub(crate) const SMALLEST: i64 = 20;
 
-/// How many numbers are reported.
+/// Most row numbers reported.
 const MOST_REPORTED: usize = 5;
 
 impl SessionReader {
-    /// Sequence of the last frame; of a session without frames one less than its first will have.
+    /// Sequence of the last frame; without frames, one less than the first sequence.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -27,31 +27,32 @@ impl SessionReader {
         }
         match whole(last) {
             Some(last) => Ok(last),
-            // None below the first was ever written: what lies last is damaged, and those before it are looked through.
+            // Numbers below the first were never written: the physically last row is damaged, so the rows before it are
+            // searched.
             None => self
                 .scan("max(sequence)")
                 .map(|last| whole(last).unwrap_or(none)),
         }
     }
 
-    /// The number of the row that lies last.
+    /// The number of the physically last row.
     pub(crate) fn last_row(&self) -> Result<Option<i64>, LogbookError> {
         self.frame_number("SELECT max(sequence) FROM frame", [])
     }
 
-    /// Rows of frames, those that no number leads to among them.
+    /// Number of frame rows, including those that no sequence leads to.
     pub(crate) fn rows(&self) -> Result<u64, LogbookError> {
         self.scan("count(*)")
             .map(|rows| rows.unwrap_or(0).unsigned_abs())
     }
 
-    /// Of all rows, one after the other; no more than the file has room for, where a forged one leads round in circles.
+    /// Runs an aggregate over all rows, at most as many as fit in the file, since a forged file may loop.
     fn scan(&self, what: &str) -> Result<Option<i64>, LogbookError> {
         let sql = format!("SELECT {what} FROM (SELECT sequence FROM frame LIMIT ?1)");
         self.frame_number(&sql, [self.most_rows()])
     }
 
-    /// Rows that the file has room for.
+    /// Upper bound of the number of rows in the file.
     pub(super) fn most_rows(&self) -> i64 {
         self.bytes()
             .map_or(0, |bytes| (bytes / SMALLEST as u64) as i64)
@@ -67,7 +68,7 @@ impl SessionReader {
             .map_err(|source| LogbookError::reading(&self.path, "count the frames of", source))
     }
 
-    /// What is to be said of rows that were not met although they are there; `None` where all were.
+    /// Describes rows that exist but were not reached; `None` if all were.
     pub(crate) fn unmet(&self, rows: u64, met: u64) -> Option<String> {
         let unmet = rows.checked_sub(met).filter(|unmet| *unmet > 0)?;
         let numbers = match self.out_of_order() {
@@ -85,7 +86,7 @@ impl SessionReader {
         ))
     }
 
-    /// Numbers below the first frame's, or not above the one before; some of them.
+    /// Some row numbers that are below the first frame's, or not above their predecessor.
     fn out_of_order(&self) -> rusqlite::Result<Vec<i64>> {
         let mut statement = self.ask().prepare("SELECT sequence FROM frame")?;
         let mut rows = statement.query([])?;

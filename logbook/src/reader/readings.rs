@@ -1,4 +1,4 @@
-//! The readings of frames: blobs that one frame or several share, and what their differences are taken against.
+//! Readings of frames: blobs shared by one or more frames, and the references of their differences.
 
 use rusqlite::OptionalExtension;
 use survey::Reading;
@@ -8,7 +8,7 @@ use crate::LogbookError;
 use crate::codec::{self, Reference};
 use crate::row::{FrameRow, reference_checksum};
 
-/// What the readings of the next frame mostly need again.
+/// Cache for the readings of the next frame.
 #[derive(Debug, Default)]
 pub(super) struct KnownReadings {
     reference: Option<(i64, Reference)>,
@@ -17,7 +17,7 @@ pub(super) struct KnownReadings {
 }
 
 impl SessionReader {
-    /// A frame's readings: of its own row's blob, or of an earlier row's that was checked as this one was.
+    /// A frame's readings, from its own row's blob or from an earlier row's, which is verified in the same way.
     pub(super) fn readings(
         &self,
         row: &FrameRow,
@@ -95,7 +95,7 @@ impl SessionReader {
         }
     }
 
-    /// What a frame's differences refer to.
+    /// The reference of a frame's differences.
     pub(super) fn reference(&self, of: i64, reference: i64) -> Result<Reference, LogbookError> {
         if reference == 0 {
             return self.baseline_reference(&format!("frame {of}"));

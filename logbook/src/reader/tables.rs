@@ -1,4 +1,4 @@
-//! Whether every row that was written is there, as far as the file itself can tell.
+//! Checks from the file alone that no row is missing.
 
 use rusqlite::types::Value;
 
@@ -7,12 +7,12 @@ use super::opening::Mode;
 use crate::LogbookError;
 use crate::row::{End, Tally};
 
-/// Complaints of SQLite about the structure of a file that are repeated; one would do.
+/// Most structural errors of SQLite reported.
 const MOST_REPORTED: u32 = 3;
-/// Late maps that are looked up at a time.
+/// Late maps read at a time.
 const PAGE: i64 = 1000;
 
-/// Tables whose rows are numbered from 1 without a gap, and the column that has the number.
+/// Tables with rows numbered from 1 without a gap, and the name of the number's column.
 const NUMBERED: [(&str, &str); 6] = [
     ("event", "id"),
     ("reference", "id"),
@@ -23,7 +23,7 @@ const NUMBERED: [(&str, &str); 6] = [
 ];
 
 impl SessionReader {
-    /// What is wrong with the file beyond its frames, events and baseline: a word for a machine and a sentence each.
+    /// Defects besides frames, events and baseline: a machine-readable kind and a sentence each.
     pub(crate) fn faults(&self) -> Vec<(&'static str, String)> {
         let mut faults = Vec::new();
         self.structure(&mut faults);
@@ -41,7 +41,7 @@ impl SessionReader {
                 let text = "what says how it ended does not agree with its checksum";
                 faults.push(("closing", text.to_owned()));
             }
-            // Only closing folds a file: from then on it is in this mode.
+            // Only closing changes a file to this mode.
             End::Open if self.mode == Mode::Rollback => {
                 let text = "it was closed, and what says how it ended is not there";
                 faults.push(("closing", text.to_owned()));
@@ -51,7 +51,7 @@ impl SessionReader {
         faults
     }
 
-    /// What SQLite says about pages, order of rows, and types.
+    /// SQLite's integrity check: pages, order of rows, types.
     fn structure(&self, faults: &mut Vec<(&'static str, String)>) {
         let mut found = Vec::new();
         let sql = format!("PRAGMA integrity_check({MOST_REPORTED})");
@@ -74,7 +74,7 @@ impl SessionReader {
         faults.extend(reported);
     }
 
-    /// How many rows each table has; where numbers are left out between them, that is a fault.
+    /// Number of rows of each table; missing numbers are a defect.
     fn counts(&self, faults: &mut Vec<(&'static str, String)>) -> Result<Tally, LogbookError> {
         let mut tally = Tally {
             last: self.last_sequence()?,
@@ -109,14 +109,14 @@ impl SessionReader {
             .map_err(|source| LogbookError::reading(&self.path, "count the rows of", source))
     }
 
-    /// Whether each agrees with its checksum, used by a frame or not.
+    /// Verifies the checksums of all rows of the small tables, used or not.
     fn rows_of_small_tables(&self, faults: &mut Vec<(&'static str, String)>) {
         let mut check = |table: &str, check: &dyn Fn(i64) -> Result<(), LogbookError>| {
             let damage = match self.count(table, "id").map(|(_, last)| last) {
                 Ok(last) => (1..=last.min(self.most_rows())).find_map(|number| check(number).err()),
                 Err(refusal) => Some(refusal),
             };
-            // a gap has been reported by the counts
+            // gaps were reported by the counts already
             faults.extend(damage.map(|damage| ("damaged", damage.to_string())));
         };
         check("settings", &|number| self.settings(number).map(drop));
@@ -131,7 +131,7 @@ impl SessionReader {
         }
     }
 
-    /// Each late map is whole, and of a frame that is there.
+    /// Verifies that each late map is intact and belongs to an existing frame.
     fn late_maps(&self) -> Result<(), LogbookError> {
         let mut behind = i64::MIN;
         loop {

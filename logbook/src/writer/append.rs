@@ -1,4 +1,4 @@
-//! Frames: one transaction and one sync for each call.
+//! Appending frames: one transaction and one sync for each call.
 
 use survey::{Frame, Quality, Reading};
 
@@ -9,22 +9,22 @@ use crate::row::{FrameRow, pack_trace};
 use crate::writer::segments::Standing;
 use crate::{LogbookError, MapRecord, Record};
 
-/// A frame, the trace of its map, and what was said about it if it came from another file.
+/// A frame, its map record, and its quality if it comes from another file.
 type Handed<'a> = (&'a Frame, Option<&'a MapRecord>, Option<&'a Quality>);
 
 impl SessionWriter {
-    /// Writes a frame and returns its sequence, one more than the last one's whatever number the frame carries.
-    /// When this returns, the frame is on disk.
+    /// Writes a frame and returns its sequence, one more than the last one's; the frame's own number is ignored. When
+    /// this returns, the frame is on disk.
     ///
     /// # Errors
-    /// The wrong number of readings, a reading that is not finite, or a disk that refuses: then nothing of the frame
-    /// is in the file, and all frames before are.
+    /// The wrong number of readings, a reading that is not finite, or a disk error: then nothing of the frame is in the
+    /// file, and all earlier frames are.
     pub fn append(&mut self, frame: &Frame, map: Option<&MapRecord>) -> Result<u64, LogbookError> {
         self.append_all([(frame, map)])
     }
 
-    /// Writes frames with one sync for all of them and returns the last one's sequence. What may be lost by a power
-    /// cut is what the caller gathered and has not handed over, or not seen returned: all of a call, or nothing.
+    /// Writes frames with one sync and returns the last one's sequence. A call is atomic: after a power cut either all
+    /// of its frames are in the file or none.
     ///
     /// # Errors
     /// As [`SessionWriter::append`]; then no frame of this call is in the file.
@@ -35,7 +35,7 @@ impl SessionWriter {
         self.write_all(frames.into_iter().map(|(frame, map)| (frame, map, None)))
     }
 
-    /// Writes frames as they came back from another file, with what was said about them then.
+    /// Writes frames read from another file, with their quality as recorded there.
     pub(crate) fn append_kept(&mut self, records: &[Record]) -> Result<u64, LogbookError> {
         let kept = records
             .iter()
@@ -43,7 +43,7 @@ impl SessionWriter {
         self.write_all(kept)
     }
 
-    /// The next frame's sequence is this one: those between are not to be had.
+    /// Sets the sequence of the next frame: those in between are lost.
     pub(crate) fn skip_to(&mut self, sequence: u64) {
         self.sequence = sequence - 1;
     }
@@ -142,7 +142,7 @@ impl SessionWriter {
             Ok(())
         };
         match store() {
-            // before anything is acknowledged: nobody would find the frames in a file that was deleted
+            // checked before anything is acknowledged: frames in a deleted file would be lost
             Ok(()) => self.place.check(&self.path).map(|()| sequence),
             Err(Unwritten::Refused(refusal)) => Err(refusal),
             Err(Unwritten::Store(source)) => Err(self.write_failed("write a frame to", source)),

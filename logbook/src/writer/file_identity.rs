@@ -1,5 +1,4 @@
-//! Whether the file that is written is still the one at its path: a file that was deleted or moved takes every write, and
-//! nobody finds what was written.
+//! Checks that the open file is still the one at its path: writes to a deleted or moved file succeed, but are lost.
 
 use std::fs::File;
 use std::os::unix::fs::MetadataExt;
@@ -11,10 +10,10 @@ use crate::LogbookError;
 use crate::files::{COPY_EXTENSION, EXTENSION, companion, folder_of};
 use crate::writer::SessionWriter;
 
-/// Bytes that are copied while frames wait.
+/// Most bytes that are copied while acquisition waits.
 const MOST_COPIED: u64 = 1 << 30;
 
-/// What SQLite writes a session to.
+/// The files that SQLite writes for a session.
 const FILES: [&str; 3] = ["", "-wal", "-shm"];
 
 /// Device and inode of the file and of its companions.
@@ -22,7 +21,8 @@ const FILES: [&str; 3] = ["", "-wal", "-shm"];
 pub(super) struct FilePlace([Option<(u64, u64)>; FILES.len()]);
 
 impl FilePlace {
-    /// As they are now. They are asked about and never opened: to close one that SQLite has open would drop its locks.
+    /// The current identity. Uses `stat` only: closing a descriptor of a file that SQLite has open would drop its
+    /// locks.
     pub(super) fn of(path: &Path) -> Self {
         Self(FILES.map(|end| {
             let found = std::fs::metadata(companion(path, end)).ok()?;
@@ -30,7 +30,7 @@ impl FilePlace {
         }))
     }
 
-    /// Whether they are still the same.
+    /// Checks that they are unchanged.
     pub(super) fn check(&self, path: &Path) -> Result<(), LogbookError> {
         let now = Self::of(path);
         for ((end, was), is) in FILES.iter().zip(&self.0).zip(&now.0) {
@@ -53,7 +53,7 @@ impl FilePlace {
 }
 
 impl SessionWriter {
-    /// Whether the file that is written is still the one at its path; looked at after each write, too.
+    /// Checks that the open file is still the one at its path; also checked after each write.
     ///
     /// # Errors
     /// [`LogbookError::Gone`].
@@ -61,10 +61,9 @@ impl SessionWriter {
         self.place.check(&self.path)
     }
 
-    /// Copies what is in a file that was deleted or moved, as long as this writer has it open, and gives the copy its
-    /// path back; where another file is there, a path beside it. Where only a companion was lost, the file gets what was
-    /// in it. Returns where the frames are.
-    ///
+    /// Copies a deleted or moved file, which this writer still has open, and puts the copy at the original path, or
+    /// beside it if another file is there. If only a companion file was lost, its content is moved into the file.
+    /// Returns the path of the frames.
     /// # Errors
     /// The disk refuses the copy, the file cannot be read any more, or is too large to be copied beside a session.
     pub fn rescue(&self) -> Result<PathBuf, LogbookError> {
@@ -106,7 +105,7 @@ impl SessionWriter {
         self.connection
             .execute("VACUUM INTO ?1", params![to])
             .map_err(failed)?;
-        // as a session that is not closed: the mode says so, too
+        // the copy is marked as not closed, including its journal mode
         let as_written = |copy: &Path| -> rusqlite::Result<()> {
             Connection::open(copy)?.pragma_update(None, "journal_mode", "WAL")
         };
@@ -122,11 +121,11 @@ impl SessionWriter {
             if place.exists() {
                 continue;
             }
-            // a journal that was left there belongs to the file that is gone, and would be played back into the copy
+            // a leftover journal belongs to the missing file, and would be applied to the copy
             for end in ["-wal", "-shm", "-journal"] {
                 let _ = std::fs::remove_file(companion(&place, end));
             }
-            // links nothing over a file that came meanwhile
+            // does not overwrite a file created meanwhile
             match std::fs::hard_link(beside, &place) {
                 Ok(()) => {}
                 Err(taken) if taken.kind() == std::io::ErrorKind::AlreadyExists => continue,

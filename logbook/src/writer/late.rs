@@ -8,10 +8,10 @@ use crate::row::{late_map_checksum, pack_trace};
 use crate::{LogbookError, MapRecord};
 
 impl SessionWriter {
-    /// Writes the trace of a map of a frame that was acknowledged without one; on disk when this returns.
+    /// Writes the record of a map whose frame was written without one; on disk when this returns.
     ///
     /// # Errors
-    /// A frame that is not in this part, or not acknowledged, one that has its map, or a disk that refuses.
+    /// The frame is not in this part or not acknowledged, it has a map already, or a disk error.
     pub fn late_map(&mut self, sequence: u64, map: &MapRecord) -> Result<(), LogbookError> {
         self.check_usable()?;
         let first = self.header.first_sequence;

@@ -31,16 +31,16 @@ pub(crate) use parts::{CONTINUED_IN, set_aside_journal};
 use references::References;
 use rows::Unwritten;
 
-/// Bounds of the file.
+/// Limits of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Storage {
-    /// Largest number of 512-byte pages; beyond it a write is refused as by a full disk. `None` for no limit.
+    /// Largest number of 512-byte pages; beyond it writes fail as on a full disk. `None` for no limit.
     pub page_limit: Option<u32>,
     /// Pages in the journal beyond which it is folded into the file; `None` for 4000, which are 2 MB.
     pub journal_pages: Option<u32>,
 }
 
-/// The one writer of a session's file.
+/// The writer of a session's file; there is only one.
 #[derive(Debug)]
 pub struct SessionWriter {
     connection: Connection,
@@ -66,27 +66,27 @@ pub struct SessionWriter {
     place: FilePlace,
 }
 
-/// Waited for a lock of another process, by each write.
+/// Time that each write waits for a lock of another process.
 const LOCK_WAIT: Duration = Duration::from_millis(250);
 
-/// What a new file begins with beside its header, in the same transaction.
+/// Content of a new file besides its header, in the same transaction.
 #[derive(Debug, Default)]
 struct Beginning<'a> {
     baseline: Option<&'a Baseline>,
-    /// When, which word, which sentence.
+    /// Time, kind and text.
     event: Option<(DateTime<Utc>, &'a str, &'a str)>,
 }
 
 impl SessionWriter {
-    /// Makes `<dir>/<id>.tactus` (and the folder, if need be) and writes the header; it is on disk when this returns.
+    /// Creates `<dir>/<id>.tactus` (and the folder if needed) and writes the header; it is on disk when this returns.
     ///
     /// # Errors
-    /// An id that is no file name, a session that exists already, or a disk that refuses.
+    /// An invalid id, an existing session, or a disk error.
     pub fn create(dir: impl AsRef<Path>, header: &SessionHeader) -> Result<Self, LogbookError> {
         Self::create_with(dir, header, Storage::default())
     }
 
-    /// Like [`SessionWriter::create`], within bounds.
+    /// Like [`SessionWriter::create`], with limits.
     ///
     /// # Errors
     /// As [`SessionWriter::create`].
@@ -108,8 +108,8 @@ impl SessionWriter {
         let path = crate::files::path_of(dir, &header.id);
         make_folder(dir)
             .map_err(|source| LogbookError::disk(&path, "make the folder of", source))?;
-        // Made here, not by SQLite, because only this refuses a file that is already there.
-        // SQLite gives the journal and its index the same permissions.
+        // Created here because SQLite would not refuse an existing file. SQLite gives the journal and its index the
+        // same permissions.
         let new = OpenOptions::new()
             .write(true)
             .create_new(true)
@@ -144,7 +144,7 @@ impl SessionWriter {
         Ok(writer)
     }
 
-    /// Around a file with a header and no frame yet.
+    /// For a file with a header and no frame yet.
     fn over(
         (connection, in_writing, seal): (Connection, InWriting, Seal),
         path: PathBuf,
@@ -209,32 +209,32 @@ impl SessionWriter {
         &self.path
     }
 
-    /// With what the session is taken.
+    /// Metadata of the session.
     pub fn header(&self) -> &SessionHeader {
         &self.header
     }
 
-    /// Sequence of the last frame acknowledged; before the first one, one less than it will have.
+    /// Sequence of the last acknowledged frame; before the first, one less than the first sequence.
     pub fn acknowledged(&self) -> u64 {
         self.sequence
     }
 
-    /// What the session takes on disk now: the file and the journal beside it, bytes.
+    /// Current size of the file and its journal, bytes.
     pub fn bytes(&self) -> u64 {
         let size = |path: &Path| std::fs::metadata(path).map_or(0, |found| found.len());
         size(&self.path) + size(&companion(&self.path, "-wal"))
     }
 
-    /// Whether an I/O error has made this file unknown, so that it is written no more; see
+    /// Whether an I/O error left this file in an unknown state, so that it is not written any more; see
     /// [`SessionWriter::successor`].
     pub fn is_broken(&self) -> bool {
         self.broken
     }
 
-    /// Writes the baseline that the frames to come are measured against, or that this session has recorded.
+    /// Writes the baseline that this session recorded or measures against.
     ///
     /// # Errors
-    /// A second baseline, the wrong number of readings, or a disk that refuses.
+    /// A second baseline, the wrong number of readings, or a disk error.
     pub fn baseline(&mut self, baseline: &Baseline) -> Result<(), LogbookError> {
         self.check_usable()?;
         let wants = self.header.protocol.len();
@@ -268,7 +268,7 @@ impl SessionWriter {
     /// Writes an event; on disk when this returns.
     ///
     /// # Errors
-    /// A disk that refuses.
+    /// A disk error.
     pub fn event(&mut self, at: DateTime<Utc>, kind: &str, text: &str) -> Result<(), LogbookError> {
         self.check_usable()?;
         let at = nanoseconds(at, "an event's time")?;
@@ -277,15 +277,15 @@ impl SessionWriter {
         self.place.check(&self.path)
     }
 
-    /// Says how the session ended and leaves one file, without companions.
+    /// Records how the session ended and leaves a single file, without companions.
     ///
     /// # Errors
-    /// A disk that refuses; the frames are safe all the same, and the session reads as not closed.
+    /// A disk error; the frames are safe, and the session counts as not closed.
     pub fn close(mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
         self.end(at, reason)
     }
 
-    /// Like [`SessionWriter::close`], for a caller who tries again where it is refused. Nothing may be written afterwards.
+    /// Like [`SessionWriter::close`], but can be retried after an error. Nothing may be written afterwards.
     ///
     /// # Errors
     /// As [`SessionWriter::close`].
@@ -311,7 +311,7 @@ impl SessionWriter {
 
     /// Folds the journal into the file, so that a closed session is one file.
     fn fold(&mut self) -> Result<(), LogbookError> {
-        // Refused while somebody reads; then the last reader or the next opening folds the journal in.
+        // Fails while there is a reader; then the last reader or the next opening folds the journal in.
         match self
             .connection
             .pragma_update(None, "journal_mode", "DELETE")
@@ -346,21 +346,21 @@ impl SessionWriter {
         })
     }
 
-    /// A full disk may be emptied; after an I/O error the kernel may have dropped what it could not write, and said so
-    /// only once, so nothing more is acknowledged on this file.
+    /// Classifies a failed write. Space may become free on a full disk; after an I/O error the kernel may have dropped
+    /// unwritten pages and reported it only once, so nothing more is acknowledged on this file.
     fn write_failed(&mut self, attempt: &'static str, source: rusqlite::Error) -> LogbookError {
         let refusal = LogbookError::writing(&self.path, attempt, source);
         self.broken |= refusal.is_broken();
         refusal
     }
 
-    /// [`survey::Protocol::hash`] of the questions that frames of this session answer.
+    /// [`survey::Protocol::hash`] of this session's protocol.
     pub fn protocol_hash(&self) -> &str {
         &self.protocol_hash
     }
 }
 
-/// Says how a session ended and what it holds: beside what the tally has already, how many rows the small tables have.
+/// Writes how a session ended and the number of rows of each table.
 fn write_closing(
     connection: &Connection,
     seal: Seal,
@@ -404,8 +404,8 @@ fn open_for_writing(
     Ok((connection, in_writing))
 }
 
-/// A sync for each transaction; and of the folder where a rollback journal is deleted, which SQLite uses while it
-/// changes to its write-ahead journal and back: one that came back after a power cut would undo what followed.
+/// Sets a sync for each transaction, and a sync of the folder after a rollback journal is deleted, which SQLite uses
+/// when it changes the journal mode: a journal that reappeared after a power cut would undo later transactions.
 fn adjust(connection: &Connection, storage: Storage) -> rusqlite::Result<()> {
     connection.pragma_update(None, "synchronous", "EXTRA")?;
     connection.pragma_update(None, "foreign_keys", true)?;
@@ -417,12 +417,12 @@ fn adjust(connection: &Connection, storage: Storage) -> rusqlite::Result<()> {
     connection.pragma_update_and_check(None, "wal_autocheckpoint", journal, |_| Ok(()))
 }
 
-/// For sessions: readable by their group, and by no stranger.
+/// Session folders are readable by their group only.
 fn make_folder(dir: &Path) -> std::io::Result<()> {
     DirBuilder::new().recursive(true).mode(0o750).create(dir)
 }
 
-/// Takes away a file that holds nothing yet; its journal first, which would be taken for another file's.
+/// Removes a file that holds nothing yet; its journal first, which would otherwise be applied to another file.
 fn discard(path: &Path) {
     for end in ["-wal", "-shm", ""] {
         let _ = std::fs::remove_file(companion(path, end));

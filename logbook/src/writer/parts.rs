@@ -1,8 +1,8 @@
-//! Going on: after a crash in the same file, after a roll-over or a broken disk in the next part.
+//! Continuing a session: after a crash in the same file, after a roll-over or an I/O error in the next part.
 //!
-//! Parts of one session are files `<id>.tactus`, `<id>_p2.tactus`, `<id>_p3.tactus`; each says which one it goes on
-//! from, and sequences go on over all of them. Where a part holds frames that the next one has again (it broke while
-//! they were written), the next one's count.
+//! Parts of a session are files `<id>.tactus`, `<id>_p2.tactus`, `<id>_p3.tactus`; each names the part that it
+//! continues, and sequences are numbered across all parts. If a part and the next one hold the same frames (an error
+//! interrupted the write), those of the next one are valid.
 
 use std::path::{Path, PathBuf};
 
@@ -18,43 +18,43 @@ use crate::reader::continued_by;
 use crate::row::Tally;
 use crate::{LogbookError, SessionHeader, SessionReader, Taken};
 
-/// Kind of the event that a resumed session begins again with; [`Resumed::before`] counts them.
+/// Kind of the first event after a session is resumed; [`Resumed::before`] counts them.
 pub const RESUMED: &str = "restarted";
-/// Kind of the event that a part begins with which goes on from another one.
+/// Kind of the first event of a part that continues another one.
 pub const CONTINUED: &str = "continued";
 
-/// How the reason of a closed part begins that another one goes on from; the id of that part follows.
+/// Beginning of the closing reason of a part that another one continues; that part's id follows.
 pub(crate) const CONTINUED_IN: &str = "continued in ";
 
-/// Frames at the end that are checked before a session goes on; `tactus sessions verify` checks all.
+/// Frames at the end that are checked before a session is resumed; `tactus sessions verify` checks all.
 const CHECKED: u64 = 64;
 
-/// What a session that goes on was found with.
+/// The state of a resumed session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resumed {
-    /// With what it was taken; `asked` says how it was started.
+    /// Its metadata; `asked` holds the options it was started with.
     pub header: SessionHeader,
-    /// Sequence of the last frame; of a session without frames one less than its first will have.
+    /// Sequence of the last frame; without frames, one less than the first sequence.
     pub acknowledged: u64,
     /// When the last frame was taken.
     pub last: Option<Taken>,
-    /// When this file was resumed before: its events of the kind [`RESUMED`], the oldest first.
+    /// When this file was resumed before: its events of the kind [`RESUMED`], oldest first.
     pub before: Vec<DateTime<Utc>>,
 }
 
 impl SessionWriter {
-    /// Goes on with a session that was not closed, whose writer was killed. What was acknowledged is there, and its last
-    /// frames are checked. The caller writes an event of the kind [`RESUMED`] with the cause, where it knows one.
+    /// Resumes a session that was not closed because its writer was killed. All acknowledged frames are there, and the
+    /// last ones are checked. The caller should write an event of the kind [`RESUMED`] with the cause, if known.
     ///
-    /// A part that was left open when this one began from it is closed on the way.
+    /// Closes the previous part if that was left open.
     ///
     /// # Errors
-    /// A session that is closed or goes on in another part, damage, or a disk that refuses.
+    /// The session is closed or continued by another part, damage, or a disk error.
     pub fn resume(path: impl AsRef<Path>) -> Result<(Self, Resumed), LogbookError> {
         Self::resume_with(path, Storage::default())
     }
 
-    /// Like [`SessionWriter::resume`], within bounds.
+    /// Like [`SessionWriter::resume`], with limits.
     ///
     /// # Errors
     /// As [`SessionWriter::resume`].
@@ -64,7 +64,7 @@ impl SessionWriter {
     ) -> Result<(Self, Resumed), LogbookError> {
         let path = path.as_ref();
         set_aside_journal(path)?;
-        // First through eyes that change nothing: a stranger's file is not touched.
+        // Opened read-only first: a foreign file is not changed.
         let header = SessionReader::open(path)?.header().clone();
         let opening = |source| LogbookError::writing(path, "open", source);
         let (connection, in_writing) = open_for_writing(path, "open")?;
@@ -103,10 +103,10 @@ impl SessionWriter {
         Ok((writer, resumed))
     }
 
-    /// Goes on behind a session that can be read but not written: a new part behind its last readable frame.
+    /// Continues a session that can be read but not written, in a new part after its last readable frame.
     ///
     /// # Errors
-    /// A header that cannot be read, a session that goes on elsewhere already, or a disk that refuses the new part too.
+    /// A header that cannot be read, a session that is continued already, or a disk error on the new part too.
     pub fn after(
         path: impl AsRef<Path>,
         at: DateTime<Utc>,
@@ -121,7 +121,7 @@ impl SessionWriter {
             });
         }
         let resumed = found(&session)?;
-        // A baseline that cannot be read any more is as if there were none.
+        // An unreadable baseline counts as missing.
         let baseline = session.baseline().ok().flatten();
         let writer = next_part(
             path,
@@ -141,12 +141,12 @@ impl SessionWriter {
         Ok((writer, resumed))
     }
 
-    /// Closes this part and goes on in the next: `<id>_p2`, `_p3`, with the same header and baseline. Returns the file
-    /// of the part that was closed. After a crash in the middle [`SessionWriter::resume`] of the newer part closes the
+    /// Closes this part and continues in the next: `<id>_p2`, `_p3`, with the same header and baseline. Returns the
+    /// file of the closed part. If a crash interrupts this, [`SessionWriter::resume`] of the newer part closes the
     /// earlier one.
     ///
     /// # Errors
-    /// The next part cannot be made, or this one not be closed: then this writer goes on where it was.
+    /// The next part cannot be created, or this one cannot be closed; then this writer continues in this part.
     pub fn roll(&mut self, at: DateTime<Utc>) -> Result<PathBuf, LogbookError> {
         self.check_usable()?;
         let mut next = self.next(at, "rolled over")?;
@@ -157,25 +157,25 @@ impl SessionWriter {
                 discard(&path);
                 return Err(refusal);
             }
-            // Nobody knows whether it is closed; the next part is whole.
+            // Whether it is closed is unknown; the next part is intact.
             let text = format!("{} could not be closed: {refusal}", self.header.id);
             next.event(at, "part-not-closed", &text)?;
         } else {
-            // Closed is what it says in the journal, folded in or not.
+            // The closing entry in the journal counts, folded in or not.
             let _ = self.fold();
         }
         Ok(self.leave_for(next))
     }
 
-    /// Goes on after an I/O error in a new part behind the last frame acknowledged, without another look at this file:
-    /// once a sync has failed, nobody knows what of it is on disk, and asking again may be answered by memory. The
-    /// frames whose writing failed are the caller's to append again. Returns the file that was left.
+    /// Continues after an I/O error in a new part after the last acknowledged frame, without reading this file again:
+    /// once a sync has failed, the state on disk is unknown, and reads may be served from the page cache. The caller
+    /// must append the frames whose write failed again. Returns the old file.
     ///
     /// # Errors
-    /// The disk refuses the new part too; this writer stays as it was.
+    /// A disk error on the new part too; this writer is unchanged.
     pub fn successor(&mut self, at: DateTime<Utc>, why: &str) -> Result<PathBuf, LogbookError> {
         let next = self.next(at, why)?;
-        // Folding the journal in would read it back through the same memory.
+        // Folding the journal in would read it through the same page cache.
         let _ = self
             .connection
             .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true);
@@ -200,8 +200,8 @@ impl SessionWriter {
         std::mem::replace(self, next).path
     }
 
-    /// The part before this one may have been left open between the two steps of [`SessionWriter::roll`]; if it cannot be
-    /// closed now either, it stays as it is: this part says where it goes on.
+    /// The previous part may have been left open by an interrupted [`SessionWriter::roll`]; if it still cannot be
+    /// closed, it stays open: this part names the part that it continues.
     fn close_earlier(&self) {
         let Some(earlier) = &self.header.continues else {
             return;
@@ -258,15 +258,15 @@ fn next_part(
             ..header.clone()
         };
         match SessionWriter::begin(dir, &next, storage, beginning) {
-            // A file of that name without a header: its making was cut short. It is left alone.
+            // A file of that name without a header: its creation was interrupted. It is left alone.
             Err(LogbookError::Exists { .. }) if number < part + 1000 => {}
             made => return made,
         }
     }
 }
 
-/// Moves a rollback journal away that lies beside a session with a write-ahead log: SQLite would play it back, and the
-/// session has none while it is written.
+/// Moves a rollback journal away from a session with a write-ahead log: SQLite would apply it, but it cannot belong to
+/// the session.
 pub(crate) fn set_aside_journal(path: &Path) -> Result<(), LogbookError> {
     let journal = companion(path, "-journal");
     let log = companion(path, "-wal");
@@ -289,7 +289,8 @@ fn found(session: &SessionReader) -> Result<Resumed, LogbookError> {
     })
 }
 
-/// The last frames agree with their checksums and follow one another, and the first one has the sequence it should.
+/// Checks that the last frames match their checksums and are consecutive, and that the first one has the right
+/// sequence.
 fn check_end(session: &SessionReader, last: u64) -> Result<(), LogbookError> {
     let header_first = session.header().first_sequence;
     if let Some(lies_last) = session.last_row()?

@@ -1,33 +1,33 @@
-//! What the differences of the next frame are taken against, so that it becomes small: the baseline, or the mean of
-//! sixteen frames, written as a record of its own when it pays for itself.
+//! Reference of the next frame's differences, which makes them small: the baseline, or the mean of sixteen frames,
+//! written as a row of its own when the saving exceeds its cost.
 
 use survey::{Reading, Volts};
 
 use crate::codec::{EncodeError, Reference, encode};
 
-/// Frames that are averaged for a reference: their noise adds a thirtieth of a bit a reading to that of the frame.
+/// Frames averaged for a reference: its noise adds a thirtieth of a bit a reading to that of the frame.
 const AVERAGED: u32 = 16;
-/// A reference is written where so many frames of the gain of one pay for it.
+/// A reference is written if the saving on this many frames exceeds its size.
 const PAYS_WITHIN: usize = 64;
-/// One damaged reference costs no more frames than so many.
+/// Most frames that depend on one reference, and are lost if it is damaged.
 const MOST_FRAMES: u32 = 1024;
 
-/// Cheap to copy: what it was before a transaction that fails is put back.
+/// Cheap to copy: the old value is restored if a transaction fails.
 #[derive(Debug, Clone, Default)]
 pub(super) struct References {
     baseline: Option<Reference>,
-    /// The last one written: its number, its readings, and the frames since.
+    /// The last one written: its number, its readings, and the number of frames since.
     kept: Option<(i64, Reference, u32)>,
     last_number: i64,
     recent: Recent,
 }
 
-/// Frames as they go to the file.
+/// Packed frames, ready to be written.
 pub(super) struct Packed {
     /// `None` for nothing, 0 for the baseline, else the number of a reference.
     pub(super) reference: Option<i64>,
     pub(super) blob: Vec<u8>,
-    /// A reference to be written with the frames.
+    /// A new reference, to be written with the frames.
     pub(super) written: Option<NewReference>,
 }
 
@@ -42,12 +42,12 @@ impl References {
         self.baseline = Some(Reference::new(readings));
     }
 
-    /// Numbers go on behind those in the file; what they hold is not needed any more.
+    /// Continues the numbers after those in the file; the old references are not used again.
     pub(super) fn resume_after(&mut self, last_number: i64) {
         self.last_number = last_number;
     }
 
-    /// Packs the next frames together, and remembers them.
+    /// Packs the next frames together, and adds them to the running mean.
     pub(super) fn pack(&mut self, frames: &[&[Reading]]) -> Result<Packed, EncodeError> {
         if let Some((_, _, age)) = &mut self.kept {
             *age += frames.len() as u32;
@@ -132,7 +132,8 @@ struct Recent {
 }
 
 impl Recent {
-    /// The mean of the last sixteen, every sixteenth time; a reading that was never ok among them is not measured.
+    /// Every sixteenth frame, returns the mean of the last sixteen; a reading that was never valid among them is not
+    /// measured.
     fn add(&mut self, readings: &[Reading]) -> Option<Vec<Reading>> {
         self.sums.resize(readings.len(), (0.0, 0));
         for ((sum, count), reading) in self.sums.iter_mut().zip(readings) {

@@ -1,4 +1,4 @@
-//! Rows as they go to the file.
+//! Writing rows.
 
 use std::path::Path;
 
@@ -189,7 +189,7 @@ pub(super) fn mapper_id(
     Ok(id)
 }
 
-/// Why a transaction was not finished: by the file, or by what was to be written.
+/// Why a transaction failed: because of the file, or because of the data.
 pub(super) enum Unwritten {
     Store(rusqlite::Error),
     Refused(LogbookError),
@@ -348,7 +348,7 @@ pub(super) fn bits(quality: &Quality) -> i64 {
         .sum()
 }
 
-/// What is rare, as JSON; `None` where there is nothing.
+/// Optional data as JSON; `None` if there is none.
 pub(super) fn remarks(quality: &Quality) -> rusqlite::Result<Option<String>> {
     let remarks = Remarks {
         implausible: quality.implausible,

@@ -1,27 +1,27 @@
-//! Frames that were taken alike share what is the same about them, down to their clock's rate: a frame's own times are then
-//! a few bytes.
+//! Stretches: frames taken with the same settings share a row, including their clock's rate, so that a frame's own
+//! times take a few bytes.
 
 use rusqlite::Connection;
 
 use crate::row::{Seal, Stretch};
 use crate::writer::rows::write_stretch;
 
-/// Beyond so many microseconds a frame's times take more than three bytes: a clock has been set, or the rate is another.
+/// Beyond this many microseconds a frame's times take more than three bytes: a clock was set, or the rate changed.
 const FAR: i64 = 1 << 23;
-/// A stretch is worth a row of its own after so many frames.
+/// Frames after which a stretch is worth a row of its own.
 const SHORTEST: i64 = 64;
-/// How many are remembered: frames may alternate, with and without a map.
+/// Number of stretches remembered: frames with and without a map may alternate.
 const MOST: usize = 8;
 
-/// Cheap to copy: what it was before a transaction that fails is put back.
+/// Cheap to copy: the old value is restored if a transaction fails.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Stretches {
-    /// The last one used first.
+    /// Most recently used first.
     known: Vec<Stretch>,
     last_id: i64,
 }
 
-/// A frame as far as its stretch is concerned, microseconds.
+/// What assigns a frame to a stretch; times in microseconds.
 pub(super) struct Standing {
     pub(super) sequence: i64,
     pub(super) monotonic: i64,
@@ -31,7 +31,7 @@ pub(super) struct Standing {
     pub(super) simulated: bool,
 }
 
-/// Where a frame stands: its stretch, its tick and its skew.
+/// A frame's stretch, tick and skew.
 pub(super) struct Place {
     pub(super) stretch: i64,
     pub(super) tick: i64,
@@ -39,12 +39,12 @@ pub(super) struct Place {
 }
 
 impl Stretches {
-    /// Numbers go on behind those in the file.
+    /// Continues the numbers after those in the file.
     pub(super) fn resume_after(&mut self, last_id: i64) {
         self.last_id = last_id;
     }
 
-    /// The place of a frame, in a new stretch where no known one is like it.
+    /// The place of a frame, in a new stretch if no known one matches.
     pub(super) fn place(
         &mut self,
         transaction: &Connection,

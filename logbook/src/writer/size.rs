@@ -1,23 +1,23 @@
-//! How large a session has become, asked while it is written.
+//! Size of a session while it is being written.
 
 use std::path::Path;
 
 use crate::files::{folder_of, part_of, path_of};
 use crate::{LogbookError, SessionReader};
 
-/// What the newest part of a session holds.
+/// Size of the newest part of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Volume {
     /// Its number, from 1.
     pub part: u32,
-    /// Bytes of the database, what is still in its journal counted once.
+    /// Bytes of the database; pages in its journal are counted once.
     pub bytes: u64,
     /// Sequence of its last frame.
     pub frames: u64,
 }
 
-/// Asks how large the newest part of the session is whose first file this is. The sizes of the file and of the journal beside it do not say: the journal has
-/// pages several times, and they move to the file a thousand at once.
+/// Measures the newest part of a session, given the session's first file. File sizes are no measure: the journal holds
+/// pages several times, and they are moved to the file a thousand at once.
 ///
 /// # Errors
 /// No such file, or it cannot be read.
@@ -27,7 +27,7 @@ pub fn volume(path: impl AsRef<Path>) -> Result<Volume, LogbookError> {
     let (session, mut part) = part_of(id.unwrap_or_default());
     let later = |part: u32| path_of(folder_of(first), &format!("{session}_p{part}"));
     let mut path = first.to_owned();
-    // parts are numbered without a gap, but for one that could not be made
+    // parts are numbered without a gap, except for one that could not be created
     while let Some(next) = (part + 1..part + 3).find(|next| later(*next).exists()) {
         (part, path) = (next, later(next));
     }
