@@ -22,9 +22,9 @@ pub enum ReplyFault {
     Doubled,
     /// It is cut off in the middle, without a line end.
     HalfLine,
-    /// Each of its readings is replaced by the text NAN; replies without readings are not affected.
+    /// Each of its readings is replaced by the text NAN; replies without readings are skipped.
     NotANumber,
-    /// Its readings are those of the previous reply; replies without readings are not affected.
+    /// Its readings are those of the previous reply; replies without readings are skipped.
     Stale,
 }
 
