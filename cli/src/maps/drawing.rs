@@ -129,7 +129,7 @@ pub(crate) fn unit(map: &Map) -> &'static str {
     }
 }
 
-/// The map as pixels over the box that just holds the sheet: a row a line, the top first, `nan` outside.
+/// The map as pixels over the box that just holds the sheet: a row per line, the top first, `nan` outside.
 pub(crate) fn raster(field: &Field, map: &Map, side: usize) -> Result<String, Failure> {
     let pixels = render::raster(&field.sheet, map, side, side)
         .map_err(|error| Failure::failed("the raster cannot be made", &error))?;

@@ -182,7 +182,7 @@ pub(crate) fn run(
     printer.record(&shown, |shown| page(shown, &started, ended.as_deref()))
 }
 
-/// One entry a line: what is not known is left out, except where that matters.
+/// One entry per line: what is not known is left out, except where that matters.
 fn page(shown: &Shown, started: &str, ended: Option<&str>) -> String {
     let mut lines: Vec<(&str, String)> = Vec::new();
     let mut push = |name, text: String| {

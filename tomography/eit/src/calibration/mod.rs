@@ -217,7 +217,7 @@ impl Calibration {
 /// A pressure map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pressure {
-    /// One value a triangle of the region, kPa.
+    /// One value per triangle of the region, kPa.
     pub kpa: Vec<f64>,
     /// Total load, N.
     pub newtons: f64,

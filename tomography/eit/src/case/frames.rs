@@ -59,7 +59,7 @@ pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>
     })
 }
 
-/// Frames as the text of a file: header `m0,m1,...`, a row a frame.
+/// Frames as the text of a file: header `m0,m1,...`, a row per frame.
 pub fn frames_text(frames: &[Vec<Option<f64>>]) -> String {
     let mut text = String::new();
     if let Some(first) = frames.first() {

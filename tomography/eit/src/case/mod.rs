@@ -38,7 +38,7 @@ pub struct Case {
     pub protocol: Protocol,
     /// Current of each reading, A.
     pub currents: Vec<f64>,
-    /// Conductances by name (`sigma_<name>.csv`), S per square, one a triangle.
+    /// Conductances by name (`sigma_<name>.csv`), S per square, one per triangle.
     pub sigma: BTreeMap<String, Vec<f64>>,
     /// Whether the folder has a `roi.csv`.
     pub has_region: bool,

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-/// A matrix as text: a row a line, no header.
+/// A matrix as text: a row per line, no header.
 pub fn matrix_text(matrix: &DMatrix<f64>) -> String {
     let mut text = String::new();
     for row in matrix.row_iter() {

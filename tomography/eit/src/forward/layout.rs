@@ -170,7 +170,7 @@ pub(super) const PAIRS: [[usize; 2]; 10] = [
 /// The data of an electrode that do not belong to its edges in the mesh.
 pub(super) struct Contact {
     pub(super) nodes: Vec<usize>,
-    /// ∫ λᵢ, m, one a node.
+    /// ∫ λᵢ, m, one per node.
     pub(super) weights: Vec<f64>,
     pub(super) length: f64,
     /// Mass of its edges: two positions in `nodes` and the edge's length.

@@ -82,7 +82,7 @@ impl Workspace<'_> {
         Ok(self)
     }
 
-    /// The readings of the protocol at 1 A, V, for a conductance (S, one a triangle).
+    /// The readings of the protocol at 1 A, V, for a conductance (S, one per triangle).
     ///
     /// # Errors
     /// A conductance that is refused.
@@ -92,7 +92,7 @@ impl Workspace<'_> {
         Ok(ring.readings(self.forward, &self.protocol))
     }
 
-    /// The fields of the protocol's drives at 1 A, as [`Forward::solve`] gives them, for a conductance (S, one a
+    /// The fields of the protocol's drives at 1 A, as [`Forward::solve`] gives them, for a conductance (S, one per
     /// triangle).
     ///
     /// # Errors

@@ -26,7 +26,7 @@ pub enum OneStepError {
         /// Its value.
         value: f64,
     },
-    /// A list does not have one entry a reading.
+    /// A list does not have one entry per reading.
     #[error("{has} {what} for {wants} readings")]
     Count {
         /// Which list.

@@ -61,7 +61,7 @@ pub struct OneStep {
 }
 
 impl OneStep {
-    /// Solves the forward model at `sigma0` (S per square, one a triangle of the mesh) and factors once.
+    /// Solves the forward model at `sigma0` (S per square, one per triangle of the mesh) and factors once.
     ///
     /// # Errors
     /// See [`OneStepError`].
