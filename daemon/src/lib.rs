@@ -1,17 +1,17 @@
 //! The daemon `tactusd`, as a library whose one entry point is [`run`].
 //!
-//! It owns the instruments (or plays a recording), runs sessions by a schedule, takes the difference of each frame to a
-//! baseline, reconstructs, records, and publishes. It never puts a simulator in place of a missing instrument, never
-//! publishes a frame before it is durable, and no client can delay acquisition.
+//! It owns the instruments (or plays a recording), runs sessions by a schedule, subtracts a baseline from each frame,
+//! reconstructs, records, and publishes. It never substitutes a simulator for a missing instrument, never publishes a
+//! frame before it is durable, and no client can delay acquisition.
 //!
-//! - **preparation**: what a configuration means, found out without touching an instrument
+//! - **preparation**: resolves a configuration without touching an instrument
 //! - **instruments**: which instruments the rig has, self-test, relay wear, discovery
 //! - **session**: the controller, and the states of a session as a pure state machine
 //! - **acquisition**: the frames of one session
 //! - **recording**: maps, sinks (the logbook first), the sessions on disk
 //! - **service**: D-Bus objects, access, the full-rate stream
 //! - **events**: kinds of events, the daemon's log, the journal; **monitoring**: status, metrics, notifications
-//! - **panics**: what a panic in each kind of task ends
+//! - **panics**: the consequences of a panic in each kind of task
 //!
 //! ```
 //! // what the command line does: `--version` ends well
@@ -58,13 +58,13 @@ use survey::error_chain as chain;
 const CONFIGURATION: u8 = 78;
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
-/// Permissions that nothing which the daemon makes has: to write for its group, and any for others.
+/// Permissions removed from all files that the daemon creates: writing for the group, everything for others.
 const NOT_FOR_STRANGERS: Mode = Mode::WGRP.union(Mode::RWXO);
-/// An instrument that does not answer, or that could not be made safe.
+/// An instrument does not reply, or could not be made safe.
 const INSTRUMENT: u8 = 5;
 
-/// Threads for blocking work: the session's disk, simulated instruments. Reading for clients has its own threads. Without
-/// a limit, a million frames beside compilers made 28 of them, and 2 MB of memory.
+/// Threads for blocking work: the session's disk, simulated instruments. Reading for clients has separate threads.
+/// Without a limit, a million frames beside compilers started 28 threads, with 2 MB of memory.
 const BLOCKING: usize = 12;
 
 /// The definition of the command line: every command and option, for reference pages and completions.
@@ -72,7 +72,7 @@ pub fn command() -> clap::Command {
     <Args as clap::CommandFactory>::command()
 }
 
-/// The program `tactusd`. `args` begin with the program's name, as [`std::env::args_os`] gives them.
+/// The program `tactusd`. `args` begins with the program's name, as in [`std::env::args_os`].
 ///
 /// Exit codes: 0 done or stopped cleanly, 1 failed, 2 usage, 5 an instrument fault at `--safe-off`, 78 configuration.
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
@@ -123,7 +123,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     if args.plan {
         return print_plan(&prepared, args.json);
     }
-    // what is recorded is for its group to read and for no stranger, also where a person starts the daemon
+    // records are readable by their group and not by others, also if a user starts the daemon
     let before = umask(NOT_FOR_STRANGERS);
     umask(before | NOT_FOR_STRANGERS);
     crate::panics::hook::install();
@@ -158,12 +158,12 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     }
 }
 
-/// The daemon's life.
+/// Runs the daemon.
 async fn serve(prepared: Prepared) -> Result<(), String> {
     let mut terminate = signal(SignalKind::terminate()).map_err(|cause| cause.to_string())?;
     let mut interrupt = signal(SignalKind::interrupt()).map_err(|cause| cause.to_string())?;
     let mut hangup = signal(SignalKind::hangup()).map_err(|cause| cause.to_string())?;
-    // a limit on file sizes is an error of the write that meets it, not the end of the process
+    // exceeding a file size limit is an error of the write, and does not end the process
     let _file_size =
         signal(SignalKind::from_raw(libc::SIGXFSZ)).map_err(|cause| cause.to_string())?;
     let panics = crate::panics::hook::listen();
@@ -176,7 +176,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         .map_err(|error| chain(&error))?;
     let mut locks = crate::instruments::lock::InstrumentLocks::default();
     if let FramesFrom::Rig(plan) = &prepared.frames {
-        // before anything is said to an instrument
+        // before anything is sent to an instrument
         locks
             .take(&plan.instruments)
             .map_err(|error| error.to_string())?;
@@ -198,7 +198,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
                     if assembled.closed.is_some()
                         && is_left_by_us(&prepared, &assembled, &records) =>
                 {
-                    // its links first: a source has one place
+                    // closes its connections first: a source accepts only one
                     let was = assembled.closed.clone();
                     drop(assembled);
                     opened = was;
@@ -255,7 +255,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         );
         controller.report(None, EventKind::Opened, &text).await;
     }
-    // a record that takes long to read holds up neither the readiness nor a stop
+    // a record that takes long to read delays neither readiness nor a stop
     let reads = controller.has_much_to_read();
     let goes_on = !reads && controller.resume_interrupted().await;
     tracing::info!("ready on {}", listener.ways.join(", "));
@@ -280,7 +280,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let (why, for_good) = loop {
         tokio::select! {
             _ = terminate.recv() => break ("the daemon was stopped (SIGTERM)", false),
-            // a person at the terminal
+            // an interrupt from the terminal
             _ = interrupt.recv() => break ("the daemon was stopped (SIGINT)", true),
             _ = hangup.recv() => reload(&controller).await,
         }
@@ -291,7 +291,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     ]);
     tracing::info!("{why}");
     if let Some(beginning) = beginning {
-        // no session may begin any more
+        // no session may start any more
         beginning.abort();
         let _ = beginning.await;
     }
@@ -302,7 +302,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     safe
 }
 
-/// What is known of the record's directory, without what killed daemons have left in it.
+/// The index of the record's directory, after removing what killed daemons left in it.
 async fn tidied(directory: std::path::PathBuf) -> Result<Records, String> {
     let read = move || {
         let records = Records::of(&directory);
@@ -341,12 +341,11 @@ async fn tidied(directory: std::path::PathBuf) -> Result<Records, String> {
     Ok(records)
 }
 
-/// Whether relays that are closed are explained: a daemon with this record was killed during a session with the same
-/// instruments, a short while ago.
+/// Whether a killed daemon explains closed relays: it recorded here with the same instruments, a short while ago.
 fn is_left_by_us(prepared: &Prepared, assembled: &Assembled, records: &Records) -> bool {
     let within_h = prepared.setup.config.record.resume_within_h;
     let now = SystemClock::new().wall();
-    // a day more, should the file system's clock be another
+    // a day more, in case the file system's clock differs
     let since = chrono::TimeDelta::try_milliseconds(((within_h + 24.0) * 3.6e6) as i64)
         .and_then(|span| now.checked_sub_signed(span))
         .unwrap_or(chrono::DateTime::<chrono::Utc>::MIN_UTC);
@@ -367,7 +366,7 @@ fn is_left_by_us(prepared: &Prepared, assembled: &Assembled, records: &Records) 
     })
 }
 
-/// Starts what is scheduled; where the record `reads` long, that comes first, and what was interrupted goes on.
+/// Starts what is scheduled; if reading the record takes long, reads it first and resumes what was interrupted.
 async fn begin(controller: std::sync::Arc<Controller>, start: bool, reads: bool) {
     let mut goes_on = false;
     if reads {
@@ -383,7 +382,7 @@ async fn begin(controller: std::sync::Arc<Controller>, start: bool, reads: bool)
     }
 }
 
-/// SIGHUP: says so to systemd, too, whose notify-reload waits for it.
+/// SIGHUP: also notifies systemd, whose notify-reload waits for it.
 async fn reload(controller: &std::sync::Arc<Controller>) {
     use sd_notify::NotifyState;
     let mut begins = vec![NotifyState::Reloading];
@@ -453,7 +452,7 @@ fn print_found(addresses: &[String], json: bool) -> ExitCode {
         ..crate::instruments::discovery::Search::default()
     };
     let found = runtime.block_on(crate::instruments::discovery::discover(&search));
-    // whoever still listens must not keep the process
+    // a thread still waiting for replies must not keep the process alive
     runtime.shutdown_background();
     for line in crate::service::objects::report::found_lines(&found, json) {
         say(&line);
@@ -534,7 +533,7 @@ fn fail(text: &str) -> ExitCode {
     ExitCode::FAILURE
 }
 
-/// To standard output; a reader that has gone is no failure.
+/// Writes to standard output; a closed pipe is no error.
 fn say(text: &str) {
     let _ = writeln!(std::io::stdout(), "{}", survey::printable_lines(text));
 }

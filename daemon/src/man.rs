@@ -1,4 +1,4 @@
-//! The daemon's manual pages, from what the program itself knows: its command line, and the complete example.
+//! Generates the daemon's manual pages from its command line and the complete example configuration.
 
 use std::io;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! A failed frame in words: first what matters to who stands at the rig, then why, each cause once.
+//! Describes a failed frame: first the state of the source, then the cause, each cause once.
 
 use rig::{AcquireError, LinkError, RigError};
 
@@ -18,7 +18,7 @@ pub(crate) fn describe(error: &AcquireError) -> String {
     let mut reported = vec![what(cause)];
     let mut reasons: Vec<String> = why(cause).into_iter().collect();
     if let Some(cleanup) = error.cleanup() {
-        // an instrument that is gone is gone for the cleanup, too: it is said once
+        // an instrument that is gone fails in the cleanup too: it is reported once
         let same_wire = |other: &&RigError| !(is_wire(cause) && is_wire(other));
         let failed = [&cleanup.source, &cleanup.relays].into_iter().flatten();
         reasons.extend(failed.filter(same_wire).map(what));
@@ -47,7 +47,7 @@ fn what(cause: &RigError) -> String {
     }
 }
 
-/// What is known beyond that: the message under way, and what the operating system says.
+/// Further details: the message in progress, and the error of the operating system.
 fn why(cause: &RigError) -> Option<String> {
     match cause {
         RigError::Link(LinkError::Lost { message, cause, .. }) => {

@@ -1,5 +1,4 @@
-//! How a session's frames are measured: its ranges, which follow from its baseline and from overloads, and its
-//! zero-current frames.
+//! How a session's frames are measured: ranges, from its baseline and after overloads, and zero-current frames.
 
 use std::sync::Arc;
 
@@ -10,14 +9,14 @@ use crate::events::kind::EventKind;
 use crate::instruments::assembly::AnyRig;
 use crate::instruments::rig_plan::RigPlan;
 
-/// What changes from frame to frame. It survives the loss of the rig.
+/// State kept from frame to frame, also when the connection to the rig is lost.
 #[derive(Default)]
 pub(crate) struct Measuring {
-    /// What was asked for, its ranges from the session's baseline; `None` for a recording.
+    /// The requested plan, with ranges from the session's baseline; `None` for a recording.
     requested: Option<Arc<RigPlan>>,
-    /// The last zero-current frame, and how many frames it has served.
+    /// The last zero-current frame, and the number of frames that used it.
     zero: Option<(Frame, u64)>,
-    /// What a person should find in the record, a kind and a sentence each.
+    /// Events for the record, a kind and a text each.
     events: Vec<(EventKind, String)>,
 }
 
@@ -37,12 +36,12 @@ impl Measuring {
         }
     }
 
-    /// How the session measures now.
+    /// The current plan of the session.
     pub(crate) fn now(&self) -> Option<Arc<RigPlan>> {
         self.requested.clone()
     }
 
-    /// Takes one frame; before it, where it is time, one at zero current, which is subtracted from those that follow.
+    /// Takes one frame; if one is due, first takes a zero-current frame, which is subtracted from the following frames.
     pub(crate) async fn frame(
         &mut self,
         rig: &AnyRig,
@@ -90,20 +89,20 @@ impl Measuring {
         if let Some((zero, served)) = &mut self.zero {
             *served += 1;
             if let Err(error) = frame.subtract(zero) {
-                // both come of one plan
+                // both come from one plan
                 tracing::error!("{error}");
             }
         }
         Ok(frame)
     }
 
-    /// What has happened since the last call.
+    /// Events since the last call.
     pub(crate) fn take_events(&mut self) -> Vec<(EventKind, String)> {
         std::mem::take(&mut self.events)
     }
 }
 
-/// The plan with ranges from a baseline; what the baseline does not know keeps its range.
+/// The plan with ranges from a baseline; readings that the baseline lacks keep their range.
 pub(crate) fn from_baseline(plan: Plan, rule: &RangeRule, baseline: &Baseline) -> Plan {
     let identities: std::collections::BTreeMap<_, _> = plan
         .protocol

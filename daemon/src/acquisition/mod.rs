@@ -1,5 +1,5 @@
-//! Acquisition of one session: waits for the schedule, measures a frame or plays a recorded one, and hands it to the recorder.
-//! What becomes of a frame afterwards is `recording`'s.
+//! Acquisition of one session: waits for the schedule, takes a frame from the rig or a recording, and sends it to the
+//! recorder. Processing and storing frames is left to `recording`.
 
 pub(crate) mod failed_frame;
 pub(crate) mod measuring;

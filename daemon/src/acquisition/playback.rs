@@ -1,4 +1,4 @@
-//! The pace at which recorded frames are played again.
+//! Playback of recorded frames at a given speed.
 
 use std::time::Duration;
 
@@ -9,13 +9,13 @@ use survey::Frame;
 /// How a recording is played.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Playing {
-    /// Frames a second as they were measured; `None` where nobody knows.
+    /// Recorded frame rate; `None` if unknown.
     pub frames_per_s: Option<f64>,
-    /// 1 its own rate, 10 ten times faster, 0 as fast as possible.
+    /// 1 for the recorded rate, 10 for ten times faster, 0 for as fast as possible.
     pub speed: f64,
 }
 
-/// A recording with the position it has come to.
+/// A recording with the current position.
 #[derive(Debug)]
 pub(crate) struct Recording {
     frames: IndexedFrames,
@@ -33,12 +33,12 @@ impl Recording {
         }
     }
 
-    /// What is played.
+    /// The frames of the recording.
     pub(crate) fn frames(&self) -> &IndexedFrames {
         &self.frames
     }
 
-    /// Goes back to the first frame, to be played at this speed.
+    /// Returns to the first frame, and sets the speed.
     pub(crate) fn rewind(&mut self, speed: Option<f64>) {
         self.position = 0;
         if let Some(speed) = speed {
@@ -46,8 +46,8 @@ impl Recording {
         }
     }
 
-    /// When the next frame is due, counted from the first; `None` at the end. Zero throughout where it is to be played
-    /// as fast as possible.
+    /// When the next frame is due, counted from the first; `None` at the end. Always zero if played as fast as
+    /// possible.
     pub(crate) fn due(&self) -> Result<Option<Duration>, RecordedError> {
         if self.position >= self.frames.len() {
             return Ok(None);
@@ -66,7 +66,7 @@ impl Recording {
         Ok(Some(due))
     }
 
-    /// The next frame as if it had been acquired now; `None` at the end.
+    /// The next frame with the current time; `None` at the end.
     pub(crate) fn next(
         &mut self,
         monotonic: Duration,

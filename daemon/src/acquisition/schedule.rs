@@ -1,30 +1,30 @@
-//! When the next frame is due: pure, times come in as durations of one monotonic clock.
+//! Schedule of frames, a pure function: times are passed in as durations of one monotonic clock.
 
 use std::time::Duration;
 
 /// A session's schedule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Schedule {
-    /// From start to start of frames; zero is back to back.
+    /// Period from start to start of frames; zero is back to back.
     pub every: Duration,
-    /// So many frames.
+    /// Number of frames.
     pub count: Option<u64>,
-    /// So long.
+    /// Duration of the session.
     pub lasts: Option<Duration>,
 }
 
-/// What the schedule says.
+/// What is due next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Next {
-    /// A frame is due then; so many were due before it and could not be taken.
+    /// A frame is due then; `missed` frames were due before it and could not be taken.
     Frame { due: Duration, missed: u64 },
     /// The session is over.
     End(&'static str),
 }
 
 impl Schedule {
-    /// After `taken` frames, the last of which was due at `last` (`None` before the first), at time `now`; the session
-    /// began at `began`.
+    /// The next action at time `now`, after `taken` frames, the last of which was due at `last` (`None` before the
+    /// first); the session began at `began`.
     pub(crate) fn next(
         &self,
         began: Duration,
@@ -56,7 +56,7 @@ impl Schedule {
         if now < due.saturating_add(self.every) {
             return (due, 0);
         }
-        // the rig was slower than the schedule: take the latest place that has come, and say what was left out
+        // the rig was slower than the schedule: use the latest time that has passed, and report the missed ones
         let late = (now - due).as_nanos() / self.every.as_nanos();
         let missed = u64::try_from(late).unwrap_or(u64::MAX);
         let step = self

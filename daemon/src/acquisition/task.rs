@@ -1,5 +1,5 @@
-//! Acquisition of one session: waits for the schedule, takes a frame, hands it to the recorder, and never to anybody
-//! who could hold it back.
+//! The acquisition task of one session: waits for the schedule, takes a frame, and sends it to the recorder. Clients
+//! cannot delay it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,7 +22,7 @@ use crate::recording::order::Order;
 use crate::recording::session_status::SessionStatus;
 use survey::error_chain as chain;
 
-/// Nothing that waits is late by less.
+/// Margin of the heartbeat beyond the longest time that a frame may take.
 const BEYOND_ITS_TIME: Duration = Duration::from_secs(120);
 
 /// Where frames come from.
@@ -35,10 +35,10 @@ pub(crate) enum FrameSource {
     Recording(Box<Recording>),
 }
 
-/// How acquisition ended.
+/// Why acquisition ended.
 #[derive(Debug)]
 pub(crate) enum AcquisitionEnd {
-    /// As asked or scheduled.
+    /// As requested or scheduled.
     Done(String),
     /// The rig failed; it is safe unless the text says otherwise.
     Rig(Box<AcquireError>),
@@ -47,7 +47,7 @@ pub(crate) enum AcquisitionEnd {
 }
 
 impl AcquisitionEnd {
-    /// For a person.
+    /// Text for people.
     pub(crate) fn text(&self) -> String {
         match self {
             Self::Done(reason) => reason.clone(),
@@ -57,17 +57,17 @@ impl AcquisitionEnd {
     }
 }
 
-/// What the loop needs beside the source.
+/// The inputs of the loop besides the source of frames.
 pub(crate) struct Acquisition {
     pub status: Arc<SessionStatus>,
     pub schedule: Schedule,
-    /// Of a recording; `None` is the configured one.
+    /// Speed of a recording; `None` for the configured one.
     pub speed: Option<f64>,
     pub clock: SystemClock,
     pub recorder: mpsc::Sender<Order>,
-    /// Where it reports that it pauses and goes on.
+    /// Reports pauses and their ends.
     pub pauses: mpsc::Sender<Pause>,
-    /// What is said over the wires.
+    /// Transcript of the messages to and from the instruments.
     pub transcript: RingTranscript,
     pub heartbeats: Arc<Heartbeats>,
     pub progress: AcquisitionProgress,
@@ -77,15 +77,15 @@ pub(crate) struct Acquisition {
     pub plan: watch::Sender<Option<Arc<RigPlan>>>,
 }
 
-/// Acquisition pauses, or goes on.
+/// Acquisition pauses, or continues.
 #[derive(Debug)]
 pub(crate) struct Pause {
     pub pauses: bool,
-    /// Used when the daemon's state says so, which acquisition waits for.
+    /// Completed when the daemon's state has changed, which acquisition waits for.
     pub applied: oneshot::Sender<()>,
 }
 
-/// How far a session has come; it survives the loss of the rig.
+/// Progress of a session, kept when the connection to the rig is lost.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct AcquisitionProgress {
     began: Option<Duration>,
@@ -96,7 +96,7 @@ pub(crate) struct AcquisitionProgress {
 }
 
 impl AcquisitionProgress {
-    /// Of a session that goes on where so many frames have been taken.
+    /// Progress of a resumed session with this many frames.
     pub(crate) fn after(taken: u64) -> Self {
         Self {
             taken,
@@ -112,8 +112,8 @@ enum Waited {
 }
 
 impl Acquisition {
-    /// Takes frames until the schedule, somebody, or a fault ends it.
-    /// After a fault of the rig it goes on where it was.
+    /// Takes frames until the schedule ends, a stop is requested, or a fault. After a fault of the rig it can be called
+    /// again to continue.
     pub(crate) async fn run(&mut self, source: &mut FrameSource) -> AcquisitionEnd {
         if let (FrameSource::Recording(recording), None) = (&mut *source, self.progress.began) {
             recording.rewind(self.speed);
@@ -222,7 +222,7 @@ impl Acquisition {
         self.heartbeats.promise(Part::Acquisition, now, within);
     }
 
-    /// What a frame may take before something hangs that no deadline of a wire has ended.
+    /// The longest time that a frame may take; beyond it, something hangs that no I/O timeout has ended.
     fn longest(&self, source: &FrameSource) -> Duration {
         let planned = match source {
             FrameSource::Rig { plan, .. } => {
@@ -235,22 +235,22 @@ impl Acquisition {
         planned.saturating_mul(4).saturating_add(BEYOND_ITS_TIME)
     }
 
-    /// Reports what has been done about ranges and offsets, and how the session measures from then on.
+    /// Reports events about ranges and offsets, and the changed plan.
     async fn report_measuring(&mut self) {
         for (kind, text) in self.measuring.take_events() {
             let at = self.clock.wall();
             let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
             self.plan.send_replace(self.measuring.now());
             self.events.publish(&BusEvent::Happened(event.clone()));
-            // a recorder that has gone is noticed at the frame
+            // a recorder that has ended is noticed at the next frame
             let _ = self.recorder.send(Order::Event(event)).await;
         }
     }
 
-    /// The logbook is the one sink that may hold acquisition back: between frames, with the source off, and reported.
-    /// Whether it took the frame in the end.
+    /// Waits for the logbook to accept the frame, the only sink that may delay acquisition: between frames, with the
+    /// source off, and reported. Returns whether it accepted the frame.
     async fn wait_for_the_logbook(&self, frame: Order) -> bool {
-        // the record has promised
+        // the record has its own heartbeat
         self.heartbeats.rest(Part::Acquisition);
         self.report_pause(true).await;
         self.status.set_suspended(true);
@@ -272,7 +272,7 @@ impl Acquisition {
         sent
     }
 
-    /// Returns when the daemon's state says whether acquisition pauses.
+    /// Returns when the daemon's state reflects the pause.
     async fn report_pause(&self, pauses: bool) {
         let (applied, done) = oneshot::channel();
         if self.pauses.send(Pause { pauses, applied }).await.is_ok() {
@@ -280,10 +280,10 @@ impl Acquisition {
         }
     }
 
-    /// An event of the record alone: it explains a gap.
+    /// Writes an event to the record only: it explains a gap.
     async fn note(&self, kind: EventKind, text: String) {
         let at = self.clock.wall();
-        // a recorder that has gone is noticed at the frame
+        // a recorder that has ended is noticed at the next frame
         let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
         let _ = self.recorder.send(Order::Event(event)).await;
     }
@@ -295,7 +295,7 @@ impl Acquisition {
         }
         let from = self.clock.monotonic();
         self.heartbeats.rest(Part::Acquisition);
-        // the daemon's state first: whoever sees the session suspended finds the daemon suspended, too
+        // the daemon's state changes first: a client that sees the session suspended also finds the daemon suspended
         self.report_pause(true).await;
         self.status.set_suspended(true);
         tokio::select! {

@@ -1,4 +1,4 @@
-//! Events that belong to no session, on their way to the disk: by a thread of its own, waited for by nobody.
+//! Writes events that belong to no session to the daemon log, on a separate thread; callers do not wait.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,12 +9,12 @@ use std::time::Duration;
 use crate::events::event::Event;
 use survey::error_chain as chain;
 
-/// Events that may wait for the disk; beyond it they are counted.
+/// Events that may wait for the disk; further ones are counted.
 const QUEUE: usize = 256;
-/// The last ones are waited for so long at the end.
+/// Longest wait for the last events on shutdown.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// The way to the daemon log.
+/// Sends events to the daemon log.
 #[derive(Debug)]
 pub(crate) struct DaemonLogWriter {
     directory: PathBuf,
@@ -38,7 +38,7 @@ impl DaemonLogWriter {
         }
     }
 
-    /// Puts an event on its way.
+    /// Queues an event.
     pub(crate) fn note(&self, event: &Event) {
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
         if writer.is_none() {
@@ -65,7 +65,7 @@ impl DaemonLogWriter {
         }
     }
 
-    /// Waits until everything is on disk, but not long.
+    /// Waits until everything is on disk, for a limited time.
     pub(crate) async fn close(&self) {
         let writer = self
             .writer
@@ -96,7 +96,7 @@ fn start(directory: PathBuf) -> Option<Writer> {
     }
 }
 
-/// Until nobody sends any more. What the disk refuses is in the journal and on the bus all the same.
+/// Writes until all senders are dropped. Events that the disk refuses are still in the journal and on the bus.
 fn write(directory: &std::path::Path, events: &Receiver<logbook::Event>) {
     let mut daemon_log = None;
     let mut refused = false;

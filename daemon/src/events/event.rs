@@ -1,4 +1,4 @@
-//! What is reported: an event for people and programs, or a change of an object on the bus.
+//! Events for people and programs, and changes of objects on the bus.
 
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ pub(crate) struct Event {
 }
 
 impl Event {
-    /// An event with this text, its control characters replaced.
+    /// An event with this text; control characters are escaped.
     pub(crate) fn new(
         at: DateTime<Utc>,
         kind: EventKind,
@@ -36,7 +36,7 @@ impl Event {
     }
 }
 
-/// What is sent to every connection of the bus. Sessions are named by their id.
+/// Sent to every connection of the bus. Sessions are named by their id.
 #[derive(Debug, Clone)]
 pub(crate) enum BusEvent {
     SessionAdded(String),
@@ -47,12 +47,12 @@ pub(crate) enum BusEvent {
     Daemon,
     /// State of the instruments.
     Instruments,
-    /// Which instruments there are, and whether there is a simulated sheet, may have changed.
+    /// The set of instruments, or the presence of a simulated sheet, may have changed.
     ObjectsChanged,
     Happened(Event),
-    /// Each bus is asked whether it still answers.
+    /// Each bus connection is to be checked by a ping.
     Heartbeats,
-    /// How far a self-test is.
+    /// Progress of a self-test.
     TestProgress {
         done: u64,
         total: u64,

@@ -1,5 +1,5 @@
-//! The one way of an event: to the journal at a limited rate, to the bus, and to the daemon log where it belongs to no
-//! session. Its recorder writes the events of a session to the record.
+//! Reports an event: to the journal at a limited rate, to the bus, and to the daemon log if it belongs to no session.
+//! Events of a session are written to the record by its recorder.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,13 +12,13 @@ use crate::events::event::{BusEvent, Event};
 use crate::events::kind::EventKind;
 use crate::events::rate_limit::RateLimit;
 
-/// Events that may wait for one connection; beyond it they are lost for that one, which will soon be found frozen.
+/// Events that may wait for one connection; it loses further ones, and will soon be closed as unresponsive.
 const QUEUE: usize = 256;
-/// At the end, looks whether every queue is empty, and the time between them.
+/// Number of checks on shutdown whether every queue is empty, and the time between them.
 const FLUSH_LOOKS: usize = 50;
 const BETWEEN_LOOKS: Duration = Duration::from_millis(10);
 
-/// Reports events; clones report to the same destinations. Nothing waits.
+/// Reports events; clones report to the same destinations. No call blocks.
 #[derive(Debug, Clone)]
 pub(crate) struct EventLog(Arc<Destinations>);
 
@@ -50,7 +50,7 @@ impl EventLog {
         self.publish(&BusEvent::Happened(event));
     }
 
-    /// To the bus alone. A connection whose queue is full loses the event.
+    /// To the bus only. A connection whose queue is full loses the event.
     pub(crate) fn publish(&self, event: &BusEvent) {
         self.connections().retain(|connection| {
             !matches!(
@@ -60,24 +60,24 @@ impl EventLog {
         });
     }
 
-    /// To the journal alone, at a limited rate: what clients cause.
+    /// To the journal only, at a limited rate: for events that clients cause.
     pub(crate) fn journal(&self, kind: EventKind, text: &str) {
         self.0.journal.log(kind, None, text);
     }
 
-    /// What is sent to the bus from now on, for one more connection; ends when the receiver is dropped.
+    /// Subscribes one more connection to the events from now on, until the receiver is dropped.
     pub(crate) fn subscribe(&self) -> mpsc::Receiver<BusEvent> {
         let (connection, events) = mpsc::channel(QUEUE);
         self.connections().push(connection);
         events
     }
 
-    /// Writes to the journal what was left out and is due; called now and then.
+    /// Writes due summaries of suppressed messages to the journal; called periodically.
     pub(crate) fn catch_up(&self) {
         self.0.journal.catch_up();
     }
 
-    /// Waits until every connection has what was sent and the daemon log is on disk, but not long.
+    /// Waits until every connection has received its events and the daemon log is on disk, for a limited time.
     pub(crate) async fn close(&self) {
         for _ in 0..FLUSH_LOOKS {
             let sent = |connection: &mpsc::Sender<BusEvent>| {

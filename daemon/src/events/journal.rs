@@ -1,6 +1,6 @@
-//! Where the log goes: straight to systemd's journal, with fields, where standard error leads there; else to standard error.
+//! Destination of the log: systemd's journal, with fields, if standard error is connected to it; else standard error.
 //!
-//! `journalctl TACTUS_SESSION=m20261207t093000_000` finds what a session told; other fields are `TACTUS_KIND`,
+//! `journalctl TACTUS_SESSION=m20261207t093000_000` shows the messages of a session; other fields are `TACTUS_KIND`,
 //! `TACTUS_FRAME` and `TACTUS_INSTRUMENT`.
 
 use std::io::IsTerminal;
@@ -11,10 +11,10 @@ use tracing_subscriber::fmt::format::debug_fn;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// What the names of the fields begin with.
+/// Prefix of the fields' names.
 const PREFIX: &str = "TACTUS";
 
-/// `RUST_LOG` decides what is said; warnings and the daemon's own words by default.
+/// `RUST_LOG` sets the filter; by default warnings and the daemon's own messages are logged.
 pub(crate) fn begin() {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn,daemon=info"));
@@ -27,7 +27,7 @@ pub(crate) fn begin() {
                 .with_writer(std::io::stderr)
                 .with_ansi(std::io::stderr().is_terminal())
                 .with_target(false)
-                // what instruments and clients say is in some of it
+                // some messages contain text from instruments and clients
                 .fmt_fields(debug_fn(|to, field, value| {
                     let text = format!("{value:?}");
                     match field.name() {
@@ -39,12 +39,12 @@ pub(crate) fn begin() {
             log.with(to_stderr).try_init()
         }
     };
-    // a second daemon in one process (a test) goes on with the first one's
+    // a second daemon in the same process (a test) uses the first one's logger
     drop(begun);
 }
 
-/// The journal, where standard error is the stream that systemd names (`JOURNAL_STREAM`, systemd.exec(5)) and the journal
-/// listens.
+/// The journal, if standard error is the stream named by systemd (`JOURNAL_STREAM`, systemd.exec(5)) and the journal
+/// accepts messages.
 fn journald(stream: &str) -> Option<tracing_journald::Layer> {
     let stderr = rustix::fs::fstat(std::io::stderr()).ok()?;
     if !leads(stream, stderr.st_dev, stderr.st_ino) {
@@ -54,7 +54,7 @@ fn journald(stream: &str) -> Option<tracing_journald::Layer> {
     Some(layer.with_field_prefix(Some(PREFIX.to_owned())))
 }
 
-/// Whether `device:inode` names this file.
+/// Whether `device:inode` identifies this file.
 fn leads(stream: &str, device: u64, inode: u64) -> bool {
     stream
         .split_once(':')
@@ -68,7 +68,7 @@ mod tests {
     #[test]
     fn only_the_stream_that_is_named_leads_to_the_journal() {
         assert!(leads("8:1234", 8, 1234));
-        // a child whose standard error was sent elsewhere still has the variable
+        // a child with redirected standard error still has the variable
         for other in ["8:1235", "9:1234", "", "8", "8:x"] {
             assert!(!leads(other, 8, 1234), "{other}");
         }

@@ -1,34 +1,34 @@
-//! The kinds of events: the one table from which journal level, record and reference page come.
+//! The kinds of events: one table for journal level, record and reference page.
 
 /// The level in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Severity {
-    /// All is as it should be.
+    /// Normal operation.
     Info,
     Warn,
     Error,
 }
 
-/// Where events of a kind are kept, besides the journal.
+/// Where events of a kind are stored, besides the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kept {
     Session,
     DaemonLog,
-    /// In the session that was active, else in the daemon log.
+    /// In the active session, else in the daemon log.
     Either,
-    /// In the journal alone; no signal on the bus.
+    /// In the journal only; no signal on the bus.
     Journal,
 }
 
-/// What the table says of a kind.
+/// An entry of the table.
 #[derive(Debug)]
 pub(crate) struct Description {
-    /// The word for programs, such as `frame-failed`.
+    /// The machine-readable name, such as `frame-failed`.
     pub name: &'static str,
     pub severity: Severity,
     pub kept: Kept,
     pub meaning: &'static str,
-    /// What a person should do.
+    /// What the operator should do.
     pub action: &'static str,
 }
 
@@ -119,7 +119,7 @@ kinds! {
 }
 
 impl EventKind {
-    /// The word for programs, such as `frame-failed`.
+    /// The machine-readable name, such as `frame-failed`.
     pub(crate) const fn as_str(self) -> &'static str {
         self.description().name
     }
@@ -128,15 +128,15 @@ impl EventKind {
 /// A kind of event, as the reference page shows it.
 #[derive(Debug, Clone, Copy)]
 pub struct EventRow {
-    /// The word for programs, such as `frame-failed`.
+    /// The machine-readable name, such as `frame-failed`.
     pub name: &'static str,
     /// Level in the journal; empty for what is written to session files alone.
     pub level: &'static str,
-    /// Where it is kept, besides the journal.
+    /// Where it is stored, besides the journal.
     pub kept: &'static str,
     /// What has happened.
     pub meaning: &'static str,
-    /// What a person should do.
+    /// What the operator should do.
     pub action: &'static str,
 }
 

@@ -1,5 +1,5 @@
-//! What is written to the journal: each kind of event once, and then at a limited rate with the number left out. Record and
-//! bus have all events.
+//! Rate limit for journal messages: the first event of each kind is logged; repeats within ten minutes are counted and
+//! summarised. Record and bus receive all events.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -9,19 +9,19 @@ use tokio::time::Instant;
 
 use crate::events::kind::{Description, EventKind, Severity};
 
-/// So long one kind is not written again.
+/// Period in which one kind is not logged again.
 pub(crate) const AGAIN: Duration = Duration::from_secs(600);
 
 /// Whether an event is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Decision {
     Write,
-    /// With the number that was left out since the last one.
+    /// With the number suppressed since the last one.
     WriteWith(u64),
     LeaveOut,
 }
 
-/// What has been written, by kind.
+/// State of the rate limit, by kind.
 #[derive(Debug, Default)]
 pub(crate) struct RateLimit(Mutex<BTreeMap<EventKind, Written>>);
 
@@ -48,7 +48,7 @@ impl RateLimit {
         }
     }
 
-    /// Writes what was counted and is due; called now and then.
+    /// Writes due summaries; called periodically.
     pub(crate) fn catch_up(&self) {
         let now = Instant::now();
         let mut due = Vec::new();
@@ -166,7 +166,7 @@ mod tests {
         let lines = journal.lines();
         assert_eq!(lines.len(), 2, "{lines:#?}");
         assert!(lines[0].contains("frame 0 failed") && lines[0].contains("ERROR"));
-        // before its time nothing is caught up with
+        // no summary before it is due
         tokio::time::advance(AGAIN - Duration::from_secs(1)).await;
         rate_limit.catch_up();
         assert!(journal.lines().is_empty());
@@ -177,7 +177,7 @@ mod tests {
             lines[0].contains("frame 300 failed (and 214 more in the last 10 minutes)"),
             "{lines:?}"
         );
-        // the last of a burst is counted, though nothing comes after it
+        // the last event of a burst is reported, though nothing follows it
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 301 failed");
         assert!(journal.lines().is_empty());
         tokio::time::advance(AGAIN).await;
@@ -191,7 +191,7 @@ mod tests {
         tokio::time::advance(AGAIN).await;
         rate_limit.catch_up();
         assert!(journal.lines().is_empty(), "silence is not told again");
-        // and after silence it is news again
+        // after a pause an event is logged at once again
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 900 failed");
         assert_eq!(journal.lines().len(), 1);
     }

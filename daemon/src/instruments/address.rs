@@ -1,11 +1,11 @@
-//! Where an instrument is, as written in the configuration.
+//! Instrument addresses, as written in the configuration.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// Of a multiplexer board on a serial line.
+/// Default rate of a multiplexer board on a serial line.
 const BAUD: u32 = 115_200;
-/// As a 6221 leaves the factory (fact sheet section 1).
+/// Factory default of a 6221 (fact sheet section 1).
 pub(crate) const SOURCE_BAUD: u32 = 9600;
 
 /// An instrument's address.
@@ -22,7 +22,7 @@ pub(crate) enum InstrumentAddress {
 }
 
 impl InstrumentAddress {
-    /// The rate of a serial line where the address names none.
+    /// The default rate of a serial line.
     pub(crate) fn baud(role: &str) -> u32 {
         match role {
             "source" => SOURCE_BAUD,
@@ -31,7 +31,7 @@ impl InstrumentAddress {
     }
 }
 
-/// A text that is no address.
+/// An invalid address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "'{0}' is no address; write tcp:HOST:PORT, serial:PATH, serial:PATH@BAUD, gpiochip:PATH, gpiochip:PATH@OFFSET or \

@@ -1,4 +1,4 @@
-//! From addresses to a rig: connects, asks everybody's name, and leaves the source off and verified.
+//! Assembles a rig from addresses: connects, identifies every instrument, and leaves the source off and verified.
 
 use std::time::Duration;
 
@@ -20,15 +20,15 @@ use crate::instruments::rig_plan::RigPlan;
 use crate::instruments::simulation::SimulatedRig;
 use survey::printable_within;
 
-/// How long opening a connection may take.
+/// Timeout of a connection.
 const TO_CONNECT: Duration = Duration::from_secs(5);
-/// A board restarts when its port is opened; it says so when it is ready.
+/// A board restarts when its port is opened; it sends a message when it is ready.
 const TO_WAKE_UP: Duration = Duration::from_secs(2);
 
 type Source = Keithley6221<BoxStream>;
 type Mainframe = Keysight34980a<BoxStream>;
 
-/// The rigs there are: one current source, one voltmeter, two kinds of switch.
+/// The supported rigs: one current source, one voltmeter, two kinds of switch.
 pub(crate) enum AnyRig {
     Mainframe(Rig<Source, Mainframe, Mainframe>),
     Board(Rig<Source, Multiplexer, Mainframe>),
@@ -39,20 +39,20 @@ pub(crate) struct Assembled {
     pub rig: AnyRig,
     /// The instruments and modules that were found.
     pub identities: ExpectedIdentities,
-    /// Why nobody may measure yet: what was found closed, with [`Closed::Refuse`].
+    /// Why measurements are refused: relays found closed, with [`Closed::Refuse`].
     pub closed: Option<String>,
 }
 
-/// What becomes of relays that are found closed.
+/// What to do with relays that are found closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Closed {
-    /// They stay so: nobody here closed them, a person is to see why.
+    /// Leave them: this daemon did not close them, and an operator must find out why.
     Refuse,
-    /// They are opened and verified: they are what this daemon left behind when it lost the rig.
+    /// Open and verify them: this daemon left them closed when it lost the rig.
     Open,
 }
 
-/// Why there is no rig.
+/// Why a rig could not be assembled.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum AssemblyError {
     #[error("the {role} at {place} cannot be reached; is it switched on, and the address right?")]
@@ -80,7 +80,7 @@ pub(crate) enum AssemblyError {
         /// What differs.
         text: String,
         found: Box<ExpectedIdentities>,
-        /// Whether the source is the known one, and verified off.
+        /// Whether the source is the expected one, and verified off.
         source_off: bool,
     },
 }
@@ -127,7 +127,7 @@ impl AnyRig {
         }
     }
 
-    /// Reads everything that a self-test assesses. Whoever calls makes the rig safe afterwards.
+    /// Takes all readings of a self-test. The caller must make the rig safe afterwards.
     pub(crate) async fn probe(&self, mut request: Request<'_>) -> Result<Measured, ProbeError> {
         match self {
             Self::Mainframe(rig) => {
@@ -142,7 +142,7 @@ impl AnyRig {
         }
     }
 
-    /// How often relays have closed; `None` where nothing counts them.
+    /// How often relays have closed; `None` if they are not counted.
     pub(crate) async fn relay_cycles(
         &self,
         relays: &[Relay],
@@ -164,9 +164,9 @@ impl AnyRig {
 /// What the simulated instruments of a rig are connected to.
 pub(crate) type Bench = Option<SimulatedRig>;
 
-/// Connects to every instrument, compares them with the `identities` ones, checks the wiring against the modules, makes the
-/// rig safe, and applies the settings, verified. The source is off, verified, before anybody else is asked anything.
-/// Another instrument than the known one is told nothing.
+/// Connects to every instrument, compares them with `identities`, checks the wiring against the modules, makes the rig
+/// safe, applies the settings and verifies them. The source is verified off before any other instrument is queried. An
+/// unexpected instrument receives no command.
 pub(crate) async fn assemble(
     plan: &RigPlan,
     bench: &Bench,
@@ -181,7 +181,7 @@ pub(crate) async fn assemble(
         .any(|(place, _)| *place == InstrumentAddress::Simulated);
     let wiring = &plan.plan.wiring;
     let mut source = connect_source(plan, bench, Some(transcript)).await?;
-    // whatever the others turn out to be, the source is off before they are asked
+    // the source is off before the other instruments are queried
     let found = |role, identity: &str, place: &InstrumentAddress| Connected {
         role,
         identity: printable_within(identity, 200).into_owned(),
@@ -282,7 +282,7 @@ pub(crate) async fn assemble(
     })
 }
 
-/// `--safe-off`: the source first, then the relays, each on its own, so that one missing instrument does not keep the
+/// `--safe-off`: the source first, then the relays, independently, so that a missing instrument does not prevent the
 /// other from being made safe. Returns a line for each.
 pub(crate) async fn make_safe_each(
     plan: &RigPlan,
@@ -335,7 +335,7 @@ async fn relays_open(plan: &RigPlan, bench: &Bench) -> Result<String, AssemblyEr
     ))
 }
 
-/// The relays alone, where the source cannot be reached: open relays keep the sheet without current.
+/// Opens the relays only, if the source cannot be reached: no current reaches the sheet through open relays.
 pub(crate) async fn open_relays(plan: &RigPlan, bench: &Bench) -> Result<(), AssemblyError> {
     relays_open(plan, bench).await.map(drop)
 }
@@ -425,7 +425,7 @@ fn transcribed(link: Link<BoxStream>, transcript: Option<&RingTranscript>) -> Li
     }
 }
 
-/// A stream to the place; `simulated` is the one to use where the place is in memory.
+/// Opens a stream to the address; `simulated` is used if the address is in memory.
 async fn open(
     role: &'static str,
     place: &InstrumentAddress,
@@ -439,7 +439,7 @@ async fn open(
         InstrumentAddress::Serial { path, baud } => {
             rig::open_serial(path, baud.unwrap_or_else(|| InstrumentAddress::baud(role)))
         }
-        // a gpiochip is no stream; the configuration allows it for a board only, which does not come here
+        // a gpiochip is no stream; the configuration allows it for a board only, which is opened elsewhere
         InstrumentAddress::Gpiochip { path, .. } => Err(LinkError::Unreachable {
             address: path.clone(),
             cause: std::io::ErrorKind::Unsupported.into(),

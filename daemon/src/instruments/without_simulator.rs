@@ -1,5 +1,5 @@
-//! Takes the place of `simulation` in a program that is built without feature `simulator`: no simulated rig can exist, and
-//! a configuration that asks for one is an error that names the feature.
+//! Replaces `simulation` if the program is built without feature `simulator`: a configuration with a simulated rig is
+//! an error that names the feature.
 
 use std::convert::Infallible;
 
@@ -14,15 +14,15 @@ use rig::BoxStream;
 )]
 pub(crate) struct NotBuilt;
 
-/// A simulated rig, of which there is none.
+/// A simulated rig; cannot be constructed.
 #[derive(Debug, Clone)]
 pub(crate) struct SimulatedRig(Infallible);
 
-/// A scene, of which there is none.
+/// A scene; cannot be constructed.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Scene(Infallible);
 
-/// A profile, of which there is none.
+/// A profile; cannot be constructed.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Profile {
     none: Infallible,
@@ -31,7 +31,7 @@ pub(crate) struct Profile {
 }
 
 impl Profile {
-    /// Gives no profile.
+    /// Refuses to load a profile.
     ///
     /// # Errors
     /// Always [`NotBuilt`].
@@ -63,7 +63,7 @@ pub(crate) fn check_built() -> Result<(), String> {
     Err(NotBuilt.to_string())
 }
 
-/// Gives no scene.
+/// Refuses to load a scene.
 pub(crate) fn load_scene(_name_or_path: Option<&str>) -> Result<Scene, String> {
     Err(NotBuilt.to_string())
 }

@@ -1,5 +1,5 @@
-//! Which troubles people are told of, and when: once when one begins, once when it has ended, and not at every change
-//! of one that comes and goes.
+//! Decides which alarms are notified and when: once when one begins, once when it has ended; alarms that come and go
+//! are rate-limited.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use tokio::time::Instant;
 
 use crate::monitoring::health::ActiveAlarm;
 
-/// Troubles that somebody who is away wants to know of.
+/// Kinds of alarms that are notified.
 pub(crate) const REPORTED: [&str; 6] = [
     "faulted",
     "source-unverified",
@@ -18,10 +18,10 @@ pub(crate) const REPORTED: [&str; 6] = [
     "no-frame",
 ];
 
-/// A trouble has ended when it has not been seen for so long.
+/// An alarm has ended when it has been absent for this time.
 const HOLD: Duration = Duration::from_secs(60);
 
-/// Where a trouble is in its course.
+/// Phase of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Phase {
     Begun,
@@ -41,7 +41,7 @@ impl Phase {
     }
 }
 
-/// Something to tell people.
+/// A notification.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Message {
     pub kind: &'static str,
@@ -49,26 +49,27 @@ pub(crate) struct Message {
     pub text: String,
 }
 
-/// The course of every trouble.
+/// State of every alarm.
 #[derive(Debug, Default)]
 pub(crate) struct Alarm(BTreeMap<&'static str, AlarmState>);
 
 #[derive(Debug, Clone)]
 struct AlarmState {
-    /// Last time that it was there; `None` when it has ended.
+    /// When it was last active; `None` when it has ended.
     seen: Option<Instant>,
-    /// Whether its beginning was told, so that its end will be.
+    /// Whether its beginning was notified, so that its end will be.
     reported: bool,
-    /// When a beginning was told last.
+    /// When a beginning was last notified.
     last: Option<Instant>,
-    /// Beginnings that were not told.
+    /// Beginnings that were not notified.
     unreported: u64,
     text: String,
 }
 
 impl Alarm {
-    /// What is to be told now. `alarms` are there; `lingering` are there by wider limits, too: what is among them has not
-    /// ended; of what is `unsure` nothing is known at present. A kind begins at most every `again`.
+    /// Returns the notifications that are due. `alarms`: active. `lingering`: still active under the (wider) reset
+    /// limits. `unsure`: no data; neither raised nor cleared. The beginning of a kind is notified at most once in
+    /// `again`.
     pub(crate) fn judge(
         &mut self,
         now: Instant,
@@ -156,7 +157,7 @@ mod tests {
         }]
     }
 
-    /// A second a step: what is there at each, and what is told.
+    /// One step a second: which alarms are active, and which notifications are sent.
     fn play(alarm: &mut Alarm, seconds: u64, there: bool, stays: bool) -> Vec<(Phase, String)> {
         let begin = Instant::now();
         let mut reported = Vec::new();
@@ -178,7 +179,7 @@ mod tests {
         let begun = play(&mut alarm, 1000, true, true);
         assert_eq!(begun, [(Phase::Begun, "3 days".to_owned())]);
         tokio::time::advance(Duration::from_secs(1000)).await;
-        // above the limit but not well above it: it goes on
+        // between the reset limit and the limit: it continues
         assert!(play(&mut alarm, 500, false, true).is_empty());
         tokio::time::advance(Duration::from_secs(500)).await;
         assert!(play(&mut alarm, 59, false, false).is_empty());
@@ -191,7 +192,7 @@ mod tests {
     async fn flapping_alarm_is_rate_limited() {
         let mut alarm = Alarm::default();
         let mut begun = Vec::new();
-        // five hours of two minutes of trouble and two minutes without
+        // five hours of alternating two minutes with the alarm and two without
         for _ in 0..75 {
             for there in [true, false] {
                 let reported = play(&mut alarm, 120, there, there);

@@ -1,4 +1,4 @@
-//! What has been counted since the daemon began, over all its sessions.
+//! Counters since the start of the daemon, over all sessions.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -7,10 +7,10 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use rig::{Clock, SystemClock};
 
-/// Upper ends of the times that reconstructions are counted under, s; beyond the last there is no end.
+/// Upper bounds of the reconstruction time histogram, s; the last bin has none.
 pub(crate) const RECONSTRUCTION_S: [f64; 8] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0];
 
-/// Counters that only grow, and what came last.
+/// Monotonic counters, and the most recent values.
 #[derive(Debug)]
 pub(crate) struct Counters {
     clock: SystemClock,
@@ -30,27 +30,27 @@ struct Last {
     reconstruction: Reconstruction,
 }
 
-/// The frame that is on disk since the shortest time.
+/// The most recent frame on disk.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct LastFrame {
     pub session: String,
     pub sequence: u64,
     pub wall: DateTime<Utc>,
-    /// When its last reading was taken, on the daemon's clock.
+    /// When its last reading was taken, by the daemon's clock.
     pub taken: Duration,
 }
 
-/// A frame that is not in the record.
+/// A frame that is missing in the record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Gap {
     pub at: DateTime<Utc>,
     pub text: String,
 }
 
-/// Times that maps took.
+/// Histogram of reconstruction times.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Reconstruction {
-    /// How many took no longer than each of [`RECONSTRUCTION_S`], and longer than the one before.
+    /// Count in each bin of [`RECONSTRUCTION_S`].
     pub within: [u64; RECONSTRUCTION_S.len()],
     pub count: u64,
     pub sum_s: f64,
@@ -69,7 +69,7 @@ impl Counters {
         }
     }
 
-    /// Time of the daemon's clock.
+    /// Time by the daemon's clock.
     pub(crate) fn now(&self) -> Duration {
         self.clock.monotonic()
     }
@@ -78,14 +78,14 @@ impl Counters {
         self.acquired.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// A frame is on disk, with so many readings over range.
+    /// Counts a frame on disk, with its readings over range.
     pub(crate) fn count_durable(&self, frame: LastFrame, overloads: u64) {
         self.durable.fetch_add(1, Ordering::Relaxed);
         self.overloads.fetch_add(overloads, Ordering::Relaxed);
         self.last().frame = Some(frame);
     }
 
-    /// A map was made in this time, with its frame or late.
+    /// Counts a map, on time or late, that took this time.
     pub(crate) fn count_map(&self, took: Duration) {
         let seconds = took.as_secs_f64();
         let mut last = self.last();
@@ -101,7 +101,7 @@ impl Counters {
         self.failed.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Frames that were due and could not be taken, or that the disk refused.
+    /// Counts frames that were due and could not be taken, or that the disk refused.
     pub(crate) fn count_dropped(&self, frames: u64) {
         if frames == 0 {
             return;
@@ -114,7 +114,7 @@ impl Counters {
         self.gap(self.clock.wall(), &text);
     }
 
-    /// Why the last frame that is not in the record is not.
+    /// Records why the last missing frame is missing.
     pub(crate) fn gap(&self, at: DateTime<Utc>, text: &str) {
         let text = text.to_owned();
         self.last().gap = Some(Gap { at, text });
@@ -137,7 +137,7 @@ impl Counters {
     }
 }
 
-/// What a counter says.
+/// The value of a counter.
 pub(crate) fn read(counter: &AtomicU64) -> u64 {
     counter.load(Ordering::Relaxed)
 }

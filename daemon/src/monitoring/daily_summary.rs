@@ -9,21 +9,21 @@ use survey::{Baseline, Reading};
 use crate::monitoring::health::Counts;
 use survey::relative_changes;
 
-/// What is compared from day to day.
+/// State compared from day to day.
 pub(crate) struct DailySummary {
     day: NaiveDate,
     counts: Counts,
-    /// Readings of the last frame of the day before.
+    /// Readings of the last frame of the previous day.
     yesterday: Option<Vec<Reading>>,
 }
 
-/// What a day ends with.
+/// Values at the end of a day.
 pub(crate) struct DayEnd {
     pub counts: Counts,
     /// Readings of the last frame of the running session.
     pub readings: Option<Vec<Reading>>,
     pub baseline: Option<Arc<Baseline>>,
-    /// Of the last self-test, for a person.
+    /// From the last self-test, as text for people.
     pub worst_contact: Option<String>,
 }
 
@@ -36,12 +36,12 @@ impl DailySummary {
         }
     }
 
-    /// Whether a day is over. A clock that is set back ends none a second time.
+    /// Whether a day is over. A day does not end twice if the clock is set back.
     pub(crate) fn is_over(&self, now: DateTime<Utc>) -> bool {
         now.date_naive() > self.day
     }
 
-    /// The line of the day that is over; the next one begins.
+    /// The summary of the day that is over; the next one begins.
     pub(crate) fn summary(&mut self, now: DateTime<Utc>, day_end: &DayEnd) -> String {
         let counts = day_end.counts;
         let mut text = format!(
@@ -76,7 +76,7 @@ impl DailySummary {
     }
 }
 
-/// Median relative change of the readings: a load moves few of them, the sheet's ageing all.
+/// Median relative change of the readings: a load changes few of them, ageing of the sheet changes all.
 fn drift(from: &[Reading], to: &[Reading]) -> Option<f64> {
     if from.len() != to.len() {
         return None;
@@ -142,7 +142,7 @@ mod tests {
             if !daily.is_over(now) {
                 continue;
             }
-            // three of four readings grow by a part in a thousand a day, one is pressed upon
+            // three of four readings grow by a thousandth a day, one is under a load
             let grown = 1.0 + 1e-3 * (lines.len() + 1) as f64;
             let volts = [grown, 2.0 * grown, -4.0 * grown, 20.0];
             let day_end = DayEnd {

@@ -1,4 +1,4 @@
-//! What is free where sessions are recorded, and how long that lasts at the rate of the session that runs.
+//! Free disk space for sessions, and how long it lasts at the rate of the running session.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -6,28 +6,28 @@ use std::time::Duration;
 
 use logbook::Volume;
 
-/// Free bytes of the file system that a folder is on, for whoever is not root.
+/// Free bytes of a folder's file system for unprivileged users.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the system.
 pub(crate) fn free_bytes(folder: &Path) -> std::io::Result<u64> {
     let found = rustix::fs::statvfs(folder)?;
     Ok(found.f_bavail.saturating_mul(found.f_frsize))
 }
 
-/// A look is good for so long.
+/// Time for which a measurement is reused.
 const GOOD_FOR: Duration = Duration::from_secs(5);
-/// A disk that has not answered by then is not waited for.
+/// Timeout of a query to the disk.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Frames before their rate is said: a file grows by pages, and so many fill more than ten.
+/// Frames before a rate is given: a file grows by pages, and this many frames fill more than ten.
 const ENOUGH: u64 = 100;
 
 const DAY_S: f64 = 86_400.0;
 
-/// What was seen last.
+/// The last measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct FreeSpace {
-    /// Bytes that the daemon may still write; `None` where the file system does not say.
+    /// Bytes that the daemon may still write; `None` if unknown.
     pub free: Option<u64>,
     /// Bytes a day of the running session; `None` without one, or before enough frames.
     pub per_day: Option<f64>,
@@ -41,11 +41,11 @@ impl FreeSpace {
     }
 }
 
-/// Looks at the disk, never twice at once, and remembers from where on it counts.
+/// Queries the disk, one query at a time, and remembers the start of the rate measurement.
 #[derive(Debug, Default)]
 pub(crate) struct Disk {
     seen: Mutex<Seen>,
-    /// Held while somebody looks, also by a look that nobody waits for any more.
+    /// Held during a query, also by one whose caller has stopped waiting.
     looking: Arc<tokio::sync::Mutex<()>>,
 }
 
@@ -56,7 +56,7 @@ struct Seen {
     growth: Option<Growth>,
 }
 
-/// A session's file as it was first seen.
+/// Size of a session's file at the first measurement.
 #[derive(Debug, Clone, PartialEq)]
 struct Growth {
     path: PathBuf,
@@ -75,8 +75,8 @@ impl Growth {
 }
 
 impl Disk {
-    /// What is free under `directory`, and the rate of the session that is written to `file`; at `now` of the daemon's
-    /// clock. Never waits long: a disk that does not answer is told as it was seen last.
+    /// The free space under `directory`, and the growth rate of the session written to `file`; `now` by the daemon's
+    /// clock. Limited in time: if the disk does not respond, the last values are returned.
     pub(crate) async fn space(
         self: &Arc<Self>,
         directory: &Path,
@@ -180,7 +180,7 @@ mod tests {
         let free = space.free.unwrap() as f64;
         let all = (reported.f_blocks * reported.f_frsize) as f64;
         assert!(free > 0.0 && free <= all, "{free} of {all}");
-        // a directory that is not there has no room, and a look is not taken again at once
+        // a missing directory has no space, and is not queried again at once
         let nowhere = folder.path().join("gone");
         let again = disk.space(&nowhere, None, Duration::from_secs(1)).await;
         assert_eq!(again, space);

@@ -1,4 +1,4 @@
-//! All that tells whether the daemon is well, found out at once. Status, metrics and notifications read the same.
+//! Health of the daemon, collected at one moment. Status, metrics and notifications use the same data.
 
 use std::time::Duration;
 
@@ -11,35 +11,35 @@ use crate::monitoring::{Counters, RelayLife};
 use config::NotifySection;
 use survey::nanoseconds;
 
-/// How the daemon is.
+/// State of the daemon.
 #[derive(Debug, Clone)]
 pub(crate) struct Health {
     pub at: DateTime<Utc>,
     /// `idle`, `baseline`, `acquiring`, `testing`, `suspended`, `faulted`.
     pub state: &'static str,
-    /// Why it is faulted; `None` where it is not.
+    /// Why it is faulted; `None` if it is not.
     pub fault: Option<String>,
     /// `off` (verified), `in use`, `unknown`.
     pub source: &'static str,
     pub simulated: bool,
     pub session: Option<Running>,
     pub last_frame: Option<LastFrame>,
-    /// Since its last reading.
+    /// Time since its last reading.
     pub age: Option<Duration>,
     pub last_gap: Option<Gap>,
     pub counts: Counts,
     /// Roles and addresses of the instruments.
     pub instruments: Vec<(&'static str, String)>,
-    /// Why they do not answer.
+    /// Why they do not reply.
     pub rig_fault: Option<String>,
     pub baseline: Option<(String, Duration)>,
     /// How the configured noise contradicts that baseline.
     pub noise: Option<String>,
     pub space: FreeSpace,
-    /// Free bytes that are too few whatever the rate.
+    /// Free bytes below which an alarm is raised at any rate.
     pub warn_below: u64,
     pub relays: Option<RelayLife>,
-    /// Where metrics are served.
+    /// Address of the metrics endpoint.
     pub metrics: Option<std::net::SocketAddr>,
 }
 
@@ -65,7 +65,7 @@ impl Counts {
     }
 }
 
-/// The session that runs.
+/// The running session.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Running {
     pub id: String,
@@ -76,9 +76,9 @@ pub(crate) struct Running {
     pub dropped: u64,
     /// Frames that may wait for the disk.
     pub queue: u64,
-    /// From start to start of frames, as scheduled, planned or seen, whichever is longest.
+    /// Frame period: the longest of the scheduled, planned and observed period.
     pub period: Duration,
-    /// Since its last frame, its beginning, or since it was told to go on; `None` where nobody awaits a frame.
+    /// Time since its last frame, its start, or its resumption; `None` if no frame is expected.
     pub quiet: Option<Duration>,
     /// Why the last frame has no map.
     pub last_error: String,
@@ -91,17 +91,17 @@ impl Running {
     }
 }
 
-/// Something that is not as it should be.
+/// An active alarm.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ActiveAlarm {
-    /// A word for programs.
+    /// Machine-readable kind.
     pub kind: &'static str,
-    /// A sentence for people.
+    /// Text for people.
     pub text: String,
 }
 
 impl Health {
-    /// What is not as it should be, most grave first; empty when all is well.
+    /// The active alarms, most severe first; empty if all is well.
     pub(crate) fn alarms(&self, limits: &NotifySection) -> Vec<ActiveAlarm> {
         let mut alarms = Vec::new();
         let mut add = |kind, text| alarms.push(ActiveAlarm { kind, text });
@@ -178,7 +178,7 @@ impl Health {
         }
     }
 
-    /// As the bus shows it; what is not known is left out.
+    /// As on D-Bus; unknown values are left out.
     pub(crate) fn report(&self, limits: &NotifySection) -> dbus::Health {
         let alarms = self.alarms(limits);
         let troubles = alarms
@@ -286,7 +286,7 @@ mod tests {
         alarms.iter().map(|alarm| alarm.kind).collect()
     }
 
-    /// Each limit is met on one side and not on the other.
+    /// Tests both sides of each limit.
     #[test]
     fn every_trouble_is_found_and_no_other() {
         type Change = fn(&mut Health);
@@ -307,7 +307,7 @@ mod tests {
                 session(health).quiet = Some(Duration::from_secs(51));
             }),
             (&[], |health| {
-                // a schedule of milliseconds is not alarmed by a second
+                // a schedule of milliseconds raises no alarm within a second
                 session(health).period = Duration::from_millis(5);
             }),
             (&[], |health| session(health).quiet = None),

@@ -1,5 +1,5 @@
-//! Signs of life. Acquisition, the record and each bus say until when they will say something again; systemd's watchdog
-//! hears nothing once one of them has not kept its word. A timer alone would go on ticking beside a daemon that hangs.
+//! Heartbeats. Acquisition, recorder and each bus register the time of their next heartbeat; once one is overdue,
+//! systemd's watchdog is no longer fed. (A plain timer would go on in a daemon that hangs.)
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,10 +13,10 @@ use crate::events::event_log::EventLog;
 use crate::events::kind::EventKind;
 use config::BusSection;
 
-/// Who promises.
+/// A monitored part of the daemon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Part {
-    /// Waits for schedules and instruments, each under a deadline of its own.
+    /// Waits for schedules and instruments, each with its own timeout.
     Acquisition,
     /// Writes to the disk.
     Record,
@@ -42,10 +42,10 @@ impl Part {
     }
 }
 
-/// Nothing is promised: nothing is under way.
+/// No heartbeat is due: the part is idle.
 const RESTS: u64 = u64::MAX;
 
-/// What has been promised, in milliseconds of the daemon's monotonic clock.
+/// The time of each next heartbeat, in milliseconds of the daemon's monotonic clock.
 #[derive(Debug)]
 pub(crate) struct Heartbeats([AtomicU64; 4]);
 
@@ -56,26 +56,26 @@ impl Default for Heartbeats {
 }
 
 impl Heartbeats {
-    /// The next sign of life comes within this time.
+    /// Registers that the next heartbeat comes within this time.
     pub(crate) fn promise(&self, part: Part, now: Duration, within: Duration) {
         let due = now.saturating_add(within).as_millis();
         let due = u64::try_from(due).unwrap_or(RESTS - 1);
         self.0[part as usize].store(due, Ordering::Relaxed);
     }
 
-    /// As [`Heartbeats::promise`], on behalf of somebody who has to answer: an earlier promise stands.
+    /// Like [`Heartbeats::promise`] for a part that has to reply: an earlier time stays.
     pub(crate) fn ask(&self, part: Part, now: Duration, within: Duration) {
         if self.0[part as usize].load(Ordering::Relaxed) == RESTS {
             self.promise(part, now, within);
         }
     }
 
-    /// Nothing is under way: it waits for a person, or for the other half of the daemon.
+    /// Marks the part as idle: it waits for the operator, or for another part.
     pub(crate) fn rest(&self, part: Part) {
         self.0[part as usize].store(RESTS, Ordering::Relaxed);
     }
 
-    /// The first that has not kept its word, and for how long.
+    /// The first overdue part, and by how much.
     pub(crate) fn overdue(&self, now: Duration) -> Option<(Part, Duration)> {
         let now = u64::try_from(now.as_millis()).unwrap_or(RESTS);
         Part::ALL.into_iter().find_map(|part| {
@@ -86,7 +86,7 @@ impl Heartbeats {
     }
 }
 
-/// At its end, nothing is under way any more.
+/// Marks the part as idle when dropped.
 pub(crate) struct Rests(pub Arc<Heartbeats>, pub Part);
 
 impl Drop for Rests {
@@ -95,8 +95,8 @@ impl Drop for Rests {
     }
 }
 
-/// Reports to systemd's watchdog, a third of its patience apart, for as long as no part is overdue. Ends at once where
-/// systemd did not ask for it.
+/// Feeds systemd's watchdog, at a third of its timeout, as long as no part is overdue. Returns at once if systemd did
+/// not request it.
 pub(crate) async fn report_to_systemd(
     heartbeats: Arc<Heartbeats>,
     clock: SystemClock,
@@ -129,7 +129,7 @@ pub(crate) async fn report_to_systemd(
             }
             Some(_) => {}
         }
-        // each bus that there is has to answer, or be found gone, before systemd's patience ends
+        // each bus has to reply, or be found dead, before systemd's timeout
         for (wanted, part) in [
             (bus.session, Part::SessionBus),
             (bus.system, Part::SystemBus),

@@ -1,4 +1,4 @@
-//! The daemon's numbers for Prometheus and its like: OpenMetrics, a few dozen series whatever the daemon does.
+//! Metrics in the OpenMetrics format (Prometheus): a fixed set of a few dozen series.
 
 use std::fmt;
 
@@ -14,7 +14,7 @@ use crate::monitoring::counters::{RECONSTRUCTION_S, Reconstruction};
 use crate::monitoring::health::Health;
 use config::NotifySection;
 
-/// Of the text that [`page`] makes.
+/// Content type of [`page`].
 pub(crate) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 /// States, as `tactus status` names them.
@@ -27,7 +27,7 @@ const STATES: [&str; 6] = [
     "faulted",
 ];
 
-/// The page of one moment.
+/// The page for a snapshot.
 pub(crate) fn page(health: &Health, maps: Reconstruction, limits: &NotifySection) -> String {
     let alarms = health.alarms(limits);
     let snapshot = Snapshot {
@@ -40,12 +40,12 @@ pub(crate) fn page(health: &Health, maps: Reconstruction, limits: &NotifySection
     let mut registry = Registry::default();
     registry.register_collector(Box::new(snapshot));
     let mut text = String::new();
-    // writing to a text cannot fail
+    // writing to a string cannot fail
     let _ = prometheus_client::encoding::text::encode(&mut text, &registry);
     text
 }
 
-/// Bytes of the daemon's memory; `None` where the system does not say.
+/// Resident memory of the daemon, bytes; `None` if unknown.
 fn resident() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
@@ -62,12 +62,12 @@ struct Snapshot {
     resident: Option<u64>,
 }
 
-/// A metric: all that the page says of it, and where its value comes from. A value that is not known is left out: a
-/// number that looks like any other would be believed.
+/// A metric: its description, and where its value comes from. Unknown values are left out: any number in their place
+/// would be misleading.
 struct Metric {
     name: &'static str,
     kind: MetricType,
-    /// What is appended to its name; empty for a plain number.
+    /// Unit appended to its name; empty for a plain number.
     unit: &'static str,
     meaning: &'static str,
     values: Values,
@@ -290,7 +290,7 @@ pub struct MetricRow {
     pub unit: &'static str,
     /// What it counts or measures.
     pub meaning: &'static str,
-    /// The label that its samples have; empty for a single sample.
+    /// The label of its samples; empty for a single sample.
     pub label: &'static str,
 }
 

@@ -1,6 +1,5 @@
-//! How the daemon is: counters, signs of life, health and its alarms, metrics, notifications, the daily summary. Nothing
-//! here can hold a frame back.
-//! The values are collected, and the monitors run, by `session`.
+//! Counters, heartbeats, health and its alarms, metrics, notifications, and the daily summary. Nothing here can delay a
+//! frame. The values are collected, and the monitors run, by `session`.
 
 pub(crate) mod alarm;
 pub(crate) mod counters;
@@ -22,14 +21,14 @@ pub(crate) use crate::monitoring::counters::Counters;
 pub(crate) use crate::monitoring::disk::Disk;
 pub(crate) use crate::monitoring::relay_life::RelayLife;
 
-/// What the controller keeps for the monitors.
+/// Monitoring data kept by the controller.
 #[derive(Debug)]
 pub(crate) struct Observed {
     pub counters: Arc<Counters>,
     pub disk: Arc<Disk>,
-    /// What was read last; `None` before the first time.
+    /// The last reading; `None` before the first.
     relays: Mutex<Option<RelayLife>>,
-    /// Where metrics are served.
+    /// Address of the metrics endpoint.
     metrics: Mutex<Option<SocketAddr>>,
 }
 
@@ -43,25 +42,25 @@ impl Observed {
         }
     }
 
-    /// The relay that will be worn out first, as it was when the counters were read.
+    /// The relay with the shortest remaining life, at the time when the counters were read.
     pub(crate) fn relays(&self) -> Option<RelayLife> {
         let identities = self.relays.lock().unwrap_or_else(PoisonError::into_inner);
         identities.clone()
     }
 
-    /// The counters of the relays have been read.
+    /// Stores newly read relay counters.
     pub(crate) fn set_relays(&self, wear: &[Wear], period: Duration) {
         let frames = crate::monitoring::counters::read(&self.counters.acquired);
         let worst = RelayLife::worst(wear, period, frames);
         *self.relays.lock().unwrap_or_else(PoisonError::into_inner) = worst;
     }
 
-    /// Where metrics are served; `None` where they are not.
+    /// Address of the metrics endpoint; `None` without one.
     pub(crate) fn metrics(&self) -> Option<SocketAddr> {
         *self.metrics.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Metrics are served there from now on.
+    /// Sets the address of the metrics endpoint.
     pub(crate) fn set_metrics(&self, address: Option<SocketAddr>) {
         *self.metrics.lock().unwrap_or_else(PoisonError::into_inner) = address;
     }

@@ -1,4 +1,4 @@
-//! The command that tells people: JSON on its standard input, a deadline, and nobody waits for it but its own task.
+//! Runs the notification command: JSON on its standard input, a timeout, and only its own task waits for it.
 
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -12,19 +12,19 @@ use crate::monitoring::alarm::Message;
 use crate::monitoring::health::Health;
 use config::NotifySection;
 
-/// Bytes kept of what it says on its error stream.
+/// Bytes kept of its standard error.
 const LONGEST_MESSAGE: u64 = 4096;
-/// What a grandchild still has to say when the command itself has ended.
+/// Time to read the remaining output of child processes after the command has ended.
 const AFTER_IT: Duration = Duration::from_millis(500);
 
-/// How the command fared.
+/// Result of the command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct HookResult {
-    /// `None` where it was ended by a signal, killed after its deadline, or never began.
+    /// `None` if it was ended by a signal, killed after its timeout, or not started.
     pub code: Option<i32>,
     /// Why there is no code.
     pub alarm: Option<String>,
-    /// The beginning of what it said.
+    /// The beginning of its standard error.
     pub stderr: String,
     pub took: Duration,
 }
@@ -34,7 +34,7 @@ impl HookResult {
         self.code == Some(0)
     }
 
-    /// For a person.
+    /// Text for people.
     pub(crate) fn text(&self) -> String {
         let how = match (self.code, &self.alarm) {
             (Some(code), _) => format!("exit code {code}"),
@@ -58,7 +58,7 @@ impl HookResult {
     }
 }
 
-/// What the command reads: one object, one line.
+/// The command's input: one JSON object on one line.
 pub(crate) fn payload(message: &Message, health: &Health, limits: &NotifySection) -> String {
     let alarms: Vec<_> = health
         .alarms(limits)
@@ -83,11 +83,11 @@ pub(crate) fn payload(message: &Message, health: &Health, limits: &NotifySection
     format!("{payload}\n")
 }
 
-/// The processes of a command, killed when this is dropped: also when the daemon ends while the command runs.
+/// The process group of a command; killed when this is dropped, also if the daemon ends while the command runs.
 struct ProcessGroup(Option<Pid>);
 
 impl ProcessGroup {
-    /// The command has ended; what it started may go on.
+    /// The command has ended; processes that it started may continue.
     fn leave(mut self) {
         self.0 = None;
     }
@@ -101,7 +101,7 @@ impl Drop for ProcessGroup {
     }
 }
 
-/// Runs the command with this on its standard input; after `deadline` it is killed, and all that it has begun.
+/// Runs the command with `payload` on its standard input; after `deadline` kills it and all its child processes.
 pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Duration) -> HookResult {
     let begun = Instant::now();
     let failed = |alarm: String| HookResult {
@@ -130,7 +130,7 @@ pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Durati
     let mut received = tokio::spawn(beginning(stderr));
     let run = async {
         if let Some(mut stdin) = stdin {
-            // a command may end without having read everything
+            // a command may end without reading everything
             let _ = stdin.write_all(payload.as_bytes()).await;
         }
         child.wait().await
@@ -165,7 +165,7 @@ pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Durati
     }
 }
 
-/// The beginning of what comes; the rest is read too, so that nobody waits for a reader.
+/// The beginning of the output; the rest is read and dropped, so that the writer does not block.
 async fn beginning(stream: Option<impl AsyncRead + Unpin>) -> String {
     let Some(mut stream) = stream else {
         return String::new();
@@ -211,7 +211,7 @@ mod tests {
     async fn a_command_that_does_not_end_is_killed_with_all_it_began() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("pid");
-        // its own child would sleep for an hour
+        // its child would sleep for an hour
         let script = format!(
             "sleep 3600 & echo $! > {}.new; mv {0}.new {0}; wait",
             file.display()
@@ -221,7 +221,7 @@ mod tests {
         if let Ok(pid) = std::fs::read_to_string(&file) {
             let stat = format!("/proc/{}/stat", pid.trim());
             let gone = async {
-                // killed at once, reaped by whoever has it now
+                // killed at once; its new parent reaps it
                 while std::fs::read_to_string(&stat).is_ok_and(|text| !text.contains(") Z")) {
                     tokio::task::yield_now().await;
                 }

@@ -1,27 +1,27 @@
-//! What was read of the relays' wear, carried on: counters are not read while a session has the instruments, but every
-//! frame closes a known number of relays.
+//! Extrapolates relay wear: counters cannot be read while a session uses the instruments, but every frame closes a
+//! known number of relays.
 
 use std::time::Duration;
 
 use crate::instruments::relay_wear::Wear;
 
-/// The relay that will be worn out first, as it was when the counters were read.
+/// The relay with the shortest remaining life, at the time when the counters were read.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct RelayLife {
     /// Its number.
     pub relay: u32,
-    /// Part of its life that was used.
+    /// Used fraction of its life.
     pub used: f64,
-    /// Frames until its rating is reached; `None` where measuring does not close it.
+    /// Frames until its rating is reached; `None` if measuring does not close it.
     pub frames_left: Option<f64>,
-    /// From start to start of frames as they were then.
+    /// Frame period at that time.
     pub period: Duration,
-    /// Frames of the daemon by then.
+    /// Frames of the daemon at that time.
     pub frames: u64,
 }
 
 impl RelayLife {
-    /// The worst of them; `None` where nothing moves.
+    /// The relay with the shortest remaining life; `None` if nothing moves.
     pub(crate) fn worst(wear: &[Wear], period: Duration, frames: u64) -> Option<Self> {
         let each = wear.iter().filter_map(|wear| {
             Some(Self {
@@ -40,7 +40,7 @@ impl RelayLife {
         })
     }
 
-    /// The same after so many frames of the daemon.
+    /// Extrapolated to this number of the daemon's frames.
     pub(crate) fn after(&self, frames: u64) -> Self {
         let since = frames.saturating_sub(self.frames) as f64;
         let Some(left) = self.frames_left else {
@@ -55,7 +55,7 @@ impl RelayLife {
         }
     }
 
-    /// Time of measuring without a pause until the rating is reached.
+    /// Time of continuous measurement until the rating is reached.
     pub(crate) fn left(&self) -> Option<Duration> {
         let seconds = self.frames_left? * self.period.as_secs_f64();
         Duration::try_from_secs_f64(seconds).ok()

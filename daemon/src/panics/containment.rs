@@ -1,9 +1,9 @@
-//! A panic in a task that only answers a client ends that answer, and nothing else.
+//! Contains a panic in a task that only replies to a client: it ends that reply, and nothing else.
 //!
-//! Every thread has a marker that says whether a panic on it is contained. It is set on the threads that serve the bus
-//! ([`mark_thread`]), so that what zbus runs by itself is contained, too, and while a future or a closure runs that was
-//! given to [`answer`] or [`run`]. The panic hook asks for the marker ([`is_contained`]): a contained panic is logged at a
-//! limited rate, every other one switches the source off ([`crate::panics::hook`]).
+//! A thread-local marker tells whether a panic is contained. It is set on the threads that serve the bus
+//! ([`mark_thread`]), so that code run by zbus itself is covered too, and while a future or closure passed to
+//! [`answer`] or [`run`] runs. The panic hook reads the marker ([`is_contained`]): a contained panic is logged at a
+//! limited rate, any other switches the source off ([`crate::panics::hook`]).
 
 use std::cell::{Cell, RefCell};
 use std::future::poll_fn;
@@ -19,15 +19,15 @@ use crate::events::rate_limit::RateLimit;
 
 thread_local! {
     static CONTAINED: Cell<bool> = const { Cell::new(false) };
-    /// Where the last contained panic of this thread happened, for whoever catches it.
+    /// Location of the last contained panic of this thread, for the code that catches it.
     static PLACE: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// What is said of contained panics in the log.
+/// Rate limit of the log.
 static LOG: RateLimit = RateLimit::new();
 
-/// Whether a panic on this thread ends no more than an answer. A panic on a thread of rayon comes back to whoever waits
-/// for the computation.
+/// Whether a panic on this thread is contained. A panic on a thread of rayon is propagated to the thread that waits for
+/// the computation.
 pub(crate) fn is_contained() -> bool {
     CONTAINED.get() || rayon::current_thread_index().is_some()
 }
@@ -45,7 +45,7 @@ pub(crate) fn log(panic: &PanicHookInfo<'_>) {
     PLACE.set(place);
 }
 
-/// Logs how many panics were left out since the last one that was logged; called now and then.
+/// Logs how many panics were suppressed since the last logged one; called periodically.
 pub(crate) fn catch_up() {
     LOG.catch_up();
 }
@@ -82,7 +82,7 @@ fn message(payload: &dyn std::any::Any) -> String {
     text.unwrap_or_else(|| "no message".to_owned())
 }
 
-/// The marker of this thread, set until dropped.
+/// Sets the marker of this thread until dropped.
 struct Marked {
     before: bool,
 }
@@ -101,23 +101,23 @@ impl Drop for Marked {
     }
 }
 
-/// Runs something whose panic is contained.
+/// Runs a closure whose panic is contained.
 pub(crate) fn run<T>(work: impl FnOnce() -> T) -> Result<T, Panicked> {
     let _marked = Marked::set(true);
     catch_unwind(AssertUnwindSafe(work)).map_err(|payload| Panicked::caught(payload.as_ref()))
 }
 
-/// What a panic of an answer ends.
+/// What a panic of a reply ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ends {
-    /// The answer only.
+    /// Only the reply.
     Answer,
-    /// The answer, and the session as well: the code has instruments or a session in its hands, and only switching the
-    /// source off is sure to leave them safe.
+    /// The reply and the session: the code was using instruments or a session, and only switching the source off is
+    /// sure to leave them safe.
     Session,
 }
 
-/// Awaits an answer to a client; a panic of it is caught.
+/// Awaits a reply to a client; catches its panic.
 pub(crate) async fn answer<T>(ends: Ends, future: impl Future<Output = T>) -> Result<T, Panicked> {
     let mut future = pin!(future);
     poll_fn(|context| {
@@ -132,7 +132,7 @@ pub(crate) async fn answer<T>(ends: Ends, future: impl Future<Output = T>) -> Re
     .await
 }
 
-/// Runs something that blocks on a thread for it; a panic of it is contained where one of the caller's would be.
+/// Runs blocking work on a blocking thread; its panic is contained if one of the caller would be.
 pub(crate) fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> JoinHandle<T> {
@@ -143,7 +143,7 @@ pub(crate) fn blocking<T: Send + 'static>(
     })
 }
 
-/// Sets the marker for as long as this thread lives; called where a thread that serves clients starts.
+/// Sets the marker for the life of this thread; called at the start of a thread that serves clients.
 pub(crate) fn mark_thread() {
     CONTAINED.set(true);
 }
@@ -173,7 +173,7 @@ mod tests {
         assert!(!is_contained());
         assert!(!panics.has_changed().unwrap(), "none was the daemon's");
 
-        // what is spawned from an answer belongs to the daemon
+        // a task spawned from a reply belongs to the daemon
         let spawned = answer(Ends::Answer, async {
             tokio::spawn(async { is_contained() }).await.unwrap()
         });

@@ -1,4 +1,4 @@
-//! The panic hook. It logs a contained panic, and reports every other one to whoever listens.
+//! The panic hook. It logs a contained panic, and reports every other one to its subscribers.
 
 use std::sync::{LazyLock, Once};
 
@@ -6,11 +6,11 @@ use tokio::sync::watch;
 
 use crate::panics::containment;
 
-/// Where the last panic happened that was not contained.
+/// Location of the last panic that was not contained.
 static RECEIVED: LazyLock<watch::Sender<String>> = LazyLock::new(watch::Sender::default);
 static INSTALLED: Once = Once::new();
 
-/// Installs the hook, before the one that prints.
+/// Installs the hook before the one that prints.
 pub(crate) fn install() {
     INSTALLED.call_once(|| {
         let prints = std::panic::take_hook();
@@ -27,7 +27,7 @@ pub(crate) fn install() {
     });
 }
 
-/// Receives the place of each panic from now on.
+/// Subscribes to the locations of panics.
 pub(crate) fn listen() -> watch::Receiver<String> {
     RECEIVED.subscribe()
 }

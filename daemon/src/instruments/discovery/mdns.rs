@@ -1,4 +1,4 @@
-//! Who announces itself by mDNS (fact sheet lxi-discovery, sections 3 and 7).
+//! Finds instruments announced by mDNS (fact sheet lxi-discovery, sections 3 and 7).
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv4Addr, UdpSocket};
@@ -10,7 +10,7 @@ use tokio::time::Instant;
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::discovery::{Candidate, SCPI_RAW};
 
-/// The one whose port is a SCPI socket comes first; the others only tell that there is something.
+/// Service types: first the one whose port is a SCPI socket; the others only show that a device exists.
 const TYPES: [&str; 5] = [
     "_scpi-raw._tcp.local.",
     "_lxi._tcp.local.",
@@ -18,14 +18,14 @@ const TYPES: [&str; 5] = [
     "_hislip._tcp.local.",
     "_scpi-telnet._tcp.local.",
 ];
-/// Where mDNS is spoken.
+/// Multicast address of mDNS.
 const GROUP: Ipv4Addr = Ipv4Addr::new(224, 0, 0, 251);
 
-/// What one instance is known by.
+/// What is known of one device.
 #[derive(Default)]
 struct Instance {
     hosts: Vec<IpAddr>,
-    /// Of its SCPI socket.
+    /// Port of its SCPI socket.
     port: Option<u16>,
 }
 
