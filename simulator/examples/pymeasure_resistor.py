@@ -23,7 +23,7 @@ def main():
     source.source_range = 2e-3
     source.source_compliance = 5
     mainframe.write("*RST;*CLS")
-    # Pair 1 is terminals 1 and 2: channel 1001 leads it to the voltmeter, channel 1036 to the source.
+    # Pair 1 is terminals 1 and 2: channel 1001 connects it to the voltmeter, channel 1036 to the source.
     mainframe.write("CONF:VOLT:DC 1,(@1001)")
     mainframe.write("ROUT:CLOS (@1036)")
     mainframe.query("*OPC?")
@@ -31,7 +31,7 @@ def main():
     source.enable_source()
     for milliampere in (-1.0, -0.5, 0.0, 0.5, 1.0):
         source.source_current = milliampere * 1e-3
-        # The level is there once the source says so: two connections know nothing of each other's order.
+        # Wait for the source's confirmation: the order of messages on two connections is undefined.
         assert float(source.ask("SOUR:CURR?")) == milliampere * 1e-3
         volts = float(mainframe.query("READ?"))
         print(f"{milliampere:+.1f} mA  {volts:+.6f} V")

@@ -1,5 +1,5 @@
-//! `tactus instruments discover`: finds instruments and proposes lines of configuration. Without a daemon, `tactusd
-//! --discover` prints the same.
+//! `tactus instruments discover`: finds instruments and proposes lines of configuration. Without a daemon,
+//! `tactusd --discover` prints the same.
 
 use std::io::Write;
 

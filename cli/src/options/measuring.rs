@@ -1,5 +1,5 @@
-//! Measuring settings of a session that differ from the daemon's configuration: options of `start` and of `baseline
-//! record`, which must be the same for both.
+//! Measuring settings of a session that differ from the daemon's configuration: options of `start` and of
+//! `baseline record`, which must be the same for both.
 
 use std::time::Duration;
 

@@ -1,5 +1,5 @@
-//! Time of the forward model and of the calculations that use it, at the paper's size: `cargo run --release -p
-//! tactus-eit --example forward_time`.
+//! Time of the forward model and of the calculations that use it, at the paper's size:
+//! `cargo run --release -p tactus-eit --example forward_time`.
 //!
 //! Minimum and median wall time of each; on a busy machine the minimum is the meaningful one. With `-- --python FILE`
 //! (a Python that has scipy) the reference `scipy_reference.py` runs as well.

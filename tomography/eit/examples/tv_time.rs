@@ -1,6 +1,6 @@
-//! Time of total variation at the paper's size, and its distance from the true minimum: `cargo run --release -p
-//! tactus-eit --example tv_time [-- FRAMES [--times-only]]`. One core. The reference minimum is computed offline by
-//! this crate's interior-point method over all triangles, to 2e-9.
+//! Time of total variation at the paper's size, and its distance from the true minimum:
+//! `cargo run --release -p tactus-eit --example tv_time [-- FRAMES [--times-only]]`. One core. The reference minimum is
+//! computed offline by this crate's interior-point method over all triangles, to 2e-9.
 
 use std::sync::Arc;
 use std::time::Instant;

@@ -1,5 +1,5 @@
-//! Changes of the readings by the paper's presses, and the computing time of the phantom: `cargo run -p tactus-phantom
-//! --example press_signals`.
+//! Changes of the readings by the paper's presses, and the computing time of the phantom:
+//! `cargo run -p tactus-phantom --example press_signals`.
 
 use std::time::{Duration, Instant};
 

@@ -1,5 +1,5 @@
-//! Accuracy of the model-based methods on simulated presses, with any seeds: `cargo run --release -p tactus-studies
-//! --example press_figures -- [FIRST_SEED [PRESSES [METHOD...]]]`.
+//! Accuracy of the model-based methods on simulated presses, with any seeds:
+//! `cargo run --release -p tactus-studies --example press_figures -- [FIRST_SEED [PRESSES [METHOD...]]]`.
 //!
 //! Discs of 10 and 30 mm take half the conductance at random positions of the region; forward data from the phantom's
 //! finer mesh, 2 uV of white noise on baseline and frame. Prints mean and worst location error (mm), mean correlation

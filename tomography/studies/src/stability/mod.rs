@@ -1,5 +1,5 @@
-//! The hard cases of the fact sheet, each with a naive implementation that fails, ours, and a bound (`tactus-lab
-//! stability`).
+//! The hard cases of the fact sheet, each with a naive implementation that fails, ours, and a bound
+//! (`tactus-lab stability`).
 //!
 //! A case is a function that returns its results; one whose feature does not exist yet is listed as not built. The
 //! numbers are those of the fact sheet `physics-and-hard-cases.md`, section 4. Every bound has been seen to fail.

@@ -20,8 +20,8 @@ pub fn spread(count: usize, middle: f64, factor: f64) -> Vec<f64> {
         .collect()
 }
 
-/// A rectangular grid with inner nodes displaced by `push` of a cell. Electrodes are runs of boundary edges: `(side,
-/// first, count)` with sides 0 bottom, 1 right, 2 top, 3 left, counted along +x or +y.
+/// A rectangular grid with inner nodes displaced by `push` of a cell. Electrodes are runs of boundary edges:
+/// `(side, first, count)` with sides 0 bottom, 1 right, 2 top, 3 left, counted along +x or +y.
 pub fn grid(
     size: [f64; 2],
     cells: [usize; 2],
