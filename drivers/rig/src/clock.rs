@@ -1,14 +1,14 @@
-//! Time, handed in.
+//! Clocks, passed in by the caller.
 
 use std::time::{Duration, Instant};
 
 use chrono::{DateTime, Utc};
 
-/// Tells the two times a frame is stamped with.
+/// The two times that a frame is stamped with.
 pub trait Clock: Send + Sync {
-    /// Never runs backwards, whatever happens to the wall clock.
+    /// Never decreases, whatever happens to the wall clock.
     fn monotonic(&self) -> Duration;
-    /// What a calendar shows.
+    /// Calendar time.
     fn wall(&self) -> DateTime<Utc>;
 }
 
@@ -30,7 +30,7 @@ impl<T: Clock + ?Sized> Clock for std::sync::Arc<T> {
     }
 }
 
-/// The machine's own clocks; monotonic time counts from its making. Copies tell the same time.
+/// The system clocks; monotonic time counts from the construction. Copies show the same time.
 #[derive(Debug, Clone, Copy)]
 pub struct SystemClock {
     start: Instant,

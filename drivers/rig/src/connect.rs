@@ -7,11 +7,11 @@ use tokio_serial::SerialPortBuilderExt;
 use crate::link::half_open;
 use crate::{BoxStream, LinkError};
 
-/// Unacknowledged data older than this breaks a TCP connection: a pulled cable is noticed although nobody closes.
+/// Unacknowledged data older than this breaks a TCP connection: a pulled cable is detected although no end closes.
 const HALF_OPEN: Duration = Duration::from_secs(4);
 
-/// Connects to `host:port`, without Nagle's delay (44 ms on every write followed by a query). After a connection was lost
-/// every other one comes from the same port as that: an instrument that still keeps its place for the lost one lets go.
+/// Connects to `host:port`, without Nagle's delay (44 ms on every write followed by a query). After a lost connection
+/// every other attempt uses the lost one's local port: an instrument that still holds that connection then releases it.
 ///
 /// # Errors
 /// [`LinkError::Unreachable`] with the address, at the latest after `deadline`.

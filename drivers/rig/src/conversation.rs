@@ -1,5 +1,5 @@
-//! A SCPI conversation with one instrument: messages that end with a query of the error queue, replies split into
-//! answers and error entry, settings compared with what reads back.
+//! SCPI messages to one instrument: each ends with a query of the error queue; replies are split into answers and error
+//! entry, and settings are compared with their read-back.
 
 use std::fmt;
 use std::time::Duration;
@@ -21,22 +21,22 @@ pub struct Conversation<S> {
     most_errors: usize,
 }
 
-/// What came back for one message.
+/// The reply to one message.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replies {
     /// The message as it was sent, the query of the error queue included.
     pub message: String,
     /// The whole reply.
     pub reply: String,
-    /// One for each query that was answered, in order: a refused query has no answer.
+    /// One for each query that was answered, in order: a rejected query has no answer.
     pub answers: Vec<String>,
     /// The oldest entry of the error queue; code 0 where it was empty.
     pub error: ErrorEntry,
 }
 
 impl<S: Stream> Conversation<S> {
-    /// A conversation over a link. `next_error` is the query that takes the oldest error; after `most_errors` of them
-    /// the queue is taken for broken.
+    /// A conversation over a link. `next_error` is the query that takes the oldest error; after `most_errors` entries
+    /// the queue counts as broken.
     pub fn new(link: Link<S>, next_error: impl fmt::Display, most_errors: usize) -> Self {
         Self {
             link,
@@ -50,7 +50,7 @@ impl<S: Stream> Conversation<S> {
         &self.link
     }
 
-    /// The link, to replace its stream or to bring it back in step.
+    /// The link, to replace its stream or to resynchronise it.
     pub fn link_mut(&mut self) -> &mut Link<S> {
         &mut self.link
     }
@@ -82,7 +82,7 @@ impl<S: Stream> Conversation<S> {
         })
     }
 
-    /// Sends commands, the last of which is a query, in one segment; gives the message and its reply.
+    /// Sends commands, the last of which is a query, in one segment; returns the message and its reply.
     ///
     /// # Errors
     /// The link's.
@@ -96,7 +96,7 @@ impl<S: Stream> Conversation<S> {
         Ok((message, reply))
     }
 
-    /// Sends commands and a query of the error queue in one segment, within the link's deadline.
+    /// Sends commands and a query of the error queue in one segment, with the link's timeout.
     ///
     /// # Errors
     /// The link's, or a reply without an error entry.
@@ -104,7 +104,7 @@ impl<S: Stream> Conversation<S> {
         self.send_within(commands, self.link.deadline()).await
     }
 
-    /// As [`Conversation::send`] with a deadline of its own.
+    /// Like [`Conversation::send`] with an individual timeout.
     ///
     /// # Errors
     /// As [`Conversation::send`].
@@ -189,7 +189,7 @@ impl<S: Stream> Conversation<S> {
         }
     }
 
-    /// Refuses relays of which some read closed; `closed` has a state for each.
+    /// Refuses relays that read closed; `closed` has a state for each of `relays`.
     ///
     /// # Errors
     /// [`RigError::StillClosed`] with those.
@@ -208,8 +208,8 @@ impl<S: Stream> Conversation<S> {
     }
 }
 
-/// The answers of a reply and the error entry behind them. The entry begins at the first piece that is text: its own
-/// text may hold a semicolon.
+/// Splits a reply into its answers and the error entry at the end. The entry begins at the first piece that is text:
+/// its text may contain a semicolon.
 fn split_error(reply: &str) -> (&str, &str) {
     let mut from = 0;
     for piece in reply.split(';') {

@@ -1,14 +1,14 @@
-//! Errors of an instrument or of the wire to it. The message names the instrument and the command.
+//! Errors of an instrument or its connection. The message names the instrument and the command.
 
 use survey::{Amps, Relay, Volts};
 
 use crate::LinkError;
 use crate::found_relay::{FoundRelay, name_relays};
 
-/// An error of an instrument or of the wire to it.
+/// An error of an instrument or its connection.
 #[derive(Debug, thiserror::Error)]
 pub enum RigError {
-    /// The wire failed.
+    /// The connection failed.
     #[error(transparent)]
     Link(#[from] LinkError),
     /// The instrument at this address is another one.
@@ -40,9 +40,9 @@ pub enum RigError {
     Garbled {
         /// Name and address.
         instrument: String,
-        /// What was asked.
+        /// The query.
         command: String,
-        /// What came, shortened.
+        /// The reply, shortened.
         answer: String,
         /// What was expected.
         expected: String,
@@ -66,12 +66,12 @@ pub enum RigError {
     NotOff {
         /// Name and address.
         instrument: String,
-        /// What the output reads: `on`, `off`.
+        /// Output state as read back: `on`, `off`.
         output: String,
-        /// What the level reads.
+        /// Level as read back.
         level: Amps,
     },
-    /// The source's interlock is open, or was since it was last asked about: its output is off.
+    /// The source's interlock is open, or was since the last query: its output is off.
     #[error(
         "{instrument}: the interlock is open, or was during this; it keeps the output off until it is closed"
     )]
@@ -87,7 +87,7 @@ pub enum RigError {
         /// Which.
         relays: Vec<Relay>,
     },
-    /// Injecting relays read back in another state than they were brought to.
+    /// Injecting relays whose read-back differs from their commanded state.
     #[error("the relays are not as they were switched:{}{}", text(" read open: ", .open), text(" read closed: ", .closed))]
     RelayMismatch {
         /// Should be closed.
@@ -112,7 +112,7 @@ pub enum RigError {
     CurrentOutOfRange {
         /// Name and address.
         instrument: String,
-        /// Asked.
+        /// Requested.
         requested: Amps,
         /// Largest allowed.
         most: Amps,
@@ -122,12 +122,12 @@ pub enum RigError {
     VoltageOutOfRange {
         /// Name and address.
         instrument: String,
-        /// Asked.
+        /// Requested.
         requested: Volts,
         /// Allowed, in words.
         allowed: String,
     },
-    /// A scan answered another number of readings than it has channels.
+    /// A scan returned another number of readings than it has channels.
     #[error("the scan answered {came} readings where {expected} pairs are scanned")]
     ReadingCount {
         /// Readings that came.
@@ -140,13 +140,13 @@ pub enum RigError {
     Unable {
         /// Name and address.
         instrument: String,
-        /// What was asked.
+        /// The operation.
         what: String,
     },
 }
 
 impl RigError {
-    /// Name and address of the instrument that it is about, where it is about one.
+    /// Name and address of the instrument concerned, if any.
     pub fn instrument(&self) -> Option<&str> {
         match self {
             Self::Link(

@@ -1,10 +1,10 @@
-//! Relays found in another state than they should be in, with the electrodes that they lead to.
+//! Relays whose state differs from the expected one, with the electrodes that they join.
 
 use std::fmt;
 
 use survey::{Dipole, Relay};
 
-/// A relay found in another state than it should be in, and the pairs of electrodes that it serves.
+/// A relay whose state differs from the expected one, with the pairs of electrodes that it serves.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FoundRelay {
     /// The relay.

@@ -1,12 +1,11 @@
-//! The three traits of a rig's instruments, the one place that waits on a wire, and the acquisition of a plan.
+//! Instrument traits, a link with timeouts, and the acquisition of a plan with verified switch-off.
 //!
-//! What it is for: to run a [`survey::Plan`] on whatever implements [`CurrentSource`], [`Switch`] and
-//! [`Voltmeter`], over wires that stall, split, merge and break, and to leave the source off and verified on every way
-//! out. It leaves to others the commands of any particular instrument and mathematics. A reply that comes too late is
-//! refused.
+//! Runs a [`survey::Plan`] on any implementation of [`CurrentSource`], [`Switch`] and [`Voltmeter`], over connections
+//! that stall, split, merge and break, and leaves the source off and verified on every exit path. Commands of
+//! particular instruments and mathematics are left to other crates. A late reply is refused.
 //!
-//! - **link**: lines to and from one instrument, with deadlines; **out of step**: after a fault, until the stream is
-//!   replaced or the peer has proved that it answers the query sent
+//! - **link**: lines to and from one instrument, with timeouts; **out of step**: state after a fault, until the stream
+//!   is replaced or the link is resynchronised
 //! - **conversation**: messages over a link that end with a query of the error queue
 //! - **rig**: source, switch and voltmeter, held by one user at a time
 //! - **acquire**: a plan in, a frame out; **safe off**: source off and relays open, each verified

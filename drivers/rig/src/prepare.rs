@@ -1,16 +1,16 @@
-//! Settings applied and read back, before a frame and after a rig has been lost.
+//! Applies and reads back settings, before a frame and after a lost connection.
 
 use survey::{Plan, Sensing};
 
 use crate::traits::Instruments;
 use crate::{CurrentSource, MeterSettings, Rig, RigError, Voltmeter};
 
-/// Applies the settings of a plan to source and voltmeter, each verified by read-back; the source stays off. The first
-/// time after connecting the voltmeter's mainframe is reset.
+/// Applies the settings of a plan to source and voltmeter, each verified by read-back; the source stays off. After
+/// connecting, the first call resets the voltmeter's mainframe.
 ///
 /// # Errors
-/// A setting that reads back differently, a refusal, or a wire that fails. The source is then off only if the error is
-/// not the source's own.
+/// A setting that reads back differently, a rejected command, or a failed connection. The source is then off unless the
+/// error is the source's.
 pub async fn prepare<C, W, V>(
     rig: &Rig<C, W, V>,
     plan: &Plan,

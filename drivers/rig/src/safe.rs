@@ -1,4 +1,4 @@
-//! A rig made safe, and what is said when it is not.
+//! Makes a rig safe, and reports what could not be made safe.
 
 use std::fmt;
 use std::time::Duration;
@@ -10,27 +10,27 @@ use crate::found_relay::{FoundRelay, name_relays};
 use crate::traits::Instruments;
 use crate::{CurrentSource, Rig, RigError, Switch};
 
-/// How long the source may take to be verified off before the relays are opened beside it.
+/// Time for verifying the source off before the relays are opened concurrently.
 const HEAD_START: Duration = Duration::from_millis(100);
 
-/// What could not be made safe; the halves that are `None` were done and verified.
+/// What could not be made safe; halves that are `None` were done and verified.
 #[derive(Debug)]
 pub struct CleanupError {
     /// Why the source is not verified off: its state is unknown.
     pub source: Option<RigError>,
     /// Why the relays are not verified open.
     pub relays: Option<RigError>,
-    /// How long it took until the source was verified off; `None` where it is not.
+    /// Time until the source was verified off; `None` if it was not.
     pub off_after: Option<Duration>,
 }
 
 impl CleanupError {
-    /// Whether nobody knows if the source still drives.
+    /// Whether the source may still drive a current.
     pub fn source_state_unknown(&self) -> bool {
         self.source.is_some()
     }
 
-    /// Nobody was left to see to it: the runtime was shut down in the middle of a plan.
+    /// No cleanup was possible: the runtime was shut down during a plan.
     pub(crate) fn nobody_knows() -> Self {
         let unable = |what: &str| RigError::Unable {
             instrument: "the rig".to_owned(),
@@ -69,10 +69,10 @@ impl std::error::Error for CleanupError {}
 /// Why a rig must not be started.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// The switch does not answer.
+    /// The switch does not reply.
     #[error("the injecting relays could not be read back")]
     Unreadable(#[from] RigError),
-    /// Relays are closed before anything was asked: latching relays survive a power cycle.
+    /// Relays are closed before any command: latching relays survive a power cycle.
     #[error(
         "injecting relays closed before anything was asked of them: {}; see why, then open them with `tactus instruments \
          open-all` (or tactusd --safe-off)",
@@ -97,10 +97,10 @@ pub async fn check_at_start<C, W: Switch, V>(
     }
 }
 
-/// The injecting relays that read back closed, with the electrodes that they lead to.
+/// The injecting relays that read back closed, with their electrodes.
 ///
 /// # Errors
-/// A wire that fails, or an answer that is no state.
+/// A failed connection, or an invalid reply.
 pub async fn find_closed<W: Switch>(
     switch: &mut W,
     wiring: &Wiring,
@@ -115,7 +115,7 @@ pub async fn find_closed<W: Switch>(
         .collect())
 }
 
-/// Switches the source off and opens the wiring's relays, each verified; tries the second also when the first fails.
+/// Switches the source off and opens the wiring's relays, each verified; opens the relays even if the source fails.
 ///
 /// # Errors
 /// Which half failed, or both.
@@ -127,7 +127,7 @@ where
     make_safe(&mut *rig.lock().await, wiring).await.map(drop)
 }
 
-/// Returns how long it took until the source was verified off.
+/// Returns the time until the source was verified off.
 pub(crate) async fn make_safe<C, W, V>(
     instruments: &mut Instruments<C, W, V>,
     wiring: &Wiring,
@@ -142,8 +142,8 @@ where
         let off = instruments.source.off().await;
         (off, detected.elapsed())
     });
-    // Relays last longest when they open without a current. A source that does not answer in time is not waited for:
-    // open relays keep the sheet without current, whatever the source does.
+    // Relays last longest when they open without current. If the source does not reply in time, they are opened
+    // nevertheless: no current reaches the sheet through open relays.
     let ((off, after), opened) = match tokio::time::timeout(HEAD_START, &mut off).await {
         Ok(off) => (off, instruments.switch.open_verified(&relays).await),
         Err(_) => tokio::join!(off, instruments.switch.open_verified(&relays)),
@@ -158,8 +158,7 @@ where
     }
 }
 
-/// Reads every injecting relay back, and opens all relays: those of the pair that was driven were closed, all others
-/// open.
+/// Reads every injecting relay back, and opens all relays. Expected: those of the driven pair closed, all others open.
 ///
 /// # Errors
 /// [`RigError::RelayMismatch`] naming relays and electrodes.

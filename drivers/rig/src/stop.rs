@@ -2,7 +2,7 @@
 
 use tokio::sync::watch;
 
-/// Asks for a stop.
+/// Requests a stop.
 #[derive(Debug, Clone)]
 pub struct StopButton(watch::Sender<bool>);
 
@@ -11,13 +11,13 @@ pub struct StopButton(watch::Sender<bool>);
 pub struct Stop(watch::Receiver<bool>);
 
 impl Stop {
-    /// A button and what it stops. A button dropped unpressed stops nothing.
+    /// A stop button and its receiver. Dropping the button without pressing it stops nothing.
     pub fn button() -> (StopButton, Self) {
         let (sender, receiver) = watch::channel(false);
         (StopButton(sender), Self(receiver))
     }
 
-    /// One that nobody presses.
+    /// A receiver that is never stopped.
     pub fn never() -> Self {
         Self::button().1
     }
@@ -36,7 +36,7 @@ impl Stop {
 }
 
 impl StopButton {
-    /// Asks for a stop. Pressed once, pressed for good.
+    /// Requests a stop; cannot be undone.
     pub fn press(&self) {
         self.0.send_replace(true);
     }

@@ -1,4 +1,4 @@
-//! The traits of a rig's instruments: what `acquire` needs of a source, a switch and a voltmeter, and nothing more.
+//! The traits of a rig's instruments: what `acquire` needs of a source, a switch and a voltmeter.
 
 use std::future::Future;
 use std::sync::Arc;
@@ -9,10 +9,10 @@ use tokio::sync::{Mutex, OwnedMutexGuard};
 
 use crate::RigError;
 
-/// Puts a known current through the pair that the switch has joined to it.
+/// Drives a known current through the pair that the switch has joined to it.
 pub trait CurrentSource: Send {
-    /// Sets 0 A, output off, the fixed range that holds `current`, and the voltage limit; verifies by read-back, output
-    /// and level included. What was in compliance before is forgotten.
+    /// Sets 0 A, output off, the fixed range that holds `current`, and the voltage limit; verifies by read-back,
+    /// including output and level. Clears earlier compliance events.
     fn prepare(
         &mut self,
         current: Amps,
@@ -25,7 +25,7 @@ pub trait CurrentSource: Send {
     /// Switches the output.
     fn set_output(&mut self, on: bool) -> impl Future<Output = Result<(), RigError>> + Send;
 
-    /// From 0 A and off to a level: the output first, then the level, in one message where the source takes it.
+    /// Turns the output on at 0 A, then sets the current. One message if the instrument allows it.
     fn switch_on(&mut self, current: Amps) -> impl Future<Output = Result<(), RigError>> + Send {
         async move {
             self.set_output(true).await?;
@@ -33,10 +33,10 @@ pub trait CurrentSource: Send {
         }
     }
 
-    /// Reads whether the voltage limit holds the current back now, or has begun to since the last call.
+    /// Reads whether the source is in compliance (limited by its voltage limit) now, or entered it since the last call.
     fn compliance(&mut self) -> impl Future<Output = Result<Compliance, RigError>> + Send;
 
-    /// Reads whether the voltage limit holds the current back now, or has since the last call.
+    /// Reads whether the source is in compliance now, or was since the last call.
     fn in_compliance(&mut self) -> impl Future<Output = Result<bool, RigError>> + Send {
         async { Ok(self.compliance().await?.ever()) }
     }
@@ -44,16 +44,16 @@ pub trait CurrentSource: Send {
     /// Sets 0 A and output off, then reads both back.
     ///
     /// # Errors
-    /// [`RigError::NotOff`] when the read-back says otherwise.
+    /// [`RigError::NotOff`] if the read-back differs.
     fn off(&mut self) -> impl Future<Output = Result<(), RigError>> + Send;
 }
 
-/// What a source says of its voltage limit.
+/// Compliance state of a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Compliance {
-    /// It holds the current back now.
+    /// In compliance now.
     pub now: bool,
-    /// It began to, at some time since the last call.
+    /// Entered compliance at some time since the last call.
     pub since: bool,
 }
 
@@ -64,7 +64,7 @@ impl Compliance {
     }
 }
 
-/// One thing to do with relays.
+/// A relay command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Move {
     /// Close these.
@@ -75,8 +75,8 @@ pub enum Move {
 
 /// Joins pairs of electrodes to source and voltmeter.
 pub trait Switch: Send {
-    /// Carries the moves out in order. May be held back and sent in one segment with the next question to the same
-    /// instrument; [`Switch::settle`] says when relays are to have moved.
+    /// Executes the moves in order. They may be held back and sent in one segment with the next query to the same
+    /// instrument; [`Switch::settle`] ensures that the relays have moved.
     fn move_relays(&mut self, moves: &[Move]) -> impl Future<Output = Result<(), RigError>> + Send;
 
     /// Sends what was held back and waits until the relays have moved.
@@ -97,8 +97,8 @@ pub trait Switch: Send {
         relays: &[Relay],
     ) -> impl Future<Output = Result<(), RigError>> + Send;
 
-    /// Reads back which of `requested` are closed, then opens `relays` as [`Switch::open_verified`] does; in one message
-    /// where the switch takes it.
+    /// Reads back which of `requested` are closed, then opens `relays` like [`Switch::open_verified`]; in one message
+    /// if the instrument allows it.
     fn closed_before_opening(
         &mut self,
         requested: &[Relay],
@@ -112,23 +112,23 @@ pub trait Switch: Send {
     }
 }
 
-/// How the voltmeter is to measure.
+/// Settings of the voltmeter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeterSettings {
-    /// The range of every reading that has none of its own.
+    /// The range of readings without an individual one.
     pub range: Volts,
     /// Integration, power-line cycles: one of those that the voltmeter has.
     pub nplc: f64,
-    /// Resolution at this integration as a part of the range, from the driver's table; 0: not known.
+    /// Resolution at this integration time as a fraction of the range, from the driver's table; 0: unknown.
     pub resolution: f64,
     /// Whether a zero reading follows every reading.
     pub autozero: bool,
     /// Readings averaged to one, 1 or more.
     pub averages: u32,
-    /// Waited before each scanned channel.
+    /// Delay before each scanned channel.
     pub channel_delay: Duration,
-    /// How long the readings of one question may take ([`survey::Plan::longest_answer`]), beside what any answer may
-    /// take on its way; `None`: as long as the voltmeter itself thinks.
+    /// Time that the readings of one query may take ([`survey::Plan::longest_answer`]), in addition to the link's
+    /// timeout; `None`: the voltmeter's own estimate.
     pub deadline: Option<Duration>,
 }
 
@@ -154,21 +154,21 @@ pub struct Sample {
     pub relay: Relay,
     /// Its range.
     pub range: Volts,
-    /// Waited once its relay has closed, before it is read, beside the delay of every channel: what the sheet needs to
-    /// settle after the current has moved.
+    /// Delay between closing its relay and reading, in addition to the delay of every channel: the settling time of the
+    /// sheet after a change of current.
     pub wait: Duration,
 }
 
 /// A pair to join to the voltmeter and to read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hop {
-    /// The last pair opened, this one closed.
+    /// Opens the previous pair, closes this one.
     pub moves: Vec<Move>,
     /// Its range.
     pub range: Volts,
 }
 
-/// The mean of readings of one voltage; the first reason why there is none.
+/// The mean of readings of one voltage, or the first invalid reading.
 pub fn mean(readings: &[Reading]) -> Reading {
     let mut sum = 0.0;
     for reading in readings {
@@ -183,7 +183,7 @@ pub fn mean(readings: &[Reading]) -> Reading {
     }
 }
 
-/// Reads voltages. Where averages are prepared each reading is the mean of so many.
+/// Reads voltages. With averaging each reading is the mean of several.
 pub trait Voltmeter: Send {
     /// Sets function, range, integration, and the relays to scan in this order (empty: single readings only).
     fn prepare(
@@ -195,30 +195,30 @@ pub trait Voltmeter: Send {
     /// Scans the prepared list once on the prepared range; one reading a relay, in its order.
     fn scan(&mut self) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
 
-    /// Scans these channels, each on its range and after its wait; one reading a channel, in their order. Relay moves
-    /// held back by a switch of the same instrument are made before.
+    /// Scans these channels, each on its range and after its delay; one reading a channel, in their order. Relay moves
+    /// held back by a switch of the same instrument are executed first.
     fn scan_on(
         &mut self,
         channels: &[Sample],
     ) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
 
-    /// Reads once what the switch has joined to the voltmeter, on the prepared range.
+    /// Reads the pair joined to the voltmeter once, on the prepared range.
     fn read(&mut self) -> impl Future<Output = Result<Reading, RigError>> + Send;
 
-    /// Reads once what the switch has joined to the voltmeter.
+    /// Reads the pair joined to the voltmeter once, on this range.
     fn read_on(&mut self, range: Volts) -> impl Future<Output = Result<Reading, RigError>> + Send;
 
     /// Joins and reads one pair after the other in a single message.
     ///
     /// # Errors
-    /// [`RigError::Unable`] where the voltmeter has no relays.
+    /// [`RigError::Unable`] if the voltmeter has no relays.
     fn chain(
         &mut self,
         hops: &[Hop],
     ) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
 }
 
-/// The three things of a rig, whoever implements them. Switch and voltmeter may be two handles of one instrument.
+/// The instruments of a rig. Switch and voltmeter may be two handles of one instrument.
 #[derive(Debug)]
 pub struct Instruments<C, W, V> {
     /// The current source.
@@ -229,10 +229,10 @@ pub struct Instruments<C, W, V> {
     pub voltmeter: V,
 }
 
-/// A rig, as a handle: clones mean the same instruments, and whoever works with them holds them alone.
+/// A handle of a rig: clones share the instruments, and each user locks them exclusively.
 ///
-/// The handle is what lets [`crate::acquire`] finish in safety when the future that asked for it is dropped: its task
-/// keeps the instruments until the source is off, and the next user waits for that.
+/// [`crate::acquire`] needs this to finish safely if its future is dropped: its task keeps the instruments until the
+/// source is off, and the next user waits for that.
 #[derive(Debug)]
 pub struct Rig<C, W, V> {
     instruments: Arc<Mutex<Instruments<C, W, V>>>,
@@ -261,7 +261,7 @@ impl<C, W, V> Rig<C, W, V> {
         }
     }
 
-    /// A rig at least one part of which is simulated: its frames say so.
+    /// A rig with at least one simulated part: its frames are marked as simulated.
     pub fn simulated(source: C, switch: W, voltmeter: V) -> Self {
         Self {
             simulated: true,
@@ -274,7 +274,7 @@ impl<C, W, V> Rig<C, W, V> {
         self.simulated
     }
 
-    /// Waits until nobody else works with the instruments, then holds them.
+    /// Waits until no other user holds the instruments, then locks them.
     pub async fn lock(&self) -> OwnedMutexGuard<Instruments<C, W, V>> {
         Arc::clone(&self.instruments).lock_owned().await
     }

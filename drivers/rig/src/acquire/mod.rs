@@ -1,9 +1,9 @@
-//! Runs a plan to a frame, and leaves the source off and verified on every way out.
+//! Runs a plan to a frame, and leaves the source off and verified on every exit path.
 //!
-//! The plan runs in a task of its own that holds the instruments. A caller that drops its future only takes its wish
-//! back: the task finishes the exchange under way (a message cut short would leave its link out of step, and then the
-//! source could not be told to switch off), makes the rig safe, and lets go of it. A cleanup started from a `Drop` would
-//! meet links out of step; this one does not.
+//! The plan runs in a separate task that holds the instruments. Dropping the caller's future only requests a stop: the
+//! task finishes the exchange in progress (an interrupted message would leave its link out of step, and the source
+//! could not be commanded off), makes the rig safe, and releases it. A cleanup started from a `Drop` would find links
+//! out of step.
 
 mod run;
 
@@ -20,8 +20,8 @@ use crate::safe::{CleanupError, make_safe};
 use crate::{Clock, CurrentSource, MeterSettings, Rig, RigError, Stop, Switch, Voltmeter};
 use run::Run;
 
-/// Why there is no frame. Every variant but the `Unsafe` ones leaves the source off and verified and the injecting
-/// relays open. `off_after` is the time from the detection to the read-back that the source is off.
+/// Why there is no frame. All variants except the `Unsafe` ones leave the source off and verified and the injecting
+/// relays open. `off_after` is the time from detection to the read-back that the source is off.
 #[derive(Debug, thiserror::Error)]
 pub enum AcquireError {
     /// Source or voltmeter could not be set up.
@@ -72,20 +72,20 @@ pub enum AcquireError {
         /// What could not be made safe.
         cleanup: CleanupError,
     },
-    /// A stop was asked for, or the caller went away.
+    /// A stop was requested, or the caller went away.
     #[error("the survey was stopped before step {number}")]
     Stopped {
-        /// The step that was not begun, counted from 1.
+        /// The step that was not started, counted from 1.
         number: usize,
         /// From detection to verified off.
         off_after: Duration,
     },
-    /// A stop was asked for, and the rig could not be made safe.
+    /// A stop was requested, and the rig could not be made safe.
     #[error(
         "the survey was stopped before step {number}, and then the rig could not be made safe: {cleanup}"
     )]
     StoppedUnsafe {
-        /// The step that was not begun, counted from 1.
+        /// The step that was not started, counted from 1.
         number: usize,
         /// What could not be made safe.
         cleanup: CleanupError,
@@ -93,7 +93,7 @@ pub enum AcquireError {
 }
 
 impl AcquireError {
-    /// What could not be made safe, if so: then the sheet may be live.
+    /// What could not be made safe, if anything: then the sheet may carry current.
     pub fn cleanup(&self) -> Option<&CleanupError> {
         match self {
             Self::PrepareUnsafe { cleanup, .. }
@@ -103,8 +103,7 @@ impl AcquireError {
         }
     }
 
-    /// From the detection of what ended the survey to the read-back that the source is off; `None` where it could not be
-    /// verified off.
+    /// Time from detecting the fault to the read-back that the source is off; `None` if it could not be verified off.
     pub fn off_after(&self) -> Option<Duration> {
         match self {
             Self::Prepare { off_after, .. }
@@ -116,7 +115,7 @@ impl AcquireError {
         }
     }
 
-    /// What an instrument or its wire did, if that was the cause.
+    /// The error of an instrument or its connection, if that was the cause.
     pub fn cause(&self) -> Option<&RigError> {
         match self {
             Self::Prepare { cause, .. }
@@ -130,16 +129,16 @@ impl AcquireError {
 
 /// Runs the plan once.
 ///
-/// Readings over range, and readings of an injection at which the source was in compliance, are flags in the frame and
-/// no error. A stop is handled between two steps. Dropping the future has the effect of a stop: the rig is then held until
-/// it is safe. Must be called inside a tokio runtime; a runtime shut down in the middle of a plan ends it without
-/// cleanup, which is what `tactusd --safe-off` is for.
+/// Readings over range, and readings of an injection at which the source was in compliance, are flags in the frame, not
+/// errors. A stop is handled between two steps. Dropping the future requests a stop: the rig is then held until it is
+/// safe. Must be called inside a tokio runtime; if the runtime is shut down during a plan there is no cleanup: use
+/// `tactusd --safe-off`.
 ///
 /// # Errors
-/// The step that failed and why; with it, if the rig could not be made safe, what of it is not.
+/// The failed step and its cause; also what could not be made safe, if anything.
 ///
 /// # Panics
-/// Hands on a panic of an instrument's driver, after the rig has been made safe.
+/// Propagates a panic of an instrument's driver, after the rig has been made safe.
 pub async fn acquire<C, W, V>(
     rig: &Rig<C, W, V>,
     plan: &Plan,
@@ -200,7 +199,7 @@ where
     })
 }
 
-/// The settings that a frame of this plan and meter carries; a baseline can be checked against them before acquiring.
+/// The settings of a frame of this plan and meter; a baseline can be checked against them before acquiring.
 pub fn settings(plan: &Plan, meter: MeterSettings) -> Settings {
     let ranges = plan.ranges();
     let planned_ranges = ranges.iter().any(Option::is_some);
@@ -236,7 +235,7 @@ enum Cut {
 }
 
 impl Cut {
-    /// `earlier` is how long it took where the source was switched off already while a reading was under way.
+    /// `earlier`: how long switching off took if it was done during a reading.
     fn with(self, made: Result<Duration, CleanupError>, earlier: Option<Duration>) -> AcquireError {
         let made = made.map(|off_after| earlier.unwrap_or(off_after));
         match (self, made) {
@@ -260,7 +259,7 @@ impl Cut {
     }
 }
 
-/// Runs a future, and catches its panic so that the rig can be made safe before it is handed on.
+/// Runs a future, and catches its panic so that the rig can be made safe before the panic is propagated.
 async fn caught<F: Future>(future: F) -> Result<F::Output, Box<dyn Any + Send>> {
     let mut future = std::pin::pin!(future);
     std::future::poll_fn(move |context| {

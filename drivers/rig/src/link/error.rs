@@ -1,32 +1,32 @@
-//! Bad news from a wire.
+//! Errors of a connection.
 
 use std::time::Duration;
 
 /// Most of a text that an error message repeats, characters.
 const SHORTENED: usize = 60;
 
-/// Bad news from a wire.
+/// An error of a connection.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// Nobody answers at the address, or the port cannot be opened.
+    /// No connection to the address, or the port cannot be opened.
     #[error(
         "{address} cannot be reached; check the address, the cable and that the instrument is on"
     )]
     Unreachable {
         /// Host and port, or path of the serial port.
         address: String,
-        /// What the operating system says.
+        /// Error of the operating system.
         #[source]
         cause: std::io::Error,
     },
-    /// No complete answer before the deadline. The link is out of step until it is reopened or resynchronised.
+    /// No complete reply before the timeout. The link is out of step until it is reopened or resynchronised.
     #[error("{instrument} did not answer{} within {deadline:?}", quoted(.message))]
     Timeout {
         /// Name and address.
         instrument: String,
         /// What was sent, shortened.
         message: String,
-        /// How long it was waited for.
+        /// The timeout.
         deadline: Duration,
     },
     /// The peer closed, or the connection broke.
@@ -36,7 +36,7 @@ pub enum LinkError {
         instrument: String,
         /// What was being sent or awaited, shortened; empty when nothing was.
         message: String,
-        /// What the operating system says, if anything.
+        /// Error of the operating system, if any.
         #[source]
         cause: Option<std::io::Error>,
     },
@@ -48,7 +48,7 @@ pub enum LinkError {
         /// Name and address.
         instrument: String,
     },
-    /// The peer sent something nobody asked for.
+    /// The peer sent data without a query.
     #[error("{instrument} sent '{text}' that was not asked for")]
     Unsolicited {
         /// Name and address.
@@ -56,7 +56,7 @@ pub enum LinkError {
         /// What came, shortened.
         text: String,
     },
-    /// A reply longer than any that was asked for.
+    /// A reply longer than the limit.
     #[error("{instrument} answered '{message}' with more than {most} bytes")]
     TooLong {
         /// Name and address.
@@ -74,7 +74,7 @@ pub enum LinkError {
         /// What was sent, shortened.
         message: String,
     },
-    /// A message with a line end inside would be two messages.
+    /// A message that contains a line end would be two messages.
     #[error("the message '{message}' to {instrument} holds a line end; send one message at a time")]
     LineEnd {
         /// Name and address.

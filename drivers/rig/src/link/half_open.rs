@@ -1,9 +1,9 @@
-//! Connections whose far end does not know that ours is gone.
+//! Half-open connections: the peer does not know that our end is gone.
 //!
-//! A cable that is pulled for longer than TCP waits ends our end of a connection in silence; the instrument's end stays,
-//! and where an instrument serves one client at a time that one keeps the place, some for good. Whoever connects from the
-//! port of the lost connection is taken for it: the instrument's TCP asks what this is, ours answers that there is no such
-//! connection, which ends it there, and the next try is let in (RFC 9293, section 3.5.1, figure 10).
+//! If a cable is unplugged for longer than TCP's timeout, our end of a connection ends silently; the instrument's end
+//! stays, and an instrument that serves one client at a time remains occupied, some for good. A new connection from the
+//! same local port is taken for the lost one: the instrument's TCP sends an acknowledgement, ours replies with a reset,
+//! which ends the old connection, and the next attempt succeeds (RFC 9293, section 3.5.1, figure 10).
 
 use std::collections::BTreeMap;
 use std::io;
@@ -15,7 +15,7 @@ use std::task::{Context, Poll};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpSocket, TcpStream};
 
-/// The last connection to an address over which something was said, and how often one was asked for since.
+/// The last connection to an address that received data, and the number of attempts since.
 #[derive(Debug, Clone, Copy)]
 struct Answered {
     local: SocketAddr,
@@ -23,28 +23,29 @@ struct Answered {
     tries: u32,
 }
 
-/// Of this process, by address: ports are the machine's.
+/// For this process, by address, because local ports belong to the machine.
 static ANSWERED: Mutex<BTreeMap<String, Answered>> = Mutex::new(BTreeMap::new());
 
 fn answered() -> MutexGuard<'static, BTreeMap<String, Answered>> {
     ANSWERED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Connects; every other time after a connection was lost from where that one was, if the machine lets us.
+/// Connects; after a lost connection every other attempt uses its local port, if possible.
 pub(crate) async fn connect(address: &str) -> io::Result<Noted> {
     let lost = {
         let mut answered = answered();
         let lost = answered.get_mut(address);
         lost.and_then(|lost| {
             lost.tries += 1;
-            // first as ever: most instruments have noticed, and some refuse a port for a while after a clean end
+            // first from any port: most instruments have noticed, and some refuse a port for a while after a clean
+            // close
             (lost.tries % 2 == 0).then_some(*lost)
         })
     };
     let stream = match lost {
         None => TcpStream::connect(address).await?,
         Some(lost) => match from_there(lost).await {
-            // taken meanwhile, or still waiting for the end of a clean one
+            // in use meanwhile, or still in TIME_WAIT
             Err(fault)
                 if [
                     io::ErrorKind::AddrInUse,
@@ -75,7 +76,7 @@ async fn from_there(lost: Answered) -> io::Result<TcpStream> {
     socket.connect(lost.peer).await
 }
 
-/// A connection that is noted once something has come over it.
+/// A connection that is recorded once it has received data.
 #[derive(Debug)]
 pub(crate) struct Noted {
     address: String,

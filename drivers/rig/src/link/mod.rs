@@ -1,9 +1,9 @@
-//! The one place that waits on a wire.
+//! The link: all waiting for an instrument's I/O.
 //!
-//! A message goes out in one segment; its reply is one line. Whatever happens between the two that is not that reply
-//! (a deadline passed, a second line, a dropped future) leaves the link *out of step*: it answers nothing more until its
-//! stream is replaced ([`Link::replace`]) or the peer has repeated two numbers it was just told
-//! ([`Link::resynchronise`]). So a late reply can never be taken for the next answer.
+//! A message is sent in one segment; its reply is one line. Any other outcome (a timeout, a second line, a dropped
+//! future) leaves the link *out of step*: it refuses all further queries until its stream is replaced
+//! ([`Link::replace`]) or the peer has echoed two numbers just sent to it ([`Link::resynchronise`]). So a late reply
+//! can never be taken for the next one.
 
 mod error;
 pub(crate) mod half_open;
@@ -22,7 +22,7 @@ use error::shorten;
 use crate::RingTranscript;
 use crate::transcript::EntryContent;
 
-/// Longest reply unless [`Link::with_longest_reply`] says otherwise, bytes: 2,600 readings with all their fields.
+/// Default limit of a reply, bytes: 2,600 readings with all their fields; see [`Link::with_longest_reply`].
 const LONGEST_REPLY: usize = 256 * 1024;
 
 /// Anything bytes can be sent over: TCP, a serial line, a pipe in memory.
@@ -33,11 +33,11 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send + ?Sized> Stream for S {}
 /// A stream of whatever kind.
 pub type BoxStream = Box<dyn Stream>;
 
-/// Whether the next line from the peer can be trusted to be the next answer.
+/// Whether the next line from the peer can be trusted to be the next reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
     InStep,
-    /// An exchange did not end as it should; the peer may hold half a message.
+    /// An exchange failed; the peer may have received part of a message.
     OutOfStep,
 }
 
@@ -51,16 +51,16 @@ pub struct Link<S> {
     received: Vec<u8>,
     state: State,
     nonce: u8,
-    /// What attempts to resynchronise may have left in the peer's event enable register.
+    /// Values that attempts to resynchronise may have left in the peer's event enable register.
     nonces: Vec<u8>,
-    /// What the register held before them, once known.
+    /// The register's value before them, once known.
     enable: Option<u8>,
     transcript: Option<RingTranscript>,
 }
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
-    /// A link in step over a fresh stream. `instrument` is a name for messages, with its address
-    /// (`source at 10.0.0.7:1394`); `deadline` is how long an answer may take unless the question says otherwise.
+    /// A link in step over a new stream. `instrument` is a name for messages, with its address (`source at
+    /// 10.0.0.7:1394`); `deadline` is the default timeout of a reply.
     pub fn new(stream: S, instrument: impl Into<String>, deadline: Duration) -> Self {
         Self {
             stream,
@@ -95,17 +95,17 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         &self.instrument
     }
 
-    /// How long an answer may take unless the question says otherwise.
+    /// Default timeout of a reply.
     pub fn deadline(&self) -> Duration {
         self.deadline
     }
 
-    /// Whether questions are answered; `false` after a fault until [`Link::replace`] or [`Link::resynchronise`].
+    /// Whether queries are possible; `false` after a fault until [`Link::replace`] or [`Link::resynchronise`].
     pub fn is_in_step(&self) -> bool {
         self.state == State::InStep
     }
 
-    /// Takes a fresh connection in place of the old, which is dropped with everything still under way on it.
+    /// Replaces the connection; the old one is dropped with any exchange in progress.
     pub fn replace(&mut self, stream: S) {
         self.stream = stream;
         self.received.clear();
@@ -114,10 +114,10 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.state = State::InStep;
     }
 
-    /// Sends a message that has no answer, in one segment.
+    /// Sends a message that has no reply, in one segment.
     ///
     /// # Errors
-    /// Out of step, unsolicited bytes before it, a line end inside, a lost connection, or the deadline.
+    /// Out of step, unsolicited bytes before it, a line end inside, a lost connection, or the timeout.
     pub async fn send(&mut self, message: &str) -> Result<(), LinkError> {
         let until = Instant::now() + self.deadline;
         self.begin(message).await?;
@@ -126,15 +126,15 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         Ok(())
     }
 
-    /// Sends a question and waits for its answer, without line end.
+    /// Sends a query and waits for its reply, returned without line end.
     ///
     /// # Errors
-    /// As [`Link::send`]; a second line behind the answer makes both worthless and is [`LinkError::Unsolicited`].
+    /// As [`Link::send`]; a second line after the reply makes both unusable and is [`LinkError::Unsolicited`].
     pub async fn ask(&mut self, message: &str) -> Result<String, LinkError> {
         self.ask_within(message, self.deadline).await
     }
 
-    /// As [`Link::ask`] with a deadline of its own: a scan takes as long as it takes.
+    /// Like [`Link::ask`] with an individual timeout, such as for a scan.
     ///
     /// # Errors
     /// As [`Link::ask`].
@@ -147,7 +147,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.begin(message).await?;
         self.write(message, deadline, until).await?;
         let answer = self.line(message, deadline, until).await?;
-        // A stale line that slipped in ahead pushes the true answer behind it: with two lines neither can be trusted.
+        // A stale line received first would shift the true reply: with two lines neither can be trusted.
         self.take_what_waits(message).await?;
         if !self.received.is_empty() {
             return Err(self.unsolicited());
@@ -156,8 +156,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         Ok(answer)
     }
 
-    /// Refuses to talk out of step, and marks the link so until this exchange has ended well: a future dropped half-way
-    /// leaves it out of step.
+    /// Refuses if out of step, and marks the link out of step until this exchange has succeeded: so does a future
+    /// dropped half-way.
     async fn begin(&mut self, message: &str) -> Result<(), LinkError> {
         if message.contains(['\n', '\r']) {
             return Err(LinkError::LineEnd {
@@ -240,9 +240,9 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         }
     }
 
-    /// Reads what has already come, without waiting for more; says whether the peer has closed behind it.
+    /// Reads what has been received already, without waiting; returns whether the peer has closed after it.
     async fn take_what_waits(&mut self, message: &str) -> Result<bool, LinkError> {
-        // Lets the runtime look at its sockets, and keeps its budget from hiding bytes that are there.
+        // Lets the runtime poll its sockets, and keeps its budget from hiding received bytes.
         tokio::task::yield_now().await;
         let mut chunk = [0; 512];
         while self.received.len() < self.longest_reply {

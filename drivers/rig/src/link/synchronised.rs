@@ -1,4 +1,4 @@
-//! A link brought back in step: the peer repeats what it was just told.
+//! Resynchronises a link: the peer must echo what was just sent.
 
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::time::Instant;
@@ -6,20 +6,20 @@ use tokio::time::Instant;
 use crate::link::{Link, LinkError, State};
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
-    /// Brings a link back in step whose connection cannot be dropped, by the event enable register that every
-    /// IEEE 488.2 instrument has: the peer must repeat two numbers it was just told, whatever comes before is thrown
-    /// away, and the register is put back as it was. An attempt that failed may be repeated. Only if the peer never
-    /// answered the first one at all is the register's value lost; it is then set to 0, its value at power-on.
+    /// Resynchronises a link whose connection cannot be dropped, by the event enable register of every IEEE 488.2
+    /// instrument: the peer must return two numbers just written to it; everything received before is discarded, and
+    /// the register is restored. A failed attempt may be repeated. Only if the peer never replied to the first query is
+    /// the register's value lost; it is then set to 0, its value at power-on.
     ///
     /// # Errors
-    /// A lost connection, or the numbers not repeated within the deadline: the link stays out of step.
+    /// A lost connection, or a timeout: the link stays out of step.
     pub async fn resynchronise(&mut self) -> Result<(), LinkError> {
         let first = self.next_nonce();
         let second = self.next_nonce();
         self.state = State::OutOfStep;
         self.end_half_a_message().await?;
 
-        // Half a line may have come: what the answer to this is glued to is thrown away with it.
+        // Half a line may have been received: the reply glued to it is discarded with it.
         let until = Instant::now() + self.deadline;
         self.write("*ESE?", self.deadline, until).await?;
 
@@ -29,7 +29,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         let echoed = self
             .echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
                 let (before, now) = two_numbers(line)?;
-                // The register's own value is what it held before the first number it was told.
+                // The register's own value is the one before the first number written.
                 let turn = sent_so_far.iter().position(|number| *number == now)?;
                 if !sent_so_far[..turn].contains(&before) {
                     found.get_or_insert(before);
@@ -54,11 +54,11 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         Ok(())
     }
 
-    /// As [`Link::resynchronise`] for a peer without `*ESE`: sends each message in turn and throws lines away until its
-    /// expected answer has come. Give at least two, with answers that no earlier question can have had.
+    /// Like [`Link::resynchronise`] for a peer without `*ESE`: sends each message in turn and discards lines until its
+    /// expected reply arrives. Needs at least two messages, with replies that no earlier query can have had.
     ///
     /// # Errors
-    /// A lost connection, or an expected answer missing at the deadline: the link stays out of step.
+    /// A lost connection, or an expected reply missing at the timeout: the link stays out of step.
     pub async fn resynchronise_by(&mut self, probes: &[(&str, &str)]) -> Result<(), LinkError> {
         self.state = State::OutOfStep;
         self.end_half_a_message().await?;
@@ -69,13 +69,13 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.come_in_step("").await
     }
 
-    /// A write that was cut short left the beginning of a message at the peer.
+    /// Ends a message that a cancelled write left incomplete.
     async fn end_half_a_message(&mut self) -> Result<(), LinkError> {
         let until = Instant::now() + self.deadline;
         self.write("", self.deadline, until).await
     }
 
-    /// Sends a message and throws lines away until one is recognised.
+    /// Sends a message and discards lines until one is recognised.
     async fn echo<T>(
         &mut self,
         message: &str,
@@ -97,7 +97,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         }
     }
 
-    /// In step again if nothing more has come behind the last recognised line.
+    /// In step again if nothing was received after the last recognised line.
     async fn come_in_step(&mut self, message: &str) -> Result<(), LinkError> {
         self.take_what_waits(message).await?;
         if !self.received.is_empty() {

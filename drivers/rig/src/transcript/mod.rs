@@ -1,5 +1,5 @@
-//! What was said over the wires, one line of JSON each: written while instruments are talked to, read by whoever plays
-//! it to a simulator.
+//! Transcripts of the messages to and from instruments, one JSON object a line, for reading and for replay to a
+//! simulator.
 //!
 //! ```json
 //! {"t_s":0.0,"instrument":"meter at 10.0.0.7:5025","sent":"*IDN?"}
@@ -7,7 +7,7 @@
 //! {"t_s":0.0032,"instrument":"meter at 10.0.0.7:5025","note":"the cover of the sheet was opened"}
 //! ```
 //!
-//! Messages and replies stand without their line ends, in the order in which they went over the wire.
+//! Messages and replies have no line ends; they are in the order of transmission.
 
 pub(crate) mod ring;
 
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-/// Longest transcript that is read, bytes: a day of frames has its place in a logbook.
+/// Longest transcript that is read, bytes.
 const LARGEST: u64 = 256 * 1024 * 1024;
 
 /// One line of a transcript.
@@ -26,9 +26,9 @@ const LARGEST: u64 = 256 * 1024 * 1024;
 pub struct Entry {
     /// Seconds since the transcript began; finite, not negative.
     pub t_s: f64,
-    /// Whose wire. The first word says which instrument it is, what follows may be its address.
+    /// The instrument's name; its first word identifies the model, the rest may be its address.
     pub instrument: String,
-    /// What went over it.
+    /// The entry's content.
     pub content: EntryContent,
 }
 
@@ -40,7 +40,7 @@ impl Entry {
     }
 }
 
-/// What went over a wire, or is to be known about it.
+/// A transmitted line, or a note.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum EntryContent {
     /// A message to the instrument.
@@ -51,7 +51,7 @@ pub enum EntryContent {
     Note(String),
 }
 
-/// An entry as it stands in the file.
+/// The file format of an entry.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Line {
@@ -115,11 +115,11 @@ pub enum TranscriptError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the operating system says.
+        /// Error of the operating system.
         #[source]
         cause: io::Error,
     },
-    /// More than anybody wants to play.
+    /// The file exceeds the limit.
     #[error("the transcript {} has more than {LARGEST} bytes; cut out the part of interest", path.display())]
     TooLarge {
         /// The file.
@@ -130,7 +130,7 @@ pub enum TranscriptError {
         "{place}:{line}: {problem}; a line is {{\"t_s\":SECONDS,\"instrument\":\"NAME\",\"sent\":\"TEXT\"}}, or with received or note in place of sent"
     )]
     Line {
-        /// The file, or what stands for it.
+        /// The file, or its substitute in messages.
         place: String,
         /// Counted from 1.
         line: usize,
@@ -142,7 +142,7 @@ pub enum TranscriptError {
     Unwritable {
         /// The file.
         path: PathBuf,
-        /// What the operating system says.
+        /// Error of the operating system.
         #[source]
         cause: io::Error,
     },
@@ -166,8 +166,8 @@ pub fn read_transcript(path: &Path) -> Result<Vec<(usize, Entry)>, TranscriptErr
     parse_transcript(&path.display().to_string(), &text)
 }
 
-/// Reads a transcript from text; `place` names it in errors. Empty lines are passed over; half a line at the very end,
-/// as a process leaves it that was killed while it wrote, is an error like any other.
+/// Reads a transcript from text; `place` names it in errors. Empty lines are skipped; an incomplete last line, as a
+/// killed process leaves it, is an error like any other.
 ///
 /// # Errors
 /// A line that is not an entry.
@@ -186,7 +186,7 @@ pub fn parse_transcript(place: &str, text: &str) -> Result<Vec<(usize, Entry)>, 
         .collect()
 }
 
-/// Writes a transcript, each entry at once: what was said before a crash is on disk.
+/// Writes a transcript, each entry at once, so that it survives a crash.
 #[derive(Debug)]
 pub struct TranscriptWriter {
     file: BufWriter<File>,
@@ -194,10 +194,10 @@ pub struct TranscriptWriter {
 }
 
 impl TranscriptWriter {
-    /// Makes the file, which must not exist.
+    /// Creates the file, which must not exist.
     ///
     /// # Errors
-    /// A file that cannot be made, or is there already.
+    /// A file that cannot be created, or exists.
     pub fn create(path: &Path) -> Result<Self, TranscriptError> {
         let made = outfile::create_in_place(path);
         Ok(Self {
@@ -212,7 +212,7 @@ impl TranscriptWriter {
     /// Appends an entry.
     ///
     /// # Errors
-    /// A disk that is full or gone; a time that is no number.
+    /// A disk error; a time that is not finite.
     pub fn write(&mut self, entry: &Entry) -> Result<(), TranscriptError> {
         let unwritable = |cause| TranscriptError::Unwritable {
             path: self.path.clone(),

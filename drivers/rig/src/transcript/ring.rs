@@ -1,7 +1,8 @@
-//! What was said lately over the wires of a rig, kept in memory so that a frame which fails can be looked into.
+//! Recent messages to and from a rig's instruments, kept in memory for analysing failed frames.
 //!
-//! A ring transcript holds the *opening* (from connecting to the settings read back) and the last frames. A frame's messages, played
-//! after its opening is a whole conversation: what `tactus-sim replay` plays to instruments that were just switched on.
+//! A ring transcript holds the *opening* (from connecting to the settings read back) and the last frames. A frame's
+//! messages after its opening are a complete conversation, which `tactus-sim replay` can play to instruments that were
+//! just switched on.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,10 +11,11 @@ use tokio::time::Instant;
 
 use crate::transcript::{Entry, EntryContent};
 
-/// Most entries of one frame: a frame of 598 messages has a tenth of it; beyond it the oldest are lost, and said so.
+/// Most entries of one frame, ten times those of a frame with 598 messages; beyond it the oldest are dropped and
+/// counted.
 const LONGEST_TRANSCRIPT: usize = 16 * 1024;
 
-/// Written by every link of a rig. A handle: copies write to the same transcript.
+/// Written to by every link of a rig. A handle: copies write to the same transcript.
 #[derive(Debug, Clone)]
 pub struct RingTranscript(Arc<Mutex<Held>>);
 
@@ -22,21 +24,21 @@ struct Held {
     begun: Instant,
     most: usize,
     opening: Arc<Vec<Entry>>,
-    /// Still being said.
+    /// Whether the opening is still in progress.
     opens: bool,
     transcripts: VecDeque<Transcript>,
 }
 
-/// What was said for one frame.
+/// The messages of one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transcript {
     /// Counted from 1 since the transcript was begun.
     pub number: u64,
     /// From connecting to the settings read back.
     pub opening: Arc<Vec<Entry>>,
-    /// Since then, for this frame.
+    /// The messages of this frame since then.
     pub entries: Vec<Entry>,
-    /// Entries at its beginning that were lost for want of room.
+    /// Number of entries dropped at its beginning.
     pub lost: u64,
 }
 
@@ -56,7 +58,7 @@ impl Transcript {
 }
 
 impl RingTranscript {
-    /// An empty transcript that keeps the last `transcripts` frames; 0 keeps none, the frame under way excepted.
+    /// An empty transcript that keeps the last `transcripts` frames; 0 keeps only the current frame.
     pub fn new(transcripts: usize) -> Self {
         Self(Arc::new(Mutex::new(Held {
             begun: Instant::now(),
@@ -67,14 +69,14 @@ impl RingTranscript {
         })))
     }
 
-    /// A new conversation begins: instruments are connected to, and set up. Reels keep the opening that was theirs.
+    /// Starts a new opening: instruments are connected and set up. Earlier frames keep their opening.
     pub fn open(&self) {
         let mut held = self.lock();
         held.opening = Arc::default();
         held.opens = true;
     }
 
-    /// A frame begins. Returns its number.
+    /// Starts a frame. Returns its number.
     pub fn next_transcript(&self) -> u64 {
         let mut held = self.lock();
         let number = held
@@ -95,7 +97,7 @@ impl RingTranscript {
         number
     }
 
-    /// Keeps another number of frames from now on.
+    /// Changes the number of frames kept.
     pub fn keep(&self, transcripts: usize) {
         self.lock().most = transcripts.max(1);
     }
@@ -105,12 +107,12 @@ impl RingTranscript {
         self.lock().transcripts.iter().cloned().collect()
     }
 
-    /// What has been said since the last opening began, where no frame has begun yet.
+    /// The entries of the last opening, if no frame has started since.
     pub fn opening(&self) -> Vec<Entry> {
         self.lock().opening.to_vec()
     }
 
-    /// Writes down what went over a wire, or is to be known about it.
+    /// Appends an entry.
     pub fn write(&self, instrument: &str, content: EntryContent) {
         let mut held = self.lock();
         let entry = Entry {

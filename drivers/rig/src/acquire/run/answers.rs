@@ -1,4 +1,4 @@
-//! Where each answer belongs, and which of them are void.
+//! Assigns replies to readings, and invalidates readings taken in compliance.
 
 use survey::{Dipole, Extra, Measurement, Reading, Step};
 
@@ -6,7 +6,7 @@ use super::Run;
 use crate::{Compliance, RigError};
 
 impl Run<'_> {
-    /// Puts readings in their places; those of the second direction become half differences.
+    /// Stores readings; with reversal, the second polarity yields half differences.
     pub(super) fn take(&mut self, step: &Step, came: Vec<Reading>) -> Result<(), RigError> {
         let counted = |expected: usize| match came.len() {
             came if came == expected => Ok(()),
@@ -35,7 +35,7 @@ impl Run<'_> {
             }
             _ => {}
         }
-        // An answer of the mainframe comes when its relays have moved.
+        // A reply of the mainframe arrives when its relays have moved.
         self.driven.settled = true;
         Ok(())
     }
@@ -60,9 +60,9 @@ impl Run<'_> {
         }
     }
 
-    /// Voids the injections at which the source was in compliance. What began since the last question and is over may
-    /// have come while the last injection was still being read: then that one is void, too; and also where it is not
-    /// certain that the relays had moved on from it.
+    /// Invalidates the injections at which the source was in compliance. Compliance that began and ended since the last
+    /// query may have occurred during the previous injection: then that one is invalidated too; also if it is uncertain
+    /// that the relays had moved on from it.
     pub(super) fn heed(&mut self, compliance: Compliance, moved: bool) {
         let here = self.driven.now.filter(|_| compliance.ever());
         let unwatched = self.driven.unwatched.take();
@@ -86,7 +86,7 @@ impl Run<'_> {
     }
 }
 
-/// What turns with the current: half the difference of the two directions. What stays cancels.
+/// Half the difference of the two polarities: cancels what does not change sign with the current.
 fn half_difference(forward: Reading, backward: Reading) -> Reading {
     match (forward, backward) {
         (Reading::Ok(forward), Reading::Ok(backward)) => Reading::Ok((forward - backward) * 0.5),

@@ -1,4 +1,4 @@
-//! Waiting for something else while an exchange goes on.
+//! Waits for other events during an exchange.
 
 use std::pin::Pin;
 
@@ -6,7 +6,7 @@ use tokio::sync::watch;
 
 use crate::Stop;
 
-/// Until a stop is asked for, or the caller has gone.
+/// Completes when a stop is requested, or the caller has gone.
 pub(super) async fn over(mut stop: Stop, mut caller: watch::Receiver<()>) {
     tokio::select! {
         () = stop.requested() => {}
@@ -15,7 +15,7 @@ pub(super) async fn over(mut stop: Stop, mut caller: watch::Receiver<()>) {
     }
 }
 
-/// An exchange under way, and its answer once it has come.
+/// An exchange in progress, and its reply once received.
 pub(super) struct Beside<'a, F: Future> {
     exchange: Pin<&'a mut F>,
     answer: Option<F::Output>,
@@ -29,7 +29,7 @@ impl<'a, F: Future> Beside<'a, F> {
         }
     }
 
-    /// Waits for something else while the exchange goes on.
+    /// Waits for something else while the exchange continues.
     pub(super) async fn wait_for<T>(&mut self, other: impl Future<Output = T>) -> T {
         let mut other = std::pin::pin!(other);
         loop {
@@ -41,7 +41,7 @@ impl<'a, F: Future> Beside<'a, F> {
         }
     }
 
-    /// Waits for the answer, or for something else; nothing where that was first.
+    /// Waits for the reply or something else; `None` if the latter came first.
     pub(super) async fn came_before(&mut self, other: impl Future<Output = ()>) -> Option<()> {
         if self.answer.is_some() {
             return Some(());

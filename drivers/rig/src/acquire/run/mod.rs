@@ -1,4 +1,4 @@
-//! One run of a plan: which step asks whom, and where each answer belongs.
+//! One run of a plan: sends each step to its instrument, and assigns the replies.
 
 mod answers;
 mod concurrent;
@@ -18,24 +18,24 @@ use crate::{
     Compliance, CurrentSource, Hop, MeterSettings, Move, RigError, Sample, Stop, Switch, Voltmeter,
 };
 
-/// How long relays that are switched in the same message as a scan are given before the source is asked about its
-/// compliance: longer than the slowest of them need to close and open, and the message to arrive.
+/// Delay between a scan message that also moves relays and the query of the source's compliance: longer than the
+/// transmission and the slowest relays.
 const RELAYS_MOVE: Duration = Duration::from_millis(20);
 
-/// The longest settling that is left to a scan: a stop cannot cut it short, as it can what is waited for here.
+/// The longest settling time left to a scan: unlike a wait here, it cannot be interrupted by a stop.
 const LONGEST_OWN_WAIT: Duration = Duration::from_secs(1);
 
-/// Where the current goes, and which way.
+/// Where the current flows, and in which direction.
 #[derive(Debug, Default)]
 struct Driven {
     now: Option<Dipole>,
-    /// An injection that went on after the source had been asked about it.
+    /// Injection applied after the last compliance query; its compliance state is not yet known.
     unwatched: Option<Dipole>,
-    /// Against the plan's direction.
+    /// Whether the polarity is reversed.
     turned: bool,
     /// Whether the injecting relays are known to have moved.
     settled: bool,
-    /// Injecting relays that are to be closed now.
+    /// Injecting relays that should be closed now.
     relays: Vec<Relay>,
 }
 
@@ -50,12 +50,12 @@ pub(super) struct Run<'a> {
     pub(super) extra: Vec<Extra>,
     pub(super) compliance: Vec<Electrode>,
     driven: Driven,
-    /// The source's level as last set or read back; unknown at first.
+    /// The source's current as last set or read back; unknown at first.
     level: Option<Amps>,
     on: bool,
-    /// What the scan that follows is to wait before its first reading.
+    /// Wait before the first reading of the next scan.
     wait: Duration,
-    /// How long switching off took, where it was done while a reading was under way.
+    /// How long switching off took, if it was done during a reading.
     pub(super) off_after: Option<Duration>,
 }
 
@@ -113,7 +113,7 @@ impl<'a> Run<'a> {
                 self.wait = *wait;
                 continue;
             }
-            // While the voltmeter reads the source can be asked.
+            // The source can be queried while the voltmeter reads.
             let beside =
                 steps.next_if(|(_, next)| step.reads() && matches!(next, Step::Compliance { .. }));
             let done = match beside {
@@ -165,7 +165,7 @@ impl<'a> Run<'a> {
                 self.switch_on(rig).await
             }
             Step::Overlap { open, close, drive } => {
-                // switched off in compliance, it goes on again only when its pair is there
+                // switched off because of compliance, it is switched on again only when the next pair is joined
                 let settled = !self.on;
                 self.moved_to(*drive, close, settled);
                 let close = Move::Close(close.clone());
@@ -213,12 +213,12 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Waits for readings. They may take minutes, and the source's own wire is free meanwhile: it can be asked about its
-    /// compliance, and is switched off at once when it says so, or when a stop is asked for; what is read after a stop
-    /// is thrown away with the frame.
+    /// Waits for readings. They may take minutes, and the source's connection is free meanwhile: its compliance is
+    /// queried, and it is switched off at once in compliance or on a stop request; readings after a stop are discarded
+    /// with the frame.
     ///
-    /// Relays that move in the message of the readings get [`RELAYS_MOVE`] before the source is asked. Should they need
-    /// longer, the answer may be about the injection before: then both are void.
+    /// Relays that move in the message of the readings get [`RELAYS_MOVE`] before the source is queried. If they need
+    /// longer, the reply may refer to the previous injection: then both are invalidated.
     async fn read<C: CurrentSource, W, V: Voltmeter>(
         &mut self,
         rig: &mut Instruments<C, W, V>,
@@ -254,7 +254,7 @@ impl<'a> Run<'a> {
                 compliance = Some(off.and(compliance.unwrap_or(Ok(Compliance::default()))));
             }
         }
-        // Whatever else went wrong: half an exchange would leave the voltmeter's link out of step.
+        // Finished in any case: an interrupted exchange would leave the voltmeter's link out of step.
         let answer = reading.finish().await;
         let compliance = compliance.transpose()?;
         self.take(step, answer?)?;
@@ -275,7 +275,7 @@ impl<'a> Run<'a> {
         };
     }
 
-    /// On at the plan's current, in the direction that is its turn.
+    /// Switches on at the plan's current, with the polarity that is due.
     async fn switch_on<C: CurrentSource, W, V>(
         &mut self,
         rig: &mut Instruments<C, W, V>,
@@ -295,7 +295,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Brings the source to a level, saying nothing that it was told before.
+    /// Sets the source's current; skips commands that change nothing.
     async fn drive<C: CurrentSource, W, V>(
         &mut self,
         rig: &mut Instruments<C, W, V>,
@@ -309,7 +309,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Asks the voltmeter what a step asks.
+/// Requests the readings of a step from the voltmeter.
 async fn ask_voltmeter<V: Voltmeter>(
     voltmeter: &mut V,
     step: &Step,
