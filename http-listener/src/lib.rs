@@ -1,8 +1,8 @@
-//! A listener for a few read-only pages over HTTP/1.1: one request a connection, every length, time and number of clients
-//! bounded.
+//! A listener for a few read-only pages over HTTP/1.1: one request a connection, with limits on every length, time and
+//! number of clients.
 //!
-//! What it is for: the daemon's metrics and the simulated mainframe's pages. It leaves everything else to a web framework:
-//! no bodies of requests, no connections kept open, no encryption.
+//! Used for the daemon's metrics and the simulated mainframe's pages. Request bodies, persistent connections and
+//! encryption are left to web frameworks.
 //!
 //! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> std::io::Result<()> {
@@ -35,10 +35,10 @@ use tokio::task::AbortHandle;
 
 /// Bytes of a request with all its headers.
 const LONGEST: usize = 8192;
-/// Clients at once. One more takes the place of the one that has been there longest: a client that asks and reads is gone
-/// in a moment, so it is the slow ones that make way, and however many they are, the page is served.
+/// Concurrent clients. One more closes the oldest connection: a normal client is done in a moment, so slow clients are
+/// closed first, and the page is served however many there are.
 const CLIENTS: usize = 8;
-/// A connection is over by then.
+/// Timeout of a connection.
 const DEADLINE: Duration = Duration::from_secs(5);
 
 /// A page.
@@ -53,19 +53,19 @@ pub struct Page {
 /// Why there is no page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoPage {
-    /// There is none of this path: 404.
+    /// No such page: 404.
     NotFound,
-    /// It could not be made: 500.
+    /// The page could not be generated: 500.
     Failed,
 }
 
-/// By which names of this machine it is answered.
+/// Accepted values of the `Host` header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Hosts {
-    /// Any, and none.
+    /// Any, or none.
     Any,
-    /// `localhost`, a loopback address, the address at which the client came, and these; HTTP/1.1 must give one. A page of
-    /// a stranger in a browser on this machine, whose name was made to mean this machine, reads nothing.
+    /// `localhost`, a loopback address, the local address of the connection, and these names; HTTP/1.1 must send one.
+    /// Prevents DNS rebinding: a foreign web page whose name resolves to this machine reads nothing.
     Own(Vec<String>),
 }
 
@@ -83,10 +83,11 @@ impl Drop for HttpListener {
 }
 
 impl HttpListener {
-    /// Listens at an address. `pages` makes the page of a path for a client that came to an address of this machine.
+    /// Listens on an address. `pages` generates the page of a path; it also receives the local address of the
+    /// connection.
     ///
     /// # Errors
-    /// The address cannot be had.
+    /// The address cannot be bound.
     pub async fn open<F>(
         address: SocketAddr,
         hosts: Hosts,
@@ -102,7 +103,7 @@ impl HttpListener {
         })
     }
 
-    /// The address, with the port that was taken.
+    /// The address with the actual port.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -120,7 +121,7 @@ pub async fn serve<F>(
     let (hosts, pages) = (Arc::new(hosts), Arc::new(pages));
     loop {
         let Ok((stream, _)) = listener.accept().await else {
-            // no descriptors: a moment later there may be some
+            // out of descriptors: retry after a moment
             tokio::time::sleep(Duration::from_millis(100)).await;
             continue;
         };
@@ -135,7 +136,7 @@ pub async fn serve<F>(
     }
 }
 
-/// Connections, the oldest first; they end with the listener.
+/// Connections, oldest first; closed when dropped.
 #[derive(Debug, Default)]
 struct Clients(VecDeque<AbortHandle>);
 
@@ -156,10 +157,10 @@ impl Drop for Clients {
     }
 }
 
-/// One request and its answer, on any stream; `here` is the address at which the client came.
+/// Serves one request on any stream; `here` is the local address of the connection.
 ///
 /// # Errors
-/// A lost connection, or the deadline.
+/// A lost connection, or the timeout.
 pub async fn answer_once<S, F>(
     stream: S,
     here: SocketAddr,
@@ -215,7 +216,7 @@ where
     stream.shutdown().await
 }
 
-/// Everything up to the empty line; `None` where that is too long.
+/// Everything up to the empty line; `None` if that is too long.
 async fn head(stream: &mut (impl AsyncRead + Unpin)) -> std::io::Result<Option<Vec<u8>>> {
     let mut head = Vec::with_capacity(512);
     let mut piece = [0; 1024];
@@ -242,7 +243,7 @@ enum Method {
     Head,
 }
 
-/// Method and path, without its query; other headers than the host are of no interest.
+/// Method and path, without the query string; of the headers only `Host` is used.
 fn request(head: &[u8], own: IpAddr, hosts: &Hosts) -> Result<(Method, String), &'static str> {
     const BAD: &str = "400 Bad Request";
     let head = std::str::from_utf8(head).map_err(|_| BAD)?;
@@ -277,18 +278,18 @@ fn request(head: &[u8], own: IpAddr, hosts: &Hosts) -> Result<(Method, String), 
     Ok((method, path.to_owned()))
 }
 
-/// By what a client may know this machine. Any other name may be a stranger's.
+/// Accepted host names.
 #[derive(Debug)]
 struct OwnNames<'a> {
-    /// The address at which the client came.
+    /// The local address of the connection.
     own: IpAddr,
     /// As configured.
     names: &'a [String],
 }
 
 impl OwnNames<'_> {
-    /// Whether a host, with or without a port, is this machine: `localhost`, a loopback address, the address at which the
-    /// client came, or a configured name.
+    /// Whether a host, with or without a port, is this machine: `localhost`, a loopback address, the local address of
+    /// the connection, or a configured name.
     fn is(&self, host: &str) -> bool {
         let name = match host.strip_prefix('[') {
             Some(rest) => rest.split(']').next().unwrap_or_default(),
