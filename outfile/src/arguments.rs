@@ -1,12 +1,12 @@
-//! Every output on a command line, by the types of the arguments.
+//! Finds and checks every output on a command line, by the types of the arguments.
 
 use clap::builder::ValueParser;
 use clap::{Arg, ArgMatches, Command};
 
 use crate::{Existing, GrowingFolder, OutFileError, OutFolder, OutPath, check, check_folder};
 
-/// Checks every output that a parsed command line names, before the command does anything: a result of hours must not
-/// find its place taken. `--force` is looked for beside each output.
+/// Checks every output of a parsed command line before the command starts, so that hours of work are not lost to an
+/// existing file. Respects `--force` of the same command.
 ///
 /// # Errors
 /// The first output that would be refused.

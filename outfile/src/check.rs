@@ -1,4 +1,4 @@
-//! What may be written to, and how.
+//! Checks which paths may be written, and how.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{ErrorKind, Read};
@@ -9,20 +9,20 @@ use rustix::fs::OFlags;
 
 use crate::{Existing, OutFileError};
 
-/// How every SQLite database begins, and so every session. A running session may have no more than this in its main
-/// file.
+/// The first bytes of every SQLite database, and so of every session. A running session may have no more than this in
+/// its main file.
 const DATABASE: &[u8; 16] = b"SQLite format 3\0";
-/// Endings of the files of a session: itself, and what SQLite keeps beside it.
+/// Endings of a session's files: its own, and those of SQLite's companion files.
 const SESSION_ENDINGS: [&str; 4] = [".tactus", ".tactus-wal", ".tactus-shm", ".tactus-journal"];
 
-/// How a path is written to.
+/// How a path will be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Target {
-    /// Nothing has the name.
+    /// The name does not exist.
     New,
-    /// A regular file or a link has the name and gives way.
+    /// A regular file or a link exists and is replaced.
     Replaced,
-    /// A device, a FIFO or a standard stream: bytes go there as they come.
+    /// A device, a FIFO or a standard stream: bytes are written to it directly.
     Stream(Stream),
 }
 
@@ -33,7 +33,7 @@ pub(crate) enum Stream {
     Error,
 }
 
-/// Refuses a path that [`crate::write`] would refuse, before the work is done whose result it is to hold.
+/// Refuses a path that [`crate::write`] would refuse, for a check before the work starts.
 ///
 /// # Errors
 /// See [`OutFileError`].
@@ -47,7 +47,8 @@ pub fn check(path: &Path, existing: Existing) -> Result<(), OutFileError> {
     }
 }
 
-/// Refuses a folder that is a file, has files in it (unless they may be replaced), or lies behind somebody else's link.
+/// Refuses a folder that is a file, contains files (unless they may be replaced), or is reached through another user's
+/// link.
 ///
 /// # Errors
 /// See [`OutFileError`].
@@ -66,7 +67,7 @@ pub fn check_folder(path: &Path, existing: Existing) -> Result<(), OutFileError>
     }
 }
 
-/// Whether bytes for this path go to a device, a FIFO or a standard stream: nothing can lie beside it.
+/// Whether the path is a device, a FIFO or a standard stream: no companion file can be written beside it.
 pub fn is_stream(path: &Path) -> bool {
     matches!(
         target(path, Existing::Refuse),
@@ -94,7 +95,7 @@ pub(crate) fn target(path: &Path, existing: Existing) -> Result<Target, OutFileE
     };
     let found = match std::fs::metadata(path) {
         Ok(found) => found,
-        // a link to nothing is an existing name
+        // a dangling link is an existing name
         Err(cause) if cause.kind() == ErrorKind::NotFound => link,
         Err(cause) => return Err(OutFileError::io(path)(cause)),
     };
@@ -120,7 +121,7 @@ pub(crate) fn target(path: &Path, existing: Existing) -> Result<Target, OutFileE
     Ok(Target::Replaced)
 }
 
-/// Opens a device or FIFO; whatever else has taken its name since is refused.
+/// Opens a device or FIFO; refuses anything else that has taken its name since.
 pub(crate) fn open_stream(path: &Path) -> Result<File, OutFileError> {
     let flags = OFlags::NOCTTY | OFlags::CLOEXEC;
     let file = OpenOptions::new()
@@ -136,7 +137,7 @@ pub(crate) fn open_stream(path: &Path) -> Result<File, OutFileError> {
     }
 }
 
-/// The folder that a name lies in.
+/// The folder of a path.
 pub(crate) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if folder.as_os_str().is_empty() => Path::new("."),
@@ -145,8 +146,8 @@ pub(crate) fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// `/dev/stdout` and its other names, which lead to an open file and not to a place: replacing them, or the file that the
-/// shell has opened, would lose what else is written there.
+/// `/dev/stdout` and similar names, which denote an open file: replacing them, or the file that the shell has opened,
+/// would lose other output.
 fn standard_stream(path: &Path) -> Option<Stream> {
     let mut place = path.to_owned();
     for _ in 0..8 {
@@ -164,7 +165,7 @@ fn standard_stream(path: &Path) -> Option<Stream> {
     None
 }
 
-/// Refuses a link or a FIFO on the way that another user (but root) made in a folder that everybody may write to.
+/// Refuses a path through a link or FIFO that another user (except root) made in a folder that everybody may write to.
 fn refuse_foreign(path: &Path) -> Result<(), OutFileError> {
     let user = rustix::process::geteuid().as_raw();
     let whole = std::path::absolute(path).map_err(OutFileError::io(path))?;
@@ -196,7 +197,7 @@ fn is_session_name(path: &Path) -> bool {
 fn is_database(path: &Path) -> std::io::Result<bool> {
     let file = OpenOptions::new()
         .read(true)
-        // a FIFO that has taken the name since must not stop the program
+        // a FIFO that has taken the name since must not block the program
         .custom_flags((OFlags::NONBLOCK | OFlags::CLOEXEC).bits() as i32)
         .open(path)?;
     let mut begin = Vec::new();

@@ -1,4 +1,4 @@
-//! Writes the files that commands are asked for.
+//! Writes the output files of commands.
 //!
 //! Every command with an output writes it through this crate, so that one set of rules holds everywhere:
 //!
@@ -38,17 +38,17 @@ pub use check::{check, check_folder, is_stream};
 pub use path::{GrowingFolder, OutFolder, OutPath};
 pub use writing::{OutFile, create_in_place, make_folder, write};
 
-/// What becomes of a regular file that has the name already.
+/// What to do with an existing regular file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Existing {
     /// The file is kept, and the command fails.
     Refuse,
-    /// The file is replaced: the user gave `--force`, or the program keeps this file for itself.
+    /// The file is replaced: the user gave `--force`, or the file belongs to the program.
     Replace,
 }
 
 impl Existing {
-    /// [`Existing::Replace`] where the user gave `--force`.
+    /// [`Existing::Replace`] if the user gave `--force`.
     pub fn forced(force: bool) -> Self {
         if force { Self::Replace } else { Self::Refuse }
     }
@@ -57,57 +57,57 @@ impl Existing {
 /// Why a file is not written.
 #[derive(Debug, thiserror::Error)]
 pub enum OutFileError {
-    /// A file has the name.
+    /// The file exists.
     #[error("{} exists already: name another file, or replace it by --force where the command has it", .0.display())]
     Exists(PathBuf),
-    /// A folder has files in it.
+    /// The folder contains files.
     #[error("folder {} is not empty: name a new one, or write into it by --force where the command has it", .0.display())]
     NotEmpty(PathBuf),
     /// The file is a recorded session or another database.
     #[error("{} is a database, as recorded sessions are, and is never written over: name another file", .0.display())]
     Session(PathBuf),
-    /// The name is that of a session file.
+    /// The name is reserved for session files.
     #[error("{} has the name of a recorded session or of a part of one (.tactus): give the file another ending", .0.display())]
     SessionName(PathBuf),
-    /// A folder has the name.
+    /// The path is a folder.
     #[error("{} is a folder: name a file in it", .0.display())]
     Folder(PathBuf),
-    /// A file has the name of a folder that is to be made.
+    /// The path of the folder is a file.
     #[error("{} is no folder: name another one", .0.display())]
     NotFolder(PathBuf),
     /// A block device or a socket.
     #[error("{} is a block device or a socket, which is never written to: name a file", .0.display())]
     Special(PathBuf),
-    /// A link or FIFO that somebody else put where everybody may write.
+    /// A link or FIFO of another user in a folder that everybody may write to.
     #[error(
         "{} leads through {}, a link or FIFO that another user made in a folder where everybody may write: name the place itself",
         .path.display(), .link.display()
     )]
     Foreign {
-        /// What was asked for.
+        /// The requested path.
         path: PathBuf,
-        /// What is not trusted.
+        /// The untrusted link.
         link: PathBuf,
     },
-    /// The system refuses.
+    /// The system refuses the write.
     #[error("{} cannot be written", .path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         #[source]
         cause: std::io::Error,
     },
 }
 
 impl OutFileError {
-    /// An error of the system about a file.
+    /// Wraps an error of the system about a file.
     fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |cause| Self::Io { path, cause }
     }
 
-    /// As an error of the system, for callers that know no other.
+    /// Converts to an I/O error.
     pub fn into_io(self) -> std::io::Error {
         use std::io::ErrorKind::{AlreadyExists, InvalidInput};
         match self {

@@ -1,4 +1,4 @@
-//! The types of arguments that name an output: by them the check of a command line finds all outputs.
+//! Argument types of outputs, by which the check of a command line finds them.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -36,7 +36,7 @@ output_path!(
     OutPath
 );
 output_path!(
-    /// A folder that a command makes: it must be new or empty, unless the user gives `--force`.
+    /// A folder that a command creates: it must be new or empty, unless the user gives `--force`.
     OutFolder
 );
 output_path!(

@@ -1,4 +1,4 @@
-//! Attacks on every output of a program, for its tests: what lies at the path must survive each of them.
+//! Attacks on every output of a program, for its tests: what exists at the path must survive each of them.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -16,16 +16,16 @@ use crate::{OutPath, outputs_of};
 const PRECIOUS: &[u8] = b"precious\n";
 const SESSION: &[u8] = b"SQLite format 3\0 and the pages of a session";
 
-/// What a program says about its paths.
+/// The paths of a program.
 pub struct Paths<'a> {
-    /// A command line for each output, which is named as `export --out`; the path stands where `{}` is. The command is to
-    /// fail at the path, so what else it names need not exist.
+    /// A command line for each output, which is named as `export --out`, with `{}` for the path. The command must fail
+    /// at the path, so other files that it names need not exist.
     pub outputs: &'a [(&'a str, &'a str)],
-    /// Arguments that are paths and no outputs.
+    /// Path arguments that are not outputs.
     pub inputs: &'a [&'a str],
 }
 
-/// Attacks every output of the program, and fails where an argument is neither known as output nor as input.
+/// Attacks every output of the program, and fails if an argument is listed neither as output nor as input.
 ///
 /// # Panics
 /// An attack succeeds, or the lists of paths do not agree with the command line.

@@ -1,4 +1,4 @@
-//! Files that appear whole under their names, or not at all.
+//! Files that appear under their names completely, or not at all.
 
 use std::fs::{File, Permissions};
 use std::io::{BufWriter, ErrorKind, Write};
@@ -11,7 +11,8 @@ use tempfile::NamedTempFile;
 use crate::check::{Stream, Target, check_folder, folder_of, open_stream, target};
 use crate::{Existing, OutFileError};
 
-/// A file under way. Dropped before [`OutFile::finish`] it leaves nothing behind; a device or FIFO keeps what it got.
+/// A file being written. Dropped before [`OutFile::finish`] it leaves nothing behind; a device or FIFO keeps what was
+/// written.
 #[derive(Debug)]
 pub struct OutFile {
     path: PathBuf,
@@ -26,7 +27,7 @@ enum Sink {
 }
 
 impl OutFile {
-    /// Begins a file.
+    /// Starts a file.
     ///
     /// # Errors
     /// See [`OutFileError`].
@@ -52,7 +53,7 @@ impl OutFile {
         self.write_all(bytes).map_err(OutFileError::io(&self.path))
     }
 
-    /// Where the content is until [`OutFile::finish`], for writers that take a path only; `None` for a device or FIFO.
+    /// Path of the content until [`OutFile::finish`], for writers that need a path; `None` for a device or FIFO.
     pub fn temporary_path(&self) -> Option<&Path> {
         match &self.sink {
             Sink::Temporary(writer) => Some(writer.get_ref().path()),
@@ -60,10 +61,10 @@ impl OutFile {
         }
     }
 
-    /// Puts the file in its place, durably.
+    /// Moves the file to its path, durably.
     ///
     /// # Errors
-    /// The disk is full or gone, or the name has been taken since [`OutFile::create`].
+    /// A disk error, or the name has been taken since [`OutFile::create`].
     pub fn finish(mut self) -> Result<PathBuf, OutFileError> {
         self.flush().map_err(OutFileError::io(&self.path))?;
         let path = self.path;
@@ -75,7 +76,7 @@ impl OutFile {
         };
         let synced = written.as_file().sync_all();
         synced.map_err(OutFileError::io(&path))?;
-        // what has the name now may be another thing than at the beginning
+        // another kind of file may have the name now
         let placed = match target(&path, self.existing)? {
             Target::New => written.persist_noclobber(&path),
             Target::Replaced => written.persist(&path),
@@ -118,8 +119,7 @@ pub fn write(path: &Path, existing: Existing, bytes: &[u8]) -> Result<(), OutFil
     Ok(())
 }
 
-/// Makes a file whose content must be under its name while it grows (a transcript): a new one always, never one in place
-/// of another.
+/// Creates a file that must be visible under its name while it grows (a transcript); never replaces a file.
 ///
 /// # Errors
 /// See [`OutFileError`].
@@ -135,7 +135,7 @@ pub fn create_in_place(path: &Path) -> Result<File, OutFileError> {
     }
 }
 
-/// Makes a folder and those above it, as [`check_folder`] allows.
+/// Creates a folder and its parents, as [`check_folder`] allows.
 ///
 /// # Errors
 /// See [`OutFileError`].
@@ -153,7 +153,7 @@ fn open(path: &Path, stream: Stream) -> Result<File, OutFileError> {
     own.map(File::from).map_err(OutFileError::io(path))
 }
 
-/// In the same folder, so that it can be renamed; with the permissions that the umask leaves.
+/// In the same folder, so that it can be renamed; with permissions by the umask.
 fn temporary(path: &Path) -> std::io::Result<NamedTempFile> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let prefix: String = std::iter::once('.').chain(name.chars().take(60)).collect();
