@@ -1,8 +1,8 @@
 //! The schema of `config.toml`: every key with its type, default and range, all of them optional. Problems are reported with
 //! file, line and column.
 //!
-//! Nothing is opened: the daemon's preparation compares the values with what instruments, files and sheets can do.
-//! Defaults are those of the paper's sheet on a simulated rig.
+//! Only parses: the daemon's preparation compares the values with what instruments, files and sheets allow. Defaults
+//! are those of the paper's sheet on a simulated rig.
 //!
 //! ```
 //! use config::problems::Source;
@@ -71,11 +71,11 @@ pub enum RigKind {
     /// Every instrument simulated, joined to one simulated sheet.
     #[default]
     Simulated,
-    /// Every instrument real.
+    /// All instruments real.
     Instruments,
-    /// Each instrument says for itself.
+    /// Each instrument simulated or real, by its section.
     Mixed,
-    /// Frames measured before.
+    /// Frames of an existing recording.
     Recording,
 }
 
@@ -93,13 +93,13 @@ pub struct RigSection {
     pub scene: Option<String>,
 }
 
-/// The level at which a multiplexer chip is on.
+/// The enabling level of a multiplexer chip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EnableName {
-    /// On at a low level.
+    /// Enabled at low level.
     Low,
-    /// On at a high level.
+    /// Enabled at high level.
     High,
 }
 
@@ -109,15 +109,15 @@ pub enum EnableName {
 pub struct InstrumentSection {
     /// `tcp:HOST:PORT`, `serial:PATH`, `gpio:PATH`, `vxi-11:HOST`, or empty.
     pub address: String,
-    /// The longest wait for an answer, ms.
+    /// Timeout of a reply, ms.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub deadline_ms: Option<f64>,
-    /// Of a board on a gpiochip.
+    /// For a board on a gpiochip.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub enable: Option<EnableName>,
 }
 
-/// `[recording]`: frames measured before.
+/// `[recording]`: existing frames.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RecordingSection {
@@ -133,12 +133,12 @@ pub struct RecordingSection {
     /// A file, or `first:N`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<String>,
-    /// Whether voltages change their sign.
+    /// Whether voltages change sign.
     pub negate: bool,
     /// Frames a second.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames_per_s: Option<f64>,
-    /// Speed: 1 its own rate, 0 as fast as possible.
+    /// Speed: 1 for the recorded rate, 0 for as fast as possible.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub speed: Option<f64>,
 }
@@ -165,7 +165,7 @@ pub enum WiringKind {
     /// The multiplexer board on a serial line or a gpiochip.
     #[serde(rename = "gpio-board")]
     GpioBoard,
-    /// Relay by relay, as a file says.
+    /// Relay by relay, from a file.
     #[serde(rename = "file")]
     File,
 }
@@ -174,7 +174,7 @@ pub enum WiringKind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct WiringSection {
-    /// Which electrode is where.
+    /// The kind of wiring.
     pub kind: WiringKind,
     /// Slot of the first module.
     pub slot: u32,
@@ -205,32 +205,32 @@ impl Default for WiringSection {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SurveySection {
-    /// Electrodes; else those of the sheet.
+    /// Electrodes; by default those of the sheet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub electrodes: Option<usize>,
     /// Injected current, uA.
     pub current_ua: f64,
     /// Voltage limit of the source, V.
     pub compliance_v: f64,
-    /// Wait after the current has moved, ms.
+    /// Settling time after a change of current, ms.
     pub settle_ms: f64,
     /// Range of the voltmeter, V.
     pub range_v: f64,
     /// Integration, power-line cycles.
     pub nplc: f64,
-    /// A zero reading after every reading.
+    /// Whether every reading is followed by a zero reading.
     pub autozero: bool,
-    /// Frequency of the mains, Hz.
+    /// Mains frequency, Hz.
     pub line_hz: f64,
     /// Readings averaged to one.
     pub averages: u32,
     /// Wait before each scanned channel, ms.
     pub channel_delay_ms: f64,
-    /// Every injection with the current both ways.
+    /// Whether every injection is read with both polarities.
     pub reversal: bool,
     /// Electrodes between those of a pair.
     pub skip: usize,
-    /// Of two readings that reciprocity makes equal only one.
+    /// Whether only one of two reciprocal readings is taken.
     pub half: bool,
     /// Where the voltmeter's ranges come from.
     pub ranges: RangesName,
@@ -238,7 +238,7 @@ pub struct SurveySection {
     pub range_margin: f64,
     /// Whether triggers are chained.
     pub chained: bool,
-    /// A frame at 0 A before the first and after every so many; else never.
+    /// A zero-current frame before the first and after this many frames; never if not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero_every: Option<u64>,
 }
@@ -250,7 +250,7 @@ pub enum RangesName {
     /// One for every reading.
     #[default]
     Fixed,
-    /// Each its own: from the baseline, or from the model of the sheet before there is one.
+    /// Individual ranges: from the baseline, or from the model of the sheet before there is one.
     Planned,
 }
 
@@ -285,33 +285,33 @@ pub struct RecordSection {
     /// Where session files are written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directory: Option<PathBuf>,
-    /// Frames of which everything said over the wires is kept in memory.
+    /// Number of frames whose instrument messages are kept in memory.
     pub transcripts: usize,
-    /// So long frames are gathered for one sync; 0: those that wait together, and no longer.
+    /// Time for which frames are gathered for one sync; 0: only frames already waiting are written together.
     pub group_ms: u64,
-    /// A file of this size is followed by the next part of its session; 0 never.
+    /// File size at which the next part of the session starts; 0: never.
     pub roll_mb: u64,
-    /// The first frame of a day (UTC) begins the next part.
+    /// Whether the first frame of a day (UTC) starts the next part.
     pub roll_daily: bool,
-    /// What is done where there is no room.
+    /// What to do if the disk is full.
     pub when_full: FullName,
-    /// With less free it is said once.
+    /// Free space below which a warning is given once.
     pub warn_below_mb: u64,
-    /// With less free the policy begins.
+    /// Free space below which the disk counts as full.
     pub reserve_mb: u64,
-    /// Whether a session that the daemon did not end goes on at its next start.
+    /// Whether the daemon resumes an interrupted session when it starts.
     pub resume: bool,
-    /// Not where its last frame is older.
+    /// Largest age of its last frame.
     pub resume_within_h: f64,
-    /// Nor where it has begun again so often within an hour.
+    /// Most resumptions of a session within an hour.
     pub resume_per_hour: u64,
 }
 
-/// What is done where there is no room for the record.
+/// What to do if there is no space for the record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FullName {
-    /// Acquisition pauses, and goes on by itself when there is room.
+    /// Acquisition pauses, and continues when there is space.
     #[default]
     Stop,
     /// The oldest closed sessions are deleted.
@@ -336,7 +336,7 @@ impl Default for RecordSection {
     }
 }
 
-/// What a lab needs to know later of what it measured; free words, kept with every session.
+/// Notes about the experiment, stored with every session.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AboutSection {
@@ -354,7 +354,7 @@ pub struct AboutSection {
     pub calibration: String,
 }
 
-/// `[bus]`: the ways to the daemon.
+/// `[bus]`: the daemon's D-Bus connections.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BusSection {
@@ -386,7 +386,7 @@ impl Default for BusSection {
 pub struct ScheduleSection {
     /// Whether a session starts with the daemon.
     pub start: bool,
-    /// From start to start of frames, s; 0 back to back.
+    /// Period from start to start of frames, s; 0: back to back.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub every_s: Option<f64>,
     /// Frames.
@@ -401,13 +401,13 @@ pub struct ScheduleSection {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CareSection {
-    /// Closures that a relay is rated for.
+    /// Rated closures of a relay.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relay_life_cycles: Option<u64>,
 }
 
 impl Config {
-    /// The same with every path absolute or relative to `folder`, and with the paths that the environment decides.
+    /// The configuration with all paths resolved against `folder`, and with the default paths of the environment.
     pub fn resolved(mut self, folder: &Path) -> Self {
         let paths = [
             &mut self.wiring.file,
@@ -438,7 +438,7 @@ impl Config {
                 }
             }
         }
-        // a name without a slash or an ending is one that ships with the bench
+        // a name without a slash or an extension is a shipped file
         for name in [&mut self.rig.profile, &mut self.rig.scene]
             .into_iter()
             .flatten()
@@ -456,7 +456,7 @@ impl Config {
         self
     }
 
-    /// The folder for what lasts until the machine restarts: the peer socket's.
+    /// The runtime directory, which lasts until the machine restarts; holds the peer socket.
     pub fn runtime_directory(&self) -> PathBuf {
         let peer = self.bus.peer_path.clone().unwrap_or_else(default_peer_path);
         peer.parent().map_or_else(PathBuf::new, Path::to_owned)

@@ -1,33 +1,33 @@
-//! How the daemon is observed: what is trouble, and who is told.
+//! Settings of alarms, notifications and metrics.
 
 use std::net::SocketAddr;
 
 use serde::{Deserialize, Serialize};
 
-/// From when on something is trouble; `tactus status` goes by it, too.
+/// Thresholds of alarms; `tactus status` uses them too.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NotifySection {
     /// Days until the disk is full.
     pub disk_days: f64,
-    /// Part of a relay's life that is used.
+    /// Used fraction of a relay's life.
     pub relay_life: f64,
     /// Age of the baseline, days.
     pub baseline_days: f64,
-    /// Times the period that pass without a frame, but at least `no_frame_s`.
+    /// Frame periods without a frame, but at least `no_frame_s`.
     pub no_frame_periods: f64,
     /// s
     pub no_frame_s: f64,
     /// A program and its arguments, run for each message; empty runs none.
     pub command: Vec<String>,
-    /// The command is killed after so long, s.
+    /// Timeout after which the command is killed, s.
     pub deadline_s: f64,
-    /// A kind of trouble is told of at most so often, s.
+    /// Shortest time between two notifications of the same kind, s.
     pub again_s: f64,
 }
 
 impl NotifySection {
-    /// Limits by which a trouble goes on that has begun by the narrower ones.
+    /// Reset thresholds, at which an alarm that was raised by the narrower ones is cleared.
     pub fn wider(&self) -> Self {
         Self {
             disk_days: 1.1 * self.disk_days,
@@ -40,21 +40,21 @@ impl NotifySection {
     }
 }
 
-/// Numbers for whoever scrapes.
+/// `[metrics]`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MetricsSection {
     /// `127.0.0.1:9617`; port 0 is any that is free.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub listen: Option<String>,
-    /// Whether other machines may scrape.
+    /// Whether other machines may connect.
     pub beyond_localhost: bool,
-    /// Names under which they know this machine, where they do not ask by its address.
+    /// Names by which they address this machine, if not by its address.
     pub names: Vec<String>,
 }
 
 impl MetricsSection {
-    /// Where to listen; `None` where nobody may scrape.
+    /// The address to listen on; `None` if metrics are off.
     pub fn address(&self) -> Option<SocketAddr> {
         self.listen.as_ref()?.parse().ok()
     }

@@ -1,4 +1,4 @@
-//! Reading a configuration with all its problems, each with its place.
+//! Reads a configuration and collects all problems with their positions.
 
 use std::fmt;
 use std::ops::Range;
@@ -9,12 +9,12 @@ use toml::de::{DeTable, DeValue};
 
 use crate::Config;
 
-/// Something wrong in a file.
+/// A problem of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
     /// The file.
     pub file: PathBuf,
-    /// Line and column from 1; `None` where the whole file is meant.
+    /// Line and column from 1; `None` for the whole file.
     pub place: Option<(usize, usize)>,
     /// What is wrong, and what to do.
     pub text: String,
@@ -30,7 +30,7 @@ impl fmt::Display for Problem {
     }
 }
 
-/// A configuration file, kept so that what is found out later can be placed.
+/// A configuration file, kept so that later problems can be located.
 #[derive(Debug)]
 pub struct Source {
     file: PathBuf,
@@ -51,8 +51,8 @@ impl Source {
         }
     }
 
-    /// Parses; every unknown key and every value of the wrong kind is a problem of its own. Where only numbers are out of
-    /// their bounds there is a configuration as well, with their defaults, so that the rest of it can be checked.
+    /// Parses; every unknown key and every value of the wrong type is a separate problem. If only numbers are out of
+    /// bounds, a configuration with their defaults is returned too, so that the rest can be checked.
     pub fn read(&self) -> (Option<Config>, Vec<Problem>) {
         let (mut table, faults) = DeTable::parse_recoverable(&self.text);
         if !faults.is_empty() {
@@ -74,7 +74,7 @@ impl Source {
             };
             let span = fault.span();
             problems.push(self.at(span.clone(), explain(fault.message())));
-            // what is wrong is taken out, so that the next fault shows
+            // the faulty entry is removed, so that the next problem is found
             let removed = span.is_some_and(|span| remove(table.get_mut(), &span));
             if !removed {
                 return (None, problems);
@@ -82,7 +82,7 @@ impl Source {
         }
     }
 
-    /// Places a problem at a dotted key (`survey.electrodes`), or as near as the file has it.
+    /// Locates a problem at a dotted key (`survey.electrodes`), or at its nearest parent in the file.
     pub fn problem(&self, key: &str, text: impl Into<String>) -> Problem {
         let (table, _) = DeTable::parse_recoverable(&self.text);
         let mut span = None;
@@ -100,7 +100,7 @@ impl Source {
                 _ => break,
             }
         }
-        // what is missing altogether is missed from the first line on
+        // a missing section is reported on the first line
         self.at(span.or(Some(0..0)), format!("{key}: {}", text.into()))
     }
 
@@ -113,7 +113,7 @@ impl Source {
     }
 }
 
-/// Line and column, from 1, of a byte.
+/// Line and column, from 1, of a byte offset.
 fn place(text: &str, at: usize) -> (usize, usize) {
     let before = text.get(..at).unwrap_or(text);
     let line = before.matches('\n').count() + 1;
@@ -125,7 +125,7 @@ fn place(text: &str, at: usize) -> (usize, usize) {
     (line, column)
 }
 
-/// Takes the entry out whose key or value the fault points at.
+/// Removes the entry whose key or value the problem points at.
 fn remove(table: &mut DeTable<'_>, fault: &Range<usize>) -> bool {
     let points_at = |span: Range<usize>| {
         span.start <= fault.start && fault.start < span.end.max(span.start + 1)
@@ -148,7 +148,7 @@ fn remove(table: &mut DeTable<'_>, fault: &Range<usize>) -> bool {
     false
 }
 
-/// Adds the nearest key to an unknown one.
+/// Adds the most similar key to an unknown one.
 fn explain(message: &str) -> String {
     let message = message.lines().next().unwrap_or(message);
     let Some(rest) = message.strip_prefix("unknown field `") else {
@@ -169,7 +169,7 @@ fn explain(message: &str) -> String {
     }
 }
 
-/// Edits from one word to the other.
+/// Edit distance of two words.
 fn distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();

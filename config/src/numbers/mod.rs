@@ -1,5 +1,5 @@
-//! Which numbers and texts a configuration may have: the bounds of every numeric key. They are checked before anything is
-//! calculated with them; units are in their names. What follows from two of them together is the daemon's preparation.
+//! Bounds of every numeric key and of texts, checked before anything is calculated; units are in the keys' names.
+//! Combinations of keys are checked by the daemon's preparation.
 
 use survey::Bounds::{self, Above, Between, OneOf, Within};
 use survey::LONGEST_S;
@@ -20,7 +20,7 @@ const SPEED: Bounds = Within(0.0, 1e6);
 const ELECTRODES: Bounds = Within(1.0, 256.0);
 const SLOT: Bounds = Within(1.0, 8.0);
 const ANSWER_MS: Bounds = Within(1.0, 600e3);
-/// A petabyte; as bytes it is still a number of 64 bits.
+/// A petabyte; as bytes it still fits 64 bits.
 const MEGABYTES: Bounds = Within(0.0, 1e9);
 const LENGTH_MM: Bounds = Within(0.01, 10e3);
 const OHM: Bounds = Within(1e-6, 1e12);
@@ -41,7 +41,7 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("wiring.inject_slot", SLOT),
     ("wiring.electrodes", ELECTRODES),
     ("survey.electrodes", ELECTRODES),
-    // what source and relays bear is compared with the plan
+    // the limits of source and relays are checked with the plan
     ("survey.current_ua", Above(0.0, 1e6)),
     ("survey.compliance_v", Above(0.0, 1e3)),
     ("survey.settle_ms", SETTLE_MS),
@@ -95,7 +95,7 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("model.map_every", Within(1.0, 1e6)),
     // each is some 100 kB of memory
     ("record.transcripts", Within(0.0, 1000.0)),
-    // so long no frame is published
+    // no frame is published during this time
     ("record.group_ms", Within(0.0, 60e3)),
     ("record.roll_mb", MEGABYTES),
     ("record.warn_below_mb", MEGABYTES),
@@ -116,11 +116,11 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("notify.again_s", Above(0.0, LONGEST_S)),
 ];
 
-/// Bytes of a text of free words: a note, what is said of sheet, foam, ink and operator.
+/// Longest free text, bytes: a note, or a description of sheet, foam, ink and operator.
 pub const LONGEST_TEXT: usize = 4096;
 
-/// Takes out of a configuration every number that is not allowed, so that its default stands in while the rest is read, and
-/// tells where it stood and what is wrong.
+/// Removes every number out of its bounds, so that its default is used while the rest is read, and returns its position
+/// and the problem.
 pub fn take_out(table: &mut DeTable<'_>) -> Vec<(std::ops::Range<usize>, String)> {
     let mut found = Vec::new();
     take_out_below(table, "", &mut found);
@@ -141,7 +141,7 @@ fn take_out_below(
                 take_out_below(inner, &format!("{key}."), found);
                 continue;
             }
-            // beyond 128 bits it is beyond all bounds
+            // beyond 128 bits it is out of all bounds
             DeValue::Integer(whole) => i128::from_str_radix(whole.as_str(), whole.radix())
                 .map_or(f64::INFINITY, |whole| whole as f64),
             DeValue::Float(number) => number.as_str().parse().unwrap_or(f64::NAN),
@@ -157,13 +157,13 @@ fn take_out_below(
     }
 }
 
-/// What is allowed for a numeric key of the configuration.
+/// The bounds of a numeric key.
 pub fn allowed(key: &str) -> Option<Bounds> {
     let (_, bounds) = KEYS.iter().find(|(known, _)| *known == key)?;
     Some(*bounds)
 }
 
-/// What is wrong with a text of free words that is too long.
+/// The problem of a free text that is too long.
 pub fn too_long(text: &str) -> Option<String> {
     let length = text.len();
     (length > LONGEST_TEXT)
