@@ -1,8 +1,8 @@
-//! Which instruments a rig has: those that were there when it was first put together, or that a person has agreed to.
+//! The expected instruments of a rig: those found when it was first assembled, or accepted by the operator since.
 //!
-//! They are kept beside the record, so that an instrument exchanged while no daemon ran is noticed, too. Instruments are
-//! compared by serial number where role and address are the same: whoever writes another address has agreed to another
-//! instrument. What is simulated is whatever its profile says, and is not kept.
+//! They are stored beside the record, so that a replacement while no daemon ran is noticed too. Instruments with the
+//! same role and address are compared by serial number; changing the address in the configuration counts as accepting
+//! the new instrument. Simulated instruments follow their profile, and are not stored.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ impl Connected {
         self.role == other.role && fields(self) == fields(other)
     }
 
-    /// Who is there now in this one's place.
+    /// The instrument now in the same role.
     fn successor<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
         others
             .iter()
@@ -48,7 +48,7 @@ impl Connected {
     }
 }
 
-/// The instruments and modules that are known.
+/// The expected instruments and modules.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct ExpectedIdentities {
     pub instruments: Vec<Connected>,
@@ -57,7 +57,7 @@ pub(crate) struct ExpectedIdentities {
     pub cards: Vec<String>,
 }
 
-/// Why nobody knows which instruments were known.
+/// Why the expected instruments cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum IdentitiesError {
     #[error("{} cannot be {attempt}; it says which instruments this rig has", .path.display())]
@@ -78,7 +78,7 @@ pub(crate) enum IdentitiesError {
     },
 }
 
-/// As it is written.
+/// The file format.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Kept {
@@ -95,7 +95,7 @@ struct KeptInstrument {
 }
 
 impl ExpectedIdentities {
-    /// What differs in `other`, for a person; `None` for the same instruments. Firmware may change.
+    /// The differences of `other`, as text for people; `None` for the same instruments. The firmware may change.
     pub(crate) fn differs(&self, other: &Self) -> Option<String> {
         let mut reported = Vec::new();
         for expected in &self.instruments {
@@ -120,7 +120,7 @@ impl ExpectedIdentities {
         (!reported.is_empty()).then(|| reported.join("; "))
     }
 
-    /// Whether `found` is no stranger.
+    /// Whether `found` is one of the expected instruments.
     pub(crate) fn has(&self, found: &Connected) -> bool {
         let there = std::slice::from_ref(found);
         self.instruments
@@ -129,7 +129,7 @@ impl ExpectedIdentities {
             .all(|expected| expected.is_same(found))
     }
 
-    /// Whether an instrument of a session's record is here in the same role, wherever it is reached.
+    /// Whether an instrument of a session's record is present in the same role, at any address.
     pub(crate) fn has_recorded(&self, then: &InstrumentRecord) -> bool {
         let mut here = self.instruments.iter();
         here.find(|found| found.role == then.role)
@@ -149,10 +149,10 @@ impl ExpectedIdentities {
             .find(|found| found.role.ends_with("voltmeter"))
     }
 
-    /// The instruments that were known when the last daemon ran; `None` where none has.
+    /// The instruments expected by the last daemon; `None` if there was none.
     ///
     /// # Errors
-    /// A file that cannot be read, or that says something else.
+    /// A file that cannot be read or has another format.
     pub(crate) fn recall(directory: &Path) -> Result<Option<Self>, IdentitiesError> {
         let path = directory.join(FILE);
         let text = match std::fs::read_to_string(&path) {
@@ -184,10 +184,10 @@ impl ExpectedIdentities {
         }))
     }
 
-    /// Keeps what is real of them for the next daemon. The file is whole at any time.
+    /// Stores the real instruments for the next daemon. The file is replaced atomically.
     ///
     /// # Errors
-    /// A disk that refuses.
+    /// A disk error.
     pub(crate) fn keep(&self, directory: &Path) -> Result<(), IdentitiesError> {
         let real = self.instruments.iter().filter(|found| !found.simulated);
         let kept = Kept {

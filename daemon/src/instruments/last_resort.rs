@@ -1,4 +1,4 @@
-//! Where the daemon's own task fails, nobody is left who holds the instruments: they are connected again and switched off.
+//! If the daemon's main task panics, connects to the instruments again and switches them off.
 
 use std::panic::AssertUnwindSafe;
 use std::time::Duration;
@@ -9,11 +9,11 @@ use crate::instruments::assembly::make_safe_each;
 use crate::instruments::rig_plan::RigPlan;
 use survey::error_chain as chain;
 
-/// The last resort is tried again after so long, then after twice that, up to the second.
+/// First and longest time between attempts; the time doubles.
 const AGAIN: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(2));
 
-/// Runs `life` to its end; `None` where it panicked and the instruments of `rig`, if there are any, have been switched off
-/// over new connections.
+/// Runs `life` to its end; `None` if it panicked and the instruments of `rig`, if any, have been switched off over new
+/// connections.
 pub(crate) fn run<T>(
     runtime: Runtime,
     rig: Option<&RigPlan>,
@@ -21,11 +21,11 @@ pub(crate) fn run<T>(
 ) -> Option<T> {
     let life = AssertUnwindSafe(|| runtime.block_on(life));
     if let Ok(outcome) = std::panic::catch_unwind(life) {
-        // a reader that never reads must not keep the process
+        // a client that never reads must not keep the process alive
         runtime.shutdown_timeout(Duration::from_secs(2));
         return Some(outcome);
     }
-    // its connections go with it, so that the instruments can be reached anew; a task that does not end is not waited for
+    // closes its connections, so that the instruments can be reached again; a task that does not end is not awaited
     runtime.shutdown_timeout(Duration::from_secs(1));
     if let (Some(rig), Ok(fresh)) = (rig, Builder::new_current_thread().enable_all().build()) {
         fresh.block_on(last_resort(rig));
@@ -33,7 +33,7 @@ pub(crate) fn run<T>(
     None
 }
 
-/// Makes both halves safe; a 6221 may keep its one place taken for a while.
+/// Makes both halves safe; a 6221 may keep its only connection occupied for a while.
 async fn last_resort(rig: &RigPlan) {
     let mut pause = AGAIN.0;
     loop {

@@ -1,9 +1,8 @@
-//! One daemon an instrument: whoever works with one holds its claim, and the kernel lets go of it when the process ends,
-//! however it ends.
+//! Locks that allow one daemon an instrument; the kernel releases a lock when the process ends, however it ends.
 //!
-//! A claim is a listening socket in Linux's abstract name space: no file to be left behind, no folder that two users must
-//! share, and who holds it can be asked of the kernel. Everybody on the machine may hold any name, so a claim keeps
-//! mistakes apart, not enemies. `--safe-off` claims nothing: switching off must not wait.
+//! A lock is a listening socket in Linux's abstract name space: it leaves no file behind, needs no folder shared by
+//! several users, and the kernel can report its owner. Any process may take any name, so a lock prevents mistakes, not
+//! attacks. `--safe-off` takes no lock: switching off must not wait.
 
 use std::collections::BTreeMap;
 use std::net::ToSocketAddrs;
@@ -13,7 +12,7 @@ use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::rig_plan::Places;
 
-/// Somebody else works with an instrument.
+/// Another process uses an instrument.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the {role} at {place} is in use by another daemon{}; stop that one first",
@@ -25,15 +24,15 @@ pub(crate) struct InUse {
     pid: Option<u32>,
 }
 
-/// What this daemon holds; let go of when dropped.
+/// The locks of this daemon; released when dropped.
 #[derive(Debug, Default)]
 pub(crate) struct InstrumentLocks(BTreeMap<String, UnixListener>);
 
 impl InstrumentLocks {
-    /// Holds every instrument of a rig, and those that were held before no more.
+    /// Locks every instrument of a rig, and releases those no longer used.
     ///
     /// # Errors
-    /// One that another daemon holds; then nothing has changed.
+    /// Another daemon holds one of them; then nothing has changed.
     pub(crate) fn take(&mut self, places: &Places) -> Result<(), InUse> {
         let roles = [
             ("source", &places.source.0),
@@ -63,7 +62,7 @@ impl InstrumentLocks {
     }
 }
 
-/// The same instrument under whichever of its names; `None` for a simulated one, which nobody else can have.
+/// Name of an instrument's lock, the same for all forms of its address; `None` for a simulated one.
 fn name(place: &InstrumentAddress) -> Option<String> {
     let real = |path: &str| {
         std::fs::canonicalize(path).map_or_else(
@@ -86,7 +85,7 @@ fn name(place: &InstrumentAddress) -> Option<String> {
     }
 }
 
-/// Or the process that holds it, where the kernel says.
+/// Takes a lock; fails with the process that holds it, if the kernel reports it.
 fn claim(name: &str) -> Result<UnixListener, Option<u32>> {
     let name = format!("tactus instrument {name}");
     let address = SocketAddr::from_abstract_name(name).map_err(|_| None)?;

@@ -1,5 +1,5 @@
-//! The instruments of a rig: their addresses, locks and identities, how they are connected, and how they are made safe.
-//! The drivers are crates of their own.
+//! The instruments of a rig: addresses, locks, identities, connecting, and making them safe. The drivers are separate
+//! crates.
 
 pub(crate) mod address;
 pub(crate) mod assembly;

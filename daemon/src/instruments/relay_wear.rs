@@ -1,4 +1,4 @@
-//! Relays wear out: closures counted, compared with what they are rated for, and projected.
+//! Relay wear: closures counted, compared with the rating, and projected.
 
 use std::time::Duration;
 
@@ -13,16 +13,16 @@ pub(crate) struct Wear {
     pub purpose: String,
     /// Closures so far.
     pub cycles: u64,
-    /// Closures that it is rated for; `None` where nothing moves (a FET).
+    /// Rated closures; `None` if nothing moves (a FET).
     pub rated: Option<u64>,
-    /// Part of its life that is used.
+    /// Used fraction of its life.
     pub used: Option<f64>,
-    /// Time of measuring without a pause until the rating is reached.
+    /// Time of continuous measurement until the rating is reached.
     pub left: Option<Duration>,
 }
 
-/// Closures a relay of a module is rated for at the small currents of this work, where the configuration says nothing.
-/// The fact sheets have no numbers: these are the order of magnitude that makers give for armature and reed relays.
+/// Default rating of a module's relays at the small currents used here. The fact sheets give no numbers: these are the
+/// usual order of magnitude of armature and reed relays.
 fn rated(model: Model) -> Option<u64> {
     match model {
         Model::M34925A => None,

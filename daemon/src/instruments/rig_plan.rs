@@ -1,4 +1,4 @@
-//! What a rig is to do for a frame, and on which instruments.
+//! The plan of a frame, and the instruments that it uses.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -17,15 +17,15 @@ pub(crate) struct RigPlan {
     pub limits: Limits,
     pub timing: Timing,
     pub meter: MeterSettings,
-    /// Where each reading has a range of its own.
+    /// Rule for individual ranges, if readings have them.
     pub ranges: Option<RangeRule>,
     /// Frames that one zero-current frame serves.
     pub zero_every: Option<u64>,
-    /// Electrodes that a pair leaves out between its two.
+    /// Electrodes skipped between the two of a pair.
     pub skip: usize,
-    /// Whether each two readings that reciprocity makes equal are read once.
+    /// Whether only one of two reciprocal readings is taken.
     pub half: bool,
-    /// What the slots must hold; none where a multiplexer board switches.
+    /// The required modules by slot; none with a multiplexer board.
     pub modules: BTreeMap<u32, keysight_34980a::Module>,
     pub instruments: Places,
     pub bench: Option<(Profile, Scene)>,
@@ -39,7 +39,7 @@ impl RigPlan {
         settings
     }
 
-    /// How often a frame closes each relay of the wiring; of those that a scan closes by itself, the channels.
+    /// Closures of each relay of the wiring in a frame; for relays that a scan closes, of the channels.
     pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
         let wiring = &self.plan.wiring;
         let mut relays = wiring.injecting_relays();
@@ -75,7 +75,7 @@ impl RigPlan {
     }
 }
 
-/// Where the instruments are, and how long each may take to answer.
+/// Addresses of the instruments, and their reply timeouts.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Places {
     pub source: (InstrumentAddress, Duration),

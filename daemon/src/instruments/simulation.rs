@@ -1,5 +1,5 @@
-//! The simulated rig as the daemon uses it: its profile, its scene, loads on its sheet. `without_simulator` takes the
-//! place of this module in a program that is built without feature `simulator`.
+//! The simulated rig as the daemon uses it: its profile, its scene, loads on its sheet. `without_simulator` replaces
+//! this module if the program is built without feature `simulator`.
 
 use simulator::{Load, Shape};
 pub(crate) use simulator::{Profile, Scene, SimulatedRig};
@@ -9,7 +9,7 @@ pub(crate) fn check_built() -> Result<(), String> {
     Ok(())
 }
 
-/// A scene that ships with the program, by name, or a file, by path; an unloaded sheet without effects where none is named.
+/// A shipped scene by name, or a scene file by path; by default an unloaded sheet without effects.
 pub(crate) fn load_scene(name_or_path: Option<&str>) -> Result<Scene, String> {
     match name_or_path {
         Some(name_or_path) => Scene::open(name_or_path).map_err(|error| error.to_string()),
@@ -22,7 +22,7 @@ pub(crate) fn seed(rig: &SimulatedRig) -> u64 {
     rig.with_phantom(|phantom| phantom.scene().seed)
 }
 
-/// Puts a load down in place of the last one pressed by hand. Metres; the loss is a share of the conductance.
+/// Places a load, replacing the one placed before. Metres; the loss is a fraction of the conductance.
 pub(crate) fn press(
     rig: &SimulatedRig,
     shape: &str,
@@ -65,7 +65,7 @@ pub(crate) fn press(
     })
 }
 
-/// Takes away what was pressed by hand.
+/// Removes the load placed by `press`.
 pub(crate) fn release(rig: &SimulatedRig) {
     rig.with_phantom(|phantom| phantom.release());
 }

@@ -1,12 +1,12 @@
-//! What was said over the wires, from memory to text and to disk.
+//! Transcripts of the messages to and from the instruments: as text and as files.
 
 use std::path::{Path, PathBuf};
 
 use rig::RingTranscript;
 use rig::transcript::{Entry, TranscriptError, TranscriptWriter};
 
-/// The last frames, oldest first, behind the opening of the first of them: a whole conversation. Empty before anything
-/// was said. Frames of another opening (the rig was lost between) are left out with what precedes them.
+/// The last frames, oldest first, after the opening messages of their connection: a complete conversation. Empty before
+/// the first message. Frames of an earlier connection are left out.
 pub(crate) fn last(transcript: &RingTranscript, frames: usize) -> Vec<Entry> {
     let transcripts = transcript.transcripts();
     let Some(newest) = transcripts.last() else {
@@ -37,10 +37,10 @@ fn write_last(transcript: &RingTranscript, path: &Path) -> Result<(), Transcript
         .try_for_each(|entry| writer.write(entry))
 }
 
-/// Transcripts of failed frames that a session leaves on disk: each is some 100 kB, and the first ones say most.
+/// Most transcripts of failed frames stored for a session: each is some 100 kB, and the first ones are the most useful.
 pub(crate) const MOST_OF_A_SESSION: u64 = 100;
 
-/// What became of the transcript of a failed frame.
+/// Result of storing the transcript of a failed frame.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum FailedFrame {
     /// It is in this file.
@@ -51,8 +51,8 @@ pub(crate) enum FailedFrame {
     OverLimit,
 }
 
-/// Writes the transcript of a session's failed frame into the folder, unless the session has left enough of them there.
-/// Failures count from 1.
+/// Stores the transcript of a session's failed frame in the folder, up to the limit for each session. Failures count
+/// from 1.
 ///
 /// # Errors
 /// As [`write_last`].

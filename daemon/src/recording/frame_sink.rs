@@ -1,4 +1,4 @@
-//! Where frames go once they have been measured.
+//! The destinations of measured frames.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ pub(crate) trait FrameSink: Send {
     /// The disk refuses them; only the logbook refuses frames.
     fn frames(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError>;
 
-    /// Takes a frame again, with the map that it had not yet.
+    /// Receives a frame again, with its late map.
     ///
     /// # Errors
     /// As [`FrameSink::frames`].

@@ -1,6 +1,6 @@
-//! The way of a frame after acquisition: the recorder and its sinks (logbook, session status, stream), the reconstruction
-//! worker, the marks of ended sessions, the index of the record.
-//! Session files are the crate `logbook`'s.
+//! Processing of frames after acquisition: the recorder and its sinks (logbook, session status, stream), the
+//! reconstruction worker, the marks of ended sessions, the index of the record. Session files are left to the crate
+//! `logbook`.
 
 pub(crate) mod end_marks;
 pub(crate) mod frame_sink;

@@ -1,4 +1,4 @@
-//! A frame with its quality and its map, as every sink gets it.
+//! A frame with its quality and its map, as passed to every sink.
 
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use eit::Pressure;
 use logbook::MapRecord;
 use survey::{Frame, Map, Quality};
 
-/// A frame and what was made of it.
+/// A frame and the results of its processing.
 #[derive(Debug, Clone)]
 pub(crate) struct Published {
     pub frame: Frame,
@@ -16,20 +16,20 @@ pub(crate) struct Published {
     pub map: Option<Map>,
     /// Where the load was found, m; `None` where no loss is above the noise.
     pub found: Option<[f64; 2]>,
-    /// The largest loss that noise alone makes of the map.
+    /// The largest loss that noise alone causes in the map.
     pub noise: Option<f64>,
-    /// The map as pressure, where the method is calibrated.
+    /// The map as pressure, if the method is calibrated.
     pub pressure: Option<Pressure>,
-    /// What the map took.
+    /// Computing time of the map.
     pub reconstruction: Duration,
-    /// How the record says by what the map was made.
+    /// The map's entry in the record.
     pub record: Option<MapRecord>,
-    /// From the last reading until the frame was on disk, the map included; set by the logbook.
+    /// Time from the last reading until the frame was on disk, including the map; set by the logbook.
     pub durable: OnceLock<Duration>,
 }
 
 impl Published {
-    /// A frame without a map, and not on disk yet.
+    /// A frame without a map that is not on disk yet.
     pub(crate) fn new(quality: Quality, frame: Frame) -> Self {
         Self {
             frame,
@@ -60,7 +60,7 @@ impl Published {
         }
     }
 
-    /// Where the load was found, and how large it is; empty where there is no map.
+    /// Position and size of the load; empty without a map.
     pub(crate) fn map_details(&self) -> MapDetails {
         let Some(map) = &self.map else {
             return MapDetails::default();

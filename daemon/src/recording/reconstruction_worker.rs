@@ -1,5 +1,5 @@
-//! Maps are made on a thread of their own: a method that is slow, hangs or fails leaves frames without a map, never the
-//! record without a frame.
+//! Computes maps on a separate thread: a method that is slow, hangs or fails leaves frames without a map, but never
+//! delays or loses their record.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
@@ -14,45 +14,45 @@ use crate::recording::order::Order;
 use imaging::Model;
 use survey::error_chain as chain;
 
-/// A frame's record waits so long for its map, and no longer.
+/// Maximum time to hold a frame for its map.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Where others wait behind it, so long: a quick method is never given up because the machine is busy.
+/// The same if other frames are waiting; long enough for a quick method on a busy machine.
 const GRACE: Duration = Duration::from_millis(250);
-/// Between looks at whether more frames are waiting.
+/// Time between two checks whether more frames are waiting.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// What maps are made with.
+/// Inputs of the reconstruction.
 pub(crate) struct ReconstructionContext {
     pub baseline: Baseline,
     pub model: Model,
     pub centroids: Vec<[f64; 2]>,
     pub areas: Vec<f64>,
-    /// Standard deviation of one reading, in the baseline's unit; `None` where it is not known.
+    /// Standard deviation of one reading, in the baseline's unit; `None` if unknown.
     pub reading_noise: Option<f64>,
     pub build: String,
 }
 
-/// What became of a frame.
+/// Result of a frame.
 #[derive(Debug)]
 pub(crate) struct Made {
     pub outcome: Result<Mapped, Failure>,
-    /// What it took.
+    /// Computing time.
     pub took: Duration,
 }
 
-/// A map and what was read off it.
+/// A map and the values derived from it.
 #[derive(Debug)]
 pub(crate) struct Mapped {
     pub map: Map,
     /// Where the load was found, m; `None` where no loss is above the noise.
     pub found: Option<[f64; 2]>,
-    /// The largest loss that noise alone makes.
+    /// The largest loss that noise alone causes.
     pub noise: Option<f64>,
     pub pressure: Option<Pressure>,
     pub record: MapRecord,
-    /// Why there is no pressure, where the method is calibrated.
+    /// Why there is no pressure, if the method is calibrated.
     pub refused: Option<String>,
-    /// How a method was settled that looks at frames, with its first map.
+    /// How a method that adapts to its frames was fixed; with its first map.
     pub decided: Option<String>,
 }
 
@@ -61,22 +61,22 @@ pub(crate) struct Mapped {
 pub(crate) enum Failure {
     /// The method refuses this frame.
     Refused(String),
-    /// The method's own code failed; it is not asked again.
+    /// The method's code failed; it is not used again.
     Broken(String),
 }
 
-/// What was got of an attempt.
+/// Result of an attempt.
 pub(crate) enum MapOutcome {
     Made(Box<Made>),
-    /// It is not ready; [`ReconstructionWorker::late`] has it later.
+    /// Not ready; returned later by [`ReconstructionWorker::late`].
     Late,
-    /// An earlier one is still under way: this frame has no map.
+    /// An earlier map is still being computed: this frame has none.
     Busy,
-    /// The method has been given up.
+    /// The method is not used any more.
     Suspended,
 }
 
-/// Makes one map at a time.
+/// Computes one map at a time.
 pub(crate) struct ReconstructionWorker {
     ask: Option<SyncSender<Vec<Reading>>>,
     answers: Receiver<Made>,
@@ -84,10 +84,10 @@ pub(crate) struct ReconstructionWorker {
 }
 
 impl ReconstructionWorker {
-    /// `recorder` is nudged whenever a map is ready.
+    /// `recorder` is notified whenever a map is ready.
     ///
     /// # Errors
-    /// No thread can be had.
+    /// No thread can be started.
     pub(crate) fn start(
         context: ReconstructionContext,
         recorder: WeakSender<Order>,
@@ -136,7 +136,7 @@ impl ReconstructionWorker {
         })
     }
 
-    /// Asks for a map and waits for it, two seconds at most; a quarter of one where others are waiting (`hurry`).
+    /// Requests a map and waits for it, at most two seconds; a quarter of a second if others are waiting (`hurry`).
     pub(crate) fn make(&mut self, readings: &[Reading], hurry: impl Fn() -> bool) -> MapOutcome {
         if self.under_way {
             return MapOutcome::Busy;
@@ -162,7 +162,7 @@ impl ReconstructionWorker {
         }
     }
 
-    /// The one that was late, if it is ready now.
+    /// The late map, if it is ready now.
     pub(crate) fn late(&mut self) -> Option<Made> {
         if !self.under_way {
             return None;
@@ -177,7 +177,7 @@ impl ReconstructionWorker {
         }
     }
 
-    /// The one that was late, waited for as long as a record would.
+    /// Waits for the late map as long as for the map of a record.
     pub(crate) fn last(&mut self) -> Option<Made> {
         if !self.under_way {
             return None;
@@ -205,7 +205,7 @@ fn patience(hurry: bool) -> Duration {
 }
 
 impl ReconstructionContext {
-    /// The largest loss that noise alone makes of a map.
+    /// The largest loss that noise alone causes in a map.
     fn noise(&self) -> Option<f64> {
         let reconstructor = self.model.reconstructor.as_ref();
         imaging::map_noise(reconstructor, &self.baseline.readings, self.reading_noise?)

@@ -1,4 +1,4 @@
-//! The sessions on disk, as the daemon knows them: each file is read once, and again when it has changed.
+//! Index of the sessions on disk: each file is read once, and again when it has changed.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use survey::Baseline;
 
 use survey::error_chain as chain;
 
-/// So many files are read while the daemon starts; more are read beside it.
+/// Most files that are read during the start; more are read in the background.
 const WHILE_STARTING: usize = 200;
 
 /// The index of the record's folder.
@@ -23,12 +23,12 @@ pub(crate) struct Records {
 #[derive(Debug)]
 struct Cached {
     index: Index,
-    /// Files of which the journal has been told that they cannot be read.
+    /// Files whose read error has been logged.
     reported: BTreeSet<PathBuf>,
 }
 
 impl Records {
-    /// What was kept of the folder; no session is opened.
+    /// Loads the stored index of the folder; no session is opened.
     pub(crate) fn of(directory: &Path) -> Self {
         Self {
             known: Mutex::new(Cached {
@@ -42,7 +42,7 @@ impl Records {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What killed daemons have left in the folder is removed or folded in. The caller holds the folder's lock.
+    /// Removes or folds in what killed daemons left in the folder. The caller must hold the folder's lock.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -50,13 +50,13 @@ impl Records {
         self.known().index.tidy()
     }
 
-    /// Whether so much is to be read first that nobody should wait for it.
+    /// Whether reading takes so long that it should not delay the start.
     pub(crate) fn takes_long(&self) -> bool {
         let unknown = self.known().index.unknown();
         unknown.is_ok_and(|unknown| unknown > WHILE_STARTING)
     }
 
-    /// The sessions as they are now. Blocks while files are read.
+    /// The up-to-date index. Blocks while files are read.
     fn now(&self) -> Result<MutexGuard<'_, Cached>, LogbookError> {
         let mut known = self.known();
         known.index.refresh()?;
@@ -65,7 +65,7 @@ impl Records {
         }
         let mut unreadable = BTreeSet::new();
         for file in known.index.unreadable() {
-            // once: whoever asks for the list must not fill the journal
+            // logged once: repeated listings must not fill the journal
             if !known.reported.contains(&file.path) {
                 tracing::warn!("{}: {}", file.path.display(), chain(&file.why));
             }
@@ -75,7 +75,7 @@ impl Records {
         Ok(known)
     }
 
-    /// What may be resumed, the newest first.
+    /// The sessions that may be resumed, newest first.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -83,8 +83,7 @@ impl Records {
         Ok(self.now()?.index.interrupted())
     }
 
-    /// What may be resumed of the sessions that were written at this time or later, the newest first; older sessions are not
-    /// opened.
+    /// The sessions written at this time or later that may be resumed, newest first; older sessions are not opened.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -97,7 +96,7 @@ impl Records {
         Ok(known.index.interrupted())
     }
 
-    /// The baseline recorded last as seen `now`.
+    /// The latest baseline as of `now`.
     ///
     /// # Errors
     /// The folder or that baseline cannot be read.
@@ -109,7 +108,7 @@ impl Records {
         Ok(latest.map(|(_, baseline)| baseline))
     }
 
-    /// The baseline recorded before the one with this id, where it was measured alike.
+    /// The baseline before the one with this id, if it was measured with the same settings.
     ///
     /// # Errors
     /// The folder or that baseline cannot be read.
@@ -138,7 +137,7 @@ impl Records {
         Ok(None)
     }
 
-    /// So many sessions, the newest first, where named those that come after the one with this id.
+    /// At most this many sessions, newest first; optionally those after the one with this id.
     ///
     /// # Errors
     /// The folder cannot be read, or there is no such session.
@@ -165,7 +164,7 @@ impl Records {
     }
 }
 
-/// An error of the logbook as a fault on the bus.
+/// Converts an error of the logbook to a D-Bus fault.
 pub(crate) fn disk_fault(error: &LogbookError) -> Fault {
     if error.is_disk() {
         Fault::DiskRefused(chain(error))

@@ -1,4 +1,4 @@
-//! What a stream's reader has not read yet: bounded, the oldest dropped and counted. Pure.
+//! Bounded buffer of a stream's reader: the oldest record is dropped and counted. No I/O.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ pub(crate) struct Ring {
 }
 
 impl Ring {
-    /// Holds at most so many records, at least one.
+    /// Holds at most `most` records, at least one.
     pub(crate) fn new(most: usize) -> Self {
         Self {
             waiting: VecDeque::new(),
@@ -23,7 +23,7 @@ impl Ring {
         }
     }
 
-    /// Takes an encoded record; when full, the oldest goes.
+    /// Adds an encoded record; drops the oldest if full.
     pub(crate) fn push(&mut self, record: Arc<[u8]>) {
         if self.waiting.len() == self.most {
             self.waiting.pop_front();
@@ -32,7 +32,7 @@ impl Ring {
         self.waiting.push_back(record);
     }
 
-    /// The oldest record, with the number of those dropped just before it written in.
+    /// Removes the oldest record, with the number of those dropped before it filled in.
     pub(crate) fn pop(&mut self) -> Option<Vec<u8>> {
         let mut record = self.waiting.pop_front()?.to_vec();
         set_gap(&mut record, std::mem::take(&mut self.dropped));

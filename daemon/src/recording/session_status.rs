@@ -1,4 +1,4 @@
-//! A session as clients see it: counters, the last frame and map, readers, and what was requested of it.
+//! Status of a session for clients: counters, the last frame and map, stream readers, and pending requests.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -18,7 +18,7 @@ use crate::recording::frame_sink::FrameSink;
 use crate::recording::published::Published;
 use crate::recording::stream::Readers;
 
-/// What never changes.
+/// Constants of the session.
 #[derive(Debug, Clone)]
 pub(crate) struct Facts {
     pub id: String,
@@ -28,11 +28,11 @@ pub(crate) struct Facts {
     pub baseline_id: String,
     /// Empty for a baseline session.
     pub method: String,
-    /// From start to start of frames as scheduled; zero is back to back.
+    /// Scheduled period from start to start of frames; zero is back to back.
     pub every: Duration,
 }
 
-/// How far it has come.
+/// Progress of the session.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(crate) struct Progress {
     pub suspended: bool,
@@ -48,18 +48,18 @@ pub(crate) struct SessionEnd {
     pub faulted: bool,
 }
 
-/// The last frame, and the last one that has a map.
+/// The last frame, and the last frame with a map.
 #[derive(Debug, Default)]
 struct Latest {
     frame: Option<Arc<Published>>,
     with_map: Option<Arc<Published>>,
 }
 
-/// One session, shared by all who have to do with it.
+/// A session, shared by the tasks that work on it.
 #[derive(Debug)]
 pub(crate) struct SessionStatus {
     pub facts: Facts,
-    /// The file that frames go to now; a session that rolls over has several.
+    /// The file currently written; a session that rolls over has several.
     path: Mutex<PathBuf>,
     pub readers: Readers,
     acquired: AtomicU64,
@@ -67,43 +67,43 @@ pub(crate) struct SessionStatus {
     dropped: AtomicU64,
     progress: watch::Sender<Progress>,
     latest: Mutex<Latest>,
-    /// The largest loss that noise alone makes of a map; set with the first map, where the noise of a reading is known.
+    /// The largest loss that noise alone causes in a map; set with the first map, if the noise of a reading is known.
     pub map_noise: OnceLock<f64>,
     button: StopButton,
     stop: Stop,
     suspend: watch::Sender<bool>,
-    /// The record has no room.
+    /// The record has no space.
     held: watch::Sender<bool>,
-    /// Frames granted so far; `None` where nobody has to ask.
+    /// Frames granted so far; `None` for a session with a schedule.
     granted: Option<watch::Sender<u64>>,
     why: Mutex<String>,
-    /// The wish to end is because something failed.
+    /// The end was requested because of a failure.
     failed: AtomicBool,
     left_open: AtomicBool,
-    /// A person has asked it to end, and not only until the next daemon.
+    /// The end was requested for good; the next daemon must not resume it.
     ended_for_good: AtomicBool,
-    /// Where its end is kept apart from its file; set before the file is closed.
+    /// Where its end was marked apart from its file; set before the file is closed.
     pub marked: OnceCell<Marked>,
-    /// Its file says that it has ended.
+    /// Its file records its end.
     closed: AtomicBool,
     /// Frames that failed.
     failures: AtomicU64,
-    /// What the daemon counts over all its sessions.
+    /// Counters over all sessions of the daemon.
     counters: Arc<Counters>,
     pace: Mutex<Pace>,
 }
 
-/// When frames came, on the daemon's clock.
+/// Times of frames, by the daemon's clock.
 #[derive(Debug, Default)]
 struct Pace {
-    /// From when on a frame is awaited: the beginning, or when it was told to go on.
+    /// Since when a frame is expected: the start, or the last resumption.
     from: Duration,
     first: Option<Duration>,
     last: Option<Duration>,
 }
 
 impl SessionStatus {
-    /// A session about to begin; with `step` it waits to be asked for each frame.
+    /// A new session; with `step` each frame must be granted.
     pub(crate) fn new(facts: Facts, path: PathBuf, step: bool, counters: Arc<Counters>) -> Self {
         let (button, stop) = Stop::button();
         tracing::info!(
@@ -144,7 +144,7 @@ impl SessionStatus {
         }
     }
 
-    /// So many frames are on disk already.
+    /// Sets the number of frames already on disk.
     pub(crate) fn goes_on_after(&self, frames: u64) {
         self.acquired.store(frames, Ordering::Relaxed);
         self.durable.send_replace(frames);
@@ -153,29 +153,29 @@ impl SessionStatus {
         }
     }
 
-    /// It ends for now, and goes on with the next daemon.
+    /// Ends the session for now; the next daemon resumes it.
     pub(crate) fn leave(&self, why: &str) {
         self.left_open.store(true, Ordering::SeqCst);
         self.stop(why);
     }
 
-    /// Whether it goes on with the next daemon: it was left, and nobody has asked it to end for good.
+    /// Whether the next daemon resumes it: it was left open, and no end for good was requested.
     pub(crate) fn is_left_open(&self) -> bool {
         self.left_open.load(Ordering::SeqCst) && !self.ended_for_good.load(Ordering::SeqCst)
     }
 
-    /// As [`SessionStatus::stop`], and it does not go on with the next daemon even where this one is being stopped.
+    /// Like [`SessionStatus::stop`], but the next daemon does not resume it even if this one is being stopped.
     pub(crate) fn end_for_good(&self, why: &str) {
         self.ended_for_good.store(true, Ordering::SeqCst);
         self.stop(why);
     }
 
-    /// Whether its end is kept: in its file, or apart from it.
+    /// Whether its end is recorded, in its file or apart from it.
     pub(crate) fn end_is_kept(&self) -> bool {
         self.is_closed() || self.marked.get().is_some_and(Marked::is_kept)
     }
 
-    /// Of a session that has ended: whether nothing keeps the next daemon from going on with it.
+    /// For an ended session: whether the next daemon would resume it.
     pub(crate) fn goes_on_with_the_next_daemon(&self) -> bool {
         self.left_open.load(Ordering::SeqCst) && !self.end_is_kept()
     }
@@ -184,7 +184,7 @@ impl SessionStatus {
         self.closed.load(Ordering::SeqCst)
     }
 
-    /// Its file says that it has ended.
+    /// Records that its file contains its end.
     pub(crate) fn set_closed(&self) {
         self.closed.store(true, Ordering::SeqCst);
     }
@@ -194,7 +194,7 @@ impl SessionStatus {
         path.clone()
     }
 
-    /// It goes on in another file.
+    /// Sets the file of the next part.
     pub(crate) fn set_path(&self, path: &Path) {
         let mut now = self.path.lock().unwrap_or_else(PoisonError::into_inner);
         path.clone_into(&mut now);
@@ -252,9 +252,9 @@ impl SessionStatus {
         });
     }
 
-    /// The last word: nothing follows.
+    /// The final update.
     pub(crate) fn end(&self, end: SessionEnd) {
-        // with its beginning all that the journal hears of a session in which nothing went wrong
+        // with the start, the only journal messages of a session without faults
         tracing::info!(
             session = self.facts.id,
             "{} has ended: {}; {} frames on disk, {} failed, {} missed their time",
@@ -311,7 +311,7 @@ impl SessionStatus {
         }
     }
 
-    /// The last one that has a map.
+    /// The last frame with a map.
     pub(crate) fn latest_map(&self) -> Option<Arc<Published>> {
         self.latest
             .lock()
@@ -320,7 +320,7 @@ impl SessionStatus {
             .clone()
     }
 
-    /// Asks it to end, and says why; the first reason stands.
+    /// Requests the end of the session; the first reason given is kept.
     pub(crate) fn stop(&self, why: &str) {
         let mut first = self.why.lock().unwrap_or_else(PoisonError::into_inner);
         if first.is_empty() {
@@ -330,7 +330,7 @@ impl SessionStatus {
         self.button.press();
     }
 
-    /// As [`SessionStatus::stop`], and it is faulted then.
+    /// Like [`SessionStatus::stop`], and marks the session faulted.
     pub(crate) fn fail(&self, why: &str) {
         self.failed.store(true, Ordering::Relaxed);
         self.stop(why);
@@ -351,7 +351,7 @@ impl SessionStatus {
         self.counters.count_failed();
     }
 
-    /// Why it was asked to end.
+    /// The reason of the stop request.
     pub(crate) fn stop_reason(&self) -> String {
         self.why
             .lock()
@@ -359,7 +359,7 @@ impl SessionStatus {
             .clone()
     }
 
-    /// Hears of the wish to end.
+    /// Subscribes to the stop request.
     pub(crate) fn stop_request(&self) -> Stop {
         self.stop.clone()
     }
@@ -371,33 +371,33 @@ impl SessionStatus {
         }
     }
 
-    /// Whether a frame is to come by itself: nobody has asked for a pause, nobody takes them one by one.
+    /// Whether frames are due without a request: the session is not suspended and not in step mode.
     pub(crate) fn awaits_frames(&self) -> bool {
         self.granted.is_none() && !*self.suspend.borrow()
     }
 
-    /// From when on a frame is awaited, and when the first and the last one began, on the daemon's clock.
+    /// Since when a frame is expected, and when the first and the last one began, by the daemon's clock.
     pub(crate) fn pace(&self) -> (Duration, Option<Duration>, Option<Duration>) {
         let pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
         (pace.from, pace.first, pace.last)
     }
 
-    /// Holds acquisition while the record has no room; whatever anybody wishes.
+    /// Holds acquisition while the record has no space, independent of client requests.
     pub(crate) fn hold(&self, hold: bool) {
         self.held.send_replace(hold);
     }
 
-    /// Hears of being held.
+    /// Subscribes to holds.
     pub(crate) fn held(&self) -> watch::Receiver<bool> {
         self.held.subscribe()
     }
 
-    /// Hears of the wish to pause.
+    /// Subscribes to the suspend request.
     pub(crate) fn suspend_request(&self) -> watch::Receiver<bool> {
         self.suspend.subscribe()
     }
 
-    /// Grants so many more frames and says up to which; `None` for a session with a schedule.
+    /// Grants this many more frames and returns the new limit; `None` for a session with a schedule.
     pub(crate) fn grant(&self, frames: u64) -> Option<u64> {
         let granted = self.granted.as_ref()?;
         let mut upto = 0;
@@ -408,7 +408,7 @@ impl SessionStatus {
         Some(upto)
     }
 
-    /// Hears of frames granted; `None` for a session with a schedule.
+    /// Subscribes to granted frames; `None` for a session with a schedule.
     pub(crate) fn grants(&self) -> Option<watch::Receiver<u64>> {
         self.granted.as_ref().map(watch::Sender::subscribe)
     }

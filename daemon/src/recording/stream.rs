@@ -13,15 +13,15 @@ use tokio::sync::Notify;
 use crate::panics::containment::{Ends, answer};
 use crate::recording::ring::Ring;
 
-/// How long a reader may take for all that is left after the end: then it is let go.
+/// Time for a reader to take the rest after the end; then it is closed.
 const LAST_WORDS: Duration = Duration::from_secs(30);
 
-/// What a reader asked for.
+/// Options of a reader.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Wanted {
     pub frames: bool,
     pub maps: bool,
-    /// Only if asked for: who knows nothing of it is not sent it.
+    /// Only on request: old clients do not understand it.
     pub pressure: bool,
     /// Records held for it.
     pub ring: usize,
@@ -38,7 +38,7 @@ struct Reader {
     wanted: Wanted,
     waiting: Mutex<Waiting>,
     news: Notify,
-    /// Told once, when the session has ended.
+    /// Notified once, when the session has ended.
     over: Notify,
 }
 
@@ -56,7 +56,7 @@ impl Reader {
 }
 
 impl Readers {
-    /// Adds a reader and returns its end of the socket; `place` is dropped when it is gone. Must be called inside the
+    /// Adds a reader and returns its end of the socket; `place` is dropped when it is closed. Must be called inside the
     /// runtime.
     pub(crate) fn add(
         &self,
@@ -82,7 +82,7 @@ impl Readers {
         readers.push(Arc::clone(&reader));
         drop(readers);
         tokio::spawn(async move {
-            // a panic is logged where it happens; the reader finds its stream closed
+            // a panic is logged where it happens; the reader's stream is closed
             let _ = answer(Ends::Answer, serve(reader, ours)).await;
             drop(place);
         });
@@ -94,7 +94,7 @@ impl Readers {
         self.lock().is_empty()
     }
 
-    /// Hands a record to everybody who wants it; never waits.
+    /// Sends a record to all readers that requested its kind; never waits.
     pub(crate) fn publish(&self, record: &Record) {
         let mut readers = self.lock();
         readers.retain(|reader| !reader.waiting().gone);
@@ -131,8 +131,8 @@ impl Readers {
     }
 }
 
-/// Writes what waits, at the reader's own pace, but not much longer than there is something to write: one that does not
-/// read any more is let go when its session has ended.
+/// Writes the buffered records at the reader's pace; after the end of the session, a reader that stops reading is
+/// closed.
 async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
     let late = async {
         reader.over.notified().await;
@@ -145,7 +145,7 @@ async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
     reader.waiting().gone = true;
 }
 
-/// Writes until the end is written, or the reader has gone.
+/// Writes until the end is sent, or the reader is gone.
 async fn write(reader: &Reader, socket: &mut UnixStream) {
     loop {
         let (record, ended) = {
@@ -166,7 +166,7 @@ async fn write(reader: &Reader, socket: &mut UnixStream) {
     }
 }
 
-/// Waits until the other end is closed. One that says it has no more to say still reads.
+/// Waits until the other end is closed. A reader that only shut down its sending direction still reads.
 async fn gone(socket: &UnixStream) {
     let mut unrequested = [0; 64];
     loop {

@@ -29,7 +29,7 @@ struct Instance {
     port: Option<u16>,
 }
 
-/// Listens for announcements; with them a note where there is no multicast.
+/// Collects announcements; returns a note if there is no multicast.
 pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>) {
     let note = no_multicast();
     let daemon = match ServiceDaemon::new() {
@@ -43,7 +43,7 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
             );
         }
     };
-    // left out unless asked for; simulators on this machine may be heard nowhere else
+    // off by default; simulators on this machine may be announced only there
     daemon.enable_interface(IfKind::LoopbackV4).ok();
     daemon.enable_interface(IfKind::LoopbackV6).ok();
     let until = Instant::now() + within;
@@ -65,7 +65,7 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
     daemon.shutdown().ok();
     let mut instances: BTreeMap<String, Instance> = BTreeMap::new();
     for (kind, service) in [raw, lxi, vxi, hislip, telnet].into_iter().flatten() {
-        // the same under every type; one instrument is seen on every interface
+        // the name is the same under every type; one instrument is found on every interface
         let name = service
             .fullname
             .trim_end_matches(kind)
@@ -101,7 +101,7 @@ pub(super) async fn browse(within: Duration) -> (Vec<Candidate>, Option<String>)
     (candidates.collect(), note)
 }
 
-/// What the operating system says where no interface takes multicast.
+/// Error of the operating system if no interface supports multicast.
 fn no_multicast() -> Option<String> {
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
     let refused = socket

@@ -1,7 +1,7 @@
-//! Which instruments are there: mDNS, VXI-11 broadcast, and addresses given; proposed to a person, never used.
+//! Discovery of instruments by mDNS, VXI-11 broadcast, and given addresses. Results are proposals; none is used.
 //!
-//! Who an instrument is, it says itself: nothing but `*IDN?` is sent, and what an announcement claims is not believed.
-//! Every way fails soft: a machine without multicast still asks the addresses given, and says so.
+//! Instruments are identified only by their reply to `*IDN?`, the only command sent; announcements are not trusted.
+//! Each method may fail: a machine without multicast still queries the given addresses, and reports the failure.
 
 mod mdns;
 mod vxi11;
@@ -15,27 +15,27 @@ use survey::{printable, printable_within};
 
 use crate::instruments::address::InstrumentAddress;
 
-/// Opening a connection, and an answer to `*IDN?`, may each take so long.
+/// Timeout of a connection, and of a reply to `*IDN?`.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Where a 34980A listens (fact sheet lxi-discovery, section 2).
+/// SCPI port of a 34980A (fact sheet lxi-discovery, section 2).
 const SCPI_RAW: u16 = 5025;
 
-/// Characters kept of what an instrument or an announcement says of itself; an identity has some 50.
+/// Most characters kept of a reply or announcement; an identity has some 50.
 const LONGEST_TEXT: usize = 200;
 
 /// What to look for, and where.
 #[derive(Debug, Clone)]
 pub(crate) struct Search {
-    /// How long announcements and broadcasts are listened for.
+    /// Time to wait for announcements and broadcast replies.
     pub within: Duration,
     pub mdns: bool,
     pub broadcast: bool,
-    /// Port of the port mapper, 111 but in tests.
+    /// Port of the port mapper, 111 except in tests.
     pub port_mapper: u16,
-    /// Addresses to ask beside what is found.
+    /// Additional addresses to query.
     pub addresses: Vec<InstrumentAddress>,
-    /// Instruments in use, with what they answered when they were connected: they are not asked again, some serve one
-    /// client only.
+    /// Instruments in use, with their identity when they were connected: they are not queried again, since some serve
+    /// one client only.
     pub in_use: Vec<(String, String)>,
 }
 
@@ -52,26 +52,26 @@ impl Default for Search {
     }
 }
 
-/// An instrument, or something that might be one.
+/// An instrument, or a candidate.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Seen {
-    /// As a configuration has it: `tcp:HOST:PORT`; empty where none is known that the daemon could use.
+    /// As in a configuration: `tcp:HOST:PORT`; empty if the daemon could not use it.
     pub address: String,
-    /// The reply to `*IDN?`; empty where it gave none.
+    /// The reply to `*IDN?`; empty if there was none.
     pub identity: String,
     /// `mdns`, `vxi-11`, `address`, `configuration`; several joined by `, `.
     pub found_by: String,
-    /// The name it is announced under, if it is.
+    /// Its announced name, if any.
     pub name: String,
     /// Whether the running configuration uses it.
     pub in_use: bool,
-    /// Lines that a configuration could have; empty where there is nothing to propose.
+    /// Proposed lines of configuration; may be empty.
     pub proposal: String,
     /// Why there is no identity or no proposal.
     pub remark: String,
 }
 
-/// Everything found, and what could not be looked for.
+/// Everything found, and notes on failed methods.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Discovered {
     pub seen: Vec<Seen>,
@@ -88,7 +88,7 @@ struct Candidate {
     identity: Option<String>,
 }
 
-/// Looks everywhere and asks each who it is.
+/// Runs all methods and queries each candidate's identity.
 pub(crate) async fn discover(search: &Search) -> Discovered {
     let mut found = Discovered::default();
     let announced = async {
@@ -122,7 +122,7 @@ pub(crate) async fn discover(search: &Search) -> Discovered {
         let used = used.clone();
         tokio::spawn(async move { ask(candidate, &used).await })
     });
-    // all at once: one that is dead must not hold the others up
+    // all at once: an unresponsive one must not delay the others
     for task in requested.collect::<Vec<_>>() {
         if let Ok(seen) = task.await {
             add(&mut found.seen, seen);
@@ -148,7 +148,7 @@ async fn used_sockets(in_use: &[(String, String)]) -> Vec<Used> {
     sockets
 }
 
-/// Asks a candidate who it is, on the first of its places that answers.
+/// Queries a candidate's identity at the first address that replies.
 async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
     let Candidate {
         places,
@@ -195,7 +195,7 @@ async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
     }
 }
 
-/// `*IDN?` and nothing else, then the connection is closed.
+/// Sends `*IDN?` only, then closes the connection.
 async fn identify(place: &InstrumentAddress) -> Result<String, String> {
     let stream = match place {
         InstrumentAddress::Tcp(address) => rig::connect_tcp(address, PATIENCE).await,
@@ -213,7 +213,7 @@ async fn identify(place: &InstrumentAddress) -> Result<String, String> {
     answer.map_err(|cause| survey::error_chain(&cause))
 }
 
-/// One line a thing: the same identity at the same place, or the same serial number, is one instrument.
+/// Merges duplicates: the same identity at the same address, or the same serial number, is one instrument.
 fn add(all: &mut Vec<Seen>, one: Seen) {
     let same = all.iter_mut().find(|identities| {
         let identity = !one.identity.is_empty() && identities.identity == one.identity;
@@ -255,10 +255,10 @@ fn seen(address: String, identity: String, found_by: &str, name: &str, in_use: b
     }
 }
 
-/// The lines that a configuration would have for it, by the model that it names itself.
+/// Proposed lines of configuration, by the model in its identity.
 fn propose(address: &str, identity: &str) -> (String, String) {
     let model = identity.split(',').nth(1).unwrap_or_default().trim();
-    // an address may name a host as somebody else wrote it, and these lines are copied into a configuration
+    // an address may contain a host name from outside, and these lines are copied into a configuration
     let address = toml::Value::String(printable(address).into_owned());
     let section = |name: &str| format!("[{name}]\naddress = {address}");
     if model.eq_ignore_ascii_case("MODEL 6221") {

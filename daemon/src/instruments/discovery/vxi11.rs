@@ -1,5 +1,5 @@
-//! Who answers a VXI-11 broadcast, and who that is (fact sheet lxi-discovery, section 6): a port mapper's GETPORT to
-//! everybody, then `create_link`, `*IDN?`, `destroy_link` with each that answers.
+//! Discovery by VXI-11 broadcast (fact sheet lxi-discovery, section 6): broadcasts a port mapper's GETPORT, then sends
+//! `create_link`, `*IDN?`, `destroy_link` to each device that replies.
 
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -11,10 +11,10 @@ use vxi11::Client;
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::discovery::{Candidate, PATIENCE, SCPI_RAW};
 
-/// A longer reply is no answer to `*IDN?`, bytes.
+/// Longest accepted reply to `*IDN?`, bytes.
 const LONGEST: u32 = 1024;
 
-/// Asks everybody on every interface; with the answers what could not be asked.
+/// Broadcasts on every interface; returns the replies and the failures.
 pub(super) async fn broadcast(within: Duration, port: u16) -> (Vec<Candidate>, Vec<String>) {
     let mut notes = Vec::new();
     let interfaces = match if_addrs::get_if_addrs() {
@@ -60,7 +60,7 @@ pub(super) async fn broadcast(within: Duration, port: u16) -> (Vec<Candidate>, V
                 .ok()
                 .and_then(Result::ok);
             Candidate {
-                // the daemon's own way to the same instrument
+                // the address that the daemon would use for the same instrument
                 places: vec![InstrumentAddress::Tcp(format!("{}:{SCPI_RAW}", core.ip()))],
                 found_by: "vxi-11",
                 name: String::new(),
@@ -75,7 +75,7 @@ pub(super) async fn broadcast(within: Duration, port: u16) -> (Vec<Candidate>, V
     (candidates, notes)
 }
 
-/// What the instrument behind a core channel answers to `*IDN?`.
+/// The reply to `*IDN?` from the instrument behind a core channel.
 async fn identify(core: SocketAddr) -> std::io::Result<String> {
     let mut client = Client::new(TcpStream::connect(core).await?);
     let link = client.create_link("inst0").await?;

@@ -1,4 +1,4 @@
-//! Whether a frame goes on from the one before: by the clocks, and after a gap by its readings.
+//! Checks that a frame continues the previous one: by the clocks, and after a gap by its readings.
 
 use crate::events::kind::EventKind;
 use chrono::TimeDelta;
@@ -7,13 +7,13 @@ use survey::{Frame, relative_changes};
 
 use crate::recording::logbook_sink::LogbookSink;
 
-/// What a clock that is kept by NTP does not move at once.
+/// Larger than any step that NTP makes at once.
 const CLOCK_STEP: TimeDelta = TimeDelta::try_seconds(1).unwrap();
-/// A sheet that was left alone changes by less while the daemon is away: of a reading, in the median.
+/// Median relative change of the readings, below which an unattended sheet counts as unchanged after a gap.
 const PLAUSIBLE: f64 = 0.1;
 
 impl LogbookSink {
-    /// Schedules keep to the monotonic clock; where the other one is set, or the machine sleeps, that is an event.
+    /// Reports when the wall clock is set or the machine sleeps; schedules follow the monotonic clock.
     pub(super) fn watch_the_clock(&mut self, frame: &Frame) -> Result<(), LogbookError> {
         let Ok(since) = TimeDelta::from_std(frame.monotonic) else {
             return Ok(());
@@ -35,7 +35,7 @@ impl LogbookSink {
         }
     }
 
-    /// Whether the first frame after a gap is of the same sheet as the last one before it.
+    /// Checks that the first frame after a gap fits the last one before it.
     pub(super) fn compare_with_before(&mut self, first: &Frame) -> Result<(), LogbookError> {
         let Some(before) = self.before.take() else {
             return Ok(());

@@ -1,6 +1,5 @@
-//! The disk under the record: alarm while there is still room, a policy for when there is none, a new part of the session
-//! when the old file cannot be trusted, is locked or gone, or has grown enough. What is acknowledged stays; what is in
-//! hand waits.
+//! Disk space of the record: an early alarm, a policy for a full disk, and a new part of the session if the old file
+//! has an I/O error, is locked or gone, or has reached its size. Acknowledged frames are safe; the current one waits.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -19,37 +18,37 @@ use crate::recording::published::Published;
 use config::{FullName, RecordSection};
 use survey::error_chain as chain;
 
-/// Between two looks whether there is room again.
+/// Time between two checks for space.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 const MEGABYTE: u64 = 1_000_000;
-/// A ring makes room for more than the next frame.
+/// Least space that a ring frees at once.
 const LEAST_DELETED: u64 = 16 * MEGABYTE;
-/// A lock that another process holds on the file is waited for, and then the session goes on in the next part.
+/// Time to wait for another process's lock before the session continues in the next part.
 const LOCK_PATIENCE: Duration = Duration::from_secs(30);
 
 type Free = Box<dyn Fn(&Path) -> std::io::Result<u64> + Send>;
 
-/// What is done where there is little room, none, or a lock.
+/// State of the policy for low space, a full disk, or a lock.
 pub(crate) struct DiskPolicy {
     section: RecordSection,
     free: Free,
-    /// Whether it has been said that little is left.
+    /// Whether the low-space alarm has been reported.
     low: bool,
     /// The day of the last frame.
     day: Option<chrono::NaiveDate>,
-    /// Why nothing can be written at present.
+    /// Why writing is paused.
     paused: Option<Pause>,
     /// How long a lock is waited for.
     pub(in crate::recording) lock_patience: Duration,
-    /// Events that wait for room.
+    /// Events waiting for space.
     pub(in crate::recording) unwritten: VecDeque<Event>,
 }
 
-/// A wait of the record, with acquisition held.
+/// A pause of the record, during which acquisition is held.
 struct Pause {
     since: Duration,
     why: String,
-    /// For the holder of a lock, not for room.
+    /// Whether it waits for a lock rather than for space.
     locked: bool,
 }
 
@@ -73,16 +72,16 @@ impl DiskPolicy {
 }
 
 impl LogbookSink {
-    /// Writes frames with one sync, however long it takes until there is room.
+    /// Writes frames with one sync; waits for space as long as needed.
     ///
     /// # Errors
-    /// The disk refuses in a way that does not pass, or the session was asked to end while there was no room.
+    /// A permanent disk error, or the session was requested to end while there was no space.
     pub(super) fn store(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError> {
         let mut free = self.free();
         self.warn_early(free)?;
         let mut renewed = false;
         loop {
-            // the reserve is for the end of a session
+            // the reserve is kept for the end of a session
             if let Some(full) = self.lacks_space(free)
                 && !self.status.stop_request().is_requested()
             {
@@ -110,7 +109,7 @@ impl LogbookSink {
         }
     }
 
-    /// What is done about a write that was refused; then it is tried again. A new part is made once.
+    /// Handles a failed write, which is then retried. A new part is created once.
     fn meet(&mut self, error: LogbookError, renewed: &mut bool) -> Result<(), LogbookError> {
         let renews = error.needs_successor() || error.is_locked() && self.has_waited_for_the_lock();
         if renews && !*renewed {
@@ -119,7 +118,7 @@ impl LogbookSink {
                     *renewed = true;
                     Ok(())
                 }
-                // SQLite calls it an I/O error where there is no room for the index of a new journal
+                // SQLite reports an I/O error if there is no space for the index of a new journal
                 Err(refused) if refused.is_full() || self.lacks_space_for_a_part() => {
                     self.pause(refused)
                 }
@@ -136,7 +135,7 @@ impl LogbookSink {
         self.free().is_some_and(|free| free < MEGABYTE)
     }
 
-    /// Whether it was waited for long enough, or is not waited for because the session is to end.
+    /// Whether the wait for the lock is over: it timed out, or the session is to end.
     fn has_waited_for_the_lock(&self) -> bool {
         let now = self.clock.monotonic();
         let waited = match &self.disk.paused {
@@ -146,7 +145,7 @@ impl LogbookSink {
         waited >= self.disk.lock_patience || self.status.stop_request().is_requested()
     }
 
-    /// Writes something else, under the same rules.
+    /// Writes something else than frames, under the same rules.
     pub(in crate::recording) fn persist(
         &mut self,
         write: impl Fn(&mut SessionWriter) -> Result<(), LogbookError>,
@@ -163,8 +162,8 @@ impl LogbookSink {
         }
     }
 
-    /// The file grew enough, or a day began: the session goes on in its next part. Where that cannot be, it goes on in
-    /// this one.
+    /// Continues the session in its next part, when the file has reached its size or a day begins; if that fails,
+    /// continues in this one.
     pub(in crate::recording) fn roll(&mut self, at: DateTime<Utc>) -> Result<(), LogbookError> {
         let section = &self.disk.section;
         let before = self.disk.day.replace(at.date_naive());
@@ -185,8 +184,8 @@ impl LogbookSink {
         }
     }
 
-    /// Behind what was acknowledged the session goes on in another file. After an I/O error nobody knows what of the old
-    /// one is on disk, and asking again may be answered by memory; of one that was deleted the frames are copied.
+    /// Continues the session in another file after the acknowledged frames. After an I/O error the state of the old
+    /// file on disk is unknown, and reads may be served from the page cache; a deleted file is copied.
     pub(in crate::recording) fn renew(&mut self, error: &LogbookError) -> Result<(), LogbookError> {
         let at = self.clock.wall();
         let why = chain(error);
@@ -220,7 +219,7 @@ impl LogbookSink {
         Ok(())
     }
 
-    /// Looks whether the file is still in its place, where no frame comes by for a while.
+    /// Checks that the file is still at its path, if no frame was written for a while.
     pub(in crate::recording) fn look_at_place(&mut self) -> Result<(), LogbookError> {
         match self.writer.check_place() {
             Err(gone) => self.renew(&gone),
@@ -228,7 +227,7 @@ impl LogbookSink {
         }
     }
 
-    /// Says once that room is running out, and once that there is enough again.
+    /// Reports once that space is low, and once that there is enough again.
     fn warn_early(&mut self, free: Option<u64>) -> Result<(), LogbookError> {
         let Some(free) = free else {
             return Ok(());
@@ -257,11 +256,11 @@ impl LogbookSink {
             }
         );
         self.note(EventKind::DiskLow, &text);
-        // so little may be left that not even this fits: that is said next
+        // there may not even be space for this; that is reported next
         self.settle_what_fits()
     }
 
-    /// Whether the reserve is reached; once paused, a tenth more is wanted.
+    /// Whether the reserve is reached; during a pause, a tenth more is required.
     fn lacks_space(&self, free: Option<u64>) -> Option<LogbookError> {
         let mut wanted = self.disk.section.reserve_mb * MEGABYTE;
         if self.disk.paused.is_some() {
@@ -276,7 +275,7 @@ impl LogbookSink {
         })
     }
 
-    /// No room, or a lock: makes room by the policy, or holds acquisition and waits a little. Said once.
+    /// No space, or a lock: frees space by the policy, or holds acquisition and waits. Reported once.
     fn pause(&mut self, full: LogbookError) -> Result<(), LogbookError> {
         let locked = full.is_locked();
         if !locked && self.disk.section.when_full == FullName::Ring && self.delete_oldest()? {
@@ -292,7 +291,7 @@ impl LogbookSink {
             });
             self.status.set_last_error(&text);
             self.status.hold(true);
-            // it cannot be written to the record now, which has it afterwards
+            // it cannot be written to the record now; it is written later
             let kind = match locked {
                 true => EventKind::RecordLocked,
                 false => EventKind::DiskFull,
@@ -301,7 +300,7 @@ impl LogbookSink {
         }
         if self.status.stop_request().is_requested() {
             self.status.hold(false);
-            // a file that stays locked is left for the next part, which the next attempt makes
+            // a file that stays locked is left for the next part, which the next attempt creates
             return if locked { Ok(()) } else { Err(full) };
         }
         std::thread::sleep(LOOK_AGAIN);
@@ -310,7 +309,7 @@ impl LogbookSink {
         Ok(())
     }
 
-    /// Something was written: a pause is over.
+    /// A write succeeded: ends a pause.
     fn go_on(&mut self) {
         let Some(Pause { since, why, locked }) = self.disk.paused.take() else {
             return;
@@ -337,7 +336,7 @@ impl LogbookSink {
         self.writer.path().parent().unwrap_or(Path::new("."))
     }
 
-    /// Whether something could be deleted; said of each.
+    /// Deletes the oldest sessions; reports each. Returns whether something was deleted.
     fn delete_oldest(&mut self) -> Result<bool, LogbookError> {
         let folder = self.folder().to_owned();
         let wanted = self.disk.section.reserve_mb * MEGABYTE;

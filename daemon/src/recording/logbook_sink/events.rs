@@ -1,5 +1,5 @@
-//! Events of the session: reported at once, and written in the order in which they came. One that meets a full disk waits
-//! for room as a frame does, and events about that may come before it; one that meets a broken disk goes to the next part.
+//! Events of the session: reported at once, and written in order. An event that meets a full disk waits for space like
+//! a frame, and events about the disk may be written before it; one that meets an I/O error goes to the next part.
 
 use chrono::{DateTime, Utc};
 use logbook::LogbookError;
@@ -10,7 +10,7 @@ use crate::events::kind::EventKind;
 use crate::recording::logbook_sink::LogbookSink;
 
 impl LogbookSink {
-    /// Reports an event, and writes it, however long it takes until there is room.
+    /// Reports an event and writes it; waits for space as long as needed.
     ///
     /// # Errors
     /// As [`LogbookSink::settle`].
@@ -23,14 +23,13 @@ impl LogbookSink {
         self.settle()
     }
 
-    /// Reports an event, and writes it when the next [`LogbookSink::settle`] comes by: for what happens while room is waited
-    /// for.
+    /// Reports an event, and writes it at the next [`LogbookSink::settle`]: for events while waiting for space.
     pub(in crate::recording) fn note(&mut self, kind: EventKind, text: &str) {
         let event = self.report(kind, text);
         self.disk.unwritten.push_back(event);
     }
 
-    /// Reports an event that is not written to the record, or not here.
+    /// Reports an event that is not written to the record by this sink.
     pub(in crate::recording) fn report(&self, kind: EventKind, text: &str) -> Event {
         let event = self.event_at(self.clock.wall(), kind, text);
         self.events.report(event.clone());
@@ -47,7 +46,7 @@ impl LogbookSink {
         Event::new(at, kind, text, Some(&self.status.facts.id))
     }
 
-    /// Writes an event that has been reported.
+    /// Writes an event that has already been reported.
     ///
     /// # Errors
     /// As [`LogbookSink::settle`].
@@ -56,12 +55,12 @@ impl LogbookSink {
         self.settle()
     }
 
-    /// Writes the events that wait, those that come up meanwhile among them.
+    /// Writes the waiting events, including those added meanwhile.
     ///
     /// # Errors
-    /// The disk refuses in a way that does not pass, or the session was asked to end while there was no room.
+    /// A permanent disk error, or the session was requested to end while there was no space.
     pub(in crate::recording) fn settle(&mut self) -> Result<(), LogbookError> {
-        // taken out first: what is said while it waits for room is written past it, and does not write it, too
+        // removed first: events during the wait for space must not write it again
         while let Some(event) = self.disk.unwritten.pop_front() {
             let written =
                 self.persist(|writer| writer.event(event.at, event.kind.as_str(), &event.text));
@@ -73,10 +72,10 @@ impl LogbookSink {
         Ok(())
     }
 
-    /// Writes those that there is room for, and waits for none.
+    /// Writes the events for which there is space, without waiting.
     ///
     /// # Errors
-    /// The disk refuses in a way that does not pass.
+    /// A permanent disk error.
     pub(in crate::recording) fn settle_what_fits(&mut self) -> Result<(), LogbookError> {
         while let Some(event) = self.disk.unwritten.front() {
             match self

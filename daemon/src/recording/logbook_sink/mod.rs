@@ -1,5 +1,5 @@
-//! The session file as a sink: frames, events, the end, and what is done where the disk refuses them.
-//! Which frames and maps there are is the recorder's to say.
+//! The session file as a sink: writes frames, events and the end, and handles disk errors. The recorder decides what is
+//! written.
 
 mod continuity;
 mod disk_space;
@@ -21,7 +21,7 @@ use crate::recording::published::Published;
 use crate::recording::session_status::SessionStatus;
 use survey::error_chain as chain;
 
-/// A disk that takes longer for a write is one that hangs.
+/// Longest time of a write; the disk counts as hanging beyond it.
 const FOR_A_WRITE: Duration = Duration::from_secs(60);
 
 /// Writes one session.
@@ -32,7 +32,7 @@ pub(crate) struct LogbookSink {
     pub events: EventLog,
     pub heartbeats: Arc<Heartbeats>,
     pub disk: DiskPolicy,
-    /// The last frame before a gap that the session goes on after; its next frame is compared with it.
+    /// The last frame before a gap of a resumed session, for comparison with the next frame.
     pub before: Option<logbook::Record>,
     /// Wall time when the monotonic clock began, by the last frame.
     pub began: Option<DateTime<Utc>>,
@@ -70,7 +70,8 @@ impl FrameSink for LogbookSink {
             return Ok(());
         };
         match self.writer.late_map(frame.frame.sequence, record) {
-            // a roll-over lay between, or the disk: the frame is there, and the map can be made again
+            // the session rolled over or changed its file meanwhile: the frame is recorded, and the map can be
+            // recomputed
             Err(LogbookError::NoSuchFrame { .. }) => Ok(()),
             Err(error) if error.is_disk() || error.is_locked() => {
                 tracing::debug!("{}", chain(&error));
@@ -87,17 +88,17 @@ impl LogbookSink {
         self.writer.acknowledged()
     }
 
-    /// Something is written next; a sign of life follows within [`FOR_A_WRITE`], or this is dropped.
+    /// Starts a write: the next heartbeat is due within [`FOR_A_WRITE`], unless this is dropped before.
     pub(super) fn begins_to_write(&self) -> Rests {
         let now = self.clock.monotonic();
         self.heartbeats.promise(Part::Record, now, FOR_A_WRITE);
         Rests(Arc::clone(&self.heartbeats), Part::Record)
     }
 
-    /// A file that another process holds locked, or that is gone, is left: the next part says the end.
+    /// Ends the session. A file that is locked by another process, or gone, is left: the next part records the end.
     pub(super) fn end(&mut self, at: DateTime<Utc>, reason: &str) -> Result<(), LogbookError> {
         let ended = match self.writer.end(at, reason) {
-            // the writer has waited a quarter of a second, and whoever stops a session does not wait longer
+            // the writer has waited a quarter of a second, and a stop does not wait longer
             Err(error) if error.is_locked() || error.is_gone() => {
                 self.renew(&error)?;
                 self.writer.end(at, reason)

@@ -1,4 +1,4 @@
-//! Maps beside the record: asked for with each frame, waited for a little, written later where they are late.
+//! Maps of frames: requested with each frame, awaited briefly, and written later if they are late.
 
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ impl Recorder {
         }
     }
 
-    /// Adds what was made to its frame, and reports what went wrong.
+    /// Adds the result to its frame, and reports errors.
     pub(super) fn made(&mut self, made: Made, frame: &mut Published) -> Result<(), LogbookError> {
         frame.reconstruction = made.took;
         match made.outcome {
@@ -62,7 +62,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// A map that was late, if it is ready.
+    /// Writes a late map, if it is ready.
     pub(super) fn late_map(&mut self) -> Result<(), LogbookError> {
         match &mut self.task {
             Task::Maps { worker, .. } => match worker.late() {
@@ -92,7 +92,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// At the end nobody waits for it again.
+    /// Writes the last late map at the end of the session.
     pub(super) fn last_map(&mut self) -> Result<(), LogbookError> {
         match &mut self.task {
             Task::Maps { worker, .. } => match worker.last() {

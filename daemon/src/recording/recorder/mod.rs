@@ -1,5 +1,5 @@
-//! The way of a frame after acquisition, on a thread of its own: quality, map, then the sinks, the logbook first. The record
-//! waits for a map of the [`ReconstructionWorker`] a little, and is written without it.
+//! The recorder, on a separate thread: computes quality and map of each frame, then passes it to the sinks, the logbook
+//! first. It waits for the map of the [`ReconstructionWorker`] for a limited time, then writes the frame without it.
 
 mod maps;
 #[cfg(test)]
@@ -26,40 +26,40 @@ use crate::recording::session_status::SessionStatus;
 use crate::recording::stream_sink::StreamSink;
 use survey::error_chain as chain;
 
-/// With so many waiting, nobody waits for a map.
+/// Number of waiting frames from which maps are not awaited.
 const HURRY: usize = QUEUE / 2;
 
-/// Frames that one sync is enough for.
+/// Most frames written with one sync.
 const MOST_TOGETHER: usize = 64;
-/// Between looks for more of them.
+/// Time between two checks for more of them.
 const LOOK: Duration = Duration::from_millis(1);
 
 /// Records one session.
 pub(crate) struct Recorder {
     status: Arc<SessionStatus>,
     logbook: LogbookSink,
-    /// The sinks behind the logbook.
+    /// The sinks after the logbook.
     sinks: [Box<dyn FrameSink>; 2],
     checks: Checks,
     task: Task,
-    /// Whether frames wait for their maps however many there are: those of a recording do not pass by.
+    /// Whether frames always wait for their maps: those of a recording can wait.
     patient: bool,
 }
 
-/// What is made of the frames.
+/// The processing of frames.
 // one per session: its size does not matter
 #[allow(clippy::large_enum_variant)]
 pub(crate) enum Task {
-    /// The mean of so many.
+    /// Average of this many frames.
     Baseline { frames: Vec<Frame>, wanted: u64 },
-    /// A map of each.
+    /// A map for each frame.
     Maps {
         worker: ReconstructionWorker,
         /// The frame whose map is late.
         late: Option<Arc<Published>>,
-        /// Frames without a map, because the method was still busy.
+        /// Frames without a map because the method was busy.
         missed: u64,
-        /// Which frames are to have one.
+        /// Selects the frames that get a map.
         settings: ReconstructionSettings,
     },
 }
@@ -93,11 +93,11 @@ impl Recorder {
         }
     }
 
-    /// Works until the session is closed. Returns the baseline, where one was recorded to its end. Blocks: not for an
-    /// async task.
+    /// Records until the session is closed. Returns the baseline if its recording was completed. Blocks: must not be
+    /// called in an async task.
     ///
     /// # Errors
-    /// The disk refused; everything acknowledged before is on it. The session has then been told to stop.
+    /// A disk error; everything acknowledged before is on disk, and the session is requested to stop.
     pub(crate) fn run(
         mut self,
         mut orders: mpsc::Receiver<Order>,
@@ -126,10 +126,10 @@ impl Recorder {
                     return Ok(None);
                 }
             };
-            // what was said of the disk meanwhile
+            // events about the disk reported meanwhile
             if let Err(error) = outcome.and_then(|()| self.logbook.settle()) {
                 self.status.stop(&chain(&error));
-                // what is still on its way has nowhere to go
+                // remaining orders are dropped
                 orders.close();
                 while let Some(order) = waiting.pop_front().or_else(|| orders.blocking_recv()) {
                     if let Order::Frame(_) = order {
@@ -146,7 +146,7 @@ impl Recorder {
         self.close(at, "the daemon let go of the session")
     }
 
-    /// Frames that were waiting together go to the disk with one sync.
+    /// Writes frames that were waiting together with one sync.
     fn frames(
         &mut self,
         frames: Vec<Frame>,
@@ -202,8 +202,8 @@ impl Recorder {
         }
     }
 
-    /// Writes the end of the session, after a write that failed: what could not be written is lost, and the end may be
-    /// written all the same. Where it is not, its mark says it.
+    /// Records the end of the session after a failed write: the end may be writable even if the frames were not. If
+    /// not, its end mark records it.
     fn close_if_possible(&mut self) {
         let (at, reason) = (self.logbook.clock.wall(), self.status.stop_reason());
         if let Err(error) = self.logbook.end(at, &reason) {
@@ -211,7 +211,7 @@ impl Recorder {
         }
     }
 
-    /// The mean of the frames, where there are as many as were wanted.
+    /// Averages the frames, if there are as many as requested.
     fn keep_baseline(&mut self, at: DateTime<Utc>) -> Result<Option<Baseline>, LogbookError> {
         let made = match &self.task {
             Task::Baseline { frames, wanted } if frames.len() as u64 >= *wanted => {
@@ -236,7 +236,7 @@ impl Recorder {
     }
 }
 
-/// The frames that wait behind the first one, and those that come `within` this time, up to whatever else waits.
+/// Collects the waiting frames, and those that arrive `within` this time, up to the next other order.
 fn gather(
     first: Frame,
     orders: &mut mpsc::Receiver<Order>,
@@ -248,7 +248,7 @@ fn gather(
     while waiting.is_empty() && frames.len() < MOST_TOGETHER {
         match orders.try_recv() {
             Ok(Order::Frame(frame)) => frames.push(*frame),
-            // looked for with every frame
+            // checked with every frame
             Ok(Order::MapReady | Order::LookAtPlace) => {}
             Ok(other) => waiting.push_back(other),
             Err(TryRecvError::Empty) if began.elapsed() < within => std::thread::sleep(LOOK),
