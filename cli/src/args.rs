@@ -10,6 +10,7 @@ use crate::options::about::About;
 use crate::options::choices::{BaselineRule, Format, GeometryChoice, MethodArguments, Scale};
 use crate::options::duration::{SpanError, parse_span};
 use crate::options::measuring::Measuring;
+use crate::options::moment::Moment;
 use crate::options::numbers::{pixels, speed};
 use crate::output::Colour;
 
@@ -179,7 +180,7 @@ pub struct Log {
     /// Only the last so long: 2h, 1d
     #[arg(long, value_name = "SPAN", value_parser = span)]
     pub since: Option<Duration>,
-    /// Only of this session: an id, or the beginning of one
+    /// Only of this session: an id, `last`, or the beginning of ids
     #[arg(long, value_name = "ID")]
     pub session: Option<String>,
     /// Only of this kind: frame-failed, trouble, daily ...
@@ -297,7 +298,7 @@ pub enum BaselineCommand {
     Record(Box<BaselineRecord>),
     /// Show the baseline in use
     Show,
-    /// List the recorded baselines, the oldest first
+    /// List the recorded baselines, the oldest first, and mark the one in use
     List,
     /// Make an earlier baseline the current one, until another is recorded or the daemon ends
     Use {
@@ -345,7 +346,7 @@ pub struct Start {
     /// Model file to reconstruct with, or `one-step` (default: what the daemon's configuration says)
     #[arg(long, value_name = "FILE|one-step")]
     pub model: Option<PathBuf>,
-    /// Baseline to subtract (default: the current one)
+    /// Baseline to subtract: an id, the beginning of one, or `last` [default: the current one]
     #[arg(long, value_name = "ID")]
     pub baseline: Option<String>,
     /// Recordings: play so many times faster than it was recorded; 0 as fast as possible (default: its own rate)
@@ -374,7 +375,7 @@ pub struct Start {
 /// Options of `stop`.
 #[derive(Debug, Args)]
 pub struct Stop {
-    /// Session to stop (default: the running one)
+    /// Session to stop: an id, the beginning of one, or `last` [default: the running one]
     pub session: Option<String>,
 }
 
@@ -384,7 +385,7 @@ pub struct Step {
     /// Frames to take
     #[arg(default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: u64,
-    /// Session (default: the running one)
+    /// Session: an id, the beginning of one, or `last` [default: the running one]
     #[arg(long, value_name = "ID")]
     pub session: Option<String>,
 }
@@ -392,7 +393,7 @@ pub struct Step {
 /// Options of `watch`.
 #[derive(Debug, Args)]
 pub struct Watch {
-    /// Session to follow (default: the running one, or the next to start)
+    /// Session to follow: an id, the beginning of one, or `last` [default: the running one, or the next to start]
     pub session: Option<String>,
     /// End after this many frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
@@ -471,7 +472,16 @@ pub struct Replay {
     /// Readings are magnitudes, as an instrument without sign gives them: take them as negative
     #[arg(long)]
     pub negate: bool,
-    /// Only the first N frames
+    /// Begin with this frame: its number, a time since the first frame (10m), or a time ('2026-11-22 14:00' local, 2026-11-22T14:00:00Z) [default: the first]
+    #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
+    pub from: Option<Moment>,
+    /// End with this frame, as --from names it [default: the last]
+    #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
+    pub to: Option<Moment>,
+    /// Only every Nth frame, from the first one chosen on
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    pub every: u64,
+    /// At most N frames of those [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
     /// Write the maps as CSV, a row a frame, a column a triangle of the region: relative changes of conductance, losses negative.

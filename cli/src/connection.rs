@@ -9,6 +9,7 @@ use zbus::{Connection, ObjectPath};
 
 use crate::args::Global;
 use crate::failure::Failure;
+use crate::session_files::LAST;
 
 /// A connection to a running daemon.
 pub(crate) struct Daemon {
@@ -108,8 +109,13 @@ impl Daemon {
         self.session(path.into()).await.map(Some)
     }
 
-    /// The session with this id, running or recently ended.
-    pub(crate) async fn named(&self, id: &str) -> Result<Session1Proxy<'static>, Failure> {
+    /// The session of that id (`last`, or the beginning of one), running or ended a short while ago.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] where several begin so, [`Failure::Missing`] where none does or the daemon runs it no more.
+    pub(crate) async fn named(&self, named: &str) -> Result<Session1Proxy<'static>, Failure> {
+        let id = self.session_id(named, |_| true).await?;
+        let id = id.as_deref().unwrap_or(named);
         let path = dbus::session_path(id).map_err(|error| Failure::Usage(error.to_string()))?;
         let session = self.session(path).await?;
         match self.ask("the session", session.id()).await {
@@ -120,6 +126,64 @@ impl Daemon {
             Err(other) => Err(other),
         }
     }
+
+    /// The id of the recorded or running session that is meant: itself, the one that began last of those wanted (`last`), or
+    /// the only one that begins so; `None` where there is none.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] where several begin so.
+    pub(crate) async fn session_id(
+        &self,
+        named: &str,
+        wanted: impl Fn(&dbus::SessionSummary) -> bool,
+    ) -> Result<Option<String>, Failure> {
+        let none = dbus::Options::new();
+        let sessions = self
+            .ask("the sessions", self.manager.list_sessions(&none))
+            .await?;
+        let ids = sessions.iter().filter(|session| wanted(session));
+        let ids: Vec<&str> = ids.map(|session| session.id.as_str()).collect();
+        meant(named, &ids).map(|id| id.map(str::to_owned))
+    }
+
+    /// The id of the baseline that is meant; of an unknown one what was written, which the daemon refuses.
+    ///
+    /// # Errors
+    /// As [`Daemon::session_id`]; `last` where none is recorded.
+    pub(crate) async fn baseline_id(&self, named: &str) -> Result<String, Failure> {
+        let is_baseline = |session: &dbus::SessionSummary| {
+            session.kind == "baseline" && session.state == "closed"
+        };
+        match self.session_id(named, is_baseline).await? {
+            Some(id) => Ok(id),
+            None if named == LAST => Err(Failure::Missing(
+                "no baseline is recorded; `tactus baseline record` does".to_owned(),
+            )),
+            None => Ok(named.to_owned()),
+        }
+    }
+}
+
+/// The id that is meant; the newest of the ids comes first.
+fn meant<'a>(named: &str, ids: &[&'a str]) -> Result<Option<&'a str>, Failure> {
+    let mut matching = ids.iter().copied().filter(|id| match named {
+        LAST => true,
+        _ => id.starts_with(named),
+    });
+    if let Some(exact) = ids.iter().copied().find(|id| *id == named) {
+        return Ok(Some(exact));
+    }
+    let first = matching.next();
+    let others: Vec<&str> = matching.collect();
+    if named == LAST || others.is_empty() {
+        return Ok(first);
+    }
+    let listed: Vec<&str> = first.into_iter().chain(others).collect();
+    Err(Failure::Usage(format!(
+        "'{named}' is the beginning of several sessions: {}{}; write more of it",
+        listed[..listed.len().min(5)].join(", "),
+        if listed.len() > 5 { ", ..." } else { "" }
+    )))
 }
 
 /// The D-Bus contract uses an empty text for an absent one.
@@ -256,6 +320,27 @@ fn gone(what: &str, message: &str) -> Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_ambiguous_beginning_lists_the_sessions_that_match() {
+        let ids = ["m20270116_1", "b20270115_2", "m20270115_1"];
+        for (named, id) in [
+            ("last", Some("m20270116_1")),
+            ("b", Some("b20270115_2")),
+            ("m20270115", Some("m20270115_1")),
+            ("m20270116_1", Some("m20270116_1")),
+            ("x", None),
+        ] {
+            assert_eq!(meant(named, &ids).unwrap(), id, "{named}");
+        }
+        assert_eq!(meant("m1", &["m11", "m1"]).unwrap(), Some("m1"));
+        let refusal = meant("m2027", &ids).unwrap_err();
+        assert_eq!(refusal.code(), 2);
+        assert!(
+            refusal.to_string().contains("m20270116_1, m20270115_1;"),
+            "{refusal}"
+        );
+    }
 
     #[test]
     fn every_refusal_has_its_exit_code_and_says_what_to_do() {

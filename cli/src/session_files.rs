@@ -42,6 +42,29 @@ pub(crate) fn directories(global: &Global) -> Result<Vec<PathBuf>, Failure> {
 
 /// The directory in which a running daemon records; `None` if no daemon replies.
 fn daemon_directory(global: &Global) -> Result<Option<PathBuf>, Failure> {
+    let directory = ask_daemon(global, async |daemon| {
+        let requested = daemon.manager.record_directory();
+        daemon.ask("the record", requested).await
+    });
+    Ok(directory?.map(PathBuf::from))
+}
+
+/// The id of the baseline that a running daemon uses; `None` where none answers or it has none.
+///
+/// # Errors
+/// A `--bus` that is no address.
+pub(crate) fn baseline_in_use(global: &Global) -> Result<Option<String>, Failure> {
+    ask_daemon(global, async |daemon| {
+        let status = daemon.ask("the status", daemon.manager.status()).await?;
+        Ok(status.baseline_id.unwrap_or_default())
+    })
+}
+
+/// One answer of a running daemon; `None` where none answers soon.
+fn ask_daemon<T>(
+    global: &Global,
+    question: impl AsyncFnOnce(crate::connection::Daemon) -> Result<T, Failure>,
+) -> Result<Option<T>, Failure> {
     let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -52,14 +75,10 @@ fn daemon_directory(global: &Global) -> Result<Option<PathBuf>, Failure> {
         timeout: global.timeout.min(DAEMON_TIMEOUT),
         ..global.clone()
     };
-    let answer = runtime.block_on(async {
-        let daemon = crate::connection::open(&hurried).await?;
-        daemon
-            .ask("the record", daemon.manager.record_directory())
-            .await
-    });
+    let answer =
+        runtime.block_on(async { question(crate::connection::open(&hurried).await?).await });
     match answer {
-        Ok(directory) => Ok(Some(PathBuf::from(directory))),
+        Ok(answer) => Ok(Some(answer)),
         Err(Failure::Usage(wrong)) => Err(Failure::Usage(wrong)),
         Err(_) => Ok(None),
     }

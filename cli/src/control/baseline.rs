@@ -13,7 +13,6 @@ use crate::control::session;
 use crate::failure::Failure;
 use crate::output::Printer;
 use crate::output::time::local;
-use crate::session_files;
 
 /// The line of `baseline show --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -90,28 +89,11 @@ pub(crate) async fn choose(
     id: &str,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let id = match id {
-        session_files::LAST => last_baseline(daemon).await?,
-        id => id.to_owned(),
-    };
+    let id = daemon.baseline_id(id).await?;
     let requested = daemon.manager.use_baseline(&id);
     let id = daemon.ask("the baseline", requested).await?;
     printer.record(&Used { baseline: id }, |used| {
         format!("baseline {} is the current one", used.baseline)
-    })
-}
-
-/// The id of the baseline that was recorded last.
-async fn last_baseline(daemon: &Daemon) -> Result<String, Failure> {
-    let none = dbus::Options::new();
-    let sessions = daemon
-        .ask("the sessions", daemon.manager.list_sessions(&none))
-        .await?;
-    let last = sessions
-        .into_iter()
-        .find(|session| session.kind == "baseline" && session.state == "closed");
-    last.map(|session| session.id).ok_or_else(|| {
-        Failure::Missing("no baseline is recorded; `tactus baseline record` does".to_owned())
     })
 }
 

@@ -47,7 +47,10 @@ pub(crate) async fn start(
     start: &Start,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let options = start_options(start)?;
+    let mut options = start_options(start)?;
+    if let Some(baseline) = &start.baseline {
+        options.baseline = Some(daemon.baseline_id(baseline).await?);
+    }
     let path = daemon
         .ask("start", daemon.manager.start_session(&options))
         .await?;

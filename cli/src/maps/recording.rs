@@ -1,5 +1,6 @@
 //! The recording for `replay`: a case folder with measured frames, or a session of the logbook.
 
+use std::cmp::Ordering;
 use std::path::Path;
 
 use imaging::recorded::{RecordedError, RecordedFrame, Recording, TableOptions};
@@ -7,6 +8,8 @@ use logbook::LogbookError;
 
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
+use crate::options::moment::Moment;
+use crate::output::time::local;
 use crate::session_files;
 
 /// Opens a folder, a session file, or a session by its id in the state directory.
@@ -22,16 +25,50 @@ pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failur
     }
 }
 
-/// Number of frames of [`frames`], including unreadable ones.
-pub(crate) fn count(recording: &Recording, replay: &Replay) -> Result<usize, Failure> {
-    Ok(recording.len()?.min(most(replay)))
+/// How many frames [`frames`] gives, unless some cannot be read; `None` where that depends on their times.
+pub(crate) fn count(recording: &Recording, replay: &Replay) -> Result<Option<usize>, Failure> {
+    if replay.from.is_some() || replay.to.is_some() {
+        return Ok(None);
+    }
+    let every = usize::try_from(replay.every).unwrap_or(usize::MAX);
+    Ok(Some(recording.len()?.div_ceil(every).min(most(replay))))
 }
 
-/// The requested frames in order; unreadable ones are reported on standard error.
+/// The frames that are asked for, in order; those that cannot be read are named on the error stream.
+///
+/// # Errors
+/// `--from` or `--to` is a time, and the frames have none; no frame lies between them.
 pub(crate) fn frames<'a>(
     recording: &'a Recording,
-    replay: &Replay,
-) -> impl Iterator<Item = RecordedFrame> + 'a {
+    replay: &'a Replay,
+) -> Result<impl Iterator<Item = RecordedFrame> + 'a, Failure> {
+    let readable = || recording.frames().filter_map(Result::ok);
+    let first = readable().next().and_then(|frame| frame.wall);
+    for place in [replay.from, replay.to].into_iter().flatten() {
+        if first.is_none() && !matches!(place, Moment::Frame(_)) {
+            return Err(Failure::Usage(
+                "the frames of a case folder have no times; name --from and --to by their numbers (rows from 1)"
+                    .to_owned(),
+            ));
+        }
+    }
+    let lies = move |frame: &RecordedFrame, place: Option<Moment>, excluded: Ordering| {
+        place.and_then(|place| place.compare(frame.sequence, frame.wall, first)) != Some(excluded)
+    };
+    let chosen = move |frame: &RecordedFrame| {
+        lies(frame, replay.from, Ordering::Less) && lies(frame, replay.to, Ordering::Greater)
+    };
+    if (replay.from.is_some() || replay.to.is_some()) && !readable().any(|frame| chosen(&frame)) {
+        return Err(Failure::Usage(format!(
+            "no frame of {} lies between --from and --to; it has {} frames{}",
+            recording.name,
+            recording.len()?,
+            first.map_or_else(String::new, |first| format!(
+                ", the first of {}",
+                local(first)
+            ))
+        )));
+    }
     let readable = recording.frames().filter_map(|frame| match frame {
         Ok(frame) => Some(frame),
         Err(error) => {
@@ -39,7 +76,8 @@ pub(crate) fn frames<'a>(
             None
         }
     });
-    readable.take(most(replay))
+    let every = usize::try_from(replay.every).unwrap_or(usize::MAX);
+    Ok(readable.filter(chosen).step_by(every).take(most(replay)))
 }
 
 /// Reports an unreadable frame.

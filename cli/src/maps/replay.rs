@@ -53,13 +53,14 @@ pub(crate) fn run(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let recording = recording::open(global, replay)?;
+    let count = recording::count(&recording, replay)?;
+    let frames = recording::frames(&recording, replay)?;
     let reconstruction = Reconstruction::new(
         &replay.method,
         &replay.geometry,
         replay.calibration.as_deref(),
         &recording,
     )?;
-    let count = recording::count(&recording, replay)?;
     introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();
     if let Some(directory) = &replay.png {
@@ -70,10 +71,10 @@ pub(crate) fn run(
         Some(path) => Some(MapTables::create(path, mesh, existing)?),
         None => None,
     };
-    let progress = progress(Some(count as u64), printer.is_terminal());
+    let progress = progress(count.map(|count| count as u64), printer.is_terminal());
     let draw = printer.is_terminal() && !replay.no_map;
     let mut verdict = Verdict::default();
-    for recorded in recording::frames(&recording, replay) {
+    for recorded in frames {
         let map = reconstruction
             .map(&recording.unloaded.readings, &recorded.readings)
             .map_err(|failure| match failure {
@@ -265,10 +266,14 @@ impl Verdict {
 
 fn introduce(
     recording: &Recording,
-    count: usize,
+    count: Option<usize>,
     reconstruction: &Reconstruction,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
+    let count = match count {
+        Some(count) => count.to_string(),
+        None => format!("some of {}", recording.len()?),
+    };
     printer.text(&format!(
         "{count} frames of {} readings, {} electrodes; baseline: {}; {} on {} triangles{}",
         recording.protocol.len(),

@@ -4,4 +4,5 @@ pub(crate) mod about;
 pub(crate) mod choices;
 pub(crate) mod duration;
 pub(crate) mod measuring;
+pub(crate) mod moment;
 pub(crate) mod numbers;

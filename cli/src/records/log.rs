@@ -16,7 +16,7 @@ use crate::connection::{Daemon, fault};
 use crate::failure::{Failure, chain};
 use crate::output::time::{local, utc};
 use crate::output::{Printer, complain};
-use crate::session_files;
+use crate::session_files::{self, LAST};
 
 /// A line of `log --json`; see `docs/reference/json.md`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -65,6 +65,14 @@ pub(crate) fn run(
     log: &Log,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
+    let last = match log.session.as_deref() {
+        Some(LAST) => {
+            let file = session_files::session_file(global, LAST)?;
+            Some(session_files::open(&file)?.header().id.clone())
+        }
+        _ => None,
+    };
+    let log = &with_session(log, last);
     let places = session_files::directories(global)?;
     let since = since(log, Utc::now());
     let mut lines = BTreeSet::new();
@@ -86,7 +94,12 @@ pub(crate) async fn follow(
     log: &Log,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    // subscribed before the records are read, so that no event is lost
+    let last = match log.session.as_deref() {
+        Some(LAST) => daemon.session_id(LAST, |_| true).await?,
+        _ => None,
+    };
+    let log = &with_session(log, last);
+    // subscribed before the records are read, so that no event is missed
     let listening = daemon.manager.receive_happened();
     let mut happened = daemon
         .ask("its events", async { Ok(listening.await?) })
@@ -121,6 +134,14 @@ pub(crate) async fn follow(
 fn since(log: &Log, now: DateTime<Utc>) -> Option<DateTime<Utc>> {
     let span = chrono::TimeDelta::from_std(log.since?).ok()?;
     now.checked_sub_signed(span)
+}
+
+/// With the id in place of `last`.
+fn with_session(log: &Log, last: Option<String>) -> Log {
+    Log {
+        session: last.or_else(|| log.session.clone()),
+        ..log.clone()
+    }
 }
 
 /// Events of a folder; unreadable sessions are reported on standard error.

@@ -55,25 +55,46 @@ impl From<&SessionSummary> for Session {
     }
 }
 
-/// Every recorded session.
-pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
-    list(global, |_| true, printer)
+/// A line of `baseline list --json`; see `docs/reference/json.md`.
+#[derive(Debug, Serialize)]
+struct Baseline {
+    #[serde(flatten)]
+    session: Session,
+    /// Whether sessions are measured against it; `None` where no daemon answers.
+    in_use: Option<bool>,
 }
 
-/// `baseline list`: the sessions with a baseline.
+/// Every recorded session.
+pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+    let (places, sessions) = list(global, |_| true)?;
+    if printer.is_json() {
+        return sessions
+            .iter()
+            .try_for_each(|summary| printer.record(&Session::from(summary), |_| String::new()));
+    }
+    show(&places, &sessions, &[], printer)
+}
+
+/// `baseline list`: the sessions that hold a baseline, and which of them is in use.
 pub(crate) fn baselines(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
-    list(
-        global,
-        |session| session.kind == SessionKind::Baseline,
-        printer,
-    )
+    let (places, sessions) = list(global, |session| session.kind == SessionKind::Baseline)?;
+    let used = session_files::baseline_in_use(global)?;
+    if printer.is_json() {
+        return sessions.iter().try_for_each(|summary| {
+            let line = Baseline {
+                session: Session::from(summary),
+                in_use: used.as_ref().map(|used| *used == summary.id),
+            };
+            printer.record(&line, |_| String::new())
+        });
+    }
+    show(&places, &sessions, used.as_slice(), printer)
 }
 
 fn list(
     global: &Global,
     wanted: impl Fn(&SessionSummary) -> bool,
-    printer: &mut Printer<impl Write>,
-) -> Result<(), Failure> {
+) -> Result<(Vec<PathBuf>, Vec<SessionSummary>), Failure> {
     let places = session_files::directories(global)?;
     let mut sessions = Vec::new();
     for place in &places {
@@ -100,12 +121,14 @@ fn list(
         sessions.extend(listing.sessions.into_iter().filter(&wanted));
     }
     sessions.sort_by(|a: &SessionSummary, b| (a.started, &a.id).cmp(&(b.started, &b.id)));
-    show(&places, &sessions, printer)
+    Ok((places, sessions))
 }
 
+/// A table of sessions, those in use marked.
 fn show(
     places: &[PathBuf],
     sessions: &[SessionSummary],
+    in_use: &[String],
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     if sessions.is_empty() {
@@ -114,16 +137,15 @@ fn show(
             session_files::listed(places)
         ));
     }
-    if printer.is_json() {
-        return sessions
-            .iter()
-            .try_for_each(|summary| printer.record(&Session::from(summary), |_| String::new()));
-    }
     let rows: Vec<[String; 6]> = sessions
         .iter()
         .map(|summary| {
             [
-                summary.id.clone(),
+                if in_use.contains(&summary.id) {
+                    format!("{}  <- in use", summary.id)
+                } else {
+                    summary.id.clone()
+                },
                 if summary.simulated {
                     format!("{} (SIMULATED)", summary.kind)
                 } else {

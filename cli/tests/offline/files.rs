@@ -1,6 +1,6 @@
 //! Lists, tables, errors.
 
-use crate::scene::{done, lines, refused, session, tactus};
+use crate::scene::{baseline_session, done, lines, refused, session, tactus};
 
 #[test]
 fn sessions_are_listed_without_a_daemon() {
@@ -227,4 +227,44 @@ fn every_place_looked_in_is_named() {
     assert!(message.contains("m20270115_1"), "{message}");
     let (code, message) = alone(&["export", "m2027", "--format", "csv", "--out", "o.csv"]);
     assert_eq!(code, Some(0), "{message}");
+}
+
+#[test]
+fn times_for_a_person_are_local_with_their_zone() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    for (zone, started) in [
+        ("<+0530>-5:30", "2027-01-15 13:30:00 +05:30"),
+        ("<-0800>8", "2027-01-15 00:00:00 -08:00"),
+        ("UTC0", "2027-01-15 08:00:00 +00:00"),
+    ] {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_tactus"))
+            .args(["sessions"])
+            .env("TACTUS_STATE", folder.path())
+            .env("TZ", zone)
+            .output()
+            .unwrap();
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert!(text.contains(started), "{zone}: {text}");
+    }
+    let json = lines(&done(folder.path(), &["sessions", "--json"]));
+    assert_eq!(json[0]["started"], "2027-01-15T08:00:00Z");
+}
+
+#[test]
+fn baselines_are_listed_without_a_daemon() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    assert_eq!(done(folder.path(), &["baseline", "list", "--json"]), "");
+    baseline_session(folder.path());
+    let text = done(folder.path(), &["baseline", "list"]);
+    assert!(
+        text.contains("b20270115_1") && !text.contains("m20270115_1"),
+        "{text}"
+    );
+    assert!(!text.contains("in use"), "{text}");
+    let listed = lines(&done(folder.path(), &["baseline", "list", "--json"]));
+    assert_eq!(listed.len(), 1);
+    assert_eq!(listed[0]["kind"], "baseline");
+    assert_eq!(listed[0]["in_use"], serde_json::Value::Null);
 }

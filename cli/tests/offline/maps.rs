@@ -358,3 +358,39 @@ fn the_session_that_was_started_last_is_called_last() {
     let text = refused(empty.path(), &requested, 3);
     assert!(text.contains("no session in"), "{text}");
 }
+
+#[test]
+fn replay_takes_the_frames_between_two_places() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let frames = |words: &[&str]| -> Vec<u64> {
+        let mut command = vec!["replay", "last", "--preset", "disc-tank", "--json"];
+        command.extend(["--method", "one-step", "--noise-v", "2e-6"]);
+        command.extend(words);
+        let sequence = |line: &serde_json::Value| line["frame"].as_u64().unwrap();
+        let printed = done(folder.path(), &command);
+        lines(&printed).iter().map(sequence).collect()
+    };
+    assert_eq!(frames(&[]), [1, 2, 3]);
+    assert_eq!(frames(&["--from", "2"]), [2, 3]);
+    assert_eq!(frames(&["--to", "1s"]), [1, 2]);
+    assert_eq!(frames(&["--every", "2"]), [1, 3]);
+    assert_eq!(frames(&["--from", "2", "--every", "2"]), [2]);
+    assert_eq!(frames(&["--from", "2", "--count", "1"]), [2]);
+    assert_eq!(
+        frames(&[
+            "--from",
+            "2027-01-15T09:00:02+01:00",
+            "--to",
+            "2027-01-15T08:00:02Z"
+        ]),
+        [2]
+    );
+    let message = refused(folder.path(), &["replay", "last", "--from", "9"], 2);
+    assert!(
+        message.contains("no frame of") && message.contains("it has 3 frames"),
+        "{message}"
+    );
+    let message = refused(folder.path(), &["replay", "last", "--from", "noon"], 2);
+    assert!(message.contains("time since the first frame"), "{message}");
+}

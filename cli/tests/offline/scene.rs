@@ -82,7 +82,17 @@ pub fn session(folder: &Path) -> PathBuf {
     )
 }
 
-/// The same, with a new part after each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
+/// A baseline session without frames.
+pub fn baseline_session(folder: &Path) {
+    let header = SessionHeader {
+        kind: SessionKind::Baseline,
+        ..SessionHeader::new("b20270115_1", at(-60), protocol())
+    };
+    let writer = SessionWriter::create(folder, &header).expect("a folder to write in");
+    writer.close(at(-50), "count reached").expect("closed");
+}
+
+/// [`session`], rolled over behind each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
 pub fn session_in_parts(folder: &Path) {
     let header = SessionHeader::new("m1", at(0), protocol());
     record(folder, header, None, |_, record, _| record, true);

@@ -7,4 +7,5 @@ mod foreign_clients;
 mod hostile_text;
 mod json_output;
 mod round_trips;
+mod session_names;
 mod watch_screen;
