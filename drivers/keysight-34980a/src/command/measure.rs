@@ -60,6 +60,8 @@ pub enum Measure {
     Remove(u32),
     /// Read how many readings are in memory.
     Points,
+    /// Read the last reading of a channel, or of the voltmeter alone, with all its fields (help: DATA:LAST?).
+    Last(Channels),
     /// Set how many readings in memory make an event.
     SetThreshold(u32),
     /// Read it.
@@ -153,6 +155,7 @@ pub(super) fn rows(table: &mut Table) {
         Ok(M::Remove(count.integer(1, MOST_READINGS)? as u32))
     });
     table.add("DATA:POINts?", |call| plain(call, M::Points));
+    table.add("DATA:LAST?", |call| only_channels(call).map(M::Last));
     table.add("DATA:POINts:EVENt:THReshold", |call| {
         let [count] = call.exactly()?;
         Ok(M::SetThreshold(count.integer(1, MOST_READINGS)? as u32))
@@ -276,6 +279,7 @@ impl fmt::Display for Measure {
             Self::ReadAndErase(Some(most)) => write!(f, "R? {most}"),
             Self::Remove(count) => write!(f, "DATA:REM? {count}"),
             Self::Points => f.write_str("DATA:POIN?"),
+            Self::Last(channel) => write!(f, "DATA:LAST?{}", Asked(channel)),
             Self::SetThreshold(count) => write!(f, "DATA:POIN:EVEN:THR {count}"),
             Self::Threshold => f.write_str("DATA:POIN:EVEN:THR?"),
             Self::Abort => f.write_str("ABOR"),

@@ -179,6 +179,7 @@ fn every_measure(channels: &Channels) -> Vec<Measure> {
         M::ReadAndErase(Some(10)),
         M::Remove(5),
         M::Points,
+        M::Last(None),
         M::SetThreshold(100),
         M::Threshold,
         M::Abort,

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use scpi::ParseError;
+use scpi::{ChannelList, ParseError};
 use survey::Relay;
 
 use crate::command::{Functions, Measure, Sense, time_word};
 use crate::simulator::execute::{Reply, Turn, block, yes_no};
+use crate::simulator::measurement::memory::Form;
 use crate::simulator::{CONFIGURATION_CHANGED, Simulator34980a};
 
 impl Simulator34980a {
@@ -101,6 +102,7 @@ impl Simulator34980a {
             Measure::Points => {
                 return Ok(Some(format!("{:+}", self.meter.memory().points(turn.now))));
             }
+            Measure::Last(channel) => return self.last_reading(channel.as_ref(), turn),
             Measure::SetThreshold(count) => self.meter.set_threshold(count),
             Measure::Threshold => return Ok(Some(format!("{:+}", self.meter.threshold()))),
             Measure::Abort => self.stop_measuring(turn.now, turn.wires),
@@ -181,6 +183,22 @@ impl Simulator34980a {
             }
         }
         Ok(None)
+    }
+
+    /// The last reading of one channel, or of the voltmeter alone, with every field and the time of day; zeros where
+    /// there is none (help: DATA:LAST?).
+    fn last_reading(&self, channel: Option<&ChannelList>, turn: &Turn<'_>) -> Reply {
+        let channel = match channel {
+            None => None,
+            Some(list) => match self.relays.expand(list)?[..] {
+                [only] => Some(only),
+                _ => return Err(ParseError::ParameterNotAllowed.into()),
+            },
+        };
+        Ok(Some(match self.meter.memory().last(channel, turn.now) {
+            Some(reading) => Form::whole().write([reading], &self.calendar),
+            None => "0,0,0,0,0,0,0,0,0".to_owned(),
+        }))
     }
 
     /// What MEAS? reads.

@@ -1,6 +1,6 @@
 //! Readings in memory, and how they are written (section 5).
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 use scpi::format_nr3_signed;
@@ -28,6 +28,8 @@ pub(crate) struct Memory {
     readings: VecDeque<Stored>,
     most: usize,
     overflown: bool,
+    /// Of each channel the last reading that was taken out.
+    taken: BTreeMap<Option<Relay>, Stored>,
 }
 
 impl Memory {
@@ -36,6 +38,7 @@ impl Memory {
             readings: VecDeque::new(),
             most: most.max(1),
             overflown: false,
+            taken: BTreeMap::new(),
         }
     }
 
@@ -47,7 +50,9 @@ impl Memory {
     /// Adds a reading; the oldest gives way when there is no room.
     pub(crate) fn push(&mut self, reading: Stored) {
         if self.readings.len() == self.most {
-            self.readings.pop_front();
+            let oldest = self.readings.pop_front();
+            self.taken
+                .extend(oldest.map(|oldest| (oldest.channel, oldest)));
             self.overflown = true;
         }
         self.readings.push_back(reading);
@@ -55,6 +60,7 @@ impl Memory {
 
     pub(crate) fn clear(&mut self) {
         self.readings.clear();
+        self.taken.clear();
         self.overflown = false;
     }
 
@@ -72,10 +78,20 @@ impl Memory {
         self.readings.iter().take(self.points(now))
     }
 
+    /// The last reading of a channel at that time, also where it was taken out since.
+    pub(crate) fn last(&self, channel: Option<Relay>, now: Duration) -> Option<&Stored> {
+        let there = self.readings.range(..self.points(now));
+        let mut of_channel = there.rev().filter(|reading| reading.channel == channel);
+        of_channel.next().or_else(|| self.taken.get(&channel))
+    }
+
     /// Takes the oldest out. At most as many as are there.
     pub(crate) fn take(&mut self, count: usize, now: Duration) -> Vec<Stored> {
         let count = count.min(self.points(now));
-        self.readings.drain(..count).collect()
+        let taken: Vec<Stored> = self.readings.drain(..count).collect();
+        self.taken
+            .extend(taken.iter().map(|reading| (reading.channel, *reading)));
+        taken
     }
 
     /// Forgets what lies there before its time.
@@ -92,6 +108,14 @@ pub(crate) struct Form {
 }
 
 impl Form {
+    /// Every field, with the time of day.
+    pub(crate) fn whole() -> Self {
+        Self {
+            fields: [Field::Unit, Field::Time, Field::Channel, Field::Alarm].into(),
+            absolute: true,
+        }
+    }
+
     /// Readings with their fields, all joined by commas.
     pub(crate) fn write<'a>(
         &self,
