@@ -1,4 +1,4 @@
-//! What each setting of a survey costs a frame in time, and by how much it lowers the noise of a reading.
+//! Time and noise that each survey setting costs a frame or gains.
 
 use std::f64::consts::SQRT_2;
 use std::time::Duration;
@@ -8,7 +8,8 @@ use survey::{Injection, Plan, Protocol, Step, Timing};
 
 use crate::instruments::rig_plan::RigPlan;
 
-/// Every setting that is not as if left out: shortest integration, one reading, one way, one range, a whole frame.
+/// The cost of every setting that differs from the default: shortest integration, one reading, one polarity, one range,
+/// a whole frame.
 pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
     let (plan, timing) = (&rig.plan, &rig.timing);
     let now = plan.duration(timing).as_secs_f64();
@@ -59,7 +60,7 @@ pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
         add(true, "reversal", seconds, SQRT_2);
     }
     if let Some(every) = rig.zero_every {
-        // what is subtracted has noise of its own
+        // the subtracted frame adds noise
         add(true, "zero_every", now / every as f64, 1.0 / SQRT_2);
     }
     if plan.has_ranges() {
@@ -83,7 +84,7 @@ pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
     costs
 }
 
-/// The same injections for another protocol, with the current one way or both.
+/// The same injections for another protocol, with one polarity or both.
 fn again(plan: &Plan, protocol: &Protocol, reversal: bool) -> Option<Plan> {
     let injection = Injection {
         current: plan.current,

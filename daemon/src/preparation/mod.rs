@@ -1,4 +1,4 @@
-//! What a configuration means: everything found out that can be found out without touching an instrument.
+//! Resolves a configuration as far as possible without touching an instrument.
 
 mod costs;
 #[cfg(test)]
@@ -29,7 +29,7 @@ use config::{Config, RigKind, SurveySection};
 use imaging::{Conditions, Geometry, Model, noise};
 use survey::error_chain as chain;
 
-/// A configuration understood.
+/// A resolved configuration.
 pub(crate) struct Prepared {
     pub setup: Setup,
     pub frames: FramesFrom,
@@ -37,9 +37,9 @@ pub(crate) struct Prepared {
     pub file: PathBuf,
 }
 
-/// What stays the same while the daemon runs.
+/// What stays the same until a reload.
 pub(crate) struct Setup {
-    /// With all paths and defaults in it.
+    /// The configuration with all paths and defaults.
     pub config: Config,
     pub config_toml: String,
     pub config_hash: String,
@@ -79,7 +79,7 @@ impl Findings<'_> {
     }
 }
 
-/// Reads and understands a file. Nothing is opened but files.
+/// Reads and resolves a file. Opens only files.
 ///
 /// # Errors
 /// Every problem found.
@@ -96,10 +96,10 @@ pub(crate) fn prepare(path: &Path) -> Result<Prepared, Vec<Problem>> {
     }
 }
 
-/// The plan of a session that measures otherwise than the configuration says; the questions stay.
+/// The plan of a session whose survey settings differ from the configuration; the measurements are the same.
 ///
 /// # Errors
-/// What cannot be, in sentences.
+/// Problems, as sentences.
 pub(crate) fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, Vec<String>> {
     let config = Config {
         survey,
@@ -259,8 +259,8 @@ fn effective(config: &Config) -> Result<(String, String), String> {
 }
 
 impl Setup {
-    /// As a session keeps it whose method is set by this noise of one reading, uV: with it in it, so that the maps can be
-    /// made again from the session alone. With its hash.
+    /// The configuration stored with a session whose method is set by this noise of one reading, uV: the noise is
+    /// filled in, so that the maps can be recomputed from the session alone. With its hash.
     pub(crate) fn kept(&self, noise_uv: Option<f64>) -> (String, String) {
         let with_noise = noise_uv.map(|noise_uv| {
             let mut config = self.config.clone();
@@ -275,7 +275,7 @@ impl Setup {
     }
 }
 
-/// The questions asked of a rig.
+/// The protocol of a rig.
 fn requested(
     config: &Config,
     geometry: Option<&Geometry>,
@@ -291,9 +291,9 @@ fn requested(
     )
 }
 
-/// The readings of a frame that is surveyed like this.
+/// The protocol of a survey.
 fn pattern(electrodes: usize, survey: &SurveySection) -> Result<Protocol, ProtocolError> {
-    // a pair that left out so many would be the same pair the other way round, or none
+    // a larger skip would give the same pair in the opposite direction, or none
     if survey.skip + 2 > electrodes {
         return Err(ProtocolError::Empty);
     }
@@ -314,7 +314,7 @@ impl Prepared {
         }
     }
 
-    /// What contradicts itself and is no error, a sentence each. Reads the record for its last baseline, where it can.
+    /// Contradictions that are no errors, a sentence each. Reads the last baseline from the record, if possible.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let (FramesFrom::Rig(rig), Some(noise_uv)) =
             (&self.frames, self.setup.config.model.noise_uv)
@@ -338,7 +338,7 @@ impl Prepared {
     /// What the simulated instruments are connected to; `None` where none is simulated.
     ///
     /// # Errors
-    /// A profile and a scene that do not fit each other.
+    /// A profile and a scene that do not match.
     pub(crate) fn bench(&self) -> Result<Bench, String> {
         match &self.frames {
             FramesFrom::Rig(plan) => plan

@@ -1,12 +1,12 @@
-//! Settings that contradict each other, whatever the rest of the configuration says. Each number by itself has been checked
-//! when the file was read ([`config::numbers`]).
+//! Checks settings that contradict each other. Single numbers were checked when the file was read
+//! ([`config::numbers`]).
 
 use config::numbers::too_long;
 
 use crate::preparation::Findings;
 use config::Config;
 
-/// Adds a problem for each.
+/// Reports each contradiction.
 pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
     let survey = &config.survey;
     let delay = survey.channel_delay_ms;
@@ -27,7 +27,7 @@ pub(super) fn check(config: &Config, findings: &mut Findings<'_>) {
     of_about(config, findings);
 }
 
-/// Free words are kept with every session.
+/// Free texts are stored with every session.
 fn of_about(config: &Config, findings: &mut Findings<'_>) {
     let about = &config.about;
     for (key, words) in [
@@ -44,7 +44,7 @@ fn of_about(config: &Config, findings: &mut Findings<'_>) {
     }
 }
 
-/// A trained model brings its own settings: what is said of a method would be ignored, as is what another method uses.
+/// A trained model has its own settings: method settings beside it would be ignored, as would those of another method.
 fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
     let model = &config.model;
     if model.file.is_some() {
@@ -76,7 +76,7 @@ fn of_the_method(config: &Config, findings: &mut Findings<'_>) {
     }
 }
 
-/// Who is told of troubles.
+/// Settings of notifications.
 fn of_notify(config: &Config, findings: &mut Findings<'_>) {
     let notify = &config.notify;
     if let Some(program) = notify.command.first()
@@ -90,7 +90,7 @@ fn of_notify(config: &Config, findings: &mut Findings<'_>) {
     of_metrics(config, findings);
 }
 
-/// Nothing listens beyond this machine unless that is said.
+/// Metrics are served to other machines only if that is enabled.
 fn of_metrics(config: &Config, findings: &mut Findings<'_>) {
     let metrics = &config.metrics;
     let Some(listen) = &metrics.listen else {

@@ -1,4 +1,4 @@
-//! From configuration to a recording and its baseline.
+//! Opens a configured recording and its baseline.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::acquisition::playback::{Playing, Recording};
 use crate::preparation::Findings;
 use config::{Config, RecordingSection};
 
-/// Opens what was measured before.
+/// Opens existing frames.
 pub(super) fn recorded(
     config: &Config,
     findings: &mut Findings<'_>,
@@ -65,12 +65,12 @@ pub(super) fn recorded(
     Some((protocol, Recording::new(frames, playing), baseline))
 }
 
-/// Fills in what the recording itself says of current and noise, so that the configuration kept in a session is enough
-/// to make its maps again, to the bit.
+/// Fills in current and noise from the recording, so that the configuration stored in a session suffices to recompute
+/// its maps to the bit.
 ///
-/// A session was made under a configuration of its own, which goes on. Of plain frames nobody knows the unit: their noise
-/// is the baseline's own (the rms of the readings' standard deviations, else a thousandth of the readings' rms), brought to
-/// the geometry's scale as the one-step method brings the readings.
+/// A recorded session has a configuration of its own, which is used. Plain frames have no known unit: their noise is
+/// the baseline's (the rms of the readings' standard deviations, else a thousandth of the readings' rms), scaled to the
+/// geometry as the one-step method scales the readings.
 pub(super) fn complete(
     config: &mut Config,
     recording: &IndexedFrames,
@@ -117,7 +117,7 @@ pub(super) fn complete(
     }
 }
 
-/// By how much the baseline exceeds the geometry's own readings at 1 A; `None` where they do not agree.
+/// Ratio of the baseline to the geometry's readings at 1 A; `None` if they do not match.
 fn gain(baseline: &Baseline, geometry: &Geometry, protocol: &Protocol) -> Option<f64> {
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).ok()?;
     noise::gain(&forward, &geometry.sigma0, protocol, &baseline.readings).ok()?

@@ -1,4 +1,4 @@
-//! From configuration to the plan of a frame, its limits, and where the instruments are.
+//! Derives the plan of a frame, its limits, and the addresses of the instruments from the configuration.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ use config::{Config, EnableName, InstrumentSection, RangesName, RigKind, WiringK
 use imaging::Geometry;
 use survey::error_chain as chain;
 
-/// What the rig is to do; checked against its limits.
+/// The plan of the rig, checked against its limits.
 pub(super) fn rig_plan(
     config: &Config,
     protocol: &Protocol,
@@ -151,7 +151,7 @@ pub(super) fn rig_plan(
     })
 }
 
-/// What every pair that is read would read on the sheet as configured, at the plan's current.
+/// The expected reading of every pair on the configured sheet at the plan's current.
 fn expected(plan: &Plan, geometry: &Geometry) -> Result<BTreeMap<Measurement, Volts>, String> {
     let drives = plan.protocol.drives();
     let senses = plan.wiring.measure.iter().map(|(sense, _)| *sense);
@@ -197,7 +197,7 @@ fn profile_name(config: &Config) -> &str {
     config.rig.profile.as_deref().unwrap_or(own)
 }
 
-/// Whether the simulated instruments have what the wiring switches; what a real one has is asked when it is connected.
+/// Whether the simulated instruments have the modules of the wiring; real ones are checked when they are connected.
 fn fits(
     config: &Config,
     profile: &Profile,
@@ -261,7 +261,7 @@ fn fits(
     }
 }
 
-/// How long any answer may take on its way, where the configuration does not say; what readings need comes on top.
+/// Default timeout of a reply; the time for readings is added.
 const ANSWER: Duration = Duration::from_secs(5);
 
 fn deadline(given_ms: Option<f64>) -> Duration {
@@ -269,7 +269,7 @@ fn deadline(given_ms: Option<f64>) -> Duration {
 }
 
 fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
-    // but for the board, the mainframe that switches is the one that measures
+    // without a board, the mainframe that switches is the one that measures
     let mainframe =
         config.rig.kind != RigKind::Simulated && config.wiring.kind != WiringKind::GpioBoard;
     let voltmeter = match &config.voltmeter {
@@ -302,7 +302,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
     let mut read = sections.into_iter().map(|(name, section)| {
         let Some(section) = section else {
             if name == "voltmeter" && mainframe {
-                // the missing [switch] has been said
+                // the missing [switch] has been reported
                 return None;
             }
             findings.add(name, format!("the rig has no [{name}]; give its address"));
@@ -360,7 +360,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
     Some(places)
 }
 
-/// The deadline of the mainframe that both switches and measures, whichever section says it.
+/// The timeout of a mainframe that both switches and measures, from either section.
 fn one_deadline(config: &Config, findings: &mut Findings<'_>) -> Option<f64> {
     let of = |section: &Option<InstrumentSection>| section.as_ref()?.deadline_ms;
     let (switch, voltmeter) = (of(&config.switch), of(&config.voltmeter));
@@ -377,7 +377,7 @@ fn one_deadline(config: &Config, findings: &mut Findings<'_>) -> Option<f64> {
     voltmeter.or(switch)
 }
 
-/// The level that enables a chip of a board on a gpiochip: low, unless said.
+/// The enabling level of a chip of a board on a gpiochip: low by default.
 fn enable(config: &Config, findings: &mut Findings<'_>) -> EnableName {
     let sections = [
         ("source", &config.source),

@@ -1,4 +1,4 @@
-//! Which relays a configuration means, on which modules, and what those allow and cost.
+//! Resolves the configured wiring: relays, modules, their limits and timing.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::preparation::Findings;
 use config::{Config, WiringKind};
 use survey::error_chain as chain;
 
-/// A wiring with the modules that it is made for.
+/// A wiring with its modules.
 #[derive(Debug, Clone)]
 pub(super) struct Wired {
     pub wiring: Wiring,
@@ -85,7 +85,7 @@ pub(super) fn wired(
     })
 }
 
-/// The word for it in a configuration, which is also the name of the shipped profile that goes with it.
+/// Its name in a configuration, which is also the name of the matching shipped profile.
 pub(super) fn name(kind: WiringKind) -> &'static str {
     match kind {
         WiringKind::Pairs34924a => "pairs-34924a",
@@ -159,7 +159,7 @@ fn from_file(path: &Path) -> Result<Wired, String> {
     }
 }
 
-/// What source and modules allow; without modules, what the multiplexer board allows.
+/// Limits of source and modules; without modules, those of the multiplexer board.
 fn limits(modules: &BTreeMap<u32, Module>) -> Limits {
     let source = keithley_6221::LIMITS;
     if modules.is_empty() {
@@ -170,7 +170,7 @@ fn limits(modules: &BTreeMap<u32, Module>) -> Limits {
 }
 
 impl Wired {
-    /// What the modules cost in time: the slowest relay and the slowest scan of them.
+    /// Timing of the modules: the slowest relay and the slowest scan.
     pub(super) fn timing(&self, nplc: f64, line_hz: f64) -> Timing {
         if self.modules.is_empty() {
             return Timing {
@@ -194,8 +194,8 @@ impl Wired {
         }
     }
 
-    /// The first relay that cannot do its part on these modules, with slot, module, channel and electrodes; `None`
-    /// where all can. The driver asks the same of real ones.
+    /// The first relay that these modules cannot serve, with slot, module, channel and electrodes; `None` if all fit.
+    /// The driver makes the same check with real modules.
     pub(super) fn lacking(&self, modules: &BTreeMap<u32, Module>) -> Option<String> {
         let scanned = self.wiring.sensing == Sensing::Scan;
         let measuring = self.wiring.measuring_relays();

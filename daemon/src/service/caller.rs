@@ -1,4 +1,4 @@
-//! Who a caller is, as the kernel or the bus says.
+//! Identifies a caller by the kernel or the bus.
 
 use std::io;
 use std::mem::{size_of, size_of_val};
@@ -10,24 +10,24 @@ use zbus::{Connection, fdo::DBusProxy};
 
 use super::limit::User;
 
-/// The group that may do what the daemon's own user may.
+/// The group with the same rights as the daemon's own user.
 pub(super) const GROUP: &str = "tactus";
 /// More groups than a user has.
 const MOST_GROUPS: usize = 4096;
 
-/// A caller's user, and its groups: the first and all others.
+/// A caller's user and groups.
 #[derive(Debug)]
 pub(super) struct Caller {
     user: u32,
     groups: Vec<u32>,
-    /// As its places are counted: found out once, because many calls may come.
+    /// The user for limits, computed once because many calls may come.
     counted: User,
 }
 
 /// The sender of a message on a bus.
 ///
 /// # Errors
-/// The bus does not know it (any more), or does not say its user and groups.
+/// The bus no longer knows the sender, or does not give its user and groups.
 pub(super) async fn of(connection: &Connection, sender: &UniqueName<'_>) -> zbus::Result<Caller> {
     let bus = DBusProxy::new(connection).await?;
     let credentials = bus
@@ -36,17 +36,17 @@ pub(super) async fn of(connection: &Connection, sender: &UniqueName<'_>) -> zbus
     let user = credentials
         .unix_user_id()
         .ok_or_else(|| zbus::Error::Failure("it does not know the user".into()))?;
-    // a bus that says no groups (before dbus 1.14) leaves root and our own user
+    // a bus without group ids (before dbus 1.14): only root and the daemon's own user are recognised
     let groups = credentials.unix_group_ids().cloned().unwrap_or_default();
     Ok(Caller::new(user, groups))
 }
 
 impl Caller {
-    /// Who is at the other end of a socket. The kernel's answer holds in the daemon's own user namespace, too, in which
-    /// another user's number is not visible but the group's is.
+    /// The process at the other end of a socket. Also works in the daemon's user namespace, where another user's number
+    /// is not visible but the group's is.
     ///
     /// # Errors
-    /// The kernel does not say.
+    /// The kernel does not give the credentials.
     pub(super) fn at(stream: &UnixStream) -> io::Result<Self> {
         let who = stream.peer_cred()?;
         let mut groups = peer_groups(stream)?;
@@ -72,7 +72,7 @@ impl Caller {
         self.user
     }
 
-    /// As places are counted.
+    /// The user for limits.
     pub(super) fn counted(&self) -> User {
         self.counted
     }
@@ -82,7 +82,7 @@ impl Caller {
         self.user == 0 || self.user == rustix::process::geteuid().as_raw()
     }
 
-    /// Of the group.
+    /// Whether a member of the group.
     pub(super) fn is_member(&self) -> bool {
         let groups = std::fs::read_to_string("/etc/group").unwrap_or_default();
         number(&groups).is_some_and(|group| self.groups.contains(&group))

@@ -1,9 +1,9 @@
-//! The gate in front of the objects of one connection: who calls, whether the caller is still there, on which threads the
-//! call is answered.
+//! The gate of one connection: identifies callers, notices when they disconnect, and chooses the threads that serve a
+//! call.
 //!
-//! A call that looks or waits ends when its caller leaves the bus, or the peer's connection ends, and gives its place
-//! back. A call that changes something runs to its end once it has begun: dropped half-way it would leave the rig or the
-//! record in between.
+//! A call that reads or waits is cancelled when its caller leaves the bus, or the peer's connection ends, and frees its
+//! place in the limits. A call that changes something runs to its end once started: cancelled half-way, it could leave
+//! the rig or the record inconsistent.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -20,17 +20,17 @@ use super::bus_socket::Queue;
 use super::caller::{self, Caller};
 use super::limit::User;
 
-/// Threads for each way to the daemon: one may be busy with a long answer and another goes on.
+/// Threads for each connection type: one may be busy with a long reply while another continues.
 const THREADS: usize = 2;
 
-/// The way on which a caller came, and with it who decides.
+/// Type of a connection, which determines how access is decided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Authorizer {
-    /// The peer socket: whoever is not root, the daemon's own user or of the group was turned away before a word.
+    /// The peer socket: other users than root, the daemon's own user and the group are rejected on connecting.
     Peer,
     /// The session bus: root and the daemon's own user.
     Session,
-    /// The system bus: polkit decides; where there is none, root, the daemon's own user and the group.
+    /// The system bus: polkit decides; without polkit, root, the daemon's own user and the group have access.
     System,
 }
 
@@ -38,23 +38,23 @@ pub(super) enum Authorizer {
 #[derive(Debug)]
 pub(crate) struct Gate {
     pub(super) authorizer: Authorizer,
-    /// Where sessions run.
+    /// Runtime of the sessions.
     acting: Handle,
-    /// Who has called and has not left, by unique name.
+    /// Connected callers, by unique name.
     present: Mutex<BTreeMap<String, Present>>,
-    /// Whether those who leave are heard of.
+    /// Whether disconnects are being followed.
     follows: watch::Sender<bool>,
-    /// Where calls wait that were read from a bus ahead of being served.
+    /// Queue of calls read ahead from a bus.
     waiting: Option<Arc<Queue>>,
-    /// Whose turn it is to send a large answer: everybody's answers stand behind it.
+    /// Serialises large replies, which would delay everybody's replies.
     pub(super) large_answers: Semaphore,
 }
 
-/// Somebody who has called and has not left.
+/// A connected caller.
 #[derive(Debug)]
 struct Present {
     caller: Arc<OnceCell<Arc<Caller>>>,
-    /// Dropped when they leave.
+    /// Dropped when the caller disconnects.
     stays: watch::Sender<()>,
 }
 
@@ -71,7 +71,7 @@ impl Present {
 #[derive(Debug)]
 pub(super) struct Client {
     pub(super) caller: Arc<Caller>,
-    /// As its places are counted.
+    /// The user for limits.
     pub(super) user: User,
     stays: watch::Receiver<()>,
 }
@@ -85,7 +85,7 @@ impl Client {
         }
     }
 
-    /// Awaits something, no longer than the caller is there; `None` where it left first.
+    /// Awaits a future as long as the caller is connected; `None` if it disconnected first.
     pub(super) async fn while_present<T>(&self, future: impl Future<Output = T>) -> Option<T> {
         let mut stays = self.stays.clone();
         tokio::select! {
@@ -97,8 +97,8 @@ impl Client {
 }
 
 impl Gate {
-    /// The gate of a connection to a bus; `acting` is where sessions run, and `waiting` has the calls that were read ahead. Nobody is
-    /// answered before [`Gate::follow`].
+    /// The gate of a connection to a bus; `acting` is the runtime of the sessions, and `waiting` the queue of calls
+    /// read ahead. No call is served before [`Gate::follow`].
     pub(super) fn of_bus(
         authorizer: Authorizer,
         acting: Handle,
@@ -131,10 +131,10 @@ impl Gate {
         self.present.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Hears who leaves the bus, until the task is dropped or the bus is gone.
+    /// Follows callers that leave the bus, until the task is dropped or the bus is gone.
     ///
     /// # Errors
-    /// The bus does not tell.
+    /// The bus refuses the subscription.
     pub(super) async fn follow(
         self: &Arc<Self>,
         connection: &Connection,
@@ -169,15 +169,15 @@ impl Gate {
         Ok(task)
     }
 
-    /// The connection has ended: nobody is there any more.
+    /// The connection has ended: all callers are gone.
     pub(super) fn all_left(&self) {
         self.present().clear();
     }
 
-    /// Who sent a message; `None` where they have left already.
+    /// The sender of a message; `None` if it has already disconnected.
     ///
     /// # Errors
-    /// The message or the bus does not say who.
+    /// The message or the bus does not identify the sender.
     pub(super) async fn client(
         &self,
         connection: &Connection,
@@ -198,7 +198,7 @@ impl Gate {
         if follows.wait_for(|follows| *follows).await.is_err() {
             return Ok(None);
         }
-        // there before the bus is asked: who leaves after its answer is heard of and taken out
+        // registered before the bus is queried, so that a later disconnect is noticed
         let (cell, stays) = {
             let mut present = self.present();
             let known = present
@@ -229,8 +229,8 @@ impl Gate {
         }
     }
 
-    /// Answers on this thread, and starts whatever the answer starts (tasks, timers, work that blocks) where sessions
-    /// run.
+    /// Runs the reply on this thread, and everything it starts (tasks, timers, blocking work) on the runtime of the
+    /// sessions.
     pub(super) async fn acting<T>(&self, answered: impl Future<Output = T>) -> T {
         let mut answered = std::pin::pin!(answered);
         std::future::poll_fn(|context| {
@@ -249,8 +249,7 @@ async fn ask(connection: &Connection, sender: &UniqueName<'_>) -> zbus::Result<A
     caller::of(connection, sender).await.map(Arc::new)
 }
 
-/// Threads that speak with clients, apart from those on which sessions run: clients that keep them busy hold up one
-/// another, and no frame.
+/// Threads that serve clients, separate from those of the sessions: busy clients delay each other, but no frame.
 #[derive(Debug)]
 pub(super) struct Threads {
     handle: Handle,
@@ -258,10 +257,10 @@ pub(super) struct Threads {
 }
 
 impl Threads {
-    /// Starts them.
+    /// Starts the threads.
     ///
     /// # Errors
-    /// The system gives no more threads.
+    /// No thread can be started.
     pub(super) fn start(name: &str) -> std::io::Result<Self> {
         let runtime = Builder::new_multi_thread()
             .thread_name(name)

@@ -1,60 +1,59 @@
-//! How much one user, and all together, may have of what each costs the daemon something: calls, questions to polkit,
-//! connections, streams. What is beyond is refused at once; nothing waits for a place.
+//! Limits for each user, and in total, of calls, polkit queries, connections and streams. Requests beyond a limit are
+//! refused at once; none waits.
 //!
-//! Places are counted by user, because one user may open many connections. Those who may control the rig (root, the
-//! daemon's own user, the group) are counted apart from all others: however many strangers look, they have places left.
-//! Each kind of call has its own places, so that no number of looks or waits takes the place of a stop.
+//! Limits are counted by user, because one user may open many connections. Trusted users (root, the daemon's own user,
+//! the group) are counted separately from all others, who cannot exhaust their limits. Each kind of call has separate
+//! limits, so that reading and waiting calls cannot block a stop.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use dbus::Fault;
 
-/// Calls that are answered at once from memory. A program has a few at a time.
+/// Calls replied at once from memory. A program has a few at a time.
 pub(super) static LOOKS: Limit = Limit::new("calls that are not answered yet", 64, 512);
 
-/// Calls that wait, for a frame or the end of a session; those of the programs that one person runs.
+/// Calls that wait for a frame or the end of a session.
 pub(super) static WAITS: Limit = Limit::new("calls that wait for a session", 32, 256);
 
-/// Calls that change something, under way after they were allowed.
+/// Calls that change something, running after they were admitted.
 pub(super) static ACTS: Limit = Limit::new("calls that control the rig", 16, 64);
 
-/// Calls that make the rig safe: nothing else takes these places.
+/// Calls that make the rig safe, with a limit of their own.
 pub(super) static SAFETY: Limit = Limit::new("calls that make the rig safe", 64, 256);
 
-/// Work on the threads that read for clients: what waits for them, and what they do.
+/// Work on the reading threads, waiting or running.
 pub(crate) static READS: Limit = Limit::new("requests that read or compute", 8, 64);
 
-/// Questions to polkit that wait for an answer: a client that asks for one thing at a time has one, and no person answers
-/// more than a few dialogs. All together few enough that polkit, which others need, too, is not flooded.
+/// Pending polkit queries: a normal client has one at a time, and a user answers few dialogs. The total is small, so
+/// that polkit, which other services need too, is not flooded.
 pub(super) static QUESTIONS: Limit =
     Limit::new("questions to polkit that are not answered yet", 8, 32);
 
-/// Connections to the peer socket: some programs of one person, each of which has one. A connection costs two
-/// descriptors and up to 256 pieces of news; all together stay well below the 1024 descriptors that a process is given. In
-/// the unit's user namespace all users but root and the daemon's own are one.
+/// Connections to the peer socket; each program has one. A connection costs two descriptors and up to 256 queued
+/// events; the total stays well below a process's 1024 descriptors. In the unit's user namespace all users except root
+/// and the daemon's own count as one.
 pub(super) static CONNECTIONS: Limit = Limit::new("connections to the peer socket", 32, 64);
 
-/// Streams that are read: a picture, a recorder and a few more of one person. Each costs a descriptor, a task and the
-/// kernel's buffer (200 kB); the records that wait are shared by all.
+/// Open streams. Each costs a descriptor, a task and the kernel's buffer (200 kB); waiting records are shared by all.
 pub(super) static STREAMS: Limit = Limit::new("open streams", 16, 64);
 
 tokio::task_local! {
-    /// Whose call is being answered.
+    /// The user whose call is being served.
     static CALLER: User;
 }
 
-/// Who is counted.
+/// A user, for limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct User {
     /// The user's number.
     pub id: u32,
-    /// Whether they may control the rig where there is no polkit: root, the daemon's own user, the group.
+    /// Whether the user has access without polkit: root, the daemon's own user, the group.
     pub trusted: bool,
 }
 
 impl User {
-    /// Whose call is being answered; the daemon itself where none is.
+    /// The user whose call is being served; otherwise the daemon itself.
     pub(crate) fn calling() -> Self {
         CALLER.try_with(|user| *user).unwrap_or(Self {
             id: rustix::process::geteuid().as_raw(),
@@ -62,23 +61,23 @@ impl User {
         })
     }
 
-    /// Answers a call of this user.
+    /// Serves a call of this user.
     pub(crate) async fn calls<T>(self, answered: impl Future<Output = T>) -> T {
         CALLER.scope(self, answered).await
     }
 }
 
-/// How many of something there may be at once.
+/// A limit of concurrent uses.
 #[derive(Debug)]
 pub(crate) struct Limit {
     what: &'static str,
     each: usize,
-    /// All who are trusted, and all who are not.
+    /// Total for trusted users, and for all others.
     all: usize,
     held: Mutex<BTreeMap<User, usize>>,
 }
 
-/// A place, given back when dropped.
+/// One use, released when dropped.
 #[derive(Debug)]
 pub(crate) struct Place {
     limit: &'static Limit,
@@ -99,10 +98,10 @@ impl Limit {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place for one more.
+    /// Takes one use.
     ///
     /// # Errors
-    /// [`Fault::LimitsExceeded`]: this one, or all together, have as many as there may be.
+    /// [`Fault::LimitsExceeded`]: the user's limit or the total is reached.
     pub(crate) fn take(&'static self, who: User) -> Result<Place, Fault> {
         let mut held = self.held();
         let own = held.get(&who).copied().unwrap_or(0);

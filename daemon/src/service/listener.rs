@@ -1,4 +1,4 @@
-//! Offers the daemon on the ways that the configuration names.
+//! Serves the daemon on all configured connections.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,22 +21,22 @@ use crate::service::peer;
 use crate::session::controller::Controller;
 use config::BusSection;
 
-/// A bus that went away is looked for again after so long, and then ever less often up to the second value.
+/// First and longest time between attempts to reconnect to a bus.
 const LOOK_AGAIN: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
 
-/// A bus that takes longer is frozen.
+/// Timeout of connecting to a bus.
 const TO_CONNECT: Duration = Duration::from_secs(5);
 
-/// The ways on which the daemon is offered, until dropped.
+/// The served connections, closed when dropped.
 #[derive(Debug)]
 pub(crate) struct Listener {
     tasks: JoinSet<()>,
     _threads: [Threads; 2],
-    /// For a person.
+    /// Description for people.
     pub ways: Vec<String>,
 }
 
-/// Why it cannot be offered.
+/// Why a connection cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ListenerError {
     #[error("the peer socket {} cannot be opened: {cause}", .path.display())]
@@ -56,14 +56,14 @@ pub(crate) enum ListenerError {
 }
 
 impl Listener {
-    /// Opens every way that is configured; one that cannot be opened is an error.
+    /// Opens every configured connection; fails if one cannot be opened.
     pub(crate) async fn open(
         section: &BusSection,
         controller: &Arc<Controller>,
     ) -> Result<Self, ListenerError> {
         let mut tasks = JoinSet::new();
         let mut ways = Vec::new();
-        // sessions run here; clients are served on threads of their own, those of the peer socket apart from the buses'
+        // sessions run here; clients are served on separate threads, those of the peer socket apart from the buses'
         let acting = Handle::current();
         let threads = [
             Threads::start("peer").map_err(ListenerError::Threads)?,
@@ -108,7 +108,7 @@ impl Listener {
         })
     }
 
-    /// Ends it; nothing of it is left when this returns.
+    /// Closes all connections; nothing is left when this returns.
     pub(crate) async fn close(mut self) {
         self.tasks.shutdown().await;
     }
@@ -122,14 +122,14 @@ fn word(authorizer: Authorizer) -> &'static str {
     }
 }
 
-/// A connection to a bus, its gate, and the task that hears who leaves.
+/// A connection to a bus, its gate, and the task that follows disconnects.
 struct Connected {
     connection: Connection,
     gate: Arc<Gate>,
     _follows: JoinSet<()>,
 }
 
-/// Connects, puts everything there, and only then asks for the name.
+/// Connects, registers all objects, and only then requests the name.
 async fn connect(
     authorizer: Authorizer,
     controller: &Arc<Controller>,
@@ -152,7 +152,7 @@ async fn connect(
         gate,
     };
     let connection = &connected.connection;
-    // neither replaceable nor replacing: a second daemon must not steal the name
+    // neither replaceable nor replacing: a second daemon must not take over the name
     let flags = RequestNameFlags::DO_NOT_QUEUE;
     match connection.request_name_with_flags(BUS_NAME, flags).await {
         Ok(RequestNameReply::PrimaryOwner | RequestNameReply::AlreadyOwner) => Ok(connected),
@@ -163,7 +163,7 @@ async fn connect(
     }
 }
 
-/// The system bus, on which anybody may send calls: they are read ahead of being served.
+/// The system bus, on which any user may send calls: reads them ahead.
 async fn system_bus(
     controller: &Arc<Controller>,
 ) -> zbus::Result<(Builder<'static>, Option<Arc<Queue>>)> {
@@ -183,7 +183,7 @@ async fn system_bus(
     })
 }
 
-/// Announces events on one bus, and connects again when the bus does.
+/// Announces events on one bus, and reconnects when the bus is restarted.
 async fn stay(
     authorizer: Authorizer,
     mut connected: Connected,
@@ -222,7 +222,7 @@ async fn stay(
             controller.heartbeats.rest(part);
             pause = (pause * 2).min(LOOK_AGAIN.1);
             events = controller.events.subscribe();
-            // a bus that is there and frozen does not answer at all
+            // a frozen bus does not reply at all
             let again = tokio::time::timeout(TO_CONNECT, connect(authorizer, &controller, &acting));
             let again = match answer(Ends::Answer, again).await {
                 Ok(again) => again,

@@ -1,5 +1,5 @@
-//! The daemon on D-Bus: one set of objects on every connection, and the events that are announced on it.
-//! What the objects do is left to `session`.
+//! The daemon on D-Bus: the same objects on every connection, and the announcement of events. The objects' operations
+//! are left to `session`.
 
 mod access;
 mod bus_socket;
@@ -35,15 +35,15 @@ pub(crate) use crate::service::listener::Listener;
 /// Every role that an instrument may have.
 const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 
-/// One frozen client must not hold the others back: an event that cannot be sent in this time ends the connection.
+/// Timeout of sending an event; a slow client is disconnected, so that it does not delay others.
 const TO_SEND: Duration = Duration::from_millis(500);
 
-/// A bus is one connection for all who are on it: an event waits behind the answers of everybody's calls, and leaving the bus
-/// would lose the answer to a stop. Its other end is the broker, which does not stop reading; one that has died is found by
-/// this, well within systemd's patience.
+/// The same for a bus, which is one connection for all its users: an event waits behind their replies, and leaving the
+/// bus would lose the reply to a stop. The broker does not stop reading; a dead one is detected by this, well within
+/// systemd's timeout.
 const TO_SEND_ON_A_BUS: Duration = Duration::from_secs(5);
 
-/// Puts the manager, the instruments and the sessions on a connection before it receives anything.
+/// Registers the manager, the instruments and the sessions on a connection before it receives anything.
 fn register_objects<'a>(
     mut builder: Builder<'a>,
     controller: &Arc<Controller>,
@@ -69,7 +69,7 @@ fn register_objects<'a>(
     builder
 }
 
-/// Puts a session on a connection, if it is not there yet.
+/// Registers a session on a connection, if it is not registered yet.
 async fn show(
     server: &ObjectServer,
     status: &Arc<SessionStatus>,
@@ -82,7 +82,7 @@ async fn show(
     Ok(())
 }
 
-/// Announces one event on a connection; `false` when the connection is of no use any more.
+/// Announces one event on a connection; `false` if the connection is broken.
 async fn announce(
     connection: &Connection,
     controller: &Arc<Controller>,
@@ -122,7 +122,7 @@ async fn announce(
                 Manager1::test_progress(manager.signal_emitter(), done, total, &what).await
             }
             BusEvent::Instruments => instruments_changed(server, controller).await,
-            // a broker answers this itself; a peer that has gone is noticed without
+            // a broker replies itself; a peer that has gone is noticed by its socket
             BusEvent::Heartbeats if connection.is_bus() => ping(connection).await,
             BusEvent::Heartbeats => Ok(()),
             BusEvent::ObjectsChanged => register_again(server, controller, gate).await,
@@ -197,7 +197,7 @@ async fn ping(connection: &Connection) -> zbus::Result<()> {
         .map(drop)
 }
 
-/// After a reload: the instruments that there are now, and the load on the sheet where it is simulated.
+/// Registers instrument objects after a reload, and the simulation object if the rig is simulated.
 async fn register_again(
     server: &ObjectServer,
     controller: &Arc<Controller>,
@@ -228,7 +228,7 @@ async fn register_again(
     object.method_changed(emitter).await
 }
 
-/// Removing what was not there is no fault.
+/// Removing a missing object is no error.
 fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
     match removed {
         Ok(_) | Err(zbus::Error::InterfaceNotFound) => Ok(()),
@@ -236,7 +236,7 @@ fn gone<T>(removed: zbus::Result<T>) -> zbus::Result<()> {
     }
 }
 
-/// The object of a session, put on the connection if it is not there yet; `None` for one that is no longer remembered.
+/// The path of a session's object, registered if needed; `None` for a session that is no longer remembered.
 async fn session(
     server: &ObjectServer,
     controller: &Controller,

@@ -1,4 +1,4 @@
-//! The peer socket: D-Bus without a broker, one connection a client, the kernel says who it is.
+//! The peer socket: D-Bus without a broker, one connection a client; the kernel identifies the user.
 
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, FileTypeExt, PermissionsExt};
@@ -20,17 +20,17 @@ use crate::events::kind::EventKind;
 use crate::panics::containment::{Ends, answer};
 use crate::session::controller::Controller;
 
-/// How long a client may take to introduce itself.
+/// Timeout of the authentication.
 const TO_GREET: Duration = Duration::from_secs(5);
 
-/// Bytes of a client's first line; those of clients have some thirty.
+/// Longest first line of a client, bytes; normal ones have some thirty.
 const FIRST_LINE: usize = 256;
 
-/// Clients that are told at once that there is no place for them, and how long each may take to listen.
+/// Most clients that are being told that the limit is reached, and the timeout of each.
 const MOST_REPORTED: usize = 16;
 const TO_READ: Duration = Duration::from_secs(1);
 
-/// A socket that is removed again.
+/// A socket that is removed when dropped.
 #[derive(Debug)]
 pub(super) struct PeerListener {
     socket: UnixListener,
@@ -43,8 +43,7 @@ impl Drop for PeerListener {
     }
 }
 
-/// Binds the socket, in a folder made for it if need be; a socket left over by a dead daemon is replaced, a living one
-/// is not.
+/// Binds the socket; creates its folder if needed. Replaces a socket left over by a dead daemon, but not a live one.
 pub(super) fn bind(path: &Path) -> io::Result<PeerListener> {
     if let Some(folder) = path.parent()
         && !folder.as_os_str().is_empty()
@@ -81,7 +80,7 @@ pub(super) fn bind(path: &Path) -> io::Result<PeerListener> {
     })
 }
 
-/// Serves everybody who may be served, for ever; `acting` is where sessions run.
+/// Serves all admitted clients for ever; `acting` is the runtime of the sessions.
 pub(super) async fn serve(listener: PeerListener, controller: Arc<Controller>, acting: Handle) {
     loop {
         match listener.socket.accept().await {
@@ -98,7 +97,7 @@ pub(super) async fn serve(listener: PeerListener, controller: Arc<Controller>, a
     }
 }
 
-/// One client, until it goes.
+/// Serves one client until it disconnects.
 async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle) {
     let caller = Caller::at(&stream).ok();
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
@@ -140,7 +139,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
     let Ok(hang_up) = stream.try_clone() else {
         return;
     };
-    // listened to before it can speak: nothing is missed between
+    // subscribed before the client is served, so that it misses no event
     let mut events = controller.events.subscribe();
     let mut builder = Builder::unix_stream(stream)
         .server(zbus::Guid::generate())
@@ -164,7 +163,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
             event = events.recv() => {
                 let Some(event) = event else { break };
                 if !super::announce(&connection, &controller, &gate, event).await {
-                    // answers that wait for a reader who never reads end with the socket
+                    // replies waiting for a client that never reads end with the socket
                     let _ = hang_up.shutdown(std::net::Shutdown::Both);
                     break;
                 }
@@ -174,8 +173,8 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
     gate.all_left();
 }
 
-/// Says that there is no place, so that the client can tell it from a refusal, and closes; to a few at a time, for each
-/// takes a descriptor.
+/// Reports that the limit is reached, distinguishable from a refusal, and closes; only for a few clients at a time,
+/// because each takes a descriptor.
 async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
     static REPORTED: Semaphore = Semaphore::const_new(MOST_REPORTED);
     let Ok(_place) = REPORTED.try_acquire() else {
@@ -184,7 +183,7 @@ async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
     let line = format!("ERROR {}{}\r\n", dbus::BUSY, error.text());
     let sending = async {
         stream.write_all(line.as_bytes()).await?;
-        // a client that is hung up on before it has written its first line sees an error of the socket, and not this
+        // a client disconnected before it has written its first line would see a socket error instead
         let mut first = [0; 128];
         loop {
             let read = stream.read(&mut first).await?;
@@ -196,8 +195,7 @@ async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
     let _ = tokio::time::timeout(TO_READ, sending).await;
 }
 
-/// A client's first line, looked at and left there. zbus panics where a line is nothing but a line feed, and reads without
-/// end where there is none.
+/// Peeks at a client's first line. zbus panics on an empty line, and reads without limit if there is no line end.
 async fn first_line(stream: &UnixStream) -> Result<Vec<u8>, String> {
     let mut first = [0; FIRST_LINE];
     loop {
@@ -224,14 +222,13 @@ async fn first_line(stream: &UnixStream) -> Result<Vec<u8>, String> {
         if seen.is_empty() || ready.is_read_closed() {
             return Err("it was closed before its first line had ended".to_owned());
         }
-        // there is no waiting for more than what is there and not taken
+        // a socket cannot be awaited for more data than is already there and not read
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
 }
 
-/// The user number in a member's first line. In the unit's user namespace the kernel gives the numbers of other users as
-/// one and the same, and zbus would find that the member lies about its own. Who it is has been decided by its group; the
-/// number decides nothing.
+/// The user number in a member's first line. In the unit's user namespace the kernel reports all other users under one
+/// number, and zbus would reject the member's true one. Access was decided by the group; the number decides nothing.
 ///
 /// `AUTH EXTERNAL` and a number in hexadecimal digits of its decimal ones, behind a zero byte (D-Bus specification,
 /// authentication protocol).

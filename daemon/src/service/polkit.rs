@@ -1,5 +1,5 @@
-//! Asks polkit whether a caller of the system bus may do something. The caller is told by its unique name on that bus,
-//! which nobody can take over while it is asked about.
+//! Queries polkit whether a caller on the system bus is authorised. The caller is identified by its unique name, which
+//! cannot be reused during the query.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -13,23 +13,23 @@ const INTERFACE: &str = "org.freedesktop.PolicyKit1.Authority";
 
 /// `AllowUserInteraction`.
 const ASK_THE_USER: u32 = 1;
-/// For an answer that needs nobody; callers give up after 25 s by default.
+/// Timeout without user interaction; callers give up after 25 s by default.
 const TO_ANSWER: Duration = Duration::from_secs(10);
-/// For a person who types a password.
+/// Timeout if a user types a password.
 const TO_TYPE: Duration = Duration::from_secs(120);
 
-/// What polkit says.
+/// Result of a query.
 #[derive(Debug)]
 pub(super) enum Answer {
     Granted,
     Refused,
     /// There is no polkit on this bus.
     Absent,
-    /// There is one, and it gave no answer: as good as a refusal.
+    /// polkit gave no valid reply: counts as a refusal.
     Broken(String),
 }
 
-/// `interactive`: the caller said that its user may be asked for a password.
+/// `interactive`: the caller allows a password dialog.
 pub(super) async fn ask(
     connection: &Connection,
     sender: &UniqueName<'_>,
@@ -68,7 +68,7 @@ pub(super) async fn ask(
     }
 }
 
-/// Whether the bus says that nobody has the name, and nobody can be started for it.
+/// Whether the bus reports that the name has no owner and cannot be activated.
 fn is_absent(error: &zbus::Error) -> bool {
     let name = match error {
         zbus::Error::MethodError(name, _, _) => name.to_string(),

@@ -1,7 +1,7 @@
-//! Work for clients who look (reading the record, computing a plan), on threads of its own.
+//! Thread pool for clients' reading requests (reading the record, computing a plan).
 //!
-//! Acquisition, recording and stopping use the runtime's threads. However much is asked for here, none of those is taken:
-//! each user may have a few requests, they are served by turns, and a request whose caller has left is passed over.
+//! Acquisition, recording and stopping use the runtime's threads, which reading requests never occupy: each user may
+//! have a few requests, users are served in turn, and requests of disconnected callers are skipped.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -12,16 +12,16 @@ use tokio::sync::oneshot;
 use crate::panics::containment;
 use crate::service::limit::{READS, User};
 
-/// Threads; two, so that one long answer does not hold up all others.
+/// Threads; two, so that one long request does not block all others.
 const THREADS: usize = 2;
 
 static POOL: Pool = Pool::new(THREADS);
 
-/// Does this for whose call is being answered.
+/// Runs work for the current caller.
 ///
 /// # Errors
-/// [`Fault::LimitsExceeded`]: that user, or all together, have as many requests as there may be. [`Fault::Failed`]: the
-/// work panicked, or no thread could be started.
+/// [`Fault::LimitsExceeded`]: the user's limit or the total is reached. [`Fault::Failed`]: the work panicked, or no
+/// thread could be started.
 pub(crate) async fn read<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Fault> {
@@ -29,7 +29,7 @@ pub(crate) async fn read<T: Send + 'static>(
     let place = READS.take(user)?;
     let (answer, answered) = oneshot::channel();
     let job = move || {
-        // held until here: also what nobody waits for any more has its place as long as it is in the queue
+        // held until the work is done, even if its caller has gone
         let _place = place;
         if !answer.is_closed() {
             let _ = answer.send(work());
@@ -43,7 +43,7 @@ pub(crate) async fn read<T: Send + 'static>(
 
 type Job = Box<dyn FnOnce() + Send>;
 
-/// Threads that take jobs, one user after the other.
+/// Threads that run jobs, one user after the other.
 struct Pool {
     most: usize,
     waiting: Mutex<Waiting>,
@@ -52,7 +52,7 @@ struct Pool {
 
 struct Waiting {
     queues: BTreeMap<User, VecDeque<Job>>,
-    /// Whose turn is next; each that has a queue is here once.
+    /// Users in order of service; each with queued jobs is here once.
     turns: VecDeque<User>,
     threads: usize,
     idle: usize,
@@ -89,7 +89,7 @@ impl Pool {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Puts a job behind those of the same user.
+    /// Queues a job after those of the same user.
     fn push(&'static self, user: User, job: Job) -> Result<(), Fault> {
         let mut waiting = self.waiting();
         if waiting.idle == 0 && waiting.threads < self.most {
@@ -101,7 +101,7 @@ impl Pool {
                 Err(cause) if waiting.threads == 0 => {
                     return Err(Fault::Failed(format!("no thread to read on: {cause}")));
                 }
-                // the threads that are there do it later
+                // running threads will take the job later
                 Err(_) => {}
             }
         }
@@ -120,7 +120,7 @@ impl Pool {
         loop {
             if let Some(job) = waiting.next() {
                 drop(waiting);
-                // its caller is told by the answer that does not come
+                // its caller notices the missing result
                 let _ = containment::run(job);
                 waiting = self.waiting();
             } else {

@@ -1,8 +1,8 @@
-//! Who may do what: one table from every method to an action, and one gate in front of every object.
+//! Access control: one table from every method to an action, and one check in front of every object.
 //!
-//! Nothing is served but behind [`Guarded`], so a method cannot be forgotten: what is in no row is refused to everybody.
-//! Reading (methods marked [`Action::Observe`], every property) is for whoever is let in at the door; setting a property
-//! would need a row of its own, and no interface has one to set.
+//! Objects are only served behind [`Guarded`], so a method cannot be forgotten: a method without a row is refused to
+//! everybody. Reading (methods marked [`Action::Observe`], every property) is allowed to every connected caller;
+//! setting a property would need a row of its own, and no interface has a writable one.
 
 use std::fmt::Write;
 use std::sync::Arc;
@@ -20,10 +20,10 @@ use super::polkit;
 use crate::panics::containment;
 use crate::panics::containment::{Ends, Panicked, answer};
 
-/// What a caller wants to do, as coarse as permission is given.
+/// Groups of operations for which permission is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Action {
-    /// Looking, listening, reading the record.
+    /// Reading status, events and the record.
     Observe,
     /// Starting, suspending and ending a session.
     Control,
@@ -36,7 +36,7 @@ pub(super) enum Action {
 }
 
 impl Action {
-    /// Its name for polkit; `None` where nobody is asked.
+    /// Its polkit action; `None` if no permission is needed.
     fn id(self) -> Option<&'static str> {
         match self {
             Self::Observe => None,
@@ -48,18 +48,18 @@ impl Action {
     }
 }
 
-/// What a call takes, and what becomes of it when its caller leaves.
+/// How a call is served, and what happens to it when its caller disconnects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Lane {
-    /// Answered at once; ends with its caller.
+    /// Replied at once; ends with its caller.
     Look,
-    /// As a look, with an answer of some 100 kB: one at a time goes out on a connection.
+    /// Like a look, with a reply of some 100 kB: a connection sends one at a time.
     Large,
     /// Waits for a frame or for the end of a session; ends with its caller.
     Wait,
     /// Changes something; runs to its end.
     Act,
-    /// Makes the rig safe, with places of its own; runs to its end.
+    /// Makes the rig safe, with separate limits; runs to its end.
     Safe,
 }
 
@@ -73,13 +73,13 @@ impl Lane {
         }
     }
 
-    /// Whether an answer that nobody waits for any more is given up.
+    /// Whether a reply is cancelled when its caller disconnects.
     fn ends_with_its_caller(self) -> bool {
         matches!(self, Self::Look | Self::Large | Self::Wait)
     }
 }
 
-/// Every method, what it does, and how it is answered.
+/// Every method, its action, and how it is served.
 const METHODS: &[(&str, &str, Action, Lane)] = &[
     (
         MANAGER_INTERFACE,
@@ -120,9 +120,9 @@ const METHODS: &[(&str, &str, Action, Lane)] = &[
         Action::Instruments,
         Lane::Act,
     ),
-    // asks the instruments over their wires
+    // queries the instruments
     (MANAGER_INTERFACE, "Relays", Action::Instruments, Lane::Act),
-    // speaks to addresses that the caller names
+    // connects to addresses that the caller names
     (
         MANAGER_INTERFACE,
         "Discover",
@@ -181,7 +181,7 @@ const METHODS: &[(&str, &str, Action, Lane)] = &[
     ),
 ];
 
-/// Every property that can be set, and what setting it does. `Properties.Set` passes the bus's own policy.
+/// Every writable property, and its action. `Properties.Set` is not covered by the bus's own policy.
 const SETTERS: &[(&str, &str, Action)] = &[];
 
 fn method(interface: &InterfaceName<'_>, member: &str) -> Option<(Action, Lane)> {
@@ -191,7 +191,7 @@ fn method(interface: &InterfaceName<'_>, member: &str) -> Option<(Action, Lane)>
         .map(|(_, _, action, lane)| (*action, *lane))
 }
 
-/// Whether a method does more than look.
+/// Whether a method does more than read.
 pub(super) fn changes_something(interface: &str, member: &str) -> bool {
     METHODS.iter().any(|(of, named, action, _)| {
         *of == interface && *named == member && *action != Action::Observe
@@ -206,7 +206,7 @@ fn setter(interface: &InterfaceName<'_>, member: &str) -> Option<Action> {
 }
 
 impl Authorizer {
-    /// Lets the sender of a message do this, or says why not. Nothing is remembered from one question to the next.
+    /// Checks that the sender of a message is allowed an action. Results are not cached.
     async fn admit(
         self,
         connection: &Connection,
@@ -260,7 +260,7 @@ impl Authorizer {
     }
 }
 
-/// An object behind the gate.
+/// An object behind the access check.
 pub(super) struct Guarded<I> {
     object: I,
     gate: Arc<Gate>,
@@ -393,12 +393,13 @@ impl<I: Interface> Interface for Guarded<I> {
     }
 
     fn introspect_to_writer(&self, writer: &mut dyn Write, level: usize) {
-        // what was written before a panic is all there is
+        // after a panic, the text written so far is returned
         let _ = containment::run(|| self.object.introspect_to_writer(writer, level));
     }
 }
 
-/// The call, not begun before it is admitted. What looks ends with its own panic; one of what acts ends the session, too.
+/// Serves the call once it is admitted. A panic of a reading call is contained; one of an acting call also ends the
+/// session.
 fn behind<'call, I: Interface>(
     gate: &Arc<Gate>,
     answered: Result<DispatchResult<'call>, Panicked>,
@@ -425,7 +426,7 @@ fn behind<'call, I: Interface>(
         let admitted = gate
             .authorizer
             .admit(connection, &header, &client, action, name.as_str());
-        // nobody waits for the answer to a question whose asker has left
+        // a call whose caller has disconnected is dropped
         let Some(admitted) = client.while_present(admitted).await else {
             return Ok(());
         };
@@ -451,12 +452,12 @@ fn behind<'call, I: Interface>(
     }))
 }
 
-/// A caught panic as the refusal of the call.
+/// Converts a caught panic to an error reply.
 fn flat(answered: Result<Result<(), BoxDBusError>, Panicked>) -> Result<(), BoxDBusError> {
     answered.unwrap_or_else(|panicked| Err(boxed(panicked.into())))
 }
 
-/// Lets the sender of a message set a property, or says why not.
+/// Checks that the sender of a message may set a property.
 async fn admit_setter(
     gate: &Gate,
     connection: &Connection,

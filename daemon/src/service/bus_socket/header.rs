@@ -1,8 +1,8 @@
-//! The header of a message, as far as its place in the queue depends on it (D-Bus specification, message protocol).
+//! Parses the header of a message as far as the queue needs it (D-Bus specification, message protocol).
 
-/// Bytes that say how long a message is.
+/// Bytes needed to know a message's length.
 pub(super) const FIXED: usize = 16;
-/// The specification allows no more.
+/// Limit of the specification.
 const LONGEST: usize = 1 << 27;
 
 const METHOD_CALL: u8 = 1;
@@ -10,26 +10,26 @@ const SIGNAL: u8 = 4;
 const FLAGS: usize = 2;
 const NO_REPLY_EXPECTED: u8 = 1;
 
-/// What comes before the first message: lines of the authentication, which never begin with these.
+/// Data before the first message are lines of the authentication, which never begin with these bytes.
 const ENDIAN: [u8; 2] = [b'l', b'B'];
 
-/// It is no message.
+/// Not a valid message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the bus sent bytes that are no message")]
 pub(super) struct Malformed;
 
-/// What a message is, and from whom.
+/// Type and origin of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Header<'a> {
     kind: u8,
     flags: u8,
-    /// The sender's number of the message.
+    /// Serial number given by the sender.
     pub(super) serial: u32,
-    /// The unique name that the bus wrote; empty where there is none.
+    /// The unique name added by the bus; empty if there is none.
     pub(super) sender: &'a str,
     pub(super) interface: &'a str,
     pub(super) member: &'a str,
-    /// Descriptors that came with it.
+    /// Number of attached file descriptors.
     pub(super) descriptors: usize,
 }
 
@@ -42,18 +42,18 @@ impl Header<'_> {
         self.kind == SIGNAL
     }
 
-    /// Whether its sender waits for an answer.
+    /// Whether its sender expects a reply.
     pub(super) fn wants_answer(&self) -> bool {
         self.flags & NO_REPLY_EXPECTED == 0
     }
 }
 
-/// Makes a call that wants no answer one that wants one, so that its end can be seen.
+/// Clears the no-reply flag of a call, so that its end is visible.
 pub(super) fn ask_for_answer(message: &mut [u8]) {
     message[FLAGS] &= !NO_REPLY_EXPECTED;
 }
 
-/// Bytes of the first message, or of a line of the authentication; `None` where more bytes must come to know.
+/// Bytes of the first message, or of a line of the authentication; `None` if more bytes are needed.
 ///
 /// # Errors
 /// These bytes are neither.
@@ -81,10 +81,10 @@ pub(super) fn length(bytes: &[u8]) -> Result<Option<usize>, Malformed> {
     length.map(Some).ok_or(Malformed)
 }
 
-/// Lines of the authentication are shorter.
+/// Limit of an authentication line.
 const LONGEST_LINE: usize = 16 * 1024;
 
-/// Reads the header of a whole message; `None` for a line of the authentication.
+/// Parses the header of a complete message; `None` for a line of the authentication.
 pub(super) fn read(message: &[u8]) -> Option<Header<'_>> {
     if message.len() < FIXED || !ENDIAN.contains(&message[0]) {
         return None;
@@ -98,7 +98,7 @@ pub(super) fn read(message: &[u8]) -> Option<Header<'_>> {
         member: "",
         descriptors: 0,
     };
-    // what follows a field that cannot be read is not known: zbus refuses such a message
+    // fields after an invalid one are unknown: zbus refuses such a message
     let _ = fields(message, &mut header);
     Some(header)
 }
@@ -124,7 +124,7 @@ fn fields<'a>(message: &'a [u8], header: &mut Header<'a>) -> Result<(), Malforme
     Ok(())
 }
 
-/// A place in a message.
+/// A position in a message.
 struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -169,13 +169,13 @@ impl<'a> Cursor<'a> {
         Ok(number)
     }
 
-    /// With four bytes of length before it, and a zero byte behind.
+    /// A string with four bytes of length before it, and a zero byte after it.
     fn text(&mut self) -> Result<&'a str, Malformed> {
         let length = self.number()?;
         self.terminated(length)
     }
 
-    /// With one byte of length before it.
+    /// A string with one byte of length before it.
     fn short_text(&mut self) -> Result<&'a str, Malformed> {
         let length = self.byte()?;
         self.terminated(length.into())

@@ -1,8 +1,8 @@
-//! The connection to the system bus, read ahead by a thread of its own into a queue that is fair to the senders.
+//! The connection to the system bus: a separate thread reads ahead into a queue that is fair to the senders.
 //!
-//! A bus hands over the messages of all senders in one line, and counts no calls that want no answer. Whatever is not read
-//! at once waits in the bus, with the calls of everybody else behind it. So everything is read as it comes, what has no
-//! effect or is too much of one sender is dropped, and zbus gets the rest one message at a time.
+//! A bus delivers the messages of all senders in one sequence, and does not limit calls that expect no reply. Messages
+//! not read at once wait in the bus, and block everybody's calls. So everything is read on arrival, messages without
+//! effect or beyond a sender's limit are dropped, and zbus receives the rest one at a time.
 
 mod header;
 mod queue;
@@ -35,12 +35,12 @@ use queue::{Fate, Incoming};
 
 pub(super) use queue::Queue;
 
-/// Descriptors that one message may bring along (`SCM_MAX_FD` of the kernel).
+/// Most file descriptors of one message (`SCM_MAX_FD` of the kernel).
 const MOST_DESCRIPTORS: usize = 253;
 /// Read at once; a socket holds about as much.
 const CHUNK: usize = 256 * 1024;
 
-/// Tells how many calls of the sender named last were lost since it told before.
+/// Reports the number of lost calls since the last report, with the last sender.
 type Report = Box<dyn Fn(u64, &str) + Send>;
 
 /// A socket to a bus.
@@ -51,10 +51,10 @@ pub(super) struct BusSocket {
 }
 
 impl BusSocket {
-    /// Connects, and starts the thread that reads; `None` where the address is no socket of this machine.
+    /// Connects, and starts the reading thread; `None` if the address is no local socket.
     ///
     /// # Errors
-    /// Nobody listens there, or the system gives no more threads.
+    /// Connection refused, or no thread can be started.
     pub(super) async fn connect(
         address: &zbus::Address,
         queue: Arc<Queue>,
@@ -63,7 +63,7 @@ impl BusSocket {
         let path = match address.transport() {
             Transport::Unix(unix) => match unix.path() {
                 UnixSocket::File(path) => path.clone(),
-                // as tokio names what is in no folder
+                // tokio's form of an abstract address
                 UnixSocket::Abstract(name) => {
                     let named = [b"\0", name.as_bytes()].concat();
                     PathBuf::from(std::ffi::OsStr::from_bytes(&named))
@@ -79,7 +79,7 @@ impl BusSocket {
     fn over(stream: UnixStream, queue: Arc<Queue>, report: Report) -> io::Result<Self> {
         let stream = stream.into_std()?;
         let own = stream.try_clone()?;
-        // one of its own, so that nothing else is done on its thread
+        // a separate runtime, so that no other work runs on its thread
         let runtime = Builder::new_current_thread().enable_io().build()?;
         let reader = Reader {
             queue: Arc::clone(&queue),
@@ -114,14 +114,14 @@ impl Socket for BusSocket {
     }
 }
 
-/// Reads everything as it comes, on a thread of its own.
+/// Reads everything on arrival, on a separate thread.
 struct Reader {
     queue: Arc<Queue>,
     report: Report,
 }
 
 impl Drop for Reader {
-    /// Also after a panic: zbus learns that nothing comes any more.
+    /// Also after a panic: ends the connection for zbus.
     fn drop(&mut self) {
         self.queue.end();
     }
@@ -138,7 +138,7 @@ impl Reader {
     async fn read(&self, stream: StdStream) -> io::Result<()> {
         let stream = UnixStream::from_std(stream)?;
         let mut chunk = vec![0; CHUNK];
-        // what is not yet a whole message, and descriptors of messages to come
+        // an incomplete message, and descriptors of later messages
         let mut rest = Vec::new();
         let mut descriptors = Vec::new();
         loop {
@@ -153,7 +153,7 @@ impl Reader {
         }
     }
 
-    /// Puts whole messages into the queue; returns the bytes that they had.
+    /// Moves complete messages into the queue; returns their size in bytes.
     fn hand_over(&self, bytes: &[u8], descriptors: &mut Vec<OwnedFd>) -> io::Result<usize> {
         let (mut used, mut lost) = (0, 0);
         let mut loser = String::new();
@@ -177,7 +177,7 @@ impl Reader {
     }
 }
 
-/// What has come; the descriptors are put behind those that are there.
+/// Reads available data; appends the descriptors received.
 fn receive(
     stream: &UnixStream,
     chunk: &mut [u8],
@@ -192,24 +192,24 @@ fn receive(
             descriptors.extend(passed);
         }
     }
-    // whose the others are would not be known
+    // the owner of the remaining descriptors would be unknown
     if received.flags.contains(ReturnFlags::CTRUNC) {
         return Err(io::Error::other("there was no room for its descriptors"));
     }
     Ok(received.bytes)
 }
 
-/// What zbus reads: one message after the other out of the queue.
+/// The reading side for zbus: one message at a time from the queue.
 #[derive(Debug)]
 pub(super) struct Served {
     stream: Arc<UnixStream>,
     queue: Arc<Queue>,
-    /// The message that zbus reads, and how much of it has been read.
+    /// The message being read by zbus, and how much of it has been read.
     begun: Option<(Incoming, usize)>,
 }
 
 impl Drop for Served {
-    /// Ends the thread that reads.
+    /// Ends the reading thread.
     fn drop(&mut self) {
         self.queue.end();
         let _ = rustix::net::shutdown(&self.stream, Shutdown::Both);
@@ -244,7 +244,7 @@ impl ReadHalf for Served {
     }
 }
 
-/// What zbus writes to.
+/// The writing side for zbus.
 #[derive(Debug)]
 pub(super) struct Writer {
     stream: Arc<UnixStream>,
@@ -253,7 +253,7 @@ pub(super) struct Writer {
 
 #[async_trait]
 impl WriteHalf for Writer {
-    /// All messages but answers that nobody wants: the bus would read each before it drops it.
+    /// Sends all messages except replies to calls that expect none, which the bus would read and drop.
     async fn send_message(&mut self, message: &Message) -> zbus::Result<()> {
         if matches!(message.message_type(), Type::MethodReturn | Type::Error) {
             let header = message.header();

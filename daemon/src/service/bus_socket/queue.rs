@@ -1,5 +1,5 @@
-//! Messages of a bus that were read and wait to be served: each sender's in their order, the senders by turns; and calls
-//! without an answer, until they have been served.
+//! Queue of messages waiting to be served: in order for each sender, round-robin between senders; tracks calls without
+//! a reply until they have been served.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::os::fd::OwnedFd;
@@ -9,17 +9,17 @@ use tokio::sync::Notify;
 
 use super::header::{self, Header};
 
-/// Who writes the broker's own messages; nobody else can.
+/// Sender of the broker's own messages; cannot be forged.
 const BROKER: &str = "org.freedesktop.DBus";
 
-/// Calls without an answer that one sender may have, waiting or under way. The bus counts none of them.
+/// Most calls without a reply of one sender, waiting or running. The bus does not limit them.
 const UNANSWERED_EACH: usize = 16;
-/// And all senders together who may not control the rig.
+/// The same for all untrusted senders together.
 const UNANSWERED_ALL: usize = 1024;
-/// A call without an answer is no longer, in bytes; none that the daemon serves comes near.
+/// Longest call without a reply, bytes; the daemon's methods need far less.
 const LONGEST_UNANSWERED: usize = 64 * 1024;
 
-/// Bytes that wait; more are left to the bus. Calls that want an answer are counted by the bus.
+/// Most bytes waiting; more stay in the bus, which limits calls that expect a reply.
 const MOST_BYTES: usize = 64 << 20;
 
 /// A message, or a line of the authentication before the first.
@@ -29,13 +29,13 @@ pub(super) struct Incoming {
     pub(super) descriptors: Vec<OwnedFd>,
 }
 
-/// What becomes of a message.
+/// What is done with a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fate {
     Waits,
-    /// It has no effect, so it is not kept.
+    /// Dropped: it has no effect.
     Idle,
-    /// It may have had one, and its sender has too many.
+    /// Dropped: it may have an effect, but its sender exceeds the limit.
     Lost,
 }
 
@@ -51,18 +51,18 @@ pub(crate) struct Queue {
 
 #[derive(Debug, Default)]
 struct Waiting {
-    /// Answers to the daemon's own calls, and the broker's signals.
+    /// Replies to the daemon's own calls, and the broker's signals.
     first: VecDeque<Incoming>,
-    /// Calls by sender, and whether each wants an answer.
+    /// Calls by sender, and whether each expects a reply.
     calls: BTreeMap<String, VecDeque<(Incoming, bool)>>,
-    /// Whose turn is next: senders who may control the rig, and all others. Each that has calls is in one of them once, or
-    /// in `paused`.
+    /// Order of service: trusted senders, and all others. Each sender with calls is in one of them once, or in
+    /// `paused`.
     turns: [VecDeque<String>; 2],
-    /// Senders who have no turn before a call without an answer of theirs has been served.
+    /// Senders that are not served until one of their calls without a reply has finished.
     paused: BTreeSet<String>,
-    /// Senders who may control the rig, of those who have called.
+    /// Connected senders that may control the rig.
     trusted: BTreeSet<String>,
-    /// Whether the last turn was one of those.
+    /// Whether the last call served was of a trusted sender.
     trusted_had_turn: bool,
     /// Calls without an answer of each sender.
     unanswered: BTreeMap<String, Unanswered>,
@@ -71,10 +71,10 @@ struct Waiting {
     ended: bool,
 }
 
-/// Calls without an answer of one sender.
+/// Calls without a reply of one sender.
 #[derive(Debug, Default)]
 struct Unanswered {
-    /// Waiting or under way, by the sender's number of the call, which may be used twice.
+    /// Waiting or running calls by serial number, which may be used twice.
     numbers: BTreeMap<u32, usize>,
     all: usize,
     under_way: usize,
@@ -95,7 +95,7 @@ impl Queue {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Calls of this sender are served before those of strangers, until [`Queue::forget`].
+    /// Serves this sender before untrusted ones, until [`Queue::forget`].
     pub(crate) fn prefer(&self, sender: &str) {
         let mut waiting = self.waiting();
         if !waiting.trusted.insert(sender.to_owned()) {
@@ -110,7 +110,7 @@ impl Queue {
         self.arrived.notify_one();
     }
 
-    /// This sender has left the bus, and its name is never given again.
+    /// Removes a sender that has left the bus; its name is never reused.
     pub(crate) fn forget(&self, sender: &str) {
         let mut waiting = self.waiting();
         waiting.trusted.remove(sender);
@@ -122,7 +122,7 @@ impl Queue {
         self.arrived.notify_one();
     }
 
-    /// A call has been served, and this is where its answer would go. Whether its sender wanted none.
+    /// Records that a call has been served; returns whether its sender expected no reply.
     pub(super) fn is_served(&self, sender: &str, serial: u32) -> bool {
         let served = self.waiting().is_served(sender, serial);
         if served {
@@ -131,7 +131,7 @@ impl Queue {
         served
     }
 
-    /// Puts a message behind those of its sender. Waits where too many bytes wait.
+    /// Adds a message after those of its sender. Waits if too many bytes are queued.
     pub(super) fn push(&self, message: &[u8], descriptors: Vec<OwnedFd>) -> Fate {
         let mut waiting = self.waiting();
         while waiting.bytes >= MOST_BYTES && !waiting.ended {
@@ -148,7 +148,7 @@ impl Queue {
         fate
     }
 
-    /// The next message; `None` after the last where the connection has ended.
+    /// The next message; `None` when the connection has ended and the queue is empty.
     pub(super) async fn next(&self) -> Option<Incoming> {
         loop {
             {
@@ -168,7 +168,7 @@ impl Queue {
         }
     }
 
-    /// Nothing comes any more.
+    /// Ends the queue.
     pub(super) fn end(&self) {
         self.waiting().ended = true;
         self.arrived.notify_one();
@@ -184,7 +184,7 @@ impl Waiting {
         acts: fn(&str, &str) -> bool,
     ) -> Fate {
         let Some(header) = header::read(message).filter(Header::is_call) else {
-            // the daemon listens to no other's signals, and everybody may send them
+            // the daemon subscribes to no other's signals, and anybody may send them
             let of_others = |header: Header<'_>| header.is_signal() && header.sender != BROKER;
             if header::read(message).is_some_and(of_others) {
                 return Fate::Idle;
@@ -220,7 +220,7 @@ impl Waiting {
         if calls.is_empty() {
             self.turns[usize::from(!trusted)].push_back(sender.to_owned());
         }
-        // no method takes descriptors, and those that wait would be the daemon's
+        // no method takes descriptors, and queued ones would use up the daemon's limit
         let descriptors = Vec::new();
         calls.push_back((Incoming { bytes, descriptors }, header.wants_answer()));
         Fate::Waits
@@ -247,7 +247,7 @@ impl Waiting {
         true
     }
 
-    /// This sender has turns again.
+    /// Serves this sender again.
     fn go_on(&mut self, sender: &str) {
         if let Some(sender) = self.paused.take(sender) {
             let to = usize::from(!self.trusted.contains(&sender));
@@ -266,7 +266,7 @@ impl Waiting {
 
     fn take_call(&mut self) -> Option<Incoming> {
         loop {
-            // by turns, too: whoever may control the rig may not hold up everybody else
+            // alternates: trusted senders must not block everybody else
             let order = match self.trusted_had_turn {
                 true => [1, 0],
                 false => [0, 1],
@@ -276,7 +276,7 @@ impl Waiting {
             let calls = self.calls.get_mut(&sender)?;
             let (_, answered) = calls.front()?;
             if !answered && let Some(own) = self.unanswered.get_mut(&sender) {
-                // each may ask polkit, which answers one question at a time
+                // each call may query polkit, which replies to one query at a time
                 if from == 1 && own.under_way > 0 {
                     self.paused.insert(sender);
                     continue;
