@@ -1,4 +1,4 @@
-//! Collects what tells whether the daemon is well.
+//! Collects the daemon's health.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,14 +13,14 @@ use crate::session::controller::Controller;
 use crate::session::state::State;
 
 impl Controller {
-    /// How the configured noise contradicts what the current baseline shows.
+    /// How the configured noise contradicts the current baseline.
     pub(crate) fn noise_contradiction(&self) -> Option<String> {
         let noise_uv = self.runtime().setup.config.model.noise_uv;
         let baseline = self.baseline().filter(|_| !self.is_recording());
         noise::contradiction(noise_uv?, &*baseline?)
     }
 
-    /// How the daemon is. Asks the disk, and waits for it two seconds at most; asks no instrument.
+    /// Collects the health of the daemon. Queries the disk, for two seconds at most; queries no instrument.
     pub(crate) async fn health(self: &Arc<Self>) -> Health {
         let (runtime, counters) = (self.runtime(), &self.observed.counters);
         let now = counters.now();

@@ -1,4 +1,4 @@
-//! Whether a method keeps up with the frames, found out before a session starts: a map of a frame with a load is timed.
+//! Checks before a session starts that its method keeps up with the frames, by timing a map of a frame with a load.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -12,11 +12,11 @@ use crate::instruments::rig_plan::RigPlan;
 use crate::panics::containment;
 use crate::session::controller::Controller;
 
-/// Tries, of which the quickest counts: the machine may be busy.
+/// Attempts, of which the fastest counts: the machine may be busy.
 const TRIES: usize = 3;
 
 impl Controller {
-    /// Refuses a method that is slower than its frames come. Those of a recording wait for their maps.
+    /// Refuses a method that is slower than its frames. Frames of a recording wait for their maps.
     pub(super) async fn check_map_time(
         self: &Arc<Self>,
         model: &Model,
@@ -48,9 +48,10 @@ impl Controller {
     }
 }
 
-/// What a map takes, by the clock; `within` this time no second try is needed. Computes for a while: not for an async task.
+/// Measures the time of a map; no second attempt if it is `within` this time. Computes for a while: not for an async
+/// task.
 fn map_time(model: &Model, baseline: &[Reading], frame: &[Reading], within: Duration) -> Duration {
-    // a method that is settled by its first frames is settled by this one, for the trial alone
+    // a method that adapts to its first frames is trained on this one, for the trial only
     let model = model.for_session();
     let map = || model.reconstructor.reconstruct(baseline, frame);
     if model.looks_at_frames() {
@@ -70,8 +71,8 @@ fn map_time(model: &Model, baseline: &[Reading], frame: &[Reading], within: Dura
     least
 }
 
-/// Why a session with this method is refused, and what would do; `None` where the method keeps up: a frame comes every
-/// `period`, and every `every`-th has a map.
+/// Why a session with this method is refused, and what would be accepted; `None` if the method keeps up: a frame comes
+/// every `period`, and every `every`-th has a map.
 fn refusal(method: &str, took: Duration, period: Duration, every: u64) -> Option<String> {
     let (took, period) = (took.as_secs_f64(), period.as_secs_f64());
     if took <= period * every as f64 {

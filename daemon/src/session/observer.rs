@@ -1,5 +1,5 @@
-//! The task that runs the monitors: writes what the journal has left out, finds alarms and sends notifications, sums up the
-//! day, serves the metrics. It waits for nothing that a frame waits for, and no frame waits for it.
+//! The monitoring task: writes journal summaries, raises alarms and sends notifications, writes the daily summary,
+//! serves the metrics. It cannot delay a frame.
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -20,14 +20,14 @@ use crate::monitoring::notification::{HookResult, payload, run_hook};
 use crate::panics::containment::{Ends, answer};
 use crate::session::controller::Controller;
 
-/// Between two looks.
+/// Time between two checks.
 const EVERY: Duration = Duration::from_secs(5);
-/// Messages that may wait for the command.
+/// Most notifications waiting for the command.
 const MESSAGES: usize = 16;
-/// Bytes at the end of the file of self-tests that are read for the last one.
+/// Bytes read from the end of the self-test file to find the last one.
 const LAST_TEST: u64 = 1 << 20;
 
-/// Looks after the daemon until it ends.
+/// Monitors the daemon until it ends.
 pub(crate) async fn observe(controller: Arc<Controller>) {
     let (messages, payloads) = mpsc::channel(MESSAGES);
     tokio::spawn(post(Arc::downgrade(&controller), payloads));
@@ -61,7 +61,7 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
     }
 }
 
-/// Notices what has begun and what has ended, and puts it on its way to people.
+/// Checks the alarms, and queues notifications of those that began or ended.
 async fn check_alarms(
     controller: &Arc<Controller>,
     alarm: &mut Alarm,
@@ -94,7 +94,7 @@ async fn check_alarms(
     }
 }
 
-/// Runs the command for one message after the other.
+/// Runs the command for each notification in turn.
 async fn post(
     controller: std::sync::Weak<Controller>,
     mut payloads: mpsc::Receiver<(Message, Health)>,
@@ -126,7 +126,7 @@ async fn run_command(
 }
 
 impl Controller {
-    /// Runs the command of `[notify]` once and says how it fared.
+    /// Runs the command of `[notify]` once and returns its result.
     pub(crate) async fn notify_test(self: &Arc<Self>) -> HookResult {
         let message = Message {
             kind: "test",
@@ -138,7 +138,7 @@ impl Controller {
     }
 }
 
-/// What is known at the end of a day.
+/// Values at the end of a day.
 async fn day_end(controller: &Arc<Controller>) -> DayEnd {
     let directory = controller.runtime().setup.record_directory.clone();
     let contact = tokio::task::spawn_blocking(move || worst_contact(&directory));
@@ -153,7 +153,7 @@ async fn day_end(controller: &Arc<Controller>) -> DayEnd {
     }
 }
 
-/// Of the last self-test beside the record; `None` where there was none.
+/// From the last self-test beside the record; `None` if there was none.
 fn worst_contact(directory: &Path) -> Option<String> {
     use std::io::{Read, Seek, SeekFrom};
     let mut file = std::fs::File::open(directory.join("tests.jsonl")).ok()?;
@@ -199,7 +199,7 @@ struct Listening {
 }
 
 impl Listening {
-    /// Opens, moves or closes it. An address that cannot be had is tried again, and said.
+    /// Opens, moves or closes the listener. An unavailable address is reported, and retried.
     async fn keep_open(&mut self, controller: &Arc<Controller>) {
         let section = controller.runtime().setup.config.metrics.clone();
         let wanted = section.address();

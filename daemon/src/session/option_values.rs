@@ -1,5 +1,5 @@
-//! Which numbers and texts the options and arguments of the bus may have. They are checked here and nowhere else, before
-//! anything is calculated with them.
+//! Allowed values of options and arguments on D-Bus. They are checked only here, before anything is calculated with
+//! them.
 
 use dbus::{Fault, Options};
 use serde::de::DeserializeOwned;
@@ -7,27 +7,26 @@ use survey::Bounds::{self, Above, Within};
 
 use config::numbers::{allowed, too_long};
 
-/// Frames of a baseline: all of them are in memory until their mean is taken.
+/// Frames of a baseline: all of them are kept in memory until they are averaged.
 pub(crate) const BASELINE_FRAMES: Bounds = Within(1.0, 1000.0);
-/// Looking for instruments.
+/// Duration of a discovery.
 pub(crate) const WITHIN_S: Bounds = Within(0.0, 60.0);
 /// Records held for a slow reader of a stream.
 pub(crate) const RING: Bounds = Within(1.0, 4096.0);
-/// Frames of a transcript; more than are kept are the kept ones.
+/// Frames of a transcript; larger numbers return all.
 pub(crate) const TRANSCRIPT_FRAMES: Bounds = Within(0.0, 1e15);
-/// Sessions of a list; more than there are are all.
+/// Sessions of a list; larger numbers return all.
 pub(crate) const LISTED: Bounds = Within(0.0, u64::MAX as f64);
 /// A load on the simulated sheet, m.
 pub(crate) const PLACE_M: Bounds = Within(-10.0, 10.0);
 pub(crate) const SIZE_M: Bounds = Above(0.0, 10.0);
 pub(crate) const LOSS: Bounds = Within(0.0, 1.0);
 
-/// What is allowed for an option of `StartSession`, `RecordBaseline` and `PlanWith`: the same as for the key of the
-/// configuration.
+/// The bounds of an option of `StartSession`, `RecordBaseline` and `PlanWith`: those of the configuration key.
 pub(crate) fn session_option(option: &str) -> Option<Bounds> {
     match option {
         "frames" => Some(BASELINE_FRAMES),
-        // 0 is never; in a file the key is left out instead
+        // 0 means never; in a file the key is left out instead
         "zero_every" => Some(Within(0.0, 1e9)),
         _ => ["survey", "schedule", "recording"]
             .iter()
@@ -35,7 +34,7 @@ pub(crate) fn session_option(option: &str) -> Option<Bounds> {
     }
 }
 
-/// Options of free words.
+/// Free-text options.
 const FREE_WORDS: [&str; 5] = ["note", "sheet", "foam", "ink", "operator"];
 
 /// Reads the options of a method; `bounds` is what is allowed for each numeric one.

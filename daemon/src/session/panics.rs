@@ -1,9 +1,9 @@
 //! A panic anywhere in the daemon switches the source off.
 //!
-//! Acquisition handles its own panics; whatever else fails (the recorder, a call that acts) ends the session that runs,
-//! and the source is verified off at once, not at the end of the frame. Where the daemon's main task fails, the instruments
-//! are connected anew ([`crate::instruments::last_resort`]). Only a panic of what merely answers a client ends no more than
-//! that answer ([`crate::panics::containment`]).
+//! Acquisition handles its own panics; any other panic (the recorder, an acting call) ends the running session, and the
+//! source is verified off at once, not at the end of the frame. If the daemon's main task panics, it connects to the
+//! instruments again ([`crate::instruments::last_resort`]). Only a panic of a task that merely replies to a client ends
+//! no more than that reply ([`crate::panics::containment`]).
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use tokio::sync::watch;
 
 use crate::session::controller::Controller;
 
-/// Ends the session and makes the rig safe after every panic that is not contained, as long as the daemon runs.
+/// Ends the session and makes the rig safe after every panic that is not contained.
 pub(crate) async fn follow_panics(
     controller: Arc<Controller>,
     mut received: watch::Receiver<String>,

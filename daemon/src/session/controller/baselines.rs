@@ -1,4 +1,4 @@
-//! What is remarkable of a baseline before it is used.
+//! Selecting a baseline, and remarks on it.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ impl Controller {
     /// Makes an earlier baseline the current one; returns its id.
     ///
     /// # Errors
-    /// No such baseline, or one that was measured otherwise than a session would be now; a recording.
+    /// No such baseline, or one measured with other settings than a session would use now; a recording.
     pub(crate) fn use_baseline(&self, id: &str) -> Result<String, Fault> {
         if self.is_recording() {
             return Err(Fault::Unsupported(
@@ -28,8 +28,8 @@ impl Controller {
         Ok(id)
     }
 
-    /// What a person should know before the baseline is used, a sentence each: a noise that contradicts the configuration,
-    /// a load that was on the sheet. Found once for each baseline.
+    /// Remarks to read before the baseline is used, a sentence each: noise that contradicts the configuration, a load
+    /// on the sheet. Computed once for each baseline.
     pub(crate) async fn baseline_remarks(
         self: &Arc<Self>,
         baseline: &Arc<Baseline>,

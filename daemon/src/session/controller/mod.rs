@@ -1,4 +1,4 @@
-//! The controller, one per daemon: holds the rig, starts and ends sessions, keeps the baseline.
+//! The controller (one per daemon): owns the instruments, starts and stops sessions, keeps the current baseline.
 
 mod baselines;
 mod reconnect;
@@ -40,10 +40,10 @@ use crate::recording::session_status::SessionStatus;
 use crate::session::state::{State, Trigger};
 use survey::error_chain as chain;
 
-/// What a configuration means; another one takes its place at a reload.
+/// The resolved configuration; replaced at a reload.
 pub(crate) struct Runtime {
     pub setup: Setup,
-    /// What clients draw maps on, made when the first of them asks.
+    /// Geometry for drawing maps, computed at the first request.
     pub drawn: OnceLock<dbus::Geometry>,
     /// `None` for a recording.
     pub plan: Option<Arc<RigPlan>>,
@@ -56,31 +56,31 @@ pub(crate) struct Runtime {
     pub config: PathBuf,
 }
 
-/// The state of the daemon, and all that changes it.
+/// The state of the daemon, and the operations that change it.
 pub(crate) struct Controller {
     runtime: RwLock<Arc<Runtime>>,
     /// Where events are reported.
     pub events: EventLog,
-    /// What the monitors read.
+    /// Data for the monitors.
     pub observed: Observed,
     /// The sessions on disk.
     pub records: Records,
     /// How the running session measures.
     session_plan: watch::Sender<Option<Arc<RigPlan>>>,
-    /// Whether the record has been read; no session is started before.
+    /// Whether the record has been read; no session starts before.
     begun: watch::Sender<bool>,
-    /// What was said lately over the wires.
+    /// Recent messages to and from the instruments.
     pub transcript: RingTranscript,
     pub heartbeats: Arc<Heartbeats>,
-    /// Which sessions have ended, whatever their files say.
+    /// Marks of ended sessions, independent of their files.
     ends: Arc<EndMarks>,
     source: tokio::sync::Mutex<FrameSource>,
     /// The instruments that no other daemon may use.
     locks: Mutex<InstrumentLocks>,
-    /// Somebody has agreed to other instruments.
+    /// Notified when other instruments have been accepted.
     agreed: Notify,
     inner: Mutex<Inner>,
-    /// What is remarkable of the baseline with this id.
+    /// Remarks on the baseline with this id.
     remarked: tokio::sync::Mutex<Option<(String, Vec<String>)>>,
 }
 
@@ -91,40 +91,40 @@ struct Inner {
     /// An interrupted session that cannot be resumed yet.
     interrupted: Option<Arc<SessionStatus>>,
     recent: VecDeque<Arc<SessionStatus>>,
-    /// Why the rig cannot be used, until it is found again.
+    /// Why the rig cannot be used, until it is reconnected.
     rig_fault: Option<String>,
-    /// Stops the self-test that runs.
+    /// Stops the running self-test.
     test: Option<rig::StopButton>,
-    /// Why a person must look first: relays found closed at the start.
+    /// Why measuring is refused until an operator has checked: relays found closed at the start.
     closed: Option<String>,
     identities: ExpectedIdentities,
-    /// Others than the known ones were found; nobody has agreed yet.
+    /// Unexpected instruments that were found and not accepted yet.
     others: Option<ExpectedIdentities>,
     /// The source could not be verified off.
     source_unknown: bool,
     /// The relays could not be verified open.
     relays_unknown: bool,
     recovery: Option<Recovery>,
-    /// A configuration that waits for the end of a session.
+    /// A configuration to be applied at the end of the session.
     waiting: Option<Box<Prepared>>,
 }
 
-/// A lost rig being looked for.
+/// A lost rig that is being reconnected.
 #[derive(Debug, Clone)]
 pub(crate) struct Recovery {
-    /// What was lost, or what stands in the way.
+    /// What was lost, or what prevents reconnecting.
     pub what: String,
-    /// Tries so far.
+    /// Attempts so far.
     pub tries: u64,
-    /// When the next one is due; `None` while one is under way.
+    /// Time of the next attempt; `None` during one.
     pub next: Option<tokio::time::Instant>,
     pub since: DateTime<Utc>,
-    /// Whether only a person can go on.
+    /// Whether the operator must act first.
     pub person: bool,
 }
 
 impl Controller {
-    /// Takes over a rig or a recording that has been prepared; nothing runs yet.
+    /// Takes over a prepared rig or recording; nothing is started.
     pub(crate) fn new(
         prepared: Prepared,
         bench: Bench,
@@ -218,12 +218,12 @@ impl Controller {
         })
     }
 
-    /// Whether so many sessions are to be read that it is done beside the start, by [`Controller::read_the_record`].
+    /// Whether so many sessions must be read that it is done after the start, by [`Controller::read_the_record`].
     pub(crate) fn has_much_to_read(&self) -> bool {
         !*self.begun.borrow()
     }
 
-    /// Reads the record, however long that takes, and takes the last baseline from it.
+    /// Reads the record, and takes the last baseline from it.
     pub(crate) async fn read_the_record(self: &Arc<Self>) {
         let controller = Arc::clone(self);
         let now = self.runtime().clock.wall();
@@ -237,7 +237,7 @@ impl Controller {
         }
     }
 
-    /// The record has been read, and what was interrupted goes on: sessions may be started.
+    /// Allows sessions to start, after the record has been read and interrupted sessions have been resumed.
     pub(crate) fn begin_to_start(&self) {
         self.begun.send_replace(true);
     }
@@ -248,7 +248,7 @@ impl Controller {
         let _ = self.begun.subscribe().wait_for(|begun| *begun).await;
     }
 
-    /// So many sessions of the record, the newest first, where named those that come after the one with this id.
+    /// At most this many sessions of the record, newest first; optionally those after the one with this id.
     ///
     /// # Errors
     /// The record cannot be read, or there is no such session.
@@ -260,7 +260,7 @@ impl Controller {
         self.records.listed(count, before)
     }
 
-    /// Holds what was claimed as long as it lives.
+    /// Keeps the locks of the instruments.
     pub(crate) fn hold(&self, locks: InstrumentLocks) {
         *self.locks.lock().unwrap_or_else(PoisonError::into_inner) = locks;
     }
@@ -269,13 +269,13 @@ impl Controller {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What the configuration in force means.
+    /// The resolved configuration in force.
     pub(crate) fn runtime(&self) -> Arc<Runtime> {
         let runtime = self.runtime.read().unwrap_or_else(PoisonError::into_inner);
         Arc::clone(&runtime)
     }
 
-    /// The instruments that are known.
+    /// The expected instruments.
     pub(crate) fn identities(&self) -> ExpectedIdentities {
         self.inner().identities.clone()
     }
@@ -290,7 +290,7 @@ impl Controller {
         }
     }
 
-    /// The lost rig that is being looked for, if one is.
+    /// The lost rig that is being reconnected, if any.
     pub(crate) fn recovery(&self) -> Option<Recovery> {
         self.inner().recovery.clone()
     }
@@ -307,7 +307,7 @@ impl Controller {
         self.inner().active.clone()
     }
 
-    /// The running session, else the one that was interrupted and cannot go on yet: what a stop ends.
+    /// The session that a stop ends: the running one, or an interrupted one waiting to be resumed.
     pub(crate) fn to_stop(&self) -> Option<Arc<SessionStatus>> {
         let inner = self.inner();
         inner
@@ -317,14 +317,14 @@ impl Controller {
             .cloned()
     }
 
-    /// The running session, one that cannot go on yet, and those that ended a short while ago.
+    /// The running session, one waiting to be resumed, and those that ended recently.
     pub(crate) fn sessions(&self) -> Vec<Arc<SessionStatus>> {
         let inner = self.inner();
         let now = inner.active.iter().chain(&inner.interrupted);
         inner.recent.iter().chain(now).cloned().collect()
     }
 
-    /// How the running session measures, else how one would; `None` for a recording.
+    /// The plan of the running session, else of the next one; `None` for a recording.
     pub(crate) fn plan(&self) -> Option<Arc<RigPlan>> {
         let of_session = self.session_plan.borrow().clone();
         of_session.or_else(|| self.runtime().plan.clone())
@@ -340,7 +340,7 @@ impl Controller {
         self.inner().rig_fault.clone()
     }
 
-    /// Changes the state; a refusal leaves it.
+    /// Changes the state; unchanged if the transition is refused.
     fn change_state(&self, trigger: Trigger) -> Result<(), crate::session::state::Refusal> {
         let outcome = {
             let mut inner = self.inner();
@@ -364,8 +364,8 @@ impl Controller {
         outcome
     }
 
-    /// Ends whatever runs and leaves the source off and verified. Where it is not `for_good`, a measurement goes on with
-    /// the next daemon.
+    /// Ends the running session or test, and leaves the source off and verified. Unless `for_good`, the next daemon
+    /// resumes a measurement.
     ///
     /// # Errors
     /// What could not be made safe.
@@ -388,7 +388,7 @@ impl Controller {
         self.make_safe().await
     }
 
-    /// Source off and relays open, verified, as soon as nobody else works with the rig.
+    /// Source off and relays open, verified, as soon as the rig is free.
     pub(crate) async fn make_safe(&self) -> Result<(), String> {
         let source = self.source.lock().await;
         match &*source {

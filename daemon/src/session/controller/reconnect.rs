@@ -1,5 +1,5 @@
-//! A rig that was lost while no session needs it, and what a person says about rigs: open the relays, agree to other
-//! instruments.
+//! Reconnects a lost rig while no session needs it, and the operator's commands on the rig: open the relays, accept
+//! other instruments.
 
 use std::sync::Arc;
 
@@ -16,7 +16,8 @@ use crate::session::controller::{Controller, Recovery};
 use crate::session::state::Trigger;
 
 impl Controller {
-    /// After a fault of the rig: until every instrument is back and verified off, or a session has found it first.
+    /// After a fault of the rig: retries until every instrument is back and verified off, or a session has reconnected
+    /// it.
     pub(super) async fn look_for_rig(self: Arc<Self>) {
         let what = self.rig_fault().unwrap_or_default();
         self.inner().recovery = Some(Recovery {
@@ -51,7 +52,7 @@ impl Controller {
         }
     }
 
-    /// The instruments that are known wait for the next daemon, too.
+    /// Stores the expected instruments for the next daemon.
     pub(crate) async fn keep_identities(&self) {
         let (identities, runtime) = (self.identities(), self.runtime());
         let kept =
@@ -63,8 +64,8 @@ impl Controller {
         }
     }
 
-    /// Other instruments than those of the last daemon were found at the start: nothing is measured until a person
-    /// agrees, or the known ones are back.
+    /// Unexpected instruments were found at the start: refuses measuring until the operator accepts them, or the
+    /// expected ones are back.
     pub(crate) async fn wait_for_the_expected(
         self: &Arc<Self>,
         identities: ExpectedIdentities,
@@ -83,7 +84,7 @@ impl Controller {
         tokio::spawn(Arc::clone(self).look_for_rig());
     }
 
-    /// Puts the rig together anew; it is verified off afterwards.
+    /// Reassembles the rig; it is verified off afterwards.
     pub(super) async fn reassemble_rig(&self) -> Result<(), String> {
         let mut source = self.source.lock().await;
         if let Some(closed) = self.inner().closed.clone() {
@@ -107,7 +108,8 @@ impl Controller {
         Ok(())
     }
 
-    /// A person says: switch off, open every relay, verify both. Lifts the refusal of relays found closed at the start.
+    /// Operator's command: switches off and opens every relay, both verified. Lifts the refusal after relays were found
+    /// closed at the start.
     ///
     /// # Errors
     /// A session that is running, or what could not be made safe.
@@ -121,7 +123,7 @@ impl Controller {
         let FrameSource::Rig { rig, plan } = &mut *source else {
             return Err(Fault::Unsupported("a recording has no relays".into()));
         };
-        // put together anew: settings are applied only now that the relays are known
+        // reassembled: settings are applied only now that the relays' state is known
         *rig = None;
         let (bench, identities) = (self.runtime().bench.clone(), self.identities());
         let assembled = assemble(
@@ -153,10 +155,10 @@ impl Controller {
         Ok(text)
     }
 
-    /// A person agrees to the instruments that were found in place of the known ones.
+    /// Operator's command: accepts the instruments found in place of the expected ones.
     ///
     /// # Errors
-    /// Nothing waits for it.
+    /// There is nothing to accept.
     pub(crate) async fn accept(&self) -> Result<String, Fault> {
         let agreed = {
             let mut inner = self.inner();

@@ -1,5 +1,5 @@
-//! A session whose rig was lost: suspended, the rig looked for ever less often, compared with the one that is known,
-//! set up and verified, and gone on with. Every step is an event of the record and a signal on the bus.
+//! Recovery of a session whose rig was lost: suspends it, reconnects with increasing intervals, checks identities, sets
+//! up and verifies the rig, and resumes. Every step is an event of the record and a signal on the bus.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,14 +19,14 @@ use crate::session::controller::{Controller, Recovery};
 use crate::session::state::Trigger;
 use survey::error_chain as chain;
 
-/// A lost rig is looked for again after so long, and then ever less often up to the second value.
+/// First and longest interval between attempts to reconnect.
 pub(super) const LOOK_AGAIN: (Duration, Duration) =
     (Duration::from_millis(200), Duration::from_secs(10));
 
-/// Frames that may fail one after the other, each with the rig found again between, before the session ends.
+/// Most consecutive failed frames, with the rig reconnected in between, before the session ends.
 pub(super) const MOST_FAILED: u32 = 3;
 
-/// Whether looking for the rig again can help: not where it was asked for what it cannot do.
+/// Whether reconnecting can help: not if the rig cannot do what was requested.
 pub(super) fn may_pass(error: &AcquireError) -> bool {
     match error.cause() {
         None => false,
@@ -40,7 +40,7 @@ pub(super) fn may_pass(error: &AcquireError) -> bool {
 }
 
 impl Controller {
-    /// What is known of the rig's safety after a failed frame.
+    /// Reports the safety of the rig after a failed frame.
     pub(super) async fn report_safety(
         &self,
         session: Option<ActiveSession<'_>>,
@@ -68,7 +68,7 @@ impl Controller {
         }
     }
 
-    /// Suspends the session until the rig is back; `false` when it was stopped before.
+    /// Suspends the session until the rig is back; `false` if it was stopped before.
     pub(super) async fn recover(
         self: &Arc<Self>,
         session: ActiveSession<'_>,
@@ -78,7 +78,7 @@ impl Controller {
         let FrameSource::Rig { rig, plan } = source else {
             return false;
         };
-        // its links may be out of step, and whatever was set may be lost: it is put together anew
+        // its links may be out of step, and its settings may be lost: it is reassembled
         *rig = None;
         let text = failed_frame::describe(error);
         {
@@ -147,7 +147,7 @@ impl Controller {
         true
     }
 
-    /// A try has failed: says so (the first, second, fourth, eighth ... aloud), and when the next one is due.
+    /// Reports a failed attempt (the first, second, fourth, eighth ... as an event), and the time of the next one.
     pub(super) async fn next_try(
         &self,
         session: Option<ActiveSession<'_>>,
@@ -179,7 +179,7 @@ impl Controller {
         }
     }
 
-    /// One try to find the known rig. Whatever of it can be made safe is, also when the rest is still missing.
+    /// One attempt to reconnect the expected rig. Parts that respond are made safe, even if others are missing.
     pub(super) async fn retry_assembly(
         &self,
         session: Option<ActiveSession<'_>>,

@@ -1,4 +1,4 @@
-//! Another configuration while the daemon runs. One that is bad changes nothing.
+//! Reloads the configuration. An invalid one changes nothing.
 
 use std::sync::{Arc, OnceLock, PoisonError};
 
@@ -17,7 +17,7 @@ use config::Config;
 use survey::error_chain as chain;
 
 impl Controller {
-    /// Reads the configuration again. During a session it waits for that session's end.
+    /// Reloads the configuration; during a session, at its end.
     ///
     /// # Errors
     /// Every problem of the file, or a change that needs a restart; the configuration in force stays.
@@ -55,7 +55,7 @@ impl Controller {
         self.take(prepared).await
     }
 
-    /// A session has ended: what waited for it is taken.
+    /// Applies a waiting configuration after the end of a session.
     pub(super) fn take_waiting(self: &Arc<Self>) {
         if let Some(prepared) = self.inner().waiting.take() {
             let controller = Arc::clone(self);
@@ -183,7 +183,7 @@ impl Controller {
     }
 }
 
-/// What a running daemon cannot change: where it can be reached, and where its record is.
+/// Refuses changes that need a restart: the daemon's connections, and the record's directory.
 fn restart_needed(old: &Config, new: &Config) -> Result<(), Fault> {
     let what = match () {
         () if old.bus != new.bus => "[bus]",
@@ -195,14 +195,14 @@ fn restart_needed(old: &Config, new: &Config) -> Result<(), Fault> {
     )))
 }
 
-/// Whether the instruments are those of before.
+/// Whether the instruments are unchanged.
 fn same_rig(old: &Config, new: &Config) -> bool {
     (&old.rig, &old.source, &old.switch, &old.voltmeter)
         == (&new.rig, &new.source, &new.switch, &new.voltmeter)
         && old.wiring == new.wiring
 }
 
-/// Whether profile and scene say the same; the simulated sheet then stays as it is.
+/// Whether profile and scene are unchanged; the simulated sheet is then kept.
 fn same_bench(old: &Runtime, plan: &crate::instruments::rig_plan::RigPlan) -> bool {
     old.plan
         .as_deref()

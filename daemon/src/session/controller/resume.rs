@@ -1,6 +1,6 @@
-//! A session that the daemon did not end goes on when there is a daemon again: after a crash, a reboot, a power cut. The
-//! same file and the same numbers, a gap that an event explains, instruments and settings verified, the baseline looked
-//! at. What cannot go on is closed, with the reason.
+//! Resumes a session that the daemon did not end: after a crash, a reboot, a power cut. It continues in the same file
+//! with the same sequence, an event explains the gap, instruments and settings are verified, and the baseline is
+//! checked. A session that cannot be resumed is closed, with the reason.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,28 +21,28 @@ use survey::error_chain as chain;
 
 /// Bytes that are enough to open a session.
 const SPACE_TO_OPEN: u64 = 1 << 20;
-/// Over this time the times that a session began again are counted.
+/// Period in which resumptions of a session are counted.
 const AN_HOUR: TimeDelta = TimeDelta::try_hours(1).unwrap();
-/// Older, and the sheet may have crept away from it.
+/// Age from which a baseline may have drifted.
 const OLD_BASELINE: TimeDelta = TimeDelta::try_days(7).unwrap();
 
-/// A session as it was found, and the writer that goes on with it.
+/// An interrupted session, and the writer that continues it.
 pub(super) struct Interrupted {
     pub writer: SessionWriter,
     pub resumed: Resumed,
     /// The last frame before the gap.
     pub last: Option<Record>,
-    /// Whether its daemon was stopped, and had time to say so.
+    /// Whether its daemon was stopped in an orderly way.
     stopped: bool,
 }
 
-/// Why a session that was interrupted is not gone on with.
+/// Why an interrupted session is not resumed.
 pub(super) enum Never {
-    /// For good: it is closed with this reason.
+    /// Permanently: it is closed with this reason.
     Closed(String),
-    /// Not by this daemon as it is now: it stays as it is.
+    /// Not by this daemon as configured: it is left as it is.
     Left(String),
-    /// Not before the disk takes something again, or another process lets go of the file.
+    /// Not until the disk can be written again, or another process releases the file.
     Later(String),
 }
 
@@ -65,7 +65,7 @@ impl From<Fault> for Never {
 }
 
 impl Controller {
-    /// Goes on with the session that was interrupted last, as soon as the rig is there, and closes the others. Whether
+    /// Resumes the most recent interrupted session as soon as the rig is ready, and closes the others. Returns whether
     /// there is one.
     pub(crate) async fn resume_interrupted(self: &Arc<Self>) -> bool {
         let runtime = self.runtime();
@@ -88,7 +88,7 @@ impl Controller {
         let mut newest = None;
         let marks = self.on_ends(EndMarks::reasons).await;
         let Some(mut ended) = marks else {
-            // a session that has ended cannot be told from one that was interrupted
+            // an ended session cannot be distinguished from an interrupted one
             return false;
         };
         for session in found {
@@ -132,7 +132,7 @@ impl Controller {
         true
     }
 
-    /// Whether it goes on, or will when the disk takes something again.
+    /// Returns whether it is resumed, or will be when the disk can be written again.
     async fn resume_or_wait(self: &Arc<Self>, path: &Path, id: String) -> bool {
         match self.resume(path.to_owned()).await {
             Ok(()) => true,
@@ -169,7 +169,7 @@ impl Controller {
         let folder = runtime.setup.record_directory.clone();
         let opened = tokio::task::spawn_blocking(move || {
             open(&path).map_err(|error| match free_bytes(&folder) {
-                // where there is no room for what SQLite puts beside a journal, it speaks of other faults
+                // without space for its journal's companions, SQLite reports other errors
                 Ok(free) if free < SPACE_TO_OPEN => Never::Later(chain(&error)),
                 _ => error.into(),
             })
@@ -229,7 +229,7 @@ impl Controller {
         Ok(())
     }
 
-    /// The session's questions and instruments are those of the daemon that is to go on with it.
+    /// Checks that protocol and instruments of the session are those of this daemon.
     fn same_rig(&self, header: &SessionHeader, protocol: &Protocol) -> Result<(), Never> {
         let runtime = self.runtime();
         if header.protocol != *protocol {
@@ -274,7 +274,7 @@ impl Controller {
     }
 }
 
-/// Everything that is read from an interrupted session before it goes on.
+/// Reads everything needed from an interrupted session.
 fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookError> {
     let reader = SessionReader::open(path)?;
     let (baseline, last) = (reader.baseline()?, reader.last()?);
@@ -293,9 +293,9 @@ fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookE
     Ok((found, baseline))
 }
 
-/// What is known of why it was interrupted.
+/// The known cause of the interruption.
 fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String {
-    // not from /proc, which the unit hides
+    // not from /proc, which is hidden in the unit
     let up = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
     let booted = TimeDelta::try_seconds(up.tv_sec).and_then(|up| now.checked_sub_signed(up));
     let restarted = booted.is_some_and(|booted| booted > last);
@@ -321,12 +321,12 @@ fn span(time: TimeDelta) -> String {
     }
 }
 
-/// Options as a session's file keeps them.
+/// Options as stored in a session's file.
 pub(super) fn to_json(options: &Options) -> serde_json::Map<String, serde_json::Value> {
     options.read().unwrap_or_default()
 }
 
-/// And back; `None` where it is something else.
+/// Parses stored options; `None` if invalid.
 fn from_json(text: &str) -> Option<Options> {
     let object: serde_json::Map<String, serde_json::Value> = serde_json::from_str(text).ok()?;
     let mut options = Options::new();

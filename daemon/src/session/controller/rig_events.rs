@@ -10,7 +10,7 @@ use crate::recording::order::Order;
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Controller;
 
-/// The session that something happens to, and the way to its record.
+/// The session concerned, and the queue to its record.
 #[derive(Clone, Copy)]
 pub(crate) struct ActiveSession<'a> {
     pub status: &'a SessionStatus,
@@ -18,7 +18,7 @@ pub(crate) struct ActiveSession<'a> {
 }
 
 impl Controller {
-    /// Reports an event. The record is waited for: what is reported of a session is on its way to the disk.
+    /// Reports an event, and waits until it is queued for the record of its session.
     pub(crate) async fn report(
         &self,
         session: Option<ActiveSession<'_>>,
@@ -30,12 +30,12 @@ impl Controller {
         let event = Event::new(at, kind, text, id);
         self.events.report(event.clone());
         if let Some(session) = session {
-            // a record that has failed has ended its session, which says so
+            // a failed record has ended its session, which reports it
             let _ = session.record.send(Order::Event(event)).await;
         }
     }
 
-    /// Reports an event that the caller writes to the record, where it belongs there.
+    /// Reports an event that the caller writes to the record, if it belongs there.
     pub(crate) fn report_unrecorded(
         &self,
         at: DateTime<Utc>,

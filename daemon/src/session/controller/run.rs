@@ -38,11 +38,11 @@ use crate::session::controller::{Controller, Inner};
 use crate::session::state::{Trigger, Work};
 use survey::error_chain as chain;
 
-/// Ended sessions that stay on the bus, so that who started one can still ask how it went.
+/// Ended sessions kept on the bus, so that their clients can query the result.
 const REMEMBERED: usize = 16;
-/// Between looks whether the file is still in its place.
+/// Time between two checks that the file is still at its path.
 const BETWEEN_LOOKS: Duration = Duration::from_secs(1);
-/// Summaries are at most five a second.
+/// At most five summaries a second.
 const BETWEEN_SUMMARIES: Duration = Duration::from_millis(200);
 
 impl Controller {
@@ -52,7 +52,7 @@ impl Controller {
     ) -> Result<Arc<SessionStatus>, Fault> {
         self.change_state(Trigger::Start(order.work))
             .map_err(|error| Fault::SessionActive(error.to_string()))?;
-        // whoever loses interest in the answer does not leave the state behind
+        // spawned, so that a caller that drops the future does not leave the state inconsistent
         let controller = Arc::clone(self);
         let begun = tokio::spawn(async move {
             let begun = controller.begin_now(order).await;
@@ -99,7 +99,7 @@ impl Controller {
         let writer = tokio::task::spawn_blocking(move || match resumed {
             Some((found, text)) => {
                 let mut writer = found.writer;
-                // without room, or under a lock, it waits in the recorder as everything else does, and hears of a stop
+                // without space, or under a lock, it waits in the recorder like everything else, and can be stopped
                 let waits = match writer.event(started, logbook::RESUMED, &text) {
                     Ok(()) => false,
                     Err(error) if error.may_pass() => true,
@@ -157,7 +157,7 @@ impl Controller {
         let task = tokio::spawn(Arc::clone(self).run_session(Arc::clone(&status), writer, order));
         let (controller, kept) = (Arc::clone(self), Arc::clone(&status));
         tokio::spawn(async move {
-            // a frame ends with the source off, and acquisition sees to its own panics: here only the session is lost
+            // a frame ends with the source off, and acquisition handles its panics: here only the session is lost
             if task.await.is_err() {
                 let text = "the daemon's own code failed; its log says where, please report it";
                 controller.finish(
@@ -327,7 +327,7 @@ impl Controller {
         self.finish(&status, &ended, recorded);
     }
 
-    /// Suspends and resumes the daemon where acquisition pauses and goes on.
+    /// Suspends and resumes the daemon's state with acquisition.
     async fn follow_pauses(self: Arc<Self>, mut pauses: mpsc::Receiver<Pause>) {
         while let Some(Pause { pauses, applied }) = pauses.recv().await {
             let _ = self.change_state(match pauses {
@@ -338,7 +338,7 @@ impl Controller {
         }
     }
 
-    /// Frame after frame, through losses of the rig.
+    /// Takes frames, and recovers the rig when it is lost.
     async fn run_and_recover(
         self: &Arc<Self>,
         acquisition: &mut Acquisition,
@@ -363,7 +363,7 @@ impl Controller {
             self.frame_failed(session, error).await;
             if status.stop_request().is_requested() || !may_pass(error) || failed >= MOST_FAILED {
                 if let FrameSource::Rig { rig, .. } = &mut *source {
-                    // its links may be out of step: it is put together anew
+                    // its links may be out of step: it is reassembled
                     *rig = None;
                 }
                 return ended;
@@ -377,7 +377,7 @@ impl Controller {
         }
     }
 
-    /// A frame has failed: it is no frame of the record, which tells why, and what was said is kept on disk.
+    /// Handles a failed frame: records the cause as an event, and stores its transcript.
     async fn frame_failed(&self, session: ActiveSession<'_>, error: &rig::AcquireError) {
         session.status.count_failure();
         let number = session.status.acquired() + 1;
@@ -463,7 +463,7 @@ impl Controller {
             },
         });
         status.end(end);
-        // also where the session was stopped while its rig was being looked for
+        // also if the session was stopped while its rig was being reconnected
         if self.rig_fault().is_some() {
             self.events.publish(&BusEvent::Instruments);
             tokio::spawn(Arc::clone(self).look_for_rig());
@@ -517,7 +517,7 @@ impl Controller {
     }
 }
 
-/// A session that goes on settles its method by the frames that settled it before.
+/// Fixes the method of a resumed session by the same frames as before.
 async fn settle_again(model: &Model, baseline: &Arc<Baseline>, file: PathBuf, setup: &Setup) {
     let (model, baseline) = (model.clone(), Arc::clone(baseline));
     let settings = setup.config.model.clone();
@@ -535,14 +535,14 @@ async fn settle_again(model: &Model, baseline: &Arc<Baseline>, file: PathBuf, se
     }
 }
 
-/// As long as the session lasts. A recorder that is busy looks by itself.
+/// As long as the session lasts. A busy recorder checks by itself.
 async fn remind_of_place(orders: mpsc::WeakSender<Order>) {
     loop {
         tokio::time::sleep(BETWEEN_LOOKS).await;
         let Some(orders) = orders.upgrade() else {
             return;
         };
-        // not in the place of a frame
+        // must not take the queue's place of a frame
         if orders.capacity() > QUEUE / 2 {
             let _ = orders.try_send(Order::LookAtPlace);
         }

@@ -1,4 +1,4 @@
-//! Looking after the rig: self-test and wear of relays, never beside a session.
+//! Self-test and relay wear, never during a session.
 
 use std::io::Write;
 use std::path::Path;
@@ -37,7 +37,7 @@ impl Controller {
             .await
     }
 
-    /// How often each relay has closed, and how long that may go on.
+    /// How often each relay has closed, and its remaining life.
     ///
     /// # Errors
     /// As [`Controller::test_instruments`]; a multiplexer board, whose chips do not wear.
@@ -46,8 +46,7 @@ impl Controller {
             .await
     }
 
-    /// Reads the relays' counters where nobody has yet: their life is then known without a person who asks. That they
-    /// cannot be read is no reason not to measure.
+    /// Reads the relays' counters if they have not been read yet. An error does not prevent measuring.
     pub(super) async fn read_relay_wear(self: &Arc<Self>) {
         if self.observed.relays().is_some() || self.is_recording() {
             return;
@@ -57,10 +56,10 @@ impl Controller {
         }
     }
 
-    /// Looks for instruments and uses none.
+    /// Discovers instruments; uses none.
     ///
     /// # Errors
-    /// An option that cannot be, an address that is none.
+    /// An invalid option or address.
     pub(crate) async fn discover(
         &self,
         addresses: &[String],
@@ -85,7 +84,7 @@ impl Controller {
         Ok(discover(&search).await)
     }
 
-    /// Does something with the rig while no session can have it. Whoever asked and has gone ends nothing.
+    /// Runs an operation on the rig while no session can use it. It continues if its caller has gone.
     async fn alone<T, F>(
         self: &Arc<Self>,
         act: impl FnOnce(Arc<Self>) -> F + Send + 'static,
@@ -106,7 +105,7 @@ impl Controller {
             let task = tokio::spawn(act(Arc::clone(&controller)));
             let outcome = match task.await {
                 Ok(outcome) => outcome,
-                // the instruments were let go of in the middle
+                // the operation was interrupted
                 Err(_) => match controller.make_safe_again().await {
                     Ok(()) => Err(Fault::Failed(
                         "the daemon's own code failed; its log says where, please report it".into(),
@@ -131,7 +130,7 @@ impl Controller {
             .unwrap_or_else(|_| Err(Fault::Failed("the daemon's own code failed".into())))
     }
 
-    /// Ends a self-test that runs; it leaves the source off.
+    /// Stops a running self-test; it leaves the source off.
     pub(super) fn stop_test(&self) {
         if let Some(button) = &self.inner().test {
             button.press();
@@ -148,7 +147,7 @@ impl Controller {
         };
         let made = held.safe_off(&plan.plan.wiring).await;
         made.map_err(|error| {
-            // its links may be out of step: it is put together anew
+            // its links may be out of step: it is reassembled
             *rig = None;
             error.to_string()
         })

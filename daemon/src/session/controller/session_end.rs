@@ -1,4 +1,4 @@
-//! That a session has ended is kept apart from its file, before anybody is told that it has; see [`crate::recording::end_marks`].
+//! Records the end of a session apart from its file, before it is reported; see [`crate::recording::end_marks`].
 
 use std::sync::Arc;
 
@@ -12,8 +12,8 @@ use crate::session::controller::Controller;
 use survey::nanoseconds;
 
 impl Controller {
-    /// Marks the session as soon as it is asked to end, while its last frame is still under way: the daemon may be killed
-    /// before the file is closed.
+    /// Marks the session when its end is requested, during its last frame: the daemon may be killed before the file is
+    /// closed.
     pub(super) async fn mark_when_requested_to_end(self: Arc<Self>, status: Arc<SessionStatus>) {
         let mut stop = status.stop_request();
         tokio::select! {
@@ -25,7 +25,7 @@ impl Controller {
         }
     }
 
-    /// Writes that the session has ended, once. Only what the next daemon would resume needs it.
+    /// Marks the session as ended, once; only if the next daemon would otherwise resume it.
     pub(super) async fn mark_end(&self, status: &SessionStatus, reason: &str) {
         if status.facts.kind != SessionKind::Measurement || self.is_recording() {
             return;
@@ -44,13 +44,13 @@ impl Controller {
             .await;
     }
 
-    /// After the record: the mark goes where the file itself says the end, and is told where it does not.
+    /// After closing the record: removes the mark if the file records the end, and reports it otherwise.
     pub(super) async fn settle_end(&self, status: &SessionStatus, reason: &str) {
         if status.is_left_open() {
             return;
         }
         if !status.is_closed() {
-            // somebody may have asked for the end while the session was being left to the next daemon
+            // an end may have been requested while the session was being left to the next daemon
             self.mark_end(status, reason).await;
         }
         let Some(marked) = status.marked.get() else {
@@ -70,7 +70,7 @@ impl Controller {
         self.report_unrecorded(at, kind, &text, None);
     }
 
-    /// On a thread of its own: an end must not wait for one that reads the record for a client.
+    /// On a separate thread: an end must not wait for a client's reading request.
     pub(super) async fn on_ends<T: Send + 'static>(
         &self,
         act: impl FnOnce(&EndMarks) -> T + Send + 'static,

@@ -1,4 +1,4 @@
-//! What somebody asks of the daemon, checked before anything moves.
+//! Checks the options of a request before anything is started.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -22,10 +22,10 @@ use config::{AboutSection, SurveySection};
 use imaging::{BuildError, Conditions, Method, Model, ReconstructionSettings, noise};
 use survey::error_chain as chain;
 
-/// Frames of a baseline where nobody says.
+/// Default number of frames of a baseline.
 const BASELINE_FRAMES: u64 = 10;
 
-/// What is said to whoever needs one before there is one.
+/// The error if a baseline is needed and there is none.
 pub(crate) fn no_baseline() -> Fault {
     Fault::NoBaseline(
         "no baseline has been recorded; take all loads off the sheet and run `tactus baseline record`"
@@ -33,12 +33,12 @@ pub(crate) fn no_baseline() -> Fault {
     )
 }
 
-/// What is said to whoever wants to see the plan of a recording.
+/// The error if the plan of a recording is requested.
 pub(crate) fn no_plan() -> Fault {
     Fault::Unsupported("a recording has no plan: nothing is measured".into())
 }
 
-/// What a session is to be.
+/// The settings of a new session.
 pub(super) struct Assignment {
     pub work: Work,
     pub schedule: Schedule,
@@ -48,22 +48,22 @@ pub(super) struct Assignment {
     pub frames: u64,
     pub baseline: Option<Arc<Baseline>>,
     pub model: Option<Model>,
-    /// Noise of one reading that the method is set by, uV, where it is the baseline's.
+    /// Noise of one reading that the method is set by, uV, if it comes from the baseline.
     pub noise_uv: Option<f64>,
-    /// How it measures, where not as configured.
+    /// The plan, if it differs from the configured one.
     pub plan: Option<Arc<RigPlan>>,
     pub about: About,
-    /// The options that it was started with, as its file keeps them.
+    /// The options that it was started with, as stored in its file.
     pub requested: String,
-    /// Where it goes on, and the event that says so.
+    /// The interrupted session, and the event of its resumption.
     pub resumed: Option<(Box<Interrupted>, String)>,
-    /// That event, where it could not be written before the session went on.
+    /// That event, if it could not be written before the session was resumed.
     pub first_event: Option<String>,
-    /// The last frame before that.
+    /// The last frame before the interruption.
     pub before: Option<Record>,
 }
 
-/// What a lab needs to know: as configured, where the options do not say otherwise.
+/// Notes about the experiment: the options, else the configuration.
 fn about(options: &SessionOptions, given: &AboutSection) -> About {
     let word = |message: &Option<String>, given: &String| message.as_ref().unwrap_or(given).clone();
     About {
@@ -76,13 +76,13 @@ fn about(options: &SessionOptions, given: &AboutSection) -> About {
     }
 }
 
-/// Reads the options of a method that takes these groups of them.
+/// Parses the options of a method that accepts these groups.
 fn read(options: &Options, groups: &[&[&str]]) -> Result<SessionOptions, Fault> {
     options.only(&groups.concat())?;
     option_values::read(options, option_values::session_option)
 }
 
-/// The configured survey with the options of the same names in their place.
+/// The configured survey, overridden by the options of the same names.
 fn overlaid(
     configured: &SurveySection,
     options: &SessionOptions,
@@ -97,12 +97,12 @@ fn overlaid(
     serde_json::from_value(survey)
 }
 
-/// The readings of a session: those of its own plan, else the configured ones.
+/// The protocol of a session: of its plan, else the configured one.
 pub(super) fn protocol_of<'a>(plan: Option<&'a RigPlan>, setup: &'a Setup) -> &'a Protocol {
     plan.map_or(&setup.protocol, |own| &own.plan.protocol)
 }
 
-/// The plan of a rig that is surveyed like this.
+/// The plan of a rig with this survey.
 fn adjusted(setup: &Setup, survey: SurveySection) -> Result<RigPlan, Fault> {
     preparation::adjusted(setup, survey)
         .map_err(|problems| Fault::InvalidOption(problems.join("; ")))
@@ -112,8 +112,8 @@ impl Controller {
     /// Starts a measurement.
     ///
     /// # Errors
-    /// An option that cannot be, no or another baseline, a model that does not fit, a session running, an instrument or
-    /// a disk that fails.
+    /// An invalid option, a missing or unsuitable baseline, a model that does not fit, a running session, or an error
+    /// of an instrument or the disk.
     pub(crate) async fn start_session(
         self: &Arc<Self>,
         options: &Options,
@@ -123,7 +123,7 @@ impl Controller {
         self.begin(order).await
     }
 
-    /// What options mean; against the `own` baseline of a session that goes on.
+    /// Resolves options; against the `own` baseline of a resumed session.
     ///
     /// # Errors
     /// As [`Controller::start_session`], but nothing is started.
@@ -163,12 +163,12 @@ impl Controller {
         let (model, noise_uv) = self
             .chosen_model(options.model.as_deref(), plan.as_deref(), &baseline)
             .await?;
-        // a session that goes on has been measured before; it is recorded, however busy the machine is now
+        // not checked for a resumed session, which is recorded however busy the machine is now
         if !goes_on {
             self.check_map_time(&model, &baseline, plan.as_ref(), &schedule)
                 .await?;
         }
-        // the configuration may be another one when the session goes on
+        // the configuration may differ when the session is resumed
         let every = schedule.every.as_secs_f64();
         requested.insert("every_s".to_owned(), every.into());
         if let Some(count) = schedule.count {
@@ -235,11 +235,11 @@ impl Controller {
         .await
     }
 
-    /// The plan of a session that would be started with these options, its ranges from the current baseline. Computes for a
-    /// while: not for the threads that sessions need.
+    /// The plan of a session with these options, its ranges from the current baseline. Computes for a while: must not
+    /// be called on the threads that sessions need.
     ///
     /// # Errors
-    /// An option that cannot be; a recording.
+    /// An invalid option; a recording.
     pub(crate) fn plan_with(&self, options: &Options) -> Result<Arc<RigPlan>, Fault> {
         let options = read(options, &[&MEASURING_OPTIONS])?;
         let own = self.own_survey(&options)?;
@@ -249,7 +249,7 @@ impl Controller {
             None => runtime.plan.clone().ok_or_else(no_plan)?,
         };
         let hash = plan.settings().protocol_hash;
-        // a baseline of another pattern says nothing of the ranges
+        // a baseline of another pattern does not determine the ranges
         let baseline = baseline.filter(|baseline| baseline.settings.protocol_hash == hash);
         let measuring = Measuring::of(Some(Arc::clone(&plan)), baseline.as_deref());
         Ok(measuring.now().unwrap_or(plan))
@@ -283,17 +283,17 @@ impl Controller {
         }
     }
 
-    /// The readings of a session with these options.
+    /// The protocol of a session with these options.
     ///
     /// # Errors
-    /// An option that cannot be.
+    /// An invalid option.
     pub(super) async fn protocol_for(&self, options: &Options) -> Result<Protocol, Fault> {
         let options = option_values::read(options, option_values::session_option)?;
         let plan = self.own_plan(&options).await?;
         Ok(protocol_of(plan.as_deref(), &self.runtime().setup).clone())
     }
 
-    /// The plan of a session that says how it measures; `None` where it measures as configured.
+    /// The plan of a session with survey options; `None` without any.
     async fn own_plan(&self, options: &SessionOptions) -> Result<Option<Arc<RigPlan>>, Fault> {
         let Some(survey) = self.own_survey(options)? else {
             return Ok(None);
@@ -305,7 +305,7 @@ impl Controller {
         }
     }
 
-    /// How a session measures that says so; `None` where it measures as configured.
+    /// The survey of a session with survey options; `None` without any.
     fn own_survey(&self, options: &SessionOptions) -> Result<Option<SurveySection>, Fault> {
         let runtime = self.runtime();
         let configured = &runtime.setup.config.survey;
@@ -318,7 +318,7 @@ impl Controller {
         }
         let mut survey = overlaid(configured, options)
             .map_err(|error| Fault::InvalidOption(format!("how to measure: {error}")))?;
-        // 0 is never; in a file the key is left out instead
+        // 0 means never; in a file the key is left out instead
         survey.zero_every = survey.zero_every.filter(|every| *every > 0);
         if survey == *configured {
             return Ok(None);
@@ -350,7 +350,8 @@ impl Controller {
             .map_err(|error| Fault::BaselineMismatch(error.to_string()))
     }
 
-    /// The reconstructor of a session, and the noise of one reading that it is set by, uV, where that is the baseline's.
+    /// The reconstructor of a session, and the noise of one reading that it is set by, uV, if it comes from the
+    /// baseline.
     async fn chosen_model(
         self: &Arc<Self>,
         requested: Option<&str>,
@@ -359,7 +360,7 @@ impl Controller {
     ) -> Result<(Model, Option<f64>), Fault> {
         let runtime = self.runtime();
         let protocol = protocol_of(plan, &runtime.setup).clone();
-        // preparation has set the method by the noise of a recording's baseline, where that has a unit
+        // preparation has set the method by the noise of a recording's baseline, if that has a unit
         let by_baseline = !self.is_recording();
         let noise_uv = by_baseline.then(|| 1e6 * noise::against(baseline));
         let configured = &runtime.setup.config.model;
