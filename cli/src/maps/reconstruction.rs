@@ -136,10 +136,8 @@ fn prepare(
     };
     let model = if chosen.as_recorded {
         // the daemon's noise is at the frames' own current, and verification needs the same map
-        let conditions = Conditions {
-            sample: Some(&sample),
-            ..Conditions::live(&geometry, protocol, recording.current)
-        };
+        let mut conditions = Conditions::live(&geometry, protocol, recording.current);
+        conditions.sample = Some(&sample);
         imaging::build(&chosen.settings, &conditions)
     } else {
         let currents = vec![recording.current.0; protocol.len()];

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use clap::Args;
 use survey::Bounds;
 
-use crate::settings::{HyperRule, Method, PriorName, ReconstructionSettings};
+use crate::settings::{HyperRule, Method, PriorName, ReconstructionSettings, Unknowns};
 
 /// How voltages become a map.
 #[derive(Debug, Clone, Default, Args)]
@@ -44,6 +44,9 @@ pub struct MethodArguments {
     /// Bound the map to losses, -1 <= x <= 0: one-step and tv find the best map within the bounds, maps of a model are cut
     #[arg(long)]
     pub loss_only: bool,
+    /// One-step, tv and best: which conductances are unknown [default: what the session used, else sheet]
+    #[arg(long, value_enum, value_name = "WHICH", conflicts_with = "model")]
+    pub unknowns: Option<Unknowns>,
 }
 
 /// A prior with its parameter: `noser:0.25`, `gaussian:15`.
@@ -149,6 +152,7 @@ impl MethodArguments {
             map_error: self.map_error,
             loss_only: self.loss_only.then_some(true),
             gap: self.gap,
+            unknowns: self.unknowns,
             map_every: None,
             calibration: None,
         })

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eit::{Forward, ForwardError, Scale};
+use eit::{Forward, ForwardError, Mesh, Scale};
 use survey::{Amps, Protocol, Reading, Volts};
 
 use crate::geometry::Geometry;
@@ -33,6 +33,8 @@ pub struct Conditions<'a> {
     /// Available frames. Without them, a method whose rules need frames takes the first
     /// [`FRAMES_LOOKED_AT`](crate::FRAMES_LOOKED_AT) frames that it receives.
     pub sample: Option<&'a Sample>,
+    /// The mesh whose region maps show, where `geometry` has the whole sheet as its region.
+    pub(crate) shown: Option<&'a Arc<Mesh>>,
 }
 
 impl<'a> Conditions<'a> {
@@ -45,6 +47,7 @@ impl<'a> Conditions<'a> {
             noise_v: None,
             scale: Scale::default(),
             sample: None,
+            shown: None,
         }
     }
 }

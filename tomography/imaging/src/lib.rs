@@ -40,4 +40,4 @@ pub use methods::FRAMES_LOOKED_AT;
 pub use model::Model;
 pub use model_file::{find_model, find_model_in, load, short_hash};
 pub use reconstruction::{build, calibrate, check_live};
-pub use settings::{HyperRule, Method, PriorName, ReconstructionSettings};
+pub use settings::{HyperRule, Method, PriorName, ReconstructionSettings, Unknowns};

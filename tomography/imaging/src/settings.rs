@@ -67,6 +67,17 @@ pub enum HyperRule {
     LCurve,
 }
 
+/// Which conductances a method solves for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "arguments", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum Unknowns {
+    /// Those of the whole sheet: a load outside of the region is not taken for one inside
+    Sheet,
+    /// Those of the region; the sheet outside of it is taken to be as it was at the baseline
+    Region,
+}
+
 /// The section `[model]` of a configuration: what is `None` has its default.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -107,6 +118,9 @@ pub struct ReconstructionSettings {
     /// Total variation stops within this share of the minimum; default 1e-3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gap: Option<f64>,
+    /// Which conductances are solved for; default the whole sheet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unknowns: Option<Unknowns>,
     /// A running rig makes a map of every so many frames; default 1, all of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_every: Option<u64>,
@@ -116,7 +130,7 @@ pub struct ReconstructionSettings {
 }
 
 /// The methods that use each setting.
-const USED_BY: [(&str, &[Method]); 10] = {
+const USED_BY: [(&str, &[Method]); 11] = {
     use Method::{Best, Linear, OneStep, Rbf, Tv, TvPaper};
     [
         ("prior", &[OneStep, Best]),
@@ -129,6 +143,7 @@ const USED_BY: [(&str, &[Method]); 10] = {
         ("map_error", &[OneStep]),
         ("gap", &[Tv]),
         ("loss_only", &[OneStep, Best, Tv, Linear, Rbf]),
+        ("unknowns", &[OneStep, Best, Tv]),
     ]
 };
 
@@ -203,6 +218,7 @@ impl ReconstructionSettings {
             map_error: self.map_error.or(kept.map_error),
             loss_only: self.loss_only.or(kept.loss_only),
             gap: self.gap.or(kept.gap),
+            unknowns: self.unknowns.or(kept.unknowns),
             map_every: kept.map_every,
             calibration: self.calibration,
         }
@@ -229,6 +245,7 @@ impl ReconstructionSettings {
             ("choose", self.choose.is_some()),
             ("gap", self.gap.is_some()),
             ("loss_only", self.loss_only == Some(true)),
+            ("unknowns", self.unknowns.is_some()),
         ]
         .into_iter()
         .filter_map(|(key, given)| given.then_some(key))

@@ -18,3 +18,4 @@ pub(crate) mod reciprocity;
 pub(crate) mod reconstructor;
 pub(crate) mod shapes;
 pub(crate) mod tv;
+pub(crate) mod whole_sheet;

@@ -211,6 +211,16 @@ impl Mesh {
         })
     }
 
+    /// The same mesh with all triangles in its region.
+    pub fn whole(&self) -> Self {
+        let region: Vec<usize> = (0..self.triangles.len()).collect();
+        Self {
+            hash: hash(&self.nodes, &self.triangles, &self.electrode_edges, &region),
+            region,
+            ..self.clone()
+        }
+    }
+
     /// Positions, m.
     pub fn nodes(&self) -> &[[f64; 2]] {
         &self.nodes

@@ -20,6 +20,19 @@ pub(super) fn prepare(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,
 ) -> Result<Prepared, BuildError> {
+    let one_step = super::for_unknowns(settings, conditions, one_step)?;
+    // an explicit prior selects a linear method
+    if settings.noise_uv.is_none() || settings.prior.is_some() {
+        return Ok(one_step);
+    }
+    with_shapes(settings, conditions, one_step)
+}
+
+/// The one-step method, bounded to losses unless the frames show gains.
+fn one_step(
+    settings: &ReconstructionSettings,
+    conditions: &Conditions<'_>,
+) -> Result<Prepared, BuildError> {
     let prior = settings.one_step_prior();
     let (hyper, mut notes) = hyper(settings, conditions, prior)?;
     let linear = solver(conditions, prior, hyper, false, None)?;
@@ -39,10 +52,16 @@ pub(super) fn prepare(
         100.0 * share,
         if bounded { "taken for ringing of losses" } else { "too much to be ringing of losses" },
     ));
-    // an explicit prior selects a linear method
-    if settings.noise_uv.is_none() || settings.prior.is_some() {
-        return Ok(Prepared::quick(one_step, notes));
-    }
+    Ok(Prepared::quick(one_step, notes, conditions))
+}
+
+/// Shapes where they explain a frame, else the maps of another method.
+fn with_shapes(
+    settings: &ReconstructionSettings,
+    conditions: &Conditions<'_>,
+    otherwise: Prepared,
+) -> Result<Prepared, BuildError> {
+    let mut notes = otherwise.notes;
     let geometry = conditions.geometry;
     let currents = match &conditions.scale {
         Scale::Currents(currents) => currents.clone(),
@@ -57,7 +76,7 @@ pub(super) fn prepare(
         has_region: true,
     };
     let noise_v = noise_v(settings, conditions);
-    let shapes = Shapes::new(&case, &geometry.sigma0, noise_v, Box::new(one_step))?;
+    let shapes = Shapes::new(&case, &geometry.sigma0, noise_v, otherwise.reconstructor)?;
     notes.push(
         "best: with the noise known, a frame that one to four shapes explain to it is the mean over what they may be; the \
          others get the map of the method above"
@@ -66,7 +85,7 @@ pub(super) fn prepare(
     notes.extend(shapes.assumptions());
     Ok(Prepared {
         slow: true,
-        ..Prepared::quick(shapes, notes)
+        ..Prepared::quick(shapes, notes, conditions)
     })
 }
 
@@ -75,7 +94,7 @@ fn gain(linear: &OneStep, conditions: &Conditions<'_>) -> f64 {
     let Some(sample) = conditions.sample else {
         return 0.0;
     };
-    let areas = conditions.geometry.mesh.region_areas();
+    let areas = linear.mesh().region_areas();
     let (mut gain, mut all) = (0.0, 0.0);
     for frame in &sample.frames {
         let Ok(map) = linear.reconstruct(&sample.baseline, frame) else {

@@ -9,14 +9,15 @@ mod total_variation;
 
 use std::sync::Arc;
 
-use eit::Reconstructor;
+use eit::{Reconstructor, WholeSheet};
 
 pub(crate) use after_frames::AfterFrames;
 pub use after_frames::FRAMES_LOOKED_AT;
 
 use crate::conditions::Conditions;
 use crate::error::BuildError;
-use crate::settings::{Method, ReconstructionSettings};
+use crate::geometry::Geometry;
+use crate::settings::{Method, ReconstructionSettings, Unknowns};
 
 /// A prepared method.
 pub(crate) struct Prepared {
@@ -28,9 +29,18 @@ pub(crate) struct Prepared {
 }
 
 impl Prepared {
-    fn quick(reconstructor: impl Reconstructor + 'static, notes: Vec<String>) -> Self {
+    fn quick(
+        reconstructor: impl Reconstructor + 'static,
+        notes: Vec<String>,
+        conditions: &Conditions<'_>,
+    ) -> Self {
         Self {
-            reconstructor: Arc::new(reconstructor),
+            reconstructor: match conditions.shown {
+                None => Arc::new(reconstructor),
+                Some(shown) => {
+                    Arc::new(WholeSheet::new(Box::new(reconstructor), Arc::clone(shown)))
+                }
+            },
             notes,
             slow: false,
         }
@@ -46,9 +56,9 @@ pub(crate) fn prepare(
     conditions: &Conditions<'_>,
 ) -> Result<Prepared, BuildError> {
     match settings.method.unwrap_or_default() {
-        Method::OneStep => one_step::prepare(settings, conditions),
+        Method::OneStep => for_unknowns(settings, conditions, one_step::prepare),
         Method::Best => best::prepare(settings, conditions),
-        Method::Tv => total_variation::prepare(settings, conditions),
+        Method::Tv => for_unknowns(settings, conditions, total_variation::prepare),
         Method::TvPaper => total_variation::paper(settings, conditions),
         trained @ (Method::Linear | Method::Rbf | Method::Dnn) => {
             let name = trained.name();
@@ -58,4 +68,27 @@ pub(crate) fn prepare(
             )))
         }
     }
+}
+
+/// Prepares a method with the unknowns that the settings name; its maps show the region.
+fn for_unknowns(
+    settings: &ReconstructionSettings,
+    conditions: &Conditions<'_>,
+    prepare: fn(&ReconstructionSettings, &Conditions<'_>) -> Result<Prepared, BuildError>,
+) -> Result<Prepared, BuildError> {
+    let shown = &conditions.geometry.mesh;
+    let whole_sheet = settings.unknowns.unwrap_or(Unknowns::Sheet) == Unknowns::Sheet;
+    if !whole_sheet || shown.region().len() == shown.triangles().len() {
+        return prepare(settings, conditions);
+    }
+    let geometry = Geometry {
+        mesh: Arc::new(shown.whole()),
+        ..conditions.geometry.clone()
+    };
+    let conditions = Conditions {
+        geometry: &geometry,
+        shown: Some(shown),
+        ..conditions.clone()
+    };
+    prepare(settings, &conditions)
 }

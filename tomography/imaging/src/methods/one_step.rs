@@ -31,7 +31,7 @@ pub(super) fn prepare(
     if settings.map_error.is_some() {
         notes.extend(one_step.assumptions().pop());
     }
-    Ok(Prepared::quick(one_step, notes))
+    Ok(Prepared::quick(one_step, notes, conditions))
 }
 
 /// The reconstructor for these conditions.
@@ -55,6 +55,7 @@ pub(super) fn solver(
             scale: conditions.scale.clone(),
             deviations: None,
             map_error,
+            shown: conditions.shown.map(|mesh| mesh.region().to_vec()),
         },
     )?)
 }

@@ -48,11 +48,12 @@ pub(super) fn prepare(
             loss_only: settings.loss_only.unwrap_or(false),
             gap: settings.gap.unwrap_or(usual.gap),
             scale: conditions.scale.clone(),
+            shown: conditions.shown.map(|mesh| mesh.region().to_vec()),
             ..usual
         },
     )?;
     notes.push(format!("{}: {}", tv.method(), tv.assumptions().join("; ")));
-    Ok(Prepared::quick(tv, notes))
+    Ok(Prepared::quick(tv, notes, conditions))
 }
 
 /// Eq. 4 and 5 of the paper as printed: one linear step with the square of the gradient, alpha 1e-6 unless `lambda` is
@@ -74,5 +75,5 @@ pub(super) fn paper(
          largest reading and dsigma over sigma0 are our reading; lambda {:.3e}",
         one_step.lambda()
     )];
-    Ok(Prepared::quick(one_step, notes))
+    Ok(Prepared::quick(one_step, notes, conditions))
 }

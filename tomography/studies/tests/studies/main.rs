@@ -2,3 +2,4 @@
 
 mod presses;
 mod stability;
+mod whole_sheet;

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use survey::{Protocol, Reading};
 
 use crate::inverse::error::OneStepError;
-use crate::inverse::options::{OneStepOptions, Scale};
+use crate::inverse::options::{OneStepOptions, Scale, outside};
 use crate::inverse::prior::{Penalty, Prior};
 use crate::inverse::reciprocity::Fold;
 use crate::inverse::reconstructor::Difference;
@@ -72,13 +72,14 @@ impl Linear {
         let relative = Parameters::region().logarithmic();
         let mut sensitivity = forward.sensitivity(sigma0, &half, &relative)?;
         scale_rows(&mut sensitivity, fold.norm());
-        let penalty = match options.prior {
+        let mut penalty = match options.prior {
             Prior::Tikhonov => Penalty::identity(sensitivity.ncols()),
             Prior::Noser { p } => Penalty::noser(&sensitivity, p),
             Prior::Laplace => Penalty::laplacian(mesh),
             Prior::Variation => Penalty::variation(mesh),
             Prior::Gaussian { length_m } => Penalty::smooth(mesh, length_m)?,
         };
+        penalty.weigh(&outside(options.shown.as_deref(), sensitivity.ncols()));
         let linear = Self {
             scale: options.scale.clone(),
             model: model.as_slice().to_vec(),

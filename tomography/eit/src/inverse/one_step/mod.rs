@@ -74,7 +74,7 @@ impl OneStep {
     ) -> Result<Self, OneStepError> {
         let (linear, sensitivity, penalty) =
             Linear::new(&mesh, contact_ohm_m, sigma0, protocol, &options)?;
-        let amplitude = penalty.amplitude(EXPECTED_CHANGE)?;
+        let amplitude = penalty.amplitude(EXPECTED_CHANGE, options.shown.as_deref())?;
         let (lambda, raised) = match options.hyper {
             Hyper::Lambda(lambda) => (lambda, false),
             Hyper::Paper(alpha) => (alpha.sqrt() * linear.largest(), false),
@@ -101,6 +101,7 @@ impl OneStep {
                         &linear.fold,
                         &sensitivity,
                         solution.matrix(),
+                        options.shown.as_deref(),
                     ))
                 };
                 (noise_figure::lambda(wanted, size, at)?, false)
@@ -113,7 +114,13 @@ impl OneStep {
             _ => None,
         }
         .map(|noise| std::f64::consts::SQRT_2 * noise);
-        let noise_figure = noise_figure::of(&mesh, &linear.fold, &sensitivity, solution.matrix());
+        let noise_figure = noise_figure::of(
+            &mesh,
+            &linear.fold,
+            &sensitivity,
+            solution.matrix(),
+            options.shown.as_deref(),
+        );
         // the trace of the matrix from readings to the readings of their map
         let degrees = sensitivity
             .row_iter()

@@ -11,17 +11,23 @@ pub(super) const LOAD: f64 = 0.0543;
 
 /// The noise figure of the linear map M (A. Adler, R. Guardo, IEEE Trans. Med. Imaging 15 (1996) 170): mean |y| over the
 /// noise of a reading, over mean |a M y| over the root mean square of its noise, a the areas, y the readings of a small
-/// disc in the middle of the region.
-pub(super) fn of(mesh: &Mesh, fold: &Fold, sensitivity: &DMatrix<f64>, map: &DMatrix<f64>) -> f64 {
+/// disc in the middle of what is shown; the means of maps are over the unknowns that are shown (`None`: all).
+pub(super) fn of(
+    mesh: &Mesh,
+    fold: &Fold,
+    sensitivity: &DMatrix<f64>,
+    map: &DMatrix<f64>,
+    shown: Option<&[usize]>,
+) -> f64 {
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
-    let area: f64 = areas.iter().sum();
+    let all: Vec<usize> = (0..areas.len()).collect();
+    let shown = shown.unwrap_or(&all);
+    let area: f64 = shown.iter().map(|&unknown| areas[unknown]).sum();
     let middle = [0, 1].map(|axis| {
-        centroids
+        let moments = shown
             .iter()
-            .zip(&areas)
-            .map(|(at, a)| at[axis] * a)
-            .sum::<f64>()
-            / area
+            .map(|&unknown| centroids[unknown][axis] * areas[unknown]);
+        moments.sum::<f64>() / area
     });
     let away = |at: &[f64; 2]| (at[0] - middle[0]).hypot(at[1] - middle[1]);
     let radius =
@@ -42,19 +48,16 @@ pub(super) fn of(mesh: &Mesh, fold: &Fold, sensitivity: &DMatrix<f64>, map: &DMa
     }
     let seen = fold.readings_of(&seen);
     let readings = seen.iter().map(|y| y.abs()).sum::<f64>() / seen.len() as f64;
-    let unknowns = areas.len() as f64;
-    let signal = answer
+    let signal = shown
         .iter()
-        .zip(&areas)
-        .map(|(x, a)| (x * a).abs())
+        .map(|&unknown| (answer[unknown] * areas[unknown]).abs())
         .sum::<f64>()
-        / unknowns;
-    let spread = noise
+        / shown.len() as f64;
+    let spread = shown
         .iter()
-        .zip(&areas)
-        .map(|(n, a)| n * a * a)
+        .map(|&unknown| noise[unknown] * areas[unknown].powi(2))
         .sum::<f64>()
-        / unknowns;
+        / shown.len() as f64;
     readings * spread.sqrt() / signal
 }
 

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::Mesh;
 use crate::inverse::error::OneStepError;
 use crate::inverse::graph::Graph;
+use crate::inverse::options::OUTSIDE_WEIGHT;
 pub(crate) use crate::inverse::prior::laplacian::{Half, Laplacian, block_of_columns};
 use crate::inverse::prior::laplacian::{block_of_rows, matrix_of};
 pub(crate) use crate::inverse::prior::smooth::Smooth;
@@ -109,6 +110,18 @@ impl Penalty {
                 .map(|square| square.max(1e-12 * largest).powf(p))
                 .collect(),
         )
+    }
+
+    /// Multiplies the entries of what maps leave out with [`OUTSIDE_WEIGHT`]; only a diagonal R has entries of its own for
+    /// each unknown.
+    pub(crate) fn weigh(&mut self, outside: &[bool]) {
+        if let Self::Diagonal(entries) = self {
+            for (entry, outside) in entries.iter_mut().zip(outside) {
+                if *outside {
+                    *entry *= OUTSIDE_WEIGHT;
+                }
+            }
+        }
     }
 
     /// Twice the graph Laplacian of the mesh's region.
@@ -221,34 +234,46 @@ impl Penalty {
         })
     }
 
-    /// The factor g for which the prior N(0, g^2 R^-1) has the root mean square `change` over the unknowns; the null
+    /// The factor g for which the prior N(0, g^2 R^-1) has the root mean square `change` over the unknowns that are shown
+    /// (`None`: all); the null
     /// space is not counted.
-    pub(crate) fn amplitude(&self, change: f64) -> Result<f64, OneStepError> {
-        let (trace, unknowns) = match self {
-            Self::Diagonal(entries) => (
-                entries.iter().map(|entry| 1.0 / entry).sum::<f64>(),
-                entries.len(),
-            ),
+    pub(crate) fn amplitude(
+        &self,
+        change: f64,
+        shown: Option<&[usize]>,
+    ) -> Result<f64, OneStepError> {
+        let all: Vec<usize> = (0..self.unknowns()).collect();
+        let shown = shown.unwrap_or(&all);
+        let trace = match self {
+            Self::Diagonal(entries) => shown.iter().map(|&unknown| 1.0 / entries[unknown]).sum(),
             // the squares of L^-1 outside the null space, some columns at a time
             Self::Laplacian(laplacian) => {
                 let unknowns = laplacian.unknowns();
                 let half = laplacian.grounded().ok_or(OneStepError::Prior)?;
                 let mut trace = 0.0;
-                for first in (0..unknowns).step_by(AT_A_TIME) {
-                    let count = AT_A_TIME.min(unknowns - first);
-                    let mut block = Block::zeros(unknowns, count);
-                    for k in 0..count {
-                        block.row_mut(first + k)[k] = 1.0;
+                for some in shown.chunks(AT_A_TIME) {
+                    let mut block = Block::zeros(unknowns, some.len());
+                    for (k, &unknown) in some.iter().enumerate() {
+                        block.row_mut(unknown)[k] = 1.0;
                     }
                     laplacian.remove_means(&mut block);
                     let halved = half.down(&block);
                     trace += halved.values.iter().map(|value| value * value).sum::<f64>();
                 }
-                (trace, unknowns)
+                trace
             }
-            Self::Smooth(smooth) => (smooth.unknowns() as f64, smooth.unknowns()),
+            Self::Smooth(_) => shown.len() as f64,
         };
-        Ok(change / (trace / unknowns as f64).sqrt())
+        Ok(change / (trace / shown.len() as f64).sqrt())
+    }
+
+    /// Number of unknowns.
+    fn unknowns(&self) -> usize {
+        match self {
+            Self::Diagonal(entries) => entries.len(),
+            Self::Laplacian(laplacian) => laplacian.unknowns(),
+            Self::Smooth(smooth) => smooth.unknowns(),
+        }
     }
 }
 

@@ -47,7 +47,7 @@ pub struct Shapes {
     /// Deviation of one reading, V.
     noise_v: f64,
     protocol: Protocol,
-    otherwise: Box<dyn Reconstructor>,
+    otherwise: Arc<dyn Reconstructor>,
 }
 
 impl Shapes {
@@ -60,7 +60,7 @@ impl Shapes {
         case: &Case,
         sigma0: &[f64],
         noise_v: f64,
-        otherwise: Box<dyn Reconstructor>,
+        otherwise: Arc<dyn Reconstructor>,
     ) -> Result<Self, ForwardError> {
         let model = SheetModel::new(
             &case.mesh,
@@ -324,7 +324,7 @@ mod tests {
             )
             .unwrap()
         };
-        let shapes = Shapes::new(&case, sigma0, 1e-6, Box::new(general())).unwrap();
+        let shapes = Shapes::new(&case, sigma0, 1e-6, Arc::new(general())).unwrap();
         let cover = Cover::new(&case.mesh);
         let outline: Vec<[f64; 2]> = (0..64)
             .map(|k| {
@@ -351,7 +351,7 @@ mod tests {
             .build()
             .unwrap()
             .install(|| {
-                Shapes::new(&case, sigma0, 1e-6, Box::new(general()))
+                Shapes::new(&case, sigma0, 1e-6, Arc::new(general()))
                     .unwrap()
                     .reconstruct(&baseline, &frame)
                     .unwrap()

@@ -23,6 +23,7 @@ use crate::inverse::graph::Graph;
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::learned::novelty;
 use crate::inverse::learned::novelty::UNSEEN;
+use crate::inverse::options::{OUTSIDE_WEIGHT, outside};
 use crate::inverse::reciprocity::Seen;
 use crate::inverse::tv::problem::Problem;
 use crate::inverse::tv::pursuit::Outcome;
@@ -105,9 +106,18 @@ impl Tv {
         let along = dense::product(dense::view(&directions).transpose(), dense::view(&whitened));
         let alpha = match options.strength {
             Strength::Alpha(alpha) => alpha,
-            Strength::Relative(share) => share * options::reference(&mesh, &along),
+            Strength::Relative(share) => {
+                share * { options::reference(&mesh, &along, options.shown.as_deref()) }
+            }
         };
-        let weights = graph.lengths.iter().map(|length| alpha * length).collect();
+        let outside = outside(options.shown.as_deref(), graph.unknowns);
+        let borders = graph.lengths.iter().zip(&graph.edges);
+        let weights = borders
+            .map(|(length, [a, b])| match outside[*a] || outside[*b] {
+                true => OUTSIDE_WEIGHT * alpha * length,
+                false => alpha * length,
+            })
+            .collect();
         let loss = if options.loss_only { ", loss only" } else { "" };
         Ok(Self {
             method: format!("total variation{loss}"),

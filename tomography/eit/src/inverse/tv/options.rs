@@ -47,6 +47,8 @@ pub struct TvOptions {
     pub scale: Scale,
     /// Relative standard deviation of each reading, as in [`OneStepOptions`](crate::OneStepOptions).
     pub deviations: Option<Vec<f64>>,
+    /// The unknowns that maps show, as in [`OneStepOptions`](crate::OneStepOptions): the rule for alpha looks at these.
+    pub shown: Option<Vec<usize>>,
 }
 
 impl Default for TvOptions {
@@ -60,6 +62,7 @@ impl Default for TvOptions {
             gap: 1e-3,
             scale: Scale::default(),
             deviations: None,
+            shown: None,
         }
     }
 }
@@ -103,14 +106,18 @@ pub enum TvError {
     Blind,
 }
 
-/// |J 1_disc| over the border of a small disc, at the place of median sensitivity.
-pub(super) fn reference(mesh: &Mesh, sensitivity: &DMatrix<f64>) -> f64 {
+/// |J 1_disc| over the border of a small disc, at the place of median sensitivity among the unknowns that are shown.
+pub(super) fn reference(mesh: &Mesh, sensitivity: &DMatrix<f64>, shown: Option<&[usize]>) -> f64 {
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
-    let radius = 0.5 * SMALL * areas.iter().sum::<f64>().sqrt();
+    let all: Vec<usize> = (0..areas.len()).collect();
+    let shown = shown.unwrap_or(&all);
+    let area: f64 = shown.iter().map(|&unknown| areas[unknown]).sum();
+    let radius = 0.5 * SMALL * area.sqrt();
     let disc = std::f64::consts::PI * radius * radius;
-    let mut sizes: Vec<f64> = centroids
+    let mut sizes: Vec<f64> = shown
         .iter()
-        .map(|at| {
+        .map(|&unknown| {
+            let at = centroids[unknown];
             let mut sum = DVector::zeros(sensitivity.nrows());
             let mut covered = 0.0;
             for (unknown, other) in centroids.iter().enumerate() {

@@ -1,0 +1,90 @@
+//! Maps of the region from a method that solves for the conductance of the whole sheet.
+
+use std::sync::Arc;
+
+use survey::{Map, Protocol, Reading};
+
+use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
+
+/// A reconstructor whose unknowns are all triangles of the sheet, and whose maps show those of the region.
+///
+/// A method that solves for the region alone takes the conductance outside of it for known. A load on the rim, or a change
+/// of the whole sheet, then has to be explained by the region, and the map shows losses that are not there.
+pub struct WholeSheet {
+    inner: Box<dyn Reconstructor>,
+    shown: Arc<Mesh>,
+    method: String,
+}
+
+impl WholeSheet {
+    /// Maps of the region of `shown` from those of `inner`, which was made for [`Mesh::whole`] of the same mesh.
+    ///
+    /// # Panics
+    /// `inner` covers another mesh.
+    pub fn new(inner: Box<dyn Reconstructor>, shown: Arc<Mesh>) -> Self {
+        assert_eq!(
+            inner.mesh().region().len(),
+            shown.triangles().len(),
+            "the inner method covers every triangle of the mesh"
+        );
+        Self {
+            method: format!("{}, whole sheet", inner.method()),
+            inner,
+            shown,
+        }
+    }
+}
+
+impl Reconstructor for WholeSheet {
+    fn method(&self) -> &str {
+        &self.method
+    }
+
+    fn protocol(&self) -> &Protocol {
+        self.inner.protocol()
+    }
+
+    fn mesh(&self) -> &Arc<Mesh> {
+        &self.shown
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        let mut notes = self.inner.assumptions();
+        notes.push(format!(
+            "the conductance of the whole sheet is unknown ({} triangles); the map shows the {} of the region",
+            self.shown.triangles().len(),
+            self.shown.region().len()
+        ));
+        notes
+    }
+
+    fn noise_figure(&self) -> Option<f64> {
+        self.inner.noise_figure()
+    }
+
+    fn novelty(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Option<Novelty>, ReconstructError> {
+        self.inner.novelty(baseline, frame)
+    }
+
+    fn reconstruct(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
+        let whole = self.inner.reconstruct(baseline, frame)?;
+        let region = self.shown.region();
+        let values = region.iter().map(|&triangle| whole.values[triangle]);
+        // The method of the map says too whether it was clipped.
+        let method = whole.method.replacen(self.inner.method(), &self.method, 1);
+        Ok(Map {
+            mesh_hash: self.shown.hash().to_owned(),
+            values: values.collect(),
+            method,
+            ..whole
+        })
+    }
+}
