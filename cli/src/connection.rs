@@ -9,7 +9,9 @@ use zbus::{Connection, ObjectPath};
 
 use crate::args::Global;
 use crate::failure::Failure;
-use crate::session_files::LAST;
+
+/// The name of the session that was started last.
+pub(crate) const LAST: &str = "last";
 
 /// A connection to a running daemon.
 pub(crate) struct Daemon {

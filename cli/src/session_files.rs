@@ -6,6 +6,7 @@ use std::time::Duration;
 use logbook::{LogbookError, SessionReader};
 
 use crate::args::Global;
+use crate::connection::LAST;
 use crate::failure::Failure;
 
 /// A running daemon that does not reply within this time is ignored.
@@ -92,9 +93,6 @@ pub(crate) fn listed(places: &[PathBuf]) -> String {
         .collect();
     places.join(", ")
 }
-
-/// The name of the session that was started last.
-pub(crate) const LAST: &str = "last";
 
 /// The file of the session that was started last, over all directories.
 fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {

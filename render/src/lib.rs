@@ -23,7 +23,7 @@
 //!     method: "by hand".into(), masked: 0 };
 //! let style = Style { title: "half pressed".into(), ..Style::default() };
 //! assert!(render::svg(&sheet, &map, &style)?.contains("half pressed"));
-//! let seen = render::terminal(&sheet, &map, &TerminalStyle { width: 40, colour: TerminalColour::Plain, style })?;
+//! let seen = render::terminal(&sheet, &map, &TerminalStyle { width: 40, height: None, colour: TerminalColour::Plain, style })?;
 //! assert!(seen.contains('%'));
 //! # Ok::<(), render::PictureError>(())
 //! ```

@@ -12,11 +12,12 @@ use serde::Serialize;
 use survey::printable;
 
 use crate::args::{Global, Log};
+use crate::connection::LAST;
 use crate::connection::{Daemon, fault};
 use crate::failure::{Failure, chain};
 use crate::output::time::{local, utc};
 use crate::output::{Printer, complain};
-use crate::session_files::{self, LAST};
+use crate::session_files;
 
 /// A line of `log --json`; see `docs/reference/json.md`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]

@@ -134,7 +134,7 @@ impl Play {
     async fn next_frame(&self) -> dbus::LatestFrame {
         let acquired = self.session.frames_acquired().await.expect("it answers");
         let mut done = self.session.receive_frame_done().await.expect("a stream");
-        within("a frame", async {
+        let frame = tokio::time::timeout(DEADLINE, async {
             loop {
                 if let Ok(frame) = self.session.latest_frame().await
                     && frame.sequence > acquired + 1
@@ -143,8 +143,15 @@ impl Play {
                 }
                 dbus::next(&mut done).await;
             }
-        })
-        .await
+        });
+        match frame.await {
+            Ok(frame) => frame,
+            Err(_) => panic!(
+                "no frame: {:?}, {:?}",
+                self.session.state().await,
+                self.session.last_error().await
+            ),
+        }
     }
 
     fn fault(&self, words: &str) {
@@ -336,12 +343,6 @@ fn moves_relays(received: &str) -> bool {
 
 fn opens_relays(received: &str) -> bool {
     received.contains("OPEN (") && !received.contains("CLOS (")
-}
-
-async fn within<T>(what: &str, future: impl Future<Output = T>) -> T {
-    tokio::time::timeout(DEADLINE, future)
-        .await
-        .unwrap_or_else(|_| panic!("{what}: nothing takes that long"))
 }
 
 async fn play(board: bool, faults: &'static [(&'static str, Course)]) {

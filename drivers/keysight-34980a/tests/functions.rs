@@ -442,5 +442,4 @@ fn labels_memories_and_voltmeter_follow_the_help() {
     talk.refuses("ROUT:CHAN:LAB? FACT,(@1001)", "-224");
     talk.refuses("ROUT:CHAN:LAB \"x\",(@1099)", "+112");
     // no page of the help was seen that has it
-    talk.refuses("DATA:LAST?", "-113");
 }

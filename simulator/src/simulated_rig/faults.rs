@@ -150,12 +150,14 @@ impl SimulatedRig {
     }
 
     /// What happens to an instrument's next reply: the fault of its transport, and the reply with what is wrong in it.
+    /// `measured` if the numbers of the reply are readings, not settings.
     pub(crate) fn reply_fault(
         &self,
         instrument: Instrument,
         reply: String,
+        measured: bool,
     ) -> (Option<ReplyFault>, String) {
-        self.link_faults()[instrument.index()].take(reply)
+        self.link_faults()[instrument.index()].take(reply, measured)
     }
 
     fn link_faults(&self) -> MutexGuard<'_, Vec<LinkFaults>> {
@@ -174,9 +176,12 @@ pub(crate) struct LinkFaults {
 }
 
 impl LinkFaults {
-    /// What happens to the next reply.
-    fn take(&mut self, reply: String) -> (Option<ReplyFault>, String) {
-        let readings: Vec<String> = readings(&reply).map(str::to_owned).collect();
+    /// What happens to the next reply; `measured` if its numbers are readings, not settings.
+    fn take(&mut self, reply: String, measured: bool) -> (Option<ReplyFault>, String) {
+        let readings: Vec<String> = readings(&reply)
+            .filter(|_| measured)
+            .map(str::to_owned)
+            .collect();
         let next = self.next.front_mut();
         let next = next.filter(|(fault, _)| !fault.is_of_readings() || !readings.is_empty());
         let taken = next.map(|(fault, left)| {
@@ -238,7 +243,11 @@ mod tests {
         let mut faults = LinkFaults::default();
         faults.next.push_back((ReplyFault::NotANumber, 1));
         faults.next.push_back((ReplyFault::Stale, 2));
-        let mut take = |reply: &str| faults.take(reply.to_owned());
+        assert_eq!(
+            faults.take("+1.0E+00".to_owned(), false),
+            (None, "+1.0E+00".to_owned())
+        );
+        let mut take = |reply: &str| faults.take(reply.to_owned(), true);
         // no reading in it: passed over
         assert_eq!(take("1"), (None, "1".to_owned()));
         assert_eq!(take("#17+1.0E-3"), (None, "#17+1.0E-3".to_owned()));

@@ -180,7 +180,9 @@ impl ClientSession {
         if self.line.borrow().wire != Wire::Sound {
             return Delivery::default();
         }
-        let (fault, text) = self.rig.reply_fault(self.instrument, text);
+        // The source measures nothing: its numbers are settings, and a fault of readings acts on these.
+        let measured = received.later || self.instrument == Instrument::Source;
+        let (fault, text) = self.rig.reply_fault(self.instrument, text, measured);
         let mut bytes = text.into_bytes();
         match fault {
             None | Some(ReplyFault::NotANumber | ReplyFault::Stale) => bytes.push(b'\n'),

@@ -38,16 +38,16 @@ pub use crate::inverse::error::OneStepError;
 pub use crate::inverse::hyper_parameter::{l_curve_lambda, probable_lambda};
 pub use crate::inverse::learned::network::{DeepNetwork, DeepReport, DeepSettings, Precision};
 pub use crate::inverse::learned::rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
-pub use crate::inverse::loss_only::LossOnly;
 pub use crate::inverse::one_step::{CLIPPED, EXPECTED_CHANGE, MODEL_SHARE, OneStep};
-pub use crate::inverse::options::{Hyper, OUTSIDE_WEIGHT, OneStepOptions, Scale};
-pub use crate::inverse::prior::{Prior, SMOOTH_LENGTH_M};
+pub use crate::inverse::options::{Hyper, OneStepOptions, Scale};
+pub use crate::inverse::prior::{OUTSIDE_WEIGHT, Prior, SMOOTH_LENGTH_M};
 pub use crate::inverse::reconstructor::{
     MOST_MISSING, Novelty, ReconstructError, Reconstructor, UNEXPLAINED,
 };
 pub use crate::inverse::shapes::Shapes;
 pub use crate::inverse::tv::{Strength, TV_STRENGTH, Tv, TvError, TvOptions, TvSolution};
-pub use crate::inverse::whole_sheet::WholeSheet;
+pub use crate::inverse::wrappers::loss_only::LossOnly;
+pub use crate::inverse::wrappers::whole_sheet::WholeSheet;
 pub use crate::linear_algebra::processor::cpu_features;
 pub use calibration::{
     CALIBRATION_KIND, CONTRADICTION, Calibration, CalibrationError, FEWEST_PRESSES,

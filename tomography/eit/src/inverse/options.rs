@@ -41,21 +41,6 @@ pub enum Scale {
     Currents(Vec<f64>),
 }
 
-/// Where the whole sheet is unknown, what is outside of the region is penalised so many times as strongly as what is
-/// inside: a diagonal prior's standard deviation is a third there. With 1 the unknowns of the rim, which the readings
-/// follow best, take up part of a small load inside (presses of 10 mm, 2 uV: correlation 0.368 in place of 0.393); from
-/// 64 on they take up too little of what does happen there.
-pub const OUTSIDE_WEIGHT: f64 = 9.0;
-
-/// For each unknown, whether maps leave it out; `shown` as in [`OneStepOptions::shown`].
-pub(crate) fn outside(shown: Option<&[usize]>, unknowns: usize) -> Vec<bool> {
-    let mut outside = vec![shown.is_some(); unknowns];
-    for &unknown in shown.into_iter().flatten() {
-        outside[unknown] = false;
-    }
-    outside
-}
-
 /// Settings of a [`OneStep`](crate::OneStep).
 #[derive(Debug, Clone, PartialEq)]
 pub struct OneStepOptions {

@@ -1,8 +1,8 @@
 //! Creep: under a constant load the loss keeps growing; after the load is removed, part of it decays slowly.
 //!
 //! A Prony series for each triangle: a step of the log loss e (e = -ln(sigma / sigma_0), proportional to the strain)
-//! becomes e (1 + sum g_i (1 - exp(-t / tau_i))). The delayed parts h_i follow a straight input exactly, h <- exp(-x) h
-//! + g (1 - exp(-x)) / x de with x = dt / tau (a series below x = 1e-4), so any step size is exact. sum g = 0.1 to 0.4,
+//! becomes e (1 + sum g_i (1 - exp(-t / tau_i))). The delayed parts h_i follow a straight input exactly,
+//! `h <- exp(-x) h + g (1 - exp(-x)) / x de` with x = dt / tau (a series below x = 1e-4), so any step size is exact. sum g = 0.1 to 0.4,
 //! tau 1 to 1e4 s, 10 to 30 % in an hour (fact sheet, section 2.4). Leave it out for frames within a second of each
 //! other. Remainders below 1e-13 are dropped.
 

@@ -94,8 +94,8 @@ fn disc(at: [f64; 2], radius: f64, inside: f64, outside: f64) -> impl Fn([f64; 2
     }
 }
 
-/// A method with what each test asks of it.
-struct Asked {
+/// A method with the limits of each test.
+struct MethodLimits {
     method: Method,
     loss_only: bool,
     /// Error of the press on the changed sheet, mm: at most with the whole sheet unknown, at least with the region alone.
@@ -104,27 +104,27 @@ struct Asked {
     electrode: [f64; 2],
 }
 
-const ASKED: [Asked; 4] = [
-    Asked {
+const CASES: [MethodLimits; 4] = [
+    MethodLimits {
         method: Method::OneStep,
         loss_only: false,
         press_mm: [4.5, 3.0],
         electrode: [0.8, 1.0],
     },
-    Asked {
+    MethodLimits {
         method: Method::OneStep,
         loss_only: true,
         press_mm: [4.0, 8.0],
         // the triangle beside the electrode, which the load does cover, is at the bound
         electrode: [1.0, 1.0],
     },
-    Asked {
+    MethodLimits {
         method: Method::Tv,
         loss_only: false,
         press_mm: [6.5, 3.0],
         electrode: [0.4, 3.0],
     },
-    Asked {
+    MethodLimits {
         method: Method::Tv,
         loss_only: true,
         press_mm: [7.0, 40.0],
@@ -133,15 +133,15 @@ const ASKED: [Asked; 4] = [
 ];
 
 /// For each method what `figure` gives for its maps with the whole sheet unknown and with the region alone, and whether
-/// it is within what is asked.
+/// it is within its limits.
 fn compare(
     before: &[Reading],
     loaded: &[Reading],
     maps: &Maps,
     figure: impl Fn(&Map) -> f64,
-    asked: impl Fn(&Asked) -> [f64; 2],
+    limits: impl Fn(&MethodLimits) -> [f64; 2],
 ) {
-    for case in &ASKED {
+    for case in &CASES {
         let of = |unknowns| {
             let settings = ReconstructionSettings {
                 method: Some(case.method),
@@ -158,7 +158,7 @@ fn compare(
             case.loss_only
         );
         println!("{text}");
-        let [at_most, at_least] = asked(case);
+        let [at_most, at_least] = limits(case);
         assert!(whole <= at_most && region >= at_least, "{text}");
     }
 }

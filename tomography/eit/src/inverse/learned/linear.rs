@@ -6,8 +6,8 @@ use nalgebra::DMatrix;
 use survey::{Protocol, Reading};
 
 use crate::inverse::error::OneStepError;
-use crate::inverse::options::{OneStepOptions, Scale, outside};
-use crate::inverse::prior::{Penalty, Prior};
+use crate::inverse::options::{OneStepOptions, Scale};
+use crate::inverse::prior::{Penalty, Prior, outside};
 use crate::inverse::reciprocity::Fold;
 use crate::inverse::reconstructor::Difference;
 use crate::{Forward, Mesh, Parameters, ReconstructError};

@@ -23,7 +23,7 @@ use crate::inverse::graph::Graph;
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::learned::novelty;
 use crate::inverse::learned::novelty::UNSEEN;
-use crate::inverse::options::{OUTSIDE_WEIGHT, outside};
+use crate::inverse::prior::{OUTSIDE_WEIGHT, outside};
 use crate::inverse::reciprocity::Seen;
 use crate::inverse::tv::problem::Problem;
 use crate::inverse::tv::pursuit::Outcome;
