@@ -8,6 +8,7 @@ use std::time::Duration;
 use dbus::{Session1Proxy, StreamOptions};
 use survey::printable;
 use tokio::signal::unix::{SignalKind, signal};
+use tokio::task::JoinSet;
 use tokio::time::Instant;
 
 use crate::args::Watch;
@@ -75,7 +76,10 @@ pub(crate) async fn run(
     let mut news = daemon.ask("the news", listening).await?;
     let listening = async { session.receive_frame_done().await.map_err(Into::into) };
     let mut frames = daemon.ask("the frames", listening).await?;
-    let screen = match maps && printer.is_terminal() && !watch.no_map {
+    let on_screen = maps && printer.is_terminal() && !watch.no_map;
+    // before the alternate screen: a signal that comes right after it must leave it too
+    let mut signals = end_signals(on_screen);
+    let screen = match on_screen {
         true => Some(Screen::enter()?),
         false => None,
     };
@@ -155,7 +159,7 @@ pub(crate) async fn run(
         ended = events => ended,
         ended = judged => ended,
         ended = waiting => ended,
-        number = ended_by_signal(screen.is_some()) => Err(Failure::Signal(number)),
+        number = first_of(&mut signals) => Err(Failure::Signal(number)),
     };
     let last = viewer.last_sentence();
     if let Some(screen) = screen {
@@ -170,15 +174,15 @@ pub(crate) async fn run(
     }
 }
 
-/// The number of the first signal that requests the program's end. Without the alternate screen nothing must be
+/// Waits for each signal that requests the program's end; gives its number. Without the alternate screen nothing must be
 /// restored, and the signal ends the program by default.
-async fn ended_by_signal(on_screen: bool) -> u8 {
+fn end_signals(on_screen: bool) -> JoinSet<u8> {
     let signals = [
         (SignalKind::interrupt(), 2),
         (SignalKind::terminate(), 15),
         (SignalKind::hangup(), 1),
     ];
-    let mut waits = tokio::task::JoinSet::new();
+    let mut waits = JoinSet::new();
     for (kind, number) in signals.into_iter().filter(|_| on_screen) {
         if let Ok(mut received) = signal(kind) {
             waits.spawn(async move {
@@ -187,7 +191,12 @@ async fn ended_by_signal(on_screen: bool) -> u8 {
             });
         }
     }
-    match waits.join_next().await {
+    waits
+}
+
+/// The number of the first signal that arrives.
+async fn first_of(signals: &mut JoinSet<u8>) -> u8 {
+    match signals.join_next().await {
         Some(Ok(number)) => number,
         Some(Err(_)) | None => std::future::pending().await,
     }

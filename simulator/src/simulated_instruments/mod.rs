@@ -130,6 +130,8 @@ pub(crate) struct MessageOutcome {
     pub(crate) wait: Duration,
     /// Whether the reply must be fetched after that time.
     pub(crate) later: bool,
+    /// Whether the message asks for readings.
+    pub(crate) measured: bool,
     /// The error queued by the message, if any.
     pub(crate) refused: Option<String>,
 }
@@ -315,6 +317,7 @@ impl SimulatedInstruments {
             wait,
             later,
             refused,
+            measured: false,
         }
     }
 

@@ -128,13 +128,20 @@ impl ClientSession {
     /// Passes a message to the instrument. [`ClientSession::finish`] waits for the reply.
     pub(crate) async fn begin(&self, message: Vec<u8>) -> io::Result<MessageOutcome> {
         let received = String::from_utf8_lossy(&message).into_owned();
+        // The source measures nothing: its numbers are settings, and a fault of readings acts on these.
+        let measured = self.instrument == Instrument::Source
+            || ["READ?", "FETC?", "MEAS:", "DATA:"]
+                .iter()
+                .any(|query| received.contains(query));
         let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
         // A moved load needs a solution of the sheet, too long for a thread with other tasks.
         let reply = tokio::task::spawn_blocking(move || {
             rig.receive_from(instrument, session, &received, ReplyTiming::InTime)
         })
         .await;
-        reply.map_err(io::Error::other)
+        let mut received = reply.map_err(io::Error::other)?;
+        received.measured = measured;
+        Ok(received)
     }
 
     /// When the reply to a message received now is due. A client that sends the next message immediately is answered at
@@ -180,9 +187,9 @@ impl ClientSession {
         if self.line.borrow().wire != Wire::Sound {
             return Delivery::default();
         }
-        // The source measures nothing: its numbers are settings, and a fault of readings acts on these.
-        let measured = received.later || self.instrument == Instrument::Source;
-        let (fault, text) = self.rig.reply_fault(self.instrument, text, measured);
+        let (fault, text) = self
+            .rig
+            .reply_fault(self.instrument, text, received.measured);
         let mut bytes = text.into_bytes();
         match fault {
             None | Some(ReplyFault::NotANumber | ReplyFault::Stale) => bytes.push(b'\n'),
