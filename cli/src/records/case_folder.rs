@@ -1,12 +1,11 @@
 //! The case folder written by `export`: mesh, protocol, frames, baseline and provenance. `tactus replay` and
 //! `tactus-lab reconstruct` can open it unchanged.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use eit::Case;
 use imaging::Geometry;
-use imaging::noise::rms;
+use imaging::noise::rms_deviation;
 use imaging::recorded::{BASELINE, Origin, PROVENANCE, Provenance};
 use logbook::SessionHeader;
 use outfile::Existing;
@@ -106,19 +105,12 @@ fn mesh_of(header: &SessionHeader, requested: &GeometryChoice) -> Result<Geometr
 
 /// The conductance of a preset is an assumption: without `homog`, readers of the case fit one to the baseline.
 fn case(geometry: &Geometry, protocol: &Protocol, currents: Vec<f64>) -> Case {
+    let mut case = geometry.case_of(protocol.clone(), currents);
     let uniform = geometry.sigma0.windows(2).all(|pair| pair[0] == pair[1]);
-    let mut sigma = BTreeMap::new();
-    if geometry.from_case && !uniform {
-        sigma.insert("homog".to_owned(), geometry.sigma0.clone());
+    if !geometry.from_case || uniform {
+        case.sigma.clear();
     }
-    Case {
-        contact_ohm_m: geometry.contact_ohm_m.clone(),
-        has_region: geometry.mesh.region().len() < geometry.mesh.triangles().len(),
-        mesh: std::sync::Arc::clone(&geometry.mesh),
-        protocol: protocol.clone(),
-        currents,
-        sigma,
-    }
+    case
 }
 
 fn provenance(header: &SessionHeader, baseline: Option<&Baseline>) -> Provenance {
@@ -129,8 +121,7 @@ fn provenance(header: &SessionHeader, baseline: Option<&Baseline>) -> Provenance
         build: header.build.clone(),
         baseline: baseline.map(|baseline| baseline.id.clone()),
         baseline_frames: baseline.map(|baseline| baseline.frames),
-        noise_v: baseline
-            .and_then(|baseline| rms(baseline.deviation.iter().filter_map(|value| *value))),
+        noise_v: baseline.and_then(rms_deviation),
         geometry_hash: header.geometry_hash.clone(),
         config_hash: header.config_hash.clone(),
         note: header.note.clone(),

@@ -12,8 +12,7 @@ use serde::Serialize;
 use survey::printable;
 
 use crate::args::{Global, Log};
-use crate::connection::LAST;
-use crate::connection::{Daemon, fault};
+use crate::connection::{Daemon, LAST, fault};
 use crate::failure::{Failure, chain};
 use crate::output::time::{local, utc};
 use crate::output::{Printer, complain};

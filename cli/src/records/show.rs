@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use imaging::noise::rms;
+use imaging::noise::rms_deviation;
 use imaging::recorded::SessionParts;
 use logbook::About;
 use serde::Serialize;
@@ -97,7 +97,7 @@ impl From<&Baseline> for Unloaded {
             id: baseline.id.clone(),
             frames: baseline.frames,
             taken: utc(baseline.wall),
-            noise_v: rms(baseline.deviation.iter().filter_map(|volts| *volts)),
+            noise_v: rms_deviation(baseline),
         }
     }
 }

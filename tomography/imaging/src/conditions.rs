@@ -50,6 +50,11 @@ impl<'a> Conditions<'a> {
             shown: None,
         }
     }
+
+    /// The unknowns that maps show, where the whole sheet is unknown: [`eit::OneStepOptions::shown`].
+    pub(crate) fn shown_unknowns(&self) -> Option<Vec<usize>> {
+        self.shown.map(|mesh| mesh.region().to_vec())
+    }
 }
 
 /// A simulated frame with a load, for trials before the first real one: half of the conductance is lost on a disc in

@@ -154,14 +154,20 @@ impl Geometry {
     /// Too few electrodes for the protocol.
     pub fn case(&self, current: Amps) -> Result<Case, ProtocolError> {
         let protocol = Protocol::sheffield(self.electrodes())?;
-        Ok(Case {
+        let currents = vec![current.0; protocol.len()];
+        Ok(self.case_of(protocol, currents))
+    }
+
+    /// A case folder's content with this protocol, a current (A) for each of its readings, and the conductance as `homog`.
+    pub fn case_of(&self, protocol: Protocol, currents: Vec<f64>) -> Case {
+        Case {
             contact_ohm_m: self.contact_ohm_m.clone(),
-            currents: vec![current.0; protocol.len()],
+            currents,
             has_region: self.mesh.region().len() < self.mesh.triangles().len(),
             protocol,
             sigma: BTreeMap::from([("homog".to_owned(), self.sigma0.clone())]),
             mesh: Arc::clone(&self.mesh),
-        })
+        }
     }
 
     /// Number of electrodes of the mesh.

@@ -42,8 +42,7 @@ impl Noise {
 
     /// As [`Noise::of_baseline`], from the deviations stored in the baseline.
     pub fn of(baseline: &Baseline) -> Option<Self> {
-        let deviation = rms(baseline.deviation.iter().flatten().copied());
-        Self::of_baseline(deviation, &baseline.readings)
+        Self::of_baseline(rms_deviation(baseline), &baseline.readings)
     }
 
     /// The measured deviation, in the recording's unit; `None` if it is assumed.
@@ -108,6 +107,11 @@ fn contradicted(noise_uv: f64, other: &str, noise: f64) -> String {
         Volts(noise_v),
         Volts(noise)
     )
+}
+
+/// Rms of the deviations that are stored in a baseline, V; `None` where it has none.
+pub fn rms_deviation(baseline: &Baseline) -> Option<f64> {
+    rms(baseline.deviation.iter().flatten().copied())
 }
 
 /// Root mean square; `None` without values, or if all are zero.

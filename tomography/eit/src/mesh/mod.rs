@@ -203,17 +203,15 @@ impl Mesh {
     /// A region that is empty, or lists an element that does not exist or one twice.
     pub fn with_region(&self, region: Option<Vec<usize>>) -> Result<Self, MeshError> {
         let region = check::region(region, self.triangles.len())?;
-        let hash = hash(&self.nodes, &self.triangles, &self.electrode_edges, &region);
-        Ok(Self {
-            region,
-            hash,
-            ..self.clone()
-        })
+        Ok(self.of_region(region))
     }
 
     /// The same mesh with all triangles in its region.
     pub fn whole(&self) -> Self {
-        let region: Vec<usize> = (0..self.triangles.len()).collect();
+        self.of_region((0..self.triangles.len()).collect())
+    }
+
+    fn of_region(&self, region: Vec<usize>) -> Self {
         Self {
             hash: hash(&self.nodes, &self.triangles, &self.electrode_edges, &region),
             region,

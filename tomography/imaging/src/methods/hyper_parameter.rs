@@ -77,7 +77,7 @@ fn from_frames(
     let options = OneStepOptions {
         prior,
         scale: conditions.scale.clone(),
-        shown: conditions.shown.map(|mesh| mesh.region().to_vec()),
+        shown: conditions.shown_unknowns(),
         ..OneStepOptions::default()
     };
     let geometry = conditions.geometry;

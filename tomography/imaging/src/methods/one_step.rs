@@ -55,7 +55,7 @@ pub(super) fn solver(
             scale: conditions.scale.clone(),
             deviations: None,
             map_error,
-            shown: conditions.shown.map(|mesh| mesh.region().to_vec()),
+            shown: conditions.shown_unknowns(),
         },
     )?)
 }

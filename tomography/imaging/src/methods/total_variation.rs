@@ -48,7 +48,7 @@ pub(super) fn prepare(
             loss_only: settings.loss_only.unwrap_or(false),
             gap: settings.gap.unwrap_or(usual.gap),
             scale: conditions.scale.clone(),
-            shown: conditions.shown.map(|mesh| mesh.region().to_vec()),
+            shown: conditions.shown_unknowns(),
             ..usual
         },
     )?;

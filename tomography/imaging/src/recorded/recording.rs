@@ -13,7 +13,7 @@ use super::{
 };
 use crate::conditions::Sample;
 use crate::methods::FRAMES_LOOKED_AT;
-use crate::noise::rms;
+use crate::noise::rms_deviation;
 use crate::settings::ReconstructionSettings;
 
 /// One frame of a recording.
@@ -132,7 +132,7 @@ impl Recording {
                 if negate {
                     change_signs(&mut own.readings);
                 }
-                let noise = rms(own.deviation.iter().filter_map(|deviation| *deviation));
+                let noise = rms_deviation(&own);
                 let unloaded = Unloaded {
                     readings: own.readings,
                     noise,

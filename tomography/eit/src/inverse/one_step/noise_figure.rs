@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::Mesh;
 use crate::inverse::error::OneStepError;
+use crate::inverse::prior::shown_or_all;
 use crate::inverse::reciprocity::Fold;
 
 /// Diameter of the load for which a noise figure is computed, as a share of the square root of the region's area.
@@ -20,8 +21,7 @@ pub(super) fn of(
     shown: Option<&[usize]>,
 ) -> f64 {
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
-    let all: Vec<usize> = (0..areas.len()).collect();
-    let shown = shown.unwrap_or(&all);
+    let shown = shown_or_all(shown, areas.len());
     let area: f64 = shown.iter().map(|&unknown| areas[unknown]).sum();
     let middle = [0, 1].map(|axis| {
         let moments = shown

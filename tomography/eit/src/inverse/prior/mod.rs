@@ -3,6 +3,8 @@
 mod laplacian;
 mod smooth;
 
+use std::borrow::Cow;
+
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -78,6 +80,14 @@ impl Prior {
 /// follow best, take up part of a small load inside (presses of 10 mm, 2 uV: correlation 0.368 in place of 0.393); from
 /// 64 on they take up too little of what does happen there.
 pub const OUTSIDE_WEIGHT: f64 = 9.0;
+
+/// The unknowns that maps show: all where none are named.
+pub(crate) fn shown_or_all(shown: Option<&[usize]>, unknowns: usize) -> Cow<'_, [usize]> {
+    match shown {
+        Some(shown) => Cow::Borrowed(shown),
+        None => Cow::Owned((0..unknowns).collect()),
+    }
+}
 
 /// For each unknown, whether maps leave it out; `shown` as in [`OneStepOptions::shown`](crate::OneStepOptions).
 pub(crate) fn outside(shown: Option<&[usize]>, unknowns: usize) -> Vec<bool> {
@@ -256,8 +266,7 @@ impl Penalty {
         change: f64,
         shown: Option<&[usize]>,
     ) -> Result<f64, OneStepError> {
-        let all: Vec<usize> = (0..self.unknowns()).collect();
-        let shown = shown.unwrap_or(&all);
+        let shown = shown_or_all(shown, self.unknowns());
         let trace = match self {
             Self::Diagonal(entries) => shown.iter().map(|&unknown| 1.0 / entries[unknown]).sum(),
             // the squares of L^-1 outside the null space, some columns at a time

@@ -107,7 +107,7 @@ impl Tv {
         let alpha = match options.strength {
             Strength::Alpha(alpha) => alpha,
             Strength::Relative(share) => {
-                share * { options::reference(&mesh, &along, options.shown.as_deref()) }
+                share * options::reference(&mesh, &along, options.shown.as_deref())
             }
         };
         let outside = outside(options.shown.as_deref(), graph.unknowns);

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use crate::inverse::prior::shown_or_all;
 use crate::{Mesh, OneStepError, Scale};
 
 /// Strength of the penalty on borders.
@@ -109,8 +110,7 @@ pub enum TvError {
 /// |J 1_disc| over the border of a small disc, at the place of median sensitivity among the unknowns that are shown.
 pub(super) fn reference(mesh: &Mesh, sensitivity: &DMatrix<f64>, shown: Option<&[usize]>) -> f64 {
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
-    let all: Vec<usize> = (0..areas.len()).collect();
-    let shown = shown.unwrap_or(&all);
+    let shown = shown_or_all(shown, areas.len());
     let area: f64 = shown.iter().map(|&unknown| areas[unknown]).sum();
     let radius = 0.5 * SMALL * area.sqrt();
     let disc = std::f64::consts::PI * radius * radius;
