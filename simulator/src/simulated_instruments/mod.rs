@@ -130,7 +130,7 @@ pub(crate) struct MessageOutcome {
     pub(crate) wait: Duration,
     /// Whether the reply must be fetched after that time.
     pub(crate) later: bool,
-    /// Whether the message asks for readings.
+    /// Whether the numbers of the reply are readings, not settings.
     pub(crate) measured: bool,
     /// The error queued by the message, if any.
     pub(crate) refused: Option<String>,
@@ -317,7 +317,7 @@ impl SimulatedInstruments {
             wait,
             later,
             refused,
-            measured: false,
+            measured: asks_for_readings(instrument, line),
         }
     }
 
@@ -454,4 +454,13 @@ impl Poles for Surroundings<'_> {
         self.sheet.set_poles(joined, at);
         self.load_changed(at);
     }
+}
+
+/// Whether the numbers of the reply to a message are readings. The source measures nothing: its numbers are settings, and a
+/// fault of readings acts on these.
+fn asks_for_readings(instrument: Instrument, message: &str) -> bool {
+    instrument == Instrument::Source
+        || ["READ?", "FETC?", "MEAS:", "DATA:"]
+            .iter()
+            .any(|query| message.contains(query))
 }

@@ -171,19 +171,16 @@ impl SimulatedRig {
 pub(crate) struct LinkFaults {
     next: VecDeque<(ReplyFault, u32)>,
     slower_by: Duration,
-    /// The readings of the last reply that had some.
-    last_readings: Vec<String>,
+    /// The last reply with readings, before any fault.
+    last_measured: String,
 }
 
 impl LinkFaults {
     /// What happens to the next reply; `measured` if its numbers are readings, not settings.
     fn take(&mut self, reply: String, measured: bool) -> (Option<ReplyFault>, String) {
-        let readings: Vec<String> = readings(&reply)
-            .filter(|_| measured)
-            .map(str::to_owned)
-            .collect();
+        let measured = measured && readings(&reply).next().is_some();
         let next = self.next.front_mut();
-        let next = next.filter(|(fault, _)| !fault.is_of_readings() || !readings.is_empty());
+        let next = next.filter(|(fault, _)| measured || !fault.is_of_readings());
         let taken = next.map(|(fault, left)| {
             *left -= 1;
             (*fault, *left == 0)
@@ -192,18 +189,18 @@ impl LinkFaults {
             self.next.pop_front();
         }
         let fault = taken.map(|(fault, _)| fault);
-        let reply = match fault {
-            Some(ReplyFault::NotANumber) => with_readings(&reply, |_| "NAN"),
-            Some(ReplyFault::Stale) if !self.last_readings.is_empty() => {
-                let last = &self.last_readings;
-                with_readings(&reply, |index| &last[index % last.len()])
+        let changed = match fault {
+            Some(ReplyFault::NotANumber) => Some(with_readings(&reply, |_| "NAN")),
+            Some(ReplyFault::Stale) if !self.last_measured.is_empty() => {
+                let last: Vec<&str> = readings(&self.last_measured).collect();
+                Some(with_readings(&reply, |index| last[index % last.len()]))
             }
-            _ => reply,
+            _ => None,
         };
-        if !readings.is_empty() {
-            self.last_readings = readings;
+        if measured {
+            self.last_measured.clone_from(&reply);
         }
-        (fault, reply)
+        (fault, changed.unwrap_or(reply))
     }
 }
 

@@ -128,20 +128,13 @@ impl ClientSession {
     /// Passes a message to the instrument. [`ClientSession::finish`] waits for the reply.
     pub(crate) async fn begin(&self, message: Vec<u8>) -> io::Result<MessageOutcome> {
         let received = String::from_utf8_lossy(&message).into_owned();
-        // The source measures nothing: its numbers are settings, and a fault of readings acts on these.
-        let measured = self.instrument == Instrument::Source
-            || ["READ?", "FETC?", "MEAS:", "DATA:"]
-                .iter()
-                .any(|query| received.contains(query));
         let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
         // A moved load needs a solution of the sheet, too long for a thread with other tasks.
         let reply = tokio::task::spawn_blocking(move || {
             rig.receive_from(instrument, session, &received, ReplyTiming::InTime)
         })
         .await;
-        let mut received = reply.map_err(io::Error::other)?;
-        received.measured = measured;
-        Ok(received)
+        reply.map_err(io::Error::other)
     }
 
     /// When the reply to a message received now is due. A client that sends the next message immediately is answered at
