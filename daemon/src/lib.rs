@@ -104,12 +104,8 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         Err(problems) => return complain(&problems),
     };
     if args.check {
-        let frame_s = match &prepared.frames {
-            FramesFrom::Rig(rig) => Some(crate::service::objects::report::plan(rig).duration_s),
-            FramesFrom::Recording { .. } => None,
-        };
         let mut warnings = prepared.warnings();
-        warnings.extend(prepared.surroundings(frame_s));
+        warnings.extend(prepared.surroundings());
         for warning in &warnings {
             say(&format!("{}: warning: {warning}", args.config.display()));
         }

@@ -27,7 +27,7 @@ pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failur
 
 /// How many frames [`frames`] gives, unless some cannot be read; `None` where that depends on their times.
 pub(crate) fn count(recording: &Recording, replay: &Replay) -> Result<Option<usize>, Failure> {
-    if replay.from.is_some() || replay.to.is_some() {
+    if has_places(replay) {
         return Ok(None);
     }
     let every = usize::try_from(replay.every).unwrap_or(usize::MAX);
@@ -43,7 +43,9 @@ pub(crate) fn frames<'a>(
     replay: &'a Replay,
 ) -> Result<impl Iterator<Item = RecordedFrame> + 'a, Failure> {
     let readable = || recording.frames().filter_map(Result::ok);
-    let first = readable().next().and_then(|frame| frame.wall);
+    let first = has_places(replay)
+        .then(|| readable().next()?.wall)
+        .flatten();
     for place in [replay.from, replay.to].into_iter().flatten() {
         if first.is_none() && !matches!(place, Moment::Frame(_)) {
             return Err(Failure::Usage(
@@ -58,7 +60,7 @@ pub(crate) fn frames<'a>(
     let chosen = move |frame: &RecordedFrame| {
         lies(frame, replay.from, Ordering::Less) && lies(frame, replay.to, Ordering::Greater)
     };
-    if (replay.from.is_some() || replay.to.is_some()) && !readable().any(|frame| chosen(&frame)) {
+    if has_places(replay) && !readable().any(|frame| chosen(&frame)) {
         return Err(Failure::Usage(format!(
             "no frame of {} lies between --from and --to; it has {} frames{}",
             recording.name,
@@ -78,6 +80,11 @@ pub(crate) fn frames<'a>(
     });
     let every = usize::try_from(replay.every).unwrap_or(usize::MAX);
     Ok(readable.filter(chosen).step_by(every).take(most(replay)))
+}
+
+/// Whether `--from` or `--to` is given.
+fn has_places(replay: &Replay) -> bool {
+    replay.from.is_some() || replay.to.is_some()
 }
 
 /// Reports an unreadable frame.

@@ -6,12 +6,12 @@ use std::path::Path;
 
 use rustix::fs::{Access, access};
 
-use super::Prepared;
+use super::{FramesFrom, Prepared};
 use crate::monitoring::disk::free_bytes;
 
 impl Prepared {
-    /// What will not work as configured on this machine, for this user, a sentence each. `frame_s` is what a frame takes.
-    pub(crate) fn surroundings(&self, frame_s: Option<f64>) -> Vec<String> {
+    /// What will not work as configured on this machine, for this user, a sentence each.
+    pub(crate) fn surroundings(&self) -> Vec<String> {
         let config = &self.setup.config;
         let notify = config.notify.command.first().map(Path::new);
         let mut found: Vec<String> = notify.and_then(program).into_iter().collect();
@@ -19,6 +19,10 @@ impl Prepared {
             &self.setup.record_directory,
             config.record.warn_below_mb.max(config.record.reserve_mb),
         ));
+        let frame_s = match &self.frames {
+            FramesFrom::Rig(rig) => Some(rig.plan.duration(&rig.timing).as_secs_f64()),
+            FramesFrom::Recording { .. } => None,
+        };
         if let (Some(every_s), Some(frame_s)) = (config.schedule.every_s, frame_s)
             && every_s < frame_s
         {
