@@ -159,31 +159,10 @@ fn explain(message: &str) -> String {
         return message.to_owned();
     };
     let known: Vec<&str> = names.filter(|name| !name.is_empty()).collect();
-    let nearest = known
-        .iter()
-        .min_by_key(|name| distance(unknown, name))
-        .filter(|name| distance(unknown, name) <= unknown.len().max(3) / 2);
-    match nearest {
+    match survey::nearest(unknown, known.iter().copied()) {
         Some(nearest) => format!("unknown key '{unknown}'; did you mean '{nearest}'?"),
         None => format!("unknown key '{unknown}'; known here: {}", known.join(", ")),
     }
-}
-
-/// Edit distance of two words.
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let cost = (diagonal + usize::from(x != *y))
-                .min(row[j] + 1)
-                .min(row[j + 1] + 1);
-            diagonal = std::mem::replace(&mut row[j + 1], cost);
-        }
-    }
-    row[b.len()]
 }
 
 #[cfg(test)]

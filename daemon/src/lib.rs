@@ -495,11 +495,9 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
         plan.reading_messages,
         plan.duration_s
     ));
-    let words: Vec<String> = crate::service::objects::report::measuring(&plan.more)
-        .iter()
-        .map(|(key, value)| format!("{key} {value}"))
-        .collect();
-    say(&words.join(", "));
+    for (name, words) in crate::service::objects::report::measuring_words(&plan.more) {
+        say(&format!("{name}: {}", words.join(", ")));
+    }
     say(&format!(
         "{} through {}, at most {}; limits: source {}, relays {} and {}; checked, nothing moved",
         rig.plan.current,

@@ -383,6 +383,24 @@ pub struct SettingCost {
     pub gain: f64,
 }
 
+/// `averages 9.0 s (noise / 2.00)`.
+impl std::fmt::Display for SettingCost {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = self.setting.replace('_', " ");
+        let saves = if self.seconds < 0.0 { "saves " } else { "" };
+        write!(f, "{name} {saves}")?;
+        match self.seconds.abs() {
+            short if short < 1.0 => write!(f, "{:.0} ms", 1e3 * short)?,
+            seconds => write!(f, "{seconds:.1} s")?,
+        }
+        match self.gain {
+            gain if (gain - 1.0).abs() < 1e-9 => Ok(()),
+            gain if gain > 1.0 => write!(f, " (noise / {gain:.2})"),
+            gain => write!(f, " (noise x {:.2})", 1.0 / gain),
+        }
+    }
+}
+
 impl PlanDetails {
     /// Setting, cost and gain of each setting that may cost a frame something.
     fn cost_fields(&mut self) -> [(&'static str, &mut Option<f64>, &mut Option<f64>); 9] {

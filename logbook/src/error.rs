@@ -16,12 +16,25 @@ pub enum DiskFault {
     Refused,
 }
 
+impl DiskFault {
+    /// What to do about it.
+    fn advice(self) -> &'static str {
+        match self {
+            Self::Full => "make space on the disk; a session that runs goes on by itself",
+            Self::Broken => {
+                "check the disk (`journalctl -k` shows its errors); a session that runs goes on in a new file"
+            }
+            Self::Refused => "make its folder exist and writable for this program",
+        }
+    }
+}
+
 /// What went wrong with which file, and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum LogbookError {
     /// The disk took no more: full, failing, or no longer writable. Frames acknowledged before are safe.
     #[error(
-        "the disk refuses: cannot {attempt} {path}; earlier frames are safe; free space or mend the disk, then start a new session"
+        "the disk refuses: cannot {attempt} {path}; earlier frames are safe; {}", fault.advice()
     )]
     DiskRefused {
         /// The file.

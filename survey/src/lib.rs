@@ -20,6 +20,7 @@
 mod bounds;
 mod frame;
 mod map;
+mod nearest;
 mod pattern;
 mod plan;
 mod printable;
@@ -33,6 +34,7 @@ mod wiring;
 pub use bounds::{Bounds, LONGEST_S, OutOfBounds, duration, nanoseconds};
 pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Settings};
 pub use map::{Map, MapUnit};
+pub use nearest::nearest;
 pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
 pub use plan::{
     Channel, Counts, Injection, Limits, Plan, PlanError, RangeRule, RelayLimits, Resolution,

@@ -103,7 +103,8 @@ impl Div<Ohms> for Volts {
     }
 }
 
-/// Writes with the SI prefix that leaves one to three digits before the point: `2.5 uV`.
+/// Writes with the SI prefix that leaves one to three digits before the point: `2.5 uV`; with a precision, `{:.3}`, so many
+/// digits in all.
 fn engineering(value: f64, unit: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     const PREFIXES: [(f64, &str); 9] = [
         (1e9, "G"),
@@ -124,8 +125,15 @@ fn engineering(value: f64, unit: &str, f: &mut fmt::Formatter<'_>) -> fmt::Resul
         .into_iter()
         .find(|(scale, _)| value.abs() >= scale * 0.9999999)
         .unwrap_or(PREFIXES[PREFIXES.len() - 1]);
-    let scaled = format!("{:.6}", value / scale);
-    let scaled = scaled.trim_end_matches('0').trim_end_matches('.');
+    let scaled = value / scale;
+    let decimals = match f.precision() {
+        None => 6,
+        Some(digits) => digits.saturating_sub(1 + scaled.abs().max(1.0).log10() as usize),
+    };
+    let mut scaled = format!("{scaled:.decimals$}");
+    if decimals > 0 {
+        scaled.truncate(scaled.trim_end_matches('0').trim_end_matches('.').len());
+    }
     write!(f, "{scaled} {prefix}{unit}")
 }
 
@@ -138,6 +146,10 @@ mod tests {
         assert_eq!(Amps(1e-3).to_string(), "1 mA");
         assert_eq!(Volts(-2.5e-6).to_string(), "-2.5 uV");
         assert_eq!(Ohms(1000.0).to_string(), "1 kohm");
+        assert_eq!(format!("{:.3}", Volts(2.082384e-6)), "2.08 uV");
+        assert_eq!(format!("{:.3}", Volts(-0.208_238_4)), "-208 mV");
+        assert_eq!(format!("{:.2}", Volts(0.2)), "200 mV");
+        assert_eq!(format!("{:.3}", Amps(1e-3)), "1 mA");
         assert_eq!(Volts(0.0).to_string(), "0 V");
     }
 

@@ -169,11 +169,11 @@ fn for_a_person(shown: &Shown, wall: DateTime<chrono::Utc>) -> String {
         shown.missing,
     );
     if let Some(rms) = shown.rms_v {
-        text.push_str(&format!("\nrms        {}", Volts(rms)));
+        text.push_str(&format!("\nrms        {:.4}", Volts(rms)));
     }
     if let Some(noise) = shown.noise_v {
         text.push_str(&format!(
-            "\nnoise      {} (one reading, from frame to frame)",
+            "\nnoise      {:.3} (one reading, from frame to frame)",
             Volts(noise)
         ));
     }

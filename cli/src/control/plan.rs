@@ -118,20 +118,7 @@ fn measuring(more: &PlanDetails) -> Option<Measuring> {
 fn costs_text(costs: &[SettingCost]) -> String {
     let mut costs: Vec<&SettingCost> = costs.iter().collect();
     costs.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
-    let each = costs.into_iter().map(|cost| {
-        let seconds = Duration::try_from_secs_f64(cost.seconds.abs()).unwrap_or_default();
-        let saves = if cost.seconds < 0.0 { "saves " } else { "" };
-        let noise = match cost.gain {
-            gain if (gain - 1.0).abs() < 1e-9 => String::new(),
-            gain if gain > 1.0 => format!(" (noise / {gain:.3})"),
-            gain => format!(" (noise x {:.3})", 1.0 / gain),
-        };
-        format!(
-            "{} {saves}{}{noise}",
-            cost.setting.replace('_', " "),
-            display_span(seconds)
-        )
-    });
+    let each = costs.into_iter().map(SettingCost::to_string);
     each.collect::<Vec<_>>().join(", ")
 }
 
@@ -167,7 +154,7 @@ fn describe(measuring: &Measuring) -> String {
     }
     let ranges = if measuring.planned_ranges {
         format!(
-            "one for each reading: {} set on the way, {} in all; noise {} rms ({} median) instead of {}",
+            "one for each reading: {} set on the way, {} in all; noise {:.3} rms ({:.3} median) instead of {:.3}",
             measuring.range_changes,
             seconds(measuring.range_time_s),
             Volts(measuring.noise_v),
@@ -176,7 +163,7 @@ fn describe(measuring: &Measuring) -> String {
         )
     } else {
         format!(
-            "{} for every reading, noise {}",
+            "{} for every reading, noise {:.3}",
             Volts(measuring.range_v),
             Volts(measuring.noise_fixed_v)
         )
@@ -307,7 +294,7 @@ mod tests {
         }
         let text = describe(&measuring(&more).unwrap());
         assert!(
-            text.contains("cost        averages 9.0 s (noise / 2.000), settle 50 ms, half saves 2.5 s (noise x 1.414)"),
+            text.contains("cost        averages 9.0 s (noise / 2.00), settle 50 ms, half saves 2.5 s (noise x 1.41)"),
             "{text}"
         );
         assert!(

@@ -176,7 +176,7 @@ fn each_bad_input_is_named_at_its_place() {
         ),
         (
             with("scene = \"scene.toml\"", "scene = \"busy\""),
-            "shipped ones are quiet",
+            "scene busy is neither a shipped scene nor a file",
         ),
         (with("\"simulated\"", "\"instruments\""), ":3:8: the rig"),
         (
@@ -262,6 +262,15 @@ fn the_plan_is_printed_and_nothing_moves() {
     let text = String::from_utf8(stage.run(&["--plan"]).stdout).unwrap();
     assert!(
         text.contains("nothing moved") && text.contains("16 injections"),
+        "{text}"
+    );
+    assert!(text.contains("settle 2.0 ms"), "{text}");
+    // no number has more digits than are known
+    let mut words = text.split(|letter: char| !letter.is_ascii_digit() && letter != '.');
+    assert!(
+        !words.any(|word| word
+            .split_once('.')
+            .is_some_and(|(_, decimals)| decimals.len() > 3)),
         "{text}"
     );
 }

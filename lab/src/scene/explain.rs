@@ -126,7 +126,7 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     let preview = Preview::new(&scene, scan)
         .map_err(|fault| Failure::of(&format!("scene {}", options.scene), &fault))?;
     let (noise, signal) = (preview.noise(), preview.signal());
-    let predictions: Vec<(Prediction, Verdict)> = preview
+    let mut predictions: Vec<(Prediction, Verdict)> = preview
         .predictions()
         .into_iter()
         .map(|prediction| {
@@ -134,6 +134,7 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
             (prediction, verdict)
         })
         .collect();
+    predictions.sort_by(|(a, _), (b, _)| b.volts.total_cmp(&a.volts));
     let of = |wanted: Verdict| -> Vec<&str> {
         let those = predictions.iter().filter(|(_, verdict)| *verdict == wanted);
         those.map(|(prediction, _)| prediction.name).collect()
@@ -188,24 +189,17 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         "{:20} {:5} {:>9} {:>9} {:>9}",
         "effect", "named", "volts rms", "of noise", "of signal"
     );
-    for (prediction, verdict) in &predictions {
-        let share = |of: f64| format!("{:.1e}", prediction.volts / of);
-        let assumed = prediction.assumes.as_ref().map(|text| format!(" [{text}]"));
-        let line = format!(
-            "{:20} {:5} {:>9} {:>9} {:>9}  {}{}",
-            prediction.name,
-            if prediction.named { "yes" } else { "-" },
-            format!("{:.1e}", prediction.volts),
-            if noise > 0.0 {
-                share(noise)
-            } else {
-                "-".to_owned()
-            },
-            signal.map_or("-".to_owned(), share),
-            verdict.word(),
-            assumed.unwrap_or_default(),
-        );
-        println!("{}", line.trim_end());
+    for group in Group::ALL {
+        let members: Vec<_> = predictions
+            .iter()
+            .filter(|(prediction, verdict)| Group::of(prediction, *verdict) == group)
+            .collect();
+        if !members.is_empty() {
+            println!("{}", group.heading());
+        }
+        for (prediction, verdict) in members {
+            println!("{}", row(prediction, *verdict, noise, signal));
+        }
     }
     println!();
     for (verdict, text) in [
@@ -224,4 +218,53 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// A row of the table of effects.
+fn row(prediction: &Prediction, verdict: Verdict, noise: f64, signal: Option<f64>) -> String {
+    let share = |of: f64| format!("{:.1e}", prediction.volts / of);
+    let assumed = prediction.assumes.as_ref().map(|text| format!(" [{text}]"));
+    let line = format!(
+        "{:20} {:5} {:>9} {:>9} {:>9}  {}{}",
+        prediction.name,
+        if prediction.named { "yes" } else { "-" },
+        format!("{:.1e}", prediction.volts),
+        if noise > 0.0 {
+            share(noise)
+        } else {
+            "-".to_owned()
+        },
+        signal.map_or("-".to_owned(), share),
+        verdict.word(),
+        assumed.unwrap_or_default(),
+    );
+    line.trim_end().to_owned()
+}
+
+/// What the table of effects is divided into, the largest effect of each first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Group {
+    Named,
+    Missing,
+    Small,
+}
+
+impl Group {
+    const ALL: [Self; 3] = [Self::Named, Self::Missing, Self::Small];
+
+    fn of(prediction: &Prediction, verdict: Verdict) -> Self {
+        match verdict {
+            _ if prediction.named => Self::Named,
+            Verdict::Missing | Verdict::Fault => Self::Missing,
+            Verdict::Fine | Verdict::Negligible => Self::Small,
+        }
+    }
+
+    fn heading(self) -> &'static str {
+        match self {
+            Self::Named => "in the scene:",
+            Self::Missing => "left out, and it would matter:",
+            Self::Small => "left out, and too small to matter:",
+        }
+    }
 }

@@ -52,6 +52,20 @@ const METHODS: [&str; 6] = [
 /// The paper's times per frame (section 5.4), ms.
 const PAPER: [(&str, f64); 3] = [("paper: TV", 650.0), ("DNN", 5.0), ("RBF", 3.0)];
 
+/// What the columns mean, with their best value.
+const LEGEND: &str = "\
+mean mm, worst  distance from the true place to the found one, mean and largest, mm (0)
+corr            correlation of the map with the truth, weighed by area (1)
+error           norm of the difference from the truth over the norm of the truth (0)
+Dice            overlap of the parts at or above half of the largest loss (1)
+SSIM            structural similarity of the rasters (1)
+AR PE RES       GREIT: amplitude response, position error, resolution (the same everywhere; 0; small)
+SD RNG          GREIT: shape deformation, ringing (0)
+NF              noise figure of the method: noise to signal of the map over that of the readings
+new             share of the frames that a trained model calls unlike its training
+ms              median time of a frame, ms
+A - stands where the method has no such figure.";
+
 /// Evaluates methods and prints the table; without sets, makes the standard ones first.
 pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     let made = match options.set.is_empty() {
@@ -119,6 +133,9 @@ pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
             show(&figures, own_noise, novel, options.json);
             all.push(figures);
         }
+    }
+    if !options.json {
+        println!("\n{LEGEND}");
     }
     if let Some(path) = &options.picture {
         let points: Vec<WorkPoint> = all

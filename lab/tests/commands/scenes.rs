@@ -37,6 +37,28 @@ fn explain_lists_every_effect_and_says_what_matters() {
         .find(|row| row.starts_with("output-resistance"))
         .unwrap();
     assert!(row.contains("yes") && row.ends_with("negligible"), "{row}");
+    // three groups, each with its largest effect first
+    let place = |heading: &str| {
+        text.find(heading)
+            .unwrap_or_else(|| panic!("{heading}: {text}"))
+    };
+    let groups = [
+        place("in the scene:"),
+        place("left out, and it would matter:"),
+        place("left out, and too small to matter:"),
+        text.len(),
+    ];
+    assert!(groups.is_sorted(), "{text}");
+    for group in groups.windows(2) {
+        let rows = text[group[0]..group[1]]
+            .lines()
+            .skip(1)
+            .take_while(|row| !row.is_empty());
+        let sizes: Vec<f64> = rows
+            .map(|row| row.split_whitespace().nth(2).unwrap().parse().unwrap())
+            .collect();
+        assert!(sizes.is_sorted_by(|a, b| a >= b), "{sizes:?}");
+    }
     // 1e-4 of the range of 1 V.
     assert!(
         text.contains("noise 1.0e-4 V a reading (the voltmeter's table)"),
@@ -150,12 +172,17 @@ fn what_is_no_scene_is_refused_where_it_is_wrong() {
     );
     assert!(message.contains(&place), "{message}");
     assert!(message.contains("1 of 2 scenes cannot be had"), "{message}");
-    let output = lab(&words("scene explain nowhere", &[]));
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(
-        message.contains("shipped ones are quiet, paper-test1"),
-        "{message}"
-    );
+    for (name, hint) in [
+        ("bedside-nigth", "did you mean 'bedside-night'?"),
+        ("nowhere", "`tactus-lab scene list` lists"),
+    ] {
+        let output = lab(&["scene", "explain", name]);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(
+            message.contains(hint) && !message.contains("paper-test1"),
+            "{message}"
+        );
+    }
     let output = lab(&words("scene run quiet --nplc 0 --out x", &[]));
     assert_eq!(output.status.code(), Some(2));
 }

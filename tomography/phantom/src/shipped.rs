@@ -14,8 +14,8 @@ macro_rules! scenes {
 pub enum OpenError {
     /// Neither a shipped scene nor a file that can be read.
     #[error(
-        "scene {name} cannot be read ({cause}); shipped ones are {}",
-        shipped()
+        "scene {name} is neither a shipped scene nor a file ({cause}){}; `tactus-lab scene list` lists the shipped ones",
+        perhaps(name)
     )]
     Read {
         /// The name given.
@@ -28,9 +28,9 @@ pub enum OpenError {
     Text(#[from] SceneError),
 }
 
-fn shipped() -> String {
-    let names: Vec<&str> = Scene::shipped().iter().map(|(name, _)| *name).collect();
-    names.join(", ")
+fn perhaps(name: &str) -> String {
+    survey::nearest(name, Scene::shipped().iter().map(|(name, _)| *name))
+        .map_or_else(String::new, |near| format!("; did you mean '{near}'?"))
 }
 
 impl Scene {

@@ -6,7 +6,7 @@ use dbus::{
     BaselineDetails, BaselineReport, GeometryDetails, PlanDetails, PlanReport, RelayWear,
     SeenInstrument, SessionDetails, SessionSummary, TestDetails, TestLine, TestReport,
 };
-use survey::{Baseline, printable, printable_json};
+use survey::{Baseline, Volts, printable, printable_json};
 
 use crate::instruments::discovery::{Discovered, Seen};
 use crate::instruments::relay_wear::Wear;
@@ -81,6 +81,34 @@ pub(crate) fn measuring(more: &PlanDetails) -> BTreeMap<String, serde_json::Valu
     });
     keys.map(|(key, variant)| (key.clone(), variant["value"].clone()))
         .collect()
+}
+
+/// The same for a person: the settings in use with their units, and what each costs a frame.
+pub(crate) fn measuring_words(more: &PlanDetails) -> [(&'static str, Vec<String>); 2] {
+    let settings = measuring(more).into_iter().filter_map(|(key, value)| {
+        let unused = value == false || value.as_f64() == Some(0.0);
+        if key.starts_with("cost_") || key.starts_with("gain_") || (unused && key != "autozero") {
+            return None;
+        }
+        let (name, value) = match (key.rsplit_once('_'), value.as_f64()) {
+            (Some((name, "v")), Some(volts)) => (name, format!("{:.3}", Volts(volts))),
+            (Some((name, "s")), Some(seconds)) if seconds < 1.0 => {
+                (name, format!("{:.1} ms", 1e3 * seconds))
+            }
+            (Some((name, "s")), Some(seconds)) => (name, format!("{seconds:.1} s")),
+            _ => match value.as_bool() {
+                Some(on) => (key.as_str(), if on { "on" } else { "off" }.to_owned()),
+                None => (key.as_str(), value.to_string()),
+            },
+        };
+        Some(format!("{} {value}", name.replace('_', " ")))
+    });
+    let costs = more.costs();
+    let costs = costs.iter().map(ToString::to_string);
+    [
+        ("measuring", settings.collect()),
+        ("cost in a frame", costs.collect()),
+    ]
 }
 
 /// What is needed to draw a map.

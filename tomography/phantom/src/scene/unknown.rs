@@ -14,39 +14,13 @@ pub(super) fn unknown_effect(text: &str) -> Option<(Range<usize>, String)> {
         .map(|key| (key, key.get_ref().as_ref()))
         .filter(|(_, name)| !names.contains(name))
         .min_by_key(|(key, _)| key.span().start)?;
-    let perhaps = near(name, &names).map_or(".".to_owned(), |near| format!(", perhaps `{near}`?"));
+    let perhaps = survey::nearest(name, names.iter().copied())
+        .map_or(".".to_owned(), |near| format!(", perhaps `{near}`?"));
     let all = names.join(", ");
     Some((
         key.span(),
         format!("there is no effect `{name}`{perhaps} There are {all}"),
     ))
-}
-
-/// The name with the smallest edit distance, or one that contains the other.
-fn near<'a>(requested: &str, names: &[&'a str]) -> Option<&'a str> {
-    let requested = requested.to_lowercase().replace('_', "-");
-    let away = |name: &str| match name.contains(&requested) || requested.contains(name) {
-        true if requested.len() > 2 => 1,
-        _ => letters_apart(&requested, name),
-    };
-    let nearest = names.iter().min_by_key(|name| away(name))?;
-    (away(nearest) <= (requested.len() / 3).max(1)).then_some(*nearest)
-}
-
-/// Edit distance (Levenshtein).
-fn letters_apart(one: &str, other: &str) -> usize {
-    let other: Vec<char> = other.chars().collect();
-    let mut row: Vec<usize> = (0..=other.len()).collect();
-    for (i, a) in one.chars().enumerate() {
-        let mut corner = row[0];
-        row[0] = i + 1;
-        for (j, b) in other.iter().enumerate() {
-            let changed = corner + usize::from(a != *b);
-            corner = row[j + 1];
-            row[j + 1] = changed.min(corner + 1).min(row[j] + 1);
-        }
-    }
-    row[other.len()]
 }
 
 /// Adds to a message about an unknown key the valid key that differs only by its unit.
@@ -74,17 +48,10 @@ mod tests {
 
     #[test]
     fn what_was_meant_is_found() {
-        let names: Vec<&str> = EffectSettings::ALL.iter().map(|(name, _)| *name).collect();
-        assert_eq!(letters_apart("kitten", "sitting"), 3);
-        assert_eq!(near("temprature", &names), Some("temperature"));
-        assert_eq!(near("thermal_emf", &names), Some("thermal-emf"));
-        assert_eq!(
-            near("drift", &names).map(|name| name.contains("drift")),
-            Some(true)
-        );
-        assert_eq!(near("zzzzzz", &names), None);
         let (at, why) = unknown_effect("[effects.noise]\n[effects.sprai]\nstd = 1").unwrap();
         assert_eq!(at, 9..14);
         assert!(why.contains("`noise`"), "{why}");
+        let (_, why) = unknown_effect("[effects.thermal_emf]\n").unwrap();
+        assert!(why.contains("perhaps `thermal-emf`?"), "{why}");
     }
 }
