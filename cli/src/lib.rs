@@ -42,12 +42,12 @@ pub use crate::options::duration::{SpanError, parse_span};
 
 /// The definition of the command line: every command and option, for reference pages and completions.
 pub fn command() -> clap::Command {
-    Arguments::command()
+    help_examples::with_examples(Arguments::command(), include_str!("examples.txt"))
 }
 
 /// Runs `tactus` with the arguments of the process, the program's name first, and returns its exit code.
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
-    let command = Arguments::command();
+    let command = command();
     let parsed = command.clone().try_get_matches_from(args);
     let (matches, arguments) = match parsed.and_then(|matches| {
         let arguments = Arguments::from_arg_matches(&matches)?;
@@ -82,14 +82,13 @@ fn manual(folder: &Path) -> Result<(), Failure> {
         {
             pages(inner, folder)?;
         }
-        let page = clap_mangen::Man::new(command.clone());
-        let mut text = Vec::new();
-        page.render(&mut text)
+        let name = command.get_display_name().unwrap_or(command.get_name());
+        let text = help_examples::manual_page(command, "1")
             .map_err(|error| Failure::failed("a manual page cannot be rendered", &error))?;
-        outfile::write(&folder.join(page.get_filename()), Existing::Refuse, &text)?;
+        outfile::write(&folder.join(format!("{name}.1")), Existing::Refuse, &text)?;
         Ok(())
     }
-    let mut command = Arguments::command().disable_help_subcommand(true);
+    let mut command = command().disable_help_subcommand(true);
     command.build();
     pages(&command, folder)
 }
@@ -111,7 +110,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
         Command::Replay(replay) => crate::maps::replay::run(&global, &replay, printer),
         Command::Completions { shell } => {
             let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Arguments::command(), "tactus", &mut script);
+            clap_complete::generate(shell, &mut crate::command(), "tactus", &mut script);
             printer.raw(&script)
         }
         Command::Man { folder } => manual(&folder),

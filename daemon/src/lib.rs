@@ -36,7 +36,7 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use crate::events::kind::EventKind;
-use clap::Parser;
+use clap::FromArgMatches;
 use rig::{Clock, SystemClock};
 use rustix::fs::Mode;
 use rustix::process::umask;
@@ -69,14 +69,16 @@ const BLOCKING: usize = 12;
 
 /// The definition of the command line: every command and option, for reference pages and completions.
 pub fn command() -> clap::Command {
-    <Args as clap::CommandFactory>::command()
+    let command = <Args as clap::CommandFactory>::command();
+    help_examples::with_examples(command, include_str!("examples.txt"))
 }
 
 /// The program `tactusd`. `args` begins with the program's name, as in [`std::env::args_os`].
 ///
 /// Exit codes: 0 done or stopped cleanly, 1 failed, 2 usage, 5 an instrument fault at `--safe-off`, 78 configuration.
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
-    let args = match Args::try_parse_from(args) {
+    let parsed = command().try_get_matches_from(args);
+    let args = match parsed.and_then(|matches| Args::from_arg_matches(&matches)) {
         Ok(args) => args,
         Err(error) => {
             let _ = error.print();

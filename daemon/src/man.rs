@@ -3,20 +3,15 @@
 use std::io;
 use std::path::Path;
 
-use clap::CommandFactory;
-use clap_mangen::Man;
 use clap_mangen::roff::{Roff, bold, roman};
 use outfile::{Existing, OutFileError};
-
-use crate::args::Args;
 
 /// The complete example, which has every key.
 const EXAMPLE: &str = include_str!("../../config.toml");
 
 /// Writes `tactusd.8` and `tactus.toml.5`.
 pub(crate) fn write(folder: &Path) -> io::Result<()> {
-    let mut daemon = Vec::new();
-    Man::new(Args::command()).section("8").render(&mut daemon)?;
+    let daemon = help_examples::manual_page(&crate::command(), "8")?;
     put(&folder.join("tactusd.8"), &daemon)?;
     let mut file = Vec::new();
     configuration().to_writer(&mut file)?;

@@ -36,12 +36,12 @@ use args::{Arguments, Command};
 
 /// The definition of the command line: every command and option, for reference pages and completions.
 pub fn command() -> clap::Command {
-    Arguments::command()
+    help_examples::with_examples(Arguments::command(), include_str!("examples.txt"))
 }
 
 /// Runs the program; `words` are the arguments, starting with the program's name. Exit code 0 done, 1 failed, 2 usage.
 pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let command = Arguments::command();
+    let command = command();
     let parsed = command.clone().try_get_matches_from(words);
     let (matches, arguments) = match parsed.and_then(|matches| {
         let arguments = Arguments::from_arg_matches(&matches)?;

@@ -137,12 +137,13 @@ struct Serve {
 
 /// The definition of the command line: every command and option, for reference pages and completions.
 pub fn command() -> clap::Command {
-    <Arguments as clap::CommandFactory>::command()
+    let command = Arguments::command();
+    help_examples::with_examples(command, include_str!("examples.txt"))
 }
 
 /// Runs `tactus-sim`; the first argument is the program's name.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let command = Arguments::command();
+    let command = command();
     let parsed = command.clone().try_get_matches_from(arguments);
     let (matches, arguments) = match parsed.and_then(|matches| {
         let arguments = Arguments::from_arg_matches(&matches)?;

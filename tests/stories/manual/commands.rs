@@ -22,6 +22,42 @@ fn program(name: &str) -> Option<Command> {
 }
 
 #[test]
+fn every_command_has_examples_that_parse() {
+    fn wrong(command: &Command, path: &str, program: &Command, found: &mut Vec<String>) {
+        let help = command.get_after_help().map(ToString::to_string);
+        let help = help.unwrap_or_default();
+        let examples = help.split_once("EXAMPLES:\n").map_or("", |(_, text)| text);
+        let lines = examples.lines().map(str::trim);
+        let lines: Vec<&str> = lines.filter(|line| line.starts_with(path)).collect();
+        if lines.is_empty() {
+            found.push(format!("`{path}` has no example"));
+        }
+        for line in lines {
+            let words = shlex::split(line).expect("an example is a line of a shell");
+            if let Err(refusal) = program.clone().try_get_matches_from(words) {
+                found.push(format!("`{line}`: {refusal}"));
+            }
+        }
+        let visible = command
+            .get_subcommands()
+            .filter(|inner| !inner.is_hide_set());
+        for inner in visible {
+            wrong(
+                inner,
+                &format!("{path} {}", inner.get_name()),
+                program,
+                found,
+            );
+        }
+    }
+    let mut found = Vec::new();
+    for program in programs() {
+        wrong(&program, program.get_name(), &program, &mut found);
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+#[test]
 fn command_lines_of_all_pages_parse() {
     let mut wrong = Vec::new();
     let mut parsed = 0;

@@ -57,7 +57,19 @@ fn command_page(program: &Command) -> String {
         .title(format!("Commands of `{name}`"))
         .show_footer(false);
     let page = clap_markdown::help_markdown_command_custom(program, &options);
-    let lines: Vec<&str> = page.lines().map(str::trim_end).collect();
+    let mut lines = Vec::new();
+    let mut in_examples = false;
+    for line in page.lines().map(str::trim_end) {
+        if in_examples && line.is_empty() {
+            lines.push("```");
+            in_examples = false;
+        }
+        lines.push(line);
+        if line == help_examples::HEADING {
+            lines.extend(["", "```text"]);
+            in_examples = true;
+        }
+    }
     let head = generated("the program's own definitions");
     format!("{head}{}\n", lines.join("\n").trim())
 }
