@@ -177,7 +177,7 @@ pub enum InstrumentsCommand {
 /// Options of `log`.
 #[derive(Debug, Clone, Default, Args)]
 pub struct Log {
-    /// Only the last so long: 2h, 1d
+    /// Only events of this last time: 2h, 1d [default: all]
     #[arg(long, value_name = "SPAN", value_parser = span)]
     pub since: Option<Duration>,
     /// Only of this session: an id, `last`, or the beginning of ids
@@ -277,10 +277,10 @@ pub struct Repair {
 #[derive(Debug, Args)]
 #[group(id = "rule", required = true, multiple = true)]
 pub struct Prune {
-    /// Sessions whose last frame is older (90d)
+    /// Sessions whose last frame is older, e.g. 90d [default: of any age]
     #[arg(long, value_name = "SPAN", value_parser = span, group = "rule")]
     pub older_than: Option<Duration>,
-    /// The oldest sessions of each directory, until the rest takes no more (20GB)
+    /// The oldest sessions of each directory, until the rest takes no more bytes, e.g. 20GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = crate::records::maintenance::parse_size, group = "rule")]
     pub keep_bytes: Option<u64>,
     /// Only what `tactus export --format csv` has written whole; alone: all of that
@@ -317,7 +317,7 @@ pub struct BaselineRecord {
     /// A remark kept with the record
     #[arg(long, value_name = "TEXT")]
     pub note: Option<String>,
-    /// Give up after this long; the recording itself goes on in the daemon
+    /// Give up after this long, e.g. 10m [default: never]; the recording itself goes on in the daemon
     #[arg(long, value_name = "SPAN", value_parser = span)]
     pub within: Option<Duration>,
     /// Return at once instead of waiting for the last frame
@@ -334,13 +334,13 @@ pub struct BaselineRecord {
 /// Options of `start`.
 #[derive(Debug, Args)]
 pub struct Start {
-    /// Begin a frame every so often (10s, 5m); without it frames follow back to back
+    /// Time from start to start of frames, e.g. 10s, 5m [default: frames without pause]
     #[arg(long, value_name = "SPAN", value_parser = span)]
     pub every: Option<Duration>,
-    /// End after this many frames
+    /// End after this many frames [default: no limit]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
-    /// End after this long (2h)
+    /// End after this long, e.g. 2h [default: no limit]
     #[arg(long = "for", value_name = "SPAN", value_parser = span)]
     pub duration: Option<Duration>,
     /// Model file to reconstruct with, or `one-step` (default: what the daemon's configuration says)
@@ -361,7 +361,7 @@ pub struct Start {
     /// Wait until the session has ended
     #[arg(long)]
     pub wait: bool,
-    /// With --wait: give up after this long; the session itself goes on
+    /// With --wait: give up after this long, e.g. 3h [default: never]; the session itself goes on
     #[arg(long, value_name = "SPAN", value_parser = span, requires = "wait")]
     pub within: Option<Duration>,
     #[command(flatten)]
@@ -382,7 +382,7 @@ pub struct Stop {
 /// Options of `step`.
 #[derive(Debug, Args)]
 pub struct Step {
-    /// Frames to take
+    /// Number of frames to take
     #[arg(default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     pub frames: u64,
     /// Session: an id, the beginning of one, or `last` [default: the running one]
@@ -395,10 +395,10 @@ pub struct Step {
 pub struct Watch {
     /// Session to follow: an id, the beginning of one, or `last` [default: the running one, or the next to start]
     pub session: Option<String>,
-    /// End after this many frames
+    /// End after this many frames [default: no limit]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
-    /// End after this long
+    /// End after this long, e.g. 2h [default: no limit]
     #[arg(long = "for", value_name = "SPAN", value_parser = span)]
     pub duration: Option<Duration>,
     /// Scale of the map: `own` (each map fills it) or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a

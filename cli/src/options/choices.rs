@@ -19,13 +19,13 @@ pub struct GeometryChoice {
     /// Number of electrodes (default: what the protocol says)
     #[arg(long, value_name = "N", requires = "preset", value_parser = electrodes)]
     pub electrodes: Option<usize>,
-    /// Width of a disc tank, mm
+    /// Diameter of a disc tank, mm [default: 300]
     #[arg(long, value_name = "MM", requires = "preset", value_parser = millimetres, allow_hyphen_values = true)]
     pub diameter_mm: Option<f64>,
-    /// Width of an electrode of a disc tank as seen from the centre, degrees (assumed where nobody tells it)
+    /// Width of an electrode of a disc tank as seen from the centre, degrees [default: 5]
     #[arg(long, value_name = "DEG", requires = "preset", value_parser = degrees, allow_hyphen_values = true)]
     pub arc_deg: Option<f64>,
-    /// Direction of a disc tank's first electrode, degrees counter-clockwise from +x
+    /// Direction of a disc tank's first electrode, degrees counter-clockwise from +x [default: 0]
     #[arg(
         long,
         value_name = "DEG",

@@ -14,28 +14,28 @@ use crate::options::duration::parse_span as span;
     next_help_heading = "How it measures (default: as configured; the baseline must have been measured alike)"
 )]
 pub struct Measuring {
-    /// Integration in power-line cycles: 0.02, 0.2, 1, 2, 10, 20, 100 or 200
+    /// Integration in power-line cycles: 0.02, 0.2, 1, 2, 10, 20, 100 or 200 [default: as configured]
     #[arg(long, value_name = "PLC", value_parser = crate::options::numbers::nplc, allow_hyphen_values = true)]
     pub nplc: Option<f64>,
-    /// Readings averaged to one
+    /// Number of readings averaged to one, 1 or more [default: as configured]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub averages: Option<u64>,
     /// A zero reading after every reading
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     pub autozero: Option<bool>,
-    /// Wait after the current has moved (2ms)
+    /// Wait after a change of the current, e.g. 2ms [default: as configured]
     #[arg(long, value_name = "SPAN", value_parser = span)]
     pub settle: Option<Duration>,
-    /// Wait before each scanned channel, whole milliseconds
+    /// Wait before each scanned channel, whole milliseconds, e.g. 1ms [default: as configured]
     #[arg(long, value_name = "SPAN", value_parser = span)]
     pub channel_delay: Option<Duration>,
     /// Every injection with the current both ways: cancels thermal EMFs and leakage
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     pub reversal: Option<bool>,
-    /// A frame at 0 A before the first and after every so many, subtracted; 0 never
+    /// Number of frames between frames at 0 A, which are subtracted; 0: none [default: as configured]
     #[arg(long, value_name = "N")]
     pub zero_every: Option<u64>,
-    /// Electrodes between those of a pair, 0 for neighbours
+    /// Number of electrodes between those of a pair, 0 for neighbours [default: as configured]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=254))]
     pub skip: Option<u64>,
     /// Of two readings that reciprocity makes equal only one

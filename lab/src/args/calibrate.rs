@@ -23,7 +23,7 @@ pub(crate) struct CalibrateOptions {
     /// The method, with its options, whose maps are to be calibrated; "model FILE" for a trained one
     #[arg(long, value_name = "TEXT", default_value = "one-step --loss-only")]
     pub(crate) method: String,
-    /// White noise of one reading, V
+    /// White noise of one reading, V [default: as in `reconstruct`]
     #[arg(long, value_name = "SD")]
     pub(crate) noise_v: Option<f64>,
     /// Baseline: a file or first:N [default: baseline.csv in the case folder, else the first frame]

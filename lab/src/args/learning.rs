@@ -102,7 +102,7 @@ pub(crate) struct DataOptions {
     /// Which jitter, and the settings that go with it
     #[arg(long, value_enum)]
     pub(crate) profile: Profile,
-    /// gamma of the profile `paper`
+    /// gamma of the profile `paper`, a number: share of the standard deviation of the normalised baseline
     #[arg(long, default_value_t = 0.01, value_parser = gamma)]
     pub(crate) gamma: f64,
     /// Noise of one reading for the profile `matched`, V, below the largest reading of the case; several levels, several times: copies of a case take them in turn

@@ -109,7 +109,7 @@ pub(crate) struct MeshOptions {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
     /// Current of every reading in protocol.csv, mA
-    #[arg(long, value_name = "MA", default_value_t = 1.0)]
+    #[arg(long, value_name = "mA", default_value_t = 1.0)]
     pub(crate) current_ma: f64,
     /// Folder to write, new or empty
     #[arg(long, value_name = "DIR")]
@@ -135,7 +135,7 @@ pub(crate) struct TestSetOptions {
     /// Frames [default: 32 presses, 100 polygon cases; 16, 9, 28 and 24 of the other sets]
     #[arg(long, value_name = "N")]
     pub(crate) count: Option<usize>,
-    /// Standard deviation of the logarithm of an unevenly sprayed sheet's conductance, e.g. 0.1
+    /// Standard deviation of the logarithm of an unevenly sprayed sheet's conductance, a number, e.g. 0.1 [default: an even sheet]
     #[arg(long, value_name = "SD")]
     pub(crate) spray: Option<f64>,
     /// Change a measure of the sheet, as `mesh --set` does (repeatable)
@@ -185,7 +185,7 @@ pub(crate) struct EvaluateOptions {
     /// A model file (repeatable)
     #[arg(long, value_name = "FILE")]
     pub(crate) model: Vec<PathBuf>,
-    /// Seed of the standard sets
+    /// The seed of the standard sets, a number
     #[arg(long, value_name = "S", default_value_t = 7)]
     pub(crate) seed: u64,
     /// Frames of each standard set [default: 32 presses, 100 polygon cases]
@@ -215,10 +215,10 @@ pub(crate) struct MeritOptions {
     /// Negate the images: maps of losses are negative
     #[arg(long)]
     pub(crate) negate: bool,
-    /// Extent along columns, mm, for the location error
+    /// Extent along columns, mm, for the location error [default: no location error]
     #[arg(long, value_name = "MM", requires = "height_mm")]
     pub(crate) width_mm: Option<f64>,
-    /// Extent along rows, mm
+    /// Extent along rows, mm [default: no location error]
     #[arg(long, value_name = "MM", requires = "width_mm")]
     pub(crate) height_mm: Option<f64>,
     /// Print one JSON object an image

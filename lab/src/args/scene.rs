@@ -29,7 +29,7 @@ pub(crate) enum SceneCommand {
 #[derive(Debug, Args)]
 pub(crate) struct SessionOptions {
     /// Injected current, uA
-    #[arg(long, value_name = "UA", default_value_t = 1000.0)]
+    #[arg(long, value_name = "uA", default_value_t = 1000.0)]
     pub(crate) current_ua: f64,
     /// Integration, power-line cycles
     #[arg(long, value_name = "N", default_value_t = 1.0)]

@@ -62,7 +62,7 @@ pub(crate) struct JacobianOptions {
     /// Only the triangles of the region of interest (roi.csv), in its order
     #[arg(long)]
     pub(crate) region: bool,
-    /// Squares of this pitch over the region in place of triangles
+    /// Squares of this pitch, mm, over the region in place of triangles [default: triangles]
     #[arg(long, value_name = "MM", conflicts_with = "region")]
     pub(crate) cells_mm: Option<f64>,
     /// Centres of the squares: x_m, y_m, a row a column of the sensitivity

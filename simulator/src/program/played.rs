@@ -63,7 +63,7 @@ struct SetupArguments {
     /// What hangs on the source's terminals, ohm; without it nothing.
     #[arg(long, value_name = "R")]
     ohms: Option<f64>,
-    /// What the voltmeter sees, V.
+    /// Voltage at the voltmeter, V [default: 0]
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     volts: Option<f64>,
 }

@@ -57,6 +57,63 @@ fn every_command_has_examples_that_parse() {
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
+/// Words that state a unit, or that a number is a count (`N`) or has no unit.
+const UNITS: &str = "N SPAN PLC mm V A mA uA Hz s ms degrees bytes number seed share frames times";
+
+#[test]
+fn every_number_option_states_unit_and_default() {
+    use std::any::TypeId;
+    let numbers = [
+        TypeId::of::<f64>(),
+        TypeId::of::<f32>(),
+        TypeId::of::<u16>(),
+        TypeId::of::<u32>(),
+        TypeId::of::<u64>(),
+        TypeId::of::<usize>(),
+        TypeId::of::<i64>(),
+        TypeId::of::<std::num::NonZero<usize>>(),
+        TypeId::of::<std::time::Duration>(),
+    ];
+    let mut commands: Vec<(String, Command)> = programs()
+        .into_iter()
+        .map(|program| (program.get_name().to_owned(), program))
+        .collect();
+    let (mut wrong, mut seen) = (Vec::new(), 0);
+    while let Some((path, command)) = commands.pop() {
+        for arg in command.get_arguments().filter(|arg| !arg.is_hide_set()) {
+            let kind = arg.get_value_parser().type_id();
+            if !arg.get_action().takes_values() || !numbers.iter().any(|number| kind == *number) {
+                continue;
+            }
+            seen += 1;
+            let help = arg
+                .get_long_help()
+                .or(arg.get_help())
+                .map(ToString::to_string);
+            let names = arg.get_value_names().unwrap_or_default().join(" ");
+            let text = format!("{names} {}", help.unwrap_or_default());
+            let words: Vec<&str> = text
+                .split(|letter: char| !letter.is_alphanumeric() && letter != '-' && letter != '%')
+                .map(|word| word.trim_start_matches(|letter: char| letter.is_ascii_digit()))
+                .collect();
+            let has = |known: &str| known.split(' ').any(|word| words.contains(&word));
+            let lacks_default = !arg.is_required_set()
+                && arg.get_default_values().is_empty()
+                && !has("default without Without");
+            for (lacks, what) in [(!has(UNITS), "no unit"), (lacks_default, "no default")] {
+                if lacks {
+                    wrong.push(format!("{path} {}: {what}: {text}", arg.get_id()));
+                }
+            }
+        }
+        for inner in command.get_subcommands() {
+            commands.push((format!("{path} {}", inner.get_name()), inner.clone()));
+        }
+    }
+    assert!(seen > 60, "only {seen} options with a number were found");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 #[test]
 fn command_lines_of_all_pages_parse() {
     let mut wrong = Vec::new();

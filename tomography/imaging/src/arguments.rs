@@ -22,20 +22,20 @@ pub struct MethodArguments {
     /// the session used, else noser:0.25]
     #[arg(long, value_name = "PRIOR", conflicts_with = "model")]
     pub prior: Option<PriorArgument>,
-    /// Exponent of the NOSER prior, as in noser:P
+    /// Exponent of the NOSER prior, as in noser:P; a number from 0 to 1 [default: 0.5 with --prior noser, else 0.25]
     #[arg(long, value_name = "P", conflicts_with = "model", value_parser = exponent, allow_hyphen_values = true)]
     pub exponent: Option<f64>,
-    /// White noise of one reading (standard deviation), V
+    /// White noise of one reading (standard deviation), V [default: what the session used, else of the baseline, else by --choose]
     #[arg(long, value_name = "SD", conflicts_with_all = ["model", "lambda"], value_parser = above_zero, allow_hyphen_values = true)]
     pub noise_v: Option<f64>,
-    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V)
+    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V); a number above 0 [default: from --noise-v or --choose]
     #[arg(long, value_name = "X", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub lambda: Option<f64>,
     /// How the hyper-parameter is chosen where neither --noise-v nor --lambda is given: evidence (the most probable one for the
     /// frames, doubled), l-curve (the corner of the frames' own), noise-figure:X [default: what the session used, else evidence]
     #[arg(long, value_name = "RULE", conflicts_with_all = ["model", "lambda", "noise_v"])]
     pub choose: Option<ChooseArgument>,
-    /// One-step: make frames quicker where a map is proved to be within this share of its largest value, e.g. 1e-3
+    /// One-step: make frames quicker where a map is proved to be within this share of its largest value, e.g. 1e-3 [default: what the session used, else exact]
     #[arg(long, value_name = "X", conflicts_with_all = ["model", "loss_only"], value_parser = share, allow_hyphen_values = true)]
     pub map_error: Option<f64>,
     /// Total variation: stop within this share of the minimum [default: what the session used, else 1e-3]
