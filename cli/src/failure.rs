@@ -61,6 +61,22 @@ impl Failure {
         }
     }
 
+    /// The kind in one word, as `--json` prints it.
+    pub(crate) fn kind(&self) -> &'static str {
+        match self {
+            Self::Closed => "closed",
+            Self::Failed(_) => "failed",
+            Self::Usage(_) => "usage",
+            Self::Missing(_) => "missing",
+            Self::NotAuthorised(_) => "not-authorised",
+            Self::Instrument(_) => "instrument",
+            Self::Timeout(_) => "timeout",
+            Self::Busy(_) => "busy",
+            Self::Configuration(_) => "configuration",
+            Self::Signal(_) => "signal",
+        }
+    }
+
     pub(crate) fn exit_code(&self) -> ExitCode {
         ExitCode::from(self.code())
     }

@@ -47,8 +47,9 @@ pub fn command() -> clap::Command {
 
 /// Runs `tactus` with the arguments of the process, the program's name first, and returns its exit code.
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
+    let args: Vec<OsString> = args.collect();
     let command = command();
-    let parsed = command.clone().try_get_matches_from(args);
+    let parsed = command.clone().try_get_matches_from(&args);
     let (matches, arguments) = match parsed.and_then(|matches| {
         let arguments = Arguments::from_arg_matches(&matches)?;
         Ok((matches, arguments))
@@ -56,18 +57,25 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         Ok(parsed) => parsed,
         Err(refusal) => {
             let code = u8::try_from(refusal.exit_code()).unwrap_or(2);
+            let mut options = args.iter().take_while(|word| *word != "--");
+            if refusal.use_stderr() && options.any(|word| word == "--json") {
+                let text = refusal.render().to_string();
+                output::report(&Failure::Usage(text.trim_end().to_owned()), true);
+                return ExitCode::from(code);
+            }
             // If the terminal itself is closed, nothing can be reported.
             let _unsayable = refusal.print();
             return ExitCode::from(code);
         }
     };
-    let mut printer = Printer::stdout(arguments.global.json, arguments.global.colour);
+    let json = arguments.global.json;
+    let mut printer = Printer::stdout(json, arguments.global.colour);
     let outputs = outfile::check_arguments(&command, &matches).map_err(Failure::from);
     match outputs.and_then(|()| dispatch(arguments, &mut printer)) {
         Ok(()) | Err(Failure::Closed) => ExitCode::SUCCESS,
         Err(failure @ Failure::Signal(_)) => failure.exit_code(),
         Err(failure) => {
-            output::complain(&format!("tactus: {failure}"));
+            output::report(&failure, json);
             failure.exit_code()
         }
     }

@@ -230,6 +230,33 @@ fn every_place_looked_in_is_named() {
 }
 
 #[test]
+fn with_json_errors_are_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    for (words, code, kind, says) in [
+        (&["events", "nosuch", "--json"][..], 3, "missing", "nosuch"),
+        (&["frobnicate", "--json"][..], 2, "usage", "frobnicate"),
+        (
+            &["start", "--count", "0", "--json"][..],
+            2,
+            "usage",
+            "--count",
+        ),
+    ] {
+        let message = refused(folder.path(), words, code);
+        let error = lines(&message).pop().unwrap();
+        assert_eq!(error["event"], "error", "{message}");
+        assert_eq!(error["kind"], kind, "{message}");
+        assert_eq!(error["code"], code, "{message}");
+        assert!(error["text"].as_str().unwrap().contains(says), "{message}");
+    }
+    let message = refused(folder.path(), &["events", "nosuch"], 3);
+    assert!(
+        message.starts_with("tactus: no session 'nosuch'"),
+        "{message}"
+    );
+}
+
+#[test]
 fn times_for_a_person_are_local_with_their_zone() {
     let folder = tempfile::tempdir().unwrap();
     session(folder.path());
