@@ -207,7 +207,7 @@ impl Panel {
     }
 }
 
-/// A colour bar with its ticks and label.
+/// A colour bar with its ticks and label; larger displayed numbers are above.
 pub(crate) fn bar<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
     range: &Range,
@@ -216,12 +216,13 @@ pub(crate) fn bar<DB: DrawingBackend>(
     [width, height]: [f64; 2],
     words: f64,
 ) -> Result<(), PictureError> {
-    let at = |value: f64| top + height * (range.high - value) / (range.high - range.low);
+    let [(least, under), (most, over)] = range.ends();
+    let at = |value: f64| top + height * (most - value) / (most - least);
     let slices = (height * 1.5) as usize;
     for slice in 0..slices {
         let part = |k: usize| top + height * k as f64 / slices as f64;
         let middle = (slice as f64 + 0.5) / slices as f64;
-        let value = range.high - middle * (range.high - range.low);
+        let value = most - middle * (most - least);
         if let Some([r, g, b]) = range.colour(value) {
             // Half a point of overlap hides the seam to the next slice.
             let below = (part(slice + 1) + 0.5).min(top + height);
@@ -245,10 +246,9 @@ pub(crate) fn bar<DB: DrawingBackend>(
         pen.line([[left + width, y], [left + width + 4.0, y]], PALE, 0.6)?;
         pen.text(&number, [left + width + 7.0, y], words, INK, Anchor::Left)?;
     }
-    let [below, above] = range.beyond();
     for (beyond, value, y, sign) in [
-        (range.above, range.high, top - words * 0.9, above),
-        (range.below, range.low, top + height + words * 0.9, below),
+        (over, most, top - words * 0.9, "\u{2265}"),
+        (under, least, top + height + words * 0.9, "\u{2264}"),
     ] {
         if beyond {
             let end = format!("{sign} {}", range.words(value));
@@ -263,6 +263,24 @@ pub(crate) fn bar<DB: DrawingBackend>(
     pen.upright(&format!("{label}, {unit}"), place, words)
 }
 
+/// The title at the upper left corner, in the first size that fits the width, otherwise on two lines.
+pub(crate) fn page_title<DB: DrawingBackend>(
+    pen: &Pen<'_, DB>,
+    title: &str,
+    sizes: [f64; 3],
+    available: f64,
+) -> Result<(), PictureError> {
+    let bold = |words: &str, size| pen.bold_width(words, size);
+    for size in sizes {
+        if bold(title, size)? <= available {
+            return pen.bold(title, [16.0, 22.0], size, INK, Anchor::Left);
+        }
+    }
+    let [first, second] = two_lines(title, available, |words| bold(words, 14.0))?;
+    pen.bold(&first, [16.0, 13.0], 14.0, INK, Anchor::Left)?;
+    pen.bold(&second, [16.0, 30.0], 14.0, INK, Anchor::Left)
+}
+
 /// Title, below it method and missing readings; at the right end the label of a simulation.
 pub(crate) fn heading<DB: DrawingBackend>(
     pen: &Pen<'_, DB>,
@@ -272,22 +290,7 @@ pub(crate) fn heading<DB: DrawingBackend>(
     page: f64,
 ) -> Result<(), PictureError> {
     let available = page - 32.0 - if simulated { 122.0 } else { 0.0 };
-    let bold = |words: &str, size| pen.bold_width(words, size);
-    let mut fitting = None;
-    for size in [19.0, 17.0, 15.0] {
-        if bold(title, size)? <= available {
-            fitting = Some(size);
-            break;
-        }
-    }
-    match fitting {
-        Some(size) => pen.bold(title, [16.0, 22.0], size, INK, Anchor::Left)?,
-        None => {
-            let [first, second] = two_lines(title, available, |words| bold(words, 14.0))?;
-            pen.bold(&first, [16.0, 13.0], 14.0, INK, Anchor::Left)?;
-            pen.bold(&second, [16.0, 30.0], 14.0, INK, Anchor::Left)?;
-        }
-    }
+    page_title(pen, title, [19.0, 17.0, 15.0], available)?;
     let below = shortened(below, page - 32.0, |words| pen.text_width(words, 14.0))?;
     pen.text(&below, [16.0, 47.0], 14.0, PALE, Anchor::Left)?;
     if simulated {

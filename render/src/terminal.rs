@@ -143,26 +143,21 @@ fn head(text: &mut String, map: &Map, style: &Style, ink: Ink) {
 }
 
 fn scale(text: &mut String, map: &Map, range: &Range, columns: usize, ink: Ink) {
+    let [(least, under), (most, over)] = range.ends();
     let width = columns.clamp(12, 48);
     let mut bar = " ".repeat(MARGIN);
     for cell in 0..width {
         let part = (cell as f64 + 0.5) / width as f64;
-        let value = range.low + part * (range.high - range.low);
+        let value = least + part * (most - least);
         let pixel = Some(value);
         bar += &ink.cell([pixel, pixel], range);
     }
     bar += ink.rest();
     line(text, &bar);
-    let (low, high) = (range.words(range.low), range.words(range.high));
     let sign = |beyond: bool, sign: &'static str| if beyond { sign } else { "" };
-    // ASCII forms of the mathematical signs
-    let [below, above] = range.beyond().map(|sign| match sign {
-        "\u{2264}" => "<= ",
-        _ => ">= ",
-    });
     let (low, high) = (
-        format!("{}{low}", sign(range.below, below)),
-        format!("{}{high}", sign(range.above, above)),
+        format!("{}{}", sign(under, "<= "), range.words(least)),
+        format!("{}{}", sign(over, ">= "), range.words(most)),
     );
     let gap = width
         .saturating_sub(low.chars().count() + high.chars().count())

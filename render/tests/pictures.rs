@@ -108,6 +108,43 @@ fn an_svg_says_title_units_numbers_marks_and_simulated() {
     );
 }
 
+/// Positions of a number in an SVG, in its units, x to the right and y downwards.
+fn places(svg: &str, number: &str) -> Vec<[f64; 2]> {
+    let value = |tag: &str, name: &str| -> f64 {
+        let (_, rest) = tag.split_once(&format!(" {name}=\"")).unwrap();
+        rest.split('"').next().unwrap().parse().unwrap()
+    };
+    let texts = svg.split("<text").skip(1);
+    texts
+        .filter(|text| text.contains(&format!("\n{number}\n</text>")))
+        .map(|text| [value(text, "x"), value(text, "y")])
+        .collect()
+}
+
+#[test]
+fn larger_numbers_are_higher_on_the_colour_bar() {
+    let (sheet, map) = scene();
+    let pressure = Map {
+        values: map.values.iter().map(|value| -100.0 * value).collect(),
+        unit: MapUnit::Pressure,
+        ..map.clone()
+    };
+    for map in [&map, &pressure] {
+        let svg = render::svg(&sheet, map, &Style::default()).unwrap();
+        // the bar is to the right of the numbers of all axes
+        let rightmost = |number: &str| {
+            let places = places(&svg, number);
+            places
+                .into_iter()
+                .max_by(|a, b| a[0].total_cmp(&b[0]))
+                .unwrap()
+        };
+        let ([x, low], [right, high]) = (rightmost("10"), rightmost("50"));
+        assert_eq!(x, right, "{:?}", map.unit);
+        assert!(high < low, "{:?}: 50 at {high}, 10 at {low}", map.unit);
+    }
+}
+
 #[test]
 fn pressure_is_in_kilopascals_and_a_loss_never_is() {
     let (sheet, relative) = scene();

@@ -50,7 +50,11 @@ const METHODS: [&str; 6] = [
     "best",
 ];
 /// The paper's times per frame (section 5.4), ms.
-const PAPER: [(&str, f64); 3] = [("paper: TV", 650.0), ("DNN", 5.0), ("RBF", 3.0)];
+const PAPER: [(&str, f64); 3] = [
+    ("paper: TV", 650.0),
+    ("paper: DNN", 5.0),
+    ("paper: RBF", 3.0),
+];
 
 /// What the columns mean, with their best value.
 const LEGEND: &str = "\

@@ -3,7 +3,8 @@
 use plotters::prelude::*;
 
 use crate::PictureError;
-use crate::drawing::canvas::{COLOURS, Drawing, GRID, PALE};
+use crate::chart::page_title;
+use crate::drawing::canvas::{COLOURS, Drawing, GRID, PALE, colour_of};
 use crate::drawing::pen::{Anchor, INK, Pen};
 use crate::drawing::scale::step;
 
@@ -12,6 +13,9 @@ const LEFT: f64 = 66.0;
 const TOP: f64 = 52.0;
 const RIGHT: f64 = 200.0;
 const BOTTOM: f64 = 52.0;
+/// Space beside the curves for the marks of the legend, and for a letter of its names, points.
+const LEGEND: f64 = 50.0;
+const LETTER: f64 = 7.0;
 
 /// One line of a chart.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,7 +54,7 @@ pub struct Curves<'a> {
     pub front: Vec<[f64; 2]>,
 }
 
-/// A chart as a PNG, 720 points wide.
+/// A chart as a PNG, 720 points wide, more if a name is long.
 ///
 /// # Errors
 /// No point; a value that is not finite, or not positive on a logarithmic axis.
@@ -177,13 +181,22 @@ impl<'a> Plot<'a> {
 
 impl Drawing for Plot<'_> {
     fn size(&self) -> [f64; 2] {
-        SIZE
+        let names = self
+            .curves
+            .curves
+            .iter()
+            .map(|curve| curve.name.chars().count());
+        let longest = names.max().unwrap_or(0) as f64;
+        [
+            SIZE[0] + (LEGEND + LETTER * longest - RIGHT).max(0.0),
+            SIZE[1],
+        ]
     }
 
     fn draw<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError> {
         let curves = self.curves;
         let [right, bottom] = [SIZE[0] - RIGHT, SIZE[1] - BOTTOM];
-        pen.bold(curves.title, [16.0, 22.0], 16.0, INK, Anchor::Left)?;
+        page_title(pen, curves.title, [16.0, 15.0, 14.0], self.size()[0] - 32.0)?;
         for (value, words) in self.ticks(0) {
             let [x, _] = self.place([value, self.shown_low(1)]);
             pen.line([[x, TOP], [x, bottom]], GRID, 0.6)?;
@@ -225,7 +238,7 @@ impl Drawing for Plot<'_> {
             pen.line(ring, INK, 1.2)?;
         }
         for (k, curve) in curves.curves.iter().enumerate() {
-            let colour = COLOURS[k % COLOURS.len()];
+            let colour = colour_of(&curve.name, k);
             let places: Vec<_> = curve
                 .points
                 .iter()

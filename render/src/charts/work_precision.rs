@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use crate::PictureError;
-use crate::drawing::canvas::{COLOURS, Drawing, FINER, GRID, PALE};
+use crate::drawing::canvas::{Drawing, FINER, GRID, PALE, colour_of};
 use crate::drawing::pen::{Anchor, INK, Pen};
 
 /// One method on one set.
@@ -137,38 +137,166 @@ fn panel<DB: DrawingBackend>(
         INK,
         Anchor::Centre,
     )?;
-    for (k, (words, ms)) in marks.iter().enumerate() {
+    for (_, ms) in marks {
         pen.line([[x(*ms), top], [x(*ms), top + tall]], PALE, 1.5)?;
-        let at = [x(*ms) + 3.0, top + tall - 8.0 - 12.0 * k as f64];
-        pen.text(words, at, 9.0, RGBColor(90, 90, 96), Anchor::Left)?;
     }
-    // overlapping labels move down
-    let mut taken: Vec<[f64; 2]> = Vec::new();
     let here: Vec<&WorkPoint> = points.iter().filter(|p| p.panel == name).collect();
-    for (k, point) in here.iter().enumerate() {
-        let colour = COLOURS[k % COLOURS.len()];
-        let at = [x(point.ms), y(point.value)];
-        pen.draw(Circle::new(
-            pen.pixel(at),
-            (4.0 * FINER as f64) as i32,
-            colour.filled(),
-        ))?;
-        let right = at[0] < left + 0.62 * wide;
-        let mut place = [at[0] + if right { 8.0 } else { -8.0 }, at[1]];
-        while taken
+    let mut labels = Labels {
+        inside: Area {
+            low: [left, top - 8.0],
+            high: [left + wide + 16.0, top + tall],
+        },
+        taken: here
             .iter()
-            .any(|t| (t[1] - place[1]).abs() < 11.0 && (t[0] - place[0]).abs() < 150.0)
-        {
-            place[1] += 11.0;
+            .map(|point| Area::around([x(point.ms), y(point.value)], [5.0, 5.0]))
+            .collect(),
+    };
+    let of_marks = marks.iter().enumerate().map(|(k, (words, ms))| Label {
+        words: (*words).to_owned(),
+        at: [x(*ms), top + tall - 8.0 - 12.0 * k as f64],
+        size: 9.0,
+        colour: RGBColor(90, 90, 96),
+    });
+    let of_points = here.iter().enumerate().map(|(k, point)| Label {
+        words: match point.words.as_str() {
+            "" => point.name.clone(),
+            words => format!("{}, {words}", point.name),
+        },
+        at: [x(point.ms), y(point.value)],
+        size: 10.0,
+        colour: colour_of(&point.name, k),
+    });
+    let mut placed = Vec::new();
+    for label in of_marks.chain(of_points) {
+        let area = labels.place(pen, &label)?;
+        let end = label.at[0].clamp(area.low[0], area.high[0]);
+        if (area.middle()[1] - label.at[1]).abs() > 8.0 {
+            pen.line([label.at, [end, area.middle()[1]]], label.colour, 0.6)?;
         }
-        taken.push(place);
-        let words = if point.words.is_empty() {
-            point.name.clone()
-        } else {
-            format!("{}, {}", point.name, point.words)
-        };
-        let anchor = if right { Anchor::Left } else { Anchor::Right };
-        pen.text(&words, place, 10.0, colour, anchor)?;
+        placed.push((label, area));
+    }
+    for (label, area) in placed {
+        let Area { low, high } = area;
+        pen.area(&[low, [high[0], low[1]], high, [low[0], high[1]]], WHITE)?;
+        let middle = area.middle();
+        pen.text(
+            &label.words,
+            middle,
+            label.size,
+            label.colour,
+            Anchor::Centre,
+        )?;
+    }
+    for (k, point) in here.iter().enumerate() {
+        pen.draw(Circle::new(
+            pen.pixel([x(point.ms), y(point.value)]),
+            (4.0 * FINER as f64) as i32,
+            colour_of(&point.name, k).filled(),
+        ))?;
     }
     Ok(())
+}
+
+/// A rectangle, in points.
+#[derive(Debug, Clone, Copy)]
+struct Area {
+    low: [f64; 2],
+    high: [f64; 2],
+}
+
+impl Area {
+    fn around(at: [f64; 2], half: [f64; 2]) -> Self {
+        Self {
+            low: [at[0] - half[0], at[1] - half[1]],
+            high: [at[0] + half[0], at[1] + half[1]],
+        }
+    }
+
+    fn middle(&self) -> [f64; 2] {
+        [0, 1].map(|i| (self.low[i] + self.high[i]) / 2.0)
+    }
+
+    fn overlaps(&self, other: &Self) -> bool {
+        (0..2).all(|i| self.low[i] < other.high[i] && other.low[i] < self.high[i])
+    }
+
+    fn contains(&self, other: &Self) -> bool {
+        (0..2).all(|i| self.low[i] <= other.low[i] && other.high[i] <= self.high[i])
+    }
+}
+
+/// A text that belongs to a point.
+struct Label {
+    words: String,
+    at: [f64; 2],
+    size: f64,
+    colour: RGBColor,
+}
+
+/// Labels of a panel that overlap neither each other nor a point, and stay inside.
+struct Labels {
+    inside: Area,
+    taken: Vec<Area>,
+}
+
+impl Labels {
+    /// Finds the place of a label at the point it belongs to.
+    fn place<DB: DrawingBackend>(
+        &mut self,
+        pen: &Pen<'_, DB>,
+        label: &Label,
+    ) -> Result<Area, PictureError> {
+        let half = [
+            pen.text_width(&label.words, label.size)? / 2.0 + 1.0,
+            0.6 * label.size,
+        ];
+        let area = self.free(label.at, half);
+        self.taken.push(area);
+        Ok(area)
+    }
+
+    /// The nearest free place to the right or left of a point; beside it if all are taken.
+    fn free(&self, at: [f64; 2], half: [f64; 2]) -> Area {
+        let beside = |side: f64, down: f64| {
+            Area::around([at[0] + side * (half[0] + 8.0), at[1] + down], half)
+        };
+        let middle = (self.inside.low[0] + self.inside.high[0]) / 2.0;
+        let first = if at[0] < middle { 1.0 } else { -1.0 };
+        (0..20)
+            .flat_map(|step| [1.0, -1.0].map(|sign| sign * 6.0 * f64::from(step)))
+            .flat_map(|down| [first, -first].map(|side| beside(side, down)))
+            .find(|area| {
+                self.inside.contains(area) && !self.taken.iter().any(|taken| taken.overlaps(area))
+            })
+            .unwrap_or_else(|| beside(first, 0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_overlap_neither_points_nor_each_other() {
+        let mut labels = Labels {
+            inside: Area {
+                low: [0.0; 2],
+                high: [400.0, 250.0],
+            },
+            taken: Vec::new(),
+        };
+        let points = [[50.0, 100.0], [52.0, 101.0], [51.0, 99.0], [390.0, 249.0]];
+        labels.taken = points.map(|at| Area::around(at, [5.0; 2])).to_vec();
+        for at in points {
+            let area = labels.free(at, [60.0, 6.0]);
+            assert!(labels.inside.contains(&area), "{area:?}");
+            assert!(
+                !labels.taken.iter().any(|taken| taken.overlaps(&area)),
+                "{area:?}"
+            );
+            let away = (area.low[1] + area.high[1]) / 2.0 - at[1];
+            assert!(away.abs() < 40.0, "{area:?} is far from {at:?}");
+            labels.taken.push(area);
+        }
+    }
 }

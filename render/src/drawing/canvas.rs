@@ -13,6 +13,30 @@ pub(crate) const GRAIN: f64 = 4.0;
 /// plotters draws text in bitmaps too high by this fraction of its size, in SVGs correctly.
 pub(crate) const SINK: f64 = 0.1;
 
+/// The words by which the name of a method is recognised, and its colour in every figure; the first row whose words all
+/// occur decides.
+const METHODS: [(&[&str], RGBColor); 10] = [
+    (&["best"], RGBColor(190, 30, 50)),
+    (&["one-step", "loss"], RGBColor(200, 80, 0)),
+    (&["one-step"], RGBColor(0, 90, 160)),
+    (&["tv", "paper"], RGBColor(0, 130, 80)),
+    (&["tv", "printed"], RGBColor(0, 130, 80)),
+    (&["tv", "loss"], RGBColor(150, 40, 120)),
+    (&["tv"], RGBColor(215, 110, 180)),
+    (&["linear"], RGBColor(110, 110, 0)),
+    (&["rbf"], RGBColor(90, 60, 40)),
+    (&["deep"], RGBColor(0, 150, 165)),
+];
+
+/// The colour of a curve or point: of the method that its name contains, otherwise that of its index.
+pub(crate) fn colour_of(name: &str, index: usize) -> RGBColor {
+    let name = name.to_lowercase();
+    METHODS
+        .iter()
+        .find(|(words, _)| words.iter().all(|word| name.contains(word)))
+        .map_or(COLOURS[index % COLOURS.len()], |(_, colour)| *colour)
+}
+
 /// Colours of adjacent elements; consecutive ones differ in brightness too.
 pub(crate) const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 90, 160),
@@ -103,4 +127,21 @@ pub(crate) fn encoded(pixels: &[u8], width: usize, height: usize) -> Result<Vec<
 
 pub(crate) fn failed(cause: impl std::fmt::Display) -> PictureError {
     PictureError::Draw(cause.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_method_has_one_colour_whatever_its_index() {
+        assert_eq!(
+            colour_of("TV, losses only", 0),
+            colour_of("tv --loss-only", 5)
+        );
+        assert_eq!(colour_of("TV as printed", 0), colour_of("tv-paper", 2));
+        assert_eq!(colour_of("paper's TV step", 1), colour_of("tv-paper", 2));
+        assert_ne!(colour_of("one-step", 0), colour_of("deep network", 0));
+        assert_ne!(colour_of("a", 0), colour_of("b", 1));
+    }
 }

@@ -1,4 +1,5 @@
-//! The common colour scale: zero almost white, loss to blue, gain to brown.
+//! The common colour scale: zero almost white, loss to blue, gain to a pale grey-brown, because a load never raises the
+//! conductance: a gain is an artefact of the reconstruction.
 
 /// Red, green, blue, 0 to 255 (sRGB).
 pub type Rgb = [u8; 3];
@@ -15,10 +16,10 @@ const LOSS: [Rgb; 7] = [
 
 const GAIN: [Rgb; 5] = [
     [250, 250, 246],
-    [252, 217, 172],
-    [240, 163, 94],
-    [203, 100, 38],
-    [120, 44, 12],
+    [238, 231, 221],
+    [225, 214, 200],
+    [209, 194, 176],
+    [188, 170, 149],
 ];
 
 /// The colour of a share of the scale: 0 is zero, -1 the largest loss, 1 the largest gain; values beyond take the end's
@@ -50,10 +51,23 @@ mod tests {
     #[test]
     fn the_more_the_darker_on_both_sides() {
         for side in [-1.0, 1.0] {
-            let greys: Vec<f64> = (0..=100)
-                .map(|step| luminance(colour(side * f64::from(step) / 100.0).unwrap()))
+            let greys: Vec<f64> = (0..=40)
+                .map(|step| luminance(colour(side * f64::from(step) / 40.0).unwrap()))
                 .collect();
             assert!(greys.windows(2).all(|pair| pair[1] < pair[0]));
+        }
+    }
+
+    #[test]
+    fn gains_are_paler_than_losses_of_the_same_size() {
+        let strength = |share: f64| {
+            let [r, g, b] = colour(share).unwrap();
+            r.max(g).max(b) - r.min(g).min(b)
+        };
+        for step in 1..=10 {
+            let share = f64::from(step) / 10.0;
+            assert!(luminance(colour(share).unwrap()) > luminance(colour(-share).unwrap()));
+            assert!(strength(share) < 50, "{share}: {}", strength(share));
         }
     }
 

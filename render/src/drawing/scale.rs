@@ -114,13 +114,13 @@ impl Range {
             .collect()
     }
 
-    /// Signs at ends with values beyond them: below the lower one, above the upper one. Losses are displayed as
+    /// The ends with ascending displayed numbers, and whether there are values beyond each: losses are displayed as
     /// positive.
-    pub(crate) fn beyond(&self) -> [&'static str; 2] {
-        let signs = ["\u{2264}", "\u{2265}"];
+    pub(crate) fn ends(&self) -> [(f64, bool); 2] {
+        let ends = [(self.low, self.below), (self.high, self.above)];
         match self.unit.shown().0 < 0.0 {
-            true => [signs[1], signs[0]],
-            false => signs,
+            true => [ends[1], ends[0]],
+            false => ends,
         }
     }
 

@@ -206,7 +206,7 @@ fn both(
             title: title.to_owned(),
             words: format!(
                 "{words} Axes: mm from the sheet's lower left corner; numbers at the rim are electrodes. Colours: change of \
-                 conductance in \u{b5}S per square, the sheet's own being {:.0}; blue is lost, red is gained. Dashed: the true \
+                 conductance in \u{b5}S per square, the sheet's own being {:.0}; blue is lost, pale brown is gained. Dashed: the true \
                  place and size.",
                 1e6 * mean(&case.unloaded_conductance())
             ),
