@@ -1,4 +1,4 @@
-//! A board whose lines hang on this machine's own gpiochip, as a [`Switch`].
+//! A board whose lines are on this machine's own gpiochip, as a [`Switch`].
 
 use std::time::Duration;
 
@@ -11,8 +11,8 @@ use crate::lines::{Chip, Levels, Line, steps};
 
 /// A multiplexer board on the lines of a chip.
 ///
-/// Every change is made in three steps, enables off, addresses, enables on, each read back before the next: a line that
-/// does not follow stops the change with everything off that can be switched off.
+/// Every change is made in three steps: enables off, addresses, enables on. Each step is read back before the next: a
+/// line that does not follow stops the change, and every enable that can be switched off is switched off.
 #[derive(Debug)]
 pub struct GpioBoard<C> {
     chip: C,
@@ -22,7 +22,7 @@ pub struct GpioBoard<C> {
 }
 
 impl<C: GpioChip> GpioBoard<C> {
-    /// Takes the lines over and switches everything off.
+    /// Takes the lines and switches every enable off.
     ///
     /// # Errors
     /// A chip that is gone, a line that stays on, more electrodes than two chips a pole have.
@@ -43,7 +43,7 @@ impl<C: GpioChip> GpioBoard<C> {
         Ok(board)
     }
 
-    /// The electrodes on the poles, read back.
+    /// Reads back the electrodes on the poles.
     ///
     /// # Errors
     /// A chip that is gone.
@@ -51,7 +51,7 @@ impl<C: GpioChip> GpioBoard<C> {
         Ok(self.levels()?.state())
     }
 
-    /// Switches every enable off and sees to it that they are.
+    /// Switches every enable off and verifies that they are off.
     ///
     /// # Errors
     /// A chip that is gone, [`RigError::StillClosed`] for an enable that stays on.
@@ -62,7 +62,7 @@ impl<C: GpioChip> GpioBoard<C> {
         self.refuse_joined(|_| true)
     }
 
-    /// An error that names the relays of a kind that are joined, if any is.
+    /// An error that names the closed relays among those that `meant` selects, if there are any.
     fn refuse_joined(&mut self, meant: impl Fn(Relay) -> bool) -> Result<(), RigError> {
         let joined = self.levels()?.joined();
         let relays: Vec<Relay> = joined.into_iter().filter(|relay| meant(*relay)).collect();
@@ -103,7 +103,7 @@ impl<C: GpioChip> GpioBoard<C> {
         })
     }
 
-    /// Where moves lead, or why they must not be made: before a line is touched.
+    /// The state after the moves, or why they must not be made. Checked before any line is set.
     fn target(&self, from: State, moves: &[Move]) -> Result<State, RigError> {
         let mut state = from;
         for one in moves {
@@ -143,7 +143,8 @@ impl<C: GpioChip> GpioBoard<C> {
             if wrong != 0 {
                 let line = Line::all().find(|line| line.mask() & wrong != 0);
                 let name = line.map_or_else(String::new, |line| line.to_string());
-                // The line that did not follow is the news; what stays on besides is found by whoever makes it safe.
+                // The line that did not follow is the error to report; the safe-off of the caller finds enables that
+                // stay on.
                 self.all_off().ok();
                 return Err(RigError::Mismatch {
                     instrument: self.instrument.clone(),
@@ -168,7 +169,7 @@ impl<C: GpioChip> Switch for GpioBoard<C> {
         Ok(())
     }
 
-    /// Nothing to do: a move has settled when it returns.
+    /// Does nothing: a move has settled when it returns.
     async fn settle(&mut self) -> Result<(), RigError> {
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! A board's lines on a real gpiochip, by the kernel's character device.
+//! A board's lines on a real gpiochip, through the kernel's character device.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use gpiocdev::line::{Offset, Value, Values};
 use crate::chip::{GpioChip, GpioFault};
 use crate::lines::{LINES, Levels, Line};
 
-/// What the kernel shows as the owner of the lines.
+/// The name that the kernel shows as the owner of the lines.
 const CONSUMER: &str = "tactus";
 
 /// The level at which a chip's enable is on.
@@ -21,15 +21,15 @@ pub enum EnableLevel {
     High,
 }
 
-/// The 24 lines on a gpiochip, all requested at once as outputs, enables off at first (fact sheet section 4).
+/// The 24 lines on a gpiochip, all requested at once as outputs, with the enables off (fact sheet section 4).
 ///
-/// Closing it hands the lines back; whether they keep their levels depends on the chip's driver, so the pull resistors
-/// of the board are what opens everything then.
+/// Dropping it releases the lines. Whether they keep their levels depends on the chip's driver; only the board's pull
+/// resistors are sure to open everything then.
 #[derive(Debug)]
 pub struct CharacterDevice {
     name: String,
     request: Request,
-    /// Of each line, by its number.
+    /// The offset of each line, by line number.
     offsets: [Offset; LINES as usize],
 }
 
@@ -37,7 +37,7 @@ impl CharacterDevice {
     /// Takes the lines by their names, as [`Line`] is written: `I+.S0` to `V-.EN_B`.
     ///
     /// # Errors
-    /// A chip that is not there, a line that no name leads to, a line that somebody else has.
+    /// A chip that does not exist, a name without a line, a line that another process has taken.
     pub fn by_names(path: &Path, enable: EnableLevel) -> Result<Self, GpioFault> {
         let fault = |reason: String| taken(path, reason);
         let chip = gpiocdev::Chip::from_path(path).map_err(|cause| fault(cause.to_string()))?;
@@ -72,7 +72,7 @@ impl CharacterDevice {
         Self::request(path, offsets, enable)
     }
 
-    /// Takes 24 lines in a row, in the order of their numbers.
+    /// Takes 24 consecutive lines, in the order of their numbers.
     ///
     /// # Errors
     /// As [`CharacterDevice::by_names`].
@@ -93,7 +93,7 @@ impl CharacterDevice {
         builder.on_chip(PathBuf::from(path)).with_consumer(CONSUMER);
         for (line, offset) in Line::all().zip(&offsets) {
             builder.with_line(*offset).as_output(Value::Inactive);
-            // the kernel turns levels round, so that here an enable that is set is on
+            // the kernel inverts active-low lines, so that a set enable always means on
             match (line, enable) {
                 (Line::Enable(..), EnableLevel::Low) => builder.as_active_low(),
                 _ => builder.as_active_high(),

@@ -1,4 +1,4 @@
-//! The trait of a gpiochip, and a chip in memory that writes every edge down.
+//! The trait of a gpiochip, and a chip in memory that records every edge.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,50 +10,50 @@ use crate::lines::{LINES, Levels, Line};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("the lines of {chip} cannot be {attempt}: {reason}")]
 pub struct GpioFault {
-    /// Which chip.
+    /// Name of the chip.
     pub chip: String,
     /// `taken`, `set` or `read`.
     pub attempt: &'static str,
-    /// Why.
+    /// The reason.
     pub reason: String,
 }
 
-/// The 24 lines of a board as a chip offers them: all requested at once, outputs, low at first (fact sheet section 4).
+/// The 24 lines of a board on a chip: all requested at once as outputs, low at first (fact sheet section 4).
 pub trait GpioChip: Send {
-    /// What it is called where something goes wrong.
+    /// The chip's name for messages.
     fn name(&self) -> &str;
 
-    /// Sets the lines of a mask to the levels of `bits`, in one call; the others stay.
+    /// Sets the lines of a mask to the levels of `bits` in one call; the others stay.
     ///
     /// # Errors
-    /// The chip is gone or refuses.
+    /// The chip is gone or rejects the request.
     fn set(&mut self, mask: u32, bits: u32) -> Result<(), GpioFault>;
 
     /// Reads all lines back.
     ///
     /// # Errors
-    /// The chip is gone or refuses.
+    /// The chip is gone or rejects the request.
     fn read(&mut self) -> Result<Levels, GpioFault>;
 }
 
-/// A line that changed.
+/// A change of a line's level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LineEdge {
     /// By the chip's clock.
     pub at: Duration,
-    /// Which.
+    /// The line.
     pub line: Line,
-    /// To what.
+    /// Its new level.
     pub level: bool,
 }
 
-/// Edges remembered; older ones are forgotten.
+/// Number of edges kept; older ones are dropped.
 const EDGES: usize = 65_536;
 
 #[derive(Debug)]
 struct Pins {
     levels: Levels,
-    /// Lines that stay where they are, and at which levels.
+    /// Lines that are stuck, and their levels.
     stuck: u32,
     stuck_at: u32,
     edges: VecDeque<LineEdge>,
@@ -62,7 +62,7 @@ struct Pins {
     gone: Option<String>,
 }
 
-/// A chip in memory. A handle: clones mean the same chip. Every call that sets lines takes `set_time` of its own clock.
+/// A chip in memory. Clones are handles of the same chip. Every call that sets lines advances its clock by `set_time`.
 #[derive(Debug, Clone)]
 pub struct MemoryChip(Arc<Mutex<Pins>>);
 
@@ -81,7 +81,7 @@ impl MemoryChip {
     }
 
     fn pins(&self) -> MutexGuard<'_, Pins> {
-        // Whoever panicked while holding the lock left whole levels behind.
+        // A thread that panicked while it held the lock left complete levels behind.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -90,23 +90,23 @@ impl MemoryChip {
         self.pins().edges.iter().copied().collect()
     }
 
-    /// The levels that the multiplexers see.
+    /// The levels at the multiplexers.
     pub fn levels(&self) -> Levels {
         self.pins().levels
     }
 
-    /// What its clock shows.
+    /// The chip's clock.
     pub fn now(&self) -> Duration {
         self.pins().clock
     }
 
-    /// Lets time pass, up to then.
+    /// Advances the clock to this time.
     pub fn pass(&self, to: Duration) {
         let mut pins = self.pins();
         pins.clock = pins.clock.max(to);
     }
 
-    /// A line that stays at a level, whatever is set.
+    /// Makes a line stick at a level.
     pub fn stick(&self, line: Line, level: bool) {
         let mut pins = self.pins();
         pins.stuck |= line.mask();
@@ -115,12 +115,13 @@ impl MemoryChip {
         pins.change(line.mask(), bits);
     }
 
-    /// Mends a line that was stuck. It keeps its level until it is set again.
+    /// Ends a fault of [`MemoryChip::stick`]. The line keeps its level until it is set again.
     pub fn mend(&self, line: Line) {
         self.pins().stuck &= !line.mask();
     }
 
-    /// The chip is unplugged (a reason) or there again. Without it the pull resistors hold every line low.
+    /// Unplugs the chip (with a reason) or plugs it in again. While it is unplugged, the pull resistors hold every line
+    /// low.
     pub fn unplug(&self, reason: Option<&str>) {
         let mut pins = self.pins();
         pins.gone = reason.map(str::to_owned);
@@ -143,7 +144,7 @@ impl MemoryChip {
 }
 
 impl Pins {
-    /// Stuck lines aside.
+    /// Stuck lines do not change.
     fn change(&mut self, mask: u32, bits: u32) {
         let wanted = self.levels.with(mask, bits).with(self.stuck, self.stuck_at);
         for line in Line::all() {

@@ -1,6 +1,6 @@
-//! The board's line protocol in both directions: fact sheet section 5. No word of it is spelled anywhere else.
+//! The board's line protocol in both directions: fact sheet section 5. Only this module contains its words.
 //!
-//! Lines end in LF; every command has exactly one reply, so that a lost one is noticed:
+//! Lines end in LF; every command has exactly one reply, so that a lost one is detected:
 //!
 //! | command | reply |
 //! |---|---|
@@ -8,7 +8,7 @@
 //! | `SET I+\|I-\|V+\|V- <electrode>\|OFF`, `PAIR I\|V <k>`, `OFF`, `WDOG <ms>`, `STAT?` | the four electrodes: `3,4,OFF,OFF` |
 //! | `LAST?` | microseconds from the board's start to its last edge |
 //! | `SYST:ERR?` | `+0,"No error"` |
-//! | any that is refused | `ERR <code>,"<text>"` |
+//! | any rejected command | `ERR <code>,"<text>"` |
 
 use std::fmt;
 use std::str::FromStr;
@@ -20,7 +20,7 @@ use survey::{Electrode, Relay};
 /// Entries of the board's error queue.
 pub(crate) const MOST_ERRORS: usize = 20;
 
-/// One of the four lines that the board leads to an electrode.
+/// One of the four terminals that the board connects to an electrode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Pole {
     /// The source's high side: relays 101 and up.
@@ -37,7 +37,7 @@ impl Pole {
     /// In the order of every reply.
     pub const ALL: [Self; 4] = [Self::IPlus, Self::IMinus, Self::VPlus, Self::VMinus];
 
-    /// Place in a [`State`].
+    /// Index in a [`State`].
     pub fn index(self) -> usize {
         match self {
             Self::IPlus => 0,
@@ -47,12 +47,12 @@ impl Pole {
         }
     }
 
-    /// The number under which a wiring knows "this electrode on this pole".
+    /// The relay number of "this electrode on this pole" in a wiring.
     pub fn relay(self, electrode: Electrode) -> Relay {
         Relay((self.index() as u32 + 1) * 100 + electrode.number() as u32)
     }
 
-    /// The pole and electrode that a relay's number means.
+    /// The pole and electrode of a relay number.
     pub fn of(relay: Relay) -> Option<(Self, Electrode)> {
         let pole = *Self::ALL.get((relay.0 / 100).checked_sub(1)? as usize)?;
         let electrode = Electrode::from_number((relay.0 % 100) as usize)?;
@@ -113,24 +113,24 @@ impl State {
     }
 }
 
-/// Everything that can be said to the board.
+/// A command to the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {
-    /// Ask who it is.
+    /// Query the identity.
     Identify,
-    /// Put an electrode, or none, on a pole.
+    /// Connect an electrode, or none, to a pole.
     Set(Pole, Option<Electrode>),
-    /// Put an electrode on the plus pole and its neighbour on the minus pole.
+    /// Connect an electrode to the plus pole and its neighbour to the minus pole.
     Pair(Pair, Electrode),
     /// Open everything.
     Off,
-    /// Ask for the four electrodes.
+    /// Query the four electrodes.
     AskState,
-    /// Ask when the last edge was.
+    /// Query the time of the last edge.
     AskLastEdge,
-    /// Take the oldest error.
+    /// Query the oldest error and remove it.
     NextError,
-    /// All off unless a command arrives within so many milliseconds; 0 never.
+    /// All off unless a command arrives within this number of milliseconds; 0 disables the watchdog.
     Watchdog(u32),
 }
 
@@ -205,7 +205,7 @@ fn electrode_numbered(word: &str) -> Result<Electrode, ErrorEntry> {
         .ok_or_else(|| ErrorEntry::new(-222, "Data out of range; electrodes count from 1"))
 }
 
-/// A whole number; one that is none, and one that is too large or below 0, have numbers of their own.
+/// Parses an integer. Text that is not an integer and an integer out of range have different error numbers.
 fn whole<N: FromStr>(word: &str, meant: &str) -> Result<N, ErrorEntry> {
     let digits = word.strip_prefix(['+', '-']).unwrap_or(word);
     if digits.is_empty() || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
@@ -215,7 +215,8 @@ fn whole<N: FromStr>(word: &str, meant: &str) -> Result<N, ErrorEntry> {
         .map_err(|_| ErrorEntry::new(-222, format!("Data out of range; {meant}")))
 }
 
-/// `SYST:ERR?` as SCPI spells it: each word long or short, `NEXT` and the leading colon may be left out.
+/// Whether the header is `SYST:ERR?` in a spelling of SCPI: each word long or short; `NEXT` and the leading colon may
+/// be left out.
 fn asks_next_error(header: &str) -> bool {
     let path = header.strip_prefix(':').unwrap_or(header);
     let words: Option<Vec<&str>> = path.strip_suffix('?').map(|path| path.split(':').collect());
@@ -225,10 +226,10 @@ fn asks_next_error(header: &str) -> bool {
     )
 }
 
-/// What the board answers.
+/// A reply of the board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Reply {
-    /// Who it is.
+    /// The identity.
     Identity(String),
     /// The four electrodes.
     State(State),
@@ -236,7 +237,7 @@ pub enum Reply {
     LastEdge(Duration),
     /// An entry of the error queue.
     Error(ErrorEntry),
-    /// The command was refused.
+    /// The command was rejected.
     Refused(ErrorEntry),
 }
 
@@ -267,7 +268,7 @@ impl fmt::Display for State {
     }
 }
 
-/// A reply that is not of the expected form.
+/// A reply that does not have the expected form.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is not four electrodes")]
 pub struct NotAState(String);
@@ -296,7 +297,7 @@ impl FromStr for State {
     }
 }
 
-/// Reads a refusal, `ERR <code>,"<text>"`; `None` for any other reply.
+/// Parses an error reply, `ERR <code>,"<text>"`; `None` for any other reply.
 pub fn refusal(reply: &str) -> Option<ErrorEntry> {
     reply.strip_prefix("ERR ")?.parse().ok()
 }

@@ -1,7 +1,7 @@
 //! The board as a [`Switch`]: relay numbers in, line protocol out.
 //!
-//! The board answers every move with the electrodes then on its poles, and every answer is compared with what was
-//! meant: a watchdog that opened in between, or a board that was reset, is noticed at the next command.
+//! The board replies to every move with the electrodes now on its poles, and each reply is compared with the intended
+//! state: a watchdog that has opened everything in between, or a reset of the board, is detected at the next command.
 
 use std::time::Duration;
 
@@ -12,13 +12,13 @@ use tokio::io::{AsyncRead, AsyncReadExt};
 use crate::MODEL;
 use crate::command::{Command, MOST_ERRORS, Pair, Pole, State, refusal};
 
-/// What the driver may be told to do differently.
+/// Options of the driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// The board opens everything when no command comes for so long; zero: never. The longest reading must fit: 200
-    /// cycles with a zero reading are 8 s.
+    /// The board opens everything when no command arrives for this long; zero disables the watchdog. It must be longer
+    /// than the longest reading: 200 cycles with a zero reading are 8 s.
     pub watchdog: Duration,
-    /// Waited after every move (section 3: 5 x (R_on + R_sample) x C_cable, at least 50 us).
+    /// Wait after every move (section 3: 5 x (R_on + R_sample) x C_cable, at least 50 us).
     pub settling: Duration,
 }
 
@@ -32,8 +32,8 @@ impl Default for Options {
     }
 }
 
-/// Reads the line that a board says when its port is opened, if it comes in time: opening may reset it (section 5).
-/// To be called before the stream becomes a [`Link`].
+/// Reads the line that a board sends when its port is opened, if it arrives in time: opening the port may reset the
+/// board (section 5). To be called before the stream becomes a [`Link`].
 pub async fn await_banner<S: AsyncRead + Unpin>(
     stream: &mut S,
     within: Duration,
@@ -61,15 +61,15 @@ pub struct GpioMux<S> {
     conversation: Conversation<S>,
     identity: String,
     settling: Duration,
-    /// As last answered; unknown after a fault.
+    /// As last reported; unknown after a fault.
     state: Option<State>,
 }
 
 impl<S: Stream> GpioMux<S> {
-    /// Asks who is there, refuses another model, and sets the watchdog.
+    /// Queries the identity, rejects another model, and sets the watchdog.
     ///
     /// # Errors
-    /// Another instrument, or a failing wire.
+    /// Another instrument, or a broken connection.
     pub async fn connect(link: Link<S>) -> Result<Self, RigError> {
         Self::connect_with(link, Options::default()).await
     }
@@ -100,12 +100,12 @@ impl<S: Stream> GpioMux<S> {
     /// Reads back the electrodes on the poles.
     ///
     /// # Errors
-    /// A failing wire, or an answer that is no state.
+    /// A broken connection, or a reply that is not a state.
     pub async fn state(&mut self) -> Result<State, RigError> {
         self.send(Command::AskState).await
     }
 
-    /// Sends one command and reads the state that it leads to.
+    /// Sends one command and returns the state in the reply.
     async fn send(&mut self, command: Command) -> Result<State, RigError> {
         self.state = None;
         let message = command.to_string();
@@ -121,7 +121,7 @@ impl<S: Stream> GpioMux<S> {
         Ok(state)
     }
 
-    /// Brings the poles to a state, by the fewest commands, each checked by its answer.
+    /// Brings the poles to a state with the fewest commands; each reply is checked.
     async fn bring(&mut self, from: State, to: State) -> Result<(), RigError> {
         let commands = way(from, to);
         for (command, meant) in &commands {
@@ -138,11 +138,11 @@ impl<S: Stream> GpioMux<S> {
         Ok(())
     }
 
-    /// After a lost or late answer: opens everything on the way back in step.
+    /// After a lost or late reply: opens everything while the link is synchronised again.
     async fn come_back(&mut self) -> Result<(), RigError> {
         self.state = None;
         let off = (Command::Off.to_string(), State::default().to_string());
-        // answers that no question of a frame has: no frame senses with the current poles open
+        // Replies that no query of a frame has: no frame measures voltage with the current poles open.
         let alone = State::default().with(Pole::VPlus, Some(Electrode(0)));
         let probe = Command::Set(Pole::VPlus, Some(Electrode(0))).to_string();
         let probes = [
@@ -166,7 +166,7 @@ impl<S: Stream> GpioMux<S> {
         })
     }
 
-    /// Where the moves lead, or why they must not be made.
+    /// The state after the moves, or why they must not be made.
     fn target(&self, from: State, moves: &[Move]) -> Result<State, RigError> {
         let mut state = from;
         for one in moves {
@@ -201,8 +201,8 @@ impl<S: Stream> GpioMux<S> {
     }
 }
 
-/// The commands from one legal state to another, each with the state that it leads to. No state between has one
-/// electrode on both current poles.
+/// The commands from one valid state to another, each with the state after it. No intermediate state has one electrode
+/// on both current poles.
 fn way(from: State, to: State) -> Vec<(Command, State)> {
     if to == State::default() && from != to {
         return vec![(Command::Off, to)];
@@ -219,7 +219,8 @@ fn way(from: State, to: State) -> Vec<(Command, State)> {
         if (state.on(plus), state.on(minus)) == (want_plus, want_minus) {
             continue;
         }
-        // The board wraps round its own ring; here the ring is not known, so the last pair is set pole by pole.
+        // The board computes the neighbour modulo its own number of electrodes, which is unknown here, so the last pair
+        // is set pole by pole.
         if let (Some(first), Some(second)) = (want_plus, want_minus)
             && second.0 == first.0 + 1
         {
@@ -240,8 +241,8 @@ fn way(from: State, to: State) -> Vec<(Command, State)> {
 }
 
 impl<S: Stream> Switch for GpioMux<S> {
-    /// Brings every pole to where the moves lead. An open and a close of one pole are one command of the board, which
-    /// breaks before it makes. Nothing is held back.
+    /// Moves every pole to the state after the moves. An open and a close of one pole are one command of the board,
+    /// which breaks before it makes. No move is deferred.
     async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
         let from = match self.state {
             Some(state) => state,
@@ -251,7 +252,7 @@ impl<S: Stream> Switch for GpioMux<S> {
         self.bring(from, to).await
     }
 
-    /// Nothing to do: a move has settled when it returns.
+    /// Does nothing: a move has settled when it returns.
     async fn settle(&mut self) -> Result<(), RigError> {
         Ok(())
     }

@@ -1,14 +1,14 @@
-//! The multiplexer board that puts any electrode on each of four poles, by lines of text over a serial port.
+//! The multiplexer board that connects any electrode to each of four poles, controlled by lines of text over a serial port.
 //!
-//! Here live its line protocol in both directions, the driver that plays [`rig::Switch`] over it, and a simulator that
-//! keeps every edge of the board's lines. A board whose lines hang on a gpiochip of this machine is driven over the trait
-//! [`GpioChip`], by the kernel's character device or a chip in memory. Refused are two electrodes on one pole, one electrode
-//! on both current poles, and every relay number that is not pole x 100 + electrode.
+//! Contains the line protocol in both directions, the driver that implements [`rig::Switch`] over it, and a simulator that
+//! records every edge of the board's lines. A board whose lines are on a gpiochip of this machine is driven through the
+//! trait [`GpioChip`], by the kernel's character device or a chip in memory. Two electrodes on one pole, one electrode on
+//! both current poles, and every relay number that is not pole x 100 + electrode are errors.
 //!
 //! - **pole**: one of I+, I-, V+, V-; **state**: the electrode on each of them
-//! - **line**: one of the 24 that lead to the multiplexers; **levels**: all of them
+//! - **line**: one of the 24 control lines of the multiplexers; **levels**: the levels of all of them
 //! - **edge**: a change of an enable or of an address, with its time; break comes before make
-//! - **watchdog**: opens everything when no command comes in time
+//! - **watchdog**: opens everything when no command arrives in time
 //!
 //! ```
 //! use std::time::Duration;

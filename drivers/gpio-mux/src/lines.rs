@@ -1,8 +1,8 @@
-//! The board's 24 lines: fact sheet section 2. Which line is which, and what their levels join.
+//! The board's 24 lines (fact sheet section 2): their numbers, and the connections that their levels make.
 //!
-//! Six lines a pole: the address S0 to S3, shared by both chips, and an enable for each chip. A line is counted from 0,
-//! pole by pole in the order of [`Pole::ALL`]. Levels are logical: an enable that is set is on, whatever its polarity
-//! at the chip.
+//! Each pole has six lines: the address S0 to S3, shared by both chips, and an enable for each chip. Lines are numbered
+//! from 0, pole by pole in the order of [`Pole::ALL`]. Levels are logical: an enable that is set is on, whatever its
+//! polarity at the chip.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -24,7 +24,7 @@ pub enum Chip {
 }
 
 impl Chip {
-    /// The chip of an electrode; `None` beyond the 32 of two chips.
+    /// The chip of an electrode; `None` beyond the 32 electrodes of two chips.
     pub fn of(electrode: Electrode) -> Option<Self> {
         match electrode.0 {
             0..=15 => Some(Self::A),
@@ -41,7 +41,7 @@ impl Chip {
     }
 }
 
-/// What a line does.
+/// The function of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Line {
     /// One bit, 0 to 3, of a pole's address.
@@ -59,10 +59,10 @@ impl Line {
         })
     }
 
-    /// Its number, 0 to 23.
+    /// The line's number, 0 to 23.
     pub fn number(self) -> u32 {
         let (pole, place) = match self {
-            // A bit beyond the address is taken as its last one: every line has a number.
+            // A bit beyond the address counts as its last one, so that every line has a number.
             Self::Address(pole, bit) => (pole, u32::from(bit.min(3))),
             Self::Enable(pole, Chip::A) => (pole, 4),
             Self::Enable(pole, Chip::B) => (pole, 5),
@@ -70,14 +70,14 @@ impl Line {
         pole.index() as u32 * 6 + place
     }
 
-    /// Its bit among the levels.
+    /// The line's bit among the levels.
     pub fn mask(self) -> u32 {
         1 << self.number()
     }
 }
 
 impl fmt::Display for Line {
-    /// As the line is named: `I+.S0`, `V-.EN_B`.
+    /// The name of the line: `I+.S0`, `V-.EN_B`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Address(pole, bit) => write!(f, "{pole}.S{bit}"),
@@ -101,7 +101,7 @@ impl Levels {
         (0..4).map(|bit| Line::Address(pole, bit).mask()).sum()
     }
 
-    /// The address lines of a pole at the levels that mean an electrode.
+    /// The address lines of a pole at the levels that select an electrode.
     pub fn address_of(pole: Pole, electrode: Electrode) -> u32 {
         let address = electrode.0 % 16;
         (0..4)
@@ -132,29 +132,29 @@ impl Levels {
             .map(move |chip| Electrode(chip.first() + address))
     }
 
-    /// The electrode on each pole; of two the lower.
+    /// The electrode on each pole; if there are two, the lower.
     pub fn state(self) -> State {
         State(Pole::ALL.map(|pole| self.electrodes(pole).next()))
     }
 
-    /// Everything that is joined, by the relay numbers of a wiring.
+    /// All connections, as relay numbers of a wiring.
     pub fn joined(self) -> BTreeSet<Relay> {
         let joined = |pole: Pole| self.electrodes(pole).map(move |one| pole.relay(one));
         Pole::ALL.into_iter().flat_map(joined).collect()
     }
 }
 
-/// One change of several lines at once.
+/// One simultaneous change of several lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
-    /// Which lines.
+    /// The lines.
     pub mask: u32,
     /// Their levels.
     pub bits: u32,
 }
 
-/// The steps from one state to another: enables off, addresses, enables on, each only where it is needed (section 3).
-/// An electrode beyond a pole's two chips is left out; whoever asks has refused it before.
+/// The steps from one state to another: enables off, addresses, enables on, each only if needed (section 3). An
+/// electrode beyond a pole's two chips is left out; callers have rejected it before.
 pub fn steps(from: State, to: State) -> Vec<Step> {
     let moving: Vec<Pole> = Pole::ALL
         .into_iter()

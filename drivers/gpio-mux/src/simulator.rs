@@ -1,6 +1,6 @@
 //! The board as a state machine: four poles of two 16-way chips, every edge of their lines with its time.
 //!
-//! No I/O, no clock, no physics: time and lines come in as arguments, the joined electrodes go out through [`Poles`].
+//! No I/O, no clock, no physics: time and lines are passed in, the connected electrodes are passed on to [`Poles`].
 
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
@@ -11,28 +11,29 @@ use survey::{Electrode, Relay};
 use crate::command::{Command, MOST_ERRORS, Pole, Reply, State};
 use crate::lines::{Chip, Levels, Line, Step, steps};
 
-/// What the four poles are led to. The simulated rig implements it.
+/// What the four poles are connected to. The simulated rig implements it.
 pub trait Poles {
-    /// Told whenever an electrode comes on or off a pole, in the order of [`Pole::ALL`].
+    /// Called whenever an electrode is connected to or disconnected from a pole; `joined` is in the order of
+    /// [`Pole::ALL`].
     fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration);
 
-    /// Told at the same moments everything that is joined, by the relay numbers of a wiring: with an enable that is
-    /// stuck a pole may have two electrodes, of which [`Poles::poles`] names the lower.
+    /// Called at the same moments with all connections as relay numbers of a wiring: with a stuck enable a pole may
+    /// have two electrodes, of which [`Poles::poles`] gets the lower.
     fn contacts(&mut self, joined: &BTreeSet<Relay>, at: Duration) {
         let _ = (joined, at);
     }
 }
 
-/// What a simulated board is set to before it is switched on.
+/// Settings of a simulated board.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Serial number in `*IDN?`.
     pub serial: String,
-    /// Electrodes wired, 32 at most: two 16-way chips a pole.
+    /// Number of electrodes wired, 32 at most: two 16-way chips a pole.
     pub electrodes: usize,
-    /// From a command's end to its reply (section 6: 1.5 ms over USB).
+    /// Time from the end of a command to its reply (section 6: 1.5 ms over USB).
     pub latency: Duration,
-    /// From one edge of a line to the next (section 4: 1 to 5 us on a SoC).
+    /// Time from one edge of a line to the next (section 4: 1 to 5 us on a SoC).
     pub edge_time: Duration,
 }
 
@@ -47,16 +48,16 @@ impl Default for Settings {
     }
 }
 
-/// An answer, and how long the board needs for it.
+/// A reply, and the time that the board needs for it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Response {
-    /// The reply without its LF. Every line but an empty one has one.
+    /// The reply without its LF. Every line except an empty one has a reply.
     pub text: Option<String>,
     /// Time until the reply.
     pub busy: Duration,
 }
 
-/// What changed on a pole's lines.
+/// A change on a pole's lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
     /// A chip's enable.
@@ -65,18 +66,18 @@ pub enum Edge {
     Address(u8),
 }
 
-/// An edge with its place and time.
+/// An edge with its pole and time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EdgeRecord {
-    /// Since the board was first switched on: a reset does not set it back.
+    /// Time since the board was first switched on; a reset does not restart it.
     pub at: Duration,
-    /// On which pole.
+    /// The pole.
     pub pole: Pole,
-    /// What.
+    /// The change.
     pub edge: Edge,
 }
 
-/// Edges remembered; older ones are forgotten.
+/// Number of edges kept; older ones are dropped.
 const EDGES: usize = 8192;
 const WATCHDOG: Duration = Duration::from_millis(2000);
 
@@ -84,17 +85,17 @@ const WATCHDOG: Duration = Duration::from_millis(2000);
 #[derive(Debug)]
 pub struct SimulatorGpioMux {
     settings: Settings,
-    /// What the firmware has set.
+    /// Levels set by the firmware.
     levels: Levels,
-    /// Lines that stay where they are, and at which levels.
+    /// Lines that are stuck, and their levels.
     stuck: Levels,
     stuck_at: Levels,
-    /// Replies that are still to be lost.
+    /// Number of replies still to be lost.
     lost: u32,
     edges: VecDeque<EdgeRecord>,
-    /// Power on, or the last reset: the firmware's clock began.
+    /// Power on or last reset: time zero of the firmware's clock.
     started: Duration,
-    /// By the firmware's clock.
+    /// Time of the last edge by the firmware's clock.
     last_edge: Duration,
     watchdog: Duration,
     received: Duration,
@@ -119,22 +120,23 @@ impl SimulatorGpioMux {
         }
     }
 
-    /// What it says, unasked, when its port is opened.
+    /// The line that the board sends when its port is opened.
     pub fn banner(&self) -> String {
         format!("{} ready", self.identity())
     }
 
-    /// The electrodes joined now, as the firmware believes.
+    /// The electrodes connected now, according to the firmware.
     pub fn state(&self) -> State {
         self.levels.state()
     }
 
-    /// The levels that the multiplexers really see.
+    /// The actual levels at the multiplexers.
     pub fn levels(&self) -> Levels {
         self.levels.with(self.stuck.0, self.stuck_at.0)
     }
 
-    /// A line, an enable for instance, that stays at a level whatever the firmware sets. It does not know.
+    /// Makes a line, an enable for instance, stick at a level whatever the firmware sets. The firmware does not detect
+    /// it.
     pub fn stick(&mut self, line: Line, level: bool, at: Duration, poles: &mut dyn Poles) {
         self.pass(at, poles);
         let bits = if level { line.mask() } else { 0 };
@@ -143,14 +145,14 @@ impl SimulatorGpioMux {
         self.tell(at, poles);
     }
 
-    /// Mends a line that was stuck.
+    /// Ends a fault of [`SimulatorGpioMux::stick`].
     pub fn mend(&mut self, line: Line, at: Duration, poles: &mut dyn Poles) {
         self.pass(at, poles);
         self.stuck = self.stuck.with(line.mask(), 0);
         self.tell(at, poles);
     }
 
-    /// Loses the next replies on their way: the commands are carried out all the same.
+    /// Loses the next replies: the commands are still executed.
     pub fn lose_replies(&mut self, count: u32) {
         self.lost = count;
     }
@@ -161,12 +163,12 @@ impl SimulatorGpioMux {
         poles.contacts(&levels.joined(), at);
     }
 
-    /// How many errors wait to be read; never more than 20.
+    /// Number of errors in the queue; never more than 20.
     pub fn errors_waiting(&self) -> usize {
         self.errors.len()
     }
 
-    /// How many errors were ever queued, and the last of them: a look that leaves the queue as it is.
+    /// Total number of errors queued so far, and the last of them. Reading them leaves the queue as it is.
     pub fn latest_error(&self) -> (u64, Option<&ErrorEntry>) {
         (self.errors.added(), self.errors.latest())
     }
@@ -176,7 +178,7 @@ impl SimulatorGpioMux {
         self.edges.iter()
     }
 
-    /// Switches power off and on: all off, everything forgotten, a new banner to be sent.
+    /// Switches power off and on: all off, all state cleared. Returns the new banner.
     pub fn reset(&mut self, at: Duration, poles: &mut dyn Poles) -> String {
         self.all_off(at, poles);
         self.watchdog = WATCHDOG;
@@ -187,7 +189,7 @@ impl SimulatorGpioMux {
         self.banner()
     }
 
-    /// Lets time pass without a command: the watchdog opens everything when its time is over.
+    /// Advances time without a command: the watchdog opens everything when its time has run out.
     pub fn pass(&mut self, at: Duration, poles: &mut dyn Poles) {
         let due = self.received + self.watchdog;
         if self.watchdog > Duration::ZERO && at >= due && self.state() != State::default() {
@@ -195,7 +197,7 @@ impl SimulatorGpioMux {
         }
     }
 
-    /// Receives one line and answers it.
+    /// Receives one line and returns the reply.
     pub fn receive(&mut self, line: &str, at: Duration, poles: &mut dyn Poles) -> Response {
         self.pass(at, poles);
         if line.trim().is_empty() {
@@ -205,14 +207,14 @@ impl SimulatorGpioMux {
             };
         }
         let answer = line.parse().and_then(|command| {
-            // Noise on the line is no command: it does not keep the watchdog quiet.
+            // Noise on the line is not a command and does not restart the watchdog.
             self.received = at;
             self.obey(command, at, poles)
         });
         self.answer(answer)
     }
 
-    /// Receives a line that is longer than its buffer. It has one reply too, so that its loss is noticed.
+    /// Receives a line that is longer than the buffer. It has one reply too, so that its loss is detected.
     pub fn receive_oversized(&mut self, at: Duration, poles: &mut dyn Poles) -> Response {
         self.pass(at, poles);
         self.answer(Err(ErrorEntry::new(-363, "Input buffer overrun")))
@@ -262,8 +264,8 @@ impl SimulatorGpioMux {
         Ok(Reply::State(self.state()))
     }
 
-    /// Moves the poles that differ: every enable off, then addresses, then enables (section 3). Refuses before
-    /// touching a line.
+    /// Moves the poles that differ: every enable off, then addresses, then enables (section 3). Invalid moves are
+    /// rejected before a line is set.
     fn move_to(
         &mut self,
         target: State,
@@ -302,15 +304,15 @@ impl SimulatorGpioMux {
         }
     }
 
-    /// Sets lines pole by pole: the address lines of a pole together, enables one by one. A line that is there already
-    /// makes no edge.
+    /// Sets lines pole by pole: the address lines of a pole together, enables one by one. A line that has the level
+    /// already makes no edge.
     fn take(&mut self, step: Step, clock: &mut Duration, poles: &mut dyn Poles) {
         for pole in Pole::ALL {
             let address = Levels::addresses(pole) & step.mask;
             if address != 0 && (self.levels.0 ^ step.bits) & address != 0 {
                 self.levels = self.levels.with(address, step.bits);
                 let number = (step.bits & address) >> Line::Address(pole, 0).number();
-                // Four lines.
+                // An address has four lines.
                 self.edge(pole, Edge::Address(number as u8), clock, poles);
             }
             for chip in [Chip::A, Chip::B] {
@@ -335,7 +337,7 @@ impl SimulatorGpioMux {
             edge,
         });
         self.last_edge = clock.saturating_sub(self.started);
-        // An address that moves under an enable that is stuck joins another electrode.
+        // An address that changes under a stuck enable connects another electrode.
         if matches!(edge, Edge::Enable(..)) || self.stuck != Levels::default() {
             self.tell(*clock, poles);
         }

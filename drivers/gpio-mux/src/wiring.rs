@@ -17,10 +17,10 @@ pub const RELAY_LIMITS: RelayLimits = RelayLimits {
     voltage: Volts(4.5),
 };
 
-/// One message there and its answer back on the serial line; the chips need no time worth counting.
+/// One command and its reply on the serial line; the switching time of the chips is negligible.
 pub const ROUND_TRIP: Duration = Duration::from_micros(1500);
 
-/// Four poles, any electrode on each. The current is taken to 0 A before a pole moves.
+/// Four poles, any electrode on each. The current is set to 0 A before a pole moves.
 ///
 /// # Errors
 /// More than 32 electrodes.

@@ -1,4 +1,4 @@
-//! The board on a gpiochip: break before make by the edge log, refusals before a line is touched, lines that stick.
+//! The board on a gpiochip: break before make in the recorded edges, rejections before a line is set, lines that stick.
 
 use std::time::Duration;
 
@@ -21,7 +21,8 @@ fn open(relays: &[u32]) -> Move {
     Move::Open(relays.iter().copied().map(Relay).collect())
 }
 
-/// An address moves only while its pole is off, no pole ever has two enables, and the enable comes after the address.
+/// Asserts that an address changes only while its pole is off, that no pole ever has two enables, and that the enable
+/// follows the address.
 fn breaks_before_it_makes(edges: &[LineEdge]) {
     let mut on: [Vec<(Chip, Duration)>; 4] = Default::default();
     let mut broken = [Duration::ZERO; 4];
@@ -63,7 +64,7 @@ async fn enables_off_then_address_then_enable() {
             format!("{} {}={level}", edge.at.as_micros(), edge.line)
         })
         .collect();
-    // The first call of all, 5 us, switched everything off.
+    // The very first call, at 5 us, switched everything off.
     assert_eq!(
         told,
         [

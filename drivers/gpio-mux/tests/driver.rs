@@ -21,7 +21,7 @@ impl Poles for Sheet {
 struct TestInstrument {
     board: SimulatorGpioMux,
     received: Vec<String>,
-    /// Answered instead of the truth to the next line.
+    /// Sent instead of the true reply to the next line.
     lie: Option<&'static str>,
 }
 
@@ -56,7 +56,7 @@ fn plug(device: &Shared) -> DuplexStream {
                     let lie = device.lie.take().map(str::to_owned);
                     (lie.or(answer.text), answer.busy)
                 };
-                // The board's own time; the test's clock does not wait.
+                // The board's own time; the test's clock is paused and advances at once.
                 tokio::time::sleep(busy).await;
                 if let Some(text) = text {
                     there
@@ -148,7 +148,7 @@ async fn a_whole_plan_moves_the_poles_break_before_make() {
         .received
         .iter()
         .filter(|line| line.starts_with("PAIR"));
-    // One message a move, but for the pair that closes the ring.
+    // One message for each move, except for the pair that closes the ring.
     assert!(pairs.count() > 590);
     let mut on = [false; 4];
     for record in device.board.edges() {
@@ -178,13 +178,13 @@ async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
         assert!(refusal.to_string().contains(reason), "{refusal}");
     }
     assert!(received(&device).is_empty());
-    // The board itself refuses what only it knows: electrode 27 is not wired.
+    // Only the board knows that electrode 27 is not wired, and rejects it.
     let refusal = board.move_relays(&[close(&[327])]).await.unwrap_err();
     assert!(
         matches!(refusal, RigError::Refused { code: -222, .. }),
         "{refusal}"
     );
-    // And is asked where it stands before the next move.
+    // The driver queries the board's state before the next move.
     board.move_relays(&[close(&[303])]).await.unwrap();
     assert_eq!(received(&device), ["SET V+ 27", "STAT?", "SET V+ 3"]);
 }
@@ -212,7 +212,7 @@ async fn opening_is_verified() {
     received(&device);
     device.lock().unwrap().lie = Some("5,OFF,OFF,OFF");
     let fault = board.open_verified(&relays(&[105])).await;
-    // It says that it is off, so the OFF that follows the lie is answered truly, and the read-back agrees.
+    // The faked reply reports "off", the OFF that follows gets a true reply, and the read-back agrees.
     fault.unwrap();
     assert_eq!(received(&device), ["STAT?", "OFF", "STAT?"]);
 }

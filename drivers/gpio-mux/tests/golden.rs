@@ -1,5 +1,5 @@
-//! Conversations typed from the fact sheet (`instruments/gpio-mux.md`): `>` is said, `<` is answered. They guard the
-//! grammar that driver and simulator share.
+//! Conversations from the fact sheet (`instruments/gpio-mux.md`): `>` is sent, `<` is the reply. They test the grammar
+//! that driver and simulator share.
 
 use std::time::Duration;
 

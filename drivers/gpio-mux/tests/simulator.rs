@@ -24,7 +24,7 @@ fn board() -> (SimulatorGpioMux, Sheet) {
     (SimulatorGpioMux::new(Settings::default()), Sheet::default())
 }
 
-/// Follows the edges: an address moves while its pole is off, and no pole ever has two enables.
+/// Asserts on the edges that an address changes only while its pole is off, and that no pole ever has two enables.
 fn breaks_before_it_makes(board: &SimulatorGpioMux) {
     let mut enabled: [Vec<Chip>; 4] = Default::default();
     let mut last = Duration::ZERO;
@@ -66,7 +66,7 @@ fn enables_off_then_address_then_enable() {
         [at * 2 + micro(1), at * 2 + micro(2), at * 2 + micro(3)]
     );
     assert!(board.edges().all(|record| record.pole == Pole::IPlus));
-    // The sheet sees the moment in which nothing is joined.
+    // The sheet sees the moment in which nothing is connected.
     let seen: Vec<Option<usize>> = sheet
         .history
         .iter()
@@ -108,7 +108,7 @@ fn a_reset_is_all_off_and_a_new_banner() {
     assert_eq!(banner, "Tactus,GPIO-MUX,0001,1.0 ready");
     assert_eq!(board.state(), State::default());
     assert_eq!(sheet.joined, [None; 4]);
-    // Its clock and its queue begin anew, and so does the watchdog's time.
+    // The firmware's clock, the error queue and the watchdog's time start again.
     let mut say = |line: &str, at| board.receive(line, at, &mut sheet).text.unwrap();
     assert_eq!(say("LAST?", second), "0");
     assert_eq!(say("SYST:ERR?", second), "+0,\"No error\"");
@@ -122,7 +122,7 @@ fn watchdog_ignores_noise_and_oversized_line_gets_a_reply() {
     let (mut board, mut sheet) = board();
     let ms = Duration::from_millis;
     board.receive("PAIR I 5", ms(0), &mut sheet);
-    // Refused, but a command: the host is there.
+    // Rejected, but still a command: it restarts the watchdog.
     let refused = board.receive("SET I- 5", ms(1500), &mut sheet).text;
     assert!(refused.unwrap().starts_with("ERR -221,"));
     board.receive("\u{fffd}\u{fffd}", ms(3000), &mut sheet);

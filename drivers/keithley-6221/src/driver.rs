@@ -1,4 +1,4 @@
-//! The driver: typed methods, every setting read back, every message closed by a look into the error queue.
+//! The driver: typed methods; every setting is read back, every message ends with a query of the error queue.
 
 use rig::{Compliance, Conversation, CurrentSource, Link, Replies, RigError, Stream};
 use scpi::{join_units, parse_boolean, parse_integer, parse_reading};
@@ -8,10 +8,10 @@ use crate::command::{Ask, COMPLIANCE_BIT, Command, INTERLOCK_BIT, Shield, Status
 use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, LIMIT_STEP, Range, SMALLEST_LIMIT};
 
 const MODEL: &str = "MODEL 6221";
-/// Errors taken from the queue before it is taken for broken: several times its depth.
+/// Errors read from the queue before the queue counts as broken: several times its depth.
 const MOST_ERRORS: usize = 64;
 
-/// A 6221 at the end of a link.
+/// A 6221 at the other end of a link.
 #[derive(Debug)]
 pub struct Keithley6221<S> {
     conversation: Conversation<S>,
@@ -20,10 +20,10 @@ pub struct Keithley6221<S> {
 }
 
 impl<S: Stream> Keithley6221<S> {
-    /// Queries the identity, refuses another model, and empties the error queue. Output and level stay as they are.
+    /// Queries the identity, rejects another model, and empties the error queue. Output and level stay as they are.
     ///
     /// # Errors
-    /// [`RigError::WrongInstrument`], or the link's.
+    /// [`RigError::WrongInstrument`], or an error of the link.
     pub async fn connect(link: Link<S>) -> Result<Self, RigError> {
         let mut conversation = Conversation::new(link, Command::NextError, MOST_ERRORS);
         let identity = conversation.identify(MODEL, is_6221).await?;
@@ -35,11 +35,11 @@ impl<S: Stream> Keithley6221<S> {
         })
     }
 
-    /// Continues over a fresh connection, if the same instrument (serial number included) is at its end. What had been
-    /// prepared must be prepared again.
+    /// Continues over a new connection, if the same instrument (same serial number) is at its other end. Earlier
+    /// preparations must be repeated.
     ///
     /// # Errors
-    /// [`RigError::WrongInstrument`], or the link's.
+    /// [`RigError::WrongInstrument`], or an error of the link.
     pub async fn reconnect(&mut self, stream: S) -> Result<(), RigError> {
         self.range = None;
         self.conversation.link_mut().replace(stream);
@@ -63,20 +63,20 @@ impl<S: Stream> Keithley6221<S> {
         self.conversation.instrument()
     }
 
-    /// Read level and output.
+    /// Reads level and output.
     ///
     /// # Errors
-    /// The link's, or a garbled answer.
+    /// An error of the link, or an invalid reply.
     pub async fn output(&mut self) -> Result<(Amps, bool), RigError> {
         let commands = [Command::Level(Ask::Now), Command::Output];
         let answers = self.exchange(&commands).await?;
         self.level_and_output(&answers)
     }
 
-    /// Sends commands with a query of the error queue behind them; gives the answers of the queries.
+    /// Sends commands followed by a query of the error queue; returns the replies to the queries.
     ///
     /// # Errors
-    /// [`RigError::Refused`] with the oldest error when there is one; the queue is emptied.
+    /// [`RigError::Refused`] with the oldest error if there is one; the queue is emptied.
     async fn exchange(&mut self, commands: &[Command]) -> Result<Vec<String>, RigError> {
         let replies = self.exchange_unchecked(commands).await?;
         if replies.error.code == 0 {
@@ -109,7 +109,8 @@ impl<S: Stream> Keithley6221<S> {
         Err(self.garbled(&commands, answers, "a level and 0 or 1"))
     }
 
-    /// Zero and off with the read-back of both, in one segment. Errors left over from elsewhere do not stand in its way.
+    /// Sets the level to 0 and the output off, and reads both back, in one segment. Earlier entries of the error queue
+    /// are ignored.
     async fn off_once(&mut self) -> Result<(), RigError> {
         if !self.conversation.link().is_in_step() {
             self.conversation.link_mut().resynchronise().await?;
@@ -136,7 +137,7 @@ impl<S: Stream> Keithley6221<S> {
         Ok(())
     }
 
-    /// Refuses a read-back that is further from what was set than `tolerance`.
+    /// Rejects a read-back that differs from the set value by more than `tolerance`.
     fn verify(
         &self,
         setting: &str,
@@ -151,9 +152,9 @@ impl<S: Stream> Keithley6221<S> {
         Err(self.conversation.mismatch(setting, set, read))
     }
 
-    /// Refuses a level that the prepared range does not hold.
+    /// Rejects a level beyond the prepared range.
     fn check_level(&self, current: Amps) -> Result<(), RigError> {
-        // Written so that what is no number is refused as well.
+        // Written so that NaN is rejected as well.
         if current == Amps(0.0) || self.range.is_some_and(|range| range.holds(current)) {
             return Ok(());
         }
@@ -216,7 +217,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
             Command::Autorange,
             Command::Range(Ask::Now),
             Command::Compliance(Ask::Now),
-            // what had latched before this is not this survey's
+            // compliance latched before this does not belong to this survey
             Command::Events(StatusGroup::Measurement),
             Command::Interlock,
             Command::Level(Ask::Now),
@@ -224,7 +225,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         ];
         let answers = match self.exchange_unchecked(&commands).await {
             Ok(replies) if replies.error.code == 0 => replies.answers,
-            // Off comes first, whatever an earlier error or a link out of step is in the way of.
+            // The output is switched off first, whatever earlier error or unsynchronised link there is.
             _ => {
                 self.off().await?;
                 self.exchange(&commands).await?
@@ -323,7 +324,7 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
         };
         let events = parse_integer(events).map_err(|_| garbled())?;
         let conditions = parse_integer(conditions).map_err(|_| garbled())?;
-        // without output the voltmeter reads numbers that look like any others
+        // without output the voltmeter's readings look like any others
         if (events | conditions) & 1 << INTERLOCK_BIT != 0 {
             return Err(self.interlock());
         }
@@ -336,8 +337,8 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
     async fn off(&mut self) -> Result<(), RigError> {
         match self.off_once().await {
             Ok(()) => Ok(()),
-            // A lost or late answer, or a level that did not go down: once more, because a live sheet is worse than a
-            // second message.
+            // A lost or late reply, or a level that did not go to 0: one more attempt, because an energised sheet is
+            // worse than a second message.
             Err(first) => {
                 tracing::warn!(instrument = self.instrument(), %first, "switching off again");
                 self.off_once().await
@@ -346,12 +347,12 @@ impl<S: Stream> CurrentSource for Keithley6221<S> {
     }
 }
 
-/// A finite number, or nothing: 9.9E37 is no level.
+/// A finite number, or `None`: 9.9E37 is not a level.
 fn number(answer: &str) -> Option<f64> {
     parse_reading(answer).ok()?.value()
 }
 
-/// Whether the fields of an identity are a 6221's: case does not matter, the firmware neither.
+/// Whether the fields of an identity are those of a 6221; case and firmware version do not matter.
 fn is_6221(fields: &[&str]) -> bool {
     fields
         .get(1)

@@ -1,12 +1,12 @@
-//! What values a setting takes, and how they are written.
+//! The values that a setting takes, and their text form.
 
 use scpi::{Argument, Numeric, ParseError, Unit, format_nr3};
 
 /// Decimals of a number read back: `1.000000E-06` (fact sheet, section 3).
 pub(crate) const DECIMALS: usize = 6;
 
-/// What values a parameter takes. Every value is an `f64`: the number in base units, [`f64::INFINITY`] for INF, 0 or 1
-/// for a switch, the place among the words for a choice.
+/// The values that a parameter takes. Every value is an `f64`: the number in base units, [`f64::INFINITY`] for INF, 0
+/// or 1 for a switch, the index of the word for a choice.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     /// A real number, read back in exponent form.
@@ -35,7 +35,7 @@ impl Kind {
     /// Reads an argument.
     ///
     /// # Errors
-    /// -222 outside of the limits, -224 for another word, and what another type deserves.
+    /// -222 outside the limits, -224 for an unknown word, or the error for an argument of another type.
     pub fn read(self, argument: &Argument) -> Result<f64, ParseError> {
         let number = |unit, [min, max, def]: [f64; 3], endless| match argument.number(unit)? {
             Numeric::Infinity if endless => Ok(f64::INFINITY),
@@ -48,7 +48,7 @@ impl Kind {
                 limits,
                 endless,
             } => match argument.number(unit)? {
-                // A limit reads back with six decimals: as it reads back it can be set.
+                // A limit is read back with six decimals, and that text must be accepted as a setting.
                 Numeric::Value(value) if reads_back_as(limits[1], value) => Ok(limits[1]),
                 Numeric::Value(value) if reads_back_as(limits[0], value) => Ok(limits[0]),
                 _ => number(unit, limits, endless),
@@ -63,7 +63,7 @@ impl Kind {
         }
     }
 
-    /// Whether this value is one of those that [`Kind::read`] gives.
+    /// Whether [`Kind::read`] can return this value.
     pub fn allows(self, value: f64) -> bool {
         match self {
             Kind::Real {
@@ -91,12 +91,12 @@ impl Kind {
             Kind::Real { .. } => format_nr3(value, DECIMALS),
             Kind::Whole { .. } if value.is_infinite() => format_nr3(value, DECIMALS),
             Kind::Whole { .. } | Kind::Switch(_) => format!("{value:.0}"),
-            // A value lies within the words.
+            // A value is a valid index of the words.
             Kind::Choice(words) => short(words[value as usize]),
         }
     }
 
-    /// The value as a client writes it: the fewest digits that read back to the same bits.
+    /// The value as a client writes it: the fewest digits that parse to the same bits.
     pub(crate) fn written(self, value: f64) -> String {
         match self {
             Kind::Real { .. } | Kind::Whole { .. } if value.is_infinite() => "INF".to_owned(),
@@ -119,19 +119,19 @@ impl Kind {
         }
     }
 
-    /// Whether MIN, MAX and DEF may be asked for.
+    /// Whether queries with MIN, MAX and DEF are allowed.
     pub(crate) fn is_number(self) -> bool {
         matches!(self, Kind::Real { .. } | Kind::Whole { .. })
     }
 }
 
-/// Whether a value is a limit as it is read back.
+/// Whether a value is a limit in the form in which it is read back.
 fn reads_back_as(limit: f64, value: f64) -> bool {
     format_nr3(limit, DECIMALS).parse() == Ok(value)
 }
 
 /// A notation in short form from the root: `[SOURce]:WAVE:DURation:TIME` gives `SOUR:WAVE:DUR:TIME`. Optional nodes are
-/// left out, but for a leading one.
+/// left out, except a leading one.
 pub(crate) fn short(notation: &str) -> String {
     let mut written = String::new();
     let mut left_out = false;

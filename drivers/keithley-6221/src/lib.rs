@@ -1,13 +1,13 @@
 //! The Keithley 6221 current source: its commands, its driver, its simulator.
 //!
-//! A floating current source with a voltage limit. It has no voltmeter: all it knows of its load is whether the limit
-//! holds the current back (*compliance*). It refuses a current or limit that the instrument does not have
-//! (an error, nothing is clipped), physics (the simulator asks its [`Load`] for a resistance), and delta modes: the
-//! simulator answers them as an instrument does that no 2182A is connected to.
+//! A floating current source with a voltage limit. It has no voltmeter: all it can report of its load is whether
+//! the voltage limit reduces the current (*compliance*). A current or limit beyond the instrument's is an error; nothing
+//! is clipped. The simulator has no physics of its own (a [`Load`] gives the resistance) and replies to delta modes as an
+//! instrument without a 2182A.
 //!
-//! - **level**: the requested current; **range**: the scale it is made on, 5 % over allowed
-//! - **compliance**: the voltage limit, and the state of being held back by it
-//! - **parameter**: a setting that is one value; **sweep**, **wave**: levels that follow from the time
+//! - **level**: the requested current; **range**: the scale for a level, up to 5 % above its nominal full scale
+//! - **compliance**: the voltage limit, and the state in which it reduces the current
+//! - **parameter**: a setting that is one value; **sweep**, **wave**: levels as a function of time
 //! - **command**: one unit of a message as a value
 //!
 //! ```

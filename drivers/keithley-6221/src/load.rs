@@ -1,24 +1,24 @@
-//! What the simulator needs to know of the world outside its terminals.
+//! The interface of the simulator to the load on its terminals.
 
 use std::time::Duration;
 
 use survey::{Amps, Ohms};
 
-/// What hangs on the source's terminals.
+/// The load on the source's terminals.
 pub trait Load {
-    /// Resistance between the terminals with the relays as they are; [`f64::INFINITY`] when open.
+    /// Resistance between the terminals with the present relay states; [`f64::INFINITY`] if open.
     fn resistance(&mut self, at: Duration) -> Ohms;
 
-    /// Takes note of what flows now, and on which range; called whenever either changes.
+    /// Receives the present current and its range; called whenever either changes.
     fn drive(&mut self, flowing: Amps, range: Amps, at: Duration);
 }
 
 /// A load of one resistor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resistor {
-    /// Its resistance; change it and tell the simulator by [`crate::Simulator6221::load_changed`].
+    /// Its resistance; after a change, call [`crate::Simulator6221::load_changed`].
     pub resistance: Ohms,
-    /// What flows through it.
+    /// The current through it.
     pub flowing: Amps,
 }
 

@@ -1,20 +1,20 @@
 //! Settings that are one number, one switch or one word each: notation, limits and reset value in one table, from which
 //! grammar, read-back, MIN, MAX, DEF, `*RST` and `*SAV` follow.
 //!
-//! Source: fact sheet, section 4. Where it gives no reset value, the value here is assumed.
+//! Source: fact sheet, section 4. Where the sheet has no reset value, the value here is assumed.
 
 use scpi::Unit;
 
 use crate::Kind;
 
-/// What a parameter belongs to; a running sweep or wave does not let its own be changed.
+/// The group of a parameter; a parameter of a running sweep or wave cannot be changed.
 #[cfg(feature = "simulator")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Subject {
     Sweep,
     /// Wave settings that are fixed while it runs.
     Wave,
-    /// Wave settings that take effect at once.
+    /// Wave settings that take effect at once while it runs.
     LiveWave,
     /// Survives `*RST`.
     Communication,
@@ -31,12 +31,12 @@ macro_rules! parameters {
             /// Every parameter, in the order of the manual's chapters.
             pub const ALL: &'static [Parameter] = &[$(Parameter::$name,)*];
 
-            /// Its header in the manual's notation.
+            /// The header in the manual's notation.
             pub fn notation(self) -> &'static str {
                 match self { $(Parameter::$name => $notation,)* }
             }
 
-            /// What values it takes.
+            /// The values that the parameter takes.
             pub fn kind(self) -> Kind {
                 match self { $(Parameter::$name => $kind,)* }
             }
@@ -107,13 +107,13 @@ parameters! {
     Center: Sweep, "[SOURce]:CURRent:CENTer", amps(-MOST, MOST, 0.05);
     /// From first to last level.
     Span: Sweep, "[SOURce]:CURRent:SPAN", amps(0.0, 2.0 * MOST, 0.1);
-    /// How the points of a sweep lie.
+    /// Spacing of the points of a sweep.
     Spacing: Sweep, "[SOURce][:CURRent]:SWEep:SPACing", Kind::Choice(&["LINear", "LOGarithmic", "LIST"]);
     /// Points of a sweep.
     Points: Sweep, "[SOURce][:CURRent]:SWEep:POINts", whole(1.0, 65_535.0, 11.0);
-    /// How often a sweep is run.
+    /// Number of runs of a sweep.
     Count: Sweep, "[SOURce][:CURRent]:SWEep:COUNt", whole_or_inf(1.0, 9_999.0, 1.0);
-    /// Which range a sweep is made on: the best for all points, each point's own, the one that is set.
+    /// Range of a sweep: the best for all points, each point's own, or the present one.
     Ranging: Sweep, "[SOURce][:CURRent]:SWEep:RANGing", Kind::Choice(&["BEST", "AUTO", "FIXed"]);
     /// Whether compliance ends a sweep.
     AbortOnCompliance: Sweep, "[SOURce][:CURRent]:SWEep:CABort", Kind::Switch(false);
@@ -126,28 +126,28 @@ parameters! {
     Frequency: LiveWave, "[SOURce]:WAVE:FREQuency", real(Unit::Hertz, 1e-3, 1e5, 1e3);
     /// Peak amplitude of the wave.
     Amplitude: LiveWave, "[SOURce]:WAVE:AMPLitude", amps(2e-12, MOST, 1e-3);
-    /// What is added to the wave.
+    /// Offset of the wave.
     Offset: LiveWave, "[SOURce]:WAVE:OFFSet", amps(-MOST, MOST, 0.0);
     /// Per cent of a period that a square is high, or a ramp rises.
     DutyCycle: Wave, "[SOURce]:WAVE:DCYCle", plain(0.0, 100.0, 50.0);
     /// How long the wave lasts, s.
     WaveTime: Wave, "[SOURce]:WAVE:DURation:TIME", real_or_inf(Unit::Second, 100e-9, LONGEST, f64::INFINITY);
-    /// How many periods the wave lasts.
+    /// Duration of the wave in periods.
     WaveCycles: Wave, "[SOURce]:WAVE:DURation:CYCLes", real_or_inf(Unit::None, 1e-3, 99_999_999_900.0, f64::INFINITY);
-    /// Which range the wave is made on.
+    /// Range of the wave.
     WaveRanging: Wave, "[SOURce]:WAVE:RANGing", Kind::Choice(&["BEST", "FIXed"]);
     /// Whether the wave marks a phase on a trigger line.
     PhaseMarker: Other, "[SOURce]:WAVE:PMARk:STATe", Kind::Switch(false);
-    /// The phase that is marked, degrees; the manual's scale is 0 to 360, clients in use say -180 to 180.
+    /// The marked phase, degrees; the manual's scale is 0 to 360, common clients use -180 to 180.
     MarkedPhase: Other, "[SOURce]:WAVE:PMARk[:LEVel]", plain(-180.0, 360.0, 180.0);
-    /// Whether a trigger starts the wave (public drivers send `SOUR:WAVE:EXTR`, `:ILIN`, `:IGN`, `:IVAL`, with these limits).
-    /// None is received here: such a wave cannot be armed.
+    /// Whether a trigger starts the wave (public drivers send `SOUR:WAVE:EXTR`, `:ILIN`, `:IGN`, `:IVAL`, with these
+    /// limits). The simulator receives no such trigger: such a wave cannot be armed.
     ExternalTrigger: Wave, "[SOURce]:WAVE:EXTRig[:ENABle]", Kind::Switch(false);
     /// The trigger line that starts the wave; 0 for none.
     ExternalLine: Wave, "[SOURce]:WAVE:EXTRig:ILINe", whole(0.0, 6.0, 1.0);
-    /// Whether triggers are ignored while the wave is made.
+    /// Whether triggers are ignored while the wave is running.
     IgnoreTriggers: Wave, "[SOURce]:WAVE:EXTRig:IGNore", Kind::Switch(false);
-    /// What is made before and after a triggered wave, in parts of its amplitude.
+    /// Output before and after a triggered wave, as a fraction of its amplitude.
     InactiveValue: Wave, "[SOURce]:WAVE:EXTRig:IVALue", plain(-1.0, 1.0, 0.0);
     /// The trigger line of the phase marker.
     MarkerLine: Other, "[SOURce]:WAVE:PMARk:OLINe", whole(1.0, 6.0, 3.0);
@@ -186,9 +186,9 @@ parameters! {
     PulseWidth: Other, "[SOURce]:PDELta:WIDTh", seconds(50e-6, 12e-3, 110e-6);
     /// Delay within a pulse, s.
     PulseDelay: Other, "[SOURce]:PDELta:SDELay", seconds(16e-6, 11.966e-3, 16e-6);
-    /// How many pulses.
+    /// Number of pulses.
     PulseCount: Other, "[SOURce]:PDELta:COUNt", whole_or_inf(1.0, 65_636.0, f64::INFINITY);
-    /// Which range pulses are made on.
+    /// Range of the pulses.
     PulseRanging: Other, "[SOURce]:PDELta:RANGing", Kind::Choice(&["BEST", "FIXed"]);
     /// Power-line cycles between pulses.
     PulseInterval: Other, "[SOURce]:PDELta:INTerval", whole(1.0, 999_999.0, 5.0);
@@ -197,53 +197,53 @@ parameters! {
     /// Low measurements for each pulse.
     PulseLowMeasurements: Other, "[SOURce]:PDELta:LMEasure", whole(1.0, 2.0, 2.0);
 
-    /// What the arm layer waits for.
+    /// The event that the arm layer waits for.
     ArmSource: Sweep, "ARM[:SEQuence][:LAYer]:SOURce", Kind::Choice(&[
         "IMMediate", "TIMer", "BUS", "TLINk", "BSTest", "PSTest", "NSTest", "MANual",
     ]);
-    /// From one pass of the arm layer to the next, s.
+    /// Time from one pass of the arm layer to the next, s.
     ArmTimer: Sweep, "ARM[:SEQuence][:LAYer]:TIMer", seconds(0.0, 99_999.99, 0.1);
-    /// Trigger line that the arm layer listens to.
+    /// Input trigger line of the arm layer.
     ArmInput: Sweep, "ARM[:SEQuence][:LAYer][:TCONfigure]:ILINe", whole(1.0, 6.0, 1.0);
-    /// Trigger line that the arm layer speaks on.
+    /// Output trigger line of the arm layer.
     ArmOutputLine: Sweep, "ARM[:SEQuence][:LAYer][:TCONfigure]:OLINe", whole(1.0, 6.0, 2.0);
-    /// When the arm layer speaks.
+    /// When the arm layer sends an output trigger.
     ArmOutput: Sweep, "ARM[:SEQuence][:LAYer][:TCONfigure]:OUTPut", Kind::Choice(&["NONE", "TENTer", "TEXit"]);
-    /// Whether the arm layer's event is passed by once.
+    /// Whether the event of the arm layer is bypassed once.
     ArmDirection: Sweep, "ARM[:SEQuence][:LAYer][:TCONfigure]:DIRection", Kind::Choice(&["ACCeptor", "SOURce"]);
-    /// What the trigger layer waits for.
+    /// The event that the trigger layer waits for.
     TriggerSource: Sweep, "TRIGger[:SEQuence][:LAYer]:SOURce", Kind::Choice(&["IMMediate", "TLINk"]);
-    /// Trigger line that the trigger layer listens to.
+    /// Input trigger line of the trigger layer.
     TriggerInput: Sweep, "TRIGger[:SEQuence][:LAYer][:TCONfigure]:ILINe", whole(1.0, 6.0, 1.0);
-    /// Trigger line that the trigger layer speaks on.
+    /// Output trigger line of the trigger layer.
     TriggerOutputLine: Sweep, "TRIGger[:SEQuence][:LAYer][:TCONfigure]:OLINe", whole(1.0, 6.0, 2.0);
-    /// When the trigger layer speaks.
+    /// When the trigger layer sends an output trigger.
     TriggerOutput: Sweep, "TRIGger[:SEQuence][:LAYer][:TCONfigure]:OUTPut", Kind::Choice(&["NONE", "SOURce", "DELay"]);
-    /// Whether the trigger layer's event is passed by once.
+    /// Whether the event of the trigger layer is bypassed once.
     TriggerDirection: Sweep, "TRIGger[:SEQuence][:LAYer][:TCONfigure]:DIRection", Kind::Choice(&["ACCeptor", "SOURce"]);
 
-    /// Places in the buffer; the limit is that of clients in use.
+    /// Size of the buffer, readings; the limit is the one that common clients use.
     BufferPoints: Other, "TRACe:POINts", whole(1.0, 1_000_000.0, 100.0);
     /// Readings at which the buffer notifies.
     BufferNotify: Other, "TRACe:NOTify", whole(1.0, 65_536.0, 50.0);
-    /// What fills the buffer.
+    /// Source of the readings in the buffer.
     BufferFeed: Other, "TRACe:FEED", Kind::Choice(&["SENSe", "SENSe1", "CALCulate", "CALCulate1", "NONE"]);
     /// Whether the buffer is filled.
     BufferControl: Other, "TRACe:FEED:CONTrol", Kind::Choice(&["NEVer", "NEXT"]);
-    /// How the buffer's time stamps count.
+    /// Format of the buffer's time stamps.
     BufferStamp: Other, "TRACe:TSTamp:FORMat", Kind::Choice(&["ABSolute", "DELTa"]);
-    /// How readings are told.
+    /// Format of readings.
     DataFormat: Other, "FORMat[:DATA]", Kind::Choice(&["ASCii", "REAL", "SREal", "DREal"]);
-    /// How registers are read: decimal, or as `#H`, `#Q`, `#B` numbers (public drivers send ASC; 622x reference manual,
+    /// Format of registers: decimal, or as `#H`, `#Q`, `#B` numbers (public drivers send ASC; 622x reference manual,
     /// FORMat subsystem \[K\]).
     RegisterFormat: Other, "FORMat:SREGister", Kind::Choice(&["ASCii", "HEXadecimal", "OCTal", "BINary"]);
     /// Which byte of a binary reading comes first.
     ByteOrder: Other, "FORMat:BORDer", Kind::Choice(&["NORMal", "SWAPped"]);
     /// Unit of delta readings.
     ReadingUnit: Other, "UNIT[:VOLTage][:DC]", Kind::Choice(&["V", "OHMS", "W", "SIEMens"]);
-    /// Which power a pulse's reading is.
+    /// Whether the reading of a pulse is its peak or its average power.
     PowerUnit: Other, "UNIT:POWer[:TYPE]", Kind::Choice(&["PEAK", "AVERage"]);
-    /// What mathematics makes of delta readings: nothing, m X + b, m / X + b (public drivers; reset value assumed).
+    /// Mathematics on delta readings: none, m X + b, m / X + b (public drivers; reset value assumed).
     MathFormat: Other, "CALCulate:FORMat", Kind::Choice(&["NONE", "MXB", "RECiprocal"]);
     /// Factor m.
     MathFactor: Other, "CALCulate:KMATh:MMFactor", plain(-9.999_99e20, 9.999_99e20, 1.0);
@@ -253,7 +253,7 @@ parameters! {
     Math: Other, "CALCulate:STATe", Kind::Switch(false);
     /// Statistic of the buffer (public drivers).
     StatisticFormat: Other, "CALCulate2:FORMat", Kind::Choice(&["MEAN", "SDEViation", "MAXimum", "MINimum", "PKPK"]);
-    /// Whether it is made.
+    /// Whether the statistic is computed.
     Statistic: Other, "CALCulate2:STATe", Kind::Switch(false);
     /// Whether delta readings are averaged.
     Average: Other, "SENSe:AVERage[:STATe]", Kind::Switch(false);
@@ -282,14 +282,14 @@ parameters! {
     Baud: Communication, "SYSTem:COMMunicate:SERial:BAUD", whole(300.0, 115_200.0, 9_600.0);
     /// Flow control of the serial port.
     Pace: Communication, "SYSTem:COMMunicate:SERial:PACE", Kind::Choice(&["NONE", "XON", "XOFF"]);
-    /// What ends a line on the serial port.
+    /// Terminator of a line on the serial port.
     Terminator: Communication, "SYSTem:COMMunicate:SERial:TERMinator", Kind::Choice(&["LF", "CR", "CRLF", "LFCR"]);
     /// How the serial port's RTS line is used.
     Handshake: Communication, "SYSTem:COMMunicate:SERial:CONTrol:RTS", Kind::Choice(&["OFF", "IBFull", "RFR"]);
-    /// Whether the keys are locked, the LOCAL key with them.
+    /// Whether the keys are locked, including the LOCAL key.
     Lockout: Communication, "SYSTem:COMMunicate:RWLock", Kind::Switch(false);
-    /// Whether the network gives the address.
+    /// Whether the address comes from the network (DHCP).
     Dhcp: Communication, "SYSTem:COMMunicate:ETHernet:DHCP", Kind::Switch(false);
-    /// Which interface is listened to.
+    /// The active interface.
     Interface: Communication, "SYSTem:COMMunicate:SELect", Kind::Choice(&["ETHernet", "GPIB", "SERial"]);
 }

@@ -2,24 +2,24 @@
 
 use survey::{Amps, SourceLimits, Volts};
 
-/// Largest current of either sign: the 100 mA range goes 5 % over.
+/// Largest current of either sign: the 100 mA range allows 5 % more.
 pub const LARGEST_CURRENT: Amps = Amps(0.105);
 /// Smallest voltage limit.
 pub const SMALLEST_LIMIT: Volts = Volts(0.1);
 /// Largest voltage limit.
 pub const LARGEST_LIMIT: Volts = Volts(105.0);
-/// Current and voltage limit, for a plan.
+/// Limits of current and voltage limit, for a plan.
 pub const LIMITS: SourceLimits = SourceLimits {
     current: LARGEST_CURRENT,
     compliance: (SMALLEST_LIMIT, LARGEST_LIMIT),
 };
-/// The voltage limit is set in steps of this.
+/// Step of the voltage limit.
 pub const LIMIT_STEP: Volts = Volts(0.01);
 
 /// A range of the source.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
-    /// Nominal full scale; levels up to 5 % more are made on it.
+    /// Nominal full scale; the range makes levels up to 5 % more.
     pub full_scale: Amps,
     /// Step of the level.
     pub step: Amps,
@@ -46,7 +46,7 @@ pub const RANGES: [Range; 9] = [
 ];
 
 impl Range {
-    /// The smallest range that holds this level, its 5 % over included; `None` beyond 105 mA and for what is no number.
+    /// The smallest range that holds this level, including the 5 % above full scale; `None` beyond 105 mA and for NaN.
     pub fn holding(level: Amps) -> Option<Range> {
         RANGES.into_iter().find(|range| range.holds(level))
     }
@@ -58,14 +58,15 @@ impl Range {
             .find(|range| (full_scale.0 / range.full_scale.0 - 1.0).abs() < 1e-5)
     }
 
-    /// Whether the level can be made on this range.
+    /// Whether the range can make the level.
     pub fn holds(self, level: Amps) -> bool {
         level.abs() <= self.most()
     }
 
     /// Largest level on this range: 5 % over its full scale.
     pub fn most(self) -> Amps {
-        // 1.05 is a hair above its decimal and 2e-9 * 1.05 a hair below: a part in 1e9 keeps 2.1 on the range of 2.
+        // In binary, 1.05 is slightly above its decimal and 2e-9 * 1.05 slightly below: a relative tolerance of 1e-9
+        // keeps 2.1 on the range of 2.
         self.full_scale * (1.05 * (1.0 + 1e-9))
     }
 }

@@ -9,19 +9,19 @@ use scpi::{Framer, parse_message};
 use survey::{Amps, Ohms, Volts};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
-/// An instrument with a resistor, and what it has received. It outlives its connections.
+/// An instrument with a resistor, and the lines it has received. It outlives its connections.
 struct TestInstrument {
     simulator: Simulator6221,
     load: Resistor,
     received: Vec<String>,
-    /// What to do with the next replies instead of sending them as they are.
+    /// Faults for the next replies.
     reply_faults: Vec<ReplyFault>,
 }
 
 enum ReplyFault {
     /// The reply is lost.
     Silence,
-    /// The reply is another.
+    /// The reply is replaced.
     Says(&'static str),
     /// The connection breaks.
     HangUp,
@@ -38,7 +38,7 @@ fn device(resistance: f64) -> Shared {
     }))
 }
 
-/// Plugs the instrument in.
+/// Connects the instrument.
 fn plug(device: &Shared) -> DuplexStream {
     let (here, mut there) = tokio::io::duplex(4096);
     let device = Arc::clone(device);
@@ -65,7 +65,7 @@ fn plug(device: &Shared) -> DuplexStream {
 }
 
 impl TestInstrument {
-    /// The line to send, if any; `None` to hang up.
+    /// The line to send, if any; `None` to close the connection.
     fn answer(&mut self, line: String) -> Option<Option<String>> {
         let reply = self
             .simulator
@@ -177,7 +177,7 @@ async fn an_interlock_that_opens_is_no_reading_of_nothing() {
         interlock(true);
         interlock(false);
         interlock(closed);
-        // also where it has been closed again: the output stays off
+        // also after the interlock was closed again: the output stays off
         let open = source.compliance().await;
         assert!(matches!(open, Err(RigError::Interlock { .. })), "{open:?}");
     }
@@ -253,7 +253,7 @@ async fn old_errors_are_drained_and_new_ones_name_the_command() {
         }
         other => panic!("{other:?}"),
     }
-    // The second error went with the first: the next command does not inherit it.
+    // The second error was removed with the first: the next command does not report it.
     source.off().await.unwrap();
     source.set_current(Amps(0.0)).await.unwrap();
 }
@@ -330,7 +330,7 @@ async fn the_output_survives_its_client_and_is_switched_off_on_return() {
     assert_eq!(simulator(&device, |b| b.load.flowing), Amps(1e-3));
     source.reconnect(plug(&device)).await.unwrap();
     assert_eq!(source.output().await.unwrap(), (Amps(1e-3), true));
-    // What had been prepared must be prepared again.
+    // The preparation must be repeated.
     assert!(source.set_current(Amps(1e-3)).await.is_err());
     source.off().await.unwrap();
     assert_eq!(simulator(&device, |b| b.load.flowing), Amps(0.0));

@@ -1,4 +1,4 @@
-//! What the driver can say, the simulator receives.
+//! The simulator accepts every command that the driver can send.
 
 use keithley_6221::{
     Address, Ask, Board, Command, DeltaMode, Element, Kind, Line, List, Parameter, Shield, Speed,

@@ -69,7 +69,7 @@ fn serve(mut client: TcpStream) -> std::io::Result<()> {
         for line in framer.by_ref() {
             let line = String::from_utf8_lossy(&line.expect("lines are short")).into_owned();
             let reply = source.receive(&line, start.elapsed(), &mut load);
-            // The instrument is busy; that is what is simulated here.
+            // The instrument is busy; this delay is what the simulation is about.
             thread::sleep(reply.busy);
             if let Some(text) = reply.text {
                 client.write_all(format!("{text}\n").as_bytes())?;
@@ -83,7 +83,7 @@ fn run(python: &Path) -> Output {
     let address = listener.local_addr().unwrap().to_string();
     thread::spawn(move || {
         while let Ok((client, _)) = listener.accept() {
-            // A client that goes away ends its conversation.
+            // A client that disconnects ends its conversation.
             serve(client).unwrap_or(());
         }
     });

@@ -1,4 +1,4 @@
-//! The simulated instrument: what flows, what stays when a client goes, and that nothing received can upset it.
+//! The simulated instrument: current, state after a client disconnects, and robustness against any input.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ fn instrument() -> Simulator6221 {
     Simulator6221::new(Settings6221::default())
 }
 
-/// A load that remembers what it was told.
+/// A load that records its calls.
 #[derive(Default)]
 struct Witness {
     resistance: f64,
@@ -53,7 +53,7 @@ fn open_output_is_in_compliance_at_any_nonzero_level() {
     source.load_changed(START, &mut load);
     assert!(!source.in_compliance());
     assert_eq!(load.flowing, Amps(1e-9));
-    // The event stays until it is read.
+    // The event stays latched until it is read.
     let reply = source.receive("STAT:MEAS?;:STAT:MEAS:COND?", START, &mut load);
     assert_eq!(reply.text.as_deref(), Some("8;0"));
 }
@@ -114,7 +114,7 @@ fn a_line_too_long_is_error_363() {
     assert_eq!(reply.as_deref(), Some("-363,\"Input buffer overrun\""));
 }
 
-/// Lines made of what the instrument knows, of what it nearly knows, and of noise.
+/// Lines of valid commands, nearly valid commands, and noise.
 fn line() -> impl Strategy<Value = String> {
     let unit = prop_oneof![
         "(SOUR:)?CURR [+-]?[0-9](\\.[0-9])?e-[0-9]",

@@ -1,4 +1,4 @@
-//! Time over the simulated instrument: whether it is told in one stride or in many, the same has happened.
+//! The passage of time in the simulated instrument: one long step and many short ones give the same state.
 
 use std::time::Duration;
 
@@ -50,7 +50,7 @@ fn beginning() -> impl Strategy<Value = String> {
     ]
 }
 
-/// Units with sweeps, waves and triggers in them.
+/// Units with sweeps, waves and triggers.
 fn line() -> impl Strategy<Value = String> {
     let unit = prop_oneof![
         "SOUR:CURR:(STAR|STOP|STEP|CENT|SPAN) -?[0-9]e-[2-9]",

@@ -1,13 +1,13 @@
 //! The Keysight (formerly Agilent) 34980A: relays and a voltmeter in one mainframe.
 //!
-//! Here live its commands in both directions, the numbers of its modules' channels, the driver that plays
-//! [`rig::Switch`] and [`rig::Voltmeter`], and a simulator of both. It leaves to others: physics (what a closed relay
-//! joins is the simulated rig's), other instruments, overloads as numbers, and a channel that its module does not have.
+//! Contains its commands in both directions, the channel numbers of its modules, the driver that implements
+//! [`rig::Switch`] and [`rig::Voltmeter`], and a simulator of both. The simulator has no physics of its own: the simulated
+//! rig implements [`Wires`]. An overload is never a number, and a channel that a module does not have is an error.
 //!
-//! - **module**: a card of relays in a slot, with its terminal block; **contact**: what one of its channels is
-//! - **scan list**: the channels that one READ? measures in turn; **bare voltmeter**: what it measures without one
-//! - **message**: commands that go out in one segment; relay moves wait for the next question
-//! - **wires**: what relays and voltmeter are joined to, for the simulator
+//! - **module**: a card of relays in a slot, with its terminal block; **contact**: the switch behind a channel number
+//! - **scan list**: the channels that one READ? measures in turn; **bare voltmeter**: the voltmeter without a scan list
+//! - **message**: commands sent in one segment; relay moves are deferred to the next query
+//! - **wires**: what relays and voltmeter are connected to, for the simulator
 //!
 //! ```
 //! use std::{collections::BTreeSet, time::Duration};

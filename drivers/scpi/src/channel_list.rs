@@ -10,11 +10,11 @@ use crate::ParseError;
 pub enum ChannelEntry {
     /// One channel.
     One(u32),
-    /// From one channel to another. Which channels lie between is the instrument's business.
+    /// From one channel to another. Which channels lie between depends on the instrument.
     Range(u32, u32),
 }
 
-/// A channel list, as written: ranges are kept as ranges, because only the instrument knows what lies inside them.
+/// A channel list as written. Ranges are kept as ranges, because only the instrument knows which channels they contain.
 ///
 /// ```
 /// let list: scpi::ChannelList = "(@1001, 1003:1010)".parse()?;
@@ -27,7 +27,7 @@ pub struct ChannelList {
 }
 
 impl ChannelList {
-    /// The list of these channels, each written out.
+    /// A list of single channels, without ranges.
     pub fn of(channels: impl IntoIterator<Item = u32>) -> Self {
         channels.into_iter().map(ChannelEntry::One).collect()
     }
@@ -93,7 +93,7 @@ fn entry(text: &str) -> Result<ChannelEntry, ParseError> {
 
 fn channel(text: &str) -> Result<u32, ParseError> {
     let digits = text.trim();
-    // `u32::from_str` takes a plus sign, which a channel number does not have.
+    // `u32::from_str` accepts a plus sign, which a channel number must not have.
     if digits.is_empty() || !digits.bytes().all(|b| b.is_ascii_digit()) {
         return Err(ParseError::InvalidExpression);
     }

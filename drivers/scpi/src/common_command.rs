@@ -13,23 +13,23 @@ pub enum Common {
     Reset,
     /// `*CLS`: events and error queue cleared.
     ClearStatus,
-    /// `*ESE`: which standard events are summed up.
+    /// `*ESE`: enable mask of the standard event register.
     SetEventEnable(u8),
     /// `*ESE?`
     EventEnable,
     /// `*ESR?`: the standard events, cleared by reading.
     Events,
-    /// `*SRE`: which summaries ask for service.
+    /// `*SRE`: enable mask of the service request.
     SetServiceEnable(u8),
     /// `*SRE?`
     ServiceEnable,
     /// `*STB?`: the status byte.
     StatusByte,
-    /// `*OPC`: bit 0 of the standard events when all is done.
+    /// `*OPC`: set bit 0 of the standard events when all pending operations are complete.
     OperationComplete,
-    /// `*OPC?`: 1 when all is done.
+    /// `*OPC?`: reply 1 when all pending operations are complete.
     WhenComplete,
-    /// `*WAI`: no more commands before all is done.
+    /// `*WAI`: carry out no further command before all pending operations are complete.
     Wait,
     /// `*TST?`: 0 when the self-test passes.
     SelfTest,
@@ -38,7 +38,7 @@ pub enum Common {
 }
 
 impl Common {
-    /// Reads a call as a common command; `None` when its header is not one of these.
+    /// Parses a call as a common command; `None` if its header is not one of these.
     pub fn of(call: &Call) -> Option<Result<Self, ParseError>> {
         if !call.common {
             return None;
@@ -49,7 +49,7 @@ impl Common {
             let value = call
                 .exactly::<1>()
                 .and_then(|[value]| value.integer(0, 255));
-            // The limits of `integer` are those of u8.
+            // `integer` checks the limits of u8.
             Some(value.map(|value| command(value as u8)))
         };
         match (keyword.as_str(), call.query) {
@@ -71,7 +71,7 @@ impl Common {
         }
     }
 
-    /// Whether an answer comes back.
+    /// Whether the command has a reply.
     pub fn is_query(self) -> bool {
         matches!(
             self,

@@ -6,10 +6,11 @@ use std::str::FromStr;
 
 use crate::{ParseError, ReplyError, quote, unquote};
 
-/// One entry, as `SYST:ERR?` answers it: `-113,"Undefined header"`. Number 0 means that the queue is empty.
+/// One entry, in the form of the reply to `SYST:ERR?`: `-113,"Undefined header"`. Number 0 means that the queue is
+/// empty.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ErrorEntry {
-    /// The number: negative of the standard, positive of the instrument, 0 none.
+    /// The number: negative for errors of the standard, positive for errors of the instrument, 0 for none.
     pub code: i32,
     /// The text, without quotes.
     pub message: String,
@@ -24,7 +25,7 @@ impl ErrorEntry {
         }
     }
 
-    /// What an empty queue answers.
+    /// The entry that an empty queue returns.
     pub fn none() -> Self {
         Self::new(0, "No error")
     }
@@ -47,7 +48,7 @@ impl fmt::Display for ErrorEntry {
 impl FromStr for ErrorEntry {
     type Err = ReplyError;
 
-    /// Reads the reply of `SYST:ERR?`, with or without a plus sign.
+    /// Parses the reply to `SYST:ERR?`, with or without a plus sign.
     fn from_str(text: &str) -> Result<Self, ReplyError> {
         let no_entry = || ReplyError::new(text, "an error entry such as 0,\"No error\"");
         let (code, message) = text.split_once(',').ok_or_else(no_entry)?;
@@ -102,27 +103,27 @@ impl ErrorQueue {
         self.entries.pop_front().unwrap_or_else(ErrorEntry::none)
     }
 
-    /// How many entries were ever added, those that found the queue full among them: a look that takes nothing.
+    /// Total number of entries added so far, including those added to a full queue. Reading it removes nothing.
     pub fn added(&self) -> u64 {
         self.added
     }
 
-    /// What was added last, also where it found the queue full or has been taken since: a look that takes nothing.
+    /// The entry added last, even if the queue was full or the entry has been taken since. Reading it removes nothing.
     pub fn latest(&self) -> Option<&ErrorEntry> {
         self.latest.as_ref()
     }
 
-    /// How many entries wait.
+    /// Number of entries in the queue.
     pub fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// Whether none waits.
+    /// Whether the queue is empty.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// Forgets all entries.
+    /// Removes all entries.
     pub fn clear(&mut self) {
         self.entries.clear();
     }

@@ -1,20 +1,20 @@
-//! Bytes to messages: partial, merged and oversized input.
+//! Splits a byte stream into messages: handles partial, merged and oversized input.
 
 use std::collections::VecDeque;
 
-/// Why a message cannot be had from the bytes.
+/// Why the bytes contain no valid message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FramingError {
-    /// A message longer than the buffer: SCPI error -363. What follows up to the next line feed is dropped with it.
+    /// A message longer than the buffer: SCPI error -363. The bytes up to the next line feed are dropped.
     #[error("a message of more than {most} bytes (-363, input buffer overrun); send shorter ones")]
     Oversized {
-        /// Largest message, bytes without terminator.
+        /// Longest message allowed, bytes without terminator.
         most: usize,
     },
 }
 
 impl FramingError {
-    /// The number that SCPI gives it.
+    /// The SCPI error number.
     pub fn code(self) -> i32 {
         match self {
             FramingError::Oversized { .. } => -363,
@@ -22,7 +22,7 @@ impl FramingError {
     }
 }
 
-/// Where in a message the next byte falls.
+/// Lexical context of the next byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     /// A block may start here: the start of the message, or after a blank, comma or semicolon.
@@ -31,13 +31,13 @@ enum Place {
     Word,
     /// Inside a string that this byte ends.
     Quoted(u8),
-    /// After a `#` that stands in a gap.
+    /// After a `#` at a position where a block may start.
     Hash,
     /// In the length of a block: digits left, length so far.
     Length(u8, usize),
     /// In a block: bytes left.
     Block(usize),
-    /// Beyond the buffer: dropping to the next line feed.
+    /// Message longer than the buffer: bytes are dropped up to the next line feed.
     Overrun,
 }
 
@@ -73,19 +73,19 @@ impl Framer {
         }
     }
 
-    /// Takes bytes as they come.
+    /// Adds received bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             self.take(byte);
         }
     }
 
-    /// Whether bytes of an unfinished message are held (or dropped, after an overrun).
+    /// Whether bytes of an unfinished message are buffered (or dropped, after an overrun).
     pub fn is_partial(&self) -> bool {
         !self.partial.is_empty() || self.place == Place::Overrun
     }
 
-    /// Forgets everything received: the partial message and the finished ones.
+    /// Drops everything received: the partial message and the finished ones.
     pub fn clear(&mut self) {
         self.partial.clear();
         self.ready.clear();
@@ -101,7 +101,7 @@ impl Framer {
         }
         self.partial.push(byte);
         self.place = self.after(byte);
-        // One byte more is held than allowed, because it may be the CR of a CR LF.
+        // One byte over the limit is kept, because it may be the CR of a CR LF.
         let held = self.partial.len() - usize::from(byte == b'\r');
         if held > self.most || self.place == Place::Overrun {
             self.partial.clear();
@@ -122,7 +122,7 @@ impl Framer {
                 let length = so_far * 10 + usize::from(byte - b'0');
                 match (left, length) {
                     (1, 0) => Place::Word,
-                    // A block that cannot fit is refused at its length; nothing waits for its bytes.
+                    // A block that cannot fit is rejected when its length is known, before its bytes arrive.
                     (1, length) if length > self.most => Place::Overrun,
                     (1, length) => Place::Block(length),
                     (left, so_far) => Place::Length(left - 1, so_far),
@@ -147,7 +147,8 @@ impl Framer {
     }
 }
 
-/// The next whole message, or `None` until more bytes come: after a `None` there may be another message.
+/// The next complete message, or `None` until more bytes arrive. After a `None` the iterator may yield further
+/// messages.
 impl Iterator for Framer {
     type Item = Result<Vec<u8>, FramingError>;
 

@@ -1,13 +1,13 @@
 //! The grammar of SCPI, both directions, no I/O.
 //!
-//! What a listener needs (framing, headers, arguments, error queue, status registers) and what a talker needs (numbers
-//! and lists as text, replies read back). Bytes come in as arguments; nothing here waits, knows a clock, or knows an
-//! instrument. It does not guess: text that is not of the grammar is a [`ParseError`] with the number that
-//! the standard gives it, or a [`ReplyError`] on the talker's side; 9.9E37 is [`Answer::Overload`], never a voltage.
+//! The instrument's side has framing, headers, arguments, the error queue and status registers; the client's side
+//! writes numbers and lists and parses replies. Bytes are passed in as arguments; the crate does not wait, reads no clock
+//! and knows no instrument. Invalid text is an error, never a guess: a [`ParseError`] with the standard's error number on
+//! the instrument's side, a [`ReplyError`] on the client's side; 9.9E37 is [`Answer::Overload`], never a voltage.
 //!
-//! - **message**: one line; **call**: one unit of it between semicolons, its header resolved by the path rule
+//! - **message**: one line; **call**: one unit between semicolons, its header resolved by the path rule
 //! - **notation**: a header as manuals print it, `[SOURce]:CURRent[:LEVel]`; **argument**: one typed datum of a call
-//! - **answer**: one number of a reply; **register**, **queue**: what an instrument keeps of its errors
+//! - **answer**: one number of a reply; **register**, **queue**: an instrument's record of its events and errors
 //!
 //! ```
 //! use scpi::{Numeric, Unit, parse_message};
@@ -21,7 +21,7 @@
 //! assert!(calls[2].as_ref().unwrap().is("*IDN?"));
 //! ```
 //!
-//! Source: SCPI-1999 volumes 1 and 2 and IEEE 488.2, as retold by the manuals of the instruments served.
+//! Source: SCPI-1999 volumes 1 and 2 and IEEE 488.2, as described in the manuals of the supported instruments.
 
 mod channel_list;
 mod common_command;

@@ -1,15 +1,16 @@
-//! A message to calls: units between semicolons, headers by the path rule, arguments between commas.
+//! Parses a message into calls: units separated by semicolons, headers resolved by the path rule, arguments separated
+//! by commas.
 
 use std::fmt;
 
 use crate::syntax::reader::Reader;
 use crate::{Call, ParseError};
 
-/// Reads one message (without its terminator) into its units. A unit that is not of the grammar is an error in its
-/// place, and the units after it are still read. Empty units (a trailing `;`, an empty line) count for nothing.
+/// Parses one message (without its terminator) into its units. A unit with a syntax error yields that error at its
+/// position; the units after it are still parsed. Empty units (a trailing `;`, an empty line) are skipped.
 ///
 /// The path rule: a header without leading `:` continues at the parent node of the header before it; a leading `:`
-/// starts at the root; common commands, with or without a `:` before them, leave the path alone.
+/// starts at the root; common commands, with or without a `:` before them, do not change the path.
 pub fn parse_message(message: impl AsRef<[u8]>) -> Vec<Result<Call, ParseError>> {
     let mut reader = Reader::new(message.as_ref());
     let mut path: Vec<String> = Vec::new();

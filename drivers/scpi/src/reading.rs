@@ -1,8 +1,8 @@
-//! The talker's side: numbers, strings and blocks as text, and replies read back.
+//! The client's side: numbers, strings and blocks written as text, and replies parsed.
 
-/// What SCPI writes for an infinite or overloaded value (SCPI-99 volume 1, section 7.2.1.4).
+/// The value that SCPI uses for an infinite or overloaded value (SCPI-99 volume 1, section 7.2.1.4).
 pub const INFINITY: f64 = 9.9e37;
-/// What SCPI writes for a value that is none (SCPI-99 volume 1, section 7.2.1.5).
+/// The value that SCPI uses for "not a number" (SCPI-99 volume 1, section 7.2.1.5).
 pub const NOT_A_NUMBER: f64 = 9.91e37;
 
 /// One number of a reply.
@@ -12,7 +12,7 @@ pub enum Answer {
     Value(f64),
     /// 9.9E37: beyond the range, or infinite.
     Overload {
-        /// Whether it came with a minus sign.
+        /// Whether the value was negative.
         negative: bool,
     },
     /// 9.91E37: no value.
@@ -20,7 +20,7 @@ pub enum Answer {
 }
 
 impl Answer {
-    /// The number, if it is one.
+    /// The value, if it is a finite number.
     pub fn value(self) -> Option<f64> {
         match self {
             Answer::Value(value) => Some(value),
@@ -29,18 +29,18 @@ impl Answer {
     }
 }
 
-/// A reply that is not of the form expected.
+/// A reply that does not have the expected form.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{text}' is not {expected}")]
 pub struct ReplyError {
-    /// What came, shortened.
+    /// The reply, shortened.
     pub text: String,
     /// What was expected, in words.
     pub expected: String,
 }
 
 impl ReplyError {
-    /// Names what came and what was expected.
+    /// Creates the error from the reply and a description of what was expected.
     pub fn new(text: &str, expected: impl Into<String>) -> Self {
         const MOST: usize = 60;
         let mut shown: String = text.chars().take(MOST).collect();
@@ -82,9 +82,10 @@ pub fn parse_reading(text: &str) -> Result<Answer, ReplyError> {
     Ok(classify(value))
 }
 
-/// Sorts a plain number into value, overload or none by the reserved magnitudes.
+/// Classifies a number as value, overload or not-a-number by the reserved magnitudes.
 fn classify(value: f64) -> Answer {
-    // A meter with fewer digits may print 9.91E37 as 9.910000E+37: compare with room for the last digit.
+    // A voltmeter with fewer digits may print 9.91E37 as 9.910000E+37: the comparison tolerates a difference in the
+    // last digit.
     if (value.abs() / NOT_A_NUMBER - 1.0).abs() < 1e-5 {
         Answer::NotANumber
     } else if value.abs() >= INFINITY * (1.0 - 1e-6) {
@@ -96,7 +97,7 @@ fn classify(value: f64) -> Answer {
     }
 }
 
-/// A decimal number of IEEE 488.2 (NRf) and nothing else: Rust's own reading also takes `inf`, `nan` and `infinity`.
+/// A decimal number of IEEE 488.2 (NRf) and nothing else: Rust's own parser also accepts `inf`, `nan` and `infinity`.
 pub(crate) fn plain_number(text: &str) -> Option<f64> {
     let numeric = |b: u8| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'e' | b'E');
     if !text.bytes().all(numeric) {
@@ -144,7 +145,7 @@ pub fn format_nr3(value: f64, decimals: usize) -> String {
     } else {
         value
     };
-    // Minus zero would print a sign that no instrument shows.
+    // Negative zero would print a sign that no instrument prints.
     let plain = format!("{:.*E}", decimals, reserved + 0.0);
     let (mantissa, exponent) = plain.split_once('E').unwrap_or((&plain, "0"));
     match exponent.strip_prefix('-') {
@@ -168,7 +169,7 @@ pub fn quote(text: &str) -> String {
     format!("\"{}\"", text.replace('"', "\"\""))
 }
 
-/// Reads a string in double or single quotes; `None` when it is in none, or when a quote inside is not doubled.
+/// Parses a string in double or single quotes; `None` if it is not quoted, or if a quote inside is not doubled.
 pub fn unquote(text: &str) -> Option<String> {
     let mark = text.chars().next().filter(|c| matches!(c, '"' | '\''))?;
     let inside = text.strip_prefix(mark)?.strip_suffix(mark)?;
@@ -192,10 +193,10 @@ pub fn format_block(data: &[u8]) -> Vec<u8> {
     block
 }
 
-/// Reads a reply that is one definite block.
+/// Parses a reply that is one definite block.
 ///
 /// # Errors
-/// A reply that is none, or one whose length and content disagree.
+/// A reply that is not a block, or a block whose length and content disagree.
 pub fn parse_block(reply: &[u8]) -> Result<&[u8], ReplyError> {
     let data = split_block(reply)
         .filter(|(_, rest)| rest.is_empty())
@@ -203,7 +204,7 @@ pub fn parse_block(reply: &[u8]) -> Result<&[u8], ReplyError> {
     data.ok_or_else(|| ReplyError::new(&String::from_utf8_lossy(reply), "a definite block"))
 }
 
-/// Cuts a definite block off the front.
+/// Splits a definite block off the front.
 pub(crate) fn split_block(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let rest = bytes.strip_prefix(b"#")?;
     let (&digits, rest) = rest.split_first()?;

@@ -1,8 +1,8 @@
-//! The numbers that SCPI-99 gives to messages a listener cannot carry out.
+//! Error numbers that SCPI-99 defines for messages that an instrument cannot carry out.
 
 macro_rules! parse_errors {
     ($($(#[$doc:meta])* $name:ident = $code:literal, $text:literal;)*) => {
-        /// Why a listener refuses a message, with the number and text of SCPI-99 volume 2, section 21.8.
+        /// Why an instrument rejects a message, with the number and text of SCPI-99 volume 2, section 21.8.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
         #[error("{},\"{}\"", self.code(), self.text())]
         pub enum ParseError {
@@ -10,15 +10,15 @@ macro_rules! parse_errors {
         }
 
         impl ParseError {
-            /// Every refusal, in the order of its magnitude.
+            /// All errors, in the order of the magnitude of their numbers.
             pub const ALL: &'static [ParseError] = &[$(ParseError::$name,)*];
 
-            /// The number of the standard; always negative.
+            /// The error number of the standard; always negative.
             pub fn code(self) -> i32 {
                 match self { $(ParseError::$name => $code,)* }
             }
 
-            /// The text of the standard.
+            /// The error text of the standard.
             pub fn text(self) -> &'static str {
                 match self { $(ParseError::$name => $text,)* }
             }
@@ -27,13 +27,13 @@ macro_rules! parse_errors {
 }
 
 parse_errors! {
-    /// A byte that no grammar element may start with.
+    /// A byte that cannot start any syntax element.
     InvalidCharacter = -101, "Invalid character";
-    /// A unit that is not of the grammar.
+    /// A unit that does not follow the grammar.
     Syntax = -102, "Syntax error";
-    /// Something else where a comma, blank or semicolon was expected.
+    /// Another character where a comma, blank or semicolon was expected.
     InvalidSeparator = -103, "Invalid separator";
-    /// An argument of another type.
+    /// An argument of the wrong type.
     DataType = -104, "Data type error";
     /// More arguments than the command takes.
     ParameterNotAllowed = -108, "Parameter not allowed";
@@ -45,37 +45,37 @@ parse_errors! {
     UndefinedHeader = -113, "Undefined header";
     /// A numeric suffix of a keyword that this instrument does not have.
     HeaderSuffixOutOfRange = -114, "Header suffix out of range";
-    /// A number that is not of the grammar.
+    /// A number that does not follow the grammar.
     InvalidNumber = -121, "Invalid character in number";
-    /// A number beyond any machine.
+    /// A number too large to represent.
     ExponentTooLarge = -123, "Exponent too large";
-    /// A number where none may be.
+    /// A number where none is allowed.
     NumericNotAllowed = -128, "Numeric data not allowed";
-    /// A unit that is not known or not of this quantity.
+    /// A unit that is unknown or belongs to another quantity.
     InvalidSuffix = -131, "Invalid suffix";
-    /// A unit where none may be.
+    /// A unit where none is allowed.
     SuffixNotAllowed = -138, "Suffix not allowed";
-    /// A word that is not one of those known.
+    /// A word that is not one of the allowed words.
     InvalidCharacterData = -141, "Invalid character data";
-    /// A word where none may be.
+    /// A word where none is allowed.
     CharacterNotAllowed = -148, "Character data not allowed";
-    /// A string without end.
+    /// A string without closing quote.
     InvalidString = -151, "Invalid string data";
-    /// A string where none may be.
+    /// A string where none is allowed.
     StringNotAllowed = -158, "String data not allowed";
     /// A block whose length and content disagree.
     InvalidBlock = -161, "Invalid block data";
-    /// A block where none may be.
+    /// A block where none is allowed.
     BlockNotAllowed = -168, "Block data not allowed";
-    /// An expression without end, or a channel list that is none.
+    /// An expression without closing parenthesis, or an invalid channel list.
     InvalidExpression = -171, "Invalid expression";
-    /// An expression where none may be.
+    /// An expression where none is allowed.
     ExpressionNotAllowed = -178, "Expression data not allowed";
-    /// Nothing waits for this trigger.
+    /// A trigger arrived while none was awaited.
     TriggerIgnored = -211, "Trigger ignored";
-    /// A measurement runs already.
+    /// A measurement is already running.
     InitIgnored = -213, "Init ignored";
-    /// Allowed by itself, but not with the settings as they are.
+    /// Allowed by itself, but in conflict with the present settings.
     SettingsConflict = -221, "Settings conflict";
     /// A number outside its limits.
     OutOfRange = -222, "Data out of range";
@@ -93,7 +93,7 @@ parse_errors! {
     InputOverrun = -363, "Input buffer overrun";
     /// A new message came before the reply was read.
     QueryInterrupted = -410, "Query INTERRUPTED";
-    /// A reply was asked for and none was there.
+    /// A reply was read although no query had been received.
     QueryUnterminated = -420, "Query UNTERMINATED";
     /// Both buffers full.
     QueryDeadlocked = -430, "Query DEADLOCKED";

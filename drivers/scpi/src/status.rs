@@ -1,4 +1,4 @@
-//! The status registers of IEEE 488.2 and SCPI-99: condition, event, enable, and the status byte that sums them up.
+//! The status registers of IEEE 488.2 and SCPI-99: condition, event, enable, and the status byte that summarises them.
 
 use std::ops::RangeInclusive;
 
@@ -11,7 +11,7 @@ pub struct StatusRegister {
 }
 
 impl StatusRegister {
-    /// Sets one condition bit to what is true now; a rise is latched as an event.
+    /// Sets one condition bit to its present state; a rising edge is latched as an event.
     pub fn set(&mut self, bit: u8, on: bool) {
         let mask = mask(bit);
         if on {
@@ -27,17 +27,17 @@ impl StatusRegister {
         self.event |= mask(bit);
     }
 
-    /// What is true now.
+    /// The present conditions.
     pub fn condition(&self) -> u16 {
         self.condition
     }
 
-    /// What has happened, without clearing it.
+    /// The latched events, without clearing them.
     pub fn event(&self) -> u16 {
         self.event
     }
 
-    /// Reads what has happened and clears it.
+    /// Reads the latched events and clears them.
     pub fn take_event(&mut self) -> u16 {
         std::mem::take(&mut self.event)
     }
@@ -47,17 +47,17 @@ impl StatusRegister {
         self.event = 0;
     }
 
-    /// Which events are summed up.
+    /// Enable mask: which events are summarised.
     pub fn enable(&self) -> u16 {
         self.enable
     }
 
-    /// Chooses which events are summed up. Bit 15 is never used (SCPI-99 volume 1, section 9).
+    /// Sets the enable mask. Bit 15 is never used (SCPI-99 volume 1, section 9).
     pub fn set_enable(&mut self, enable: u16) {
         self.enable = enable & 0x7fff;
     }
 
-    /// Whether an enabled event has happened.
+    /// Whether an enabled event is latched.
     pub fn summary(&self) -> bool {
         self.event & self.enable != 0
     }
@@ -73,13 +73,13 @@ fn mask(bit: u8) -> u16 {
 pub enum StandardEvent {
     /// Bit 0: pending work done, after `*OPC`.
     OperationComplete = 0,
-    /// Bit 2: a reply was lost or not there.
+    /// Bit 2: a reply was lost or not available.
     QueryError = 2,
-    /// Bit 3: the instrument's own trouble.
+    /// Bit 3: a fault of the instrument itself.
     DeviceError = 3,
-    /// Bit 4: understood, but not possible.
+    /// Bit 4: the command was valid, but could not be executed.
     ExecutionError = 4,
-    /// Bit 5: not understood.
+    /// Bit 5: the command had a syntax error.
     CommandError = 5,
     /// Bit 6: a key was pressed.
     UserRequest = 6,
@@ -105,7 +105,7 @@ impl StandardEvent {
 }
 
 /// The whole status system: three groups, the standard events, and the status byte. The measurement group is
-/// Keithley's; an instrument without one leaves it alone.
+/// Keithley's; other instruments do not use it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StatusModel {
     /// Measurement group, summed up in status bit 0.
@@ -139,12 +139,12 @@ impl StatusModel {
         }
     }
 
-    /// Answers `*ESR?`: the standard events, cleared by reading.
+    /// Reply to `*ESR?`: the standard events, cleared by reading.
     pub fn take_standard(&mut self) -> u8 {
         std::mem::take(&mut self.standard)
     }
 
-    /// Answers `*ESE?`.
+    /// Reply to `*ESE?`.
     pub fn standard_enable(&self) -> u8 {
         self.standard_enable
     }
@@ -154,7 +154,7 @@ impl StatusModel {
         self.standard_enable = enable;
     }
 
-    /// Answers `*SRE?`.
+    /// Reply to `*SRE?`.
     pub fn service_enable(&self) -> u8 {
         self.service_enable
     }
@@ -164,7 +164,7 @@ impl StatusModel {
         self.service_enable = enable & !MASTER;
     }
 
-    /// Answers `*STB?`. Whether errors and replies wait is known to their queues.
+    /// Reply to `*STB?`. The caller passes whether its queues hold errors and replies.
     pub fn status_byte(&self, errors_wait: bool, message_available: bool) -> u8 {
         let bits = u8::from(self.measurement.summary())
             | u8::from(errors_wait) << 2
@@ -179,7 +179,7 @@ impl StatusModel {
         }
     }
 
-    /// Carries out the registers' part of `*CLS`: events are cleared, enables stay.
+    /// The registers' part of `*CLS`: clears the events and keeps the enable masks.
     pub fn clear(&mut self) {
         self.measurement.clear();
         self.questionable.clear();
@@ -187,7 +187,7 @@ impl StatusModel {
         self.standard = 0;
     }
 
-    /// Carries out `STAT:PRES`: the enables of the three groups become 0; those of `*ESE` and `*SRE` stay.
+    /// `STAT:PRES`: sets the enable masks of the three groups to 0; those of `*ESE` and `*SRE` stay.
     pub fn preset(&mut self) {
         self.measurement.set_enable(0);
         self.questionable.set_enable(0);

@@ -1,5 +1,5 @@
-//! What holds for any input: nothing panics, framing does not depend on how bytes arrive, and what is written reads
-//! back the same.
+//! Properties that hold for any input: nothing panics, framing does not depend on how the bytes are divided, and
+//! written values parse back to the same values.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -9,7 +9,7 @@ use scpi::{
     parse_reading, parse_readings, quote, unquote,
 };
 
-/// Bytes that look like SCPI often enough to reach deep into the grammar.
+/// Bytes that resemble SCPI often enough to reach most of the grammar.
 fn scpi_like() -> impl Strategy<Value = Vec<u8>> {
     let piece = prop_oneof![
         "[A-Za-z]{1,5}".prop_map(String::into_bytes),
@@ -99,7 +99,8 @@ proptest! {
     fn line_after_any_rubbish_is_read(rubbish in vec(any::<u8>(), 0..100)) {
         let mut framer = Framer::new(20);
         framer.push(&rubbish);
-        // A block that rubbish began may swallow up to the buffer's size; more line feeds than that end it.
+        // A block header in the random input may consume bytes up to the buffer's size; more line feeds than that end
+        // the block.
         framer.push(&[b'\n'; 64]);
         framer.by_ref().for_each(drop);
         framer.push(b"*IDN?\r\n");
@@ -117,7 +118,8 @@ proptest! {
     #[test]
     fn a_message_survives_framing(arguments in vec(argument(), 1..5)) {
         let written: Vec<String> = arguments.iter().map(Argument::to_string).collect();
-        // A string may not hold a line feed on a line-based wire, and a quote opens one only where a datum may start.
+        // A line-based connection cannot carry a string with a line feed, and a quote opens a string only where an
+        // argument may start.
         prop_assume!(arguments.iter().all(|a| !matches!(a, Argument::Text(t) if t.contains('\n'))));
         let message = format!("DATA {}", written.join(","));
         let mut framer = Framer::new(10_000);
@@ -147,7 +149,7 @@ proptest! {
         let call = parse_message(format!("X {}", Numeric::Value(value))).remove(0).unwrap();
         match call.arguments[0].number(Unit::None) {
             Ok(Numeric::Value(read)) => prop_assert_eq!(read.to_bits(), value.to_bits()),
-            // 9.91E37 is reserved, and its neighbourhood with it.
+            // Values near the reserved 9.91E37 are also read as not-a-number.
             other => prop_assert!(value.abs() > 9.8e37, "{value}: {other:?}"),
         }
     }

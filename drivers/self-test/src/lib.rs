@@ -1,10 +1,10 @@
-//! Self-test of a rig: what is wrong with its relays, contacts and voltmeter, in words that a person can act on.
+//! Self-test of a rig: finds faults of its relays, contacts and voltmeter, and describes each for the user.
 //!
-//! - **probe**: moves relays and reads, over the same traits as a frame; it leaves switching off to its caller
-//! - **assessment**: compares what was read with the uniform sheet, and names the electrode or relay at fault
+//! - **probe**: moves relays and takes readings, through the same traits as a frame; the caller switches the source off
+//! - **assessment**: compares the readings with the uniform sheet, and names the electrode or relay at fault
 //!
-//! The crate knows no instrument's model: the wiring comes with the [`survey::Plan`], ranges and bus relays with the
-//! [`Request`].
+//! The crate contains no facts of a particular instrument: the wiring comes with the [`survey::Plan`], ranges and bus
+//! relays with the [`Request`].
 
 mod assessment;
 mod probe;

@@ -1,4 +1,4 @@
-//! What a self-test found.
+//! The result of a self-test.
 
 use serde::Serialize;
 
@@ -10,12 +10,12 @@ pub enum Verdict {
     Ok,
     /// At fault.
     Failed,
-    /// Something else is wrong that must be mended first.
+    /// Not assessed, because another fault must be repaired first.
     NotJudged,
 }
 
 impl Verdict {
-    /// The word on the bus.
+    /// The word for this verdict on D-Bus.
     pub fn word(self) -> &'static str {
         match self {
             Self::Ok => "ok",
@@ -30,24 +30,24 @@ impl Verdict {
 pub struct ReportLine {
     /// `relay 1042`, `electrode 17`, `sheet`, `voltmeter`.
     pub subject: String,
-    /// What was looked at.
+    /// The property that was checked.
     pub check: &'static str,
-    /// Its result.
+    /// The result.
     pub verdict: Verdict,
-    /// What was measured; `None` where nothing was.
+    /// The measured value; `None` if there is none.
     pub measured: Option<f64>,
-    /// What a sound rig would give.
+    /// The value of a sound rig.
     pub expected: Option<f64>,
-    /// Of both numbers.
+    /// Unit of both values.
     pub unit: &'static str,
-    /// For a person.
+    /// Description for people.
     pub text: String,
 }
 
-/// The whole of it.
+/// The whole result.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
-    /// RFC 3339, UTC.
+    /// Time of the self-test, RFC 3339, UTC.
     pub at: String,
     /// Whether the instruments are simulated.
     pub simulated: bool,
@@ -55,21 +55,21 @@ pub struct Report {
     pub wiring: String,
     /// Current injected, A.
     pub current_a: f64,
-    /// Nothing was found.
+    /// Whether nothing was found.
     pub passed: bool,
-    /// What to mend, most grave first: `relay 1042 stays closed: ...`, `electrode 17: open ...`.
+    /// Faults to repair, most severe first: `relay 1042 stays closed: ...`, `electrode 17: open ...`.
     pub findings: Vec<String>,
     /// Every check.
     pub lines: Vec<ReportLine>,
-    /// By the fit of a uniform sheet, ohm.
+    /// Sheet resistance from the fit of a uniform sheet, ohm.
     pub sheet_ohm: Option<f64>,
-    /// Part of the readings that a uniform sheet does not explain, rms.
+    /// Part of the readings that the uniform sheet does not explain, rms.
     pub misfit: Option<f64>,
-    /// Van der Pauw by superposition, corrected for electrodes that are not on the edge, ohm.
+    /// Sheet resistance by van der Pauw with superposition, corrected for electrodes that are not on the edge, ohm.
     pub pauw_ohm: Option<f64>,
-    /// The same as the formula gives it.
+    /// The same without the correction, ohm.
     pub pauw_raw_ohm: Option<f64>,
-    /// Difference of exchanged drive and sense, rms of the readings.
+    /// Difference between exchanged drive and sense, rms of the readings.
     pub reciprocity: Option<f64>,
     /// Standard deviation of one reading, V.
     pub noise_v: Option<f64>,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use eit::{Forward, ForwardError, Mesh};
 
-/// The sheet that the electrodes are on, as it should be without a load.
+/// The expected sheet below the electrodes, without a load.
 #[derive(Debug, Clone)]
 pub struct ExpectedSheet {
     /// The mesh with its electrodes.
@@ -62,7 +62,7 @@ impl Uniform {
         })
     }
 
-    /// Voltage from electrode `plus` to `minus` when an ampere enters at `from` and leaves at `to`.
+    /// Voltage from electrode `plus` to `minus` for a current of 1 A that enters at `from` and leaves at `to`.
     pub(crate) fn volts(&self, (from, to): (usize, usize), (plus, minus): (usize, usize)) -> f64 {
         let n = self.electrodes;
         let at = |electrode: usize| self.z[electrode % n][from % n] - self.z[electrode % n][to % n];

@@ -2,10 +2,10 @@
 
 use std::f64::consts::PI;
 
-/// Sheet resistance from two four-point resistances, ohm; `None` where they are no positive numbers.
+/// Sheet resistance from two four-point resistances, ohm; `None` if they are not positive numbers.
 ///
-/// The left side grows with Rs from 0 to 2: it crosses 1 once, between pi / (2 ln 2) of the two, where each half would
-/// lie alone.
+/// The left side grows with Rs from 0 to 2 and crosses 1 once, between pi R1 / ln 2 and pi R2 / ln 2 (the solutions for
+/// two equal resistances).
 pub fn sheet_resistance(first: f64, second: f64) -> Option<f64> {
     let sound = |value: f64| value.is_finite() && value > 0.0;
     if !(sound(first) && sound(second)) {

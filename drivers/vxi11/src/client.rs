@@ -1,4 +1,4 @@
-//! The client: links to a core channel, and the search for core channels by a broadcast to port mappers.
+//! The client: links to a core channel, and discovery of core channels by a broadcast to port mappers.
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -10,12 +10,12 @@ use tokio::time::Instant;
 use crate::procedure::*;
 use crate::rpc::{Call, Garbage, Reader, Writer, marked, read_record, results};
 
-/// Longest record that is taken from an instrument, bytes.
+/// Longest record accepted from an instrument, bytes.
 const LARGEST_RECORD: usize = 64 * 1024;
-/// How long an instrument may take for an operation, and for another's lock, ms. The client itself waits for as long as
-/// its connection lasts: callers set a limit.
+/// Timeout for an operation, and for another client's lock, that is sent to the instrument, ms. The client itself waits
+/// as long as its connection lasts: callers set a limit.
 const OPERATION_MS: u32 = 2000;
-/// Number of the first call.
+/// Transaction number (xid) of the first call.
 const FIRST_CALL: u32 = 0x7461_6374;
 
 /// A connection to a core channel.
@@ -30,7 +30,7 @@ pub struct Client<S> {
 pub struct LinkId(u32);
 
 impl<S: AsyncRead + AsyncWrite + Unpin> Client<S> {
-    /// Speaks over a stream that is connected to a core channel.
+    /// A client on a stream that is connected to a core channel.
     pub fn new(stream: S) -> Self {
         Self {
             stream,
@@ -41,7 +41,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Client<S> {
     /// Creates a link to the instrument of that name, such as `inst0`, without a lock.
     ///
     /// # Errors
-    /// A connection that breaks, a record that is no reply to the call, an instrument that refuses with its error code.
+    /// A broken connection, a record that is not a reply to the call, or an error code from the instrument.
     pub async fn create_link(&mut self, name: &str) -> io::Result<LinkId> {
         let arguments = Writer::default()
             .word(1)
@@ -66,7 +66,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Client<S> {
         self.call(DEVICE_WRITE, arguments, |_| Ok(())).await
     }
 
-    /// Reads a reply, or its first `most` bytes.
+    /// Reads a reply, or at most its first `most` bytes.
     ///
     /// # Errors
     /// As [`Client::create_link`].
@@ -94,7 +94,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Client<S> {
             .await
     }
 
-    /// One call and its results behind the error code that each result begins with.
+    /// Sends one call and reads its results, which follow the error code at the start of each reply.
     async fn call<T>(
         &mut self,
         procedure: u32,
@@ -125,9 +125,9 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Client<S> {
     }
 }
 
-/// Asks the port mappers that a broadcast reaches where their VXI-11 core channels are: from one of this machine's
-/// addresses, to a broadcast address and a port (a port mapper's own is 111). Gives the answers that come until then; a
-/// host without a core channel answers port 0 and is left out.
+/// Queries port mappers for their VXI-11 core channels by a broadcast: from one of this machine's addresses, to a
+/// broadcast address and a port (a port mapper's own is 111). Returns the replies received until the deadline; a host
+/// without a core channel replies with port 0 and is left out.
 ///
 /// # Errors
 /// The request cannot be sent.
@@ -151,7 +151,7 @@ pub async fn find_core_channels(
     let mut found = Vec::new();
     let mut buffer = [0; 1024];
     while let Ok(received) = tokio::time::timeout_at(until, socket.recv_from(&mut buffer)).await {
-        // A host without a port mapper reports an error, which concerns no other host.
+        // A host without a port mapper causes an error that concerns no other host.
         let Ok((length, peer)) = received else {
             continue;
         };

@@ -1,6 +1,6 @@
 //! Numbers of the programs, procedures and flags of VXI-11 revision 1.0 (sections B.4 and B.6) and of the port mapper.
 
-/// The port mapper (RFC 1833): program, version, the procedure that gives a port, and the protocol number of TCP.
+/// The port mapper (RFC 1833): program, version, the procedure that returns a port, and the protocol number of TCP.
 pub(crate) const PORT_MAPPER: u32 = 100_000;
 pub(crate) const PORT_MAPPER_VERSION: u32 = 2;
 pub(crate) const GET_PORT: u32 = 3;

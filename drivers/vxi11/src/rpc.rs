@@ -1,10 +1,10 @@
-//! ONC RPC version 2 (RFC 5531) as far as VXI-11 needs it: record marking, calls, replies, XDR (RFC 4506).
+//! The parts of ONC RPC version 2 (RFC 5531) that VXI-11 needs: record marking, calls, replies, XDR (RFC 4506).
 
 use std::io;
 
 use tokio::io::{AsyncRead, AsyncReadExt};
 
-/// Set in the mark of a record's last fragment.
+/// Flag in the mark of a record's last fragment.
 const LAST_FRAGMENT: u32 = 1 << 31;
 const CALL: u32 = 0;
 const REPLY: u32 = 1;
@@ -13,7 +13,7 @@ const RPC_VERSION: u32 = 2;
 /// Reads one record of at most `most` bytes; `None` at the end of the stream.
 ///
 /// # Errors
-/// A stream that breaks, or a record that is too long.
+/// A broken stream, or a record that is too long.
 pub(crate) async fn read_record<S>(stream: &mut S, most: usize) -> io::Result<Option<Vec<u8>>>
 where
     S: AsyncRead + Unpin,
@@ -41,7 +41,7 @@ where
     }
 }
 
-/// Puts the mark before a record.
+/// Prepends the record mark.
 pub(crate) fn marked(record: &[u8]) -> Vec<u8> {
     let length = u32::try_from(record.len()).expect("replies are bounded well below 2 GiB");
     let mut bytes = (length | LAST_FRAGMENT).to_be_bytes().to_vec();
@@ -49,11 +49,11 @@ pub(crate) fn marked(record: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Arguments that are not of the expected shape.
+/// Arguments that do not have the expected form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Garbage;
 
-/// Reads XDR (RFC 4506).
+/// XDR decoder (RFC 4506).
 #[derive(Debug)]
 pub(crate) struct Reader<'a>(&'a [u8]);
 
@@ -84,7 +84,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Writes XDR.
+/// XDR encoder.
 #[derive(Debug, Default)]
 pub(crate) struct Writer(Vec<u8>);
 
@@ -119,7 +119,7 @@ pub(crate) struct Call {
 }
 
 impl Call {
-    /// Reads a call's head; its arguments are what the reader then holds.
+    /// Reads the header of a call; the reader then holds its arguments.
     pub(crate) fn read(reader: &mut Reader<'_>) -> Result<Self, Garbage> {
         let xid = reader.word()?;
         if reader.word()? != CALL {
@@ -132,7 +132,7 @@ impl Call {
             program_version: reader.word()?,
             procedure: reader.word()?,
         };
-        // Credential and verifier: whoever reaches the port may use it.
+        // Credential and verifier are ignored: any client that reaches the port may use it.
         for _ in 0..2 {
             reader.word()?;
             reader.opaque()?;
@@ -140,7 +140,7 @@ impl Call {
         Ok(call)
     }
 
-    /// A call without credentials, its arguments behind it.
+    /// A call without credentials, followed by its arguments.
     pub(crate) fn record(
         xid: u32,
         program: u32,
@@ -149,7 +149,7 @@ impl Call {
         arguments: &[u8],
     ) -> Vec<u8> {
         let head = [xid, CALL, RPC_VERSION, program, program_version, procedure];
-        // Credential and verifier: both without flavour and empty.
+        // Credential and verifier: both of flavour none and empty.
         let words = head.into_iter().chain([0; 4]);
         let mut record: Vec<u8> = words.flat_map(u32::to_be_bytes).collect();
         record.extend_from_slice(arguments);
@@ -161,7 +161,7 @@ impl Call {
     }
 }
 
-/// What becomes of a call.
+/// Outcome of a call.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Reply {
     Done(Vec<u8>),
@@ -169,11 +169,11 @@ pub(crate) enum Reply {
     NoVersion(u32),
     NoProcedure,
     GarbageArguments,
-    /// Another version of RPC itself.
+    /// Rejected: another version of RPC itself.
     Denied,
 }
 
-/// The results of an accepted and successful reply to the call of that number; `None` for any other record.
+/// The results in an accepted and successful reply to the call of that number; `None` for any other record.
 pub(crate) fn results(record: &[u8], xid: u32) -> Option<Reader<'_>> {
     let mut reader = Reader::new(record);
     let head = [
@@ -224,7 +224,7 @@ mod tests {
         assert!(read_record(&mut bytes.as_slice(), 2).await.is_err());
         assert!(read_record(&mut [0xff; 8].as_slice(), 64).await.is_err());
         assert!(read_record(&mut [].as_slice(), 64).await.unwrap().is_none());
-        // The end in the middle of a record is no end.
+        // A stream that ends in the middle of a record is an error.
         assert!(read_record(&mut &bytes[..6], 8).await.is_err());
         assert_eq!(marked(b"abc"), [0x80, 0, 0, 3, b'a', b'b', b'c']);
     }

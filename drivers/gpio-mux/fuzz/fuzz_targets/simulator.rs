@@ -1,6 +1,6 @@
-//! Arbitrary bytes at the simulated board, time going on between its lines, and at what reads its replies: nothing
-//! panics, break comes before make, never two electrodes on a pole or one on both current poles, queues keep their
-//! bound, every line has one reply, and every reply is read as what it is.
+//! Arbitrary bytes at the simulated board, with time advancing between its lines, and at the parsers of its replies:
+//! nothing panics, break comes before make, never two electrodes on a pole or one on both current poles, queues keep
+//! their bound, every line has exactly one reply, and every reply parses as the reply that it is.
 
 #![no_main]
 
@@ -14,7 +14,7 @@ use survey::{Electrode, Relay};
 
 const LONGEST: usize = 256;
 
-/// What the board joins, watched.
+/// Checks the poles that the board connects.
 #[derive(Default)]
 struct Watched {
     joined: [Option<Electrode>; 4],
@@ -63,7 +63,7 @@ fuzz_target!(|bytes: &[u8]| {
         assert!(board.errors_waiting() <= 20);
         now += pause;
         board.pass(now, &mut poles);
-        // Replies of a stranger.
+        // Replies of an arbitrary instrument.
         let _ = line.parse::<State>();
         let _ = refusal(&line);
         let _ = line.parse::<scpi::ErrorEntry>();

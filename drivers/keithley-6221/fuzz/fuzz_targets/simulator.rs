@@ -1,5 +1,5 @@
-//! Arbitrary bytes at the simulated 6221, time going on between its messages: nothing panics, the error queue keeps its
-//! bound, and what flows keeps the instrument's limits.
+//! Arbitrary bytes at the simulated 6221, with time advancing between its messages: nothing panics, the error queue
+//! keeps its bound, and the current keeps the instrument's limits.
 
 #![no_main]
 
@@ -14,7 +14,7 @@ const LONGEST: usize = 4096;
 const MOST: f64 = 0.105 * (1.0 + 1e-9);
 
 fuzz_target!(|bytes: &[u8]| {
-    // The first byte chooses the load, the second how much time goes by between messages.
+    // The first byte selects the load, the second the time between messages.
     let [load, pace, said @ ..] = bytes else {
         return;
     };

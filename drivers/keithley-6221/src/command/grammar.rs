@@ -1,4 +1,4 @@
-//! The headers in the manual's notation, with what they mean.
+//! The headers in the manual's notation, with their commands.
 
 use std::str::FromStr;
 use std::sync::LazyLock;
@@ -68,7 +68,7 @@ pub(super) const PLAIN: &[(&str, Command)] = &[
 
 type Reader = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
 
-/// A header, whether it is a query's, and what it means.
+/// A header, whether it is a query, and its command.
 struct Row {
     pattern: Pattern,
     query: bool,
@@ -87,7 +87,7 @@ fn row(
     });
 }
 
-/// The grammar, its notation read once.
+/// The grammar, with its notation parsed once.
 static GRAMMAR: LazyLock<Vec<Row>> = LazyLock::new(|| {
     let mut rows = Vec::new();
     source(&mut rows);
@@ -272,10 +272,10 @@ fn status_and_system(rows: &mut Vec<Row>) {
 }
 
 impl Command {
-    /// Reads one unit of a message.
+    /// Parses one unit of a message.
     ///
     /// # Errors
-    /// -113 for a header that is not one of these, and what the arguments deserve.
+    /// -113 for an unknown header, or the error of the arguments.
     pub fn of(call: &Call) -> Result<Self, ParseError> {
         if let Some(common) = Common::of(call) {
             return common.map(Command::Common);
@@ -299,7 +299,7 @@ impl FromStr for Command {
     }
 }
 
-/// Error numbers as `(-440:+900,-113)`; a range may be given either way round.
+/// Error numbers as `(-440:+900,-113)`; the ends of a range may be in either order.
 fn numbers(call: &Call) -> Result<Vec<[i32; 2]>, ParseError> {
     let [list] = call.exactly()?;
     let Argument::Expression(text) = list else {
@@ -385,7 +385,7 @@ fn list_values(list: List, arguments: &[Argument]) -> Result<Vec<f64>, ParseErro
 }
 
 impl List {
-    /// What values the list takes.
+    /// The values that the list takes.
     pub fn kind(self) -> Kind {
         match self {
             List::Levels => Parameter::Start.kind(),
@@ -418,7 +418,7 @@ fn elements(arguments: &[Argument]) -> Result<Vec<Element>, ParseError> {
     }
     let words = arguments.iter().map(|element| element.choice(&ELEMENTS));
     let words: Vec<Element> = words.collect::<Result<_, _>>()?;
-    // Whatever the order they are asked for in, they are told in the instrument's.
+    // Elements are reported in the instrument's own order, whatever the order of the request.
     let kept = ELEMENTS.iter().map(|(_, element)| *element);
     Ok(kept.filter(|element| words.contains(element)).collect())
 }

@@ -1,5 +1,5 @@
-//! The commands of the 6221 as values, and their grammar in both directions. No SCPI text stands anywhere else but in
-//! the table of [`Parameter`]s.
+//! The commands of the 6221 as values, and their grammar in both directions. Only the table of [`Parameter`]s contains
+//! further SCPI text.
 //!
 //! Chapters as in the fact sheet, section 4.
 
@@ -25,11 +25,11 @@ use crate::Parameter;
 pub enum Command {
     /// A common command.
     Common(Common),
-    /// Keep the settings in one of the memories 0 to 4.
+    /// Save the settings in one of the memories 0 to 4.
     Save(u8),
-    /// Take the settings out of a memory.
+    /// Recall the settings from a memory.
     Recall(u8),
-    /// Read which options are built in.
+    /// Query the installed options.
     Options,
 
     /// Set the level.
@@ -58,24 +58,24 @@ pub enum Command {
     SetOutput(bool),
     /// Read the output.
     Output,
-    /// Join the inner shield.
+    /// Connect the inner shield.
     SetShield(Shield),
-    /// Read what the inner shield is joined to.
+    /// Read the connection of the inner shield.
     Shield,
-    /// Join output low to earth, or let it float.
+    /// Connect output low to earth, or let it float.
     SetLowToEarth(bool),
-    /// Read whether output low is joined to earth.
+    /// Read whether output low is connected to earth.
     LowToEarth,
     /// Set the speed of response.
     SetSpeed(Speed),
     /// Read the speed of response.
     Speed,
-    /// Read the interlock: 1 closed, 0 open (the header's name says the opposite).
+    /// Read the interlock: 1 closed, 0 open (the name of the header suggests the opposite).
     Interlock,
 
-    /// Set a setting that is one value (see [`crate::Kind`] for how it is told).
+    /// Set a parameter (see [`crate::Kind`] for how values are represented).
     SetParameter(Parameter, f64),
-    /// Read such a setting.
+    /// Read a parameter.
     Parameter(Parameter, Ask),
     /// Set a list.
     SetList(List, Vec<f64>),
@@ -86,49 +86,49 @@ pub enum Command {
     /// Read how many values a list has.
     ListLength(List),
 
-    /// Make a sweep ready.
+    /// Arm a sweep.
     ArmSweep,
-    /// Read whether a sweep is ready.
+    /// Read whether a sweep is armed.
     SweepArmed,
     /// End a sweep or a delta mode.
     AbortSweep,
-    /// Start what is ready.
+    /// Start the armed sweep or delta mode.
     Initiate,
-    /// Put the trigger model back to idle.
+    /// Return the trigger model to idle.
     Abort,
-    /// Pass by what the arm layer waits for.
+    /// Bypass the event that the arm layer waits for.
     SignalArm,
-    /// Pass by what the trigger layer waits for.
+    /// Bypass the event that the trigger layer waits for.
     SignalTrigger,
 
-    /// Make a wave ready.
+    /// Arm a wave.
     ArmWave,
     /// Start a wave.
     StartWave,
     /// End a wave.
     AbortWave,
-    /// Keep the arbitrary wave in place 1 to 4.
+    /// Copy the arbitrary wave to memory 1 to 4.
     CopyWave(u8),
 
-    /// Read whether a 2182A is there.
+    /// Read whether a 2182A is connected.
     DeltaPresent(DeltaMode),
-    /// Make a delta mode ready.
+    /// Arm a delta mode.
     ArmDelta(DeltaMode),
-    /// Read whether a delta mode is ready.
+    /// Read whether a delta mode is armed.
     DeltaArmed(DeltaMode),
     /// Read the last reading of the 2182A.
     LatestReading,
-    /// Read the last reading of the 2182A, once.
+    /// Read the last reading of the 2182A, each only once.
     FreshReading,
     /// Read the last reading of the 2182A after mathematics.
     MathReading,
-    /// Make the statistic of the buffer.
+    /// Compute the statistic of the buffer.
     MakeStatistic,
     /// Read the statistic of the buffer.
     StatisticReading,
     /// Send a line to the 2182A.
     SerialSend(String),
-    /// Read the line that the 2182A answers.
+    /// Read the reply of the 2182A to that line.
     SerialEnter,
 
     /// Empty the buffer.
@@ -137,32 +137,32 @@ pub enum Command {
     BufferData,
     /// Read how many readings are in the buffer.
     BufferLength,
-    /// Read how much room is in the buffer.
+    /// Read the free space of the buffer.
     BufferFree,
-    /// Read what kind of readings are in the buffer.
+    /// Read the kind of readings in the buffer.
     BufferType,
-    /// Choose what a stored reading is told with.
+    /// Choose the elements of a stored reading.
     SetElements(Vec<Element>),
-    /// Read what a stored reading is told with.
+    /// Read the elements of a stored reading.
     Elements,
 
     /// Read a group's events and clear them.
     Events(StatusGroup),
     /// Read a group's conditions.
     Conditions(StatusGroup),
-    /// Choose which of a group's events are summed up.
+    /// Set the enable mask of a group's events.
     SetEnable(StatusGroup, u16),
-    /// Read which of a group's events are summed up.
+    /// Read the enable mask of a group's events.
     Enable(StatusGroup),
-    /// Zero the enables of all groups.
+    /// Clear the enable masks of all groups.
     PresetStatus,
-    /// Take the oldest error.
+    /// Read the oldest error and remove it.
     NextError,
-    /// Forget all errors.
+    /// Clear the error queue.
     ClearErrors,
-    /// Queue the errors of these numbers (from, to), and no others; public drivers send `STAT:QUE:ENAB (-440:+900)`.
+    /// Queue only errors with these numbers (from, to); public drivers send `STAT:QUE:ENAB (-440:+900)`.
     EnableErrors(Vec<[i32; 2]>),
-    /// Don't queue the errors of these numbers.
+    /// Don't queue errors with these numbers.
     DisableErrors(Vec<[i32; 2]>),
     /// Read which errors are queued.
     EnabledErrors,
@@ -171,18 +171,18 @@ pub enum Command {
 
     /// Set the text of a line of the display, upper or lower.
     SetText(Line, String),
-    /// Read it.
+    /// Read the text of a line of the display.
     Text(Line),
-    /// Read which of its characters blink.
+    /// Read which characters of the line blink.
     TextAttributes(Line),
 
-    /// Read the year of the SCPI standard kept.
+    /// Read the version (year) of the SCPI standard.
     Version,
-    /// Settings as the maker presets them.
+    /// Factory default settings.
     Preset,
-    /// Give the keys back, on the serial port.
+    /// Unlock the front-panel keys (serial port).
     Local,
-    /// Take the keys away, on the serial port.
+    /// Lock the front-panel keys (serial port).
     Remote,
     /// Sound the beeper.
     Beep {
@@ -195,7 +195,7 @@ pub enum Command {
     SetAddress(Address, Ipv4Addr),
     /// Read an address of the network port.
     Address(Address),
-    /// Take over the addresses that were set.
+    /// Apply the addresses that were set.
     SaveAddresses,
     /// Read a board's serial number.
     BoardSerial(Board),
@@ -209,7 +209,7 @@ pub(crate) const COMPLIANCE_BIT: u8 = 3;
 pub(crate) const INTERLOCK_BIT: u8 = 1;
 
 impl Command {
-    /// Whether an answer comes back.
+    /// Whether the command has a reply.
     pub fn is_query(&self) -> bool {
         let text = self.to_string();
         let header = text.split(' ').next();

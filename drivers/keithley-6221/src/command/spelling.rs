@@ -1,4 +1,4 @@
-//! The commands as text.
+//! Commands written as text.
 
 use std::fmt;
 
@@ -41,7 +41,7 @@ impl Command {
 }
 
 impl List {
-    /// Headers of the list's values, of those that are appended, and of their number.
+    /// The headers for setting a list, for appending to it, and for the number of its values.
     fn headers(self) -> [String; 3] {
         LISTS
             .iter()

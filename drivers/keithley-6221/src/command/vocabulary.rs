@@ -1,4 +1,4 @@
-//! The words that commands are made of.
+//! The enumerations in the arguments of commands.
 
 use std::fmt;
 
@@ -6,10 +6,10 @@ use std::fmt;
 use crate::kind::Kind;
 use crate::kind::short;
 
-/// What a numeric query asks for: `?`, `? MIN`, `? MAX`, `? DEF`.
+/// The form of a numeric query: `?`, `? MIN`, `? MAX`, `? DEF`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Ask {
-    /// The value as it is.
+    /// The present value.
     Now,
     /// The smallest that can be set.
     Min,
@@ -21,7 +21,7 @@ pub enum Ask {
 
 #[cfg(feature = "simulator")]
 impl Kind {
-    /// The reply to a query with MIN, MAX or DEF; `now` without. Switches and words have only a value of now.
+    /// The reply to a query with MIN, MAX or DEF; `now` otherwise. Switches and words have only a present value.
     pub(crate) fn queried(self, ask: Ask, now: f64) -> f64 {
         match (self, ask) {
             (_, Ask::Now) => now,
@@ -33,7 +33,7 @@ impl Kind {
     }
 }
 
-/// What the inner shield of the triax output is joined to.
+/// The connection of the inner shield of the triax output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Shield {
     /// Output low (after `*RST`).
@@ -71,7 +71,7 @@ pub enum List {
     Delays,
     /// Voltage limit on each point of a list sweep, V.
     Limits,
-    /// An arbitrary wave, in parts of its amplitude.
+    /// An arbitrary wave, as fractions of its amplitude.
     Wave,
 }
 
@@ -97,7 +97,7 @@ pub enum Address {
     Gateway,
 }
 
-/// What a stored reading is told with.
+/// An element of a stored reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Element {
     /// The reading.
@@ -168,12 +168,12 @@ pub(super) const ELEMENTS: [(&str, Element); 7] = [
 ];
 pub(super) const BOARDS: [(&str, Board); 2] =
     [("ABOard", Board::Analogue), ("DBOard", Board::Digital)];
-/// Header of each line of the display, and its length (622x reference manual, DISPlay subsystem \[K\]).
+/// Header and length of each line of the display (622x reference manual, DISPlay subsystem \[K\]).
 pub(super) const LINES: [(&str, Line, usize); 2] = [
     ("DISPlay[:WINDow]", Line::Upper, 20),
     ("DISPlay:WINDow2", Line::Lower, 32),
 ];
-/// Headers of the lists: of the values, and of those that are appended.
+/// Headers of the lists: for setting the values, and for appending values.
 pub(super) const LISTS: [(&str, &str, List); 4] = [
     (
         "[SOURce]:LIST:CURRent",
@@ -198,11 +198,11 @@ pub(super) const LISTS: [(&str, &str, List); 4] = [
 ];
 
 impl Element {
-    /// What is told unless chosen otherwise.
+    /// The elements after `*RST`.
     pub const DEFAULT: [Element; 2] = [Element::Reading, Element::Stamp];
 }
 
-/// The short form of the notation that stands for a value.
+/// The short form of the notation of a value.
 pub(super) fn word<T: Copy + PartialEq>(choices: &[(&'static str, T)], value: T) -> String {
     choices
         .iter()

@@ -1,4 +1,4 @@
-//! Level, range, voltage limit, output: what flows.
+//! Level, range, voltage limit and output, and the current that follows from them.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::command::COMPLIANCE_BIT;
 use crate::range::{LIMIT_STEP, RANGES};
 use crate::{Load, Range};
 
-/// Changes of the current that are remembered; the longest aperture is a few seconds.
+/// Number of changes of the current that are kept; the longest aperture is a few seconds.
 const MOST_STEPS: usize = 4096;
 
 impl Simulator6221 {
@@ -42,7 +42,7 @@ impl Simulator6221 {
         self.leave_mode()?;
         self.panel.autorange = on;
         if on {
-            // A level that has been accepted lies on some range.
+            // Every accepted level fits some range.
             self.panel.range = Range::holding(self.panel.level).unwrap_or(self.panel.range);
         }
         Ok(())
@@ -52,7 +52,7 @@ impl Simulator6221 {
         if self.is_sweeping() {
             return Err(ParseError::SettingsConflict);
         }
-        // Divided, not multiplied by 0.01: 10 mV steps read back to the bits of their decimals.
+        // Divided, not multiplied by 0.01: 10 mV steps then read back to the bits of their decimals.
         let steps_per_volt = (1.0 / LIMIT_STEP.0).round();
         self.panel.compliance = Volts((limit.0 * steps_per_volt).round() / steps_per_volt);
         Ok(())
@@ -77,7 +77,7 @@ impl Simulator6221 {
         Ok(())
     }
 
-    /// What is asked to flow when the output is on.
+    /// The current requested while the output is on.
     pub(super) fn requested(&self) -> Amps {
         match &self.mode {
             Mode::Wave(wave) => wave.value(self.now),
@@ -85,7 +85,7 @@ impl Simulator6221 {
         }
     }
 
-    /// The range that the current is made on.
+    /// The range in use.
     pub(super) fn made_on(&self) -> Range {
         match &self.mode {
             Mode::Wave(wave) => wave.range,
@@ -93,8 +93,8 @@ impl Simulator6221 {
         }
     }
 
-    /// The mean of what flowed between two instants, the second of which is the time told last: of waves, sweeps, and
-    /// levels that messages have set. What the load changes counts as of when it was seen.
+    /// Mean current between two instants, of which the second is the simulator's present time, over waves, sweeps, and
+    /// levels set by messages. Changes by the load count from the time at which they were evaluated.
     pub fn mean_current(&self, from: Duration, to: Duration, load: &mut dyn Load) -> Amps {
         if to <= from {
             return self.flowing;
@@ -135,7 +135,7 @@ impl Simulator6221 {
         Amps(sum / (to - from).as_secs_f64())
     }
 
-    /// Remembers that a message has changed what flows.
+    /// Records that a message has changed the current.
     pub(super) fn note_step(&mut self, before: Amps) {
         if before == self.flowing {
             return;
@@ -146,7 +146,7 @@ impl Simulator6221 {
         self.steps.push_back((self.now, before));
     }
 
-    /// Works out what flows: the level, or what the voltage limit lets through.
+    /// Computes the current: the level, or what the voltage limit allows.
     pub(super) fn flow(&mut self, load: &mut dyn Load) {
         let level = self.requested();
         let (flowing, held_back) = if !self.panel.output || level == Amps(0.0) {
@@ -163,7 +163,7 @@ impl Simulator6221 {
         self.show();
     }
 
-    /// Ends what is armed or done, so that the level is the source's again.
+    /// Ends an armed or finished mode, so that the level applies again.
     ///
     /// # Errors
     /// -221 while a sweep or wave is running.
@@ -175,7 +175,7 @@ impl Simulator6221 {
         Ok(())
     }
 
-    /// Ends whatever is armed or running.
+    /// Ends an armed or running mode.
     pub(super) fn stop_mode(&mut self) {
         if self.is_sweeping() {
             self.outcome = Outcome::SweepAborted;

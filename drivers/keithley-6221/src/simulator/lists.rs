@@ -7,7 +7,7 @@ use crate::List;
 /// Most values of a list.
 const LONGEST: usize = 65_535;
 
-/// The lists as they are set.
+/// The lists as set.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lists {
     levels: Vec<f64>,
@@ -67,7 +67,7 @@ impl Lists {
         Ok(())
     }
 
-    /// The values as a query reads them.
+    /// The values in the form of a query's reply.
     pub(super) fn read(&self, list: List) -> String {
         let values = self.get(list).iter();
         let values: Vec<String> = values.map(|v| list.kind().read_back(*v)).collect();

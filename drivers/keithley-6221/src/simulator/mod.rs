@@ -1,10 +1,10 @@
 //! The simulated 6221: settings, output, sweeps, waves, error queue and status registers, without I/O and without
 //! physics.
 //!
-//! An ideal instrument: the current is exactly what is asked for until the voltage limit holds it back. Time comes in
-//! with each message; what went on since the last one is worked out then, against the load as it is then. No 2182A is
-//! connected: delta modes are refused, and the buffer stays empty. Nobody listens to the trigger lines that it speaks on:
-//! their settings are kept and have no effect.
+//! An ideal instrument: the current is exactly the requested one until the voltage limit reduces it. Time is passed in
+//! with each message; events since the last message are then computed with the present load. No 2182A is connected:
+//! delta modes are rejected, and the buffer stays empty. Output trigger lines are connected to nothing: their settings
+//! are kept and have no effect.
 
 mod level;
 mod lists;
@@ -34,7 +34,7 @@ use lists::Lists;
 use state::{Mode, Outcome, Panel};
 use values::Values;
 
-/// A 6221 that receives lines and gives replies. It knows nothing of connections: output and settings outlive them.
+/// A 6221 that receives lines and returns replies. Output and settings do not depend on connections.
 #[derive(Debug, Clone)]
 pub struct Simulator6221 {
     settings: Settings6221,
@@ -44,22 +44,23 @@ pub struct Simulator6221 {
     lists: Lists,
     elements: Vec<Element>,
     addresses: [Ipv4Addr; 3],
-    /// Arbitrary waves that are kept.
+    /// Stored arbitrary waves.
     waves: [Vec<f64>; 4],
-    /// Settings that are kept.
+    /// Stored settings.
     memories: [Option<Box<(Panel, Values)>>; 5],
     mode: Mode,
     outcome: Outcome,
-    /// `*OPC` was received and something is still under way.
+    /// `*OPC` was received and an operation is still pending.
     completion_awaited: bool,
-    /// `*OPC?` was received behind what has no foreseeable end; its answer comes once that has been ended.
+    /// `*OPC?` was received during an operation without foreseeable end; the reply is sent when the operation has
+    /// ended.
     answer_awaited: bool,
     flowing: Amps,
-    /// When messages changed what flows, and what flowed before.
+    /// Times at which messages changed the current, and the current before each.
     steps: VecDeque<(Duration, Amps)>,
     reported_range: Range,
     interlock_closed: bool,
-    /// When the opened interlock switches the output off.
+    /// Time at which the opened interlock switches the output off.
     trips_at: Option<Duration>,
     /// Pulses sent on each line of the trigger link.
     pulses: [u64; 6],
@@ -104,16 +105,16 @@ impl Simulator6221 {
             status: StatusModel::new(),
         };
         new.show();
-        // Idle from the start is no event.
+        // The initial idle state is not an event.
         new.status.operation.clear();
         new
     }
 
-    /// Receives one line (without its terminator) at a time since power on. A unit that is refused goes to the error queue
-    /// and gets no reply; those after it are carried out.
+    /// Receives one line (without its terminator) at a time since power on. A rejected unit adds an error to the error
+    /// queue and gets no reply; the units after it are executed.
     ///
-    /// What comes behind a `*WAI` or `*OPC?` in the same line is carried out as of the end of what was waited for, and
-    /// the wait is part of [`Response::busy`].
+    /// Units after a `*WAI` or `*OPC?` in the same line are executed as of the end of the awaited operation, and the
+    /// wait is part of [`Response::busy`].
     pub fn receive(&mut self, line: &str, at: Duration, load: &mut dyn Load) -> Response {
         self.pass(at, load);
         let mut replies: Vec<String> = Vec::new();
@@ -133,7 +134,7 @@ impl Simulator6221 {
                     Ok(None)
                 }
                 Ok(Command::Common(Common::WhenComplete)) => {
-                    // What has no end is answered once it has been ended.
+                    // An operation without end gets the reply when it has been ended.
                     let left = self.remaining();
                     self.answer_awaited = left.is_none();
                     wait = left.unwrap_or_default();
@@ -156,7 +157,7 @@ impl Simulator6221 {
             if self.answer_awaited
                 && let Some(left) = self.remaining()
             {
-                // An abort has ended it, or a trigger has given it an end.
+                // An abort has ended the operation, or a trigger has given it an end.
                 self.answer_awaited = false;
                 replies.push("1".to_owned());
                 wait = left;
@@ -168,13 +169,13 @@ impl Simulator6221 {
         }
     }
 
-    /// Looks at the load again: its resistance changed, or time went on.
+    /// Evaluates the load again after its resistance changed or time advanced.
     pub fn load_changed(&mut self, at: Duration, load: &mut dyn Load) {
         self.pass(at, load);
         self.flow(load);
     }
 
-    /// Lets a trigger in that does not come as a message; false when nothing waits for it.
+    /// Passes in a trigger that is not a message; returns false if none is awaited.
     pub fn trigger(&mut self, event: Trigger, at: Duration, load: &mut dyn Load) -> bool {
         self.pass(at, load);
         let received = self.receive_trigger(event);
@@ -183,11 +184,11 @@ impl Simulator6221 {
         received
     }
 
-    /// Queues an error that arose before a line could be received: -363 for one that was too long, -410 for one that came
-    /// before the last reply was read, -420 for a reply that was read without a question.
+    /// Queues an error that occurred before a line could be received: -363 for a line that was too long, -410 for a
+    /// line that arrived before the last reply was read, -420 for a read without a query.
     pub fn refuse(&mut self, refusal: ParseError) {
         let text = match refusal {
-            // The maker's wording where it is not the standard's.
+            // Keithley's wording where it differs from the standard's.
             ParseError::OutOfRange => "Parameter data out of range",
             other => other.text(),
         };
@@ -196,18 +197,18 @@ impl Simulator6221 {
             return;
         }
         if self.errors.len() >= self.settings.queue_depth {
-            // The entry that gives way makes an event of its own (section 6).
+            // The replaced entry causes an event of its own (section 6).
             self.status.raise_error(ParseError::QueueOverflow.code());
         }
         self.errors.push(refusal.code(), text);
     }
 
-    /// Forgets an answer to `*OPC?` that is still to come: its client has left, or cleared the device.
+    /// Cancels a pending reply to `*OPC?`: its client has disconnected, or cleared the device.
     pub fn forget_answer(&mut self) {
         self.answer_awaited = false;
     }
 
-    /// Closes or opens the interlock. Open, it switches the output off and keeps it so.
+    /// Closes or opens the interlock. While it is open the output is off.
     pub fn set_interlock(&mut self, closed: bool, at: Duration, load: &mut dyn Load) {
         self.pass(at, load);
         self.interlock_closed = closed;
@@ -219,7 +220,7 @@ impl Simulator6221 {
         self.flow(load);
     }
 
-    /// What the manual leaves open, as it was chosen.
+    /// The values chosen where the manual is silent.
     pub fn settings(&self) -> &Settings6221 {
         &self.settings
     }
@@ -229,7 +230,7 @@ impl Simulator6221 {
         self.panel.output
     }
 
-    /// The level asked for; of a running wave its value at the time told last.
+    /// The requested level; for a running wave its value at the simulator's present time.
     pub fn level(&self) -> Amps {
         self.requested()
     }
@@ -239,14 +240,14 @@ impl Simulator6221 {
         self.flowing
     }
 
-    /// Pulses sent on lines 1 to 6 of the trigger link since power on: those of the arm and trigger layers while a sweep
-    /// runs, and those of a wave's phase marker.
+    /// Pulses sent on lines 1 to 6 of the trigger link since power on: by the arm and trigger layers while a sweep
+    /// runs, and by a wave's phase marker.
     pub fn pulses(&self) -> [u64; 6] {
         self.pulses
     }
 
-    /// What alternates in the current of a wave under way, r.m.s. without its mean, and its frequency, Hz; clipped where
-    /// the voltage limit holds it back.
+    /// The alternating part of the current of a running wave, r.m.s. without its mean, and its frequency, Hz; clipped
+    /// where the voltage limit reduces it.
     pub fn alternating(&self, load: &mut dyn Load) -> Option<(Amps, f64)> {
         let Mode::Wave(wave) = &self.mode else {
             return None;
@@ -255,7 +256,7 @@ impl Simulator6221 {
             return None;
         }
         let most = (self.panel.compliance / load.resistance(self.now)).abs();
-        // What has no resistance to be told lets nothing through.
+        // NaN as resistance lets no current flow.
         let most = if most.0.is_nan() { Amps(0.0) } else { most };
         Some((wave.alternating(most), wave.hertz))
     }
@@ -265,12 +266,12 @@ impl Simulator6221 {
         self.made_on().full_scale
     }
 
-    /// Whether the voltage limit holds the current back.
+    /// Whether the voltage limit reduces the current.
     pub fn in_compliance(&self) -> bool {
         self.status.measurement.condition() & 1 << COMPLIANCE_BIT != 0
     }
 
-    /// What ends a line on the serial port, as it is set (section 1): whoever serves the port sends it.
+    /// The terminator of a line on the serial port, as set (section 1): the server of the port sends it.
     pub fn serial_terminator(&self) -> &'static str {
         // In the order of the words.
         match self.values.get(crate::Parameter::Terminator) as u8 {
@@ -281,12 +282,12 @@ impl Simulator6221 {
         }
     }
 
-    /// How many errors wait in the queue.
+    /// Number of errors in the queue.
     pub fn errors(&self) -> usize {
         self.errors.len()
     }
 
-    /// How many errors were ever queued, and the last of them: a look that leaves the queue as it is.
+    /// Total number of errors queued so far, and the last of them. Reading them leaves the queue as it is.
     pub fn latest_error(&self) -> (u64, Option<&ErrorEntry>) {
         (self.errors.added(), self.errors.latest())
     }
@@ -302,7 +303,7 @@ impl Simulator6221 {
             Command::Common(common) => return self.carry_out_common(*common, replies_wait),
             Command::Save(place) => self.save(*place),
             Command::Recall(place) => self.recall(*place),
-            // IEEE 488.2 section 10.20: 0 where there is none.
+            // IEEE 488.2 section 10.20: the reply is 0 if there are no options.
             Command::Options => return Ok(text(&0)),
             Command::SetLevel(level) => self.set_level(*level)?,
             Command::Level(ask) => return Ok(Some(self.panel.read_level(*ask))),
@@ -367,7 +368,7 @@ impl Simulator6221 {
                 let none = "0".repeat(self.texts[*line as usize].chars().count());
                 return Ok(Some(scpi::quote(&none)));
             }
-            // It goes out on a line at whose end nobody listens.
+            // Sent on the serial link, to which no instrument is connected.
             Command::SerialSend(_) => {}
             Command::SerialEnter => return Err(ParseError::HardwareMissing),
             Command::ClearBuffer => {}

@@ -1,4 +1,4 @@
-//! Sweeps and waves: armed, started, ended; and time that passes over them.
+//! Sweeps and waves: arming, starting, ending, and the advance of time over them.
 
 use std::time::Duration;
 
@@ -25,8 +25,8 @@ impl Simulator6221 {
         matches!(&self.mode, Mode::Wave(wave) if wave.is_running())
     }
 
-    /// How long what is under way still lasts: nothing for nothing, and for a wave without end, which nobody can wait
-    /// for; `None` for a sweep that waits for an event or has no end.
+    /// Remaining time of the pending operation. Zero without one, and for a wave without end; `None` for a sweep that
+    /// waits for an event or has no end.
     pub(super) fn remaining(&self) -> Option<Duration> {
         match &self.mode {
             Mode::Source => Some(Duration::ZERO),
@@ -35,7 +35,7 @@ impl Simulator6221 {
         }
     }
 
-    /// Lets time go on to `at` (never back).
+    /// Advances the time to `at` (never back).
     pub(super) fn pass(&mut self, at: Duration, load: &mut dyn Load) {
         let before = self.now;
         self.now = self.now.max(at);
@@ -81,7 +81,7 @@ impl Simulator6221 {
                     // Lines are 1 to 6.
                     self.pulses[self.values.get(Parameter::MarkerLine) as usize - 1] += marks;
                 }
-                // Between two looks the wave has been at its peak.
+                // Between two evaluations the wave has reached its peak.
                 if panel.output && wave.has_peaked(now) {
                     let resistance = load.resistance(now);
                     if is_limited(wave.peak(), resistance, panel.compliance) {
@@ -89,7 +89,7 @@ impl Simulator6221 {
                     }
                 }
                 if wave.advance(now) {
-                    // Corrections of 2026-11-22: scripts poll for it.
+                    // Corrections of 2026-11-22: scripts poll for this.
                     panel.output = false;
                     self.outcome = Outcome::WaveStopped;
                 }
@@ -103,7 +103,7 @@ impl Simulator6221 {
         }
     }
 
-    /// Makes the operation register show what is going on (fact sheet, section 5).
+    /// Sets the conditions of the operation register (fact sheet, section 5).
     pub(super) fn show(&mut self) {
         let sweep = match &self.mode {
             Mode::Sweep(sweep) if sweep.is_running() => Some(sweep),
@@ -124,7 +124,7 @@ impl Simulator6221 {
     }
 
     /// # Errors
-    /// -221 for what a running sweep or wave holds on to, -224 for a baud rate between those there are.
+    /// -221 for a parameter that a running sweep or wave uses, -224 for a baud rate that does not exist.
     pub(super) fn set_parameter(
         &mut self,
         parameter: Parameter,
@@ -161,7 +161,7 @@ impl Simulator6221 {
     }
 
     /// # Errors
-    /// -221 while a sweep or wave holds on to its list.
+    /// -221 while a sweep or wave uses the list.
     pub(super) fn is_free_to_change(&self, list: List) -> Result<(), ParseError> {
         let held = match list {
             List::Levels | List::Delays | List::Limits => self.is_sweeping(),
@@ -175,7 +175,7 @@ impl Simulator6221 {
     }
 
     /// # Errors
-    /// -230 for an arbitrary wave that was never told.
+    /// -230 for an arbitrary wave that was never set.
     pub(super) fn read_list(&self, list: List) -> Result<String, ParseError> {
         if self.lists.get(list).is_empty() {
             return Err(ParseError::DataStale);
@@ -186,7 +186,7 @@ impl Simulator6221 {
     /// Arming switches the output on (assumed); the level flows until the sweep is started.
     ///
     /// # Errors
-    /// -221 for settings that make no sweep.
+    /// -221 for settings that define no valid sweep.
     pub(super) fn arm_sweep(&mut self) -> Result<(), ParseError> {
         self.is_free_to_arm()?;
         self.mode = Mode::Sweep(Box::new(self.planned_sweep()?));
@@ -198,7 +198,7 @@ impl Simulator6221 {
     fn planned_sweep(&self) -> Result<Sweep, ParseError> {
         let points = plan_sweep(&self.values, &self.lists, self.panel.range)?;
         let sweep = Sweep::new(points, &self.values);
-        // Nobody receives an answer on a line that is spoken on.
+        // No instrument sends triggers on a line that is an output.
         if sweep.receives_own_output() {
             return Err(ParseError::SettingsConflict);
         }
@@ -212,11 +212,11 @@ impl Simulator6221 {
         Ok(())
     }
 
-    /// Starts the sweep with the settings as they are now.
+    /// Starts the sweep with the present settings.
     ///
     /// # Errors
-    /// -221 when no sweep is armed, the interlock is open, or the settings have come to make no sweep; -213 while one is
-    /// running.
+    /// -221 if no sweep is armed, the interlock is open, or the settings no longer define a valid sweep; -213 while one
+    /// is running.
     pub(super) fn initiate(&mut self) -> Result<(), ParseError> {
         match &self.mode {
             Mode::Sweep(sweep) if sweep.is_running() => Err(ParseError::InitIgnored),
@@ -232,7 +232,7 @@ impl Simulator6221 {
         }
     }
 
-    /// Ends a sweep that is armed or running, the output off (assumed); one that is done rests on its last point.
+    /// Ends an armed or running sweep and switches the output off (assumed); a finished one stays on its last point.
     pub(super) fn abort_sweep(&mut self) {
         if let Mode::Sweep(sweep) = &self.mode {
             let rests = sweep.is_done();
@@ -269,7 +269,7 @@ impl Simulator6221 {
     }
 
     /// # Errors
-    /// -221 for settings that make no wave.
+    /// -221 for settings that define no valid wave.
     pub(super) fn arm_wave(&mut self) -> Result<(), ParseError> {
         self.is_free_to_arm()?;
         self.mode = Mode::Wave(Box::new(self.planned_wave()?));
@@ -284,11 +284,11 @@ impl Simulator6221 {
         plan_wave(&self.values, &self.lists, &self.waves, self.panel.range)
     }
 
-    /// Starts the wave with the settings as they are now.
+    /// Starts the wave with the present settings.
     ///
     /// # Errors
-    /// -221 when no wave is armed, the interlock is open, or the settings have come to make no wave; -213 while one is
-    /// running.
+    /// -221 if no wave is armed, the interlock is open, or the settings no longer define a valid wave; -213 while one
+    /// is running.
     pub(super) fn start_wave(&mut self) -> Result<(), ParseError> {
         match &self.mode {
             Mode::Wave(wave) if wave.is_running() => Err(ParseError::InitIgnored),
@@ -304,7 +304,7 @@ impl Simulator6221 {
         }
     }
 
-    /// Ends a wave that is armed or running, the output off (assumed).
+    /// Ends an armed or running wave and switches the output off (assumed).
     pub(super) fn abort_wave(&mut self) {
         if matches!(self.mode, Mode::Wave(_)) {
             self.stop_mode();
@@ -313,13 +313,13 @@ impl Simulator6221 {
     }
 
     /// # Errors
-    /// -230 when no arbitrary wave was told.
+    /// -230 if no arbitrary wave was set.
     pub(super) fn copy_wave(&mut self, place: u8) -> Result<(), ParseError> {
         let points = self.lists.get(List::Wave);
         if points.is_empty() {
             return Err(ParseError::DataStale);
         }
-        // Places are 1 to 4.
+        // Memories are numbered from 1 to 4.
         self.waves[usize::from(place) - 1] = points.to_vec();
         Ok(())
     }

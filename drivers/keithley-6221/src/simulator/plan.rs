@@ -1,4 +1,5 @@
-//! What sweeps and waves are made of, worked out from the settings when they are armed, and again when they start.
+//! The points of sweeps and the shapes of waves, computed from the settings when they are armed, and again when they
+//! start.
 
 use std::time::Duration;
 
@@ -12,10 +13,10 @@ use crate::range::LARGEST_CURRENT;
 use crate::{List, Parameter, RANGES, Range};
 
 const MOST_POINTS: f64 = 65_535.0;
-/// Places of the choice [`Parameter::Ranging`].
+/// Indices of the choice [`Parameter::Ranging`].
 const BEST: f64 = 0.0;
 const AUTO: f64 = 1.0;
-/// Places of the choice [`Parameter::Function`].
+/// Indices of the choice [`Parameter::Function`].
 const SQUARE: usize = 1;
 const RAMP: usize = 2;
 const FIRST_ARBITRARY: usize = 3;
@@ -25,16 +26,16 @@ const FIRST_ARBITRARY: usize = 3;
 pub(super) struct Point {
     pub(super) level: Amps,
     pub(super) delay: Duration,
-    /// The voltage limit, where the sweep has its own.
+    /// The voltage limit, if the sweep sets one.
     pub(super) limit: Option<Volts>,
     pub(super) range: Range,
 }
 
-/// Works out the points of a sweep.
+/// Computes the points of a sweep.
 ///
 /// # Errors
-/// -221 for settings that make no sweep: too many points, a logarithm of 0 or across it, lists of different length, a
-/// level beyond the fixed range.
+/// -221 for settings that define no valid sweep: too many points, a logarithmic sweep from, to or across 0, lists of
+/// different length, a level beyond the fixed range.
 pub(super) fn plan_sweep(
     values: &Values,
     lists: &Lists,
@@ -101,7 +102,7 @@ fn linear(values: &Values) -> Result<Vec<f64>, ParseError> {
     Ok((0..points)
         .map(|k| {
             let level = start + step * f64::from(k);
-            // Sums of decimals may lie a hair beyond the last level.
+            // Rounded sums of decimals may exceed the last level slightly.
             if step < 0.0 {
                 level.max(stop)
             } else {
@@ -128,10 +129,10 @@ fn logarithmic(values: &Values) -> Result<Vec<f64>, ParseError> {
         .collect())
 }
 
-/// Works out a wave.
+/// Computes a wave.
 ///
 /// # Errors
-/// -221 for a wave beyond its range or the instrument, and for an arbitrary one that was never told.
+/// -221 for a wave beyond its range or the instrument's limits, and for an arbitrary wave that was never set.
 pub(super) fn plan_wave(
     values: &Values,
     lists: &Lists,
@@ -139,7 +140,7 @@ pub(super) fn plan_wave(
     fixed: Range,
 ) -> Result<Wave, ParseError> {
     let part = values.get(Parameter::DutyCycle) / 100.0;
-    // A place among the eight words.
+    // The index of one of the eight words.
     let shape = match values.get(Parameter::Function) as usize {
         SQUARE => Shape::Square(part),
         RAMP => Shape::Ramp(part),
@@ -163,7 +164,7 @@ pub(super) fn plan_wave(
     };
     let [_, amplitude, offset] = settings;
     let peak = Amps(amplitude + offset.abs());
-    // Sums of decimals may lie a hair beyond the largest current.
+    // Rounded sums of decimals may exceed the largest current slightly.
     let peak = if peak <= LARGEST_CURRENT * (1.0 + 1e-12) {
         Amps(peak.0.min(LARGEST_CURRENT.0))
     } else {

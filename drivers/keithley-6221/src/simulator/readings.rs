@@ -1,4 +1,4 @@
-//! Readings, of which there are none without a 2182A, and how they would be told.
+//! Readings (none exist without a 2182A) and their format.
 
 use super::Simulator6221;
 

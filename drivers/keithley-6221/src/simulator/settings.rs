@@ -1,8 +1,8 @@
-//! What the manual leaves open, and what is said back.
+//! Settings of the simulator, and the reply to a message.
 
 use std::time::Duration;
 
-/// What the manual leaves open or the maker stamps on each unit.
+/// Values that the manual leaves open or that differ from unit to unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings6221 {
     /// Serial number in `*IDN?`.
@@ -13,15 +13,15 @@ pub struct Settings6221 {
     pub command_time: Duration,
     /// Time a change of range takes (fact sheet, section 7: assumed).
     pub range_time: Duration,
-    /// From the interlock's opening to the output going off (fact sheet, section 7: not known).
+    /// Time from the opening of the interlock to output off (fact sheet, section 7: not known).
     pub interlock_time: Duration,
     /// Entries of the error queue (fact sheet, section 6: assumed).
     pub queue_depth: usize,
-    /// Whether the network port serves one client at a time (fact sheet, section 1: assumed). The simulator knows no
-    /// connections; whoever serves it keeps to this.
+    /// Whether the network port serves one client at a time (fact sheet, section 1: assumed). The simulator has no
+    /// connections; its server enforces this.
     pub one_client: bool,
-    /// How long the network port stays taken after a client that vanished (fact sheet, section 1: not known). For
-    /// whoever serves the simulator, as well.
+    /// Time for which the network port stays taken after a client vanished (fact sheet, section 1: not known). Enforced
+    /// by the simulator's server.
     pub slot_held: Duration,
 }
 
@@ -40,11 +40,11 @@ impl Default for Settings6221 {
     }
 }
 
-/// What the instrument does about a message.
+/// The instrument's response to a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Response {
-    /// The reply without its terminator; `None` when nothing was asked, or nothing that has an answer.
+    /// The reply without its terminator; `None` if the message has no query, or none with a reply.
     pub text: Option<String>,
-    /// How long the instrument needs.
+    /// Time that the instrument needs.
     pub busy: Duration,
 }

@@ -1,4 +1,4 @@
-//! The state of the simulated source: its settings at the panel, what it makes, and how the last sweep or wave ended.
+//! The state of the simulated source: front-panel settings, operating mode, and the outcome of the last sweep or wave.
 
 use scpi::format_nr3;
 use survey::{Amps, Ohms, Volts};
@@ -10,7 +10,7 @@ use crate::command::{Ask, Shield, Speed};
 use crate::kind::DECIMALS;
 use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, RANGES, SMALLEST_LIMIT};
 
-/// What `*RST` sets (fact sheet, section 4; range and autorange assumed).
+/// The settings that `*RST` resets (fact sheet, section 4; range and autorange assumed).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Panel {
     pub(super) level: Amps,
@@ -36,13 +36,13 @@ pub(super) const RESET: Panel = Panel {
     speed: Speed::Fast,
 };
 
-/// Whether the voltage limit holds a current back. What is no number does.
+/// Whether the voltage limit reduces the current. True for NaN.
 pub(super) fn is_limited(level: Amps, resistance: Ohms, limit: Volts) -> bool {
     let drop = level.abs() * resistance;
     level != Amps(0.0) && (drop.0.is_nan() || drop > limit)
 }
 
-/// What flows of a level under the voltage limit, and whether the limit holds it back (fact sheet, section 9).
+/// The current for a level under the voltage limit, and whether the limit reduces it (fact sheet, section 9).
 pub(super) fn limited(level: Amps, resistance: Ohms, limit: Volts) -> (Amps, bool) {
     if !is_limited(level, resistance, limit) {
         (level, false)
@@ -82,18 +82,18 @@ fn in_limits(ask: Ask, [now, min, max, def]: [f64; 4]) -> String {
     format_nr3(value, DECIMALS)
 }
 
-/// What the source makes.
+/// The operating mode.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Mode {
-    /// The level.
+    /// A constant level.
     Source,
-    /// A sweep, armed, running, or done and resting on its last point.
+    /// A sweep: armed, running, or finished and staying on its last point.
     Sweep(Box<Sweep>),
-    /// A wave, armed, running or at its end.
+    /// A wave: armed, running or ended.
     Wave(Box<Wave>),
 }
 
-/// How the last sweep or wave ended; the operation register shows it until the next is armed.
+/// Outcome of the last sweep or wave; shown in the operation register until the next is armed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
     None,

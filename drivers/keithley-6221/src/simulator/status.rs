@@ -11,7 +11,7 @@ use crate::Parameter;
 use crate::command::{Element, StatusGroup};
 
 // Bits of the operation registers (fact sheet, section 5). Bit 8, the filter of delta readings, and bit 11, a fault of
-// the serial port, never come up: there are no such readings, and the simulator sees no port.
+// the serial port, are never set: there are no such readings, and the simulator has no port.
 pub(super) const SWEEP_DONE: u8 = 1;
 pub(super) const SWEEP_ABORTED: u8 = 2;
 pub(super) const SWEEPING: u8 = 3;
@@ -21,10 +21,10 @@ pub(super) const AWAITING_ARM: u8 = 6;
 pub(super) const WAVE_STOPPED: u8 = 7;
 pub(super) const IDLE: u8 = 10;
 
-/// Numbers of all errors, as public drivers send them.
+/// The range of all error numbers, as public drivers send it.
 pub(super) const ALL_ERRORS: [i32; 2] = [-440, 958];
 
-/// Ranges ascending, those joined that touch.
+/// Ranges in ascending order, with adjacent ones merged.
 pub(super) fn joined(ranges: &[[i32; 2]]) -> Vec<[i32; 2]> {
     let mut ascending = ranges.to_vec();
     ascending.sort_unstable();
@@ -38,7 +38,7 @@ pub(super) fn joined(ranges: &[[i32; 2]]) -> Vec<[i32; 2]> {
     joined
 }
 
-/// What is left of ranges without others.
+/// The difference of two sets of ranges.
 fn without(ranges: &[[i32; 2]], others: &[[i32; 2]]) -> Vec<[i32; 2]> {
     let mut left = joined(ranges);
     for [from, to] in others {
@@ -111,7 +111,7 @@ impl Simulator6221 {
                 }
                 None
             }
-            // What is waited for is over when these are carried out.
+            // The awaited operation has ended before these are executed.
             Common::WhenComplete => Some("1".to_owned()),
             Common::Wait => None,
             Common::SelfTest => Some("0".to_owned()),
@@ -124,7 +124,7 @@ impl Simulator6221 {
         })
     }
 
-    /// A register as `FORM:SREG` says.
+    /// A register in the format of `FORM:SREG`.
     pub(super) fn register(&self, value: u16) -> String {
         // In the order of the words.
         match self.values.get(Parameter::RegisterFormat) as u8 {
@@ -158,7 +158,7 @@ impl Simulator6221 {
         }
     }
 
-    /// `*RST`: all but registers, memories, kept waves and communication settings.
+    /// `*RST`: resets everything except registers, memories, stored waves and communication settings.
     fn reset(&mut self) {
         self.take_settings(RESET, &Values::reset());
         self.lists = Lists::reset();
@@ -167,11 +167,11 @@ impl Simulator6221 {
         self.answer_awaited = false;
     }
 
-    /// `SYST:PRES`: as `*RST`, but for the order of a binary reading's bytes.
+    /// `SYST:PRES`: as `*RST`, except for the byte order of a binary reading.
     pub(super) fn preset(&mut self) {
         self.reset();
         const SWAPPED: f64 = 1.0;
-        // Only centre and span are ever refused.
+        // `set` can fail for centre and span only.
         self.values.set(Parameter::ByteOrder, SWAPPED);
     }
 
@@ -180,7 +180,8 @@ impl Simulator6221 {
         self.memories[usize::from(place)] = Some(kept);
     }
 
-    /// Takes settings out of a memory, the output off; one that was never used holds those of `*RST` (assumed).
+    /// Recalls settings from a memory and switches the output off; an unused memory holds the settings of `*RST`
+    /// (assumed).
     pub(super) fn recall(&mut self, place: u8) {
         match self.memories[usize::from(place)].clone() {
             Some(kept) => self.take_settings(kept.0, &kept.1),

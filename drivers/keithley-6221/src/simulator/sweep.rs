@@ -1,7 +1,7 @@
-//! A sweep under way: arm layer, trigger layer, points, in the time that is told.
+//! A running sweep: arm layer, trigger layer and points as a function of time.
 //!
-//! An arm event starts each pass over the points, a trigger event each point (fact sheet, section 4). Time is brought
-//! forward in one stride however long it was, because passes without a new arm event are all alike.
+//! An arm event starts each pass over the points, a trigger event each point (fact sheet, section 4). Any stretch of
+//! time is advanced in one step, because passes without a new arm event are all alike.
 
 use std::time::Duration;
 
@@ -18,14 +18,14 @@ pub enum Trigger {
     Link(u8),
     /// The TRIG key.
     Key,
-    /// The start-of-test line moves.
+    /// An edge on the start-of-test line.
     StartOfTest {
-        /// Up, or down.
+        /// Rising, or falling.
         rising: bool,
     },
 }
 
-/// What the arm layer waits for.
+/// The event that the arm layer waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Arm {
     Immediate,
@@ -34,21 +34,21 @@ enum Arm {
     EitherEdge,
 }
 
-/// When the arm layer speaks.
+/// When the arm layer sends a pulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum ArmOutput {
-    /// A pass begins.
+    /// At the begin of a pass.
     Entering,
-    /// It has ended.
+    /// At the end of a pass.
     Leaving,
 }
 
-/// When the trigger layer speaks.
+/// When the trigger layer sends a pulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum TriggerOutput {
-    /// A point's level has been set.
+    /// After a point's level has been set.
     Source,
-    /// Its delay is over.
+    /// After a point's delay.
     Delay,
 }
 
@@ -69,12 +69,12 @@ enum Phase {
     Done,
 }
 
-/// What a stretch of time brought.
+/// Events during an advance of time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Progress {
-    /// The source came to be held back.
+    /// The voltage limit started to reduce the current.
     pub(super) limited: bool,
-    /// The sweep ended itself because of that.
+    /// The sweep was aborted because of that.
     pub(super) aborted: bool,
 }
 
@@ -90,24 +90,24 @@ pub(super) struct Sweep {
     /// The trigger line that each point waits for.
     line: Option<u8>,
     bypass_trigger: bool,
-    /// Lines that are spoken on, and when.
+    /// Output lines, and when each gets a pulse.
     arm_output: Option<(u8, ArmOutput)>,
     trigger_output: Option<(u8, TriggerOutput)>,
     phase: Phase,
     passes_done: u64,
     pass_since: Nanos,
-    /// The first point of the pass that was not looked at yet.
+    /// The first point of the pass that has not been checked for compliance yet.
     unseen: usize,
-    /// A point of the pass was looked at.
+    /// A point of the pass has been checked.
     looked: bool,
     counted: PulseCounts,
     now_at: Option<usize>,
-    /// The point that was looked at last holds the source back.
+    /// The point checked last was in compliance.
     was_limited: bool,
 }
 
 impl Sweep {
-    /// Ready, not started.
+    /// Armed, not started.
     pub(super) fn new(points: Vec<Point>, values: &Values) -> Self {
         let mut end = 0;
         let ends = points.iter().map(|point| {
@@ -190,7 +190,7 @@ impl Sweep {
         matches!(self.phase, Phase::AwaitTrigger { .. })
     }
 
-    /// Whether a layer waits for pulses on the line that it speaks on itself.
+    /// Whether a layer waits for pulses on its own output line.
     pub(super) fn receives_own_output(&self) -> bool {
         let arm = match self.arm {
             Arm::Event(Trigger::Link(line)) => Some(line),
@@ -201,18 +201,18 @@ impl Sweep {
         (arm.is_some() && arm == arm_speaks) || (self.line.is_some() && self.line == trigger_speaks)
     }
 
-    /// How often each layer would have spoken by now.
+    /// Pulses that each layer has sent by now.
     fn pulses_sent(&self) -> PulseCounts {
         let whole = self.passes_done.saturating_mul(self.points.len() as u64);
         let under_way = self.now_at.map_or(0, |at| at as u64 + 1);
-        // Of the pass under way: begun, points begun, points ended.
+        // In the present pass: begun, points begun, points ended.
         let (begun, points_begun, points_ended) = match self.phase {
             Phase::Ready | Phase::AwaitArm | Phase::AwaitTimer { .. } => (0, 0, 0),
             Phase::AwaitTrigger { point } => (1, point as u64, point as u64),
             Phase::Point { point, .. } => (1, point as u64 + 1, point as u64),
             Phase::Pass { .. } if !self.looked => (1, 0, 0),
             Phase::Pass { .. } => (1, under_way, under_way - 1),
-            // Of one that compliance has ended, its last point.
+            // In a pass that compliance has ended: its last point.
             Phase::Done if Some(self.passes_done) == self.passes => (0, 0, 0),
             Phase::Done => (1, under_way, under_way.saturating_sub(1)),
         };
@@ -229,7 +229,7 @@ impl Sweep {
         [arm, trigger]
     }
 
-    /// Lines that were spoken on since this was last asked, and how often.
+    /// Lines with pulses since the last call, and the number of pulses.
     pub(super) fn take_pulses(&mut self) -> impl Iterator<Item = (u8, u64)> + use<> {
         let (before, now) = (self.counted, self.pulses_sent());
         self.counted = now;
@@ -243,13 +243,13 @@ impl Sweep {
         })
     }
 
-    /// The point that is made now, or was last.
+    /// The present or last point.
     pub(super) fn point(&self) -> Option<Point> {
         self.now_at.map(|at| self.points[at])
     }
 
-    /// Mean over the time between two instants of what `level` makes of each point; `None` before the first pass and where
-    /// each point waits for a trigger. Passes before the one under way were like it.
+    /// Mean of `level` over the points between two instants; `None` before the first pass and if each point waits for a
+    /// trigger. Assumes that passes before the present one were like it.
     pub(super) fn mean(
         &self,
         from: Duration,
@@ -259,7 +259,8 @@ impl Sweep {
         if self.phase == Phase::Ready || self.line.is_some() || !self.looked {
             return None;
         }
-        // Of a time since the pass began: amperes times nanoseconds until then. The last point is rested on.
+        // For a time since the pass began: the integral until then in amperes times nanoseconds. The last point is
+        // held.
         let until = |time: Nanos| {
             let mut start = 0;
             let last = self.points.len() - 1;
@@ -289,7 +290,7 @@ impl Sweep {
         (length > 0).then(|| sum / length as f64)
     }
 
-    /// Lets an event in; false when nothing waits for it.
+    /// Receives an event; returns false if it is not awaited.
     pub(super) fn receive(&mut self, event: Trigger, now: Duration) -> bool {
         match self.phase {
             Phase::AwaitArm => {
@@ -308,7 +309,7 @@ impl Sweep {
         }
     }
 
-    /// Passes by what the arm layer waits for; false when it waits for nothing.
+    /// Bypasses the event that the arm layer waits for; returns false if it waits for none.
     pub(super) fn signal_arm(&mut self, now: Duration) -> bool {
         let waits = self.awaits_arm();
         if waits {
@@ -317,7 +318,7 @@ impl Sweep {
         waits
     }
 
-    /// Passes by what the trigger layer waits for; false when it waits for nothing.
+    /// Bypasses the event that the trigger layer waits for; returns false if it waits for none.
     pub(super) fn signal_trigger(&mut self, now: Duration) -> bool {
         let Phase::AwaitTrigger { point } = self.phase else {
             return false;
@@ -345,7 +346,7 @@ impl Sweep {
         self.ends.last().copied().unwrap_or(0)
     }
 
-    /// From the start of one pass to that of the next, when no event is awaited.
+    /// Time from the start of one pass to the start of the next, if no event is awaited.
     fn period(&self) -> Nanos {
         match self.arm {
             Arm::Timer(interval) => interval.max(self.pass_time()),
@@ -353,7 +354,7 @@ impl Sweep {
         }
     }
 
-    /// Brings time forward. `is_limited` says on which points the load holds the source back.
+    /// Advances the time. `is_limited` tells whether the voltage limit reduces the current of a point.
     pub(super) fn advance(
         &mut self,
         now: Duration,
@@ -385,7 +386,7 @@ impl Sweep {
                     let reached = self.ends.partition_point(|end| *end <= elapsed);
                     let reached = reached.min(self.points.len() - 1);
                     let whole = self.unseen == 0;
-                    // The point that is made now is looked at again: its load may have changed.
+                    // The present point is checked again: its load may have changed.
                     let from = self.unseen.min(reached);
                     if self.look(from..reached + 1, &is_limited, &mut progress) {
                         break;
@@ -401,7 +402,7 @@ impl Sweep {
         progress
     }
 
-    /// Looks at points in turn; true when one of them ends the sweep.
+    /// Checks points in turn; returns true if one of them ends the sweep.
     fn look(
         &mut self,
         points: std::ops::Range<usize>,
@@ -423,8 +424,8 @@ impl Sweep {
         false
     }
 
-    /// Ends a pass at `end`, and begins the next if it needs no event. After a pass that was looked at from its first
-    /// point, all that would have begun and ended until now are like it and are only counted.
+    /// Ends a pass at `end`, and begins the next if it needs no event. If the pass was checked from its first point,
+    /// all passes up to now are like it and are only counted.
     fn end_pass(&mut self, end: Nanos, now: Nanos, looked_at_whole: bool) {
         self.passes_done += 1;
         let left = self
@@ -452,7 +453,7 @@ impl Sweep {
         self.phase = Phase::AwaitTimer { until: next };
     }
 
-    /// How long until the sweep is done; `None` when it waits for an event first, or has no end.
+    /// Remaining time of the sweep; `None` if it waits for an event first, or has no end.
     pub(super) fn remaining(&self, now: Duration) -> Option<Duration> {
         let left = self.passes?.saturating_sub(self.passes_done);
         let needs_event = matches!(self.arm, Arm::Event(_) | Arm::EitherEdge) && left > 1;

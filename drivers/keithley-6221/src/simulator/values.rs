@@ -1,10 +1,10 @@
-//! The parameters as they are set, with those that hang on others.
+//! The values of the parameters, including those that depend on others.
 
 use crate::parameter::Subject;
 use crate::range::LARGEST_CURRENT;
 use crate::{Ask, Parameter};
 
-/// Places of the choice [`Parameter::Spacing`].
+/// Indices of the choice [`Parameter::Spacing`].
 pub(super) const LINEAR: f64 = 0.0;
 pub(super) const LOGARITHMIC: f64 = 1.0;
 
@@ -12,9 +12,9 @@ pub(super) const LOGARITHMIC: f64 = 1.0;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Values {
     held: Vec<f64>,
-    /// Of a linear sweep the number of points was set last, and the step follows; else the other way round.
+    /// The number of points of a linear sweep was set last and the step follows from it; otherwise the reverse.
     points_lead: bool,
-    /// The wave's duration was set in cycles, and its time follows; else the other way round.
+    /// The wave's duration was set in cycles and its time follows from them; otherwise the reverse.
     cycles_lead: bool,
 }
 
@@ -30,7 +30,7 @@ impl Values {
         }
     }
 
-    /// Takes the values of `other` for all but the communication settings.
+    /// Takes the values of `other`, except the communication settings.
     pub(super) fn become_like(&mut self, other: &Values) {
         for &parameter in Parameter::ALL {
             if parameter.subject() != Subject::Communication {
@@ -69,20 +69,20 @@ impl Values {
         }
     }
 
-    /// Points of a linear sweep, which may be more than a sweep can have.
+    /// Points of a linear sweep, possibly more than a sweep can have.
     pub(super) fn linear_points(&self) -> f64 {
         if self.points_lead {
             return self.held(Parameter::Points);
         }
         let span = (self.held(Parameter::Stop) - self.held(Parameter::Start)).abs();
-        // A part in 1e9 keeps the last point when span / step is a hair below its decimal.
+        // A relative tolerance of 1e-9 keeps the last point if span / step is slightly below its decimal.
         (span / self.held(Parameter::Step) * (1.0 + 1e-9)).floor() + 1.0
     }
 
-    /// Sets a value that its kind allows. Centre and span may reach beyond the instrument's current one after the other;
-    /// a sweep that still does so is refused when it is armed.
+    /// Sets a value that its kind allows. A sequence of changes of centre and span may exceed the instrument's current
+    /// on the way; a sweep that still does is rejected when it is armed.
     ///
-    /// Where the ends of a sweep change its points stay, and the step follows (corrections of 2026-11-22).
+    /// When the ends of a sweep change, its number of points stays and the step follows (corrections of 2026-11-22).
     pub(super) fn set(&mut self, parameter: Parameter, value: f64) {
         if matches!(
             parameter,
@@ -107,7 +107,7 @@ impl Values {
     fn sweep_over(&mut self, center: f64, span: f64) {
         let most = LARGEST_CURRENT.0;
         let ends = [center - span / 2.0, center + span / 2.0];
-        // Halves of decimals may lie a hair beyond theirs.
+        // Halves of decimals may be slightly off.
         let [start, stop] = ends.map(|end| {
             let exact = end.clamp(-most, most);
             if (end - exact).abs() <= 1e-12 * most {
@@ -124,7 +124,7 @@ impl Values {
         self.cycles_lead
     }
 
-    /// The value as a query reads it.
+    /// The value in the form of a query's reply.
     pub(super) fn read(&self, parameter: Parameter, ask: Ask) -> String {
         let kind = parameter.kind();
         kind.read_back(kind.queried(ask, self.get(parameter)))

@@ -1,4 +1,4 @@
-//! A wave under way: what flows at an instant follows from its settings.
+//! A running wave: the current at an instant follows from its settings.
 
 use std::f64::consts::TAU;
 use std::time::Duration;
@@ -10,11 +10,11 @@ use crate::Range;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Shape {
     Sine,
-    /// High for this part of a period.
+    /// The fraction of a period that is high.
     Square(f64),
-    /// Rising for this part of a period.
+    /// The fraction of a period that rises.
     Ramp(f64),
-    /// Points held for equal parts of a period, in parts of the amplitude.
+    /// Points held for equal parts of a period, as fractions of the amplitude.
     Arbitrary(Vec<f64>),
 }
 
@@ -29,12 +29,12 @@ enum Phase {
     Ready,
     Running {
         began: Duration,
-        /// Since when the frequency is what it is.
+        /// Time of the last change of frequency.
         since: Duration,
-        /// Periods made before that.
+        /// Number of periods before that time.
         turns: f64,
     },
-    /// At the end of its duration; the rest as it was while running.
+    /// Stopped at the end of its duration; the other fields as while running.
     Stopped {
         began: Duration,
         since: Duration,
@@ -43,10 +43,10 @@ enum Phase {
     },
 }
 
-/// Samples of a period where it is integrated.
+/// Samples per period for the integration.
 const STEPS: u32 = 4000;
 
-/// From one instant to another, s; negative where the other one is earlier.
+/// Time from one instant to another, s; negative if the second is earlier.
 fn seconds(from: Duration, to: Duration) -> f64 {
     match to.checked_sub(from) {
         Some(later) => later.as_secs_f64(),
@@ -66,7 +66,7 @@ pub(super) struct Wave {
 }
 
 impl Wave {
-    /// Ready, not started.
+    /// Armed, not started.
     pub(super) fn new(
         shape: Shape,
         [hertz, amplitude, offset]: [f64; 3],
@@ -96,7 +96,7 @@ impl Wave {
         matches!(self.phase, Phase::Running { .. })
     }
 
-    /// Periods made so far.
+    /// Number of periods so far.
     fn turns(&self, now: Duration) -> f64 {
         match self.phase {
             Phase::Running { since, turns, .. } => {
@@ -106,7 +106,7 @@ impl Wave {
         }
     }
 
-    /// Mean of what is asked to flow between two instants, no value larger than `most`. Nothing flows before the start and
+    /// Mean of the requested current between two instants, each value limited to `most`. Zero before the start and
     /// after the end.
     pub(super) fn mean(&self, from: Duration, to: Duration, most: Amps) -> Amps {
         let (began, since, turns, ended) = match self.phase {
@@ -141,7 +141,7 @@ impl Wave {
         self.samples(start, length, most).sum::<f64>() / f64::from(STEPS)
     }
 
-    /// Values over a part of a period, no value larger than `most`.
+    /// Samples over a part of a period, each limited to `most`.
     fn samples(&self, start: f64, length: f64, most: Amps) -> impl Iterator<Item = f64> {
         (0..STEPS).map(move |step| {
             let turn = start + length * (f64::from(step) + 0.5) / f64::from(STEPS);
@@ -150,7 +150,7 @@ impl Wave {
         })
     }
 
-    /// How often the marked part of a period has been passed so far.
+    /// How often the wave has passed the marked phase so far.
     pub(super) fn marks(&self, now: Duration, marked: f64) -> u64 {
         let Phase::Running { began, .. } = self.phase else {
             return 0;
@@ -179,12 +179,12 @@ impl Wave {
         Amps(self.amplitude + self.offset.abs())
     }
 
-    /// Whether a whole period has been made, so that its peak has been.
+    /// Whether a whole period, and so its peak, is over.
     pub(super) fn has_peaked(&self, now: Duration) -> bool {
         self.turns(now) >= 1.0
     }
 
-    /// How long the wave still lasts; `None` for one without end.
+    /// Remaining time of the wave; `None` for a wave without end.
     pub(super) fn remaining(&self, now: Duration) -> Option<Duration> {
         let Phase::Running { began, .. } = self.phase else {
             return Some(Duration::ZERO);
@@ -195,7 +195,7 @@ impl Wave {
             .then(|| Duration::try_from_secs_f64(seconds.max(0.0)).unwrap_or(Duration::MAX))
     }
 
-    /// How long a running wave still lasts, s; negative where its end is past.
+    /// Remaining time of a running wave, s; negative after its end.
     fn seconds_left(&self, began: Duration, now: Duration) -> f64 {
         match self.lasting {
             Lasting::Seconds(whole) => whole - now.saturating_sub(began).as_secs_f64(),
@@ -203,7 +203,7 @@ impl Wave {
         }
     }
 
-    /// Brings time forward; true when the wave ended meanwhile.
+    /// Advances the time; returns true if the wave ended meanwhile.
     pub(super) fn advance(&mut self, now: Duration) -> bool {
         let Phase::Running {
             began,
@@ -214,7 +214,7 @@ impl Wave {
             return false;
         };
         let left = self.seconds_left(began, now);
-        // A nanosecond: an end that has been waited for is reached.
+        // Tolerance of a nanosecond: an awaited end counts as reached.
         let over = left <= 1e-9;
         if over {
             let past = Duration::try_from_secs_f64(-left).unwrap_or_default();
@@ -228,7 +228,7 @@ impl Wave {
         over
     }
 
-    /// What is asked to flow now: nothing before the start and after the end.
+    /// The requested current now: zero before the start and after the end.
     pub(super) fn value(&self, now: Duration) -> Amps {
         if !self.is_running() {
             return Amps(0.0);
@@ -236,7 +236,7 @@ impl Wave {
         self.at_phase(self.turns(now).fract())
     }
 
-    /// R.m.s. over one period of what alternates, no value larger than `most`.
+    /// R.m.s. of the alternating part over one period, each value limited to `most`.
     pub(super) fn alternating(&self, most: Amps) -> Amps {
         let (mut sum, mut squares) = (0.0, 0.0);
         for value in self.samples(0.0, 1.0, most) {
@@ -247,7 +247,7 @@ impl Wave {
         Amps((squares / f64::from(STEPS) - mean * mean).max(0.0).sqrt())
     }
 
-    /// The current at a part of a period.
+    /// The current at a phase, as a fraction of a period.
     fn at_phase(&self, at: f64) -> Amps {
         let unit = match &self.shape {
             Shape::Sine => (TAU * at).sin(),

@@ -1,5 +1,5 @@
-//! Golden conversations, typed from the fact sheet on the 6221; each names its section. They guard the grammar from
-//! outside: driver and simulator share it, and would share its misreadings.
+//! Golden conversations, typed from the fact sheet on the 6221; each names its section. They test the grammar from
+//! outside: driver and simulator share it, and would share its errors.
 
 mod settings;
 mod source;

@@ -1,4 +1,4 @@
-//! Settings that are set and read back.
+//! Settings that are written and read back.
 
 use super::talk::Talk;
 
@@ -272,7 +272,7 @@ fn section_4_commands_that_public_drivers_send() {
             "STAT:QUE:DIS (-113,-230:-220);DIS?;ENAB?",
             "(-230:-220,-113);(-440:-231,-219:-114,-112:+958)",
         ),
-        // It makes its event and is not queued.
+        // The error sets its event bit and is not queued.
         (
             "*ESR?;:SOUR:CURR 99;:SYST:ERR?;*ESR?",
             "144;0,\"No error\";16",

@@ -2,7 +2,7 @@
 
 use super::talk::Talk;
 
-/// Says each line to a fresh instrument with 500 ohm on its terminals. `-` is no reply.
+/// Sends each line to a fresh instrument with 500 ohm on its terminals. `-` means no reply.
 fn conversation(lines: &[(&str, &str)]) {
     Talk::new(500.0).hold(lines);
 }
@@ -18,7 +18,7 @@ fn section_2_identity() {
 #[test]
 fn section_3_grammar() {
     conversation(&[
-        // Case does not matter; long or short form, nothing between.
+        // Case does not matter; long or short form, no form in between.
         ("SYSTe:PRES", "-"),
         ("syst:err?", "-113,\"Undefined header\""),
         ("System:Error?", "0,\"No error\""),
@@ -27,7 +27,7 @@ fn section_3_grammar() {
             "SOUR:CURR:COMP 5;RANG 2e-3;*CLS;COMP?;:OUTP?",
             "5.000000E+00;0",
         ),
-        // Clients in use send a `:` before a common command and a trailing `;`.
+        // Common clients send a `:` before a common command and a trailing `;`.
         ("status:queue:clear;*RST;:stat:pres;:*CLS;", "-"),
         ("SYST:ERR?", "0,\"No error\""),
         // SOURce is optional.
@@ -88,7 +88,7 @@ fn section_4_zero_and_off() {
 #[test]
 fn section_5_compliance_is_condition_and_event_not_error() {
     conversation(&[
-        // 1 mA through 500 ohm wants 0.5 V.
+        // 1 mA through 500 ohm needs 0.5 V.
         ("CURR:COMP 0.4;:CURR 1e-3;:OUTP 1", "-"),
         ("STAT:MEAS:COND?", "8"),
         ("SYST:ERR?", "0,\"No error\""),
@@ -131,7 +131,7 @@ fn section_6_errors_by_number() {
             "STAT:QUE?;QUE?",
             "-222,\"Parameter data out of range\";-222,\"Parameter data out of range\"",
         ),
-        // A level that the fixed range does not hold; a range that does not hold the level.
+        // A level that exceeds the fixed range; a range smaller than the level.
         ("CURR:RANG 2e-6;:CURR 1e-3", "-"),
         ("SYST:ERR?", "-222,\"Parameter data out of range\""),
         ("CURR 2e-6;CURR:RANG 2e-9", "-"),
@@ -238,7 +238,7 @@ fn section_5_groups_are_summed_up_in_the_status_byte() {
         ("*STB?", "0"),
         ("SOUR:DEL 0.001;:SOUR:SWE:POIN 1;ARM;:INIT", "-"),
     ]);
-    // Sweep done: bit 1 of the operation group, summed up in bit 7; bit 6 asks for service.
+    // Sweep done: bit 1 of the operation group, summarised in bit 7; bit 6 requests service.
     talk.at(1.0)
         .hold(&[("*STB?", "192"), ("STAT:OPER?;*STB?", "1034;16")]);
     let now = talk.now();

@@ -11,7 +11,7 @@ const ABORTED: u16 = 1 << 2;
 const SWEEPING: u16 = 1 << 3;
 const IDLE: u16 = 1 << 10;
 
-/// 0, 1, 2 and 3 mA for half a second each, ready.
+/// A sweep of 0, 1, 2 and 3 mA, half a second each, armed.
 fn staircase(ohms: f64) -> Talk {
     let mut talk = Talk::new(ohms);
     talk.hold(&[
@@ -40,7 +40,7 @@ fn section_4_a_linear_sweep_takes_its_time() {
         assert_eq!(talk.load.flowing, Amps(level), "at {seconds} s");
         assert_eq!(talk.operation(), SWEEPING, "at {seconds} s");
     }
-    // Done, it rests on its last point.
+    // When done, it stays on its last point.
     talk.at(12.0);
     assert_eq!(talk.operation(), DONE | IDLE);
     assert_eq!(talk.load.flowing, Amps(3e-3));
@@ -66,7 +66,7 @@ fn section_4_a_list_sweep_has_its_own_delays_and_limits() {
     for (seconds, flowing, range) in [
         (0.05, 1e-3, 2e-3),
         (0.15, -2e-6, 2e-6),
-        // Held back to 2 V.
+        // Limited to 2 V.
         (0.45, 2e-3, 20e-3),
         (0.65, 1e-3, 2e-3),
         (1.1, 2e-3, 20e-3),
@@ -98,7 +98,7 @@ fn section_4_a_logarithmic_sweep_multiplies() {
             "{flowing} at {seconds} s"
         );
     }
-    // A logarithm that would have to cross 0.
+    // A logarithmic sweep that would cross 0.
     talk.at(5.0).hold(&[
         ("SOUR:CURR:STAR -1e-3;:SOUR:SWE:ARM", "-"),
         ("SYST:ERR?", "-221,\"Settings conflict\""),
@@ -114,12 +114,12 @@ fn section_4_compliance_ends_a_sweep_when_asked_to() {
     )]);
     talk.at(0.9);
     assert_eq!(talk.operation(), SWEEPING);
-    // 2 mA want 2 V.
+    // 2 mA need 2 V.
     talk.at(1.0);
     assert_eq!(talk.operation(), ABORTED | IDLE);
     assert_eq!(talk.load.flowing, Amps(0.0));
     talk.hold(&[("OUTP?;:STAT:MEAS?;:SYST:ERR?", "0;8;0,\"No error\"")]);
-    // Whether it is watched or not.
+    // The same without evaluations in between.
     let mut unwatched = staircase(1000.0);
     unwatched.hold(&[(
         "SOUR:CURR:COMP 1.5;:SOUR:SWE:CAB ON;:SOUR:SWE:ARM;:INIT",
@@ -177,7 +177,7 @@ fn section_4_an_endless_sweep_repeats_itself() {
     talk.at(year + 1.25);
     assert_eq!(talk.load.flowing, Amps(2e-3));
     assert_eq!(talk.operation(), SWEEPING);
-    // The answer comes once the sweep has been ended, and only then.
+    // The reply is sent when the sweep has been ended, not before.
     talk.hold(&[("*OPC?", "-"), ("OUTP?", "1"), ("OUTP 0", "1")]);
     assert_eq!(talk.operation(), ABORTED | IDLE);
     talk.hold(&[("*OPC?", "1"), ("SOUR:SWE:ARM;:INIT;*OPC?", "-")]);
@@ -245,13 +245,13 @@ fn section_5_completion_is_told_when_a_sweep_is_done() {
     talk.hold(&[("*ESR?;:INIT;*OPC", "128"), ("*ESR?", "0")]);
     talk.at(1.9).hold(&[("*ESR?", "0")]);
     talk.at(2.0).hold(&[("*ESR?", "1")]);
-    // As a query, the answer takes as long as the sweep.
+    // For the query, the reply takes as long as the sweep.
     talk.say("INIT");
     let (now, command_time) = (talk.now(), Duration::from_millis(5));
     let reply = talk.source.receive("*OPC?", now, &mut talk.load);
     assert_eq!(reply.text.as_deref(), Some("1"));
     assert_eq!(reply.busy, command_time + Duration::from_secs(2));
-    // What stands behind it is carried out when it is over.
+    // The units after it are executed when the sweep is over.
     talk.hold(&[("*WAI;:SOUR:CURR?;:STAT:OPER:COND?", "3.000000E-03;1026")]);
 }
 

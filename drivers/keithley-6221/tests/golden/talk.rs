@@ -1,4 +1,4 @@
-//! What is said to a simulator, when, and what it answers.
+//! A conversation with a simulator: messages, times, replies.
 
 use std::time::Duration;
 
@@ -21,7 +21,7 @@ impl Talk {
         }
     }
 
-    /// Lets the time be so many seconds after power on; the load is looked at.
+    /// Sets the time, s after power on; the load is evaluated.
     pub fn at(&mut self, seconds: f64) -> &mut Self {
         self.now = survey::duration(seconds);
         self.source.load_changed(self.now, &mut self.load);
@@ -32,13 +32,13 @@ impl Talk {
         self.now
     }
 
-    /// The reply to one line; `-` is none.
+    /// The reply to one line; `-` means none.
     pub fn say(&mut self, line: &str) -> String {
         let reply = self.source.receive(line, self.now, &mut self.load).text;
         reply.unwrap_or_else(|| "-".to_owned())
     }
 
-    /// Says lines and looks at each reply.
+    /// Sends lines and checks each reply.
     pub fn hold(&mut self, lines: &[(&str, &str)]) -> &mut Self {
         for (said, expected) in lines {
             assert_eq!(
@@ -51,7 +51,7 @@ impl Talk {
         self
     }
 
-    /// The operation conditions.
+    /// The operation condition register.
     pub fn operation(&mut self) -> u16 {
         self.say("STAT:OPER:COND?").parse().unwrap()
     }

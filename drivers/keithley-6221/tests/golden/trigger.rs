@@ -11,7 +11,7 @@ const AWAITS_TRIGGER: u16 = 1 << 5;
 const AWAITS_ARM: u16 = 1 << 6;
 const IDLE: u16 = 1 << 10;
 
-/// 1 and 2 mA, a second each, three times.
+/// A sweep of 1 and 2 mA, a second each, three times.
 fn pairs(layers: &str) -> Talk {
     let mut talk = Talk::new(100.0);
     talk.hold(&[
@@ -122,14 +122,14 @@ fn section_4_the_layers_speak_on_their_lines() {
         assert_eq!(pulses[line - 1], told, "{layers}");
         assert_eq!(pulses.iter().sum::<u64>(), told, "{layers}");
     }
-    // a point that waits for its line has not been set
+    // a point that waits for its trigger line has not been set
     let mut talk = pairs("TRIG:SOUR TLIN;ILIN 2;OUTP SOUR;OLIN 1");
     talk.at(10.0);
     assert_eq!(talk.source.pulses()[0], 0);
     let now = talk.now();
     assert!(talk.source.trigger(Trigger::Link(2), now, &mut talk.load));
     assert_eq!(talk.source.pulses()[0], 1);
-    // nobody can wait for what he says himself
+    // a layer cannot wait for its own output line
     let mut talk = Talk::new(100.0);
     talk.hold(&[
         ("TRIG:SOUR TLIN;ILIN 2;OLIN 2;OUTP SOUR", "-"),

@@ -1,4 +1,4 @@
-//! Waves: what flows at an instant.
+//! Waves: the current at an instant.
 
 use survey::{Amps, Ohms};
 
@@ -48,7 +48,7 @@ fn section_4_a_sine_flows_while_it_lasts() {
     assert_eq!(talk.source.range(), Amps(20e-3));
     // A wave of finite duration switches the output off at its end.
     talk.hold(&[("OUTP?;:SYST:ERR?", "0;0,\"No error\"")]);
-    // A second time, to its own end.
+    // Once more, to its own end.
     talk.hold(&[("SOUR:WAVE:INIT", "-")]);
     assert_eq!(talk.operation(), STARTED);
     talk.hold(&[("SOUR:WAVE:ABOR;:OUTP?", "0")]);
@@ -96,7 +96,7 @@ fn section_4_an_arbitrary_wave_is_told_kept_and_made() {
             (1.1, -1e-3),
         ],
     );
-    // Of a place where nothing was kept no wave can be made; *RST forgets none.
+    // An empty memory gives no wave; *RST clears none.
     talk.hold(&[
         (
             "SOUR:WAVE:ABOR;FUNC ARB1;ARM;:SYST:ERR?",
@@ -150,7 +150,7 @@ fn section_5_a_wave_is_held_back_at_its_peaks() {
     talk.hold(&[("STAT:MEAS:COND?", "8")]);
     flows(&mut talk, &[(0.5, 0.0)]);
     talk.hold(&[("STAT:MEAS?;:STAT:MEAS:COND?", "8;0")]);
-    // It has been at its peak between two looks.
+    // The wave reached its peak between two evaluations.
     talk.at(2.0).hold(&[("STAT:MEAS?;:STAT:MEAS:COND?", "8;0")]);
 }
 

@@ -1,4 +1,5 @@
-//! Arbitrary replies at the driver of the 34980A: no panic, no endless loop, and no answer that breaks what the seam promises.
+//! Arbitrary replies to the driver of the 34980A: no panic, no endless loop, and every result keeps the contract of the
+//! trait.
 
 #![no_main]
 

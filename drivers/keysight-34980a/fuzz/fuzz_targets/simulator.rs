@@ -1,5 +1,5 @@
-//! Arbitrary bytes at the simulated mainframe, from two sessions, with time passing: nothing panics or hangs, queues
-//! stay bounded, and what it measures is measured in the order of time.
+//! Arbitrary bytes at the simulated mainframe, from two sessions, with time advancing: nothing panics or hangs, queues
+//! stay bounded, and readings are taken in the order of time.
 
 #![no_main]
 
@@ -13,7 +13,7 @@ use survey::{Relay, Volts};
 
 const LONGEST: usize = 512;
 
-/// A steady voltage that knows how many relays are closed.
+/// A constant voltage; records how many relays are closed.
 #[derive(Default)]
 struct Steady {
     closed: usize,

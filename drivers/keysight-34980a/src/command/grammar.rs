@@ -1,13 +1,13 @@
-//! Rows of the table of headers, and the readings of arguments that several chapters share.
+//! Rows of the table of headers, and argument parsers that several chapters share.
 
 use scpi::{Argument, Call, ChannelList, Numeric, ParseError, Pattern, Unit};
 
 use super::{Channels, Command};
 
-/// Makes a command of a call whose header is known.
+/// Converts a call with a known header to a command.
 pub(super) type Reader = Box<dyn Fn(&Call) -> Result<Command, ParseError> + Send + Sync>;
 
-/// Headers with what they mean.
+/// Headers with their commands.
 #[derive(Default)]
 pub(super) struct Table(Vec<(bool, Pattern, Reader)>);
 
@@ -23,10 +23,10 @@ impl Table {
             .push((notation.ends_with('?'), Pattern::new(notation), read));
     }
 
-    /// Reads a call by the first row that matches its header.
+    /// Parses a call by the first row that matches its header.
     ///
     /// # Errors
-    /// -113 where no row matches, and what the arguments of the row's command deserve.
+    /// -113 if no row matches, or the error of the arguments.
     pub(super) fn read(&self, call: &Call) -> Result<Command, ParseError> {
         self.0
             .iter()
@@ -46,12 +46,12 @@ pub(super) fn list(call: &Call) -> Result<ChannelList, ParseError> {
     channels.channels()
 }
 
-/// A channel list or nothing.
+/// A channel list or no arguments.
 pub(super) fn only_channels(call: &Call) -> Result<Channels, ParseError> {
     call.at_most_one()?.map(Argument::channels).transpose()
 }
 
-/// The arguments before the channel list, which may only be the last, and that list.
+/// The arguments before the channel list, which can only be the last argument, and that list.
 pub(super) fn before_channels(call: &Call) -> Result<(&[Argument], Channels), ParseError> {
     match call.arguments.split_last() {
         Some((last @ Argument::Expression(_), values)) => Ok((values, Some(last.channels()?))),
@@ -68,7 +68,7 @@ pub(super) fn value_and_channels(call: &Call) -> Result<(&Argument, Channels), P
     }
 }
 
-/// MIN, MAX or DEF, where a query asks for a limit instead of the setting.
+/// MIN, MAX or DEF, if a query is for a limit instead of the setting.
 pub(super) fn limit(argument: Option<&Argument>) -> Result<Option<Numeric>, ParseError> {
     let Some(argument) = argument else {
         return Ok(None);
@@ -80,7 +80,7 @@ pub(super) fn limit(argument: Option<&Argument>) -> Result<Option<Numeric>, Pars
 }
 
 /// A number from 1 to `most`, also with the word before it that manuals allow (`SLOT3`, `ABUS2`); `None` for the word
-/// that means all of them, and for nothing at all where that is allowed.
+/// that means all, and for a missing argument if that is allowed.
 pub(super) fn one_or(
     argument: Option<&Argument>,
     prefix: &str,

@@ -9,7 +9,7 @@ use super::{Command, function, measure, route, sense, system};
 
 static GRAMMAR: LazyLock<Table> = LazyLock::new(|| {
     let mut table = Table::default();
-    // The most frequent come first.
+    // The most frequent headers come first.
     route::rows(&mut table);
     measure::rows(&mut table);
     sense::rows(&mut table);
@@ -18,7 +18,7 @@ static GRAMMAR: LazyLock<Table> = LazyLock::new(|| {
     table
 });
 
-/// Reads a call that is no common command.
+/// Parses a call that is not a common command.
 pub(super) fn read(call: &Call) -> Result<Command, ParseError> {
     GRAMMAR.read(call)
 }

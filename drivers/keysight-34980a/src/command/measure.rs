@@ -1,4 +1,4 @@
-//! Triggers, measurements, memory, and the form of a reading: fact sheet section 5.
+//! Triggers, measurements, memory, and the format of a reading: fact sheet section 5.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use super::grammar::{Table, limit, only_channels, plain};
 use super::sense::{volts, write_volts};
 use super::{Asked, Channels, On, Range, word};
 
-/// What starts a sweep.
+/// The event that starts a sweep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum TriggerSource {
     /// At once.
@@ -19,11 +19,11 @@ pub enum TriggerSource {
     External,
     /// The timer.
     Timer,
-    /// An alarm, 1 to 4. No alarm can be set up here, so it waits.
+    /// An alarm, 1 to 4. The simulator has no alarms, so the sweep waits.
     Alarm(u8),
 }
 
-/// A field that a reading may carry behind its value, in the order of the reply.
+/// A field that may follow a reading's value, in the order of the reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Field {
     /// ` VDC`.
@@ -36,12 +36,12 @@ pub enum Field {
     Alarm,
 }
 
-/// Triggers, readings, memory, the form of readings.
+/// Triggers, readings, memory, the format of readings.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Measure {
-    /// Measure and answer all readings; with a list, as if that were the scan list.
+    /// Measure and return all readings; with a list, as if it were the scan list.
     Read(Channels),
-    /// Set up as CONF does, measure and answer all readings.
+    /// Configure as CONF does, measure and return all readings.
     Volts {
         /// Range.
         range: Range,
@@ -52,51 +52,51 @@ pub enum Measure {
     },
     /// Measure into memory.
     Initiate,
-    /// Answer all readings in memory, at the end of the measurement.
+    /// Return all readings in memory, at the end of the measurement.
     Fetch,
-    /// Answer the oldest readings in memory, so many at the most, and erase them.
+    /// Return the oldest readings in memory, at most this number, and erase them.
     ReadAndErase(Option<u32>),
-    /// Answer exactly so many of the oldest readings in memory, and erase them.
+    /// Return exactly this number of the oldest readings in memory, and erase them.
     Remove(u32),
-    /// Read how many readings are in memory.
+    /// Read the number of readings in memory.
     Points,
     /// Read the last reading of a channel, or of the voltmeter alone, with all its fields (help: DATA:LAST?).
     Last(Channels),
-    /// Set how many readings in memory make an event.
+    /// Set the number of readings in memory that sets an event bit.
     SetThreshold(u32),
-    /// Read it.
+    /// Read that number.
     Threshold,
     /// Stop measuring.
     Abort,
-    /// Set what starts a sweep.
+    /// Set the trigger source of sweeps.
     SetSource(TriggerSource),
-    /// Read it.
+    /// Read the trigger source.
     Source,
     /// Set the time from sweep to sweep, s.
     SetTimer(f64),
-    /// Read it, or a limit of it.
+    /// Read that time, or a limit of it.
     Timer(Option<Numeric>),
-    /// Set how many sweeps a measurement has; `None`: until it is stopped.
+    /// Set the number of sweeps of a measurement; `None`: until it is stopped.
     SetCount(Option<u32>),
-    /// Read it, or a limit of it.
+    /// Read that number, or a limit of it.
     Count(Option<Numeric>),
-    /// Set how many readings a channel, or the voltmeter alone, gives for each trigger (help: SAMPle:COUNt).
+    /// Set the number of readings of a channel, or of the voltmeter alone, for each trigger (help: SAMPle:COUNt).
     SetSamples(u32),
-    /// Read it, or a limit of it.
+    /// Read that number, or a limit of it.
     Samples(Option<Numeric>),
-    /// Set the delay of the voltmeter alone after a trigger, s (help: TRIGger:DELay); `None`: automatic.
+    /// Set the delay after a trigger for the voltmeter alone, s (help: TRIGger:DELay); `None`: automatic.
     SetTriggerDelay(Option<f64>),
-    /// Read it, or a limit of it.
+    /// Read that delay, or a limit of it.
     TriggerDelay(Option<Numeric>),
-    /// Read whether it is automatic.
+    /// Read whether that delay is automatic.
     TriggerDelayAuto,
     /// Append a field to every reading, or not.
     SetField(Field, bool),
-    /// Read whether it is appended.
+    /// Read whether the field is appended.
     Field(Field),
     /// Stamp readings with the time of day (true), or with the time since the start of the scan.
     SetAbsoluteTime(bool),
-    /// Read which.
+    /// Read the type of time stamp.
     AbsoluteTime,
 }
 
@@ -128,7 +128,7 @@ pub(crate) const MOST_SWEEPS: u32 = 50_000;
 pub(crate) const MOST_SAMPLES: u32 = 500_000;
 /// Longest delay after a trigger, s (help: TRIGger:DELay).
 pub(crate) const LONGEST_TRIGGER_DELAY: f64 = 3600.0;
-/// A number of readings that is more than any memory holds.
+/// More readings than any memory holds.
 const MOST_READINGS: i64 = 1_000_000_000;
 
 pub(super) fn rows(table: &mut Table) {
@@ -174,7 +174,7 @@ pub(super) fn rows(table: &mut Table) {
         let time = time
             .number(Unit::Second)?
             .within(0.0, LONGEST_TIMER, 10.0)?;
-        // Milliseconds are what the instrument keeps.
+        // The instrument keeps milliseconds.
         Ok(M::SetTimer((time * 1e3).round() / 1e3))
     });
     table.add("TRIGger:TIMer?", |call| {
@@ -241,18 +241,18 @@ pub(super) fn rows(table: &mut Table) {
 }
 
 impl TriggerSource {
-    /// As `TRIG:SOUR?` answers it.
+    /// The reply to `TRIG:SOUR?`.
     pub fn word(self) -> String {
         word(&SOURCES, self)
     }
 
-    /// Whether a sweep waits for something outside.
+    /// Whether a sweep waits for an external event.
     pub fn waits(self) -> bool {
         matches!(self, Self::Bus | Self::External | Self::Alarm(_))
     }
 }
 
-/// As `FORM:READ:TIME:TYPE?` answers it.
+/// The reply to `FORM:READ:TIME:TYPE?`.
 pub(crate) fn time_word(absolute: bool) -> String {
     word(&TIMES, absolute)
 }

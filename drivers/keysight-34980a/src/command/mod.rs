@@ -1,8 +1,9 @@
-//! The commands of the 34980A as values, and their grammar in both directions. No SCPI text stands anywhere else.
+//! The commands of the 34980A as values, and their grammar in both directions. SCPI text of the 34980A is in this
+//! module only.
 //!
-//! Chapters as in the fact sheet: switching and sequences (sections 4, 6), setting up (5), measuring and memory (5),
-//! the mainframe and its status (1, 3, 7). Numbers are read into what the instrument makes of them: a range is the
-//! smallest that holds the value, an integration time the next that exists.
+//! Chapters as in the fact sheet: switching and sequences (sections 4, 6), configuration (5), measuring and memory (5),
+//! the mainframe and its status (1, 3, 7). Numbers are parsed to the values that the instrument uses: a range is the
+//! smallest that holds the value, an integration time the next available one.
 
 mod function;
 mod grammar;
@@ -32,7 +33,7 @@ pub use sense::{HeaderForm, Quantity, Range, Sense, Setting};
 pub(crate) use system::MEMORIES;
 pub use system::{Protection, StatusGroup, System};
 
-/// Channels that a setting is for; `None`: the internal voltmeter.
+/// The channels of a setting; `None`: the internal voltmeter.
 pub type Channels = Option<ChannelList>;
 
 /// One command.
@@ -42,21 +43,21 @@ pub enum Command {
     Common(Common),
     /// Relays, scan list, sequences.
     Route(Route),
-    /// How channels are measured.
+    /// Configuration of channels.
     Sense(Sense),
-    /// What is measured besides DC volts.
+    /// Functions other than DC volts.
     Functions(Functions),
-    /// Triggers, readings, memory, the form of readings.
+    /// Triggers, readings, memory, the format of readings.
     Measure(Measure),
     /// Modules, errors, clock, lock, status.
     System(System),
 }
 
 impl Command {
-    /// Reads one unit of a message.
+    /// Parses one unit of a message.
     ///
     /// # Errors
-    /// -113 for a header that is not one of these, and what the arguments deserve.
+    /// -113 for an unknown header, or the error of the arguments.
     pub fn of(call: &Call) -> Result<Self, ParseError> {
         match Common::of(call) {
             Some(common) => common.map(Self::Common),
@@ -81,7 +82,7 @@ impl fmt::Display for Command {
 impl FromStr for Command {
     type Err = ParseError;
 
-    /// Reads a message of one unit.
+    /// Parses a message of one unit.
     fn from_str(text: &str) -> Result<Self, ParseError> {
         let mut calls = scpi::parse_message(text).into_iter();
         match (calls.next(), calls.next()) {
@@ -102,7 +103,7 @@ macro_rules! chapters {
 }
 chapters!(Common Route Sense Functions Measure System);
 
-/// Commands that go out in one segment.
+/// Commands that are sent in one segment.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Message(pub Vec<Command>);
 
@@ -112,7 +113,7 @@ impl fmt::Display for Message {
     }
 }
 
-/// A query's channel list follows a blank; none leaves both out.
+/// The channel list of a query follows a blank; without a list there is neither.
 struct Asked<'a>(&'a Channels);
 
 impl fmt::Display for Asked<'_> {
@@ -124,7 +125,7 @@ impl fmt::Display for Asked<'_> {
     }
 }
 
-/// A setting's channel list follows a comma; none leaves both out.
+/// The channel list of a setting follows a comma; without a list there is neither.
 struct Behind<'a>(&'a Channels);
 
 impl fmt::Display for Behind<'_> {
@@ -145,7 +146,7 @@ impl fmt::Display for On {
     }
 }
 
-/// The short form of the notation that stands for a value.
+/// The short form of the notation of a value.
 fn word<T: Copy + PartialEq>(choices: &[(&'static str, T)], value: T) -> String {
     choices
         .iter()

@@ -13,9 +13,9 @@ use crate::command::Command;
 pub enum Route {
     /// Close channels.
     Close(ChannelList),
-    /// Open everything else in the slots named, then close channels.
+    /// Open everything else in the slots of the list, then close channels.
     CloseExclusive(ChannelList),
-    /// Close channels of the high side with theirs of the low side (34934A, two-wire).
+    /// Close channels of the high side and their partners of the low side (34934A, two-wire).
     ClosePair(ChannelList),
     /// Read whether channels are closed.
     Closed(ChannelList),
@@ -23,7 +23,7 @@ pub enum Route {
     ClosedPair(ChannelList),
     /// Open channels.
     Open(ChannelList),
-    /// Open channels of the high side with theirs of the low side.
+    /// Open channels of the high side and their partners of the low side.
     OpenPair(ChannelList),
     /// Read whether channels are open.
     Opened(ChannelList),
@@ -37,52 +37,52 @@ pub enum Route {
     SetOverlap(bool),
     /// Read whether they may.
     Overlap,
-    /// Read whether relays of a slot, or of any, are still moving.
+    /// Read whether relays of one slot, or of any slot, are still moving.
     ModuleBusy(Option<u32>),
-    /// Wait until the relays of a slot, or of all, have settled.
+    /// Wait until the relays of one slot, or of all slots, have settled.
     ModuleWait(Option<u32>),
     /// Set the scan list.
     SetScan(ChannelList),
     /// Add to the scan list.
     AddScan(ChannelList),
-    /// Take from the scan list.
+    /// Remove from the scan list.
     RemoveScan(ChannelList),
     /// Read the scan list.
     Scan,
-    /// Read how many channels the scan list has.
+    /// Read the number of channels in the scan list.
     ScanSize,
-    /// Keep the scan list ascending and without repeats, or as it was given.
+    /// Keep the scan list ascending and without repeats, or in the given order.
     SetOrdered(bool),
-    /// Read which.
+    /// Read the order of the scan list.
     Ordered,
-    /// Give channels a label of the user's (help: ROUTe:CHANnel:LABel\[:DEFine\]).
+    /// Set user labels of channels (help: ROUTe:CHANnel:LABel\[:DEFine\]).
     SetLabel(String, ChannelList),
-    /// Read the users' labels of channels.
+    /// Read the user labels of channels.
     Labels(ChannelList),
     /// Define a sequence.
     Define {
         /// Its name.
         name: String,
-        /// What it does, in order.
+        /// The commands, in order.
         commands: Message,
     },
-    /// Read what a sequence does.
+    /// Read the commands of a sequence.
     Definition(String),
     /// Run a sequence.
     Run(String),
-    /// Forget one sequence, or all.
+    /// Delete one sequence, or all.
     Delete(Option<String>),
     /// Read the names of all sequences.
     Catalog,
-    /// Read whether one runs.
+    /// Read whether a sequence is running.
     SequenceBusy,
-    /// Wait until none runs.
+    /// Wait until no sequence is running.
     SequenceWait,
-    /// Stop the sequence that runs.
+    /// Stop the running sequence.
     SequenceAbort,
 }
 
-/// Longest label; a longer one is cut (help: ROUTe:CHANnel:LABel[:DEFine]).
+/// Longest label; a longer one is truncated (help: ROUTe:CHANnel:LABel[:DEFine]).
 const LONGEST_LABEL: usize = 18;
 /// Longest name of a sequence (section 6).
 const LONGEST_NAME: usize = 30;
@@ -140,7 +140,7 @@ pub(super) fn rows(table: &mut Table) {
         let channels = channels.ok_or(ParseError::MissingParameter)?;
         match which {
             [] => Ok(R::Labels(channels)),
-            // What the factory calls each channel is not known.
+            // The factory labels of channels are not known.
             [which] => which.choice(&[("USER", ())]).map(|()| R::Labels(channels)),
             _ => Err(ParseError::ParameterNotAllowed),
         }
@@ -174,7 +174,7 @@ pub(super) fn rows(table: &mut Table) {
     });
 }
 
-/// A name: a letter, then letters, digits and underscores; kept in capitals.
+/// A name: a letter, then letters, digits and underscores; stored in capitals.
 fn checked_name(word: &str) -> Result<String, ParseError> {
     if word.len() > LONGEST_NAME || !word.starts_with(|c: char| c.is_ascii_alphabetic()) {
         return Err(ParseError::IllegalParameter);
@@ -187,8 +187,8 @@ fn name(call: &Call) -> Result<String, ParseError> {
     checked_name(name.word()?)
 }
 
-/// The commands are understood when they are defined; one that is not, or may not stand in a sequence, discards the
-/// whole (section 6).
+/// The commands are parsed at definition; one that is invalid, or not allowed in a sequence, discards the whole
+/// sequence (section 6).
 fn define(call: &Call) -> Result<Route, ParseError> {
     let [name, text] = call.exactly()?;
     let name = checked_name(name.word()?)?;
@@ -209,7 +209,8 @@ fn define(call: &Call) -> Result<Route, ParseError> {
 }
 
 impl Command {
-    /// Whether a sequence may hold it: fact sheet section 6, digital outputs and DACs aside, which no module here has.
+    /// Whether the command is allowed in a sequence: fact sheet section 6, except digital outputs and DACs, which no
+    /// module here has.
     fn may_stand_in_a_sequence(&self) -> bool {
         use super::{Measure, System};
         matches!(

@@ -1,4 +1,4 @@
-//! How channels are measured: fact sheet section 5.
+//! Configuration of channels: fact sheet section 5.
 
 use std::fmt;
 
@@ -12,7 +12,7 @@ use super::{Asked, Behind, Channels, On};
 /// A DC voltage range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Range {
-    /// The instrument chooses at every reading.
+    /// The instrument selects the range at every reading.
     Auto,
     /// One of [`crate::RANGES`].
     Fixed(f64),
@@ -23,21 +23,21 @@ pub enum Range {
 pub enum Setting {
     /// The range.
     Range(Range),
-    /// Let the instrument choose the range, or keep the one it has.
+    /// Autorange, or keep the present range.
     RangeAuto(bool),
     /// Integration time, power-line cycles.
     Nplc(f64),
-    /// Integration time, s; from now on not in power-line cycles.
+    /// Integration time, s; from then on not in power-line cycles.
     Aperture(f64),
     /// Integrate over the time set by aperture, or over power-line cycles.
     ApertureEnabled(bool),
-    /// Resolution, V: chooses the integration time.
+    /// Resolution, V: selects the integration time.
     Resolution(Numeric),
     /// Take a zero reading after every reading, or not.
     Autozero(bool),
-    /// Take one zero reading, and none after readings.
+    /// Take one zero reading now, and none after readings.
     AutozeroOnce,
-    /// Over 10 Gohm on the low ranges (on), or 10 Mohm on all.
+    /// Input resistance over 10 Gohm on the low ranges (on), or 10 Mohm on all.
     InputAuto(bool),
     /// Delay before each scanned reading, s.
     Delay(f64),
@@ -70,25 +70,25 @@ pub enum Quantity {
     DelayAuto,
 }
 
-/// The form of the headers that the 34980A's help and the sister 34970A's manual spell differently: those of
-/// [`Quantity::Autozero`] and [`Quantity::InputAuto`].
+/// Which of two forms an instrument accepts for the headers that differ between the 34980A's help and the manual of the
+/// similar 34970A: those of [`Quantity::Autozero`] and [`Quantity::InputAuto`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum HeaderForm {
-    /// `VOLT:DC:ZERO:AUTO` and `VOLT:DC:IMP:AUTO`, as the 34980A's help has them.
+    /// `VOLT:DC:ZERO:AUTO` and `VOLT:DC:IMP:AUTO`, as in the 34980A's help.
     #[default]
     Documented,
-    /// `ZERO:AUTO` and `INP:IMP:AUTO`, as the 34970A's manual has them.
+    /// `ZERO:AUTO` and `INP:IMP:AUTO`, as in the 34970A's manual.
     Of34970A,
 }
 
-/// Setting up channels; without a list the internal voltmeter.
+/// Configuration of channels; without a list of the internal voltmeter.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sense {
-    /// Measure DC volts: sets the scan list, and everything else to its default.
+    /// Configure for DC volts: sets the scan list, and everything else to its default.
     Configure {
         /// Range.
         range: Range,
-        /// Resolution, V: chooses the integration time.
+        /// Resolution, V: selects the integration time.
         resolution: Option<Numeric>,
         /// The scan list.
         channels: Channels,
@@ -99,9 +99,9 @@ pub enum Sense {
     Set(Setting, Channels),
     /// Read one setting, or a limit of it (MIN, MAX, DEF).
     Ask(Quantity, Option<Numeric>, Channels),
-    /// As [`Sense::Set`], by the 34970A's header.
+    /// As [`Sense::Set`], with the 34970A's header.
     SetOlder(Setting, Channels),
-    /// As [`Sense::Ask`], by the 34970A's header.
+    /// As [`Sense::Ask`], with the 34970A's header.
     AskOlder(Quantity, Option<Numeric>, Channels),
 }
 
@@ -150,7 +150,7 @@ const HEADERS: [(Quantity, &str, &str); 10] = [
     ),
 ];
 
-/// The 34970A's headers, where they differ.
+/// The 34970A's headers where they differ.
 const OLDER_HEADERS: [(Quantity, &str, &str); 2] = [
     (Quantity::Autozero, "[SENSe]:ZERO:AUTO", "ZERO:AUTO"),
     (Quantity::InputAuto, "INPut:IMPedance:AUTO", "INP:IMP:AUTO"),
@@ -204,7 +204,7 @@ pub(super) fn volts(call: &Call) -> Result<(Range, Option<Numeric>, Channels), P
     ))
 }
 
-/// How `[<range>[,<resolution>]][,(@list)]` is written.
+/// Formats `[<range>[,<resolution>]][,(@list)]`.
 pub(super) fn write_volts(
     f: &mut fmt::Formatter<'_>,
     range: Range,
@@ -239,7 +239,7 @@ fn setting(quantity: Quantity, value: &Argument) -> Result<Setting, ParseError> 
         },
         Quantity::InputAuto => Setting::InputAuto(value.boolean()?),
         Quantity::Delay => {
-            // Milliseconds are what the instrument keeps.
+            // The instrument keeps milliseconds.
             let delay = value.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
             Setting::Delay((delay * 1e3).round() / 1e3)
         }
@@ -276,7 +276,7 @@ fn range(value: &Argument) -> Result<Range, ParseError> {
     }
 }
 
-/// The shortest integration time that is not shorter than asked.
+/// The shortest available integration time that is not shorter than requested.
 fn integration_of(nplc: f64) -> f64 {
     INTEGRATION
         .into_iter()
@@ -286,7 +286,7 @@ fn integration_of(nplc: f64) -> f64 {
 }
 
 impl Setting {
-    /// Which setting it is.
+    /// The setting without its value.
     pub fn quantity(self) -> Quantity {
         match self {
             Self::Range(_) => Quantity::Range,
@@ -304,7 +304,7 @@ impl Setting {
 }
 
 impl Quantity {
-    /// The short form of its header; the documented one where the 34970A's does not differ.
+    /// The short form of the header; the documented one if the 34970A's is the same.
     pub fn header(self, form: HeaderForm) -> &'static str {
         let older = OLDER_HEADERS
             .into_iter()
@@ -324,7 +324,7 @@ impl Quantity {
 
 #[cfg(feature = "simulator")]
 impl Sense {
-    /// The form of its header, where there are two.
+    /// The form of the header, if there are two.
     pub(crate) fn header_form(&self) -> Option<HeaderForm> {
         match self {
             Self::SetOlder(..) | Self::AskOlder(..) => Some(HeaderForm::Of34970A),
@@ -346,7 +346,7 @@ impl fmt::Display for Range {
     }
 }
 
-/// The value alone, as it follows the header.
+/// The value alone, in the form in which it follows the header.
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -16,7 +16,7 @@ pub enum StatusGroup {
     Questionable,
 }
 
-/// How the rows of a 34934A are protected. Its physics is the simulated rig's.
+/// Row protection of a 34934A. Its physics belongs to the simulated rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Protection {
     /// 100 ohm in the row while a relay moves, and after.
@@ -26,89 +26,89 @@ pub enum Protection {
     Auto0,
     /// 100 ohm always.
     Fix,
-    /// The rows are cut off while a relay moves.
+    /// The rows are disconnected while a relay moves.
     Iso,
 }
 
-/// How many settings can be kept (the sister 34970A's number; the fact sheet has none).
+/// Number of memories for settings (from the similar 34970A; the fact sheet has none).
 pub(crate) const MEMORIES: i64 = 6;
 
 /// Modules, errors, clock, lock, status.
 #[derive(Debug, Clone, PartialEq)]
 pub enum System {
-    /// Read what a slot holds.
+    /// Read the module type of a slot.
     CardType(u32),
-    /// Read which terminal block a slot has.
+    /// Read the terminal block of a slot.
     TerminalType(u32),
-    /// Set how a slot's rows are protected.
+    /// Set the row protection of a slot.
     SetProtection(u32, Protection),
-    /// Read it.
+    /// Read the row protection of a slot.
     Protection(u32),
-    /// Read how often relays were closed.
+    /// Read the number of closures of relays.
     RelayCycles(ChannelList),
-    /// Begin to count them anew.
+    /// Clear the number of closures of relays.
     ClearRelayCycles(ChannelList),
-    /// Read whether there is a voltmeter.
+    /// Read whether the voltmeter is installed.
     VoltmeterInstalled,
-    /// Let the voltmeter measure, or not (help: INSTrument:DMM\[:STATe\]).
+    /// Enable or disable the voltmeter (help: INSTrument:DMM\[:STATe\]).
     SetVoltmeter(bool),
-    /// Read whether it may.
+    /// Read whether the voltmeter is enabled.
     Voltmeter,
     /// Read whether a memory holds settings (34970A manual p. 263).
     MemoryValid(u8),
-    /// Forget what a memory holds (the same).
+    /// Clear a memory (same page).
     MemoryDelete(u8),
-    /// Read how many memories there are (the same).
+    /// Read the number of memories (same page).
     Memories,
-    /// Read the address of the network port (help: SYSTem:COMMunicate:LAN:MAC).
+    /// Read the MAC address of the network port (help: SYSTem:COMMunicate:LAN:MAC).
     MacAddress,
-    /// Take the oldest error.
+    /// Read the oldest error and remove it.
     NextError,
-    /// Read the year of the SCPI standard kept.
+    /// Read the version (year) of the SCPI standard.
     Version,
     /// Set the calendar: year, month, day.
     SetDate(i32, u32, u32),
-    /// Read it.
+    /// Read the calendar.
     Date,
     /// Set the clock: hour, minute, second.
     SetTime(u32, u32, f64),
-    /// Read it.
+    /// Read the clock.
     Time,
     /// Read when the last scan began.
     ScanTime,
-    /// Ask to be the only one who changes anything; answers whether that was granted.
+    /// Request the exclusive lock for changes; the reply tells whether it was granted.
     RequestLock,
-    /// Give one request back.
+    /// Release one request.
     ReleaseLock,
-    /// Read who asks.
+    /// Read the name of this session's connection.
     LockName,
-    /// Read who has the lock.
+    /// Read the owner of the lock.
     LockOwner,
     /// Wait, s.
     Delay(f64),
     /// Show a text.
     SetDisplay(String),
-    /// Read it.
+    /// Read the displayed text.
     Display,
-    /// Show the usual again.
+    /// Restore the normal display.
     ClearDisplay,
-    /// Make a sound.
+    /// Sound the beeper.
     Beep,
     /// As `*RST`.
     Preset,
-    /// Keep the settings of the voltmeter in one of the memories 1 to 5; 0 is the power-down state's.
+    /// Save the voltmeter's settings in one of the memories 1 to 5; memory 0 is for the power-down state.
     Save(u8),
-    /// Take them out of a memory.
+    /// Recall the settings from a memory.
     Recall(u8),
     /// Read a group's events and clear them.
     Events(StatusGroup),
     /// Read a group's conditions.
     Conditions(StatusGroup),
-    /// Choose which of a group's events are summed up.
+    /// Set the enable mask of a group's events.
     SetEnable(StatusGroup, u16),
-    /// Read which.
+    /// Read the enable mask of a group's events.
     Enable(StatusGroup),
-    /// Zero the enables of both groups.
+    /// Clear the enable masks of both groups.
     PresetStatus,
 }
 
@@ -169,14 +169,14 @@ pub(super) fn rows(table: &mut Table) {
         let number = |argument: &scpi::Argument, least, most| argument.integer(least, most);
         let (year, month) = (number(year, 1970, 2099)?, number(month, 1, 12)?);
         let day = number(day, 1, days_in(year, month))?;
-        // The limits are far inside both types.
+        // The limits are far within both types.
         Ok(S::SetDate(year as i32, month as u32, day as u32))
     });
     table.add("SYSTem:DATE?", |call| plain(call, S::Date));
     table.add("SYSTem:TIME", |call| {
         let [hour, minute, second] = call.exactly()?;
         let (hour, minute) = (hour.integer(0, 23)?, minute.integer(0, 59)?);
-        // A client that rounds 59.9996 up says 60.000, which the next minute begins with.
+        // A client that rounds 59.9996 up sends 60.000, the start of the next minute.
         let second = second.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
         Ok(S::SetTime(hour as u32, minute as u32, second))
     });
@@ -242,7 +242,7 @@ fn days_in(year: i64, month: i64) -> i64 {
 }
 
 impl Protection {
-    /// As `SYST:MOD:ROW:PROT?` answers it.
+    /// The reply to `SYST:MOD:ROW:PROT?`.
     pub fn word(self) -> String {
         word(&PROTECTIONS, self)
     }

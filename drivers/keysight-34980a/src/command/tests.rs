@@ -1,4 +1,4 @@
-//! What the driver writes, the simulator reads.
+//! The simulator parses every command that the driver writes.
 
 use proptest::prelude::*;
 use scpi::Numeric;

@@ -1,8 +1,8 @@
 //! The mainframe as [`Switch`] and [`Voltmeter`].
 //!
-//! Relay moves are held back and leave in one segment with the next query, so that an injection costs one message:
-//! `ROUT:CLOS (@1037);:ROUT:OPEN (@1036);:READ?`. A move that only closes is sent at once: whoever switches a source on
-//! next must find its relay closed.
+//! Relay moves are deferred and sent in one segment with the next query, so that an injection costs one message:
+//! `ROUT:CLOS (@1037);:ROUT:OPEN (@1036);:READ?`. A move that only closes relays is sent at once: its relay must be
+//! closed before the source is switched on.
 
 mod relay_life;
 mod unit;
@@ -24,16 +24,16 @@ use crate::modules::{Module, split};
 use unit::{Prepared, Unit, compact};
 
 const MODEL: &str = "34980A";
-/// Both names that the maker has had (fact sheet section 1).
+/// The two vendor names of the instrument (fact sheet section 1).
 const VENDORS: [&str; 2] = ["Agilent Technologies", "Keysight Technologies"];
-/// Entries of the error queue (section 7), and some more.
+/// Entries of the error queue (section 7), and a margin.
 const MOST_ERRORS: usize = 25;
-/// The slower of the two mains frequencies: deadlines must suffice on both.
+/// The lower mains frequency: deadlines must be long enough for both.
 const SLOWEST_LINE_HZ: f64 = 50.0;
 /// Longest delay before a channel (section 5).
 const LONGEST_DELAY: Duration = Duration::from_secs(60);
 
-/// A handle of one mainframe. Clones mean the same instrument and take turns.
+/// A handle of one mainframe. Clones are handles of the same instrument and wait for each other.
 #[derive(Debug)]
 pub struct Keysight34980a<S> {
     unit: Arc<Mutex<Unit<S>>>,
@@ -49,7 +49,7 @@ impl<S> Clone for Keysight34980a<S> {
     }
 }
 
-/// What does not change while connected.
+/// Data that do not change while connected.
 #[derive(Debug)]
 struct About {
     instrument: String,
@@ -60,11 +60,11 @@ struct About {
 }
 
 impl<S: Stream> Keysight34980a<S> {
-    /// Queries the identity and the modules in the slots. Moves nothing and resets nothing: relays left closed by somebody
-    /// else must be found so.
+    /// Queries the identity and the modules in the slots. Moves and resets nothing: relays left closed earlier must be
+    /// detected.
     ///
     /// # Errors
-    /// Another instrument, a garbled answer, or a failing wire.
+    /// Another instrument, an invalid reply, or a broken connection.
     pub async fn connect(link: Link<S>) -> Result<Self, RigError> {
         let mut conversation =
             Conversation::new(link, Command::from(System::NextError), MOST_ERRORS);
@@ -117,12 +117,12 @@ impl<S: Stream> Keysight34980a<S> {
         self.about.modules
     }
 
-    /// The serial numbers of what the slots hold.
+    /// The serial numbers of the modules in the slots.
     pub fn serials(&self) -> &[Option<String>; 8] {
         &self.about.serials
     }
 
-    /// What the slots say they hold, known or not.
+    /// The module types as reported for the slots, known or unknown.
     pub fn cards(&self) -> &[Option<String>; 8] {
         &self.about.cards
     }
@@ -133,12 +133,12 @@ impl<S: Stream> Keysight34980a<S> {
         self.unit.lock().await.headers.clone()
     }
 
-    /// Whether every relay of a wiring is there, and can be scanned if it is to be.
+    /// Checks that every relay of a wiring exists, and can be scanned if it must be.
     ///
     /// # Errors
-    /// The first relay that cannot do its part, naming slot, module found, channel and electrodes:
-    /// [`RigError::WrongModule`] for a slot without a module that is known or that lacks the channel,
-    /// [`RigError::Unable`] for one that cannot be scanned.
+    /// The first relay that is unsuitable, with slot, module found, channel and electrodes: [`RigError::WrongModule`]
+    /// for a slot without a known module or whose module lacks the channel, [`RigError::Unable`] for a channel that
+    /// cannot be scanned.
     pub fn check_wiring(&self, wiring: &Wiring) -> Result<(), RigError> {
         let measuring = wiring.measuring_relays();
         let moved = wiring.injecting_relays().into_iter();
@@ -154,10 +154,10 @@ impl<S: Stream> Keysight34980a<S> {
         }
     }
 
-    /// Whether the slots hold the modules that a wiring was planned for: times, limits and noise follow from them.
+    /// Checks that the slots hold the modules that a wiring was planned for: times, limits and noise depend on them.
     ///
     /// # Errors
-    /// [`RigError::WrongModule`] for the first slot that holds another one, or none.
+    /// [`RigError::WrongModule`] for the first slot with another module, or none.
     pub fn check_modules(&self, planned: &BTreeMap<u32, Module>) -> Result<(), RigError> {
         for (slot, module) in planned {
             let index = (*slot as usize).wrapping_sub(1);
@@ -243,7 +243,7 @@ impl<S: Stream> Keysight34980a<S> {
         Ok(())
     }
 
-    /// Relay moves as commands, each relay checked to be there.
+    /// Relay moves as commands; each relay is checked to exist.
     fn commands(&self, moves: &[Move]) -> Result<Vec<Command>, RigError> {
         let mut commands = Vec::new();
         for one in moves {
@@ -272,7 +272,7 @@ impl<S: Stream> Keysight34980a<S> {
         })
     }
 
-    /// What has been prepared to be scanned, on the prepared range.
+    /// The prepared scan list, on the prepared range.
     async fn prepared_samples(&self) -> Vec<Sample> {
         let unit = self.unit.lock().await;
         let sample = |prepared: &Prepared| {
@@ -287,7 +287,7 @@ impl<S: Stream> Keysight34980a<S> {
     async fn prepared_range(&self) -> Volts {
         let unit = self.unit.lock().await;
         let prepared = unit.prepared.as_ref();
-        // unprepared, whatever range there is will be refused
+        // without a preparation the scan is rejected, whatever the range
         prepared.map_or(Volts(RANGES[0]), |prepared| prepared.meter.range)
     }
 
@@ -298,8 +298,8 @@ impl<S: Stream> Keysight34980a<S> {
         }
     }
 
-    /// How long the readings of one message may take, beside what any answer may take: as the plan says, else by
-    /// section 9 with half as much again.
+    /// Timeout of the readings of one message, beyond the usual reply time: as the plan states, otherwise by section 9
+    /// plus half as much.
     fn deadline(&self, meter: MeterSettings, scan: &[Relay], link: Duration) -> Duration {
         let zero = if meter.autozero { 2.0 } else { 1.0 };
         let integration = zero * meter.nplc / SLOWEST_LINE_HZ;
@@ -322,7 +322,7 @@ impl<S: Stream> Keysight34980a<S> {
 }
 
 impl<S: Stream> Switch for Keysight34980a<S> {
-    /// Holds the moves back for the next query, unless nothing is opened: then the relays close at once.
+    /// Defers the moves to the next query, unless nothing is opened: then the relays close at once.
     async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
         let commands = self.commands(moves)?;
         let opens = |command: &Command| matches!(command, Command::Route(Route::Open(_)));
@@ -356,8 +356,8 @@ impl<S: Stream> Switch for Keysight34980a<S> {
         self.unit.lock().await.read_closed(relays).await
     }
 
-    /// Opens the relays, reads them back, and then looks whether a move made since the last time was refused. A link that
-    /// is out of step after a lost or late answer is brought back first: relays that stay closed are worse.
+    /// Opens the relays, reads them back, and then checks whether an earlier move was rejected. A link that is
+    /// unsynchronised after a lost or late reply is synchronised first: relays that stay closed are worse.
     async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
         self.check_exist(relays)?;
         let mut unit = self.unit.lock().await;
@@ -365,7 +365,7 @@ impl<S: Stream> Switch for Keysight34980a<S> {
             unit.prepared = None;
             unit.conversation.link_mut().resynchronise().await?;
         }
-        // On the way to safety nothing closes.
+        // On the way to safety nothing is closed.
         unit.held
             .retain(|command| !matches!(command, Command::Route(Route::Close(_))));
         unit.open(relays).await
@@ -384,7 +384,7 @@ impl<S: Stream> Switch for Keysight34980a<S> {
 }
 
 impl<S: Stream> Voltmeter for Keysight34980a<S> {
-    /// Sets everything once, and reads it back every time. The first time the instrument is reset, which opens every
+    /// Sends all settings once, and reads them back every time. The first call resets the instrument, which opens every
     /// relay.
     async fn prepare(&mut self, meter: MeterSettings, scan: &[Relay]) -> Result<(), RigError> {
         self.check_range(meter.range)?;
@@ -467,7 +467,7 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
     }
 
     async fn read_on(&mut self, range: Volts) -> Result<Reading, RigError> {
-        // `chain` has seen to it that there is exactly one.
+        // `chain` has checked that there is exactly one.
         let moves = Vec::new();
         let readings = self.chain(&[Hop { moves, range }]).await?;
         Ok(readings.first().copied().unwrap_or(Reading::NotMeasured))

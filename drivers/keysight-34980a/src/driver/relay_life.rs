@@ -1,4 +1,4 @@
-//! What a mainframe can tell of its relays beside opening and closing them.
+//! Data of a mainframe's relays: closure counts and bus relays.
 
 use rig::{RigError, Stream};
 use survey::Relay;
@@ -9,11 +9,11 @@ use crate::command::System;
 use crate::modules::join;
 
 impl<S: Stream> Keysight34980a<S> {
-    /// How often each relay has been closed since it was made, or since somebody cleared the count
-    /// (`DIAG:REL:CYCL?`). A 34925A's FETs always count 0.
+    /// Number of closures of each relay since it was made, or since the count was cleared (`DIAG:REL:CYCL?`). A
+    /// 34925A's FETs always count 0.
     ///
     /// # Errors
-    /// A relay that is not there, a failing wire, or an answer that is not as many counts.
+    /// A relay that does not exist, a broken connection, or a reply with another number of counts.
     pub async fn relay_cycles(&self, relays: &[Relay]) -> Result<Vec<u64>, RigError> {
         self.check_exist(relays)?;
         if relays.is_empty() {
@@ -27,7 +27,7 @@ impl<S: Stream> Keysight34980a<S> {
             .numbers(&message, &answer, relays.len())?
             .iter()
             .map(|count| {
-                // 2^53: beyond it a number that is written with an exponent is no count any more
+                // 2^53: above it, a number written with an exponent is not an exact count
                 let count = count.value().filter(|count| {
                     count.fract() == 0.0 && (0.0..=9_007_199_254_740_992.0).contains(count)
                 })?;
@@ -40,8 +40,8 @@ impl<S: Stream> Keysight34980a<S> {
         })
     }
 
-    /// The relays that join the banks of scanned channels to the voltmeter's bus, each once. A scan closes them by
-    /// itself; whoever reads without a scan closes them first.
+    /// The relays that connect the banks of scanned channels to the voltmeter's bus, each once. A scan closes them by
+    /// itself; for a reading without a scan the caller closes them first.
     pub fn meter_relays(&self, scanned: &[Relay]) -> Vec<Relay> {
         let mut buses = Vec::new();
         for relay in scanned {

@@ -1,11 +1,11 @@
-//! What a channel number means on each kind of module.
+//! The switch behind a channel number on each kind of module.
 
 use super::Model;
 
-/// One switch of a module: what a channel number means.
+/// One switch of a module, identified by a channel number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Contact {
-    /// A channel of a multiplexer: joins its two wires to the bank's common.
+    /// A channel of a multiplexer: connects its two wires to the bank's common.
     Channel {
         /// 1 or 2.
         bank: u32,
@@ -15,7 +15,7 @@ pub enum Contact {
         /// 1 or 2.
         bank: u32,
     },
-    /// A bank's common (a multiplexer) or a row (a matrix) to an analogue bus.
+    /// Connects a bank's common (a multiplexer) or a row (a matrix) to an analogue bus.
     AnalogBus {
         /// 1 or 2; on a matrix always 2.
         bank: u32,
@@ -55,7 +55,8 @@ pub(super) fn multiplexer(model: Model, size: u32, channel: u32) -> Option<Conta
             bank: 2,
             bus: channel - 920,
         }),
-        // Which bank a current channel belongs to is not in the sources; the nearer numbers are taken.
+        // The sources do not state to which bank a current channel belongs; the bank with the nearer numbers is
+        // assumed.
         41..=44 if model == Model::M34921A => Some(Contact::Current {
             bank: if channel <= 42 { 1 } else { 2 },
         }),
@@ -65,7 +66,7 @@ pub(super) fn multiplexer(model: Model, size: u32, channel: u32) -> Option<Conta
     }
 }
 
-/// Rows 1 to 4 are matrix 1, rows 5 to 8 matrix 2; only matrix 2 reaches the ABus.
+/// Rows 1 to 4 are matrix 1, rows 5 to 8 matrix 2; only matrix 2 connects to the ABus.
 pub(super) fn dual_matrix(channel: u32, columns: u32) -> Option<Contact> {
     if (921..=924).contains(&channel) {
         return Some(Contact::AnalogBus {
@@ -81,7 +82,7 @@ pub(super) fn dual_matrix(channel: u32, columns: u32) -> Option<Contact> {
     })
 }
 
-/// A 34934A: every row's channels begin at its own number; the further matrices follow in the same row.
+/// A 34934A: every row's channels begin at their own number; the further matrices follow in the same row.
 pub(super) fn large_matrix(rows: u32, columns: u32, channel: u32) -> Option<Contact> {
     let matrices = match (rows, columns) {
         (4, 32) => 4,

@@ -1,6 +1,6 @@
-//! Which channels exist on which module, what they can do, and how fast: fact sheet section 3, pure tables.
+//! The channels of each module, their functions and times: fact sheet section 3, as plain tables.
 //!
-//! A channel is counted within its slot (`36`, `911`); a [`Relay`] with its slot (`1036`, `1911`).
+//! A channel is numbered within its slot (`36`, `911`); a [`Relay`] with its slot (`1036`, `1911`).
 
 mod contact;
 mod model;
@@ -16,16 +16,16 @@ pub use contact::Contact;
 use contact::{dual_matrix, large_matrix, multiplexer};
 pub use model::Model;
 
-/// What is screwed to a module. It decides which channels of a matrix exist, and how many wires each switches.
+/// The terminal block of a module. It decides which channels of a matrix exist, and how many wires each switches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Terminal {
-    /// Nothing: on a 34934A no channel may then close.
+    /// No terminal block: on a 34934A no channel may then close.
     None,
-    /// The block that leaves the module as its own numbering has it.
+    /// The block that keeps the module's own numbering.
     Plain,
     /// A 34933A as four 4 x 8 one-wire matrices.
     OneWire,
-    /// A matrix joined to so many rows and columns.
+    /// A matrix of this number of rows and columns.
     Matrix {
         /// Rows.
         rows: u32,
@@ -43,26 +43,26 @@ pub struct Module {
     terminal: Terminal,
 }
 
-/// Why a module cannot be.
+/// Why a module is invalid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ModuleError {
     /// No such module.
     #[error("no module '{0}' is known; known are 34921A to 34925A and 34931A to 34934A")]
     Unknown(String),
-    /// The module does not take such a terminal.
+    /// The module does not take this terminal block.
     #[error("a {model} takes no terminal '{terminal}'; it takes {takes}")]
     Terminal {
         /// The module.
         model: Model,
-        /// What was asked for.
+        /// The requested terminal block.
         terminal: String,
-        /// What it takes.
+        /// The terminal blocks that the module takes.
         takes: &'static str,
     },
 }
 
 impl Module {
-    /// A module with the terminal block that a bare name means: plain, or 4x32 on a 34934A.
+    /// A module with the terminal block implied by its bare name: plain, or 4x32 on a 34934A.
     pub fn new(model: Model) -> Self {
         let terminal = match model {
             Model::M34934A => Terminal::Matrix {
@@ -109,8 +109,8 @@ impl Module {
         self.terminal
     }
 
-    /// As `SYST:CTYP?` names it: a 34934A appends its layout, also without a terminal block (then 4x32: a public
-    /// client reads the layout there when `SYST:MOD:TERM:TYPE?` says NONE).
+    /// The name in the reply to `SYST:CTYP?`: a 34934A appends its layout, also without a terminal block (then 4x32: a
+    /// public client reads the layout there when `SYST:MOD:TERM:TYPE?` returns NONE).
     pub fn card_type(&self) -> String {
         match (self.model, self.terminal) {
             (Model::M34934A, Terminal::Matrix { rows, columns }) => {
@@ -121,8 +121,8 @@ impl Module {
         }
     }
 
-    /// As `SYST:MOD:TERM:TYPE?` names the terminal block: `NONE`, a matrix's layout as `R8_R64`, and for the others
-    /// (which the sources do not name) the block's order number.
+    /// The name in the reply to `SYST:MOD:TERM:TYPE?`: `NONE`, a matrix's layout as `R8_R64`, and for the others (which
+    /// the sources do not name) the block's order number.
     pub fn terminal_type(&self) -> String {
         match self.terminal {
             Terminal::None => "NONE".to_owned(),
@@ -133,8 +133,8 @@ impl Module {
         }
     }
 
-    /// The channel of the low side that belongs to one of the high side: on a 34934A of a two-wire layout (4x32,
-    /// 4x64, 8x32). `None` for every other channel and module.
+    /// The low-side channel of a high-side channel: on a 34934A of a two-wire layout (4x32, 4x64, 8x32). `None` for
+    /// every other channel and module.
     pub fn pair(&self, channel: u32) -> Option<u32> {
         let Terminal::Matrix { rows, columns } = self.terminal else {
             return None;
@@ -150,7 +150,7 @@ impl Module {
         (matrix <= highs).then_some(channel + highs * columns)
     }
 
-    /// Reads the model field of a `SYST:CTYP?` reply.
+    /// Parses the model field of a `SYST:CTYP?` reply.
     ///
     /// # Errors
     /// An unknown model or layout.
@@ -164,7 +164,7 @@ impl Module {
         }
     }
 
-    /// What a channel number means here; `None` where there is no such channel.
+    /// The switch behind a channel number; `None` if there is no such channel.
     pub fn contact(&self, channel: u32) -> Option<Contact> {
         if let Some(size) = self.model.bank_size() {
             return multiplexer(self.model, size, channel);
@@ -206,16 +206,16 @@ impl Module {
             )
     }
 
-    /// The relay that joins a bank to an analogue bus.
+    /// The relay that connects a bank to an analogue bus.
     pub fn bus_relay(&self, bank: u32, bus: u32) -> Option<u32> {
         let channel = 900 + bank * 10 + bus;
         matches!(self.contact(channel), Some(Contact::AnalogBus { .. })).then_some(channel)
     }
 
-    /// Whether these channels may be closed at once: coils (section 3), and one channel a bank on a FET module.
+    /// Checks that these channels may be closed at once: coils (section 3), and one channel a bank on a FET module.
     ///
     /// # Errors
-    /// What is too many, in words.
+    /// The exceeded limit, in words.
     pub fn check_closed(&self, channels: impl IntoIterator<Item = u32>) -> Result<(), String> {
         let (most_slot, most_bank) = self.model.most_coils();
         let (mut slot, mut banks, mut closed) = (0, [0_u32; 2], [0_u32; 2]);

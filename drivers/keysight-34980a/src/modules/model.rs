@@ -1,4 +1,4 @@
-//! The modules by name, with what the tables of section 3 say of each.
+//! The modules by name, with the data of the tables of section 3.
 
 use std::fmt;
 use std::time::Duration;
@@ -26,12 +26,12 @@ pub enum Model {
     M34932A,
     /// Dual 4 x 8 reed matrix.
     M34933A,
-    /// Reed matrix whose layout its terminal block decides.
+    /// Reed matrix whose terminal block decides its layout.
     M34934A,
 }
 
 impl Model {
-    /// Every module known.
+    /// Every known module.
     pub const ALL: [Self; 9] = [
         Self::M34921A,
         Self::M34922A,
@@ -44,7 +44,7 @@ impl Model {
         Self::M34934A,
     ];
 
-    /// As `SYST:CTYP?` names it, without a layout.
+    /// The name in the reply to `SYST:CTYP?`, without a layout.
     pub fn name(self) -> &'static str {
         match self {
             Self::M34921A => "34921A",
@@ -59,7 +59,7 @@ impl Model {
         }
     }
 
-    /// Time to close a relay. A FET's is not worth counting.
+    /// Time to close a relay. Zero for a FET, whose time is negligible.
     pub fn close_time(self) -> Duration {
         match self {
             Self::M34921A | Self::M34922A | Self::M34931A | Self::M34932A => {
@@ -89,7 +89,7 @@ impl Model {
         }
     }
 
-    /// Whether its relays keep their state without power. (Its ABus relays never do.)
+    /// Whether its relays keep their state without power. (The ABus relays never do.)
     pub fn latching(self) -> bool {
         matches!(
             self,
@@ -97,7 +97,7 @@ impl Model {
         )
     }
 
-    /// What its relays cost in time beside the readings. Where nothing is scanned the scan counts 100 channels a second.
+    /// The time of its relays, without the readings. A module that cannot be scanned counts as 100 channels a second.
     pub fn timing(self, nplc: f64, line_hz: f64) -> Timing {
         Timing {
             relay_close: self.close_time(),
@@ -107,7 +107,7 @@ impl Model {
         }
     }
 
-    /// What a plan may ask of its relays. A 34933A is taken with its in-rush resistors.
+    /// Limits of its relays for a plan. A 34933A is assumed to have its in-rush resistors.
     pub fn relay_limits(self) -> RelayLimits {
         let (current, voltage) = match self {
             Self::M34921A | Self::M34922A | Self::M34931A | Self::M34932A => (1.0, 300.0),
@@ -121,7 +121,7 @@ impl Model {
         }
     }
 
-    /// Most coils (closures, where a coil is no limit) that may be at work in the slot, and in each bank.
+    /// Most coils (closures, where coils are no limit) that may be energised in the slot, and in each bank.
     pub(super) fn most_coils(self) -> (u32, u32) {
         match self {
             Self::M34923A | Self::M34924A => (40, 20),

@@ -1,5 +1,5 @@
-//! Arbitrary bytes through framer, parser and reply readers: nothing panics, messages stay within the buffer, and what
-//! is understood is written so that it is understood the same again.
+//! Arbitrary bytes through framer, parser and reply readers: nothing panics, messages stay within the buffer, and a
+//! parsed call that is written out parses to the same call again.
 
 #![no_main]
 
@@ -42,7 +42,7 @@ fn read(argument: &Argument) {
     if let Ok(list) = argument.channels() {
         assert_eq!(list.to_string().parse::<ChannelList>(), Ok(list));
     }
-    // A block may hold bytes that text cannot.
+    // A block may hold bytes that are not text.
     if !matches!(argument, Argument::Block(_)) {
         let call = parse_message(format!("X {argument}")).remove(0);
         let call = call.expect("a datum that was read is written within the grammar");

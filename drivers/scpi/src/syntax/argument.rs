@@ -1,11 +1,11 @@
-//! One datum of a call, and its typed readings.
+//! One argument of a call, and its typed readers.
 
 use std::fmt;
 
 use crate::reading::{INFINITY, NOT_A_NUMBER, format_block, quote};
 use crate::{Answer, ChannelList, ParseError, Unit, parse_reading, short_form};
 
-/// A number as a listener may be told it.
+/// A numeric argument.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Numeric {
     /// A finite number, in the base unit.
@@ -25,10 +25,10 @@ pub enum Numeric {
 }
 
 impl Numeric {
-    /// The value, MIN, MAX and DEF replaced, if it lies between `min` and `max`.
+    /// The value, with MIN, MAX and DEF replaced, if it lies between `min` and `max`.
     ///
     /// # Errors
-    /// -222 for a value outside, infinite, or none.
+    /// -222 for a value that is outside, infinite, or not a number.
     pub fn within(self, min: f64, max: f64, def: f64) -> Result<f64, ParseError> {
         let value = match self {
             Numeric::Value(value) => value,
@@ -60,7 +60,7 @@ impl fmt::Display for Numeric {
     }
 }
 
-/// One datum of a call, as it was written.
+/// One argument of a call, as it was written.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Argument {
     /// A decimal or `#H`, `#Q`, `#B` number; `suffix` is its unit, as written.
@@ -126,7 +126,7 @@ impl Argument {
             Numeric::Max => return Ok(max),
             _ => return Err(ParseError::OutOfRange),
         };
-        // Beyond 2^53 neighbouring integers are no longer told apart, and no limit lies there.
+        // Beyond 2^53 neighbouring integers have the same floating-point value; no limit is that large.
         if rounded.abs() > 9e15 || !(min..=max).contains(&(rounded as i64)) {
             return Err(ParseError::OutOfRange);
         }
@@ -214,7 +214,7 @@ impl Argument {
         }
     }
 
-    /// The refusal of this type of datum where another is wanted.
+    /// The error for this type of argument where another type is required.
     fn not_allowed(&self) -> ParseError {
         match self {
             Argument::Number { .. } => ParseError::NumericNotAllowed,
@@ -230,8 +230,8 @@ fn is_keyword(word: &str, long: &str) -> bool {
     word.eq_ignore_ascii_case(long) || word.eq_ignore_ascii_case(&short_form(long))
 }
 
-/// Writes the datum so that it reads back the same. A block with bytes that are no text cannot be written this way and
-/// shows them replaced; [`format_block`](crate::format_block) writes bytes.
+/// Writes the argument so that parsing gives the same value. A block with bytes that are not text is shown with
+/// replacement characters; [`format_block`](crate::format_block) writes bytes.
 impl fmt::Display for Argument {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

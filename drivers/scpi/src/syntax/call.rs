@@ -5,7 +5,7 @@ use crate::{Argument, ParseError};
 /// One unit of a message.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Call {
-    /// The keywords of the whole header from the root, as written; of a common command the one keyword without `*`.
+    /// The keywords of the full header from the root, as written; for a common command the one keyword without `*`.
     pub header: Vec<String>,
     /// Whether this is a common command (`*...`).
     pub common: bool,
@@ -16,7 +16,7 @@ pub struct Call {
 }
 
 impl Call {
-    /// The arguments, when there are exactly `N`.
+    /// The arguments, if there are exactly `N`.
     ///
     /// # Errors
     /// -109 for fewer, -108 for more.
@@ -30,7 +30,7 @@ impl Call {
             .map_err(|_| ParseError::MissingParameter)
     }
 
-    /// The only argument, or `None` when there is none.
+    /// The only argument, or `None` if there are no arguments.
     ///
     /// # Errors
     /// -108 for more than one.

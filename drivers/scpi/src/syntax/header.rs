@@ -1,4 +1,4 @@
-//! Headers against the notation that manuals print: `[SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]`.
+//! Matches headers against the notation of instrument manuals: `[SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]`.
 
 use crate::Call;
 
@@ -11,14 +11,14 @@ struct Node {
 }
 
 impl Node {
-    /// The numeric suffix if the keyword is this node: `Some(None)` for a node that takes none. A suffix of 1 may stand on
-    /// any node (SCPI-99 volume 1, 6.2.5.2).
+    /// The numeric suffix if the keyword matches this node: `Some(None)` for a node without suffix. A suffix of 1 is
+    /// allowed on any node (SCPI-99 volume 1, 6.2.5.2).
     fn suffix(&self, keyword: &str) -> Option<Option<u32>> {
         let whole = |word: &str| {
             word.eq_ignore_ascii_case(&self.short) || word.eq_ignore_ascii_case(&self.long)
         };
         if !self.numbered {
-            // A node whose own name ends in a digit (`CALCulate2`) has no other.
+            // A node whose own name ends in a digit (`CALCulate2`) takes no suffix.
             let plain = !self.short.ends_with(|c: char| c.is_ascii_digit());
             let with_one = || plain && keyword.strip_suffix('1').is_some_and(whole);
             return (whole(keyword) || with_one()).then_some(None);
@@ -35,7 +35,8 @@ impl Node {
 }
 
 /// A header in the notation of manuals: capitals are the short form, brackets an optional node, `<n>` a numeric suffix
-/// (1 when left out), a leading `*` a common command, a trailing `?` a query. Without the `?` both are matched.
+/// (1 when left out), a leading `*` a common command, a trailing `?` a query. Without the `?` both command and query
+/// match.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pattern {
     nodes: Vec<Node>,
@@ -44,10 +45,10 @@ pub struct Pattern {
 }
 
 impl Pattern {
-    /// Reads the notation.
+    /// Parses the notation.
     ///
     /// # Panics
-    /// When the notation is malformed: it is part of the program, not of its input.
+    /// If the notation is malformed: it is part of the program, not of its input.
     pub fn new(notation: &str) -> Self {
         let (path, query) = match notation.strip_suffix('?') {
             Some(path) => (path, true),
@@ -107,13 +108,13 @@ impl Pattern {
         }
     }
 
-    /// Whether the call's header is this one.
+    /// Whether the call's header matches this pattern.
     pub fn matches(&self, call: &Call) -> bool {
         self.suffixes(call).is_some()
     }
 
-    /// The numeric suffixes of the call's header, one for each `<n>` of the notation whose node was written; `None`
-    /// when the header is another one.
+    /// The numeric suffixes of the call's header, one for each `<n>` of the notation whose node was written; `None` if
+    /// the header does not match.
     pub fn suffixes(&self, call: &Call) -> Option<Vec<u32>> {
         if self.common != call.common || (self.query && !call.query) {
             return None;
@@ -138,8 +139,8 @@ impl Pattern {
     }
 }
 
-/// Tries the keyword at the first node, then, if that is optional, at the next. A notation has few optional nodes, so
-/// trying both is cheap.
+/// Matches the keyword against the first node, then, if that is optional, against the next. A notation has few optional
+/// nodes, so trying both is cheap.
 fn walk(nodes: &[Node], keywords: &[String], suffixes: &mut Vec<u32>) -> bool {
     let Some((node, later_nodes)) = nodes.split_first() else {
         return keywords.is_empty();
@@ -158,10 +159,10 @@ fn walk(nodes: &[Node], keywords: &[String], suffixes: &mut Vec<u32>) -> bool {
 }
 
 impl Call {
-    /// Whether the header is this one, in the notation of [`Pattern`].
+    /// Whether the header matches this notation (see [`Pattern`]).
     ///
     /// # Panics
-    /// When the notation is malformed.
+    /// If the notation is malformed.
     pub fn is(&self, notation: &str) -> bool {
         Pattern::new(notation).matches(self)
     }

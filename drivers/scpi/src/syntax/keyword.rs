@@ -1,6 +1,7 @@
 //! Keywords of headers and their short forms.
 
-/// The short form of a keyword: up to four letters stay; of longer ones four, or three if the fourth is a vowel.
+/// The short form of a keyword: a keyword of up to four letters is its own short form; a longer one keeps four, or
+/// three if the fourth is a vowel.
 ///
 /// ```
 /// assert_eq!(scpi::short_form("current"), "CURR");

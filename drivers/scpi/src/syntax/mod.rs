@@ -1,5 +1,5 @@
-//! The parts of one unit of a message: header, arguments, units behind numbers.
-//! Messages of several units are put together in `message`.
+//! The parts of one unit of a message: header, arguments, units of numbers. Messages of several units are parsed in
+//! `message`.
 
 pub(crate) mod argument;
 pub(crate) mod call;

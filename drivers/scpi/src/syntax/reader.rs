@@ -1,4 +1,4 @@
-//! The bytes of one unit of a message: header, arguments.
+//! Reads one unit of a message from its bytes: header and arguments.
 
 use crate::reading::{plain_number, split_block};
 use crate::{Argument, Call, ParseError};
@@ -6,7 +6,7 @@ use crate::{Argument, Call, ParseError};
 /// Longest keyword (IEEE 488.2 section 7.6.1.4.1).
 const LONGEST_KEYWORD: usize = 12;
 
-/// A place in a message.
+/// A position in a message.
 pub(crate) struct Reader<'a> {
     rest: &'a [u8],
 }
@@ -119,7 +119,7 @@ impl<'a> Reader<'a> {
         Ok(Argument::Number { value, suffix })
     }
 
-    /// What starts with `#`: a definite block, or a number to base 16, 8 or 2.
+    /// An argument that starts with `#`: a definite block, or a number to base 16, 8 or 2.
     fn hash(&mut self) -> Result<Argument, ParseError> {
         let radix = match self.rest.get(1) {
             Some(b'h' | b'H') => 16,
@@ -133,7 +133,7 @@ impl<'a> Reader<'a> {
         };
         self.rest = &self.rest[2..];
         let digits = self.take_word();
-        // `from_str_radix` would take a sign, which `take_word` never yields.
+        // `from_str_radix` accepts a sign, which `take_word` never yields.
         let value = u64::from_str_radix(&digits, radix).map_err(|_| ParseError::InvalidNumber)?;
         Ok(Argument::Number {
             value: value as f64,
@@ -184,7 +184,7 @@ impl<'a> Reader<'a> {
         Err(ParseError::InvalidExpression)
     }
 
-    /// Drops the rest of a unit that was refused, up to the next semicolon outside of a string.
+    /// Skips the rest of a rejected unit, up to the next semicolon outside a string.
     pub(crate) fn skip_unit(&mut self) {
         let mut quoted = None;
         let end = self.rest.iter().position(|&b| match quoted {
@@ -228,7 +228,7 @@ fn count(bytes: &[u8], of: impl Fn(u8) -> bool) -> usize {
     bytes.iter().take_while(|&&b| of(b)).count()
 }
 
-/// White space of IEEE 488.2 section 7.4.1.2: all control characters but the line feed, and the blank.
+/// White space of IEEE 488.2 section 7.4.1.2: the blank and all control characters except the line feed.
 fn is_blank(byte: u8) -> bool {
     byte <= b' ' && byte != b'\n'
 }

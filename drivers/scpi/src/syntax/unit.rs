@@ -1,8 +1,8 @@
-//! Units behind numbers, with their multipliers.
+//! Units of numbers, with their multipliers.
 
 use crate::ParseError;
 
-/// The quantity that a number stands for, and so the unit that may follow it.
+/// The quantity of a number, which determines the units that may follow it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Unit {
     /// A plain number: no unit may follow.
@@ -22,11 +22,11 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Applies a suffix such as `mA`. `2 mA` is the same bits as `2e-3`: dividing by an exact power of ten rounds once,
-    /// multiplying by 1e-3 twice.
+    /// Applies a suffix such as `mA`. `2 mA` gives the same bits as `2e-3`: dividing by an exact power of ten rounds
+    /// once, multiplying by 1e-3 twice.
     ///
     /// # Errors
-    /// -138 when no unit may follow, -131 for one that is not of this quantity.
+    /// -138 if no unit may follow, -131 for a unit of another quantity.
     pub fn scale(self, value: f64, suffix: &str) -> Result<f64, ParseError> {
         let factor = self.factor(suffix)?;
         Ok(if factor < 1.0 {
@@ -36,7 +36,7 @@ impl Unit {
         })
     }
 
-    /// The factor of a suffix such as `MA`, `UV`, `MOHM` (mega, by SCPI's own exception) or `MHZ` (mega as well).
+    /// The factor of a suffix such as `MA`, `UV`, `MOHM` (mega, an exception in SCPI) or `MHZ` (also mega).
     fn factor(self, suffix: &str) -> Result<f64, ParseError> {
         let name = match self {
             Unit::None => return Err(ParseError::SuffixNotAllowed),

@@ -6,7 +6,7 @@ use crate::assessment::{ALIKE, Judge};
 use crate::probe::Lone;
 
 impl Judge<'_> {
-    /// Relays that stay closed: something came of what should have led nowhere. Returns whether any does.
+    /// Relays that stay closed: a reading or current where there should be none. Returns whether there are any.
     pub(super) fn stay_closed(&self, findings: &mut Vec<String>) -> bool {
         let before = findings.len();
         let mut say = |relay: Option<Relay>, kind: &str| {
@@ -39,7 +39,7 @@ impl Judge<'_> {
                 "joins an electrode to the source",
             );
         }
-        // what a pair reads at most from its own injection
+        // the largest reading of a pair from its own injection
         let typical = self.sheet.pair(0, 0).abs() * self.current;
         for lone in &self.raw.lone_meters {
             let seen = lone
@@ -63,8 +63,8 @@ impl Judge<'_> {
         findings.len() > before
     }
 
-    /// The relay whose pattern is most like what was read while it should have been open. `model` gives the voltage
-    /// for a candidate (a pair, or the electrode opposite the lone one) and a place in the row.
+    /// The relay whose pattern is most similar to the readings taken while it should have been open. `model` gives the
+    /// voltage for a candidate (a pair, or the electrode opposite the lone one) and a position in the row.
     pub(super) fn which(
         &self,
         lone: &Lone,
@@ -72,7 +72,7 @@ impl Judge<'_> {
         model: impl Fn(Option<&dyn Fn(usize) -> (usize, usize)>, usize, usize) -> Option<f64>,
     ) -> Option<Relay> {
         let read = &lone.row.volts;
-        // on a side of its own: the electrode that it is on, and whether it is the minus side
+        // for a relay of one side only: its electrode, and whether it is the minus side
         let side = lone.closed.first().and_then(|closed| {
             pairs.iter().find_map(|(pair, relays)| {
                 let place = relays.iter().position(|relay| relay == closed)?;
@@ -102,7 +102,7 @@ impl Judge<'_> {
                 .flatten()
                 .all(|volts| volts.abs() < 1e-3 * typical)
         {
-            // current, and no voltage: source or voltmeter is shorted through the lone relay's own electrode
+            // current, but no voltage: source or voltmeter is shorted through the lone relay's own electrode
             return other_side(electrode, place);
         }
         let mut best: Option<(f64, Relay)> = None;

@@ -4,7 +4,7 @@ use crate::assessment::{CONTACT_MORE, CONTACT_TIMES, Judge};
 use crate::report::{ReportLine, Verdict};
 
 impl Judge<'_> {
-    /// An electrode is open where both pairs that drive it carry no current.
+    /// An electrode is open if both pairs that drive it carry no current.
     pub(super) fn open_electrodes(&self) -> Vec<usize> {
         let fails = |electrode: &usize| {
             self.fails_row(*electrode) && self.fails_row(electrode + self.n - 1)
@@ -23,7 +23,7 @@ impl Judge<'_> {
         let open = self.open_electrodes();
         let contact = |electrode: usize| {
             let last = (electrode + n - 1) % n;
-            // leaves by the last pair's minus, seen by this pair's plus, and the other way round
+            // current leaves by the last pair's minus, voltage at this pair's plus, and the reverse
             let each = [(last, electrode), (electrode, last)];
             let seen: Vec<f64> = each
                 .into_iter()

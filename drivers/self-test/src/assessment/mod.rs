@@ -1,8 +1,8 @@
-//! What the readings of a self-test mean.
+//! Assessment of the readings of a self-test.
 //!
-//! The measure of everything is the uniform sheet of the configured geometry, its resistance fitted to the readings:
-//! each injecting relay is a row, each measuring relay a column of the matrix of readings, and an electrode's contact
-//! shows where it is shared by the driving and the sensing pair.
+//! The reference is the uniform sheet of the configured geometry, its resistance fitted to the readings: each injecting
+//! relay is a row, each measuring relay a column of the matrix of readings, and an electrode's contact shows in the
+//! readings whose driving and sensing pair share the electrode.
 
 mod closed;
 mod contacts;
@@ -18,24 +18,25 @@ use crate::uniform_sheet::{ExpectedSheet, Uniform};
 
 /// A row or column that differs from the uniform sheet by more is at fault; loads and uneven sheets stay below.
 const GAIN_OFF: f64 = 0.4;
-/// A measuring pair that reads less of what it should is joined to nothing.
+/// A measuring pair whose readings are below this fraction of the expected ones is connected to nothing.
 const DEAD: f64 = 0.1;
-/// Part of the readings that a uniform sheet leaves unexplained, from which nothing is compared with it.
+/// From this unexplained part of the readings on, nothing is compared with the uniform sheet.
 const STRANGE: f64 = 0.7;
-/// Exchanging drive and sense changes the readings of a sound rig by less, rms.
+/// Exchanging drive and sense changes the readings of a sound rig by less than this, rms.
 const RECIPROCITY: f64 = 0.01;
-/// A contact is poor when it has so many times the median, and [`CONTACT_MORE`] on top.
+/// A contact is poor if it has this many times the median, plus [`CONTACT_MORE`].
 const CONTACT_TIMES: f64 = 5.0;
 const CONTACT_MORE: f64 = 100.0;
-/// Noise is called high from so many times the configured value.
+/// Noise is reported as high from this many times the configured value.
 const NOISE_TIMES: f64 = 10.0;
-/// A channel is noisy from so many times what the others have, and what the configuration expects; of eight readings the
-/// deviation of a sound one is less than three times.
+/// A channel is noisy from this many times the noise of the others and of the configured noise; over eight readings the
+/// deviation of a sound channel is less than three times.
 const NOISY_TIMES: f64 = 5.0;
-/// Likeness of patterns from which a relay is named.
+/// Smallest correlation of patterns at which a relay is named.
 const ALIKE: f64 = 0.8;
 
-/// Assesses what was read: compares it with the expected sheet and names the electrode or relay at fault. `noise_v` is what the configuration expects of one reading; `at` is the wall time.
+/// Assesses the readings: compares them with the expected sheet and names the electrode or relay at fault. `noise_v` is
+/// the configured noise of one reading, V; `at` is the wall time.
 ///
 /// # Errors
 /// A sheet whose forward solution fails.
@@ -63,7 +64,7 @@ struct Judge<'a> {
     wiring: &'a Wiring,
     sheet: Uniform,
     n: usize,
-    /// Ohm, by driven and sensed pair; `None` where nothing was read.
+    /// Ohm, by driven and sensed pair; `None` without a reading.
     matrix: Vec<Vec<Option<f64>>>,
     current: f64,
 }
@@ -120,7 +121,7 @@ impl<'a> Judge<'a> {
                 (Some(_), true) => Verdict::Failed,
                 (Some(_), false) => Verdict::Ok,
             };
-            // what follows from a relay or electrode at fault is not told again
+            // consequences of a relay or electrode at fault are not reported again
             if verdict == Verdict::Failed && findings.is_empty() {
                 findings.push(format!("{subject}: {text}"));
             }

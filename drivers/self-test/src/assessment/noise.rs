@@ -1,17 +1,17 @@
-//! Noise: of the voltmeter, and of channels and wires that have more of it than the others.
+//! Noise of the voltmeter, and channels and wires with more noise than the others.
 
 use crate::assessment::pairs::named;
 use crate::assessment::{Judge, NOISY_TIMES};
 use crate::report::{ReportLine, Verdict};
 
-/// Squares of deviations from the mean, and how many of them are free.
+/// Sum of squared deviations from the mean, and its degrees of freedom.
 type Spread = (f64, f64);
 
 fn deviation((squares, freedom): Spread) -> Option<f64> {
     (freedom > 0.0).then(|| (squares / freedom).sqrt())
 }
 
-/// How readings of one place differ from row to row.
+/// The spread of the readings of one position over the rows.
 fn spread(rows: &[Vec<Option<f64>>], place: usize) -> Spread {
     let read: Vec<f64> = rows
         .iter()
@@ -33,20 +33,20 @@ impl Judge<'_> {
             .collect()
     }
 
-    /// The usual noise of a measuring pair at 0 A, and the pairs that have many times as much.
+    /// The usual noise of a measuring pair at 0 A, and the pairs with many times as much.
     fn noisy(&self, noise_v: f64) -> (f64, Vec<usize>) {
         let each = self.at_zero();
         let mut sorted: Vec<f64> = each.iter().copied().flatten().collect();
         sorted.sort_by(f64::total_cmp);
         let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-        // a rig quieter than it has to be has no noisy channel
+        // a rig with less noise than configured has no noisy channel
         let most = NOISY_TIMES * usual.max(noise_v);
         let noisy = (0..each.len()).filter(|pair| each[*pair].is_some_and(|noise| noise > most));
         (usual, noisy.collect())
     }
 
-    /// Standard deviation of one reading while current flows, pooled over the places that were read again and again and
-    /// are not noisier than the others.
+    /// Standard deviation of one reading while current flows, pooled over the repeated positions that are not noisier
+    /// than the others.
     pub(super) fn noise(&self, noise_v: f64) -> Option<f64> {
         let (_, noisy) = self.noisy(noise_v);
         let places = self.raw.repeats.first()?.len();
@@ -57,8 +57,8 @@ impl Judge<'_> {
         deviation(pooled)
     }
 
-    /// The noise of every measuring pair. Two neighbours that are noisy share an electrode, and it is named; one alone is
-    /// its relay's.
+    /// The noise of every measuring pair. Two neighbouring noisy pairs share an electrode, which is named; for a single
+    /// noisy pair its relay is named.
     pub(super) fn channels(
         &self,
         noise_v: f64,

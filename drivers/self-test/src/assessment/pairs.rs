@@ -1,4 +1,4 @@
-//! Pairs of either kind, one by one: does the injecting one carry current, does the measuring one reach the voltmeter?
+//! Pairs one by one: whether an injecting pair carries current, whether a measuring pair reaches the voltmeter.
 
 use survey::{Relay, Wiring};
 
@@ -19,7 +19,7 @@ impl Judge<'_> {
         lines: &mut Vec<ReportLine>,
     ) {
         let open = self.open_electrodes();
-        // What a dead measuring pair reads is its own fault, not that of the pair that injects beside it.
+        // The readings of a dead measuring pair are its own fault, not that of the injecting pair.
         let dead: Vec<bool> = (0..self.wiring.measure.len())
             .map(|pair| {
                 self.sensed_gain(pair)
@@ -68,7 +68,7 @@ impl Judge<'_> {
         }
     }
 
-    /// What a measuring pair reads of what the model says, and how far single readings are from that.
+    /// The readings of a measuring pair as a fraction of the model's, and the spread of single readings around that.
     pub(super) fn sensed_gain(&self, pair: usize) -> Option<(f64, f64)> {
         Self::gain(
             self.readings()
@@ -120,7 +120,7 @@ impl Judge<'_> {
     }
 }
 
-/// Of a pair's relays the one that led nowhere in another pair's company too; all of them where none was tried.
+/// The relay of a pair that failed with another pair's relay as well; all relays of the pair if there was no retry.
 fn at_fault(retries: &[Retry], pair: usize, relays: &[Relay]) -> Vec<Relay> {
     let led_nowhere = retries
         .iter()

@@ -1,16 +1,16 @@
-//! What follows from the readings alone: how much of the sheet's pattern is in them, reciprocity, van der Pauw.
+//! Results from the readings alone: the part of the sheet's pattern in them, reciprocity, van der Pauw.
 
 use crate::assessment::Judge;
 use crate::van_der_pauw::sheet_resistance;
 
 impl Judge<'_> {
-    /// Whether two pairs share an electrode, or are one.
+    /// Whether two pairs share an electrode, or are the same.
     pub(super) fn touch(&self, one: usize, other: usize) -> bool {
         let apart = (one + self.n - other) % self.n;
         apart <= 1 || apart == self.n - 1
     }
 
-    /// Pairs of pairs that share no electrode, with what was read and what the sheet would give, ohm.
+    /// Pairs of pairs that share no electrode, with the measured and the expected value, ohm.
     pub(super) fn readings(&self) -> impl Iterator<Item = (usize, usize, f64, f64)> + '_ {
         (0..self.n).flat_map(move |drive| {
             (0..self.n)
@@ -22,8 +22,8 @@ impl Judge<'_> {
         })
     }
 
-    /// By how much the sheet's resistance differs from the configured one: the median over all readings, which a few
-    /// relays and electrodes at fault do not move.
+    /// Ratio of the sheet's resistance to the configured one: the median over all readings, which a few relays and
+    /// electrodes at fault do not change.
     pub(super) fn factor(&self) -> Option<f64> {
         let mut ratios: Vec<f64> = self
             .readings()
@@ -34,7 +34,7 @@ impl Judge<'_> {
         (median > 1e-6 && median < 1e6).then_some(median)
     }
 
-    /// The part of the sheet's pattern that is in some readings, and how much else is in them; `None` without any.
+    /// The part of the sheet's pattern in these readings, and the unexplained rest; `None` without readings.
     pub(super) fn gain(readings: impl Iterator<Item = (f64, f64)>) -> Option<(f64, f64)> {
         let readings: Vec<(f64, f64)> = readings.collect();
         let power: f64 = readings.iter().map(|(_, model)| model * model).sum();
@@ -70,9 +70,9 @@ impl Judge<'_> {
         (power > 0.0).then(|| (differing / power).sqrt())
     }
 
-    /// By superposition of neighbouring pairs on four electrodes a quarter ring apart: as the formula gives it, and
-    /// corrected by what it gives for the model of a sheet whose resistance is known. Every way of placing the four is
-    /// tried until one has no missing reading; a missing one is taken from its exchanged twin.
+    /// By superposition of neighbouring pairs on four electrodes a quarter ring apart: the raw value of the formula,
+    /// and the value corrected by the formula's error on the model of a sheet of known resistance. Every placement of
+    /// the four is tried until one has all readings; a missing one is taken from its reciprocal.
     pub(super) fn pauw(&self) -> Option<(f64, f64)> {
         let n = self.n;
         let quarter = |place: usize| (place * n + 2) / 4;

@@ -1,4 +1,4 @@
-//! Readings that a fault shows in: relays that should be open, and the one of two that does not close.
+//! Readings that reveal faults: relays that should be open, and which of two relays does not close.
 
 use rig::{CurrentSource, Switch, Voltmeter};
 use survey::{Amps, Relay};
@@ -35,7 +35,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(retries)
     }
 
-    /// Which measuring relay of two does not close, for pairs that read nothing of any injection.
+    /// Which measuring relay of two does not close, for pairs that read nothing at any injection.
     pub(super) async fn retry_meter(&mut self, raw: &Measured) -> Result<Vec<Retry>, ProbeError> {
         let wiring = &self.request.plan.wiring;
         let n = wiring.measure.len();
@@ -74,7 +74,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(retries)
     }
 
-    /// What follows the current at the voltmeter: a voltmeter joined to nothing shows anything.
+    /// The part of the voltmeter's reading that follows the current: a disconnected voltmeter may show any value.
     async fn follows(&mut self, driven: &[Relay]) -> Result<Option<f64>, ProbeError> {
         self.close(driven).await?;
         let still = volts(self.guarded_read().await?);
@@ -86,7 +86,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(read.zip(still).map(|(read, still)| read - still))
     }
 
-    /// What the voltmeter sees of each injection with these measuring relays closed and no other.
+    /// The voltmeter's reading of each injection with only these measuring relays closed.
     pub(super) async fn lone_meter(&mut self, closed: &[Relay]) -> Result<Row, ProbeError> {
         self.close(closed).await?;
         let mut row = Row::default();
@@ -98,8 +98,8 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
     }
 }
 
-/// What is closed to find relays that should be open: nothing where a pair has one relay; where it has two, each side
-/// alone, on two electrodes far apart.
+/// The relay combinations for finding relays that should be open: none closed if a pair has one relay; if it has two,
+/// each side alone, on two electrodes far apart.
 pub(super) fn lone(pairs: &[(survey::Dipole, Vec<Relay>)]) -> Vec<Vec<Relay>> {
     match pairs.first().map(|(_, relays)| relays.len()) {
         Some(2) => {

@@ -1,4 +1,4 @@
-//! What a self-test does with the instruments: relays one by one, everything read, nothing assessed.
+//! The measurements of a self-test: relays one by one, all readings, no assessment.
 
 use std::pin::pin;
 use std::time::Duration;
@@ -10,34 +10,34 @@ mod faults;
 
 use faults::lone;
 
-/// Scans, or single readings, that noise is taken from.
+/// Scans or single readings for the noise.
 const REPEATS: usize = 8;
 
-/// What a self-test needs beside the instruments.
+/// Settings of a self-test.
 pub struct Request<'a> {
     /// The plan whose wiring is tested, with its current and compliance.
     pub plan: &'a Plan,
-    /// As the voltmeter is set for the plan.
+    /// The voltmeter's settings for the plan.
     pub meter: MeterSettings,
-    /// A range of the voltmeter that holds whatever the source can give.
+    /// A range of the voltmeter that covers the source's whole voltage limit.
     pub wide: Volts,
-    /// Joins the scanned banks to the voltmeter, where the voltmeter's own scan does that otherwise.
+    /// Connect the scanned banks to the voltmeter, where a scan of the voltmeter does so otherwise.
     pub meter_relays: Vec<Relay>,
-    /// Waited after a change of current.
+    /// Wait after a change of current.
     pub settle: Duration,
     /// Ends the probe early.
     pub stop: Stop,
-    /// Steps done, of how many, and what is done now.
+    /// Called with the steps done, the number of steps, and a description of the present step.
     pub progress: &'a (dyn Fn(u64, u64, &str) + Send + Sync),
 }
 
 /// Why a probe ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum ProbeError {
-    /// An instrument or its wire.
+    /// A fault of an instrument or its connection.
     #[error(transparent)]
     Rig(#[from] RigError),
-    /// The request's stop was pressed.
+    /// The request's stop was triggered.
     #[error("the self-test was stopped")]
     Stopped,
 }
@@ -45,55 +45,55 @@ pub enum ProbeError {
 /// One injection.
 #[derive(Debug, Clone, Default)]
 pub struct Row {
-    /// No current flowed as asked.
+    /// The requested current did not flow.
     pub compliance: bool,
-    /// Voltage of every measuring pair, V; `None` where it is over any range.
+    /// Voltage of every measuring pair, V; `None` if it is over every range.
     pub volts: Vec<Option<f64>>,
 }
 
-/// Some relays of a pair closed, not all: nothing should come of it.
+/// Readings with some, not all, relays of a pair closed: no current or voltage is expected.
 #[derive(Debug, Clone)]
 pub struct Lone {
-    /// What was closed; none where a pair has one relay.
+    /// The closed relays; none if a pair has one relay.
     pub closed: Vec<Relay>,
-    /// What came of it.
+    /// The readings.
     pub row: Row,
 }
 
-/// A pair that carried no current, tried again with another pair's relay in place of one of its own.
+/// A retry of a pair that carried no current, with another pair's relay in place of one of its own.
 #[derive(Debug, Clone)]
 pub struct Retry {
     /// The pair, from 0.
     pub pair: usize,
-    /// The pair's own relay in this try.
+    /// The pair's own relay in this retry.
     pub relay: Relay,
     /// Whether current flowed.
     pub flows: bool,
 }
 
-/// Everything read.
+/// All measurements.
 #[derive(Debug, Clone, Default)]
 pub struct Measured {
     /// For each injecting pair.
     pub rows: Vec<Row>,
-    /// Injecting relays that should be open.
+    /// For injecting relays that should be open.
     pub lone_sources: Vec<Lone>,
-    /// Volts are of each injection, less those at 0 A.
+    /// Voltages of each injection, minus those at 0 A.
     pub lone_meters: Vec<Lone>,
-    /// Of pairs that carried no current.
+    /// For pairs that carried no current.
     pub retries: Vec<Retry>,
-    /// The same of pairs that read nothing: whether something was read.
+    /// The same for pairs that read nothing: whether a voltage was read.
     pub meter_retries: Vec<Retry>,
-    /// A row each: the same readings again and again.
+    /// Repetitions of the same readings, one row each.
     pub repeats: Vec<Vec<Option<f64>>>,
-    /// At 0 A: every measuring pair, again and again. Noise of the current and of its path is not in it.
+    /// At 0 A: repeated readings of every measuring pair. They do not contain the noise of the current and of its path.
     pub zero: Vec<Vec<Option<f64>>>,
 }
 
-/// Reads everything that an assessment needs. The caller makes the rig safe afterwards, however this ends.
+/// Takes all readings that an assessment needs. The caller makes the rig safe afterwards, whatever the result.
 ///
 /// # Errors
-/// An instrument or its wire, or the request's stop.
+/// A fault of an instrument or its connection, or the request's stop.
 pub async fn probe<C, W, V>(
     rig: &mut Instruments<C, W, V>,
     request: &Request<'_>,
@@ -184,7 +184,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(raw)
     }
 
-    /// Reports the next step; fails where a stop was requested.
+    /// Reports the next step; fails if a stop was requested.
     fn report(&mut self, what: &str) -> Result<(), ProbeError> {
         (self.request.progress)(self.done.min(self.steps), self.steps, what);
         self.done += 1;
@@ -221,7 +221,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         self.rig.switch.settle().await
     }
 
-    /// The output goes on at 0 A, never at a level.
+    /// The output is switched on at 0 A, never at a level.
     async fn drive(&mut self, level: Amps) -> Result<(), RigError> {
         if !self.on {
             self.rig.source.set_current(Amps(0.0)).await?;
@@ -231,10 +231,11 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         self.rig.source.set_current(level).await
     }
 
-    /// Closes relays at 0 A, drives the current, reads every pair (or those `only`), and opens them at 0 A again.
+    /// Closes relays at 0 A, applies the current, reads every pair (or those in `only`), and opens the relays at 0 A
+    /// again.
     async fn inject(&mut self, relays: &[Relay], only: Option<&[bool]>) -> Result<Row, ProbeError> {
         self.close(relays).await?;
-        // what the last injection latched is not this one's
+        // clears compliance latched by the last injection
         self.rig.source.in_compliance().await?;
         self.drive(self.request.plan.current).await?;
         tokio::time::sleep(self.request.settle).await;
@@ -250,7 +251,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(row)
     }
 
-    /// Reads every measuring pair, or those `only`.
+    /// Reads every measuring pair, or those in `only`.
     async fn read_pairs(&mut self, only: Option<&[bool]>) -> Result<Vec<Option<f64>>, ProbeError> {
         let wiring = &self.request.plan.wiring;
         if wiring.sensing == Sensing::Scan {
@@ -271,7 +272,8 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(read)
     }
 
-    /// A reading may take long; the source's own wire is free, and a stop switches it off at once.
+    /// A scan that a stop can interrupt: a reading may take long, but the source has its own connection and is switched
+    /// off at once.
     async fn guarded_scan(&mut self) -> Result<Vec<Reading>, ProbeError> {
         let mut stop = self.request.stop.clone();
         let mut reading = pin!(self.rig.voltmeter.scan());
@@ -298,7 +300,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         }
     }
 
-    /// The same readings several times over, with the current through this pair.
+    /// Repeats the same readings with the current through this pair.
     async fn repeat(&mut self, pair: usize) -> Result<Vec<Vec<Option<f64>>>, ProbeError> {
         let wiring = &self.request.plan.wiring;
         let (_, relays) = &wiring.inject[pair];

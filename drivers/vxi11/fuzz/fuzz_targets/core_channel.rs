@@ -1,5 +1,5 @@
-//! Arbitrary bytes at a VXI-11 core channel, as they come and as records of RPC calls: nothing panics or hangs, a client is
-//! answered by records or disconnected, and the channel's other client is served all the same.
+//! Arbitrary bytes at a VXI-11 core channel, raw and as records of RPC calls: nothing panics or hangs, a client gets
+//! records or is disconnected, and the channel's other client is still served.
 
 #![no_main]
 
@@ -57,7 +57,7 @@ impl Session for Echo {
 const LAST_FRAGMENT: u32 = 1 << 31;
 const CORE: u32 = 0x0006_07AF;
 
-/// The input itself, or one call a piece: procedure, link, data.
+/// The input itself, or one call for each piece: procedure, link, data.
 fn records(bytes: &[u8]) -> Vec<u8> {
     let [shape, rest @ ..] = bytes else {
         return Vec::new();
@@ -108,7 +108,7 @@ async fn converse(sent: Vec<u8>) {
     let (mut from, mut to) = tokio::io::split(&mut stream);
     let mut received = Vec::new();
     let send = async {
-        // Refused bytes end the connection: what is left cannot be sent.
+        // Rejected bytes end the connection, so that the rest cannot be sent.
         to.write_all(&sent).await.ok();
         to.shutdown().await.ok();
     };

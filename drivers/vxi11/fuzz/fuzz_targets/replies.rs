@@ -1,4 +1,4 @@
-//! Arbitrary bytes as replies to a VXI-11 client: it ends with a result or an error, and never panics or hangs.
+//! Arbitrary bytes as replies to a VXI-11 client: each call ends with a result or an error, and never panics or hangs.
 
 #![no_main]
 

@@ -16,17 +16,17 @@ use crate::server::device::{Device, Session};
 use crate::server::link::{Fault, Link, ReadRequest, within};
 use crate::server::port::Port;
 
-/// Most data in one device_write, bytes; what is longer comes in several.
+/// Largest amount of data in one device_write, bytes; clients send longer messages in several.
 const LARGEST_WRITE: usize = 16 * 1024;
-/// Most data in one answer to device_read, bytes.
+/// Largest amount of data in one reply to device_read, bytes.
 const LARGEST_READ: usize = 1024 * 1024;
-/// Longest record: clients in use write a long message at once, whatever limit they were given.
+/// Longest record: common clients send a long message in one record, whatever limit they were given.
 const LARGEST_RECORD: usize = 256 * 1024;
-/// Most links of a connection.
+/// Most links per connection.
 const LINKS: usize = 16;
 /// The instrument's name.
 const NAME: &[u8] = b"inst0";
-/// Room of a connection in memory, bytes.
+/// Buffer size of an in-memory connection, bytes.
 const PIPE: usize = 64 * 1024;
 
 const MESSAGE_AVAILABLE: u32 = 1 << 4;
@@ -42,19 +42,19 @@ impl<D> Clone for CoreChannel<D> {
 }
 
 impl<D: Device> CoreChannel<D> {
-    /// The channel of a device; links of all its connections share one lock.
+    /// The channel of a device; the links of all its connections share one lock.
     pub fn new(device: D) -> Self {
         Self(Arc::new(Port::new(device, 0)))
     }
 
-    /// A connection that RPC records go over, in memory. Inside a tokio runtime.
+    /// Opens an in-memory connection for RPC records. Must be called inside a tokio runtime.
     pub fn connect(&self) -> DuplexStream {
         let (here, there) = tokio::io::duplex(PIPE);
         tokio::spawn(connection(self.0.clone(), there, "memory".to_owned()));
         here
     }
 
-    /// Serves the channel of a device on a port, for ever.
+    /// Serves the channel of a device on a port until the future is dropped.
     pub async fn serve(device: D, listener: TcpListener) {
         let number = listener.local_addr().map_or(0, |address| address.port());
         let port = Arc::new(Port::new(device, number));
@@ -95,7 +95,7 @@ async fn connection<D: Device>(
     }
 }
 
-/// The links of one connection; they end with it.
+/// The links of one connection; they end when the connection ends.
 struct Links<D: Device> {
     port: Arc<Port<D>>,
     address: String,
@@ -184,7 +184,7 @@ impl<D: Device> Links<D> {
                 let flags = arguments.word()?;
                 let data = arguments.opaque()?;
                 let done = self.write(link, data, flags, deadline, lock).await;
-                // The record's bound keeps the count small.
+                // The bound on a record's length keeps the count small.
                 let taken = done.map_or(0, |()| u32::try_from(data.len()).unwrap_or(u32::MAX));
                 Writer::default().word(status(done)).word(taken).bytes()
             }
@@ -319,7 +319,8 @@ impl<D: Device> Links<D> {
         known.then_some(()).ok_or(Fault::InvalidLink)
     }
 
-    /// The arguments that many procedures share: link, flags, lock timeout, I/O timeout. Gives the link and the deadline.
+    /// The arguments that many procedures share: link, flags, lock timeout, I/O timeout. Returns the link and the
+    /// deadline.
     async fn generic(
         &self,
         arguments: &mut Reader<'_>,
@@ -364,7 +365,7 @@ impl<D: Device> Links<D> {
         found.read(request).await
     }
 
-    /// A serial poll: the status byte with message available as this link has it.
+    /// A serial poll: the status byte, with the message-available bit of this link.
     async fn status_byte(&self, link: u32) -> u32 {
         let Some(link) = self.links.get(&link) else {
             return 0;

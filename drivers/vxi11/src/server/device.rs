@@ -1,16 +1,17 @@
-//! What the server needs of an instrument.
+//! The interface that the server requires of an instrument.
 
 use std::io;
 
 /// An instrument that clients reach through a core channel. Clones are handles of the same instrument.
 pub trait Device: Clone + Send + Sync + 'static {
-    /// What a link speaks with.
+    /// The session that serves one link.
     type Session: Session;
 
-    /// A client has created a link; `address` names it for people. The session ends when it is dropped.
+    /// Called when a client has created a link; `address` is the client's address for messages. The session ends when
+    /// it is dropped.
     fn open_session(&self, address: &str) -> Self::Session;
 
-    /// Waits until the instrument's connections are to be closed, from this call on; for ever if they never are.
+    /// Completes when the instrument's connections are to be closed; never completes if they stay open.
     fn until_cut(&self) -> impl Future<Output = ()> + Send + 'static;
 }
 
@@ -18,28 +19,28 @@ pub trait Device: Clone + Send + Sync + 'static {
 pub trait Session: Send + Sync + 'static {
     /// Divides bytes into messages.
     type Framer: MessageFramer;
-    /// A message that the instrument has received and whose reply is still to be waited for.
+    /// A message that the instrument has received and whose reply is still pending.
     type Received: Send;
 
     /// An empty framer.
     fn framer(&self) -> Self::Framer;
 
-    /// Whether the instrument receives nothing and replies nothing for now.
+    /// Whether the instrument currently ignores messages and sends no replies.
     fn is_silent(&self) -> bool;
 
-    /// Hands a message without its end to the instrument.
+    /// Passes a message (without its terminator) to the instrument.
     ///
     /// # Errors
-    /// The instrument can no longer answer; reads of the link then fail.
+    /// The instrument can no longer reply; reads of the link then fail.
     fn begin(&self, message: Vec<u8>) -> impl Future<Output = io::Result<Self::Received>> + Send;
 
-    /// Waits as long as the instrument needs and gives the bytes of its reply; none where it has no reply.
+    /// Waits as long as the instrument needs and returns the bytes of its reply; empty if it has no reply.
     fn finish(&self, received: Self::Received) -> impl Future<Output = Vec<u8>> + Send;
 
-    /// Reports an error that arose outside of any message.
+    /// Reports an error that occurred outside any message.
     fn refuse(&self, refusal: Refusal);
 
-    /// A device clear: what the instrument does for this client ends.
+    /// A device clear: aborts the instrument's pending operations for this client.
     fn clear(&self) -> impl Future<Output = ()> + Send;
 
     /// The status byte of a serial poll; its bit 4 (message available) is set by the server.
@@ -53,7 +54,7 @@ pub enum Refusal {
     InputOverrun,
     /// A message came before the last reply was read; that reply is lost.
     QueryInterrupted,
-    /// A reply was read and no message had asked for one.
+    /// A reply was read although no message contained a query.
     QueryUnterminated,
 }
 
@@ -63,20 +64,20 @@ pub struct Oversized;
 
 /// Divides a stream of bytes into messages.
 pub trait MessageFramer: Send + Sync + 'static {
-    /// Takes bytes in.
+    /// Adds received bytes.
     fn push(&mut self, bytes: &[u8]);
 
-    /// The next whole message, without its end; an error for one that was too long.
+    /// The next complete message, without its terminator; an error for one that was too long.
     fn next_message(&mut self) -> Option<Result<Vec<u8>, Oversized>>;
 
-    /// Whether a message has begun and not ended.
+    /// Whether an unfinished message is buffered.
     fn is_partial(&self) -> bool;
 
-    /// Drops what was taken in.
+    /// Drops all buffered bytes.
     fn clear(&mut self);
 }
 
-/// Messages that end by a line feed: for devices whose messages need no more than that.
+/// A framer for devices whose messages end with a line feed.
 #[derive(Debug)]
 pub struct LineFramer {
     bytes: Vec<u8>,
@@ -84,7 +85,7 @@ pub struct LineFramer {
 }
 
 impl LineFramer {
-    /// Takes messages of at most `longest` bytes.
+    /// A framer for messages of at most `longest` bytes.
     pub fn new(longest: usize) -> Self {
         Self {
             bytes: Vec::new(),
@@ -96,7 +97,7 @@ impl LineFramer {
 impl MessageFramer for LineFramer {
     fn push(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
-        // One byte more than the bound marks a message as too long; more need not be kept.
+        // One byte over the limit marks a message as too long; further bytes need not be kept.
         let ended = self.bytes.iter().rposition(|byte| *byte == b'\n');
         let begun = ended.map_or(0, |end| end + 1);
         self.bytes

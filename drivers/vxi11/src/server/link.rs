@@ -1,4 +1,4 @@
-//! A link: one client's way to the instrument, with an input buffer and an output queue of its own.
+//! A link: one client's connection to the instrument, with its own input buffer and output queue.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -9,7 +9,7 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::server::device::{MessageFramer, Refusal, Session};
 
-/// Messages that wait to be received; a writer then waits too.
+/// Most messages waiting to be received; a writer then waits as well.
 const WAITING: usize = 16;
 /// Why a read ended (VXI-11, B.6.5).
 const BY_COUNT: u32 = 1;
@@ -31,7 +31,7 @@ pub(super) enum Fault {
     Aborted = 23,
 }
 
-/// What a read asks for.
+/// The parameters of a read.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ReadRequest {
     pub(super) most: usize,
@@ -43,9 +43,9 @@ pub(super) struct ReadRequest {
 struct Queue {
     reply: Vec<u8>,
     given: usize,
-    /// Messages taken in and not carried out yet.
+    /// Messages received but not executed yet.
     pending: usize,
-    /// Counts device clears: what was received before the last one is not answered.
+    /// Number of device clears: messages received before the last one get no reply.
     cleared: u64,
     lost: bool,
 }
@@ -61,8 +61,7 @@ impl Queue {
     }
 }
 
-/// What a link's listener receives, in the order in which it came (IEEE 488.2, 6.1.4): a trigger waits for the messages
-/// before it.
+/// The input of a link in the order of arrival (IEEE 488.2, 6.1.4): a trigger waits for the messages before it.
 #[derive(Debug)]
 enum Input {
     Message(Vec<u8>),
@@ -74,7 +73,7 @@ struct Shared {
     queue: Mutex<Queue>,
     changed: Notify,
     aborted: Notify,
-    /// A device clear: whoever waits for the instrument waits no longer.
+    /// Signals a device clear to tasks that wait for the instrument.
     interrupted: Notify,
 }
 
@@ -84,7 +83,7 @@ impl Shared {
     }
 }
 
-/// Stops what a link waits for, from another connection.
+/// Aborts the pending operation of a link, from another connection.
 #[derive(Debug, Clone)]
 pub(super) struct Aborter(Arc<Shared>);
 
@@ -127,7 +126,7 @@ impl<S: Session> Link<S> {
         &self.session
     }
 
-    /// Takes bytes in; `end` ends a message as a line feed does.
+    /// Adds received bytes; `end` ends a message as a line feed does.
     pub(super) async fn write(
         &mut self,
         data: &[u8],
@@ -154,7 +153,7 @@ impl<S: Session> Link<S> {
         Ok(())
     }
 
-    /// A group execute trigger: behind the messages that came before it. It interrupts no reply.
+    /// A group execute trigger, executed after the messages that arrived before it. It interrupts no reply.
     pub(super) async fn trigger(&self, deadline: Instant) -> Result<(), Fault> {
         self.take_in(Input::Trigger, deadline).await
     }
@@ -177,7 +176,7 @@ impl<S: Session> Link<S> {
         sent
     }
 
-    /// Gives the next bytes of the reply and why there are no more of them.
+    /// Returns the next bytes of the reply and the reason why the read ended.
     pub(super) async fn read(&self, request: ReadRequest) -> Result<(u32, Vec<u8>), Fault> {
         if self.session.is_silent() {
             self.wait_out(request.deadline).await?;
@@ -208,13 +207,13 @@ impl<S: Session> Link<S> {
         }
     }
 
-    /// Whether a reply waits to be read.
+    /// Whether an unread reply is available.
     pub(super) fn has_reply(&self) -> bool {
         !self.shared.queue().left().is_empty()
     }
 
-    /// A device clear: input, output and what is being answered are forgotten, and what the instrument does for this
-    /// link ends.
+    /// A device clear: discards input, output and the pending reply, and aborts the instrument's operations for this
+    /// link.
     pub(super) async fn clear(&mut self) {
         self.framer.clear();
         {
@@ -240,7 +239,7 @@ impl<S: Session> Drop for Link<S> {
     }
 }
 
-/// A deadline from a client's milliseconds.
+/// Converts a timeout in milliseconds to a deadline.
 pub(super) fn within(milliseconds: u32) -> Instant {
     Instant::now() + Duration::from_millis(u64::from(milliseconds))
 }
@@ -266,14 +265,14 @@ fn take(queue: &mut Queue, request: ReadRequest) -> (u32, Vec<u8>) {
     (reason, given)
 }
 
-/// Handles a link's messages and triggers one after the other.
+/// Executes a link's messages and triggers one after the other.
 async fn listen<S: Session>(
     session: Arc<S>,
     shared: Arc<Shared>,
     mut inputs: mpsc::Receiver<(Input, u64)>,
 ) {
     while let Some((input, cleared)) = inputs.recv().await {
-        // Listening before the look at the count: a clear in between is not missed.
+        // The notification is registered before the count is read, so that a clear in between is not missed.
         let clear = shared.interrupted.notified();
         tokio::pin!(clear);
         clear.as_mut().enable();
@@ -295,7 +294,7 @@ async fn listen<S: Session>(
         if interrupted {
             session.refuse(Refusal::QueryInterrupted);
         }
-        // A message that has begun is carried out to its end, so that a clear comes before it or behind it.
+        // A message that has begun is executed to its end, so that a clear takes effect before it or after it.
         let reply = match session.begin(message).await {
             Err(fault) => Err(fault),
             Ok(received) => tokio::select! {
@@ -310,7 +309,7 @@ async fn listen<S: Session>(
         let mut queue = shared.queue();
         queue.pending -= 1;
         match reply {
-            // A trigger has no reply, and leaves one that waits.
+            // A trigger has no reply, and does not discard an unread one.
             Ok(reply) if queue.cleared == cleared && !reply.is_empty() => {
                 queue.reply = reply;
                 queue.given = 0;

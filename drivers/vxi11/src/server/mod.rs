@@ -1,5 +1,5 @@
-//! The server of a core channel: links, locks, and the order of messages and replies.
-//! What an instrument does with a message is left to [`Device`] and [`Session`].
+//! The server of a core channel: links, locks, and the order of messages and replies. The instrument's behaviour is
+//! behind [`Device`] and [`Session`].
 
 mod core_channel;
 mod device;

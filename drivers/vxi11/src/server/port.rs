@@ -1,4 +1,4 @@
-//! What all connections of a core channel share: the lock, and the ways to abort.
+//! State shared by all connections of a core channel: the lock, and the abort handles of links.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::AtomicU32;
@@ -10,7 +10,7 @@ use tokio::time::{Instant, timeout_at};
 use crate::server::device::Device;
 use crate::server::link::{Aborter, Fault};
 
-/// What all connections share.
+/// State shared by all connections.
 #[derive(Debug)]
 pub(super) struct Port<D> {
     pub(super) device: D,
@@ -51,7 +51,7 @@ impl<D: Device> Port<D> {
         held
     }
 
-    /// Waits until no other link holds the lock, and takes it if asked to.
+    /// Waits until no other link holds the lock, and acquires it if requested.
     pub(super) async fn pass(
         &self,
         link: u32,

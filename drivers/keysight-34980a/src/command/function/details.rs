@@ -1,4 +1,4 @@
-//! Which settings each function has, and what they take.
+//! The settings of each function, and their values.
 
 use scpi::{Argument, Numeric, ParseError, Unit};
 
@@ -28,7 +28,7 @@ const DEGREES: &[(&str, &str)] = &[("C", "C"), ("F", "F"), ("K", "K")];
 const RTDS: &[f64] = &[85.0, 91.0];
 const THERMISTORS: &[f64] = &[2252.0, 5000.0, 10_000.0];
 
-/// What a setting takes.
+/// The values of a setting.
 #[derive(Clone, Copy)]
 pub(crate) enum Takes {
     Switch,
@@ -38,14 +38,14 @@ pub(crate) enum Takes {
     Resolution,
     /// Least, most, default.
     Number(Unit, [f64; 3]),
-    /// The next of these that is not smaller; the default.
+    /// Rounded up to the next of these values; the default.
     Step(Unit, &'static [f64], f64),
     /// Exactly one of these; the default.
     OneOf(&'static [f64], f64),
     Words(&'static [(&'static str, &'static str)], &'static str),
 }
 
-/// Notation behind the function's, short form, whose it is, what it takes.
+/// Notation after the function's, short form, functions that have the setting, its values.
 pub(super) type Row = (
     Detail,
     &'static str,
@@ -87,7 +87,7 @@ pub(super) const ROWS: &[Row] = &[
     (Detail::Degrees, "", "UNIT:TEMP", is_temperature, Takes::Words(DEGREES, "C")),
 ];
 
-/// DC volts have their own rows.
+/// Functions that integrate. DC volts are not among them: they have their own rows.
 fn integrates_too(function: Function) -> bool {
     function.integrates() && function != Function::DcVolts
 }
@@ -101,13 +101,13 @@ pub(super) fn row_of(function: Function, detail: Detail) -> Option<&'static Row>
         .find(|(of, _, _, whose, _)| *of == detail && whose(function))
 }
 
-/// What a function's setting takes; `None` where the function has no such setting.
+/// The values of a function's setting; `None` if the function has no such setting.
 #[cfg(feature = "simulator")]
 pub(crate) fn takes(function: Function, detail: Detail) -> Option<Takes> {
     row_of(function, detail).map(|(.., takes)| *takes)
 }
 
-/// Every setting of a function, once.
+/// Every setting of a function, each once.
 #[cfg(test)]
 pub(in crate::command) fn details(function: Function) -> Vec<Detail> {
     let mut all: Vec<Detail> = ROWS
@@ -158,7 +158,7 @@ pub(super) fn given(
         Takes::Step(unit, steps, default) => {
             let [least, most] = [steps[0], steps[steps.len() - 1]];
             let requested = value.number(unit)?.within(least, most, default)?;
-            // Of frequencies the lowest expected is said: the filter must reach down to it.
+            // The bandwidth argument is the lowest expected frequency: the filter must reach down to it.
             let found = match unit {
                 Unit::Hertz => steps.iter().rev().find(|step| **step <= requested),
                 _ => steps.iter().find(|step| requested <= **step),
@@ -180,7 +180,7 @@ pub(super) fn given(
     })
 }
 
-/// The kind of a transducer: a letter, or a number of those that it has.
+/// The type of a transducer: a letter, or one of its numbers.
 pub(super) fn kind_of(probe: &str, kind: &Argument) -> Result<&'static str, ParseError> {
     let takes = match probe {
         "TC" => Takes::Words(COUPLES, "J"),

@@ -1,7 +1,7 @@
-//! What the voltmeter measures besides DC volts: the rest of the manual's CONFigure, MEASure and SENSe pages.
+//! Functions of the voltmeter other than DC volts: the rest of the manual's CONFigure, MEASure and SENSe pages.
 //!
 //! Each function keeps its own settings on every channel; 2-wire and 4-wire resistance share theirs, as the manual
-//! says. A setting for one function does not choose that function: `CONF`, `MEAS?` and `FUNC` do.
+//! states. A setting of a function does not select that function: `CONF`, `MEAS?` and `FUNC` do.
 
 mod details;
 
@@ -19,12 +19,12 @@ use details::{PROBES, ROWS, given, kind_of, range, row_of};
 
 use super::{Asked, Behind, Channels, On, Range};
 
-/// What the voltmeter measures.
+/// A function of the voltmeter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Function {
     /// DC volts; its settings are in [`super::Sense`].
     DcVolts,
-    /// AC volts, r.m.s. of what alternates.
+    /// AC volts, r.m.s. of the alternating part.
     AcVolts,
     /// Resistance between the terminals.
     Resistance,
@@ -45,13 +45,13 @@ pub enum Function {
 /// A setting of a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Detail {
-    /// The range; of a frequency or period that of its voltage.
+    /// The range; for a frequency or period the range of its voltage.
     Range,
     /// Let the instrument choose the range.
     RangeAuto,
     /// Integration time, power-line cycles.
     Nplc,
-    /// Integration time, s; of a frequency or period the gate time.
+    /// Integration time, s; for a frequency or period the gate time.
     Aperture,
     /// Integrate over the aperture, or over power-line cycles.
     ApertureEnabled,
@@ -59,27 +59,27 @@ pub enum Detail {
     Resolution,
     /// Lowest frequency expected, Hz: 3, 20 or 200.
     Bandwidth,
-    /// Measure a second time without the test current.
+    /// Offset compensation: measure a second time without the test current.
     Compensated,
     /// Measure zero after each reading.
     Autozero,
-    /// Kind of transducer.
+    /// Type of transducer.
     Probe,
-    /// Kind of thermocouple.
+    /// Type of thermocouple.
     Couple,
-    /// Where the reference junction's temperature comes from.
+    /// Source of the reference junction's temperature.
     JunctionSource,
     /// Temperature of a fixed reference junction, degrees Celsius.
     Junction,
-    /// Whether a thermocouple is looked at for an open circuit first.
+    /// Whether a thermocouple is checked for an open circuit first.
     CoupleCheck,
     /// Temperature coefficient of a 2-wire RTD: 85 for 0.00385, 91 for 0.00391.
     Rtd,
     /// Its resistance at 0 degrees Celsius, ohm.
     RtdOhms,
-    /// Measure it a second time without the test current.
+    /// Offset compensation of a 2-wire RTD: measure a second time without the test current.
     RtdCompensated,
-    /// Kind of thermistor, ohm at 25 degrees Celsius.
+    /// Type of thermistor, ohm at 25 degrees Celsius.
     Thermistor,
     /// Unit of temperatures.
     Degrees,
@@ -92,7 +92,7 @@ pub enum Given {
     Number(f64),
     /// On or off.
     Switch(bool),
-    /// One of its words, in short form.
+    /// A word, in short form.
     Word(&'static str),
     /// A range.
     Range(Range),
@@ -100,29 +100,29 @@ pub enum Given {
     Resolution(Numeric),
 }
 
-/// What CONF and MEAS? ask for.
+/// The parameters of CONF and MEAS?.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
-    /// What is measured; never DC volts.
+    /// The function; never DC volts.
     pub function: Function,
-    /// Its range; [`Range::Auto`] for frequency, period and temperature, which have none to be set here.
+    /// Its range; [`Range::Auto`] for frequency, period and temperature, whose range cannot be set here.
     pub range: Range,
     /// Its resolution in the function's unit.
     pub resolution: Option<Numeric>,
-    /// Transducer and its kind, of a temperature.
+    /// For a temperature: transducer and its type.
     pub probe: Option<(&'static str, &'static str)>,
 }
 
-/// Setting up and measuring anything; without a list the internal voltmeter.
+/// Configuration and measurement with any function; without a list for the internal voltmeter.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Functions {
-    /// Choose a function, set it to its defaults, and make the list the scan list.
+    /// Select a function, set it to its defaults, and make the list the scan list.
     Configure(Wanted, Channels),
-    /// Do so, measure and answer all readings.
+    /// The same, followed by a measurement; the reply has all readings.
     Measure(Wanted, Channels),
-    /// Choose a function; its settings stay.
+    /// Select a function; its settings stay.
     Select(Function, Channels),
-    /// Read which function is chosen.
+    /// Read the selected function.
     Selected(Channels),
     /// Change a setting.
     Set(Function, Detail, Given, Channels),
@@ -130,7 +130,7 @@ pub enum Functions {
     Ask(Function, Detail, Option<Numeric>, Channels),
 }
 
-/// Notation, short form, the word of `FUNC?` and `CONF?`, ranges, unit of numbers, mark behind readings.
+/// Notation, short form, the word of `FUNC?` and `CONF?`, ranges, unit of numbers, unit after readings.
 type Nature = (
     &'static str,
     &'static str,
@@ -187,7 +187,7 @@ impl Function {
         self.nature().1
     }
 
-    /// As `FUNC?` and `CONF?` name it.
+    /// The name in the replies to `FUNC?` and `CONF?`.
     pub fn word(self) -> &'static str {
         self.nature().2
     }
@@ -197,12 +197,12 @@ impl Function {
         self.nature().3
     }
 
-    /// The unit that a reading carries when `FORM:READ:UNIT` is on.
+    /// The unit that follows a reading when `FORM:READ:UNIT` is on.
     pub fn mark(self) -> &'static str {
         self.nature().5
     }
 
-    /// Its readings integrate a direct voltage or current.
+    /// Whether its readings integrate a direct voltage or current.
     pub(crate) fn integrates(self) -> bool {
         use Function::{DcCurrent, DcVolts, FourWire, Resistance, Temperature};
         matches!(
@@ -281,7 +281,7 @@ fn named(text: &str) -> Result<Function, ParseError> {
         .ok_or(ParseError::IllegalParameter)
 }
 
-/// `[<range>[,<resolution>]][,(@list)]`; of a temperature `<probe>,<kind>[,1[,<resolution>]][,(@list)]`.
+/// `[<range>[,<resolution>]][,(@list)]`; for a temperature `<probe>,<kind>[,1[,<resolution>]][,(@list)]`.
 fn wanted(function: Function, call: &Call) -> Result<(Wanted, Channels), ParseError> {
     let (values, channels) = before_channels(call)?;
     let mut wanted = Wanted {
@@ -310,7 +310,7 @@ fn wanted(function: Function, call: &Call) -> Result<(Wanted, Channels), ParseEr
     };
     if let Some(expected) = expected {
         match function {
-            // The instrument chooses; a 1 holds the place.
+            // The instrument selects the value; a 1 is the placeholder.
             Function::Temperature => drop(expected.number(Unit::None)?),
             Function::Frequency => {
                 let [least, most] = FREQUENCIES;

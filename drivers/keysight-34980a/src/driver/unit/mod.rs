@@ -1,4 +1,4 @@
-//! The conversation with one mainframe: commands that are held back, queries, how answers are read.
+//! The conversation with one mainframe: deferred commands, queries, parsing of replies.
 
 mod readings;
 mod relays;
@@ -16,29 +16,29 @@ use crate::command::{Command, HeaderForm, Quantity};
 #[derive(Debug)]
 pub(super) struct Unit<S> {
     pub(super) conversation: Conversation<S>,
-    /// Relay moves that wait for the next query.
+    /// Relay moves deferred to the next query.
     pub(super) held: Vec<Command>,
-    /// Moves were sent whose refusal nobody has looked for.
+    /// Moves were sent and their errors not yet queried.
     pub(super) unchecked: bool,
     pub(super) prepared: Option<Prepared>,
     /// Range of each channel as last set; that of the bare voltmeter under `None`. Empty: not known.
     ranges: BTreeMap<Option<Relay>, f64>,
-    /// Delay of each channel that has another one than all.
+    /// Delay of each channel whose delay differs from the common one.
     delays: BTreeMap<Relay, Duration>,
     /// The scan list as last set, ascending.
     listed: Vec<Relay>,
-    /// A measurement failed: what has been set is to be set again.
+    /// A measurement failed: all settings must be sent again.
     doubted: bool,
     /// `*RST` is sent once, before the first preparation.
     reset: bool,
-    /// The form of header that the instrument has accepted, of the settings that have two.
+    /// For settings with two forms of header: the form that the instrument has accepted.
     pub(super) headers: BTreeMap<Quantity, HeaderForm>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Prepared {
     pub(super) meter: MeterSettings,
-    /// As asked for. The instrument scans ascending.
+    /// In the requested order. The instrument scans in ascending order.
     pub(super) scan: Vec<Relay>,
     pub(super) deadline: Duration,
 }
@@ -55,7 +55,7 @@ impl Prepared {
         compact(&self.ascending())
     }
 
-    /// Whether nothing has to be set for this that was not set for the other.
+    /// Whether `other` needs the same settings.
     pub(super) fn is_set_as(&self, other: &Self) -> bool {
         self.meter == other.meter && self.scan == other.scan
     }
@@ -77,7 +77,7 @@ impl<S: Stream> Unit<S> {
         }
     }
 
-    /// Sends what was held back together with these commands, the last of which is a query.
+    /// Sends the deferred commands together with these commands, the last of which is a query.
     pub(super) async fn ask(
         &mut self,
         commands: Vec<Command>,
@@ -87,7 +87,7 @@ impl<S: Stream> Unit<S> {
         self.conversation.ask(&commands, deadline).await
     }
 
-    /// Sends what was held back together with these commands and a query of the error queue.
+    /// Sends the deferred commands together with these commands and a query of the error queue.
     async fn send(
         &mut self,
         commands: Vec<Command>,
@@ -97,14 +97,14 @@ impl<S: Stream> Unit<S> {
         self.conversation.send_within(&commands, deadline).await
     }
 
-    /// Taken, not lent: after a fault the moves must not be made at some later time.
+    /// The deferred moves are taken out: after a fault they must not be made at a later time.
     fn with_held(&mut self, commands: Vec<Command>) -> Vec<Command> {
         let mut all = std::mem::take(&mut self.held);
         all.extend(commands);
         all
     }
 
-    /// Sends several queries, none of which answers with a semicolon, in one message; gives an answer for each.
+    /// Sends several queries in one message, none of whose replies contains a semicolon; returns a reply for each.
     async fn ask_all(&mut self, queries: Vec<Command>) -> Result<Replies, RigError> {
         let count = queries.len();
         let replies = self
@@ -121,7 +121,7 @@ impl<S: Stream> Unit<S> {
         Ok(replies)
     }
 
-    /// Sends settings and checks that none was refused.
+    /// Sends settings and checks that none was rejected.
     async fn set(&mut self, commands: Vec<Command>) -> Result<(), RigError> {
         let sent = join_units(&commands);
         let deadline = self.conversation.link().deadline();
@@ -138,7 +138,7 @@ impl<S: Stream> Unit<S> {
     }
 }
 
-/// The list in its order, runs of neighbours as ranges.
+/// The list in its order, with runs of neighbours as ranges.
 pub(super) fn compact(relays: &[Relay]) -> ChannelList {
     let mut entries: Vec<ChannelEntry> = Vec::new();
     for Relay(number) in relays.iter().copied() {

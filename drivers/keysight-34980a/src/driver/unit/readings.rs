@@ -1,4 +1,4 @@
-//! Messages that read, and what their answers are.
+//! Messages with readings, and the parsing of their replies.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use survey::{Reading, Relay, Volts};
 use super::{Prepared, Unit, compact};
 use crate::command::{Command, Measure, Route};
 
-/// How far over its range the voltmeter reads, with a margin for the last digit.
+/// Overrange of the voltmeter as a factor of the range, with a margin for the last digit.
 const OVERRANGE: f64 = crate::OVERRANGE * (1.0 + 1e-6);
 
 impl<S: Stream> Unit<S> {
@@ -18,7 +18,7 @@ impl<S: Stream> Unit<S> {
         self.prepared.clone().ok_or_else(unprepared)
     }
 
-    /// Scans channels, and answers in the order asked for.
+    /// Scans channels, and returns readings in the requested order.
     pub(in crate::driver) async fn scan(
         &mut self,
         samples: &[Sample],
@@ -44,7 +44,7 @@ impl<S: Stream> Unit<S> {
         let answers = self.measure(commands, 1, count * sweeps, deadline).await?;
         Ok(samples
             .iter()
-            // Every relay asked for is in its sorted copy, whose length each sweep has.
+            // Every requested relay is in its sorted copy, whose length each sweep has.
             .filter_map(|sample| Some((sample, ascending.binary_search(&sample.relay).ok()?)))
             .map(|(sample, place)| {
                 let each: Vec<Reading> = (0..sweeps)
@@ -55,7 +55,7 @@ impl<S: Stream> Unit<S> {
             .collect())
     }
 
-    /// Joins and reads one pair after the other.
+    /// Connects and reads one pair after the other.
     pub(in crate::driver) async fn chain(
         &mut self,
         hops: Vec<(Vec<Command>, Volts)>,
@@ -82,8 +82,8 @@ impl<S: Stream> Unit<S> {
             .collect())
     }
 
-    /// Sends commands with so many READ? among them, each of which answers so many numbers, and a query of the error
-    /// queue in the same message.
+    /// Sends commands with this number of READ? among them, each of which returns a fixed number of values, and a query
+    /// of the error queue in the same message.
     pub(super) async fn measure(
         &mut self,
         commands: Vec<Command>,
@@ -111,7 +111,7 @@ impl<S: Stream> Unit<S> {
         Ok(answers)
     }
 
-    /// An error out of a message of many commands: empties the queue, and names the command where it can be found.
+    /// The error of a message of many commands: empties the queue, and names the command if it can be found.
     async fn refused_message(&mut self, sent: Vec<Command>, replies: Replies) -> RigError {
         // Whatever else fails now, the first error is the one to report.
         let _ = self.conversation.drain_errors().await;
@@ -127,7 +127,7 @@ impl<S: Stream> Unit<S> {
         self.conversation.refused(command, replies.error)
     }
 
-    /// Reads exactly so many numbers. With another count nobody knows which is whose.
+    /// Parses exactly this number of values. With another count the values cannot be assigned to channels.
     pub(in crate::driver) fn numbers(
         &self,
         message: &str,
@@ -144,7 +144,7 @@ impl<S: Stream> Unit<S> {
     }
 }
 
-/// What a number means on its range. What a sound voltmeter cannot say there is no voltage, whatever number came.
+/// The reading for a number on its range. A number that a sound voltmeter cannot return is not a voltage.
 fn reading(answer: &Answer, range: Volts) -> Reading {
     match answer {
         Answer::Value(volts) if volts.abs() <= range.0 * OVERRANGE => Reading::Ok(Volts(*volts)),

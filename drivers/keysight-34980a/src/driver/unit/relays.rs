@@ -1,4 +1,4 @@
-//! Relays opened and read back, and the one that did not move named.
+//! Opens relays and reads them back; names the relay that did not move.
 
 use std::collections::BTreeMap;
 
@@ -10,12 +10,12 @@ use super::{Unit, compact};
 use crate::command::{Command, Route};
 
 impl<S: Stream> Unit<S> {
-    /// Opens relays, reads them back, and then looks whether a move made since the last time was refused, in one message.
+    /// Opens relays, reads them back, and then checks whether an earlier move was rejected, in one message.
     pub(in crate::driver) async fn open(&mut self, relays: &[Relay]) -> Result<(), RigError> {
         self.closed_before_opening(&[], relays).await.map(drop)
     }
 
-    /// As [`Unit::open`]; before, it reads back which of `asked` are closed.
+    /// As [`Unit::open`]; before opening, it reads back which of `asked` are closed.
     pub(in crate::driver) async fn closed_before_opening(
         &mut self,
         requested: &[Relay],
@@ -36,7 +36,7 @@ impl<S: Stream> Unit<S> {
         let replies = self.send(message, deadline).await?;
         let unchecked = std::mem::take(&mut self.unchecked);
         if replies.error.code != 0 {
-            // What is still closed is worse than what was refused.
+            // A relay that is still closed is worse than a rejected command.
             self.conversation.drain_errors().await.ok();
             let closed = self.read_closed(relays).await?;
             self.conversation.check_open(relays, &closed)?;
@@ -87,7 +87,7 @@ impl<S: Stream> Unit<S> {
         self.states(&message, &answer, relays.len())
     }
 
-    /// The relay move among these that the relays do not show.
+    /// The relay move among these that the relay states do not show.
     pub(super) async fn not_obeyed(&mut self, sent: &[Command]) -> Option<String> {
         let mut meant: BTreeMap<Relay, (bool, &Command)> = BTreeMap::new();
         for command in sent {

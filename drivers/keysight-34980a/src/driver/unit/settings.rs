@@ -1,4 +1,4 @@
-//! What a voltmeter has been set to: set where it differs, read back every frame.
+//! The voltmeter's settings: sent where they differ, read back every frame.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -12,11 +12,11 @@ use crate::command::{
     Command, Field, HeaderForm, Measure, Quantity, Range, Route, Sense, Setting, TriggerSource,
 };
 
-/// Undefined header.
+/// Error number "undefined header".
 const UNDEFINED_HEADER: i32 = -113;
 
 impl<S: Stream> Unit<S> {
-    /// Sets up what is wanted, or only what the last frame has left otherwise.
+    /// Sends all settings, or only those that the last frame left different.
     pub(in crate::driver) async fn bring_to(
         &mut self,
         wanted: &Prepared,
@@ -31,7 +31,8 @@ impl<S: Stream> Unit<S> {
             self.set(vec![Route::SetScan(wanted.list()).into()]).await?;
             self.listed = wanted.ascending();
         }
-        // sent again in the message that reads them back, so that the messages of one frame can be played by themselves
+        // sent again in the message that reads them back, so that the messages of one frame can be replayed by
+        // themselves
         let all = wanted.meter.channel_delay;
         let own = self.delays.iter().filter(|(_, delay)| **delay != all);
         let again = delays(own.map(|(relay, delay)| (*relay, *delay)));
@@ -85,8 +86,8 @@ impl<S: Stream> Unit<S> {
         Ok(())
     }
 
-    /// Sends a setting by the documented header and, where that is undefined, by the 34970A's; remembers and logs which
-    /// form was accepted. A command error ends its message, so that the error queue is read by a message of its own.
+    /// Sends a setting with the documented header and, if that is undefined, with the 34970A's; stores and logs the
+    /// accepted form. A command error ends its message, so that the error queue is read by a separate message.
     async fn set_by_accepted_header(
         &mut self,
         setting: Setting,
@@ -125,7 +126,7 @@ impl<S: Stream> Unit<S> {
         first_refusal.map_or(Ok(()), Err)
     }
 
-    /// Reads every setting back that a reading depends on, in one message.
+    /// Reads back every setting that a reading depends on, in one message.
     pub(in crate::driver) async fn verify(&mut self, wanted: &Prepared) -> Result<(), RigError> {
         let headers = self.headers.clone();
         let ask = |quantity| {
@@ -184,7 +185,7 @@ impl<S: Stream> Unit<S> {
                 return Err(self.conversation.mismatch(setting, set[place], answer));
             }
         }
-        // One answer for each query.
+        // One reply for each query.
         let answer = answers.last().map_or("", String::as_str);
         let meant = ChannelList::of(wanted.ascending().iter().map(|relay| relay.0));
         let read = scpi::parse_block(answer.as_bytes())
@@ -202,7 +203,7 @@ impl<S: Stream> Unit<S> {
         Ok(())
     }
 
-    /// The ranges as last set, in the order in which the instrument tells them.
+    /// The ranges as last set, in the order in which the instrument reports them.
     pub(super) fn ranges_of(&self, wanted: &Prepared) -> Vec<f64> {
         let set = |place| self.ranges.get(&place).copied();
         let otherwise = wanted.meter.range.0;
@@ -216,7 +217,7 @@ impl<S: Stream> Unit<S> {
         }
     }
 
-    /// The delays as last set, ascending, s.
+    /// The delays as last set, ascending channels, s.
     pub(super) fn delays_of(&self, wanted: &Prepared) -> Vec<f64> {
         let of = |relay| {
             *self
@@ -228,7 +229,7 @@ impl<S: Stream> Unit<S> {
         relays.map(|relay| of(relay).as_secs_f64()).collect()
     }
 
-    /// The commands that give channels other delays than they have: that of all and their own wait, whole milliseconds
+    /// The commands for channels whose delay differs: the common delay and the channel's own wait, whole milliseconds
     /// (section 5).
     pub(super) fn change_delays(&mut self, samples: &[Sample], all: Duration) -> Vec<Command> {
         let mut changed = Vec::new();
@@ -241,7 +242,7 @@ impl<S: Stream> Unit<S> {
         delays(changed)
     }
 
-    /// The commands that give channels other ranges than they have.
+    /// The commands for channels whose range differs.
     pub(super) fn change_ranges(&mut self, wanted: &[(Option<Relay>, Volts)]) -> Vec<Command> {
         let mut groups: Vec<(f64, Vec<Relay>)> = Vec::new();
         for (place, Volts(range)) in wanted.iter().copied() {
@@ -265,12 +266,12 @@ impl<S: Stream> Unit<S> {
     }
 }
 
-/// Rounded up: a wait is never shorter than asked for.
+/// Rounded up: a wait is never shorter than requested.
 fn whole_milliseconds(wait: Duration) -> Duration {
     Duration::from_millis(wait.as_nanos().div_ceil(1_000_000) as u64)
 }
 
-/// The commands that set delays: one for all relays that have the same.
+/// The commands that set delays: one for all relays with the same delay.
 fn delays(wanted: impl IntoIterator<Item = (Relay, Duration)>) -> Vec<Command> {
     let mut groups: BTreeMap<Duration, Vec<Relay>> = BTreeMap::new();
     for (relay, delay) in wanted {
