@@ -1,8 +1,8 @@
-//! Wiring maps of section 8: which channels join which pair of electrodes to the source and to the voltmeter.
+//! Wiring maps of section 8: the channels that connect each pair of electrodes to the source and to the voltmeter.
 
 use survey::{Dipole, Electrode, OwnWiring, Relay, Sensing, Transition, Wiring, WiringError};
 
-/// Why a map cannot be made.
+/// Why a map is invalid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MapError {
     /// A slot outside the mainframe.
@@ -13,7 +13,7 @@ pub enum MapError {
         /// The slot given.
         slot: u32,
     },
-    /// Two modules are given one slot.
+    /// Two modules have the same slot.
     #[error(
         "wiring '{wiring}': slot {slot} cannot hold both the measuring and the injecting module"
     )]
@@ -28,8 +28,8 @@ pub enum MapError {
     Wiring(#[from] WiringError),
 }
 
-/// Map M: measuring pair k on channel k of bank 1 of a 34924A, scanned by the voltmeter; injecting pair k on channel
-/// 35 + k of bank 2. Two to 35 electrodes.
+/// Map M: measuring pair k on channel k of bank 1 of a 34924A, scanned by the voltmeter; injecting pair k on channel 35
+/// + k of bank 2. Two to 35 electrodes.
 ///
 /// # Errors
 /// A slot outside 1 to 8, or more pairs than a bank has.
@@ -38,7 +38,7 @@ pub fn pairs_34924a(slot: u32, electrodes: usize) -> Result<Wiring, MapError> {
     pairs(name, slot, slot, electrodes)
 }
 
-/// Map M on a 34922A: the numbers of [`pairs_34924a`] on armature relays, quieter and slower.
+/// Map M on a 34922A: the channel numbers of [`pairs_34924a`] on armature relays, quieter and slower.
 ///
 /// # Errors
 /// As [`pairs_34924a`].

@@ -1,6 +1,6 @@
-//! Other people's clients drive the simulator unmodified, over TCP, in a virtual environment of their own.
+//! Third-party clients use the simulator unmodified, over TCP, in a separate virtual environment.
 //!
-//! They are fetched and run only with TACTUS_REQUIRE_CLIENTS=1; what then cannot be had fails the test.
+//! They are fetched and run only with TACTUS_REQUIRE_CLIENTS=1; a client that cannot be fetched then fails the test.
 
 mod stand_in;
 
@@ -82,7 +82,7 @@ fn run(command: &mut Command) -> Result<Output, String> {
     Err(format!("{command:?} failed:\n{}", end.join("\n")))
 }
 
-/// A virtual environment with the packages; one that is complete already is used again.
+/// A virtual environment with the packages; a complete one is reused.
 fn environment(name: &str, packages: &[&str]) -> Result<PathBuf, String> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let python = folder.join("bin/python");
@@ -131,7 +131,7 @@ fn works(client: &str, packages: &[&str], script: &str, served: &Served) {
         .arg(script)
         .arg(served.port.to_string())
         .current_dir(&scratch)
-        // The clients keep files of their own in a home folder.
+        // The clients store files of their own in the home folder.
         .env("HOME", &scratch));
     if let Err(fault) = outcome {
         panic!("{fault}");

@@ -6,7 +6,7 @@ use std::time::Duration;
 use keysight_34980a::{Alternating, MeterRequest, Module, Settings34980a, Simulator34980a, Wires};
 use survey::{Amps, Ohms, Relay, Volts};
 
-/// A resistor between the voltmeter's terminals, a battery in series with it, and something that alternates.
+/// A resistor between the voltmeter's terminals, a battery in series with it, and an alternating voltage.
 struct Circuit {
     ohms: f64,
     volts: f64,
@@ -14,7 +14,7 @@ struct Circuit {
     hertz: f64,
     requests: Vec<MeterRequest>,
     closed: BTreeSet<Relay>,
-    /// What was closed at the last reading.
+    /// The relays closed at the last reading.
     seen: BTreeSet<Relay>,
 }
 
@@ -63,7 +63,7 @@ impl Talk {
         response.text.unwrap_or_default()
     }
 
-    /// One query after the other, each with its reply.
+    /// Sends one query after the other and checks each reply.
     fn holds(&mut self, talk: &[(&str, &str)]) {
         for (line, reply) in talk {
             assert_eq!(self.say(line), *reply, "{line}");
@@ -94,10 +94,10 @@ fn resistance_is_the_test_current_through_the_circuit() {
         ("FORM:READ:UNIT ON;:READ?", "+4.70000000E+02 OHM"),
     ]);
     assert_eq!(talk.1.requests.last().unwrap().test_current, Amps(1e-3));
-    // an open circuit is over every range
+    // an open circuit exceeds every range
     talk.1.ohms = f64::INFINITY;
     assert_eq!(talk.say("MEAS:RES? AUTO,(@1001)"), "+9.90000000E+37");
-    // each range has its current; what the circuit has of its own is in the reading
+    // each range has its current; the circuit's own voltage is in the reading
     talk.1.ohms = 5e4;
     talk.1.volts = 0.1;
     talk.holds(&[
@@ -130,7 +130,7 @@ fn four_wires_take_a_channel_of_each_bank() {
     talk.say("CONF:FRES 1000,(@2003);:READ?");
     let seen: Vec<u32> = talk.1.seen.iter().map(|relay| relay.0).collect();
     assert_eq!(seen, [2003, 2023, 2911, 2922]);
-    // bank 2 only senses
+    // channels of bank 2 only sense
     talk.refuses("CONF:FRES 1000,(@1037)", "+308");
     talk.refuses("CONF:FRES (@1002);:ROUT:SCAN (@1002,1037)", "+306");
 }
@@ -271,7 +271,7 @@ fn each_function_keeps_its_own_settings() {
             "\"RES\";+2.00000000E-01",
         ),
         ("FUNC \"VOLTAGE:AC\",(@1001);:FUNC? (@1001)", "\"VOLT:AC\""),
-        // CONF is for one function and sets it to its defaults
+        // CONF applies to one function and sets it to its defaults
         ("CONF:RES (@1001);:RES:NPLC? (@1001)", "+1.00000000E+00"),
         ("CONF? (@1001)", "\"RES AUTO\""),
         ("RES:RANG? MIN;RANG? MAX", "+1.00000000E+02;+1.00000000E+08"),
@@ -320,7 +320,7 @@ fn settings_without_a_list_leave_the_channels_alone() {
         ("MEAS:RES? 1E3", "+4.70000000E+02"),
         ("ROUT:SCAN:SIZE?;:DATA:POIN?", "+3;+1"),
         ("READ?", "+0.00000000E+00,+0.00000000E+00,+0.00000000E+00"),
-        // a delay is one of channels
+        // a delay applies to channels only
         ("ROUT:CHAN:DEL 0.5;DEL? (@1003)", "+5.00000000E-01"),
     ]);
     let scanned = talk.1.requests.iter().filter(|one| one.channel.is_some());
@@ -358,7 +358,7 @@ fn integration_below_a_cycle_turns_autozero_off() {
         ("CONF:VOLT:DC 10,(@1001);:VOLT:DC:APER 0.01,(@1001)", "0"),
         ("CONF:VOLT:DC 10,(@1001);:VOLT:DC:RES 1E-3,(@1001)", "0"),
         ("CONF:RES 1E3,(@1001);:RES:NPLC 0.02,(@1001)", "0"),
-        // whoever wants it nevertheless has it
+        // autozero can be switched on again explicitly
         (
             "CONF:VOLT:DC 10,(@1001);:VOLT:DC:NPLC 0.2,(@1001);ZERO:AUTO ON,(@1001)",
             "1",
@@ -441,5 +441,5 @@ fn labels_memories_and_voltmeter_follow_the_help() {
     talk.holds(&[("INST:DMM ON;:MEAS:VOLT:DC? 10,(@1001)", "+0.00000000E+00")]);
     talk.refuses("ROUT:CHAN:LAB? FACT,(@1001)", "-224");
     talk.refuses("ROUT:CHAN:LAB \"x\",(@1099)", "+112");
-    // no page of the help was seen that has it
+    // not found on any page of the help
 }

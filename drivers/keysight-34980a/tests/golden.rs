@@ -1,5 +1,5 @@
-//! Conversations typed from the fact sheet (`instruments/keysight-34980a.md`), section by section: `>` is said, `<` is
-//! answered, `.` says that nothing is answered. They guard the grammar that driver and simulator share.
+//! Conversations from the fact sheet (`instruments/keysight-34980a.md`), section by section: `>` is sent, `<` is the
+//! reply, `.` means no reply. They test the grammar that driver and simulator share.
 
 mod stand_in;
 

@@ -28,7 +28,7 @@ fn readings_are_taken_and_appear_at_their_own_instants() {
     let (mut unit, mut sheet) = scanner();
     ask(&mut unit, &mut sheet, "INIT", START);
     for taken in 0..10_u32 {
-        // A moment before the next reading.
+        // Just before the next reading.
         let at = START + PERIOD * (taken + 1) - Duration::from_nanos(1);
         assert_eq!(
             ask(&mut unit, &mut sheet, "DATA:POIN?;:STAT:OPER:COND?", at),
@@ -118,7 +118,7 @@ fn the_timer_paces_sweeps_until_they_are_stopped() {
          +1.00100000E+00,000000000.522,+1.00200000E+00,000000000.543,\
          +1.00100000E+00,000000001.022,+1.00200000E+00,000000001.043"
     );
-    // Without an end nothing waits for it.
+    // A measurement without end is not awaited.
     let waited = unit.receive("*OPC?", at, &mut sheet);
     assert_eq!(
         (waited.text.as_deref(), waited.busy),
@@ -287,7 +287,7 @@ fn order_off_keeps_order_and_repeats() {
 }
 
 proptest! {
-    /// Looking often or seldom changes no reading, no instant, and no end.
+    /// Advancing time often or seldom changes no reading, no instant, and no end.
     #[test]
     fn how_often_time_is_told_changes_nothing(
         looks in prop::collection::vec(1_u64..2_000_000, 0..40),

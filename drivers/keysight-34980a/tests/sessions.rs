@@ -1,4 +1,4 @@
-//! Several clients at once, sequences, faults: what one says and another finds.
+//! Several clients at once, sequences, faults: effects of one session on another.
 
 mod stand_in;
 
@@ -44,7 +44,7 @@ fn a_query_that_waits_keeps_only_its_own_session() {
     assert_eq!(other.busy, Duration::ZERO);
     let text = other.text.unwrap();
     assert!(text.ends_with(";+9;+16"), "{text}");
-    // What A says meanwhile is taken up when its query has been answered.
+    // A message of A that arrives meanwhile is executed when its query has been completed.
     let next = unit.receive_from(A, "STAT:OPER:COND?", ms(600), &mut sheet);
     assert_eq!(next.text.as_deref(), Some("+0"));
     assert_eq!(ms(600) + next.busy, START + waiting.busy);
@@ -114,7 +114,7 @@ fn one_session_at_a_time_holds_the_lock() {
         say(B, "SYST:LOCK:REQ?;NAME?;:STAT:OPER:COND?"),
         "+0;LAN169.254.149.35;+1024"
     );
-    // Asking is allowed, changing and measuring are not.
+    // Queries are allowed, changes and measurements are not.
     assert_eq!(say(B, "ROUT:CLOS (@1001);:ROUT:CLOS? (@1001)"), "0");
     assert_eq!(say(B, "READ?;:*RST;SYST:LOCK:REL"), "");
     assert_eq!(
@@ -150,7 +150,7 @@ fn a_sequence_runs_by_itself() {
         (Some("1;+16384"), Duration::ZERO)
     );
     assert_eq!(unit.due(), Some(ms(4)));
-    // Relays are asked for in their turn; the status at once.
+    // Queries of relays wait for their turn; status queries get an immediate reply.
     assert_eq!(
         ask(&mut unit, &mut sheet, B, "STAT:OPER:COND?", ms(50)),
         "+16384"
@@ -169,7 +169,7 @@ fn a_sequence_runs_by_itself() {
         ),
         "+0;+0,\"No error\""
     );
-    // Kept without power.
+    // Kept while power is off.
     unit.power_cycle(ms(300), &mut sheet);
     assert_eq!(sheet.closed, [Relay(1102)].into());
     let waited = unit.receive("ROUT:SEQ:TRIG WALK;:*OPC?", ms(300), &mut sheet);
@@ -208,7 +208,7 @@ fn sequences_nest_four_deep_and_an_error_ends_them() {
         answer.as_deref(),
         Some("-292,\"Referenced name does not exist\"")
     );
-    // Channels are looked at when it runs.
+    // Channels are checked when the sequence runs.
     let bad = "ROUT:SEQ:DEF BAD,\"ROUT:CLOS (@1199);CLOS (@1101)\";:SYST:ERR?";
     assert_eq!(
         say(&mut unit, &mut sheet, bad).as_deref(),
@@ -378,7 +378,7 @@ fn a_reading_that_is_waited_for_is_taken_when_it_is_due() {
     assert_eq!(begun.busy, Duration::from_micros(85_200));
     unit.pass(ms(60), &mut sheet);
     sheet.volts = Some(2.0);
-    // another question waits for nothing, another client's own answer is none of A's
+    // another query waits for nothing; a reply of another client is not delivered to A
     let (other, later) = unit.begin_from(B, "*IDN?", ms(70), &mut sheet);
     assert!(!later && other.text.is_some());
     assert_eq!(unit.fetch(B, ms(70), &mut sheet), None);
@@ -388,7 +388,7 @@ fn a_reading_that_is_waited_for_is_taken_when_it_is_due() {
         Some("+0;+1.00000000E+00,+2.00000000E+00")
     );
     assert_eq!(unit.fetch(A, ms(90), &mut sheet), None);
-    // one whose client has gone is answered to nobody
+    // the reply to a client that has disconnected is dropped
     assert!(unit.begin_from(A, "READ?", ms(100), &mut sheet).1);
     unit.end_session(A);
     assert_eq!(unit.fetch(A, ms(300), &mut sheet), None);

@@ -1,4 +1,5 @@
-//! What a conversation does not show: relays as the wires see them, times, limits, memory, and arbitrary input.
+//! Properties that a conversation does not show: relays as seen by the wires, times, limits, memory, and arbitrary
+//! input.
 
 mod stand_in;
 
@@ -23,7 +24,7 @@ fn scan_closes_one_channel_and_its_bus_relay_of_one_bank_only() {
     say(&mut unit, &mut sheet, "CONF:VOLT:DC 10,(@1001:1002)");
     unit.receive("READ?", START, &mut sheet);
     let seen: Vec<&BTreeSet<Relay>> = sheet.requests.iter().map(|(_, _, closed)| closed).collect();
-    // 2922 ties row 6 to bus 2: only bus 1 is cleared.
+    // 2922 connects row 6 to bus 2: only bus 1 is cleared.
     let during = [
         set(&[1001, 1036, 1911, 2922]),
         set(&[1002, 1036, 1911, 2922]),
@@ -134,7 +135,7 @@ fn a_measurement_in_memory_ends_in_its_own_time() {
     assert_eq!(waited.text.as_deref(), Some("1;+17;+0"));
     let answer = unit.receive("FETC?", START * 2, &mut sheet).text.unwrap();
     assert_eq!(answer.split(',').count(), 10);
-    // Cut off in the middle, only what was measured by then is there.
+    // After an abort, only the readings taken until then exist.
     let later = START * 3;
     unit.receive("INIT", later, &mut sheet);
     let cut = later + survey::duration(length / 2.0 + 1e-3);

@@ -1,13 +1,13 @@
-//! The clock that readings are stamped with. It runs on while power is off.
+//! The clock of the readings' time stamps. It keeps running while power is off.
 
 use std::time::Duration;
 
 const DAY: u64 = 86_400;
 
-/// Time of day and date, counted from what they were at time zero.
+/// Time of day and date, relative to their values at time zero.
 #[derive(Debug)]
 pub(crate) struct Calendar {
-    /// Since 1970-01-01, minus the instrument's time, ms.
+    /// Time since 1970-01-01 minus the instrument's time, ms.
     offset: i64,
 }
 
@@ -19,7 +19,7 @@ impl Calendar {
     }
 
     fn shown(&self, at: Duration) -> u64 {
-        // Both settings below keep the sum positive from the time of setting on, and time does not run backwards.
+        // Both setters below keep the sum positive from the time of setting on, and time does not run backwards.
         u64::try_from(self.offset + milliseconds(at)).unwrap_or(0)
     }
 
@@ -81,7 +81,7 @@ fn days_in_month(year: u64, month: u64) -> u64 {
     }
 }
 
-/// Days from 1970-01-01 to a date of 1970 to 2099.
+/// Days from 1970-01-01 to a date between 1970 and 2099.
 fn days_before(year: i32, month: u32, day: u32) -> u64 {
     let year = u64::try_from(year).unwrap_or(1970);
     let years: u64 = (1970..year).map(days_in_year).sum();
@@ -89,7 +89,7 @@ fn days_before(year: i32, month: u32, day: u32) -> u64 {
     years + months + u64::from(day.saturating_sub(1))
 }
 
-/// The date so many days after 1970-01-01. Years beyond 9999 do not fit their four digits and are shown as 9999.
+/// The date this number of days after 1970-01-01. Years beyond 9999 do not fit their four digits and are shown as 9999.
 fn date(mut days: u64) -> (u64, u64, u64) {
     let mut year = 1970;
     while days >= days_in_year(year) {

@@ -1,15 +1,15 @@
-//! What goes into the error queue: numbers of the standard, and the instrument's own.
+//! Entries of the error queue: numbers of the standard, and the instrument's own.
 
 use scpi::ParseError;
 
-/// An entry on its way to the error queue.
+/// An error to be added to the error queue.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Trouble {
     pub(super) code: i32,
     pub(super) text: &'static str,
 }
 
-/// The instrument's own numbers, whose shape is known from the sister 34970A (fact sheet section 7).
+/// The instrument's own error numbers, known from the similar 34970A (fact sheet section 7).
 impl Trouble {
     pub(super) const SLOT: Self = Self::new(111, "Channel list: slot number out of range");
     pub(super) const CHANNEL: Self = Self::new(112, "Channel list: channel number out of range");

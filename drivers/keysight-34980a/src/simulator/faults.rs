@@ -1,4 +1,4 @@
-//! Faults that a scene or a person may cause (section 10). Those of the wire are the server's.
+//! Faults that a scene or a user may inject (section 10). Faults of the connection belong to the server.
 
 use std::time::Duration;
 
@@ -10,17 +10,17 @@ use crate::command::{Protection, TriggerSource};
 use crate::modules::Module;
 
 impl Simulator34980a {
-    /// A relay that never conducts again. The mainframe does not know: its state reads as it was told.
+    /// A relay that never conducts again. The mainframe does not detect it: its state reads as commanded.
     pub fn stick_open(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
         self.stick(relay, Some(false), at, wires);
     }
 
-    /// A relay that conducts for ever. The mainframe does not know.
+    /// A relay that always conducts. The mainframe does not detect it.
     pub fn stick_closed(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
         self.stick(relay, Some(true), at, wires);
     }
 
-    /// Mends a relay that was stuck.
+    /// Ends a fault of a stuck relay.
     pub fn mend(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
         self.stick(relay, None, at, wires);
     }
@@ -31,7 +31,7 @@ impl Simulator34980a {
         self.relays.tell(at, wires);
     }
 
-    /// Takes the voltmeter out, or puts it in again.
+    /// Removes the voltmeter, or installs it again.
     pub fn set_voltmeter(&mut self, installed: bool, at: Duration, wires: &mut dyn Wires) {
         self.pass(at, wires);
         if !installed {
@@ -40,7 +40,8 @@ impl Simulator34980a {
         self.meter.install(installed);
     }
 
-    /// Puts another module into a slot (1 to 8), or none. Its relays are open, its channels out of the scan list.
+    /// Replaces the module of a slot (1 to 8), or removes it. The new module's relays are open, its channels not in the
+    /// scan list.
     pub fn set_module(
         &mut self,
         slot: u32,
@@ -55,17 +56,18 @@ impl Simulator34980a {
         self.relays.tell(at, wires);
     }
 
-    /// Opens the terminal block of a slot, or shuts it. While it is open no relay to a bus closes, nor any of a 34934A.
+    /// Opens or closes the terminal block of a slot. While it is open no relay to a bus closes, nor any relay of a
+    /// 34934A.
     pub fn set_interlock(&mut self, slot: u32, open: bool, at: Duration, wires: &mut dyn Wires) {
         self.pass(at, wires);
         self.relays.interlock(slot, open);
         self.relays.tell(at, wires);
     }
 
-    /// A pulse at the rear, for `TRIG:SOUR EXT`.
+    /// An external trigger pulse at the rear, for `TRIG:SOUR EXT`.
     pub fn pulse(&mut self, at: Duration, wires: &mut dyn Wires) {
         self.pass(at, wires);
-        // A pulse that nobody waits for is no error.
+        // A pulse that is not awaited is not an error.
         if self.meter.trigger(TriggerSource::External, at).is_ok() {
             self.pass(at, wires);
         }
@@ -79,7 +81,7 @@ impl Simulator34980a {
         self.fail(ParseError::Syntax.into());
     }
 
-    /// How the rows of a 34934A are protected; `None` for any other slot.
+    /// Row protection of a 34934A; `None` for any other slot.
     pub fn protection(&self, slot: u32) -> Option<Protection> {
         self.relays.protection(slot).ok()
     }

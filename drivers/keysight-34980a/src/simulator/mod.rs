@@ -1,14 +1,14 @@
 //! The mainframe as a state machine: relays, scan list, voltmeter, memory, sequences, sessions, status, error queue.
 //!
-//! No I/O, no clock, no physics: lines and time come in as arguments, relays and voltages go out through [`Wires`].
-//! What happens by itself (a scan into memory, a sequence) happens when time is next told, at its own instants: see
+//! No I/O, no clock, no physics: lines and time are passed in, relays and voltages go through [`Wires`]. Internal
+//! activity (a scan into memory, a sequence) is executed when the time is next advanced, at its own instants: see
 //! [`Simulator34980a::pass`] and [`Simulator34980a::due`].
 //!
-//! What the fact sheet leaves open is decided so: a command error ends its message, an error of execution does not.
-//! Settings of the voltmeter wait for a measurement whose end can be foreseen and are refused during another; relays
-//! move during a scan. `*OPC?` does not wait for what only a trigger or ABOR can end. READ? of more than the memory
-//! holds, or without end, is refused, and its readings are taken ahead of their time: another session that speaks
-//! meanwhile finds the relays as the scan leaves them.
+//! Decisions where the fact sheet is silent: a command error ends its message, an execution error does not. Settings of
+//! the voltmeter wait for a measurement whose end can be foreseen and are rejected during another; relays move during a
+//! scan. `*OPC?` does not wait for an operation that only a trigger or ABOR can end. READ? of more readings than the
+//! memory holds, or without end, is rejected. Readings of READ? are taken ahead of their time: another session that
+//! sends a message meanwhile finds the relays as the scan leaves them.
 
 mod calendar;
 mod errors;
@@ -37,16 +37,16 @@ use sequences::Sequences;
 use sessions::Sessions;
 pub use sessions::{Output, Session};
 
-/// What the mainframe's relays and its voltmeter are joined to. The simulated rig implements it.
+/// The circuit that the mainframe's relays and voltmeter are connected to. The simulated rig implements it.
 pub trait Wires {
-    /// Told which relays are closed now, whenever that changes; during a scan for every channel of it. A relay that is
-    /// stuck is told as it is, whatever the mainframe believes.
+    /// Called with the closed relays whenever they change; during a scan for every channel. A stuck relay is passed in
+    /// its actual state, whatever the mainframe assumes.
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration);
 
-    /// Asked for the voltage between the voltmeter's terminals, before its range is looked at.
+    /// Returns the voltage between the voltmeter's terminals, before the limit of its range is applied.
     fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts;
 
-    /// Asked for what alternates between the voltmeter's terminals. Nothing, unless the wires know better.
+    /// Returns the alternating voltage between the voltmeter's terminals. None by default.
     fn alternating(&mut self, _at: Duration, _request: MeterRequest) -> Alternating {
         Alternating::default()
     }
@@ -57,7 +57,7 @@ pub trait Wires {
 pub struct Alternating {
     /// R.m.s. of the voltage without its mean.
     pub rms: Volts,
-    /// Frequency, Hz; 0 of none.
+    /// Frequency, Hz; 0 without an alternating voltage.
     pub hertz: f64,
 }
 
@@ -70,19 +70,19 @@ impl Default for Alternating {
     }
 }
 
-/// How a voltage is measured.
+/// The parameters of a voltage measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeterRequest {
-    /// The scanned channel; `None`: what analogue bus 1 is joined to.
+    /// The scanned channel; `None`: whatever analogue bus 1 is connected to.
     pub channel: Option<Relay>,
     /// The range.
     pub range: Volts,
-    /// Integration, power-line cycles.
+    /// Integration time, power-line cycles.
     pub nplc: f64,
-    /// What the voltmeter itself sends from its HI terminal to its LO, to measure a resistance; else 0. Where it cannot
-    /// flow the voltage is infinite.
+    /// Current from the voltmeter's HI terminal to its LO for a resistance measurement, otherwise 0. If it cannot flow
+    /// the voltage is infinite.
     pub test_current: Amps,
-    /// The voltage is taken on analogue bus 2.
+    /// The voltage is measured on analogue bus 2.
     pub four_wire: bool,
 }
 
@@ -99,7 +99,7 @@ impl MeterRequest {
     }
 }
 
-/// What a simulated mainframe is made of.
+/// Configuration of a simulated mainframe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings34980a {
     /// First field of `*IDN?`.
@@ -110,20 +110,20 @@ pub struct Settings34980a {
     pub slots: [Option<Module>; 8],
     /// Mains frequency, Hz.
     pub line_hz: f64,
-    /// Time to take a message in, whatever it says.
+    /// Time to receive a message, whatever its content.
     pub message_time: Duration,
-    /// Time that a measurement setting costs for each channel it is for.
+    /// Time that a measurement setting takes for each of its channels.
     pub setting_time: Duration,
-    /// Readings that the memory holds.
+    /// Number of readings that the memory holds.
     pub memory: usize,
-    /// What its clock shows at time zero: since 1970-01-01.
+    /// The clock at time zero, since 1970-01-01.
     pub clock: Duration,
-    /// The form of autozero's and input impedance's header that it has; the other one is -113.
+    /// The accepted header form for autozero and input impedance; the other form gives error -113.
     pub headers: HeaderForm,
 }
 
 impl Default for Settings34980a {
-    /// Empty slots, 50 Hz, no time lost over messages, memory as in section 5, the year 2000.
+    /// Empty slots, 50 Hz, messages without delay, memory as in section 5, the year 2000.
     fn default() -> Self {
         Self {
             vendor: "Agilent Technologies".to_owned(),
@@ -139,12 +139,12 @@ impl Default for Settings34980a {
     }
 }
 
-/// An answer, and how long the instrument needs for it.
+/// A reply, and the time that the instrument needs for it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Response {
-    /// The replies of a message's queries joined by `;`, without line end; `None` when nothing is answered.
+    /// The replies of a message's queries joined by `;`, without line end; `None` without a reply.
     pub text: Option<String>,
-    /// Time from the message's end until the instrument has done what it says.
+    /// Time from the message's end until the instrument has executed it.
     pub busy: Duration,
 }
 
@@ -177,15 +177,15 @@ pub struct Simulator34980a {
     status: StatusModel,
     errors: ErrorQueue,
     display: String,
-    /// What `*SAV` has kept; it outlives `*RST` and the power.
+    /// The settings stored by `*SAV`; they survive `*RST` and power off.
     kept: [Option<Settings>; MEMORIES as usize],
-    /// The users' labels of channels; they outlive `*RST` and the power.
+    /// User labels of channels; they survive `*RST` and power off.
     labels: BTreeMap<Relay, String>,
     /// Commands may begin before relays have settled.
     overlap: bool,
-    /// `*OPC` waits for the end of what is going on.
+    /// `*OPC` waits for the end of pending operations.
     completion_awaited: bool,
-    /// The reply to the message being received may come later.
+    /// The reply to the present message may come later.
     deferring: bool,
     deferred: Option<Deferred>,
 }
@@ -212,29 +212,29 @@ impl Simulator34980a {
         }
     }
 
-    /// The relays closed now, as the mainframe believes.
+    /// The closed relays, as the mainframe assumes.
     pub fn closed(&self) -> &BTreeSet<Relay> {
         self.relays.closed()
     }
 
-    /// How many errors wait to be read; never more than 20.
+    /// Number of errors in the queue; never more than 20.
     pub fn errors_waiting(&self) -> usize {
         self.errors.len()
     }
 
-    /// How many errors were ever queued, and the last of them: a look that leaves the queue as it is.
+    /// Total number of errors queued so far, and the last of them. Reading them leaves the queue as it is.
     pub fn latest_error(&self) -> (u64, Option<&ErrorEntry>) {
         (self.errors.added(), self.errors.latest())
     }
 
-    /// When something next happens by itself: a reading, a sweep, a step of a sequence. Whoever owns the time tells it
-    /// then by [`Simulator34980a::pass`], so that nothing else in the rig has moved on in between.
+    /// Time of the next internal event: a reading, a sweep, a step of a sequence. The owner of the time calls
+    /// [`Simulator34980a::pass`] then, so that nothing else in the rig has advanced in between.
     pub fn due(&self) -> Option<Duration> {
         let due = [self.meter.due(), self.sequences.due()];
         due.into_iter().flatten().min()
     }
 
-    /// Lets time pass: takes the readings and the steps of sequences that were due by then, each at its own instant.
+    /// Advances time: takes the readings and the steps of sequences that were due, each at its own instant.
     pub fn pass(&mut self, at: Duration, wires: &mut dyn Wires) {
         while let Some(due) = self.sequences.due().filter(|due| *due <= at) {
             self.meter.advance(due, &mut self.relays, wires);
@@ -245,12 +245,12 @@ impl Simulator34980a {
         self.notice(at);
     }
 
-    /// Switches power off and on: latching relays keep their state, sequences, relay counts and the clock are kept,
-    /// everything else is as new (sections 3 and 6).
+    /// Switches power off and on: latching relays keep their state; sequences, relay counts and the clock are kept;
+    /// everything else is reset (sections 3 and 6).
     pub fn power_cycle(&mut self, at: Duration, wires: &mut dyn Wires) {
         self.relays.lose_power();
         self.deferred = None;
-        // Memory 0 is that of the power-down state.
+        // Memory 0 holds the power-down state.
         self.kept[0] = Some(self.meter.settings());
         self.meter.as_new();
         self.sequences.abort();
@@ -263,13 +263,13 @@ impl Simulator34980a {
         self.relays.tell(at, wires);
     }
 
-    /// Receives one message (a line without its end) from the only session, and answers it.
+    /// Receives one message (a line without its end) from the only session, and returns the response.
     pub fn receive(&mut self, line: &str, at: Duration, wires: &mut dyn Wires) -> Response {
         self.receive_from(Session::default(), line, at, wires)
     }
 
-    /// Receives one message of a session, and answers it. What the response's time is over, the session's next message may
-    /// be received; other sessions need not wait for that.
+    /// Receives one message of a session, and returns the response. When the response's time is over the session's next
+    /// message may be received; other sessions need not wait for that.
     pub fn receive_from(
         &mut self,
         session: Session,
@@ -296,7 +296,7 @@ impl Simulator34980a {
                 Ok(received) => received,
                 Err(refusal) => {
                     self.fail(refusal.into());
-                    // What follows a command error is not understood any more, what follows a bad value is.
+                    // Commands after a command error are not parsed any more; those after an invalid value are.
                     if refusal.code() > -200 {
                         break;
                     }
@@ -314,7 +314,7 @@ impl Simulator34980a {
             turn.replied |= !replies.is_empty();
         }
         let done = turn.now;
-        // Not up to `done`: what a message waits for is still to come, and others may speak before it does.
+        // Not up to `done`: the awaited event is still to come, and other sessions may send messages before it.
         self.pass(at, turn.wires);
         self.sessions.keep_busy(session, done);
         Response {
@@ -340,13 +340,13 @@ impl Simulator34980a {
     fn fail(&mut self, trouble: Trouble) {
         self.status.raise_error(trouble.code);
         if self.errors.len() >= ERRORS {
-            // The entry that gives way makes an event of its own.
+            // The replaced entry causes an event of its own.
             self.status.raise_error(ParseError::QueueOverflow.code());
         }
         self.errors.push(trouble.code, trouble.text);
     }
 
-    /// Brings the registers up to the time.
+    /// Updates the status registers to this time.
     fn notice(&mut self, now: Duration) {
         let operation = &mut self.status.operation;
         operation.set(MEASURING, self.meter.is_measuring(now));

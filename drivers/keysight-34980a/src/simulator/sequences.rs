@@ -1,4 +1,4 @@
-//! Sequences of switching commands in non-volatile memory, and the one that runs (section 6).
+//! Sequences of switching commands in non-volatile memory, and the running one (section 6).
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -10,20 +10,20 @@ use crate::command::{Command, Message};
 use crate::simulator::errors::Trouble;
 use crate::simulator::execute::Turn;
 
-/// Sequences that the memory holds, and bytes of each.
+/// Limits of the memory: number of sequences, and bytes of each.
 const MOST: usize = 500;
 const LONGEST: usize = 1024;
-/// Sequences within sequences.
+/// Deepest nesting of sequences.
 const DEEPEST: u32 = 4;
-/// Sequences that wait for the one that runs. The sources give no number.
+/// Sequences that may wait for the running one. The sources give no number.
 const MOST_WAITING: usize = 8;
 
 #[derive(Debug, Default)]
 pub(crate) struct Sequences {
     definitions: BTreeMap<String, Message>,
-    /// What is still to be done, with how deep it is nested.
+    /// The remaining steps, with their nesting depth.
     steps: VecDeque<(u32, Command)>,
-    /// When the next step is done, or the last has been; `None` while nothing runs.
+    /// Time of the next step, or of the end of the last; `None` while nothing is running.
     due: Option<Duration>,
     waiting: VecDeque<String>,
 }
@@ -75,7 +75,7 @@ impl Sequences {
         names.join(",")
     }
 
-    /// Begins a sequence, or lets it wait for the one that runs.
+    /// Starts a sequence, or queues it behind the running one.
     pub(crate) fn run(&mut self, name: &str, now: Duration) -> Result<(), Trouble> {
         let commands = self.find(name)?.0.clone();
         if self.is_running() {
@@ -90,7 +90,7 @@ impl Sequences {
         Ok(())
     }
 
-    /// Does a sequence within the one that runs.
+    /// Executes a sequence within the running one.
     pub(crate) fn run_within(&mut self, name: &str, depth: u32) -> Result<(), Trouble> {
         if depth >= DEEPEST {
             return Err(Trouble::NESTED_TOO_DEEP);
@@ -102,7 +102,7 @@ impl Sequences {
         Ok(())
     }
 
-    /// Stops what runs, and forgets what waits.
+    /// Stops the running sequence, and drops the queued ones.
     pub(crate) fn abort(&mut self) {
         self.steps.clear();
         self.waiting.clear();
@@ -111,7 +111,7 @@ impl Sequences {
 }
 
 impl Simulator34980a {
-    /// Does the next step of the sequence that runs.
+    /// Executes the next step of the running sequence.
     pub(crate) fn step(&mut self, due: Duration, wires: &mut dyn Wires) {
         let Some((depth, command)) = self.sequences.steps.pop_front() else {
             self.sequences.due = None;
@@ -131,7 +131,7 @@ impl Simulator34980a {
             wires,
         };
         match self.obey(command, &mut turn) {
-            // A command within may have stopped the sequence.
+            // A nested command may have stopped the sequence.
             Ok(_) if self.sequences.is_running() => self.sequences.due = Some(turn.now),
             Ok(_) => {}
             Err(trouble) => {

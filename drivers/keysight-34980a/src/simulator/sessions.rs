@@ -1,4 +1,4 @@
-//! Several clients at once: a reply queue for each, and the lock that one of them may hold (sections 1 and 10).
+//! Several clients at once: a reply queue for each, and the exclusive lock (sections 1 and 10).
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -8,29 +8,29 @@ use scpi::{Common, ParseError};
 use super::{Simulator34980a, Wires};
 use crate::command::{Command, Functions, Measure, System};
 
-/// A client's connection, numbered by whoever serves it.
+/// A client's connection, numbered by the server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
 pub struct Session(pub u32);
 
-/// What a session finds when it reads.
+/// Result of a session's read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Output {
     /// A reply, without line end.
     Reply(String),
-    /// A reply that is ready only after so long.
+    /// A reply that is ready only after this time.
     Later(Duration),
-    /// Nothing was asked; -420 is in the error queue now.
+    /// There was no query; -420 is now in the error queue.
     Nothing,
 }
 
 #[derive(Debug, Default)]
 pub(crate) struct Sessions {
     names: BTreeMap<Session, String>,
-    /// Replies not read yet, and when they are ready.
+    /// Unread replies, and when they are ready.
     replies: BTreeMap<Session, (String, Duration)>,
-    /// Until when the last message keeps each of them.
+    /// The time until which the last message keeps each session busy.
     busy: BTreeMap<Session, Duration>,
-    /// Who holds the lock, and how many requests are to be given back.
+    /// The session that holds the lock, and the number of requests to release.
     lock: Option<(Session, u32)>,
 }
 
@@ -39,7 +39,7 @@ impl Sessions {
         self.replies.contains_key(&session)
     }
 
-    /// When a message that has come is taken up: messages of one session follow one another.
+    /// The start of execution of a message: messages of one session follow one another.
     pub(crate) fn takes_up(&self, session: Session, at: Duration) -> Duration {
         self.busy.get(&session).map_or(at, |busy| at.max(*busy))
     }
@@ -52,8 +52,8 @@ impl Sessions {
         self.lock.is_some()
     }
 
-    /// Whether another session's lock forbids a command: the state may be asked for, but not changed, and nothing be
-    /// measured.
+    /// Whether another session's lock forbids a command: queries of the state are allowed, changes and measurements are
+    /// not.
     pub(crate) fn forbids(&self, session: Session, query: bool, command: &Command) -> bool {
         if self.lock.is_none_or(|(owner, _)| owner == session) {
             return false;
@@ -70,7 +70,7 @@ impl Sessions {
                             | Measure::Remove(_)
                     )
             }
-            // It has nothing to give back.
+            // The session has no lock to release.
             Command::System(System::ReleaseLock) => false,
             Command::Functions(Functions::Measure(..)) => true,
             Command::Route(_) | Command::Sense(_) | Command::Functions(_) | Command::System(_) => {
@@ -96,7 +96,7 @@ impl Sessions {
         }
     }
 
-    /// How `SYST:LOCK:NAME?` calls a session.
+    /// The session's name in the reply to `SYST:LOCK:NAME?`.
     pub(crate) fn name(&self, session: Session) -> String {
         let named = self.names.get(&session).cloned();
         named.unwrap_or_else(|| format!("LAN{}", session.0 + 1))
@@ -111,12 +111,12 @@ impl Sessions {
 }
 
 impl Simulator34980a {
-    /// Gives a session the name that `SYST:LOCK:NAME?` answers: `GPIB`, `USB`, `VXI11`, or `LAN` and an address.
+    /// Sets a session's name in the reply to `SYST:LOCK:NAME?`: `GPIB`, `USB`, `VXI11`, or `LAN` and an address.
     pub fn name_session(&mut self, session: Session, name: impl Into<String>) {
         self.sessions.names.insert(session, name.into());
     }
 
-    /// Ends a session: its reply is gone, and its lock is released.
+    /// Ends a session: its reply is dropped, and its lock is released.
     pub fn end_session(&mut self, session: Session) {
         self.sessions.names.remove(&session);
         self.sessions.replies.remove(&session);
@@ -131,8 +131,8 @@ impl Simulator34980a {
         }
     }
 
-    /// Receives a message of a session whose replies are fetched (VXI-11, GPIB); gives the time that it is busy. A reply
-    /// that nobody fetched is lost: -410.
+    /// Receives a message of a session that fetches its replies (VXI-11, GPIB); returns the time for which it is busy.
+    /// An unread reply is lost: -410.
     pub fn write_from(
         &mut self,
         session: Session,
@@ -151,7 +151,7 @@ impl Simulator34980a {
         response.busy
     }
 
-    /// Fetches a session's reply. Where none was asked for: -420.
+    /// Fetches a session's reply. Without a query: -420.
     pub fn read_by(&mut self, session: Session, at: Duration) -> Output {
         match self.sessions.replies.remove(&session) {
             Some((text, ready)) if ready <= at => Output::Reply(text),
@@ -166,8 +166,8 @@ impl Simulator34980a {
         }
     }
 
-    /// A device clear of a session: its reply is forgotten, what its last message waits for too, and a measurement at
-    /// work is stopped. Settings, status and error queue stay.
+    /// A device clear of a session: cancels its reply and the operations that its last message waits for, and stops a
+    /// running measurement. Settings, status and error queue stay.
     pub fn clear_session(&mut self, session: Session, at: Duration, wires: &mut dyn Wires) {
         self.sessions.replies.remove(&session);
         self.sessions.busy.remove(&session);
@@ -177,14 +177,13 @@ impl Simulator34980a {
         self.notice(at);
     }
 
-    /// The status byte as a serial poll gives it, at any time: without message available, which the session's server
-    /// knows.
+    /// The status byte of a serial poll, at any time: without message available, which the session's server knows.
     pub fn status_byte(&self) -> u8 {
         self.status.status_byte(!self.errors.is_empty(), false)
     }
 
-    /// What the server noticed of a connection: a message came before the reply was read (-410), a reply was read that
-    /// was not asked for (-420), or both buffers were full (-430). The session's reply is lost.
+    /// Reports a fault of a session's connection: a message arrived before the reply was read (-410), a read without a
+    /// query (-420), or both buffers were full (-430). The session's reply is lost.
     pub fn fault_of_session(&mut self, session: Session, fault: ParseError) {
         self.sessions.replies.remove(&session);
         self.fail(fault.into());

@@ -1,4 +1,4 @@
-//! Readings of a frame, wiring by wiring, and what is no reading.
+//! Readings of a frame for each wiring, and replies that are not readings.
 
 use super::*;
 
@@ -135,7 +135,7 @@ async fn an_overload_is_a_gap_and_a_wrong_count_is_no_readings_at_all() {
     meter.prepare(volts, &relays(1001..=1003)).await.unwrap();
     switch.move_relays(&[close(&[1037])]).await.unwrap();
     assert_eq!(meter.scan().await.unwrap(), [Reading::Overload; 3]);
-    // not a number, and a number that no voltmeter can read on its 1 V range
+    // not a number, and a number that no voltmeter can return on its 1 V range
     shared.lie(
         READ,
         "+1.00000000E+00,+9.91000000E+37,+5.00000000E+03;+0,\"No error\"",
@@ -179,7 +179,7 @@ async fn a_long_scan_is_waited_for_and_silence_is_not() {
     };
     meter.prepare(slow, &relays(1001..=1026)).await.unwrap();
     switch.move_relays(&[close(&[1036])]).await.unwrap();
-    // 26 readings of 0.4 s each are far over the link's own 2 s.
+    // 26 readings of 0.4 s each take far longer than the link's own timeout of 2 s.
     assert_eq!(meter.scan().await.unwrap().len(), 26);
     shared.lie(READ, "");
     let begun = Instant::now();

@@ -1,4 +1,5 @@
-//! The driver against the simulator over a pipe: the same bytes as over TCP, in a time that a test's clock makes short.
+//! The driver against the simulator over a pipe: the same bytes as over TCP; the test's clock is paused and advances at
+//! once.
 
 mod frames;
 mod moves;
@@ -17,17 +18,16 @@ use survey::{Reading, Relay, Volts};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::Instant;
 
-/// A mainframe, its sheet, and what it has received.
+/// A mainframe, its sheet, and the messages it has received.
 struct TestInstrument {
     unit: Simulator34980a,
     sheet: Sheet,
     received: Vec<String>,
-    /// What is answered to a message with this end, or to a question among others, instead of the truth. An empty text
-    /// stands for silence.
+    /// Faked replies to messages with this end, or to one query among others. An empty text means no reply.
     lies: Vec<(&'static str, &'static str)>,
 }
 
-/// The answer to a message of several questions, with the lies about single ones in it.
+/// The reply to a message of several queries, with the faked replies to single ones inserted.
 fn bend(line: &str, answer: String, lies: &[(&str, &str)]) -> String {
     let questions: Vec<&str> = line.split(";").filter(|one| one.contains('?')).collect();
     let mut answers: Vec<&str> = answer.split(';').collect();
@@ -61,17 +61,17 @@ impl Shared {
         self.0.lock().unwrap().lies.clear();
     }
 
-    /// What was received since the last time.
+    /// The messages received since the last call.
     fn received(&self) -> Vec<String> {
         std::mem::take(&mut self.0.lock().unwrap().received)
     }
 
-    /// Does something to the mainframe behind the driver's back.
+    /// Sends a message to the mainframe without the driver.
     fn say(&self, message: &str) {
         self.ask(message);
     }
 
-    /// The reply to a message from beside the driver.
+    /// The reply to a message sent without the driver.
     fn ask(&self, message: &str) -> Option<String> {
         let device = &mut *self.0.lock().unwrap();
         let response = device
@@ -112,7 +112,7 @@ impl Shared {
                             }
                         }
                     };
-                    // The instrument's own time; the test's clock does not wait.
+                    // The instrument's own time; the test's clock is paused and advances at once.
                     tokio::time::sleep(busy).await;
                     if let Some(text) = text {
                         there

@@ -1,4 +1,4 @@
-//! Who is there, what fits, and relays that move or do not.
+//! Identity, wiring checks, and relays that move or do not.
 
 use super::*;
 
@@ -10,7 +10,7 @@ async fn relays_left_closed_are_found_so_and_opened_in_one_message() {
     let asked = relays([1036, 1037, 1040]);
     assert_eq!(unit.closed(&asked).await.unwrap(), [true, false, true]);
     shared.received();
-    // A move that is held back when things go wrong closes nothing on the way to safety.
+    // After a fault, a deferred move closes nothing on the way to safety.
     unit.move_relays(&[close(&[1037]), open(&[1036])])
         .await
         .unwrap();
@@ -50,7 +50,7 @@ async fn a_refused_move_fails_its_own_message_and_is_named() {
         ),
         "{told}"
     );
-    // The queue is empty again, and the next preparation sets everything anew.
+    // The queue is empty again, and the next preparation sends all settings again.
     shared.received();
     switch.open_verified(&relays([1030, 1036])).await.unwrap();
     assert_eq!(shared.received().len(), 1);
@@ -80,7 +80,7 @@ async fn other_models_are_refused_and_both_maker_names_accepted() {
         "34980A",
     ] {
         let shared = Shared::of(mainframe(&[]));
-        // A blank is no silence.
+        // A blank is a reply, an empty text would be none.
         let answer = if identity.is_empty() { " " } else { identity };
         shared.lie("*IDN?", answer);
         let refusal = Keysight34980a::connect(shared.plug()).await.unwrap_err();

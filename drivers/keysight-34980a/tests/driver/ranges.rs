@@ -1,4 +1,4 @@
-//! What is set with a reading: ranges, delays, lists, averages, routes.
+//! Settings sent with a reading: ranges, delays, lists, averages, routes.
 
 use super::*;
 
@@ -19,7 +19,7 @@ async fn channel_range_is_set_in_the_scan_message_where_it_changes() {
             })
             .collect()
     };
-    // 1.001 to 1.004 V behind the four channels
+    // 1.001 to 1.004 V at the four channels
     let readings = meter.scan_on(&on([10.0, 0.1, 10.0, 100.0])).await.unwrap();
     assert_eq!(readings[1], Reading::Overload);
     assert!(readings[0].is_ok() && readings[2].is_ok() && readings[3].is_ok());
@@ -32,7 +32,7 @@ async fn channel_range_is_set_in_the_scan_message_where_it_changes() {
         shared.received(),
         ["VOLT:DC:RANG 10,(@1002);:READ?;:SYST:ERR?"]
     );
-    // The next frame finds them as they were left, and says so to nobody.
+    // The next frame finds the settings unchanged and sends none.
     meter.prepare(METER, &relays(1001..=1004)).await.unwrap();
     assert!(
         shared
@@ -90,7 +90,7 @@ async fn channel_delay_is_set_in_the_scan_message_where_it_changes() {
     // read back as set
     meter.prepare(patient, &relays(1001..=1003)).await.unwrap();
     assert_eq!(shared.received().len(), 1);
-    // far longer than any other answer may take
+    // far longer than the usual reply time
     meter.scan_on(&on([30_000_000, 0, 0])).await.unwrap();
     assert!(matches!(
         meter.scan_on(&on([60_000_000, 0, 0])).await,
@@ -195,7 +195,7 @@ async fn a_chain_of_routes_is_one_message_with_an_answer_each() {
           :ROUT:OPEN (@1103);:ROUT:CLOS (@1501);:READ?;\
           :ROUT:OPEN (@1501);:ROUT:CLOS (@1104);:VOLT:DC:RANG 0.1,(@);:READ?;:SYST:ERR?"]
     );
-    // One answer too few: nobody knows whose is missing.
+    // One reply too few: the replies cannot be assigned to queries.
     shared.lie(READ, "+1.0E+00;+1.0E+00;+0,\"No error\"");
     assert!(matches!(
         meter.chain(&hops[..1]).await,
@@ -229,7 +229,7 @@ async fn settings_that_do_not_hold_are_told_by_name() {
     shared.truth();
     assert!(matches!(unit.scan().await, Err(RigError::Unable { .. })));
     unit.prepare(METER, &scan).await.unwrap();
-    // Somebody changes a setting at the front panel: the next preparation sees it.
+    // Someone changes a setting at the front panel: the next preparation detects it.
     shared.say("VOLT:DC:RANG 1,(@1002)");
     assert!(matches!(
         unit.prepare(METER, &scan).await,
@@ -272,14 +272,14 @@ async fn older_headers_are_sent_where_new_ones_are_undefined() {
         for quantity in [Quantity::Autozero, Quantity::InputAuto] {
             assert_eq!(unit.accepted_headers().await[&quantity], headers);
         }
-        // a later preparation sends the accepted form alone
+        // a later preparation sends only the accepted form
         unit.prepare(MeterSettings::new(Volts(10.0), 1.0), &scan)
             .await
             .unwrap();
         let again = shared.received();
         let form = |text: &&String| text.contains("ZERO:AUTO OFF");
         assert_eq!(again.iter().filter(form).count(), 1, "{again:?}");
-        // the other form is undefined, and says nothing
+        // the other form is undefined, and has no reply
         assert_eq!(shared.ask(undefined), None);
         assert_eq!(
             shared.ask("SYST:ERR?").as_deref(),

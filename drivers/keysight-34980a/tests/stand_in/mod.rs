@@ -1,4 +1,4 @@
-//! A stand-in for sheet and rig: stores relay states, gives voltages by a rule.
+//! A replacement for sheet and rig: records relay states, computes voltages by a rule.
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use std::collections::BTreeSet;
@@ -8,8 +8,8 @@ use keysight_34980a::{MeterRequest, Module, Settings34980a, Simulator34980a, Wir
 use survey::{Relay, Volts};
 
 /// The voltage of a measuring channel is its own number times 1 mV plus 1 V for injecting pair 1, 2 V for pair 2, ...
-/// while exactly one injecting pair (a channel of bank 2 or of a source row) is closed. A bare reading sees the
-/// channel of a matrix row 1 or 5 that is closed behind relay 921.
+/// while exactly one injecting pair (a channel of bank 2 or of a source row) is closed. A bare reading sees the channel
+/// of a matrix row 1 or 5 that is closed together with relay 921.
 #[derive(Debug, Default)]
 pub struct Sheet {
     pub closed: BTreeSet<Relay>,
@@ -72,7 +72,7 @@ pub fn mainframe_slots(modules: &[&str]) -> [Option<Module>; 8] {
     slots
 }
 
-/// Says one message at time 0 and gives the answer.
+/// Sends one message at time 0 and returns the reply.
 pub fn say(unit: &mut Simulator34980a, sheet: &mut Sheet, message: &str) -> Option<String> {
     unit.receive(message, Duration::ZERO, sheet).text
 }

@@ -1,4 +1,4 @@
-//! What the commands of the voltmeter do (section 5).
+//! Execution of the voltmeter's commands (section 5).
 
 use std::time::Duration;
 
@@ -41,7 +41,7 @@ impl Simulator34980a {
         Ok(None)
     }
 
-    /// A setting of so many channels costs its time.
+    /// A setting takes time for each of its channels.
     fn configured(&mut self, channels: usize, turn: &mut Turn<'_>) {
         self.status.operation.latch(CONFIGURATION_CHANGED);
         let channels = u32::try_from(channels).unwrap_or(u32::MAX);
@@ -185,8 +185,8 @@ impl Simulator34980a {
         Ok(None)
     }
 
-    /// The last reading of one channel, or of the voltmeter alone, with every field and the time of day; zeros where
-    /// there is none (help: DATA:LAST?).
+    /// The last reading of one channel, or of the voltmeter alone, with every field and the time of day; zeros if there
+    /// is none (help: DATA:LAST?).
     fn last_reading(&self, channel: Option<&ChannelList>, turn: &Turn<'_>) -> Reply {
         let channel = match channel {
             None => None,
@@ -201,7 +201,7 @@ impl Simulator34980a {
         }))
     }
 
-    /// What MEAS? reads.
+    /// The readings of MEAS?.
     fn read_once(&mut self, scans: bool, turn: &mut Turn<'_>) -> Reply {
         let meter = &mut self.meter;
         let end = meter.read_once(scans, turn.now, &mut self.relays, turn.wires)?;

@@ -1,4 +1,4 @@
-//! What each command does. Every match is exhaustive: a new command does not compile until it is answered.
+//! Execution of each command. Every match is exhaustive: a new command does not compile until it is handled.
 
 mod measure;
 mod system;
@@ -13,20 +13,20 @@ use crate::simulator::errors::Trouble;
 use crate::simulator::relays::Moves;
 use crate::simulator::{Session, Simulator34980a, Wires};
 
-/// The parts of a received command.
+/// Context of the execution of a received command.
 pub(crate) struct Turn<'a> {
     pub(super) session: Session,
     pub(super) now: Duration,
-    /// A reply of this session waits already.
+    /// This session has an unread reply already.
     pub(super) replied: bool,
-    /// Nothing follows in its message.
+    /// The command is the last of its message.
     pub(super) last: bool,
-    /// How deep in sequences; 0 outside.
+    /// Nesting depth of sequences; 0 outside.
     pub(super) depth: u32,
     pub(super) wires: &'a mut dyn Wires,
 }
 
-/// The reply of a query; `None` of a command.
+/// The reply to a query; `None` for a command.
 type Reply = Result<Option<String>, Trouble>;
 
 fn yes_no(yes: bool) -> Reply {
@@ -34,7 +34,7 @@ fn yes_no(yes: bool) -> Reply {
 }
 
 impl Simulator34980a {
-    /// Carries one command out. The turn's time moves on by what it takes.
+    /// Executes one command. Advances the context's time by the time that the command takes.
     pub(crate) fn obey(&mut self, command: Command, turn: &mut Turn<'_>) -> Reply {
         match command {
             Command::Common(common) => self.obey_common(common, turn),
@@ -209,7 +209,7 @@ impl Simulator34980a {
         Ok(None)
     }
 
-    /// Breaks the measurement at work off; an answer that waits for it has what is there.
+    /// Aborts the running measurement; a reply that waits for it gets the readings taken so far.
     pub(crate) fn stop_measuring(&mut self, at: Duration, wires: &mut dyn Wires) {
         self.meter.abort(at, &mut self.relays, wires);
         self.settle_deferred(false);
@@ -240,7 +240,7 @@ impl Simulator34980a {
         Ok(Some(join(states)))
     }
 
-    /// Relays move; unless commands may overlap, the next one waits until they have settled.
+    /// Relays are moving; unless commands may overlap, the next one waits until they have settled.
     fn moved(&mut self, moves: Moves, turn: &mut Turn<'_>) {
         let settled = self.relays.settle(moves, turn.now);
         self.relays.tell(settled, turn.wires);
@@ -249,7 +249,7 @@ impl Simulator34980a {
         }
     }
 
-    /// Waits for the end of the measurement at work.
+    /// Waits for the end of the running measurement.
     pub(crate) fn wait_for_measurement(&mut self, turn: &mut Turn<'_>) -> Result<(), Trouble> {
         if self.meter.is_endless() {
             return Err(ParseError::SettingsConflict.into());
@@ -263,7 +263,7 @@ impl Simulator34980a {
         Ok(())
     }
 
-    /// Without overlap commands are carried out one after the other, those of a sequence before those that follow it.
+    /// Without overlap commands are executed one after the other; those of a sequence come before those that follow it.
     fn wait_for_sequence(&mut self, turn: &mut Turn<'_>) {
         if turn.depth == 0 && !self.overlap {
             self.end_sequence(turn);

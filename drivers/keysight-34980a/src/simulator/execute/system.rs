@@ -1,4 +1,4 @@
-//! What the commands of the mainframe and its status do (sections 1, 3 and 7).
+//! Execution of the commands of the mainframe and its status (sections 1, 3 and 7).
 
 use scpi::{StatusRegister, quote};
 

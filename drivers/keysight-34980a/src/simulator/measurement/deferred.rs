@@ -1,7 +1,8 @@
-//! Replies of a READ? that are written when its readings have been taken, each at its own instant.
+//! Replies to READ? that are completed when their readings have been taken, each at its own instant.
 //!
-//! [`Simulator34980a::receive_from`] knows the answer at once, with readings ahead of their time: what else changes in the rig
-//! meanwhile is not in them. A server that keeps time lets a message begin, waits, and fetches the answer.
+//! [`Simulator34980a::receive_from`] computes the reply at once and takes readings ahead of their time: changes
+//! elsewhere in the rig in the meantime are not in them. A real-time server lets a message begin, waits, and fetches
+//! the reply.
 
 use std::time::Duration;
 
@@ -11,7 +12,7 @@ use crate::simulator::{Response, Session, Simulator34980a, Wires};
 #[derive(Debug)]
 pub(crate) struct Deferred {
     session: Session,
-    /// What the message's other queries answered.
+    /// Replies of the message's other queries.
     before: Option<String>,
     end: Duration,
     /// The readings, once they have been taken.
@@ -19,9 +20,9 @@ pub(crate) struct Deferred {
 }
 
 impl Simulator34980a {
-    /// As [`Simulator34980a::receive_from`], but a message that ends by READ? or MEAS? has its readings taken at their own
-    /// instants. Then the second value is true: the text is not known yet, and [`Simulator34980a::fetch`] gives it when
-    /// the response's time is over.
+    /// As [`Simulator34980a::receive_from`], but a message that ends with READ? or MEAS? has its readings taken at
+    /// their own instants. In this case the second value is true: the text is not known yet, and
+    /// [`Simulator34980a::fetch`] returns it when the response's time is over.
     pub fn begin_from(
         &mut self,
         session: Session,
@@ -29,7 +30,7 @@ impl Simulator34980a {
         at: Duration,
         wires: &mut dyn Wires,
     ) -> (Response, bool) {
-        // Who asks anew wants no older answer.
+        // A new query cancels the older reply.
         self.forget_deferred(session);
         self.deferring = self.deferred.is_none();
         let mut response = self.receive_from(session, line, at, wires);
@@ -43,7 +44,7 @@ impl Simulator34980a {
         }
     }
 
-    /// The answer of a message that was begun. `None` when its measurement has come to nothing.
+    /// The reply to a message that was begun. `None` if its measurement was cancelled.
     pub fn fetch(
         &mut self,
         session: Session,
@@ -63,7 +64,7 @@ impl Simulator34980a {
         (!text.is_empty()).then_some(text)
     }
 
-    /// A measurement has begun whose readings are to be answered.
+    /// A measurement has begun whose readings form the reply.
     pub(crate) fn defer(&mut self, session: Session, end: Duration) {
         self.deferred = Some(Deferred {
             session,
@@ -73,7 +74,7 @@ impl Simulator34980a {
         });
     }
 
-    /// Writes the readings down when the measurement is over, or is about to be broken off.
+    /// Stores the readings when the measurement is over, or just before it is aborted.
     pub(crate) fn settle_deferred(&mut self, over: bool) {
         if let Some(deferred) = &mut self.deferred
             && deferred.readings.is_none()
@@ -84,7 +85,7 @@ impl Simulator34980a {
         }
     }
 
-    /// A session wants no answer any more.
+    /// Cancels a session's pending reply.
     pub(crate) fn forget_deferred(&mut self, session: Session) {
         if self
             .deferred

@@ -1,9 +1,9 @@
-//! What each function other than DC volts is set to on a channel, how long its reading takes, and what it reads.
+//! Functions other than DC volts: settings of a channel, time of a reading, and the value of a reading.
 //!
-//! A resistance is what the voltmeter has at its terminals, or on bus 2, while its test current flows, over that
-//! current: voltages of the circuit's own are in it, unless offset compensation takes them out. Nothing is joined to
-//! a current input here, so that currents are zero. Test currents, automatic delays and what a counter
-//! without a signal reads are those of the sister 34970A: known, not in the fact sheet.
+//! A resistance is the voltage at the voltmeter's terminals, or on bus 2, while its test current flows, divided by that
+//! current: the circuit's own voltages are included, unless offset compensation removes them. Nothing is connected to a
+//! current input here, so that currents are zero. Test currents, automatic delays and the reading of a counter without
+//! a signal are those of the similar 34970A: known, but not in the fact sheet.
 
 use std::time::Duration;
 
@@ -16,9 +16,9 @@ use crate::simulator::measurement::setup::{Timing, integration_for, resolution_o
 use crate::simulator::measurement::temperature;
 use crate::simulator::{MeterRequest, Wires};
 
-/// A reading may exceed its range by a fifth (section 5).
+/// Overrange as a factor of the range (section 5).
 pub(crate) const OVER_RANGE: f64 = 1.2;
-/// Of a counter's voltage range, what a signal must have.
+/// Smallest signal of a counter, as a fraction of its voltage range.
 const LEAST_SIGNAL: f64 = 0.1;
 /// Temperature of a terminal block, degrees Celsius.
 const INDOORS: f64 = 23.0;
@@ -70,12 +70,12 @@ impl Own {
         }
     }
 
-    /// The same for its sister: two and four wires share their settings.
+    /// The same settings for the related function: two- and four-wire resistance share their settings.
     pub(crate) fn measuring(self, function: Function) -> Self {
         Self { function, ..self }
     }
 
-    /// As CONF leaves it; the unit of temperatures stays.
+    /// The settings after CONF; the unit of temperatures stays.
     pub(crate) fn configured(self, wanted: Wanted) -> Result<Self, Trouble> {
         let mut own = Self {
             range: wanted.range,
@@ -104,7 +104,7 @@ impl Own {
         takes(self.function, detail).is_some()
     }
 
-    /// Whether it is sensed on bus 2 through a channel's partner in the other bank.
+    /// Whether the voltage is sensed on bus 2 through a channel's partner in the other bank.
     pub(crate) fn four_wire(&self) -> bool {
         match self.function {
             Function::FourWire => true,
@@ -133,7 +133,7 @@ impl Own {
                 self.aperture_enabled = false;
             }
             (Detail::Aperture, Given::Number(seconds)) => {
-                // Of what integrates in steps of 4 us from the shortest.
+                // Integrating functions: in steps of 4 us from the shortest.
                 self.aperture = (seconds / 4e-6).round() * 4.0 / 1e6;
                 self.aperture_enabled = self.function.integrates();
             }
@@ -155,7 +155,7 @@ impl Own {
             (Detail::RtdCompensated, Given::Switch(on)) => self.rtd_compensated = on,
             (Detail::Thermistor, Given::Number(kind)) => self.thermistor = kind,
             (Detail::Degrees, Given::Word(degrees)) => self.degrees = degrees,
-            // Autozero belongs to the channel, whatever it measures; the grammar makes no other pair.
+            // Autozero belongs to the channel, whatever it measures; the grammar allows no other pair.
             _ => return Err(ParseError::SettingsConflict.into()),
         }
         Ok(())
@@ -168,7 +168,7 @@ impl Own {
         }
     }
 
-    /// Integration, power-line cycles.
+    /// Integration time, power-line cycles.
     pub(crate) fn cycles(&self, line_hz: f64) -> f64 {
         if self.aperture_enabled {
             self.aperture * line_hz
@@ -177,7 +177,7 @@ impl Own {
         }
     }
 
-    /// Answers a query for one setting, or for a limit of it.
+    /// Reply to a query for one setting, or for a limit of it.
     pub(crate) fn answer(
         &self,
         detail: Detail,
@@ -200,7 +200,7 @@ impl Own {
             Detail::Couple => return word(self.couple),
             Detail::JunctionSource => return word(self.junction_source),
             Detail::Degrees => return word(self.degrees),
-            // Answered by the channel.
+            // The channel replies to this query.
             Detail::Autozero => return Err(ParseError::SettingsConflict.into()),
             Detail::Range => self.fixed_range(),
             Detail::Nplc => self.nplc,
@@ -230,14 +230,14 @@ impl Own {
             Some(Numeric::Max) => limits[1],
             Some(_) => limits[2],
         };
-        // Numbers that are one of a few are told as whole ones.
+        // Numbers from a short list are reported as integers.
         Ok(match detail {
             Detail::Bandwidth | Detail::Rtd | Detail::Thermistor => format!("{reported:+.0}"),
             _ => format_nr3_signed(reported, 8),
         })
     }
 
-    /// As CONF? answers it.
+    /// The reply to CONF?.
     pub(crate) fn configuration(&self, line_hz: f64) -> String {
         let word = self.function.word();
         let numbers = |range: f64, resolution: f64| {
@@ -260,7 +260,7 @@ impl Own {
         }
     }
 
-    /// How long its reading takes.
+    /// Time of a reading.
     pub(crate) fn timing(&self, line_hz: f64) -> Timing {
         let slow = self.cycles(line_hz) > 1.0;
         let by_filter = |times: [f64; 3]| match self.bandwidth {
@@ -343,7 +343,7 @@ impl Own {
         }
     }
 
-    /// On its range, or on the smallest that holds what the widest shows.
+    /// The value on the fixed range, or on the smallest range that holds the value of the widest.
     fn ranged(&self, mut measure: impl FnMut(f64) -> f64) -> f64 {
         let mut on = |range: f64| over(measure(range), range * OVER_RANGE);
         match self.range {
@@ -417,7 +417,7 @@ impl Own {
     }
 }
 
-/// Infinite, with its sign, where a value exceeds its limit.
+/// Infinite, with its sign, if a value exceeds its limit.
 pub(crate) fn over(value: f64, limit: f64) -> f64 {
     if value.abs() <= limit {
         value
@@ -428,7 +428,7 @@ pub(crate) fn over(value: f64, limit: f64) -> f64 {
     }
 }
 
-/// What flows through the resistance on a range.
+/// The test current of a resistance range.
 fn test_current(range: f64) -> Amps {
     Amps(match range {
         range if range <= 1e3 => 1e-3,

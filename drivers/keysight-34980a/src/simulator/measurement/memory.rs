@@ -1,4 +1,4 @@
-//! Readings in memory, and how they are written (section 5).
+//! Readings in memory, and their text form (section 5).
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -22,13 +22,13 @@ pub(crate) struct Stored {
     pub(crate) channel: Option<Relay>,
 }
 
-/// Readings in the order of their time. Those of a READ? lie there before their time has come.
+/// Readings in the order of their time. Those of a READ? are stored before their time has come.
 #[derive(Debug)]
 pub(crate) struct Memory {
     readings: VecDeque<Stored>,
     most: usize,
     overflown: bool,
-    /// Of each channel the last reading that was taken out.
+    /// The last reading of each channel that was removed.
     taken: BTreeMap<Option<Relay>, Stored>,
 }
 
@@ -42,12 +42,12 @@ impl Memory {
         }
     }
 
-    /// How many it can hold.
+    /// Capacity.
     pub(crate) fn most(&self) -> usize {
         self.most
     }
 
-    /// Adds a reading; the oldest gives way when there is no room.
+    /// Adds a reading; a full memory drops the oldest.
     pub(crate) fn push(&mut self, reading: Stored) {
         if self.readings.len() == self.most {
             let oldest = self.readings.pop_front();
@@ -68,24 +68,24 @@ impl Memory {
         self.overflown
     }
 
-    /// How many are there at that time.
+    /// Number of readings up to this time.
     pub(crate) fn points(&self, now: Duration) -> usize {
         self.readings.partition_point(|reading| reading.at <= now)
     }
 
-    /// Those that are there at that time.
+    /// The readings up to this time.
     pub(crate) fn read(&self, now: Duration) -> impl Iterator<Item = &Stored> {
         self.readings.iter().take(self.points(now))
     }
 
-    /// The last reading of a channel at that time, also where it was taken out since.
+    /// The last reading of a channel up to this time, even if it was removed since.
     pub(crate) fn last(&self, channel: Option<Relay>, now: Duration) -> Option<&Stored> {
         let there = self.readings.range(..self.points(now));
         let mut of_channel = there.rev().filter(|reading| reading.channel == channel);
         of_channel.next().or_else(|| self.taken.get(&channel))
     }
 
-    /// Takes the oldest out. At most as many as are there.
+    /// Removes the oldest readings, at most those that exist.
     pub(crate) fn take(&mut self, count: usize, now: Duration) -> Vec<Stored> {
         let count = count.min(self.points(now));
         let taken: Vec<Stored> = self.readings.drain(..count).collect();
@@ -94,13 +94,13 @@ impl Memory {
         taken
     }
 
-    /// Forgets what lies there before its time.
+    /// Drops the readings after this time.
     pub(crate) fn forget_after(&mut self, now: Duration) {
         self.readings.truncate(self.points(now));
     }
 }
 
-/// What a reading carries behind its value.
+/// The fields that follow a reading's value.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Form {
     pub(crate) fields: BTreeSet<Field>,

@@ -1,5 +1,4 @@
-//! The internal voltmeter and what it measures (fact sheet, section 5).
-//! Relays and status belong to the mainframe.
+//! The internal voltmeter and its measurements (fact sheet, section 5). Relays and status belong to the mainframe.
 
 pub(crate) mod deferred;
 pub(crate) mod functions;

@@ -1,4 +1,4 @@
-//! A measurement at work: sweeps through a list of channels, each reading at its own instant.
+//! A running measurement: sweeps through a list of channels, each reading at its own instant.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -26,7 +26,7 @@ pub(crate) struct Stop {
     pub(crate) again: bool,
 }
 
-/// What is measured there.
+/// The measured quantity.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Measured {
     /// DC volts on a range.
@@ -61,12 +61,12 @@ impl Measured {
     }
 }
 
-/// What a sweep begins with.
+/// The event that starts a sweep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Pace {
-    /// The end of the last one.
+    /// The end of the previous sweep.
     Continuous,
-    /// So long after the last one began.
+    /// This time after the start of the previous sweep.
     Timer(Duration),
     /// A trigger.
     Triggered,
@@ -74,15 +74,15 @@ pub(crate) enum Pace {
 
 #[derive(Debug, Clone, Copy)]
 enum Phase {
-    /// The channel of this index is joined then.
+    /// The channel with this index is connected at this time.
     Due(usize, Duration),
-    /// It was joined then, and its reading is being taken.
+    /// The channel was connected at this time, and its reading is being taken.
     Measuring(usize, Duration, Joined),
-    /// For a trigger.
+    /// Waiting for a trigger.
     Waiting,
 }
 
-/// What happened that the status registers want to know.
+/// Events for the status registers.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Noticed {
     pub(crate) measured: bool,
@@ -126,17 +126,17 @@ impl Run {
         matches!(self.phase, Phase::Waiting)
     }
 
-    /// Takes a trigger, if one is waited for.
+    /// Receives a trigger, if one is awaited.
     pub(crate) fn trigger(&mut self, now: Duration) -> bool {
         let waits = self.is_waiting();
         if waits {
-            // Another session's trigger may come before a busy one has begun to wait by the instrument's clock.
+            // Another session's trigger may arrive before a busy session has begun to wait by the instrument's clock.
             self.phase = Phase::Due(0, now.max(self.start));
         }
         waits
     }
 
-    /// When it next does something.
+    /// Time of the next action.
     pub(crate) fn due(&self) -> Option<Duration> {
         match self.phase {
             Phase::Due(_, at) => Some(at),
@@ -149,7 +149,7 @@ impl Run {
         self.stops.iter().map(|stop| stop.period).sum()
     }
 
-    /// When the next sweep begins after one that ended then.
+    /// Start of the next sweep after one that ended at this time.
     fn next_sweep(&self, ended: Duration, done: u32) -> Duration {
         match self.pace {
             Pace::Timer(timer) => ended.max(self.start + timer * done),
@@ -157,7 +157,7 @@ impl Run {
         }
     }
 
-    /// When it ends, where that can be foreseen; of a triggered one the end of the sweep at work.
+    /// End of the measurement, if it can be foreseen; for a triggered one the end of the present sweep.
     pub(crate) fn ends_at(&self) -> Option<Duration> {
         let (index, from) = match self.phase {
             Phase::Due(index, at) => (index, at),
@@ -173,13 +173,13 @@ impl Run {
         if after == 0 {
             return Some(ended);
         }
-        // Sweeps follow one another without a gap, or by the timer: whichever takes longer to the last of them.
+        // Sweeps follow one another without a gap, or by the timer: whichever takes longer.
         let second = self.next_sweep(ended, self.done + 1);
         let in_a_row = second + self.sweep_time() * (after - 1);
         Some(self.next_sweep(in_a_row, self.done + after) + self.sweep_time())
     }
 
-    /// Does everything that is due by then; says whether it has ended.
+    /// Executes everything that is due up to this time; returns whether the measurement has ended.
     pub(crate) fn advance(
         &mut self,
         to: Duration,
@@ -253,8 +253,8 @@ impl Run {
         }
     }
 
-    /// Leaves out sweeps whose readings would all be lost again before anybody could ask for them: after a long
-    /// silence only as many are measured as the memory holds. Says when the next sweep to be measured begins.
+    /// Skips sweeps whose readings would be overwritten before they could be read: after a long time without calls only
+    /// as many sweeps are measured as the memory holds. Returns the start of the next sweep to be measured.
     fn skip(
         &mut self,
         at: Duration,
@@ -283,7 +283,7 @@ impl Run {
         at + step * skipped
     }
 
-    /// Opens what a reading has closed.
+    /// Opens the relays that a reading has closed.
     pub(crate) fn stop(&mut self, at: Duration, relays: &mut Relays, wires: &mut dyn Wires) {
         if let Phase::Measuring(_, _, joined) = self.phase {
             relays.unjoin(joined);

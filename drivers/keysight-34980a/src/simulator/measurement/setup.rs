@@ -1,4 +1,4 @@
-//! How one channel is set up, and what follows from it: integration, delay, time, resolution (section 5).
+//! Settings of one channel, and what follows from them: integration, delay, time, resolution (section 5).
 
 use std::time::Duration;
 
@@ -8,26 +8,26 @@ use crate::command::{Function, Quantity, Range, Setting};
 use crate::meter::{INTEGRATION, RANGES};
 use crate::simulator::errors::Trouble;
 
-/// Readings a second that the voltmeter alone can take (section 5).
+/// Readings a second of the voltmeter alone (section 5).
 const READINGS_PER_SECOND: f64 = 3000.0;
 const WIDEST: f64 = RANGES[RANGES.len() - 1];
 
-/// What a reading takes.
+/// Times of a reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Timing {
-    /// Integration, or gate, s.
+    /// Integration time or gate time, s.
     pub(crate) seconds: f64,
-    /// Autozero doubles that.
+    /// Whether autozero doubles that time.
     pub(crate) zero_too: bool,
     /// Automatic channel delay, s.
     pub(crate) delay: f64,
 }
 
-/// How one channel, or the bare voltmeter, is measured.
+/// Settings of one channel, or of the bare voltmeter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Setup {
     pub(crate) function: Function,
-    /// Of DC volts, as all that follows but delay and autozero.
+    /// For DC volts, like all further fields except delay and autozero.
     pub(crate) range: Range,
     nplc: f64,
     /// s.
@@ -55,7 +55,7 @@ impl Default for Setup {
 }
 
 impl Setup {
-    /// As CONF leaves a channel.
+    /// The settings after CONF.
     pub(crate) fn configured(range: Range, resolution: Option<Numeric>) -> Result<Self, Trouble> {
         let nplc = match resolution {
             Some(resolution) => integration_for(range, resolution)?,
@@ -70,20 +70,20 @@ impl Setup {
         Ok(setup)
     }
 
-    /// The instrument turns autozero off where the integration is set below one power-line cycle (section 5); says
-    /// whether it is.
+    /// The instrument switches autozero off if the integration time is set below one power-line cycle (section 5);
+    /// returns whether it is below.
     pub(crate) fn without_zero_below_a_cycle(&mut self, cycles: f64) -> bool {
         let below = cycles < 1.0;
         self.autozero &= !below;
         below
     }
 
-    /// The same for another function.
+    /// The same settings for another function.
     pub(crate) fn measuring(self, function: Function) -> Self {
         Self { function, ..self }
     }
 
-    /// Integration, power-line cycles.
+    /// Integration time, power-line cycles.
     pub(crate) fn cycles(&self, line_hz: f64) -> f64 {
         if self.aperture_enabled {
             self.aperture * line_hz
@@ -92,7 +92,7 @@ impl Setup {
         }
     }
 
-    /// Of DC volts: 1 ms of delay up to 1 cycle, 2 ms above.
+    /// For DC volts: 1 ms of delay up to 1 cycle, 2 ms above.
     pub(crate) fn timing(&self, line_hz: f64) -> Timing {
         let cycles = self.cycles(line_hz);
         Timing {
@@ -126,7 +126,7 @@ impl Setup {
         survey::duration(seconds)
     }
 
-    /// `timing` is that of what the channel measures.
+    /// `timing` is that of the channel's function.
     pub(crate) fn change(
         &mut self,
         setting: Setting,
@@ -136,7 +136,7 @@ impl Setup {
         match setting {
             Setting::Range(range) => self.range = range,
             Setting::RangeAuto(true) => self.range = Range::Auto,
-            // The range that it had is not known before it has measured; the widest loses nothing.
+            // The range in use is not known before a measurement; the widest loses nothing.
             Setting::RangeAuto(false) => self.range = Range::Fixed(self.fixed_range()),
             Setting::Nplc(nplc) => {
                 self.nplc = nplc;
@@ -178,7 +178,7 @@ impl Setup {
         resolution_of(self.cycles(line_hz), self.fixed_range())
     }
 
-    /// Answers a query for one setting, or for a limit of it.
+    /// Reply to a query for one setting, or for a limit of it.
     pub(crate) fn answer(
         &self,
         quantity: Quantity,
@@ -211,7 +211,7 @@ impl Setup {
         Ok(format_nr3_signed(value, 8))
     }
 
-    /// As CONF? answers it.
+    /// The reply to CONF?.
     pub(crate) fn configuration(&self, line_hz: f64) -> String {
         match self.range {
             Range::Fixed(range) => format!(
@@ -231,7 +231,7 @@ fn yes_no(yes: bool, limit: Option<Numeric>) -> Result<String, Trouble> {
     }
 }
 
-/// Resolution of an integration of so many power-line cycles; of a time between two that of the shorter.
+/// Resolution for an integration time in power-line cycles; between two listed times that of the shorter.
 pub(crate) fn resolution_of(cycles: f64, range: f64) -> f64 {
     let fraction = INTEGRATION
         .into_iter()
@@ -241,13 +241,13 @@ pub(crate) fn resolution_of(cycles: f64, range: f64) -> f64 {
     fraction * range
 }
 
-/// The shortest integration whose resolution suffices.
+/// The shortest integration time with a sufficient resolution.
 pub(crate) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, Trouble> {
     let Range::Fixed(range) = range else {
-        // A resolution in volts means nothing while the range is not fixed.
+        // A resolution in volts is undefined while the range is not fixed.
         return Err(ParseError::SettingsConflict.into());
     };
-    // MIN is the smallest value, that is the finest; one coarser than any is the coarsest.
+    // MIN is the smallest and so the finest value; a value coarser than all is the coarsest.
     let requested = match resolution {
         Numeric::Value(value) => value.abs(),
         Numeric::Min => 3e-7 * range,
@@ -257,7 +257,7 @@ pub(crate) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, 
     };
     INTEGRATION
         .into_iter()
-        // The last digit of a value given in decimals must not cost a step.
+        // Rounding in the last digit of a decimal value must not change the step.
         .find(|(_, fraction)| fraction * range <= requested * (1.0 + 1e-9))
         .map(|(nplc, _)| nplc)
         .ok_or(ParseError::OutOfRange.into())

@@ -1,4 +1,4 @@
-//! Which relays are closed, and which may be: fact sheet sections 2 to 4.
+//! Which relays are closed, and which may be closed: fact sheet sections 2 to 4.
 
 mod slots;
 
@@ -14,7 +14,7 @@ use crate::simulator::errors::Trouble;
 pub(crate) use slots::Moves;
 use slots::Slot;
 
-/// What one reading closes: the channel and its relay to bus 1, the sensing channel and its relay to bus 2.
+/// The relays closed for one reading: the channel and its relay to bus 1, the sensing channel and its relay to bus 2.
 pub(crate) type Joined = [Option<Relay>; 4];
 
 #[derive(Debug)]
@@ -40,7 +40,7 @@ impl Relays {
         }
     }
 
-    /// Tells the wires what really conducts.
+    /// Passes the relays that actually conduct to the wires.
     pub(crate) fn tell(&self, at: Duration, wires: &mut dyn Wires) {
         if self.stuck_open.is_empty() && self.stuck_closed.is_empty() {
             wires.relays(&self.closed, at);
@@ -54,7 +54,7 @@ impl Relays {
         &self.closed
     }
 
-    /// Counts the closures of scans that nobody watched.
+    /// Counts the closures of skipped scans.
     pub(crate) fn count_scanned(&mut self, channel: Relay, times: u32) {
         let Ok((module, _)) = self.contact(channel) else {
             return;
@@ -67,7 +67,7 @@ impl Relays {
         }
     }
 
-    /// The relay that leads a channel to bus 1.
+    /// The relay that connects a channel to bus 1.
     fn bus_relay(&self, channel: Relay) -> Option<Relay> {
         self.bus_relay_to(channel, 1)
     }
@@ -95,7 +95,7 @@ impl Relays {
         place.and_then(|place| place.module).ok_or(Trouble::SLOT)
     }
 
-    /// What a relay is, and of which module.
+    /// The switch behind a relay number, and its module.
     pub(crate) fn contact(&self, relay: Relay) -> Result<(Module, Contact), Trouble> {
         let (slot, channel) = split(relay).ok_or(Trouble::SLOT)?;
         let module = self.module(slot)?;
@@ -103,8 +103,8 @@ impl Relays {
         Ok((module, contact))
     }
 
-    /// The relays of a list, in its order. A range is ascending, skips what does not exist and all ABus relays, and
-    /// must have ends that exist and are none (section 2).
+    /// The relays of a list, in its order. A range is ascending and skips channels that do not exist and all ABus
+    /// relays; its ends must exist and must not be ABus relays (section 2).
     pub(crate) fn expand(&self, list: &ChannelList) -> Result<Vec<Relay>, Trouble> {
         let mut relays = Vec::new();
         for entry in list.entries() {
@@ -135,7 +135,7 @@ impl Relays {
         Ok(relays)
     }
 
-    /// As [`Relays::expand`], where an empty list makes no sense.
+    /// As [`Relays::expand`], for commands that need a non-empty list.
     pub(crate) fn expand_some(&self, list: &ChannelList) -> Result<Vec<Relay>, Trouble> {
         let relays = self.expand(list)?;
         if relays.is_empty() {
@@ -144,7 +144,7 @@ impl Relays {
         Ok(relays)
     }
 
-    /// Closes all or none, and says how long that takes.
+    /// Closes all or none, and returns the time that takes.
     pub(crate) fn close(&mut self, relays: &[Relay], scan: &[Relay]) -> Result<Moves, Trouble> {
         let mut after = self.closed.clone();
         after.extend(relays);
@@ -215,7 +215,7 @@ impl Relays {
         matches!(self.contact(relay), Ok((_, Contact::AnalogBus { .. })))
     }
 
-    /// The relays of a list of high sides with their low sides.
+    /// The relays of a list of high-side channels with their low-side partners.
     pub(crate) fn expand_pairs(&self, list: &ChannelList) -> Result<Vec<[Relay; 2]>, Trouble> {
         self.expand_some(list)?
             .into_iter()
@@ -250,7 +250,7 @@ impl Relays {
         moves
     }
 
-    /// Opens those of the closed relays that are meant, and says how long that takes.
+    /// Opens the closed relays that `meant` selects, and returns the time that takes.
     pub(crate) fn open(&mut self, meant: impl Fn(Relay) -> bool) -> Moves {
         let mut moves = Moves::default();
         let opened: Vec<Relay> = self.closed.iter().copied().filter(|r| meant(*r)).collect();
@@ -276,7 +276,8 @@ impl Relays {
         self.open(|relay| meant.contains(&relay))
     }
 
-    /// Opens what a scan must find open: every channel of the scanned banks, and every relay to bus 1 (section 4).
+    /// Opens the relays that must be open for a scan: every channel of the scanned banks, and every relay to bus 1
+    /// (section 4).
     pub(crate) fn clear_for_scan(&mut self, scan: &[Relay]) {
         let banks: BTreeSet<(u32, Option<u32>)> =
             scan.iter().map(|relay| self.bank(*relay)).collect();
@@ -292,8 +293,8 @@ impl Relays {
         self.open(|relay| meant.contains(&relay));
     }
 
-    /// Joins one channel to bus 1 for its reading, and its partner in the other bank to bus 2 for one by four wires.
-    /// What is closed for it is to be opened by [`Relays::unjoin`].
+    /// Connects one channel to bus 1 for its reading, and for a four-wire reading its partner in the other bank to bus
+    /// 2. [`Relays::unjoin`] opens what was closed.
     pub(crate) fn join_to_bus(&mut self, channel: Relay, four_wire: bool) -> Joined {
         let partner = self.partner(channel).filter(|_| four_wire);
         let sense = partner.and_then(|partner| self.bus_relay_to(partner, 2));
@@ -310,7 +311,7 @@ impl Relays {
         }
     }
 
-    /// The channel of bank 2 that senses what a channel of bank 1 drives: n + 20, or n + 35 on the larger modules.
+    /// The channel of bank 2 that senses for a driven channel of bank 1: n + 20, or n + 35 on the larger modules.
     pub(crate) fn partner(&self, channel: Relay) -> Option<Relay> {
         let (module, contact) = self.contact(channel).ok()?;
         if contact != (Contact::Channel { bank: 1 }) {
@@ -325,7 +326,7 @@ impl Relays {
         (sense == Contact::Channel { bank: 2 }).then_some(partner)
     }
 
-    /// Reeds and ABus relays fall open, latching relays stay (section 3).
+    /// Reed and ABus relays open, latching relays keep their state (section 3).
     pub(crate) fn lose_power(&mut self) {
         let stay: BTreeSet<Relay> = self
             .closed

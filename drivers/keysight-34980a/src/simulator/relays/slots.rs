@@ -1,4 +1,4 @@
-//! The places of the mainframe: which module, which terminal block, how long its relays still move, what is stuck.
+//! The slots of the mainframe: module, terminal block, time until its relays have settled, stuck relays.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -10,23 +10,23 @@ use crate::command::Protection;
 use crate::modules::{Model, Module};
 use crate::simulator::errors::Trouble;
 
-/// One place of the mainframe.
+/// One slot of the mainframe.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Slot {
     pub(super) module: Option<Module>,
     pub(super) protection: Protection,
     /// The terminal block is open.
     pub(super) interlocked: bool,
-    /// When the last relay that was moved has settled.
+    /// Time at which the relay moved last has settled.
     pub(super) settled: Duration,
 }
 
-/// How long the relays of each slot need.
+/// Time that the relays of each slot need.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Moves([Duration; 8]);
 
 impl Moves {
-    /// Until all have settled.
+    /// Time until all have settled.
     pub(crate) fn longest(&self) -> Duration {
         self.0.into_iter().max().unwrap_or_default()
     }
@@ -46,7 +46,7 @@ impl Moves {
 }
 
 impl Relays {
-    /// A relay that conducts (true) or does not, whatever it is told; `None` mends it.
+    /// A relay that conducts (true) or does not, whatever is commanded; `None` ends the fault.
     pub(crate) fn stick(&mut self, relay: Relay, conducts: Option<bool>) {
         self.stuck_open.remove(&relay);
         self.stuck_closed.remove(&relay);
@@ -57,7 +57,7 @@ impl Relays {
         }
     }
 
-    /// Another module in a slot, or none. Its relays are open.
+    /// Replaces or removes the module of a slot. Its relays are open.
     pub(crate) fn replace(&mut self, slot: u32, module: Option<Module>) {
         if let Some(place) = self.place_mut(slot) {
             *place = Slot {
@@ -70,7 +70,7 @@ impl Relays {
         }
     }
 
-    /// Opens or shuts a terminal block. An open one opens the relays to the buses (section 3).
+    /// Opens or closes a terminal block. An open one opens the relays to the buses (section 3).
     pub(crate) fn interlock(&mut self, slot: u32, open: bool) {
         if let Some(place) = self.place_mut(slot) {
             place.interlocked = open;
@@ -108,14 +108,14 @@ impl Relays {
         Ok(())
     }
 
-    /// As `*RST` leaves the rows.
+    /// Row protection after `*RST`.
     pub(crate) fn reset_protection(&mut self) {
         for slot in &mut self.slots {
             slot.protection = Protection::default();
         }
     }
 
-    /// What is screwed to a module, by name.
+    /// The name of a slot's terminal block.
     pub(crate) fn terminal_type(&self, slot: u32) -> Result<String, Trouble> {
         let module = self.module(slot)?;
         Ok(if self.slots[slot as usize - 1].interlocked {
@@ -125,7 +125,7 @@ impl Relays {
         })
     }
 
-    /// Counts the time that relays need from now on, and says when all of them will have settled.
+    /// Starts the settling time of these moves, and returns when all relays will have settled.
     pub(crate) fn settle(&mut self, moves: Moves, now: Duration) -> Duration {
         let mut until = now;
         for (slot, time) in self.slots.iter_mut().zip(moves.0) {
@@ -137,7 +137,7 @@ impl Relays {
         until
     }
 
-    /// When the relays of a slot, or of all, have settled.
+    /// Time at which the relays of one slot, or of all slots, have settled.
     pub(crate) fn settled_at(&self, slot: Option<u32>) -> Duration {
         let of = |slot: u32| self.slots.get(slot as usize - 1);
         match slot {

@@ -1,4 +1,4 @@
-//! How each channel is set up.
+//! Settings of each channel.
 
 use scpi::{ChannelList, Numeric};
 use survey::Relay;
@@ -11,7 +11,8 @@ use crate::simulator::measurement::setup::{Setup, Timing};
 use crate::simulator::relays::Relays;
 
 impl Meter {
-    /// CONF: sets the scan list where there is a list, everything else to its default, and the fields of readings off.
+    /// CONF: sets the scan list if there is a list, everything else to its default, and switches the fields of readings
+    /// off.
     pub(crate) fn configure(
         &mut self,
         relays: &Relays,
@@ -28,7 +29,7 @@ impl Meter {
                     return Err(Trouble::CHANNEL_UNABLE);
                 }
             }
-            // What senses for another is said of what the channels were, not of what they become.
+            // Partner channels are looked up for the channels' old functions, before the change.
             for relay in &list {
                 self.channels.remove(relay);
             }
@@ -42,7 +43,7 @@ impl Meter {
         })
     }
 
-    /// Changes one setting, and says of how many channels.
+    /// Changes one setting, and returns the number of channels.
     pub(crate) fn set(
         &mut self,
         relays: &Relays,
@@ -56,7 +57,7 @@ impl Meter {
         })
     }
 
-    /// All of the channels are changed, or none.
+    /// Changes all of the channels, or none.
     fn change(
         &mut self,
         relays: &Relays,
@@ -79,7 +80,7 @@ impl Meter {
         Ok(count)
     }
 
-    /// Answers one setting of every channel.
+    /// Reply with one setting of every channel.
     pub(crate) fn ask(
         &self,
         relays: &Relays,
@@ -94,7 +95,7 @@ impl Meter {
         })
     }
 
-    /// Answers function, range and resolution of every channel.
+    /// Reply with function, range and resolution of every channel.
     pub(crate) fn configuration(
         &self,
         relays: &Relays,
@@ -123,7 +124,7 @@ impl Meter {
         Ok(answers?.join(","))
     }
 
-    /// A delay only means something to channels: without a list it is for those of the scan list.
+    /// A delay exists for channels only: without a list it applies to those of the scan list.
     fn channels_of(&self, quantity: Quantity, channels: &Channels) -> Channels {
         match (quantity, channels) {
             (Quantity::Delay | Quantity::DelayAuto, None) => {
@@ -134,8 +135,8 @@ impl Meter {
         }
     }
 
-    /// The channels that a setting is for. Without a list it is for the internal voltmeter, which `None` stands for, and
-    /// leaves the channels of the scan list alone (corrections of 2026-11-22).
+    /// The channels of a setting. Without a list the setting applies to the internal voltmeter, represented by `None`,
+    /// and not to the channels of the scan list (corrections of 2026-11-22).
     pub(crate) fn targets(
         &self,
         relays: &Relays,
@@ -143,7 +144,7 @@ impl Meter {
     ) -> Result<Vec<Option<Relay>>, Trouble> {
         let list = match channels {
             Some(list) => {
-                // Queries answer in the list's own order, once all of it can be scanned.
+                // Queries reply in the list's own order, provided all of it can be scanned.
                 let list = relays.expand(list)?;
                 self.arranged(relays, list.clone())?;
                 list

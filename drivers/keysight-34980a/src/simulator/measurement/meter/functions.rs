@@ -1,4 +1,4 @@
-//! What each channel measures besides DC volts, and how.
+//! Functions other than DC volts on each channel.
 
 use scpi::{Numeric, ParseError};
 use survey::Relay;
@@ -53,7 +53,7 @@ impl Meter {
         Ok(count)
     }
 
-    /// Chooses a function; its settings are what they were.
+    /// Selects a function; its settings stay as they were.
     pub(crate) fn select(
         &mut self,
         relays: &Relays,
@@ -73,7 +73,7 @@ impl Meter {
         Ok(targets.len())
     }
 
-    /// Answers which function is chosen.
+    /// Reply with the selected function.
     pub(crate) fn selected(&self, relays: &Relays, channels: &Channels) -> Result<String, Trouble> {
         let name = |target, setup: Setup| {
             let _: Option<Relay> = target;
@@ -82,7 +82,7 @@ impl Meter {
         self.answers(relays, channels, name)
     }
 
-    /// Changes one setting of a function, and says of how many channels.
+    /// Changes one setting of a function, and returns the number of channels.
     pub(crate) fn set_detail(
         &mut self,
         relays: &Relays,
@@ -120,7 +120,7 @@ impl Meter {
         Ok(count)
     }
 
-    /// Answers one setting of a function.
+    /// Reply with one setting of a function.
     pub(crate) fn detail(
         &self,
         relays: &Relays,
@@ -137,7 +137,7 @@ impl Meter {
         })
     }
 
-    /// What a channel measures, and what that takes.
+    /// Function, timing and integration of a channel.
     pub(crate) fn plan(&self, target: Option<Relay>, setup: &Setup) -> (Measured, Timing, f64) {
         match setup.function {
             Function::DcVolts => (
@@ -159,7 +159,7 @@ impl Meter {
             .measuring(function)
     }
 
-    /// No channel that senses for another may be in a scan list with it (+306).
+    /// A channel that senses for another may not be in a scan list with it (+306).
     pub(crate) fn check_pairs(&self, relays: &Relays, list: &[Relay]) -> Result<(), Trouble> {
         for relay in list {
             let setup = self.setup(relays, Some(*relay));
@@ -175,7 +175,7 @@ impl Meter {
     }
 }
 
-/// Two and four wires share their settings.
+/// Two- and four-wire resistance share their settings.
 fn key(target: Option<Relay>, function: Function) -> (Option<Relay>, Function) {
     match function {
         Function::FourWire => (target, Function::Resistance),
@@ -183,7 +183,8 @@ fn key(target: Option<Relay>, function: Function) -> (Option<Relay>, Function) {
     }
 }
 
-/// Currents are measured on current channels, nothing else is; four wires begin in bank 1.
+/// Currents are measured on current channels only, and current channels measure nothing else; four-wire measurements
+/// begin in bank 1.
 fn permit(relays: &Relays, target: Option<Relay>, own: Own) -> Result<(), Trouble> {
     let Some(relay) = target else {
         return Ok(());
@@ -197,7 +198,7 @@ fn permit(relays: &Relays, target: Option<Relay>, own: Own) -> Result<(), Troubl
     Ok(())
 }
 
-/// Only the 34921A's terminal block has a thermometer in it.
+/// Only the 34921A's terminal block contains a temperature sensor.
 fn has_thermometer(relays: &Relays, target: Option<Relay>) -> Result<(), Trouble> {
     match target {
         None => Err(ParseError::SettingsConflict.into()),

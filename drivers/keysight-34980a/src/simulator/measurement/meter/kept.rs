@@ -1,4 +1,4 @@
-//! What `*SAV` keeps of the voltmeter.
+//! The voltmeter settings stored by `*SAV`.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use crate::simulator::measurement::meter::Meter;
 use crate::simulator::measurement::setup::Setup;
 use crate::simulator::relays::Relays;
 
-/// Everything that is set of the voltmeter, its scan and its triggers, and nothing measured.
+/// All settings of the voltmeter, its scan and its triggers; no readings.
 #[derive(Debug, Clone)]
 pub(crate) struct Settings {
     bare: Setup,
@@ -46,7 +46,7 @@ impl Meter {
         }
     }
 
-    /// Sets everything as it was kept; channels of modules that are gone are left out. Clears the memory.
+    /// Restores stored settings; channels of modules that are gone are left out. Clears the memory.
     pub(crate) fn take_settings(&mut self, kept: Settings, relays: &Relays) {
         let Settings {
             bare,

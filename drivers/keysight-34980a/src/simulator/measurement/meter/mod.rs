@@ -1,4 +1,4 @@
-//! The internal voltmeter: settings of every channel, scan list, trigger, and the measurement at work (section 5).
+//! The internal voltmeter: settings of every channel, scan list, trigger, and the running measurement (section 5).
 
 mod channels;
 mod functions;
@@ -31,7 +31,7 @@ pub(crate) struct Meter {
     enabled: bool,
     bare: Setup,
     channels: BTreeMap<Relay, Setup>,
-    /// Settings of functions other than DC volts, where they were ever made.
+    /// Settings of functions other than DC volts, where they have been set.
     others: BTreeMap<(Option<Relay>, Function), Own>,
     scan: Vec<Relay>,
     ordered: bool,
@@ -42,13 +42,13 @@ pub(crate) struct Meter {
     count: Option<u32>,
     /// Readings of a channel for each trigger.
     samples: u32,
-    /// Of the voltmeter alone, s; `None`: automatic.
+    /// Delay of the voltmeter alone, s; `None`: automatic.
     trigger_delay: Option<f64>,
     pub(crate) form: Form,
     threshold: u32,
     memory: Memory,
     run: Option<Run>,
-    /// When the last measurement began.
+    /// Start of the last measurement.
     began: Duration,
     /// Readings have been taken ahead of their time up to here.
     ahead: Duration,
@@ -81,7 +81,7 @@ impl Meter {
         }
     }
 
-    /// As after `*RST`. What is measured now has been stopped before.
+    /// The state after `*RST`. The running measurement has been stopped before.
     pub(crate) fn as_new(&mut self) {
         *self = Self {
             installed: self.installed,
@@ -158,7 +158,7 @@ impl Meter {
         now < self.ahead || self.run.is_some()
     }
 
-    /// When the measurement at work ends, where that can be foreseen; without one it is over already.
+    /// End of the running measurement, if it can be foreseen; without a measurement a time in the past.
     pub(crate) fn ends_at(&self) -> Option<Duration> {
         match &self.run {
             Some(run) => run.ends_at().map(|end| end.max(self.ahead)),
@@ -166,7 +166,7 @@ impl Meter {
         }
     }
 
-    /// Whether it goes on until a trigger or ABOR ends it.
+    /// Whether it continues until a trigger or ABOR ends it.
     pub(crate) fn is_endless(&self) -> bool {
         self.run
             .as_ref()
@@ -177,7 +177,7 @@ impl Meter {
         self.run.as_ref()?.due()
     }
 
-    /// Takes the readings that are due by then.
+    /// Takes the readings that are due up to this time.
     pub(crate) fn advance(&mut self, to: Duration, relays: &mut Relays, wires: &mut dyn Wires) {
         let Some(run) = &mut self.run else {
             return;
@@ -192,7 +192,7 @@ impl Meter {
         }
     }
 
-    /// Begins to measure into memory.
+    /// Starts a measurement into memory.
     pub(crate) fn initiate(
         &mut self,
         now: Duration,
@@ -203,7 +203,7 @@ impl Meter {
         self.begin(&self.scan.clone(), pace, self.count, now, relays, wires)
     }
 
-    /// Begins to measure, and says when that ends.
+    /// Starts a measurement, and returns its end.
     pub(crate) fn read(
         &mut self,
         list: &[Relay],
@@ -218,7 +218,7 @@ impl Meter {
         self.read_sweeps(list, self.pace(), count, now, relays, wires)
     }
 
-    /// One sweep at once, whatever the trigger is set to: through the scan list, or one reading of the bare voltmeter.
+    /// One immediate sweep, whatever the trigger setting: through the scan list, or one reading of the bare voltmeter.
     pub(crate) fn read_once(
         &mut self,
         scans: bool,
@@ -246,17 +246,17 @@ impl Meter {
             return Err(Trouble::MEMORY);
         }
         self.begin(list, pace, Some(count), now, relays, wires)?;
-        // It has an end: its sweeps are counted and wait for nothing.
+        // The measurement has an end: its sweeps are counted and wait for nothing.
         Ok(self.ends_at().unwrap_or(now))
     }
 
-    /// Takes all readings of the measurement that has just begun, ahead of their time.
+    /// Takes all readings of the measurement just begun, ahead of their time.
     pub(crate) fn take_ahead(&mut self, end: Duration, relays: &mut Relays, wires: &mut dyn Wires) {
         self.advance(end, relays, wires);
         self.ahead = end;
     }
 
-    /// Whether a measurement has begun that has not ended.
+    /// Whether a measurement is running.
     pub(crate) fn is_at_work(&self) -> bool {
         self.run.is_some()
     }
@@ -341,7 +341,7 @@ impl Meter {
         Ok(())
     }
 
-    /// Takes a trigger from the bus or from outside.
+    /// Receives a trigger from the bus or the rear input.
     pub(crate) fn trigger(&mut self, from: TriggerSource, now: Duration) -> Result<(), Trouble> {
         let taken = self.source == from && self.run.as_mut().is_some_and(|run| run.trigger(now));
         if taken {
@@ -359,7 +359,7 @@ impl Meter {
         self.ahead = self.ahead.min(now);
     }
 
-    /// A scan list: only channels that can be scanned; ascending and each once, unless order is off.
+    /// Builds a scan list: only channels that can be scanned; ascending and each once, unless ordering is off.
     pub(crate) fn arranged(
         &self,
         relays: &Relays,
@@ -395,7 +395,7 @@ impl Meter {
         self.set_scan(relays, self.scan.clone())
     }
 
-    /// Takes the channels of a slot out of the scan list.
+    /// Removes the channels of a slot from the scan list.
     pub(crate) fn forget_slot(&mut self, slot: u32) {
         self.scan.retain(|relay| relay.0 / 1000 != slot);
         self.channels.retain(|relay, _| relay.0 / 1000 != slot);
@@ -412,7 +412,7 @@ impl Meter {
         self.memory.clear();
     }
 
-    /// Answers the timer, or a limit of it.
+    /// Reply with the timer, or a limit of it.
     pub(crate) fn timer(&self, limit: Option<Numeric>) -> String {
         let value = match limit {
             None => self.timer,
@@ -428,7 +428,7 @@ impl Meter {
         self.memory.clear();
     }
 
-    /// Answers the number of sweeps, or a limit of it.
+    /// Reply with the number of sweeps, or a limit of it.
     pub(crate) fn sweeps(&self, limit: Option<Numeric>) -> String {
         let count = match limit {
             None => self.count,
@@ -446,7 +446,7 @@ impl Meter {
         self.memory.clear();
     }
 
-    /// Answers the number of samples, or a limit of it.
+    /// Reply with the number of samples, or a limit of it.
     pub(crate) fn samples(&self, limit: Option<Numeric>) -> String {
         let count = match limit {
             None => self.samples,
@@ -461,7 +461,7 @@ impl Meter {
         self.memory.clear();
     }
 
-    /// Answers the delay after a trigger, or a limit of it.
+    /// Reply with the delay after a trigger, or a limit of it.
     pub(crate) fn trigger_delay(&self, limit: Option<Numeric>) -> String {
         let delay = match limit {
             None => self.trigger_delay.unwrap_or(0.0),
@@ -507,5 +507,6 @@ impl Meter {
     }
 }
 
-/// With order off a list may repeat itself; somewhere the instrument's memory for it ends. The sources do not say where.
+/// With ordering off a list may repeat channels. The instrument's memory limits its length; the sources state no
+/// number.
 const LONGEST_SCAN: usize = 5000;

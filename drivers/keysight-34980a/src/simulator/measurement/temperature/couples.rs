@@ -1,6 +1,6 @@
 //! Reference functions of thermocouples: NIST Monograph 175 (ITS-90).
 
-/// A stretch of a reference function: from and to, degrees Celsius, and coefficients of mV, constant first.
+/// A section of a reference function: from and to, degrees Celsius, and coefficients of mV, constant first.
 pub(crate) type Stretch = (f64, f64, &'static [f64]);
 
 #[rustfmt::skip]

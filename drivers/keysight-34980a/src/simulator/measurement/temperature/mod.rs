@@ -1,15 +1,15 @@
-//! Temperatures of what transducers give: thermocouples by ITS-90, platinum by Callendar and Van Dusen, thermistors by
-//! Steinhart and Hart.
+//! Temperatures from transducer voltages and resistances: thermocouples by ITS-90, platinum by Callendar and Van Dusen,
+//! thermistors by Steinhart and Hart.
 
 mod couples;
 
 use crate::simulator::measurement::temperature::couples::{B, E, J, K, N, R, S, Stretch, T};
 
-/// What type K has besides its polynomial above 0 degrees: a0 exp(a1 (t - a2)^2) mV.
+/// The additional term of type K above 0 degrees: a0 exp(a1 (t - a2)^2) mV.
 const K_EXPONENTIAL: [f64; 3] = [0.1185976, -0.0001183432, 126.9686];
 
-/// The stretches of a couple, and from where its voltage is taken. Type B is taken from 100 degrees on: below, two temperatures
-/// give the same voltage.
+/// The sections of a thermocouple's function, and the lowest temperature used. Type B is used from 100 degrees: below,
+/// two temperatures give the same voltage.
 fn stretches(couple: &str) -> (&'static [Stretch], f64) {
     let all = match couple {
         "B" => B,
@@ -21,7 +21,7 @@ fn stretches(couple: &str) -> (&'static [Stretch], f64) {
         "T" => T,
         _ => J,
     };
-    // Near absolute zero some of them hardly rise: the instrument's own limits.
+    // Near absolute zero some functions are almost flat: the instrument's own limits apply.
     let least = match couple {
         "B" => 100.0,
         "E" | "J" | "K" | "N" | "T" => -200.0,
@@ -30,7 +30,7 @@ fn stretches(couple: &str) -> (&'static [Stretch], f64) {
     (all, least)
 }
 
-/// mV of a couple with its reference junction at 0 degrees.
+/// Voltage of a thermocouple with its reference junction at 0 degrees, mV.
 fn millivolts(couple: &str, celsius: f64) -> f64 {
     let (all, _) = stretches(couple);
     let stretch = all.iter().find(|(_, to, _)| celsius <= *to).or(all.last());
@@ -50,7 +50,8 @@ fn millivolts(couple: &str, celsius: f64) -> f64 {
     }
 }
 
-/// Degrees Celsius of a thermocouple's volts, its reference junction being so warm; infinite beyond its range.
+/// Temperature of a thermocouple, degrees Celsius, from its voltage and the temperature of its reference junction;
+/// infinite beyond its range.
 pub(crate) fn of_couple(couple: &str, volts: f64, junction: f64) -> f64 {
     let (all, least) = stretches(couple);
     let most = all.last().map_or(0.0, |(_, to, _)| *to);
@@ -58,9 +59,9 @@ pub(crate) fn of_couple(couple: &str, volts: f64, junction: f64) -> f64 {
     between(least, most, |celsius| millivolts(couple, celsius) - sought)
 }
 
-/// Degrees Celsius of a platinum resistance; infinite beyond -200 to 600 degrees.
+/// Temperature of a platinum resistor, degrees Celsius; infinite beyond -200 to 600 degrees.
 pub(crate) fn of_rtd(kind: f64, at_zero: f64, ohms: f64) -> f64 {
-    // IEC 751 for 0.00385, its older sister for 0.00391.
+    // IEC 751 for 0.00385, the older standard for 0.00391.
     let [a, b, c] = if kind == 91.0 {
         [3.9692e-3, -5.8495e-7, -4.2325e-12]
     } else {
@@ -76,7 +77,7 @@ pub(crate) fn of_rtd(kind: f64, at_zero: f64, ohms: f64) -> f64 {
     })
 }
 
-/// Degrees Celsius of a thermistor of the 44004, 44007 or 44006 kind; infinite beyond -80 to 150 degrees.
+/// Temperature of a thermistor of type 44004, 44007 or 44006, degrees Celsius; infinite beyond -80 to 150 degrees.
 pub(crate) fn of_thermistor(kind: f64, ohms: f64) -> f64 {
     let [a, b, c] = match kind {
         2252.0 => [1.468e-3, 2.383e-4, 1.007e-7],
@@ -95,7 +96,7 @@ pub(crate) fn of_thermistor(kind: f64, ohms: f64) -> f64 {
     }
 }
 
-/// Where a rising function is zero; infinite where it is so nowhere between.
+/// The zero of an increasing function; infinite if there is none in the interval.
 fn between(mut least: f64, mut most: f64, rising: impl Fn(f64) -> f64) -> f64 {
     if rising(least) > 0.0 {
         return f64::NEG_INFINITY;
@@ -104,7 +105,7 @@ fn between(mut least: f64, mut most: f64, rising: impl Fn(f64) -> f64) -> f64 {
     if top < 0.0 || top.is_nan() {
         return f64::INFINITY;
     }
-    // Down to the last bit of a double.
+    // Bisection down to the last bit of a double.
     for _ in 0..64 {
         let middle = 0.5 * (least + most);
         if rising(middle) > 0.0 {
@@ -142,7 +143,7 @@ mod tests {
             let read = of_couple(couple, millivolts * 1e-3, 0.0);
             assert!((read - celsius).abs() < 0.1, "{couple} {celsius}: {read}");
         }
-        // a couple at the temperature of its junction gives nothing
+        // a thermocouple at the temperature of its junction gives 0 V
         assert!((of_couple("K", 0.0, 23.0) - 23.0).abs() < 1e-9);
         assert_eq!(of_couple("J", 1.0, 0.0), f64::INFINITY);
         assert_eq!(of_couple("J", -1.0, 0.0), f64::NEG_INFINITY);
