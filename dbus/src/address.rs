@@ -1,4 +1,4 @@
-//! Three ways to the daemon, and the order in which they are tried.
+//! Three kinds of address of the daemon, and the order in which they are tried.
 
 use std::{fmt, path::PathBuf, str::FromStr};
 
@@ -6,7 +6,7 @@ use zbus::{Connection, connection::Builder, fdo::DBusProxy};
 
 use crate::BUS_NAME;
 
-/// Where a daemon may be reached.
+/// Address of a daemon.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// The system bus.
@@ -17,7 +17,7 @@ pub enum Address {
     Unix(PathBuf),
 }
 
-/// A text that is not an address.
+/// A text that is not a valid address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is no way to the daemon; write system, session or unix:PATH")]
 pub struct AddressError(String);
@@ -44,49 +44,49 @@ impl fmt::Display for Address {
     }
 }
 
-/// What an `ERROR` of the daemon begins with that has no place for another connection (D-Bus specification,
-/// authentication protocol).
+/// Prefix of the daemon's `ERROR` line if it accepts no further connection (D-Bus specification, authentication
+/// protocol).
 pub const BUSY: &str = "busy: ";
 
-/// Why no daemon was reached.
+/// Why no daemon could be reached.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectError {
-    /// Nobody answers there.
+    /// No daemon listens at the address.
     #[error("no daemon at {address}: {cause}")]
     NoDaemon {
-        /// Where it was looked for.
+        /// The address tried.
         address: Address,
-        /// What the system or the bus says.
+        /// The error of the system or the bus.
         cause: String,
     },
-    /// The socket is there, but this user may not use it.
+    /// The socket exists, but this user may not use it.
     #[error(
         "not allowed to talk to the daemon at {address}: {cause}; its user, root and the group tactus are"
     )]
     NotAuthorized {
-        /// Where.
+        /// The address.
         address: Address,
-        /// What the system says.
+        /// The error of the system.
         cause: String,
     },
-    /// The daemon has as many connections of this user, or of all, as there may be.
+    /// The daemon has its maximum number of connections, of this user or in total.
     #[error("the daemon at {address} is busy: {cause}")]
     Busy {
-        /// Where.
+        /// The address.
         address: Address,
-        /// What the daemon says.
+        /// The daemon's message.
         cause: String,
     },
-    /// None of the usual places has one.
+    /// None of the default addresses has a daemon.
     #[error("no daemon found; tried {}", .tried.join("; "))]
     Nowhere {
-        /// Each place with the reason.
+        /// Each address with the reason.
         tried: Vec<String>,
     },
 }
 
-/// The places tried when nobody names one: the peer socket (`$XDG_RUNTIME_DIR/tactus/peer`, then `/run/tactus/peer`),
-/// the session bus, the system bus.
+/// The addresses tried by default: the peer socket (`$XDG_RUNTIME_DIR/tactus/peer`, then `/run/tactus/peer`), the
+/// session bus, the system bus.
 pub fn search_order(runtime_directory: Option<PathBuf>) -> Vec<Address> {
     runtime_directory
         .map(|directory| Address::Unix(directory.join("tactus/peer")))
@@ -99,10 +99,10 @@ pub fn search_order(runtime_directory: Option<PathBuf>) -> Vec<Address> {
         .collect()
 }
 
-/// Connects to the address given, or to the first place of [`search_order`] where a daemon answers.
+/// Connects to the given address, or to the first address of [`search_order`] with a daemon.
 ///
 /// # Errors
-/// Nobody there, or not allowed; the message names every place tried.
+/// No daemon, or not allowed; the message names every address tried.
 pub async fn connect(address: Option<&Address>) -> Result<(Connection, Address), ConnectError> {
     if let Some(address) = address {
         return Ok((reach(address).await?, address.clone()));
@@ -143,7 +143,7 @@ async fn reach(address: &Address) -> Result<Connection, ConnectError> {
                     no_daemon(cause.to_string())
                 }
             })?;
-            // A daemon that refuses the caller's credentials closes the socket before the handshake.
+            // A daemon that rejects the caller's credentials closes the socket before the handshake.
             return Builder::unix_stream(stream)
                 .p2p()
                 .build()
@@ -167,7 +167,8 @@ async fn reach(address: &Address) -> Result<Connection, ConnectError> {
     }
 }
 
-/// Why the daemon has closed a connection before it was made: it says so where it is busy, and says nothing to strangers.
+/// Why the daemon closed a connection during the handshake: a busy daemon sends a message, one that rejects the user
+/// sends nothing.
 fn turned_away(address: &Address, cause: &str) -> ConnectError {
     let address = address.clone();
     match cause.split_once(BUSY) {

@@ -1,5 +1,5 @@
-//! The dictionaries (`a{sv}`) that the daemon sends, one struct each. Every key is optional: the daemon leaves out what
-//! it doesn't know, a daemon of another version may send fewer keys or more.
+//! The dictionaries (`a{sv}`) that the daemon sends, one struct each. Every key is optional: the daemon leaves out
+//! unknown values, and a daemon of another version may send fewer keys or more.
 
 use serde::{Deserialize, Serialize};
 use zbus::{DeserializeDict, SerializeDict, Type, as_variant};
@@ -19,11 +19,11 @@ macro_rules! dictionaries {
 dictionaries! {
     /// The state of the daemon (`Manager1.Health`).
     Health {
-        /// When this was found out, ns since 1970 UTC.
+        /// Time of this status, ns since 1970 UTC.
         at_ns: i64,
-        /// Whether there is no trouble.
+        /// Whether there is no problem.
         well: bool,
-        /// `kind: sentence`, most grave first.
+        /// `kind: sentence`, most severe first.
         troubles: Vec<String>,
         /// `idle`, `baseline`, `acquiring`, `testing`, `suspended`, `faulted`.
         state: String,
@@ -33,31 +33,31 @@ dictionaries! {
         simulated: bool,
         /// `role: ready` or `role: fault: why`.
         instruments: Vec<String>,
-        /// Frames acquired since the daemon began.
+        /// Frames acquired since the daemon started.
         total_frames: u64,
-        /// Frames on disk since the daemon began.
+        /// Frames on disk since the daemon started.
         total_durable: u64,
-        /// Frames that failed since the daemon began.
+        /// Frames that failed since the daemon started.
         total_failed: u64,
-        /// Frames that missed their time since the daemon began.
+        /// Frames that missed their scheduled time since the daemon started.
         total_dropped: u64,
-        /// Readings over their range since the daemon began.
+        /// Readings over their range since the daemon started.
         total_overloads: u64,
         /// Id of the running session.
         session: String,
         /// `baseline` or `measurement`.
         session_kind: String,
-        /// Frames of the running session that the rig or recording gave.
+        /// Frames of the running session from the rig or recording.
         frames_acquired: u64,
         /// Frames of the running session on disk.
         frames_durable: u64,
         /// Frames of the running session that failed.
         frames_failed: u64,
-        /// Frames of the running session that missed their time.
+        /// Frames of the running session that missed their scheduled time.
         frames_dropped: u64,
-        /// Frames that wait for the disk.
+        /// Frames waiting to be written to disk.
         backlog: u64,
-        /// From start to start of frames, s.
+        /// Time from the start of one frame to the start of the next, s.
         period_s: f64,
         /// Time since a frame was last due, s.
         quiet_s: f64,
@@ -69,7 +69,7 @@ dictionaries! {
         last_frame_sequence: u64,
         /// Its session.
         last_frame_session: String,
-        /// When the last frame that is not in the record was lost, ns since 1970 UTC.
+        /// Time of the last frame that was lost and is not in the record, ns since 1970 UTC.
         last_gap_ns: i64,
         /// Why it is not in the record.
         last_gap: String,
@@ -77,17 +77,17 @@ dictionaries! {
         baseline: String,
         /// Its age, s.
         baseline_age_s: f64,
-        /// Free bytes where the record goes.
+        /// Free bytes on the filesystem of the record.
         disk_free_bytes: u64,
         /// Growth of the record, bytes a day.
         disk_bytes_per_day: f64,
         /// Days until the disk is full.
         disk_days: f64,
-        /// Number of the relay that will be worn out first.
+        /// Number of the relay that will reach its rated life first.
         relay: u32,
-        /// Part of its life that is used.
+        /// Fraction of its rated life that is used.
         relay_used: f64,
-        /// Time of measuring until it is worn out, s.
+        /// Measuring time until it reaches its rated life, s.
         relay_left_s: f64,
         /// Address and port where metrics are served.
         metrics: String,
@@ -99,39 +99,39 @@ dictionaries! {
         wiring: String,
         /// Electrodes of the protocol.
         electrodes: u64,
-        /// Readings of a frame that are taken and not kept.
+        /// Readings of a frame that are taken and not stored.
         extra_readings: u64,
-        /// Integration, power-line cycles.
+        /// Integration time, power-line cycles.
         nplc: f64,
         /// Readings averaged to one.
         averages: u64,
         /// Whether a zero reading follows every reading.
         autozero: bool,
-        /// Wait after the current has moved, s.
+        /// Wait after a change of the current, s.
         settle_s: f64,
         /// Wait before each scanned channel, s.
         channel_delay_s: f64,
-        /// Whether every injection is measured with the current both ways.
+        /// Whether every injection is measured with both polarities of the current.
         reversal: bool,
-        /// Frames between two frames at 0 A; 0 never.
+        /// Frames between two frames at 0 A; 0: none.
         zero_every: u64,
-        /// The one range, V.
+        /// The common range, V.
         range_v: f64,
         /// Whether each reading has a range of its own.
         planned_ranges: bool,
         /// Commands that set a range, in a frame.
         range_changes: u64,
-        /// Time that they take, s.
+        /// Time that these commands take, s.
         range_time_s: f64,
-        /// Noise of a reading in the one range, V.
+        /// Noise of a reading in the common range, V.
         noise_fixed_v: f64,
         /// Root mean square of the readings' noise, V.
         noise_v: f64,
         /// Median of the readings' noise, V.
         noise_median_v: f64,
-        /// Electrodes between those of a pair.
+        /// Electrodes between the two of a pair.
         skip: u64,
-        /// Whether one of two readings that reciprocity makes equal is left out.
+        /// Whether only one of two reciprocal readings is taken.
         half: bool,
         /// Largest current of the source, A.
         source_current_max_a: f64,
@@ -139,9 +139,10 @@ dictionaries! {
         relay_current_max_a: f64,
         /// Largest voltage of the relays, V.
         relay_voltage_max_v: f64,
-        /// Time that integration costs a frame, s; this and all further costs against leaving the setting out.
+        /// Time added to a frame by the integration, s; like all further costs, compared with the plan without the
+        /// setting.
         cost_nplc_s: f64,
-        /// Noise of a reading without it over noise with it; as all further gains.
+        /// Noise of a reading without the setting divided by the noise with it; the same for all further gains.
         gain_nplc: f64,
         /// Cost of averaging, s.
         cost_averages_s: f64,
@@ -159,21 +160,21 @@ dictionaries! {
         cost_channel_delay_s: f64,
         /// Gain of the delay before channels.
         gain_channel_delay: f64,
-        /// Cost of the current both ways, s.
+        /// Cost of both polarities, s.
         cost_reversal_s: f64,
-        /// Gain of the current both ways.
+        /// Gain of both polarities.
         gain_reversal: f64,
         /// Cost of frames at 0 A, s.
         cost_zero_every_s: f64,
         /// Gain of frames at 0 A.
         gain_zero_every: f64,
-        /// Cost of ranges of their own, s.
+        /// Cost of planned ranges, s.
         cost_ranges_s: f64,
-        /// Gain of ranges of their own.
+        /// Gain of planned ranges.
         gain_ranges: f64,
-        /// Cost of half a frame, s; below 0, it saves time.
+        /// Cost of leaving out reciprocal readings, s; negative, because it saves time.
         cost_half_s: f64,
-        /// Gain of half a frame.
+        /// Gain of leaving out reciprocal readings.
         gain_half: f64,
     }
 
@@ -183,27 +184,28 @@ dictionaries! {
         current_a: f64,
         /// Range of the voltmeter, V.
         range_v: f64,
-        /// Integration, power-line cycles.
+        /// Integration time, power-line cycles.
         nplc: f64,
-        /// Wait after the current has moved, s.
+        /// Wait after a change of the current, s.
         settle_s: f64,
         /// Name of the wiring.
         wiring: String,
         /// Hash of the protocol.
         protocol_hash: String,
-        /// What a person should know before it is used, a sentence each.
+        /// Remarks for people before they use it, a sentence each.
         remarks: Vec<String>,
     }
 
     /// Name of a geometry ([`crate::Geometry`]).
     GeometryDetails {
-        /// For a person.
+        /// The name, for people.
         name: String,
     }
 
-    /// Results of a self-test for the rig as a whole ([`crate::TestReport`]); results that were not found are left out.
+    /// Results of a self-test for the rig as a whole ([`crate::TestReport`]); values that were not determined are left
+    /// out.
     TestDetails {
-        /// When it was done, RFC 3339.
+        /// Time of the self-test, RFC 3339.
         at: String,
         /// Name of the wiring.
         wiring: String,
@@ -227,13 +229,13 @@ dictionaries! {
         offset_v: f64,
     }
 
-    /// Optional facts of a session of the logbook ([`crate::SessionSummary`]).
+    /// Optional data of a session in the logbook ([`crate::SessionSummary`]).
     SessionDetails {
-        /// The note that it was started with.
+        /// The note given at its start.
         note: String,
         /// Why it ended.
         reason: String,
-        /// When it ended, ns since 1970 UTC.
+        /// End of the session, ns since 1970 UTC.
         ended_ns: i64,
     }
 
@@ -249,57 +251,57 @@ dictionaries! {
         compliance: u64,
         /// Duration of the frame, s.
         duration_s: f64,
-        /// Readings that no sheet can give.
+        /// Readings that are implausible for any sheet.
         implausible: u64,
         /// Words of `survey::QualityFlag` joined by commas.
         flags: String,
-        /// Largest difference between reciprocal readings, where there are any.
+        /// Largest difference between reciprocal readings, if there are any.
         reciprocity: f64,
-        /// Sum of the voltages round the ring, where it was read round.
+        /// Sum of the voltages round the ring, if all of them were read.
         loop_sum: f64,
     }
 
-    /// How a map was made and what it shows ([`crate::LatestMap`]).
+    /// Method and results of a map ([`crate::LatestMap`]).
     MapDetails {
         /// Readings that were left out.
         masked: u64,
-        /// Time that the map took, s.
+        /// Computing time of the map, s.
         reconstruction_s: f64,
-        /// From the last reading until the frame was on disk, s.
+        /// Time from the last reading until the frame was on disk, s.
         durable_s: f64,
         /// Largest relative loss of conductance.
         largest_loss: f64,
-        /// Whether that is more than `noise`.
+        /// Whether that is larger than `noise`.
         significant: bool,
-        /// The largest loss that noise alone makes; absent where the noise of a reading is not known.
+        /// The largest loss caused by noise alone; absent if the noise of a reading is not known.
         noise: f64,
-        /// Where the load was found, m.
+        /// Position of the load, m.
         found_x_m: f64,
-        /// Where the load was found, m.
+        /// Position of the load, m.
         found_y_m: f64,
-        /// Total load of a calibrated method, N.
+        /// Total load, N; for a calibrated method.
         newtons: f64,
-        /// Largest pressure of a calibrated method, kPa.
+        /// Largest pressure, kPa; for a calibrated method.
         largest_kpa: f64,
     }
 
-    /// What the signal of an event adds (`Manager1.Happened`).
+    /// Additional data of an event signal (`Manager1.Happened`).
     EventDetails {
-        /// Id of the session that it belongs to.
+        /// Id of the event's session.
         session: String,
     }
 
-    /// A lost rig that is being looked for (`Manager1.Recovery`); empty when none is.
+    /// Reconnection of a lost rig (`Manager1.Recovery`); empty when none is lost.
     Recovery {
-        /// What was lost.
+        /// The lost instruments.
         what: String,
-        /// Tries so far.
+        /// Attempts so far.
         tries: u64,
-        /// When it was lost, ns since 1970 UTC.
+        /// Time of the loss, ns since 1970 UTC.
         since_ns: i64,
-        /// Whether a person must agree first.
+        /// Whether a user must accept the instruments first.
         person: bool,
-        /// Time until the next try, s; absent while one is under way.
+        /// Time until the next attempt, s; absent while one is running.
         next_s: f64,
     }
 
@@ -311,13 +313,13 @@ dictionaries! {
         simulated: bool,
         /// `rig` or `recording`.
         source: String,
-        /// The configured method as a person would name it.
+        /// Description of the configured method.
         method: String,
         /// Id of the current baseline.
         baseline_id: String,
         /// `off` (verified), `in use`, `unknown`.
         source_state: String,
-        /// Where session files are written.
+        /// Directory of the session files.
         record_directory: String,
         /// Why the daemon is faulted.
         last_error: String,
@@ -325,61 +327,61 @@ dictionaries! {
         version: String,
         /// The running session.
         session: SessionStatus,
-        /// A lost rig that is being looked for.
+        /// Reconnection of a lost rig.
         recovery: Recovery,
-        /// The state of everything that can be in trouble.
+        /// The daemon's health.
         health: Health,
     }
 
     /// A running session ([`Status`]).
     SessionStatus {
-        /// Its id.
+        /// The session's id.
         id: String,
         /// `baseline` or `measurement`.
         kind: String,
         /// `running`, `suspended`, `ended`, `faulted`.
         state: String,
-        /// Frames that the rig or recording gave.
+        /// Frames from the rig or recording.
         frames_acquired: u64,
         /// Frames on disk.
         frames_durable: u64,
-        /// Frames that missed their time.
+        /// Frames that missed their scheduled time.
         frames_dropped: u64,
         /// Frames that failed.
         frames_failed: u64,
-        /// Why it is faulted, or why the last frame has no map.
+        /// Why the session is faulted, or why the last frame has no map.
         last_error: String,
-        /// The largest loss that noise alone makes of a map; absent where the noise of a reading is not known.
+        /// The largest loss in a map caused by noise alone; absent if the noise of a reading is not known.
         map_noise: f64,
         /// Sequence of the last frame that has a map.
         map_sequence: u64,
-        /// That map.
+        /// The map of that frame.
         map: MapDetails,
     }
 
     /// Result of the command of `[notify]` (`Manager1.NotifyTest`).
     NotifyResult {
-        /// Whether it ended with exit code 0.
+        /// Whether the command ended with exit code 0.
         done: bool,
-        /// Its exit code.
+        /// The exit code.
         code: i64,
         /// Why there is no exit code.
         trouble: String,
-        /// The beginning of its error stream.
+        /// The beginning of its standard error.
         stderr: String,
-        /// How long it ran, s.
+        /// Run time of the command, s.
         took_s: f64,
     }
 }
 
-/// One cost of a plan: a setting against leaving it out.
+/// One cost of a plan: a setting compared with the plan without it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SettingCost {
-    /// As options and configuration call it.
+    /// The name of the setting in options and configuration.
     pub setting: &'static str,
-    /// Time that it costs a frame, s; below 0 where it saves some.
+    /// Time added to a frame, s; negative if the setting saves time.
     pub seconds: f64,
-    /// Noise of a reading without it over noise with it.
+    /// Noise of a reading without the setting divided by the noise with it.
     pub gain: f64,
 }
 
@@ -402,7 +404,7 @@ impl std::fmt::Display for SettingCost {
 }
 
 impl PlanDetails {
-    /// Setting, cost and gain of each setting that may cost a frame something.
+    /// Setting, cost and gain of each setting that may add time to a frame.
     fn cost_fields(&mut self) -> [(&'static str, &mut Option<f64>, &mut Option<f64>); 9] {
         [
             ("nplc", &mut self.cost_nplc_s, &mut self.gain_nplc),
@@ -437,7 +439,7 @@ impl PlanDetails {
         ]
     }
 
-    /// The costs of all settings that are not left out.
+    /// The costs of all settings that are present.
     pub fn costs(&self) -> Vec<SettingCost> {
         let mut details = self.clone();
         let fields = details.cost_fields().into_iter();
@@ -451,7 +453,7 @@ impl PlanDetails {
         costs.collect()
     }
 
-    /// Adds the cost of a setting; one with another name is ignored.
+    /// Adds the cost of a setting; an unknown name is ignored.
     pub fn set_cost(&mut self, cost: SettingCost) {
         for (setting, seconds, gain) in self.cost_fields() {
             if setting == cost.setting {
@@ -466,10 +468,10 @@ impl PlanDetails {
 #[zbus(signature = "a{sv}")]
 #[serde(default)]
 pub struct FrameSummary {
-    /// Frames that the rig or recording gave.
+    /// Frames from the rig or recording.
     #[serde(with = "as_variant::optional", skip_serializing_if = "Option::is_none")]
     pub frames_acquired: Option<u64>,
-    /// Frames that missed their time.
+    /// Frames that missed their scheduled time.
     #[serde(with = "as_variant::optional", skip_serializing_if = "Option::is_none")]
     pub frames_dropped: Option<u64>,
     /// Whether the voltages are simulated.
@@ -478,7 +480,7 @@ pub struct FrameSummary {
     /// Quality of the frame.
     #[serde(flatten)]
     pub quality: FrameQuality,
-    /// The map, where there is one.
+    /// The map, if there is one.
     #[serde(flatten)]
     pub map: MapDetails,
 }

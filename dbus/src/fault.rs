@@ -1,9 +1,9 @@
-//! One error name a kind.
+//! The errors of the D-Bus contract: one error name for each kind.
 
 use std::fmt;
 
-/// What the daemon refuses or fails with. The text says what to do; the name (`org.tactus.Tactus1.Error.` and the
-/// variant) is for programs.
+/// An error of the daemon. The text tells what to do; the name (`org.tactus.Tactus1.Error.` and the variant) is for
+/// programs.
 #[derive(Debug, zbus::DBusError)]
 #[zbus(prefix = "org.tactus.Tactus1.Error", impl_display = false)]
 pub enum Fault {
@@ -11,11 +11,12 @@ pub enum Fault {
     SessionActive(String),
     /// No session is running, or none has this id.
     NoSession(String),
-    /// No baseline has been recorded, or the named session has none; a name that no session has is [`Fault::NoSession`].
+    /// No baseline has been recorded, or the named session has none; for a name without a session see
+    /// [`Fault::NoSession`].
     NoBaseline(String),
-    /// The baseline was taken with other settings, or of another kind of rig.
+    /// The baseline was recorded with other settings, or with another kind of rig.
     BaselineMismatch(String),
-    /// The model's survey or geometry is not this rig's.
+    /// The model is for another survey or geometry.
     ModelMismatch(String),
     /// The model file cannot be read.
     ModelFile(String),
@@ -23,11 +24,11 @@ pub enum Fault {
     InstrumentFault(String),
     /// The recording cannot be read.
     RecordingFault(String),
-    /// The disk refused a write; the source is off.
+    /// Writing to the disk failed; the source is off.
     DiskRefused(String),
     /// The caller may not do this.
     NotAuthorized(String),
-    /// The caller, or all together, have as many of something as there may be at once.
+    /// The limit of simultaneous objects or calls is reached, for the caller or in total.
     LimitsExceeded(String),
     /// An option that does not exist, has the wrong type, or a value out of range.
     InvalidOption(String),
@@ -35,17 +36,17 @@ pub enum Fault {
     NoFrame(String),
     /// The configuration has problems; the text is a line for each, with file, line and column.
     Configuration(String),
-    /// The rig cannot do this at all (stepping a session that has a schedule).
+    /// The rig does not support this (such as stepping a session that has a schedule).
     Unsupported(String),
-    /// Anything else; the text is all there is.
+    /// Any other error; the text is the only information.
     Failed(String),
-    /// The connection failed, or the answer has another name.
+    /// The connection failed, or the error has another name.
     #[zbus(error)]
     Connection(zbus::Error),
 }
 
 impl Fault {
-    /// The text for a person, without the error's name.
+    /// The text without the error's name.
     pub fn text(&self) -> String {
         match self {
             Self::Connection(zbus::Error::MethodError(_, Some(text), _)) => text.clone(),
@@ -56,7 +57,7 @@ impl Fault {
         }
     }
 
-    /// Whether the daemon could not be reached, or went away while it was asked.
+    /// Whether the daemon could not be reached, or disconnected during the call.
     pub fn is_connection(&self) -> bool {
         match self {
             Self::Connection(zbus::Error::MethodError(name, _, _)) => matches!(

@@ -1,4 +1,4 @@
-//! One instrument of the rig.
+//! The interface of one instrument.
 
 use crate::Fault;
 
@@ -16,7 +16,7 @@ pub trait Instrument1 {
     #[zbus(property(emits_changed_signal = "false"))]
     fn identity(&self) -> Result<String, Fault>;
 
-    /// Where it is: `tcp:HOST:PORT`, `serial:PATH`, or `memory` for one simulated inside the daemon.
+    /// The address: `tcp:HOST:PORT`, `serial:PATH`, or `memory` for an instrument simulated inside the daemon.
     #[zbus(property(emits_changed_signal = "false"))]
     fn address(&self) -> Result<String, Fault>;
 

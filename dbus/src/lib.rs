@@ -1,17 +1,16 @@
-//! What is said aloud: the D-Bus contract of Tactus. Names, paths, interfaces, wire types, the full-rate stream's records.
-//! Nothing of ours inside: no frame, no map, no instrument; daemon and clients convert at their own door.
+//! The D-Bus contract of Tactus: names, paths, interfaces, wire types, and the records of the full-rate stream. Depends on
+//! no other crate of this workspace; daemon and clients convert their own types to the wire types.
 //!
 //! - **manager**: the daemon itself (`Manager1` on [`ROOT_PATH`]); **instrument**: one `Instrument1` object each
-//! - **session**: a baseline being recorded or a measurement (`Session1`), live or ended a short while ago
-//! - **fault**: one error name a kind ([`Fault`]); **options**: the last `a{sv}` argument of a method ([`SessionOptions`]...)
+//! - **session**: a baseline being recorded or a measurement (`Session1`), running or recently ended
+//! - **fault**: one error name for each kind ([`Fault`]); **options**: the last `a{sv}` argument of a method ([`SessionOptions`]...)
 //! - **dictionaries**: the `a{sv}` that the daemon sends ([`Health`], [`PlanDetails`], ...)
 //! - **record**: one frame, map or end in the full-rate stream ([`stream`])
 //!
-//! The proxies ask for every property that may change each time they are asked, so an answer is never older than the
-//! question. The daemon says changes with PropertiesChanged; whoever wants to follow listens to
-//! `zbus::fdo::PropertiesProxy`.
+//! The proxies do not cache properties that may change: every read queries the daemon. The daemon emits PropertiesChanged;
+//! to follow changes, subscribe through `zbus::fdo::PropertiesProxy`.
 //!
-//! Three ways lead to the daemon ([`Address`]): the system bus, the session bus, and a unix socket that needs no broker.
+//! The daemon has three kinds of address ([`Address`]): the system bus, the session bus, and a unix socket that needs no broker.
 //!
 //! ```
 //! assert_eq!(dbus::session_path("b20261207_1")?.as_str(), "/org/tactus/Tactus1/session/b20261207_1");
@@ -57,9 +56,9 @@ pub use session1::{
 };
 pub use simulation1::Simulation1Proxy;
 
-/// The well-known name; the version is in it.
+/// The well-known name, which contains the version.
 pub const BUS_NAME: &str = "org.tactus.Tactus1";
-/// Where the ObjectManager, Manager1 and (on a simulated rig) Simulation1 are.
+/// Path of the ObjectManager, Manager1 and (on a simulated rig) Simulation1.
 pub const ROOT_PATH: &str = "/org/tactus/Tactus1";
 /// Name of the manager's interface.
 pub const MANAGER_INTERFACE: &str = "org.tactus.Tactus1.Manager1";
@@ -67,11 +66,11 @@ pub const MANAGER_INTERFACE: &str = "org.tactus.Tactus1.Manager1";
 pub const INSTRUMENT_INTERFACE: &str = "org.tactus.Tactus1.Instrument1";
 /// Name of a session's interface.
 pub const SESSION_INTERFACE: &str = "org.tactus.Tactus1.Session1";
-/// Name of the interface that presses on a simulated sheet.
+/// Name of the interface for loads on a simulated sheet.
 pub const SIMULATION_INTERFACE: &str = "org.tactus.Tactus1.Simulation1";
-/// What every error name begins with.
+/// Prefix of every error name.
 pub const ERROR_PREFIX: &str = "org.tactus.Tactus1.Error";
-/// Introspection data of the four interfaces, as the daemon must show it: interface name and XML.
+/// Introspection data of the four interfaces as the daemon must return it: interface name and XML.
 pub const INTERFACE_XML: [(&str, &str); 4] = [
     (
         MANAGER_INTERFACE,
@@ -98,7 +97,7 @@ pub const INTERFACE_XML: [(&str, &str); 4] = [
 )]
 pub struct BadId(pub String);
 
-/// The object of a session.
+/// The object path of a session.
 ///
 /// # Errors
 /// An id outside `[a-z0-9_]+`.
@@ -106,7 +105,7 @@ pub fn session_path(id: &str) -> Result<ObjectPath<'static>, BadId> {
     path("session", id)
 }
 
-/// The object of an instrument.
+/// The object path of an instrument.
 ///
 /// # Errors
 /// An id outside `[a-z0-9_]+`.
@@ -136,7 +135,7 @@ fn is_id(id: &str) -> bool {
             .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_')
 }
 
-/// The next item of a signal or property stream; `None` when the connection is gone.
+/// The next item of a signal or property stream; `None` when the connection is closed.
 pub async fn next<S: Stream + Unpin>(stream: &mut S) -> Option<S::Item> {
     std::future::poll_fn(|context| Pin::new(&mut *stream).poll_next(context)).await
 }

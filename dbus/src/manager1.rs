@@ -1,4 +1,4 @@
-//! The daemon itself.
+//! The interface of the daemon itself.
 
 use serde::{Deserialize, Serialize};
 use zbus::{OwnedObjectPath, Type};
@@ -15,25 +15,26 @@ use crate::{
     default_path = "/org/tactus/Tactus1"
 )]
 pub trait Manager1 {
-    /// Starts a measurement; see [`crate::SessionOptions`]. Returns its object at once.
+    /// Starts a measurement (options: [`crate::SessionOptions`]) and returns its object at once.
     fn start_session<O>(&self, options: &O) -> Result<OwnedObjectPath, Fault>
     where
         O: Sync;
 
-    /// Records a baseline: see [`crate::SessionOptions`]. Returns its session at once; it ends by itself and is then the current baseline.
+    /// Records a baseline (options: [`crate::SessionOptions`]) and returns its session at once; it ends by itself and
+    /// is then the current baseline.
     fn record_baseline<O>(&self, options: &O) -> Result<OwnedObjectPath, Fault>
     where
         O: Sync;
 
-    /// What the logbook holds, newest first, at most 1000 sessions: see [`crate::ListOptions`].
+    /// The sessions in the logbook, newest first, at most 1000 (options: [`crate::ListOptions`]).
     fn list_sessions<O>(&self, options: &O) -> Result<Vec<SessionSummary>, Fault>
     where
         O: Sync;
 
-    /// The plan of a frame, without moving anything: that of the running session, else the configured one.
+    /// The plan of a frame of the running session, otherwise of the configured one. Moves nothing.
     fn plan(&self) -> Result<PlanReport, Fault>;
 
-    /// The plan of a frame of a session that would be started with these [`crate::MEASURING_OPTIONS`], without moving anything.
+    /// The plan of a frame of a session with these [`crate::MEASURING_OPTIONS`]. Moves nothing.
     fn plan_with<O>(&self, options: &O) -> Result<PlanReport, Fault>
     where
         O: Sync;
@@ -41,24 +42,24 @@ pub trait Manager1 {
     /// The region of interest, for drawing maps.
     fn geometry(&self) -> Result<Geometry, Fault>;
 
-    /// Tests the rig and waits until that is done: every relay against the sheet's own resistances, contacts,
-    /// reciprocity, noise. Refused while a session runs; the source is off and verified afterwards.
+    /// Tests the rig and waits for the end: every relay against the sheet's own resistances, contacts, reciprocity,
+    /// noise. An error while a session is running; afterwards the source is off, verified.
     fn test_instruments<O>(&self, options: &O) -> Result<TestReport, Fault>
     where
         O: Sync;
 
-    /// How often each relay has closed, and how long that may go on. Refused while a session runs.
+    /// Closures of each relay so far, and its remaining life. An error while a session is running.
     fn relays<O>(&self, options: &O) -> Result<Vec<RelayWear>, Fault>
     where
         O: Sync;
 
-    /// Looks for instruments: mDNS, VXI-11 broadcast, and these addresses (`tcp:HOST:PORT`). Nothing but `*IDN?` is said to
-    /// them, and none is used. See [`crate::DiscoverOptions`].
+    /// Searches for instruments: mDNS, VXI-11 broadcast, and these addresses (`tcp:HOST:PORT`). Sends them only `*IDN?`
+    /// and uses none of them. Options: [`crate::DiscoverOptions`].
     fn discover<O>(&self, addresses: &[&str], options: &O) -> Result<Discovery, Fault>
     where
         O: Sync;
 
-    /// How far a self-test is: steps done, of how many, what is done now.
+    /// Progress of a self-test: steps done, number of steps, the present step.
     #[zbus(signal)]
     fn test_progress(&self, done: u64, total: u64, what: &str) -> Result<(), Fault>;
 
@@ -68,30 +69,31 @@ pub trait Manager1 {
     /// Makes an earlier baseline the current one until another is recorded or the daemon ends; returns its id.
     fn use_baseline(&self, id: &str) -> Result<String, Fault>;
 
-    /// Switches the source off and opens every relay, verifies both; says what it did.
+    /// Switches the source off and opens every relay, verifies both, and returns a report.
     fn open_all(&self) -> Result<String, Fault>;
 
-    /// Agrees to the instruments or modules that were found in place of the known ones.
+    /// Accepts the instruments or modules that were found in place of the known ones.
     fn accept_instruments(&self) -> Result<String, Fault>;
 
-    /// Reads the configuration again; a bad one changes nothing.
+    /// Reloads the configuration; an invalid one changes nothing.
     fn reload(&self) -> Result<String, Fault>;
 
-    /// What was said over the wires for the last frames, a line of JSON each: see [`crate::TranscriptOptions`].
+    /// Messages sent to and received from the instruments during the last frames, a line of JSON each (options:
+    /// [`crate::TranscriptOptions`]).
     fn transcript<O>(&self, options: &O) -> Result<String, Fault>
     where
         O: Sync;
 
-    /// The state of the daemon in one answer; what is not known is left out.
+    /// The daemon's health in one reply; unknown values are left out.
     fn health(&self) -> Result<Health, Fault>;
 
-    /// The daemon, its session and its health in one answer.
+    /// The daemon, its session and its health in one reply.
     fn status(&self) -> Result<Status, Fault>;
 
     /// Runs the command of `[notify]` once and returns its result.
     fn notify_test(&self) -> Result<NotifyResult, Fault>;
 
-    /// Something happened to the rig, or to a session by it.
+    /// An event of the rig or of a session.
     #[zbus(signal)]
     fn happened(
         &self,
@@ -105,7 +107,7 @@ pub trait Manager1 {
     #[zbus(property(emits_changed_signal = "false"))]
     fn source_state(&self) -> Result<String, Fault>;
 
-    /// A lost rig that is being looked for; empty when none is.
+    /// Reconnection of a lost rig; empty when none is lost.
     #[zbus(property(emits_changed_signal = "false"))]
     fn recovery(&self) -> Result<Recovery, Fault>;
 
@@ -125,27 +127,27 @@ pub trait Manager1 {
     #[zbus(property(emits_changed_signal = "false"))]
     fn source(&self) -> Result<String, Fault>;
 
-    /// Their objects.
+    /// The objects of the instruments.
     #[zbus(property(emits_changed_signal = "false"))]
     fn instruments(&self) -> Result<Vec<OwnedObjectPath>, Fault>;
 
-    /// The running session, else an interrupted one that cannot be resumed yet; `/` when there is none.
+    /// The running session, otherwise an interrupted one that cannot be resumed yet; `/` if there is none.
     #[zbus(property(emits_changed_signal = "false"))]
     fn active_session(&self) -> Result<OwnedObjectPath, Fault>;
 
-    /// Id of the current baseline, empty when there is none.
+    /// Id of the current baseline, empty if there is none.
     #[zbus(property(emits_changed_signal = "false"))]
     fn baseline_id(&self) -> Result<String, Fault>;
 
-    /// The configured method as a person would name it.
+    /// Description of the configured method.
     #[zbus(property(emits_changed_signal = "false"))]
     fn method(&self) -> Result<String, Fault>;
 
-    /// Where session files are written.
+    /// Directory of the session files.
     #[zbus(property(emits_changed_signal = "const"))]
     fn record_directory(&self) -> Result<String, Fault>;
 
-    /// Why the daemon is faulted, empty when it is not.
+    /// Why the daemon is faulted, empty if it is not.
     #[zbus(property(emits_changed_signal = "false"))]
     fn last_error(&self) -> Result<String, Fault>;
 }
@@ -153,7 +155,7 @@ pub trait Manager1 {
 /// One session of the logbook (`(sssxtbsa{sv})`).
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct SessionSummary {
-    /// Its id.
+    /// The session's id.
     pub id: String,
     /// `baseline` or `measurement`.
     pub kind: String,
@@ -165,20 +167,20 @@ pub struct SessionSummary {
     pub frames: u64,
     /// Whether voltages are simulated.
     pub simulated: bool,
-    /// Its file.
+    /// The session's file.
     pub path: String,
-    /// What is known beside that.
+    /// Optional data.
     pub more: SessionDetails,
 }
 
-/// What a self-test found (`(basa(sssddss)a{sv})`).
+/// Result of a self-test (`(basa(sssddss)a{sv})`).
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct TestReport {
-    /// Nothing is to be mended.
+    /// Whether nothing has to be repaired.
     pub passed: bool,
-    /// What is, most grave first: `relay 1042 stays closed: ...`, `electrode 17: open ...`.
+    /// Faults to repair, most severe first: `relay 1042 stays closed: ...`, `electrode 17: open ...`.
     pub findings: Vec<String>,
-    /// One row each of the table.
+    /// The rows of the table.
     pub lines: Vec<TestLine>,
     /// Results for the rig as a whole.
     pub more: TestDetails,
@@ -189,43 +191,43 @@ pub struct TestReport {
 pub struct TestLine {
     /// `relay 1042`, `electrode 17`, `sheet`, `voltmeter`.
     pub subject: String,
-    /// What was looked at.
+    /// The property that was checked.
     pub check: String,
     /// `ok`, `failed` or `not-judged`.
     pub verdict: String,
-    /// NaN where there is none.
+    /// The measured value; NaN if there is none.
     pub measured: f64,
-    /// What a sound rig would give; NaN where nothing is known.
+    /// The value of a sound rig; NaN if not known.
     pub expected: f64,
-    /// Of both numbers.
+    /// Unit of both values.
     pub unit: String,
-    /// For a person.
+    /// Description for people.
     pub text: String,
 }
 
-/// What was looked for and found (`(a(ssssbss)as)`).
+/// Result of a search for instruments (`(a(ssssbss)as)`).
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct Discovery {
-    /// One entry an instrument, however many ways it was found.
+    /// One entry for each instrument, however many ways it was found.
     pub seen: Vec<SeenInstrument>,
-    /// What could not be looked for, and why.
+    /// Search methods that could not be used, and why.
     pub notes: Vec<String>,
 }
 
-/// An instrument that is there (`(ssssbss)`).
+/// An instrument that was found (`(ssssbss)`).
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct SeenInstrument {
-    /// As a configuration has it; empty where the daemon knows no way to it.
+    /// In the form of the configuration; empty if the daemon cannot connect to it.
     pub address: String,
-    /// The reply to `*IDN?`; empty where it gave none.
+    /// The reply to `*IDN?`; empty without a reply.
     pub identity: String,
     /// `mdns`, `vxi-11`, `address`, `configuration`, several joined by `, `.
     pub found_by: String,
-    /// The name it is announced under; empty where it is not.
+    /// The announced name; empty if the instrument is not announced.
     pub name: String,
     /// Whether the running configuration uses it.
     pub in_use: bool,
-    /// Lines that a configuration could have; empty where there is nothing to propose.
+    /// Proposed lines for a configuration; empty if there are none.
     pub proposal: String,
     /// Why there is no identity or no proposal.
     pub remark: String,
@@ -234,17 +236,17 @@ pub struct SeenInstrument {
 /// The wear of one relay (`(usttdd)`).
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct RelayWear {
-    /// Its number.
+    /// The relay's number.
     pub relay: u32,
-    /// What it is for.
+    /// The relay's purpose.
     pub purpose: String,
     /// Closures so far.
     pub cycles: u64,
-    /// Closures that it is rated for; 0 where nothing moves.
+    /// Rated number of closures; 0 for a switch without moving parts.
     pub rated: u64,
-    /// Part of that; NaN where nothing moves.
+    /// Fraction of the rating that is used; NaN for a switch without moving parts.
     pub used: f64,
-    /// Time of measuring until the rating is reached, s; NaN where it is never reached.
+    /// Measuring time until the rating is reached, s; NaN if never.
     pub left_s: f64,
 }
 
@@ -259,21 +261,21 @@ pub struct PlanReport {
     pub readings: u64,
     /// Relays opened or closed by the plan itself.
     pub relay_moves: u64,
-    /// Messages that ask for readings.
+    /// Messages that query readings.
     pub reading_messages: u64,
-    /// How long the instruments need, s.
+    /// Time that the instruments need, s.
     pub duration_s: f64,
     /// Injected current, A.
     pub current_a: f64,
     /// Voltage limit, V.
     pub compliance_v: f64,
-    /// One line a step.
+    /// One line for each step.
     pub lines: Vec<String>,
-    /// Wiring, limits, how each reading is taken, and what each setting costs.
+    /// Wiring, limits, how each reading is taken, and the cost of each setting.
     pub more: PlanDetails,
 }
 
-/// What a client needs to draw a map (`(sadauadauada{sv})`). Metres.
+/// The data for drawing a map (`(sadauadauada{sv})`). Metres.
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct Geometry {
     /// Hash of the mesh, as in every map.
@@ -288,12 +290,12 @@ pub struct Geometry {
     pub outline_lengths: Vec<u32>,
     /// Centres of the electrodes in their order: x, y, x, y ...
     pub electrodes: Vec<f64>,
-    /// What is known beside that.
+    /// Optional data.
     pub more: GeometryDetails,
 }
 
 impl Geometry {
-    /// The region's triangles as corner coordinates; `None` when an index or a count is out of range.
+    /// The region's triangles as corner coordinates; `None` if an index or a count is out of range.
     pub fn corners(&self) -> Option<Vec<[[f64; 2]; 3]>> {
         let node = |index: u32| {
             let at = 2 * index as usize;
@@ -308,7 +310,7 @@ impl Geometry {
             .collect()
     }
 
-    /// The boundary loops as points; `None` when the counts do not add up.
+    /// The boundary loops as points; `None` if the counts do not add up.
     pub fn loops(&self) -> Option<Vec<Vec<[f64; 2]>>> {
         let mut points = self.outline.chunks_exact(2).map(|p| [p[0], p[1]]);
         let loops: Vec<Vec<[f64; 2]>> = self
@@ -335,7 +337,7 @@ impl Geometry {
 /// The current baseline (`(sxtadayadba{sv})`).
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct BaselineReport {
-    /// Its id, which is its session's.
+    /// The baseline's id, which is the id of its session.
     pub id: String,
     /// Wall time of the last frame, ns since 1970 UTC.
     pub wall_ns: i64,

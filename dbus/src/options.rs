@@ -1,4 +1,5 @@
-//! The last argument of every method that may grow: read into a struct, wrong keys and values refused by name.
+//! Options: the final `a{sv}` argument of methods. Parsed to a struct; unknown keys and invalid values are errors that
+//! name the key.
 
 use std::collections::HashMap;
 
@@ -22,16 +23,15 @@ macro_rules! options {
     )*};
 }
 
-/// Options of `StartSession` alone.
+/// Options of `StartSession` only.
 pub const SESSION_OPTIONS: [&str; 8] = [
     "every_s", "count", "for_s", "baseline", "model", "speed", "step", "note",
 ];
 
-/// Options of `StartSession` and `RecordBaseline` that a lab needs to know later, free words, where they are other
-/// than configured.
+/// Options of `StartSession` and `RecordBaseline` for a lab's own records: free text, by default as configured.
 pub const ABOUT_OPTIONS: [&str; 4] = ["sheet", "foam", "ink", "operator"];
 
-/// Options of `StartSession`, `RecordBaseline` and `PlanWith` that say how a session measures, where that is not as
+/// Options of `StartSession`, `RecordBaseline` and `PlanWith` for the measuring settings of a session, by default as
 /// configured.
 pub const MEASURING_OPTIONS: [&str; 10] = [
     "nplc",
@@ -50,21 +50,21 @@ options! {
     /// Options of `StartSession` ([`SESSION_OPTIONS`], [`ABOUT_OPTIONS`], [`MEASURING_OPTIONS`]), of `RecordBaseline`
     /// (`frames`, `note`, [`ABOUT_OPTIONS`], [`MEASURING_OPTIONS`]) and of `PlanWith` ([`MEASURING_OPTIONS`]).
     SessionOptions {
-        /// Pause from start to start of frames, s; 0 back to back.
+        /// Time from the start of one frame to the start of the next, s; 0 without pause.
         every_s: f64,
         /// Frames of a measurement.
         count: u64,
         /// Duration, s.
         for_s: f64,
-        /// Id of the baseline; else the current one.
+        /// Id of the baseline; by default the current one.
         baseline: String,
-        /// Absolute path of a model file, or `one-step`; else the configured one.
+        /// Absolute path of a model file, or `one-step`; by default the configured one.
         model: String,
         /// Speed of a recording: 1 its own rate, 10 ten times faster, 0 as fast as possible.
         speed: f64,
-        /// A frame only when `Session1.Step` asks.
+        /// Take frames only when `Session1.Step` is called.
         step: bool,
-        /// Free words.
+        /// Free text.
         note: String,
         /// Frames of a baseline, 10 by default.
         frames: u64,
@@ -74,51 +74,51 @@ options! {
         foam: String,
         /// The ink, with its batch.
         ink: String,
-        /// Who measures.
+        /// Name of the operator.
         operator: String,
-        /// Integration, power-line cycles.
+        /// Integration time, power-line cycles.
         nplc: f64,
         /// Readings averaged to one.
         averages: u64,
         /// A zero reading after every reading.
         autozero: bool,
-        /// Wait after the current has moved, ms.
+        /// Wait after a change of the current, ms.
         settle_ms: f64,
         /// Wait before each scanned channel, ms.
         channel_delay_ms: f64,
-        /// Every injection with the current both ways.
+        /// Measure every injection with both polarities of the current.
         reversal: bool,
-        /// A frame at 0 A before the first and after every so many; 0 never.
+        /// Take a frame at 0 A before the first and after every n-th; 0: never.
         zero_every: u64,
         /// `fixed` or `planned`.
         ranges: String,
-        /// Electrodes between those of a pair; 0 neighbours.
+        /// Electrodes between the two of a pair; 0: neighbours.
         skip: u64,
-        /// Of two readings that reciprocity makes equal only one.
+        /// Take only one of two reciprocal readings.
         half: bool,
     }
 
     /// Options of `ListSessions`.
     ListOptions {
-        /// At most so many sessions.
+        /// Largest number of sessions.
         count: u64,
-        /// Id of the session behind which the list goes on.
+        /// The list continues after the session with this id.
         before: String,
     }
 
     /// Options of `Discover`.
     DiscoverOptions {
-        /// How long to listen, s; 3 by default.
+        /// Search time, s; 3 by default.
         within_s: f64,
-        /// Whether to ask by mDNS.
+        /// Whether to search by mDNS.
         mdns: bool,
-        /// Whether to ask by VXI-11 broadcast.
+        /// Whether to search by VXI-11 broadcast.
         broadcast: bool,
     }
 
     /// Options of `Transcript`.
     TranscriptOptions {
-        /// The last so many frames, 1 by default.
+        /// Number of the last frames, 1 by default.
         frames: u64,
     }
 
@@ -150,13 +150,13 @@ options! {
 #[serde(transparent)]
 pub struct Options(pub HashMap<String, OwnedVariant>);
 
-/// Why options cannot be read.
+/// Why options are invalid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{text}")]
 pub struct InvalidOption {
-    /// The option whose value is wrong; `None` for an option that doesn't exist.
+    /// The option with the invalid value; `None` for an unknown option.
     pub key: Option<String>,
-    /// Names the option, the value, and what is allowed.
+    /// Message with the option, the value, and the allowed values.
     pub text: String,
 }
 
@@ -188,7 +188,7 @@ fn unknown(key: &str, known: &[&str]) -> InvalidOption {
 }
 
 impl Options {
-    /// None.
+    /// No options.
     pub fn new() -> Self {
         Self::default()
     }
@@ -200,10 +200,10 @@ impl Options {
         self
     }
 
-    /// Refuses keys other than these.
+    /// Rejects keys other than these.
     ///
     /// # Errors
-    /// The first key that is not among them, and those that are.
+    /// The first unknown key, with the known ones.
     pub fn only(&self, known: &[&str]) -> Result<(), InvalidOption> {
         match self.0.keys().find(|key| !known.contains(&key.as_str())) {
             None => Ok(()),
@@ -211,11 +211,11 @@ impl Options {
         }
     }
 
-    /// Reads a struct. A field that is a number takes every numeric type, a text takes an object path too.
+    /// Parses the options to a struct. A numeric field accepts every numeric type, a text field also an object path.
     ///
     /// # Errors
-    /// A key that the struct has not, a value of another type, a number that is not finite or is negative where that
-    /// cannot be.
+    /// A key that the struct does not have, a value of another type, a number that is not finite, or a negative number
+    /// where none is allowed.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, InvalidOption> {
         let values = self
             .0
@@ -224,13 +224,13 @@ impl Options {
         T::deserialize(MapDeserializer::new(values))
     }
 
-    /// The value of a numeric option; `None` where it is not there or no number.
+    /// The value of a numeric option; `None` if it is missing or not a number.
     pub fn number(&self, key: &str) -> Option<f64> {
         let (key, value) = self.0.get_key_value(key)?;
         Value { key, value }.number().ok()
     }
 
-    /// The value of a text option; `None` where it is not there or no text.
+    /// The value of a text option; `None` if it is missing or not a text.
     pub fn text(&self, key: &str) -> Option<&str> {
         match &**self.0.get(key)? {
             Variant::Str(text) => Some(text),
@@ -239,7 +239,7 @@ impl Options {
     }
 }
 
-/// One value, and its key for errors.
+/// One value, and its key for error messages.
 #[derive(Clone, Copy)]
 struct Value<'a> {
     key: &'a str,
@@ -343,7 +343,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
     }
 }
 
-/// A value that cannot fail to become a variant.
+/// A value whose conversion to a variant cannot fail.
 #[derive(Debug)]
 pub struct Plain(OwnedVariant);
 

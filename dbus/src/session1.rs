@@ -1,11 +1,12 @@
-//! A session: a baseline being recorded, or a measurement.
+//! The interface of a session: a baseline being recorded, or a measurement.
 
 use serde::{Deserialize, Serialize};
 use zbus::{OwnedFd, Type};
 
 use crate::{Fault, FrameQuality, FrameSummary, MapDetails};
 
-/// `org.tactus.Tactus1.Session1`, below `/org/tactus/Tactus1/session/`. The object outlives its session for a while.
+/// `org.tactus.Tactus1.Session1`, below `/org/tactus/Tactus1/session/`. The object remains for a while after its
+/// session has ended.
 #[zbus::proxy(
     interface = "org.tactus.Tactus1.Session1",
     default_service = "org.tactus.Tactus1"
@@ -17,35 +18,35 @@ pub trait Session1 {
     /// Suspends acquisition between frames; the source is off.
     fn suspend(&self) -> Result<(), Fault>;
 
-    /// Goes on after `Suspend`.
+    /// Continues after `Suspend`.
     fn resume(&self) -> Result<(), Fault>;
 
-    /// Takes so many frames now, in a session started with `step`; returns the sequence of the last when it is durable
-    /// (of the last there is, when a recording ends before).
+    /// Takes this number of frames now, in a session started with `step`; returns the sequence of the last one when it
+    /// is durable (of the last available one if a recording ends earlier).
     fn step(&self, frames: u64) -> Result<u64, Fault>;
 
-    /// Waits until the session has ended and returns why.
+    /// Waits until the session has ended and returns the reason.
     fn wait(&self) -> Result<String, Fault>;
 
     /// The last durable frame.
     fn latest_frame(&self) -> Result<LatestFrame, Fault>;
 
-    /// The map of the last durable frame that has one.
+    /// The map of the last durable frame with a map.
     fn latest_map(&self) -> Result<LatestMap, Fault>;
 
-    /// The same map as pressure; an error where the configured method is not calibrated.
+    /// The same map as pressure; an error if the configured method is not calibrated.
     fn latest_pressure(&self) -> Result<LatestPressure, Fault>;
 
-    /// A descriptor from which every frame and map can be read (see `dbus::stream`): see [`crate::StreamOptions`].
+    /// A descriptor for reading every frame and map (format: `dbus::stream`; options: [`crate::StreamOptions`]).
     fn open_stream<O>(&self, options: &O) -> Result<OwnedFd, Fault>
     where
         O: Sync;
 
-    /// At most five a second, and one for the last frame.
+    /// At most five signals a second, and one for the last frame.
     #[zbus(signal)]
     fn frame_done(&self, sequence: u64, wall_ns: i64, summary: FrameSummary) -> Result<(), Fault>;
 
-    /// Its id.
+    /// The session's id.
     #[zbus(property(emits_changed_signal = "const"))]
     fn id(&self) -> Result<String, Fault>;
 
@@ -57,7 +58,7 @@ pub trait Session1 {
     #[zbus(property(emits_changed_signal = "false"))]
     fn state(&self) -> Result<String, Fault>;
 
-    /// Frames that the rig or recording gave.
+    /// Frames from the rig or recording.
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_acquired(&self) -> Result<u64, Fault>;
 
@@ -65,19 +66,19 @@ pub trait Session1 {
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_durable(&self) -> Result<u64, Fault>;
 
-    /// Frames that the schedule asked for and the rig could not give in time.
+    /// Scheduled frames that the rig could not measure in time.
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_dropped(&self) -> Result<u64, Fault>;
 
-    /// Frames that failed; the record's events say why.
+    /// Frames that failed; the reasons are in the record's events.
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_failed(&self) -> Result<u64, Fault>;
 
-    /// Why it is faulted, or why the last frame has no map; empty otherwise.
+    /// Why the session is faulted, or why the last frame has no map; empty otherwise.
     #[zbus(property(emits_changed_signal = "false"))]
     fn last_error(&self) -> Result<String, Fault>;
 
-    /// Why it ended, empty while it runs.
+    /// Why the session ended; empty while it is running.
     #[zbus(property(emits_changed_signal = "false"))]
     fn end_reason(&self) -> Result<String, Fault>;
 
@@ -85,15 +86,15 @@ pub trait Session1 {
     #[zbus(property(emits_changed_signal = "const"))]
     fn simulated(&self) -> Result<bool, Fault>;
 
-    /// Id of the baseline that it measures against, empty for a baseline session.
+    /// Id of the baseline of a measurement; empty for a baseline session.
     #[zbus(property(emits_changed_signal = "const"))]
     fn baseline_id(&self) -> Result<String, Fault>;
 
-    /// The method of its maps, empty for a baseline session.
+    /// The method of the session's maps; empty for a baseline session.
     #[zbus(property(emits_changed_signal = "const"))]
     fn method(&self) -> Result<String, Fault>;
 
-    /// The file that its frames go to; a session that rolls over goes on in another one.
+    /// The file of the session's frames; a long session continues in further files.
     #[zbus(property(emits_changed_signal = "false"))]
     fn path(&self) -> Result<String, Fault>;
 }
@@ -113,14 +114,14 @@ pub struct LatestFrame {
     pub unit: String,
     /// Whether the voltages are simulated.
     pub simulated: bool,
-    /// What its checks found.
+    /// Result of the frame's checks.
     pub quality: FrameQuality,
 }
 
 /// One map as pressure (`(txaddb)`).
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct LatestPressure {
-    /// Sequence of the frame it is of.
+    /// Sequence of the map's frame.
     pub sequence: u64,
     /// Wall time of that frame, ns since 1970 UTC.
     pub wall_ns: i64,
@@ -135,20 +136,20 @@ pub struct LatestPressure {
 /// One map (`(txadsssba{sv})`).
 #[derive(Debug, Serialize, Deserialize, Type)]
 pub struct LatestMap {
-    /// Sequence of the frame it is of.
+    /// Sequence of the map's frame.
     pub sequence: u64,
     /// Wall time of that frame, ns since 1970 UTC.
     pub wall_ns: i64,
-    /// A value a triangle of the region.
+    /// One value for each triangle of the region.
     pub values: Vec<f64>,
     /// What the values mean.
     pub unit: String,
     /// Hash of the mesh; the same as in `Manager1.Geometry`.
     pub mesh_hash: String,
-    /// How it was made.
+    /// The method of the map.
     pub method: String,
     /// Whether the voltages are simulated.
     pub simulated: bool,
-    /// How it was made and what it shows.
+    /// Method and results.
     pub more: MapDetails,
 }

@@ -1,10 +1,10 @@
-//! Records of the full-rate stream that `Session1.OpenStream` hands out: bytes in, records out, no I/O here.
+//! Records of the full-rate stream of `Session1.OpenStream`: encodes and decodes them, without I/O.
 //!
-//! All numbers little-endian, nothing padded. Every record is
+//! All numbers little-endian, without padding. Every record is
 //!
 //! | bytes | type | what |
 //! |---|---|---|
-//! | 0 to 3 | u32 | length of what follows |
+//! | 0 to 3 | u32 | length of the rest of the record |
 //! | 4, 5 | u16 | version, 1 |
 //! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end, 4 pressure |
 //! | 8 to 15 | u64 | sequence of the frame, from 1 in its session |
@@ -13,12 +13,12 @@
 //! | 32 to 35 | u32 | bit 0: simulated; other bits 0 |
 //! | 36 to 39 | u32 | n |
 //!
-//! and then, for a **frame**, n voltages (f64, V; NaN where the flag is not 0) and n flags (u8: 0 ok, 1 overload,
-//! 2 timeout, 3 not measured); for a **map**, n values (f64, relative change of conductance, a triangle of the region
-//! each), u16 and so many bytes of mesh hash, u16 and so many bytes of method (UTF-8); for **pressure**, n values (f64, kPa, a
-//! triangle of the region each) and the total load (f64, N), just before the map it was made from; for the **end**, n bytes
-//! of reason (UTF-8), after which the descriptor is closed. A reader skips kinds it does not know, by their length, and
-//! refuses other versions. `dbus/stream_reader.py` reads it in some twenty lines.
+//! followed, for a **frame**, by n voltages (f64, V; NaN where the flag is not 0) and n flags (u8: 0 ok, 1 overload,
+//! 2 timeout, 3 not measured); for a **map**, n values (f64, relative change of conductance, one for each
+//! triangle of the region), a u16 length and the mesh hash, a u16 length and the method (UTF-8); for **pressure**, n values
+//! (f64, kPa, one for each triangle of the region) and the total load (f64, N), just before the map of the same frame; for
+//! the **end**, the reason in n bytes (UTF-8), after which the descriptor is closed. A reader skips unknown kinds by their
+//! length, and rejects other versions. `dbus/stream_reader.py` is a reader in some twenty lines.
 //!
 //! ```
 //! use dbus::stream::{Body, Decoder, Record};
@@ -35,9 +35,9 @@
 
 /// Version of the layout.
 pub const VERSION: u16 = 1;
-/// No record is longer; a length beyond it means that the reader is out of step.
+/// Maximum length of a record; a larger length means that the reader is not synchronised.
 pub const LONGEST: usize = 64 * 1024 * 1024;
-/// Where the gap stands in an encoded record.
+/// Offset of the gap in an encoded record.
 const GAP_AT: usize = 24;
 const HEADER: usize = 40;
 
@@ -52,11 +52,11 @@ pub struct Record {
     pub gap: u64,
     /// Whether the voltages are simulated.
     pub simulated: bool,
-    /// What it carries.
+    /// The content.
     pub body: Body,
 }
 
-/// What a record carries.
+/// The content of a record.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Body {
     /// Voltages and flags, equally many.
@@ -66,16 +66,16 @@ pub enum Body {
         /// 0 ok, 1 overload, 2 timeout, 3 not measured.
         flags: Vec<u8>,
     },
-    /// A value a triangle of the region.
+    /// One value for each triangle of the region.
     Map {
         /// Relative change of conductance.
         values: Vec<f64>,
         /// Hash of the mesh.
         mesh_hash: String,
-        /// How it was made.
+        /// The method of the map.
         method: String,
     },
-    /// The map of the same sequence, which follows, as pressure.
+    /// Pressure of the map of the same sequence, which follows.
     Pressure {
         /// kPa.
         kpa: Vec<f64>,
@@ -84,7 +84,7 @@ pub enum Body {
     },
     /// The session has ended.
     End {
-        /// Why.
+        /// The reason.
         reason: String,
     },
 }
@@ -97,21 +97,21 @@ pub enum StreamError {
         "the stream is of version {0}, this reader knows version {VERSION}; use the client of the daemon's version"
     )]
     Version(u16),
-    /// A length that cannot be.
+    /// An invalid length.
     #[error("a record of {0} bytes cannot be: the reader is out of step; open the stream again")]
     Length(usize),
     /// A count that does not fit the record's length, or text that is not UTF-8.
     #[error("record {sequence} is malformed ({what}); open the stream again")]
     Malformed {
-        /// Its sequence.
+        /// The record's sequence.
         sequence: u64,
-        /// What does not fit.
+        /// The invalid field.
         what: &'static str,
     },
 }
 
 impl Record {
-    /// As bytes, length included.
+    /// Encodes the record, with its length.
     pub fn encode(&self) -> Vec<u8> {
         let (kind, count) = match &self.body {
             Body::Frame { volts, .. } => (1_u16, volts.len()),
@@ -156,14 +156,14 @@ impl Record {
     }
 }
 
-/// Writes the gap into a record that [`Record::encode`] made, so that one encoding serves many readers.
+/// Sets the gap in an encoded record, so that one encoding serves several readers.
 pub fn set_gap(encoded: &mut [u8], gap: u64) {
     if let Some(place) = encoded.get_mut(GAP_AT..GAP_AT + 8) {
         place.copy_from_slice(&gap.to_le_bytes());
     }
 }
 
-/// Puts bytes together to records, however they were split.
+/// Assembles records from bytes, however they were split.
 #[derive(Debug, Default)]
 pub struct Decoder {
     bytes: Vec<u8>,
@@ -171,22 +171,22 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Empty.
+    /// An empty decoder.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes what was read.
+    /// Adds received bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.drain(..self.read);
         self.read = 0;
         self.bytes.extend_from_slice(bytes);
     }
 
-    /// The next whole record; `None` until more bytes come. Records of unknown kind are skipped.
+    /// The next complete record; `None` until more bytes arrive. Records of unknown kind are skipped.
     ///
     /// # Errors
-    /// Another version, or bytes that are not records; the stream is then useless.
+    /// Another version, or bytes that are not records; the stream is then unusable.
     pub fn next_record(&mut self) -> Result<Option<Record>, StreamError> {
         loop {
             let rest = &self.bytes[self.read..];

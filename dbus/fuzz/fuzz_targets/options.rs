@@ -1,6 +1,7 @@
-//! Arbitrary bytes as the `a{sv}` that a client ends its call with: the bus library reads or refuses them, and whatever
-//! it has read is read into every struct of options. Nothing panics, every refusal of a value names its key, and what is read is written so
-//! that it is read the same again. The bytes come once as they are and once behind the length they have.
+//! Arbitrary bytes as the final `a{sv}` of a client's call: the D-Bus library decodes or rejects them, and decoded
+//! values are converted to every struct of options. Nothing panics, every error about a value names its key, and a
+//! decoded value that is encoded decodes to the same value again. Each input is used once as it is and once preceded by
+//! its length.
 
 #![no_main]
 

@@ -1,6 +1,6 @@
-//! Arbitrary bytes at the reader of the full-rate stream, whole and cut in two: nothing panics, the cut changes nothing,
-//! and a record that is read is written so that it is read the same again. The bytes come once as they are and once
-//! behind a head that is right, for its length alone would take long to guess.
+//! Arbitrary bytes at the decoder of the full-rate stream, whole and cut in two: nothing panics, the cut changes
+//! nothing, and a decoded record that is encoded decodes to the same record again. Each input is used once as it is and
+//! once preceded by a valid header, because the fuzzer would take long to guess the length.
 
 #![no_main]
 
@@ -22,7 +22,7 @@ fuzz_target!(|bytes: &[u8]| {
     framed.extend(sequence.rotate_right(5).to_le_bytes());
     framed.extend(u64::from(cut).to_le_bytes());
     framed.extend(u32::from(count & 1).to_le_bytes());
-    // As many as fit, or as the fuzzer says.
+    // As many as fit, or the number from the fuzzer's input.
     let fitting = match kind % 6 {
         1 => bytes.len() / 9,
         3 => bytes.len(),
@@ -73,7 +73,7 @@ fn read(pieces: &[&[u8]]) -> (Vec<Record>, Option<StreamError>) {
     (records, None)
 }
 
-/// By their bytes: NaN, which a frame holds where it has no voltage, is not equal to itself.
+/// Compares the encoded bytes: NaN, which a frame holds where it has no voltage, is not equal to itself.
 fn written(records: &[Record]) -> Vec<u8> {
     records.iter().flat_map(Record::encode).collect()
 }
