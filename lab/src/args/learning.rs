@@ -105,9 +105,12 @@ pub(crate) struct DataOptions {
     /// gamma of the profile `paper`, a number: share of the standard deviation of the normalised baseline
     #[arg(long, default_value_t = 0.01, value_parser = gamma)]
     pub(crate) gamma: f64,
-    /// Noise of one reading for the profile `matched`, V, below the largest reading of the case; several levels, several times: copies of a case take them in turn
+    /// Noise of one reading for the profile `matched`, V, below the largest reading of the case, above 1 mV only with --yes; several levels, several times: copies of a case take them in turn
     #[arg(long, value_name = "SD", default_values_t = [2e-6], value_parser = noise_v)]
     pub(crate) noise_v: Vec<f64>,
+    /// Train for more than 1 mV of noise, too
+    #[arg(long)]
+    pub(crate) yes: bool,
     /// Frames of the unloaded sheet: the profile `matched` takes their covariance in place of --noise-v
     #[arg(long, value_name = "FILE")]
     pub(crate) noise_frames: Option<PathBuf>,

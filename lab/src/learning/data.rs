@@ -37,7 +37,7 @@ impl Data {
                 current_a: single_current(&case)?,
             },
             (Profile::Matched, None) => {
-                limits::check_noise(&case, &options.noise_v)?;
+                limits::check_noise(&case, &options.noise_v, options.yes)?;
                 linear::matched(&options.noise_v, single_current(&case)?)
             }
         };

@@ -2,13 +2,17 @@
 
 use eit::{Case, Forward};
 use studies::Failure;
-use survey::Bounds;
+use survey::{Bounds, Volts};
 
-/// Refuses noise that no reading of the case is above.
+/// Noise of one reading above which a training needs `--yes`, V: ten times that of the voltmeter at 0.02
+/// power-line cycles on its 1 V range.
+const PLAUSIBLE_NOISE_V: f64 = 1e-3;
+
+/// Refuses noise that no reading of the case is above, and implausible noise unless it is confirmed.
 ///
 /// # Errors
-/// The level and the largest reading, or a case that cannot be solved.
-pub(super) fn check_noise(case: &Case, levels: &[f64]) -> Result<(), Failure> {
+/// The level and its bound, or a case that cannot be solved.
+pub(super) fn check_noise(case: &Case, levels: &[f64], confirmed: bool) -> Result<(), Failure> {
     let failed = |fault| Failure::of("the case cannot be solved", &fault);
     let forward =
         Forward::new(std::sync::Arc::clone(&case.mesh), &case.contact_ohm_m).map_err(failed)?;
@@ -28,6 +32,13 @@ pub(super) fn check_noise(case: &Case, levels: &[f64]) -> Result<(), Failure> {
                  volts? 2 uV are 2e-6"
             ))
         })?;
+        if *level > PLAUSIBLE_NOISE_V && !confirmed {
+            return Err(Failure::usage(format!(
+                "--noise-v {level}: {:.3} of noise in one reading is more than {}; is it in volts? 2 uV are 2e-6. --yes trains for it",
+                Volts(*level),
+                Volts(PLAUSIBLE_NOISE_V)
+            )));
+        }
     }
     Ok(())
 }

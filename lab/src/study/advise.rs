@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use config::problems::Source;
 use config::{Config, RigKind, WiringKind};
+use imaging::PresetName;
 use studies::Failure;
 use studies::tradeoff as diagrams;
 use studies::tradeoff::Point;
@@ -126,21 +127,44 @@ fn lines(point: &Point, config: Option<&Config>) -> String {
         also("half") > 0.5,
         also("skip"),
     );
+    let other_count = config.is_some_and(|config| electrodes(config) as f64 != count);
+    let mut wiring = String::new();
     let wired = MODULES
         .iter()
-        .find(|(.., module)| point.line.contains(module));
-    if let Some((kind, name, _)) = wired
-        && config.is_none_or(|config| config.wiring.kind != *kind)
-    {
-        text += &format!("[wiring]\nkind = \"{name}\"\n");
-        if config.is_some_and(|config| config.rig.kind == RigKind::Simulated) {
-            text += &format!("[rig]\nprofile = \"{name}\"\n");
-        }
+        .find(|(.., module)| point.line.contains(module))
+        .filter(|(kind, ..)| config.is_none_or(|config| config.wiring.kind != *kind));
+    if let Some((_, name, _)) = wired {
+        wiring += &format!("kind = \"{name}\"\n");
     }
-    if config.is_some_and(|config| electrodes(config) as f64 != count) {
-        text += &format!("# [geometry] and [wiring] must have {count} electrodes too\n");
+    if other_count && config.is_some_and(|config| config.wiring.electrodes.is_some()) {
+        wiring += &format!("electrodes = {count}\n");
+    }
+    if !wiring.is_empty() {
+        text += &format!("[wiring]\n{wiring}");
+    }
+    if let Some((_, name, _)) = wired
+        && config.is_some_and(|config| config.rig.kind == RigKind::Simulated)
+    {
+        text += &format!("[rig]\nprofile = \"{name}\"\n");
+    }
+    if let Some(config) = config.filter(|_| other_count) {
+        text += &geometry(config, count);
     }
     text
+}
+
+/// Lines of the geometry with another number of electrodes; a comment for a case folder, which has its own.
+fn geometry(config: &Config, count: f64) -> String {
+    let ring = diagrams::ring(count as usize);
+    match (&config.geometry.case, config.geometry.preset, ring) {
+        (None, Some(PresetName::DiscTank), _) => {
+            format!("[geometry.disc-tank]\nelectrodes = {count}\n")
+        }
+        (None, None | Some(PresetName::PaperSheet), Some([width, height])) => format!(
+            "[geometry.paper-sheet]\nelectrodes_per_width = {width}\nelectrodes_per_height = {height}\n"
+        ),
+        _ => format!("# [geometry] must name a sheet with {count} electrodes\n"),
+    }
 }
 
 fn show(point: &Point, lines: &str) {

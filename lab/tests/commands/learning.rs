@@ -304,6 +304,11 @@ fn slips_of_a_training_are_refused_before_work_begins() {
     for (slip, says) in [
         ("--noise-v 2", "2e-6"),
         ("--noise-v 0", "2e-6"),
+        (
+            "--noise-v 0.002",
+            "2 mV of noise in one reading is more than 1 mV",
+        ),
+        ("--noise-v 2e-6 --noise-v 0.002", "--yes trains for it"),
         ("--cases 1e11", "10000000"),
         ("--cases 100000000000", "10000000"),
     ] {
@@ -313,4 +318,13 @@ fn slips_of_a_training_are_refused_before_work_begins() {
         assert!(!message.contains("cases take about"), "{slip}: {message}");
     }
     assert!(!model.exists());
+    // the next bound, the largest reading of the case, holds also if the noise is confirmed
+    let message = refused(
+        "train linear --profile matched --noise-v 2 --yes --out {}",
+        &[&model],
+    );
+    assert!(message.contains("the largest reading"), "{message}");
+    let line = "train linear --profile matched --noise-v 0.002 --yes --cases 120 --out {}";
+    done(&words(line, &[&model]));
+    assert!(model.exists());
 }

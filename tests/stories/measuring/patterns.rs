@@ -96,7 +96,13 @@ fn check_accepts_the_lines_that_advise_prints() {
     let path = stage.config_path();
     let config = path.display().to_string();
     let mut proposed = Vec::new();
-    for options in [&[][..], &["--module", "34934A"], &["--current-ma", "10"]] {
+    for options in [
+        &[][..],
+        &["--module", "34934A"],
+        &["--current-ma", "10"],
+        &["--electrodes", "16"],
+        &["--electrodes", "32", "--module", "34934A"],
+    ] {
         let mut words = vec![
             "advise",
             "--config",
@@ -145,6 +151,12 @@ fn check_accepts_the_lines_that_advise_prints() {
         proposed[1].contains("kind = \"matrix-34934a\""),
         "{}",
         proposed[1]
+    );
+    assert!(
+        proposed[3].contains("electrodes = 16\n")
+            && proposed[3].contains("electrodes_per_width = 4\n"),
+        "{}",
+        proposed[3]
     );
     assert!(
         proposed[2].contains("current_ua = 10000.0"),

@@ -21,6 +21,7 @@ use outfile::Existing;
 use crate::artifact_cache::{ArtifactCache, Program};
 use crate::failure::{Failure, write};
 pub use advise::{Request, advise};
+pub use measuring::acquisition::ring;
 use measuring::{acquisition, months};
 use methods::{precision, reconstruction, training, uncertainty};
 use modelling::{forward, solver};

@@ -123,8 +123,17 @@ struct Found {
     noise_v: f64,
 }
 
+/// Electrodes along the width and along the height of the compared sheets.
+const RINGS: [[usize; 2]; 4] = [[4, 4], [5, 5], [6, 7], [8, 8]];
+
+/// Electrodes along the width and along the height of the table's sheet with this number of electrodes.
+pub fn ring(electrodes: usize) -> Option<[usize; 2]> {
+    let count = |[width, height]: &[usize; 2]| 2 * (width + height);
+    RINGS.into_iter().find(|ring| count(ring) == electrodes)
+}
+
 pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
-    let rings: &[[usize; 2]] = effort.of(&[[4, 4], [6, 7]][..], &[[4, 4], [5, 5], [6, 7], [8, 8]]);
+    let rings: &[[usize; 2]] = effort.of(&[RINGS[0], RINGS[2]][..], &RINGS);
     let ways = Way::all(effort);
     let currents: &[f64] = effort.of(&[1e-3][..], &[1e-4, 1e-3, 1e-2]);
     let modules: Vec<&Module> = MODULES
