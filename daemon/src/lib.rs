@@ -529,7 +529,7 @@ fn fail(text: &str) -> ExitCode {
     ExitCode::FAILURE
 }
 
-/// Writes to standard output; a closed pipe is no error.
+/// Writes to standard output; a closed pipe is not an error.
 fn say(text: &str) {
     let _ = writeln!(std::io::stdout(), "{}", survey::printable_lines(text));
 }

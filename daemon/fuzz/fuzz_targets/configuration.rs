@@ -1,5 +1,6 @@
-//! Configurations through the daemon's own door, `tactusd --check`: arbitrary text, and the shipped `config.toml` with
-//! the fuzzer's edits, its comments taken in now and then. Found good or refused with the exit code for it, never a panic.
+//! Arbitrary configurations through `tactusd --check`: arbitrary text, and the shipped `config.toml` with the fuzzer's
+//! edits, in which commented-out keys are sometimes activated. Each is accepted or rejected with exit code 78, never a
+//! panic.
 
 #![no_main]
 
@@ -11,7 +12,7 @@ use std::sync::OnceLock;
 use libfuzzer_sys::fuzz_target;
 
 const SHIPPED: &str = include_str!("../../../config.toml");
-/// `EX_CONFIG`, which the unit knows.
+/// `EX_CONFIG`, which the systemd unit recognises.
 const REFUSED: u8 = 78;
 
 static FILE: OnceLock<PathBuf> = OnceLock::new();
@@ -30,7 +31,7 @@ fuzz_target!(|bytes: &[u8]| {
         let args = ["tactusd", "--check", "--config"].map(std::ffi::OsString::from);
         daemon::run(args.into_iter().chain([file.clone().into_os_string()]))
     });
-    // ExitCode has no equality of its own.
+    // `ExitCode` does not implement `PartialEq`.
     let is = |wanted: ExitCode| format!("{code:?}") == format!("{wanted:?}");
     assert!(
         is(ExitCode::SUCCESS) || is(ExitCode::from(REFUSED)),
@@ -38,9 +39,9 @@ fuzz_target!(|bytes: &[u8]| {
     );
 });
 
-/// Each order: a line, and what becomes of it. Sections stay in their order, so that most stays understood.
+/// Each edit names a line and what to do with it. Sections keep their order, so that most edits stay valid.
 fn edited(mut orders: &[u8]) -> Vec<u8> {
-    // What is found good is prepared: a small tank is a thousand times quicker than a sheet.
+    // Accepted configurations are prepared: a small tank takes a thousandth of the time of a sheet.
     let small = SHIPPED
         .replace("preset = \"paper-sheet\"", "preset = \"disc-tank\"")
         .replace("# [geometry.disc-tank]", "[geometry.disc-tank]")
@@ -66,7 +67,7 @@ fn edited(mut orders: &[u8]) -> Vec<u8> {
                 line.truncate(value);
                 line.extend(new);
             }
-            // Another number: digits in place of the line's first.
+            // Another number: digits in place of the first number of the line.
             3 => {
                 let from = line
                     .iter()
@@ -81,7 +82,7 @@ fn edited(mut orders: &[u8]) -> Vec<u8> {
                     .map(|byte| b"0123456789.-e_"[usize::from(*byte) % 14]);
                 line.splice(from..from + to, number);
             }
-            // A form shown in a comment becomes a line.
+            // An example in a comment becomes a line.
             4 | 5 if line.starts_with(b"# ") => drop(line.drain(..2)),
             4 | 5 => line.clear(),
             6 => {
@@ -98,7 +99,7 @@ fn edited(mut orders: &[u8]) -> Vec<u8> {
     lines.join(&b'\n')
 }
 
-/// Without the lines that a person would read: they are many.
+/// Without the printed messages: they are many.
 fn quietly<T>(work: impl FnOnce() -> T) -> T {
     let null = File::options()
         .write(true)
@@ -118,7 +119,7 @@ fn quietly<T>(work: impl FnOnce() -> T) -> T {
 }
 
 fn begin() -> PathBuf {
-    // Where a panic is told while standard error leads nowhere.
+    // Messages of panics go here while standard error is redirected.
     let stderr = rustix::io::dup(std::io::stderr()).expect("standard error");
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

@@ -32,7 +32,7 @@ pub(crate) fn describe(error: &AcquireError) -> String {
     text
 }
 
-/// What happened, and to which instrument.
+/// The event, and the instrument concerned.
 fn what(cause: &RigError) -> String {
     match cause {
         RigError::Link(LinkError::Lost { instrument, .. }) => {

@@ -13,7 +13,7 @@ pub(crate) struct Schedule {
     pub lasts: Option<Duration>,
 }
 
-/// What is due next.
+/// The next action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Next {
     /// A frame is due then; `missed` frames were due before it and could not be taken.

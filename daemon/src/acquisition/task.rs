@@ -105,7 +105,7 @@ impl AcquisitionProgress {
     }
 }
 
-/// What a wait ended with.
+/// Why a wait ended.
 enum Waited {
     Due,
     Stopped,
@@ -288,7 +288,7 @@ impl Acquisition {
         let _ = self.recorder.send(Order::Event(event)).await;
     }
 
-    /// Waits while suspended; returns how long.
+    /// Waits while suspended; returns the duration.
     async fn sit_out(&self, suspend: &mut watch::Receiver<bool>, stop: &mut Stop) -> Duration {
         if !*suspend.borrow() {
             return Duration::ZERO;

@@ -144,7 +144,7 @@ mod tests {
             logbook::read_daemon_log(folder.path()).unwrap().len(),
             QUEUE
         );
-        // and it goes on
+        // and writing continues
         let at = DateTime::from_timestamp_nanos(QUEUE as i64);
         daemon_log.note(&Event::new(at, EventKind::Stopped, "SIGTERM", None));
         daemon_log.close().await;

@@ -122,7 +122,7 @@ mod tests {
 
     use crate::events::rate_limit::*;
 
-    /// What goes to the journal, as text.
+    /// Collects the text written to the journal.
     #[derive(Debug, Clone, Default)]
     struct Journal(Arc<Mutex<String>>);
 

@@ -161,7 +161,7 @@ impl AnyRig {
     }
 }
 
-/// What the simulated instruments of a rig are connected to.
+/// The simulated rig behind the simulated instruments; `None` if there are none.
 pub(crate) type Bench = Option<SimulatedRig>;
 
 /// Connects to every instrument, compares them with `identities`, checks the wiring against the modules, makes the rig

@@ -15,7 +15,7 @@ const FILE: &str = "known-instruments.json";
 /// Every role an instrument can have.
 const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 
-/// What only a person can do about another instrument.
+/// The required action of a user if another instrument is found.
 pub(crate) const UNTIL_AGREED: &str =
     "nothing is measured with it until a person runs `tactus instruments accept`";
 
@@ -266,7 +266,7 @@ mod tests {
         assert!(!recalled.has(&other.instruments[0]) && recalled.has(&other.instruments[1]));
         let module = recalled.differs(&expected("1", "tcp:h:1", "34924A MY8"));
         assert!(module.is_some_and(|reported| reported.contains("34924A MY8")));
-        // another address is a person's word
+        // a changed address in the configuration is accepted
         assert_eq!(recalled.differs(&expected("2", "tcp:h:9", "34931A")), None);
     }
 

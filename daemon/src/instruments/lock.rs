@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn an_instrument_has_one_daemon_under_whichever_name() {
-        // ports that no other test uses, and nobody listens on
+        // ports that no other test uses, without listeners
         let mut first = InstrumentLocks::default();
         first
             .take(&places("tcp:127.0.0.1:61", "tcp:127.0.0.1:62"))
@@ -130,7 +130,7 @@ mod tests {
                 && text.contains(&format!("pid {}", std::process::id())),
             "{text}"
         );
-        // what was not got whole is let go of, and so is what is used no more
+        // locks of a failed attempt are released, and so are unused ones
         first
             .take(&places("tcp:127.0.0.1:63", "tcp:127.0.0.1:64"))
             .unwrap();

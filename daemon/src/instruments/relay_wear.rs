@@ -5,11 +5,11 @@ use std::time::Duration;
 use keysight_34980a::{Model, Module};
 use survey::Relay;
 
-/// What is known of one relay's life.
+/// Wear data of one relay.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Wear {
     pub relay: Relay,
-    /// For a person.
+    /// Purpose of the relay, for people.
     pub purpose: String,
     /// Closures so far.
     pub cycles: u64,

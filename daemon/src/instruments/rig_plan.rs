@@ -10,7 +10,7 @@ use crate::instruments::address::InstrumentAddress;
 use crate::instruments::simulation::{Profile, Scene};
 use config::EnableName;
 
-/// What a rig is to do, and on which instruments.
+/// A plan of a frame, and the instruments that execute it.
 #[derive(Clone)]
 pub(crate) struct RigPlan {
     pub plan: Plan,
@@ -81,6 +81,6 @@ pub(crate) struct Places {
     pub source: (InstrumentAddress, Duration),
     pub switch: (InstrumentAddress, Duration),
     pub voltmeter: (InstrumentAddress, Duration),
-    /// Of a board on a gpiochip.
+    /// For a board on a gpiochip.
     pub enable: EnableName,
 }

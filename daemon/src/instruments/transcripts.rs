@@ -26,10 +26,10 @@ pub(crate) fn last(transcript: &RingTranscript, frames: usize) -> Vec<Entry> {
     entries
 }
 
-/// Writes the last frame with its opening.
+/// Writes the last frame with its opening messages.
 ///
 /// # Errors
-/// A file that is there already, or a disk that refuses.
+/// A file that exists already, or a disk error.
 fn write_last(transcript: &RingTranscript, path: &Path) -> Result<(), TranscriptError> {
     let mut writer = TranscriptWriter::create(path)?;
     last(transcript, 1)
@@ -43,11 +43,11 @@ pub(crate) const MOST_OF_A_SESSION: u64 = 100;
 /// Result of storing the transcript of a failed frame.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum FailedFrame {
-    /// It is in this file.
+    /// The transcript was written to this file.
     Written(PathBuf),
-    /// The first one that is not written.
+    /// The first transcript beyond the limit, not written.
     LimitReached,
-    /// A later one.
+    /// A later transcript beyond the limit.
     OverLimit,
 }
 
@@ -73,10 +73,10 @@ pub(crate) fn write_failed(
     Ok(FailedFrame::Written(path))
 }
 
-/// As text: a line of JSON an entry.
+/// As text: a line of JSON for each entry.
 ///
 /// # Errors
-/// A time that is no number.
+/// A time that is not a finite number.
 pub(crate) fn text(entries: &[Entry]) -> Result<String, serde_json::Error> {
     let mut text = String::new();
     for entry in entries {

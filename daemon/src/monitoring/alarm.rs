@@ -26,7 +26,7 @@ const HOLD: Duration = Duration::from_secs(60);
 pub(crate) enum Phase {
     Begun,
     Ended,
-    /// Of `tactus notify test`.
+    /// A test by `tactus notify test`.
     Test,
 }
 
@@ -157,7 +157,7 @@ mod tests {
         }]
     }
 
-    /// One step a second: which alarms are active, and which notifications are sent.
+    /// Simulates one step a second: which alarms are active, and which notifications are sent.
     fn play(alarm: &mut Alarm, seconds: u64, there: bool, stays: bool) -> Vec<(Phase, String)> {
         let begin = Instant::now();
         let mut reported = Vec::new();

@@ -43,7 +43,7 @@ pub(crate) struct Health {
     pub metrics: Option<std::net::SocketAddr>,
 }
 
-/// Over all sessions since the daemon began.
+/// Counts over all sessions since the daemon started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Counts {
     pub acquired: u64,

@@ -1,9 +1,9 @@
-//! A number at the end of its bounds is prepared or refused.
+//! A number at the limit of its range is either accepted or rejected.
 
 use config::numbers::KEYS;
 use survey::Bounds;
 
-/// At both ends of its bounds every number is computed with; meshes have checks of their own.
+/// Every number is used in calculations at both limits of its range; meshes have separate tests.
 #[test]
 fn what_is_within_bounds_never_panics() {
     let folder = tempfile::tempdir().unwrap();
@@ -35,7 +35,7 @@ fn what_is_within_bounds_never_panics() {
                 .insert(name.to_owned(), number);
             let text = toml::to_string(&table).unwrap();
             std::fs::write(&path, &text).unwrap();
-            // an answer, whichever it is
+            // either result is valid
             if let Err(problems) = crate::preparation::prepare(&path) {
                 assert!(!problems.is_empty(), "{text}");
             }

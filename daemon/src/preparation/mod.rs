@@ -37,7 +37,7 @@ pub(crate) struct Prepared {
     pub file: PathBuf,
 }
 
-/// What stays the same until a reload.
+/// Data that stay the same until a reload.
 pub(crate) struct Setup {
     /// The configuration with all paths and defaults.
     pub config: Config,
@@ -54,7 +54,7 @@ pub(crate) struct Setup {
     pub transcripts: usize,
 }
 
-/// Where frames come from.
+/// The source of frames.
 pub(crate) enum FramesFrom {
     Rig(Arc<RigPlan>),
     Recording {
@@ -250,7 +250,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
     })
 }
 
-/// A configuration as a session keeps it, and its hash.
+/// A configuration in the form stored with a session, and its hash.
 fn effective(config: &Config) -> Result<(String, String), String> {
     let text = toml::to_string(config).map_err(|cause| cause.to_string())?;
     let hash = Sha256::digest(text.as_bytes());
@@ -314,7 +314,7 @@ impl Prepared {
         }
     }
 
-    /// Contradictions that are no errors, a sentence each. Reads the last baseline from the record, if possible.
+    /// Contradictions that are not errors, a sentence each. Reads the last baseline from the record, if possible.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let (FramesFrom::Rig(rig), Some(noise_uv)) =
             (&self.frames, self.setup.config.model.noise_uv)
@@ -335,7 +335,7 @@ impl Prepared {
         measured.or(resolution).into_iter().collect()
     }
 
-    /// What the simulated instruments are connected to; `None` where none is simulated.
+    /// The simulated rig of the simulated instruments; `None` if none is simulated.
     ///
     /// # Errors
     /// A profile and a scene that do not match.

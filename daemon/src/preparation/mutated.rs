@@ -1,5 +1,5 @@
-//! Configurations with random changes: each is refused with its file and what is wrong, or understood and written out so
-//! that it is read as the same.
+//! Configurations with random changes: each is either rejected with its file and the reason, or accepted and written
+//! out in a form that parses to the same configuration.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use crate::preparation::prepare;
 
 const SHIPPED: &str = include_str!("../../../config.toml");
 
-/// Numbers in a fixed order (SplitMix64), so that a failure comes again with its seed.
+/// Numbers in a fixed order (SplitMix64), so that a failure can be reproduced with its seed.
 struct Random(u64);
 
 impl Random {
@@ -23,7 +23,8 @@ impl Random {
     }
 }
 
-/// The shipped file on a small tank: what is found good is prepared, and a tank is a thousand times quicker than a sheet.
+/// The shipped file on a small tank: accepted configurations are prepared, and a tank takes a thousandth of the time of
+/// a sheet.
 fn small() -> String {
     SHIPPED
         .replace("preset = \"paper-sheet\"", "preset = \"disc-tank\"")
@@ -57,7 +58,7 @@ const VALUES: [&str; 20] = [
 fn mutated(text: &str, random: &mut Random) -> Vec<u8> {
     let mut lines: Vec<Vec<u8>> = text.lines().map(|line| line.as_bytes().to_vec()).collect();
     for _ in 0..=random.below(3) {
-        // a key and not a comment, three times of four
+        // a key and not a comment in three of four cases
         let keys: Vec<usize> = (0..lines.len())
             .filter(|&at| lines[at].contains(&b'=') && !lines[at].starts_with(b"#"))
             .collect();
@@ -116,7 +117,7 @@ fn a_mutated_configuration_is_refused_or_understood() {
         match prepare(&path) {
             Ok(prepared) => {
                 understood += 1;
-                // what `--print-config` shows is the configuration
+                // the output of `--print-config` is the configuration
                 std::fs::write(&again, &prepared.setup.config_toml).unwrap();
                 let (_, config) = crate::preparation::load(&again).unwrap_or_else(|problems| {
                     panic!("{seed}: {problems:?}");
@@ -130,6 +131,6 @@ fn a_mutated_configuration_is_refused_or_understood() {
             Err(problems) => refused_with_its_file(&path, &problems, seed),
         }
     }
-    // neither all refused nor all understood: both ways are tried
+    // neither all rejected nor all accepted: both results are tested
     assert!(understood > 0 && understood < count, "{understood}");
 }

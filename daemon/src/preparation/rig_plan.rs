@@ -434,7 +434,7 @@ mod tests {
         let voltmeter = "[voltmeter]\naddress = \"tcp:b:2\"\n";
         let (one, two) = ("deadline_ms = 1000", "deadline_ms = 2000");
         assert_eq!(deadlines(two, one, ""), seconds([2, 1, 1]));
-        // the switch is the mainframe that measures, whichever section says it
+        // the switch is the mainframe that measures, whichever section sets the timeout
         assert_eq!(deadlines("", one, voltmeter), seconds([5, 1, 1]));
         let measures = format!("{voltmeter}{one}");
         assert_eq!(deadlines("", "", &measures), seconds([5, 1, 1]));

@@ -1,5 +1,5 @@
-//! What a sound configuration meets on this machine: the program that notifies people, the folder of the record, and the
-//! time that a frame takes. `tactusd --check` warns of it; nothing is changed.
+//! Checks a valid configuration against this machine: the notification program, the folder of the record, and the
+//! duration of a frame. `tactusd --check` prints the warnings; nothing is changed.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -10,7 +10,7 @@ use super::{FramesFrom, Prepared};
 use crate::monitoring::disk::free_bytes;
 
 impl Prepared {
-    /// What will not work as configured on this machine, for this user, a sentence each.
+    /// Settings that will not work on this machine for this user, a sentence each.
     pub(crate) fn surroundings(&self) -> Vec<String> {
         let config = &self.setup.config;
         let notify = config.notify.command.first().map(Path::new);
@@ -49,7 +49,7 @@ fn program(path: &Path) -> Option<String> {
     }
 }
 
-/// Why nothing could be recorded in this folder, or not for long. A folder that is not there yet is made by the daemon.
+/// Why nothing could be recorded in this folder, or not for long. The daemon creates a missing folder.
 fn record(folder: &Path, wanted_mb: u64) -> Option<String> {
     let there = folder.ancestors().find(|folder| folder.exists())?;
     let shown = folder.display();

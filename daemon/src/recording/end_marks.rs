@@ -1,10 +1,10 @@
-//! Which sessions have ended, kept apart from their own files.
+//! Marks of ended sessions, stored apart from their own files.
 //!
-//! A session whose file cannot be written (a full or read-only disk, a locked file) cannot be closed, and a session that
-//! is not closed is resumed by the next daemon, with current. Therefore each end is written to two small files before it
-//! is acknowledged: one in the record's directory, whose space is reserved beforehand and overwritten in place, so that a
-//! full disk cannot refuse it; and one in the runtime directory, which is in memory and stays writable when the disk is
-//! read-only, but is lost when the machine restarts.
+//! A session whose file cannot be written (a full or read-only disk, a locked file) cannot be closed, and the next
+//! daemon resumes every session that is not closed, with current. Therefore each end is written to two small files
+//! before it is acknowledged: one in the record's directory, whose space is reserved beforehand and overwritten in
+//! place, so that a full disk cannot refuse it; and one in the runtime directory, which is in memory and stays writable
+//! when the disk is read-only, but is lost when the machine restarts.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -18,24 +18,24 @@ use sha2::{Digest, Sha256};
 
 /// Name of the file in the record's directory; in the runtime directory the record's directory is added.
 const FILE: &str = "ended-sessions";
-/// Bytes of a mark: what a disk writes at once.
+/// Bytes of a mark: the amount that a disk writes atomically.
 const SLOT: usize = 512;
-/// Marks that a file holds. One is needed for each ended session that could not be closed yet.
+/// Capacity of a file. One mark is needed for each ended session that could not be closed yet.
 const SLOTS: usize = 16;
 
 /// One session that has ended.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 struct Mark {
     session: String,
-    /// When, nanoseconds since 1970 UTC.
+    /// Time of the end, nanoseconds since 1970 UTC.
     at_ns: i64,
     reason: String,
 }
 
-/// Where an end was written.
+/// The files to which an end was written.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Marked {
-    /// A file that outlasts a restart of the machine.
+    /// A file that survives a restart of the machine.
     pub durable: Option<PathBuf>,
     /// A file that lasts until the machine restarts.
     pub until_restart: Option<PathBuf>,
@@ -48,12 +48,12 @@ pub(crate) struct Marked {
 pub(crate) struct EndMarks {
     durable: PathBuf,
     until_restart: PathBuf,
-    /// One change at a time.
+    /// Serialises changes.
     changes: Mutex<()>,
 }
 
 impl EndMarks {
-    /// Reserves the space of both files. What cannot be reserved is tried again when a mark is written.
+    /// Reserves the space of both files. A failed reservation is retried when a mark is written.
     pub(crate) fn open(record: &Path, runtime: &Path) -> Self {
         let real = std::fs::canonicalize(record).unwrap_or_else(|_| record.to_owned());
         let hash = Sha256::digest(real.as_os_str().as_encoded_bytes());
@@ -74,7 +74,7 @@ impl EndMarks {
         marks
     }
 
-    /// Writes that a session has ended; on disk when this returns, as far as the answer says.
+    /// Marks a session as ended; the result tells which files are on disk when this returns.
     pub(crate) fn mark(&self, session: &str, at_ns: i64, reason: &str) -> Marked {
         let _alone = self.changes.lock().unwrap_or_else(PoisonError::into_inner);
         let mark = Mark {
@@ -90,7 +90,7 @@ impl EndMarks {
                 None
             }
         };
-        // memory first: it does not hang where the disk does
+        // memory first: it does not hang when the disk does
         let until_restart = written(&self.until_restart);
         let durable = written(&self.durable);
         Marked {
@@ -121,7 +121,7 @@ impl EndMarks {
         reasons
     }
 
-    /// Removes the mark of a session that its own file says the end of. A mark that stays does no harm.
+    /// Removes the mark of a session whose own file records the end. A remaining mark is harmless.
     pub(crate) fn clear(&self, session: &str) {
         let _alone = self.changes.lock().unwrap_or_else(PoisonError::into_inner);
         for path in [&self.until_restart, &self.durable] {
@@ -133,12 +133,12 @@ impl EndMarks {
 }
 
 impl Marked {
-    /// Whether the end is written anywhere.
+    /// Whether the end is stored anywhere.
     pub(crate) fn is_kept(&self) -> bool {
         self.durable.is_some() || self.until_restart.is_some()
     }
 
-    /// For a person, about a session whose own file does not say that it has ended.
+    /// Message about a session whose own file does not record its end.
     pub(crate) fn text(&self, session: &str) -> String {
         match (&self.durable, &self.until_restart) {
             (Some(path), _) => format!(
@@ -161,7 +161,7 @@ impl Marked {
     }
 }
 
-/// Makes the file with all its bytes written, so that writing them again needs no space.
+/// Creates the file with all its bytes written, so that overwriting them needs no space.
 fn reserve(path: &Path) -> io::Result<File> {
     if let Some(folder) = path.parent() {
         std::fs::DirBuilder::new()
@@ -175,7 +175,7 @@ fn reserve(path: &Path) -> io::Result<File> {
         .create(true)
         .truncate(false)
         .mode(0o640)
-        // a FIFO or a link in its place is not followed
+        // a FIFO or a symbolic link in its place is not followed
         .custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK)
         .open(path)?;
     let found = file.metadata()?;
@@ -249,7 +249,7 @@ fn clear_mark(path: &Path, session: &str) -> io::Result<()> {
     Ok(())
 }
 
-/// A mark as it is written, its reason cut to fit.
+/// A mark in the file's format, its reason truncated to fit.
 fn line(mark: &Mark) -> io::Result<[u8; SLOT]> {
     let mut mark = mark.clone();
     loop {
@@ -301,7 +301,7 @@ mod tests {
         assert_eq!(reasons["m1"], "again");
         assert!(long.starts_with(&reasons["m2"]) && !reasons["m2"].is_empty());
         assert_eq!(sizes(&marks), reserved, "a mark takes no new space");
-        // each file is enough
+        // each file is sufficient
         std::fs::remove_file(&marks.until_restart).unwrap();
         assert_eq!(marks.reasons().len(), 2);
         marks.clear("m1");

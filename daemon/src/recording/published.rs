@@ -14,7 +14,7 @@ pub(crate) struct Published {
     pub frame: Frame,
     pub quality: Quality,
     pub map: Option<Map>,
-    /// Where the load was found, m; `None` where no loss is above the noise.
+    /// Position of the load, m; `None` if no loss is above the noise.
     pub found: Option<[f64; 2]>,
     /// The largest loss that noise alone causes in the map.
     pub noise: Option<f64>,

@@ -44,7 +44,7 @@ pub(crate) struct Made {
 #[derive(Debug)]
 pub(crate) struct Mapped {
     pub map: Map,
-    /// Where the load was found, m; `None` where no loss is above the noise.
+    /// Position of the load, m; `None` if no loss is above the noise.
     pub found: Option<[f64; 2]>,
     /// The largest loss that noise alone causes.
     pub noise: Option<f64>,
@@ -97,18 +97,18 @@ impl ReconstructionWorker {
         std::thread::Builder::new()
             .name("maps".to_owned())
             .spawn(move || {
-                // a method that fails here fails with the first frame, which says so
+                // a method that fails here fails again with the first frame, where it is reported
                 let find_noise = || containment::run(|| context.noise()).ok().flatten();
-                // the noise's own frames would settle a method that looks at frames
+                // the frames of the noise estimate would settle a method that adapts to its first frames
                 let mut unsettled = context.model.looks_at_frames();
                 let mut noise = if unsettled { None } else { find_noise() };
                 while let Ok(readings) = requested.recv() {
                     let begun = Instant::now();
-                    // it costs maps, not the session
+                    // a failure costs maps, not the session
                     let outcome = containment::run(|| context.make(&readings, noise))
                         .unwrap_or_else(|panicked| Err(Failure::Broken(panicked.message)));
                     let broken = matches!(outcome, Err(Failure::Broken(_)));
-                    // the map that settles it is not yet one of its usual ones
+                    // the map that settles the method takes longer than the usual ones
                     let usual =
                         matches!(&outcome, Ok(mapped) if unsettled && mapped.decided.is_none());
                     let took = begun.elapsed();
@@ -116,7 +116,7 @@ impl ReconstructionWorker {
                     if answer.send(made).is_err() {
                         return;
                     }
-                    // a full queue wakes the recorder all the same
+                    // a full queue wakes the recorder as well
                     if let Some(recorder) = recorder.upgrade() {
                         let _ = recorder.try_send(Order::MapReady);
                     }
@@ -222,7 +222,7 @@ impl ReconstructionContext {
             self.build.clone(),
             eit::cpu_features(),
         );
-        // a map that the calibration refuses stays a map, and the session says why
+        // if the calibration rejects a map, the map is kept and the session reports the reason
         let pressure = self
             .model
             .calibration

@@ -295,7 +295,7 @@ impl SessionStatus {
             .clone()
     }
 
-    /// What the signal of a frame reports.
+    /// Content of a frame's signal.
     pub(crate) fn summary(&self, published: &Published) -> FrameDone {
         FrameDone {
             session: self.facts.id.clone(),
@@ -336,7 +336,7 @@ impl SessionStatus {
         self.stop(why);
     }
 
-    /// Whether it was asked to end because something failed.
+    /// Whether its end was requested because of a failure.
     pub(crate) fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Relaxed)
     }
@@ -414,7 +414,7 @@ impl SessionStatus {
     }
 }
 
-/// What clients see of the session: counters, the last frame, the last map.
+/// Clients see counters, the last frame and the last map of the session.
 impl FrameSink for Arc<SessionStatus> {
     fn frames(&mut self, frames: &[Arc<Published>]) -> Result<(), LogbookError> {
         for published in frames {

@@ -77,7 +77,7 @@ impl Readers {
             over: Notify::new(),
         });
         let mut readers = self.lock();
-        // where nothing is published, many may have come and gone
+        // without publishing, many readers may have connected and disconnected
         readers.retain(|reader| !reader.waiting().gone);
         readers.push(Arc::clone(&reader));
         drop(readers);
@@ -89,7 +89,7 @@ impl Readers {
         Ok(theirs.into())
     }
 
-    /// Whether anybody reads.
+    /// Whether there is any reader.
     pub(crate) fn is_empty(&self) -> bool {
         self.lock().is_empty()
     }
@@ -182,7 +182,7 @@ async fn gone(socket: &UnixStream) {
     }
     let both = Interest::READABLE | Interest::WRITABLE;
     match socket.ready(both).await {
-        // what is written next finds out when that one closes, too
+        // the next write detects it when that direction is closed, too
         Ok(ready) if !ready.is_write_closed() => std::future::pending().await,
         _ => {}
     }
@@ -247,7 +247,7 @@ mod tests {
             }
         }
         assert!(lost > 0, "a socket does not hold 500 frames of 5 kB");
-        // the end took the place of a record in the ring, or of none
+        // the end replaced a record in the ring, or none
         assert_eq!(got + lost, SENT);
     }
 
@@ -266,7 +266,7 @@ mod tests {
         stays.write_all(&[7; 200]).unwrap();
         stays.shutdown(std::net::Shutdown::Write).unwrap();
         drop(fd);
-        // nothing is published: it is the closing that is noticed
+        // nothing is published: only closing is detected
         given_back.await.unwrap_err();
         let more = readers.add(wanted, ()).unwrap();
         assert_eq!(readers.lock().len(), 2, "who is gone is forgotten");
@@ -295,7 +295,7 @@ mod tests {
         };
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();
         let fd = readers.add(wanted, place).unwrap();
-        // more than the socket holds: a write is under way when the end comes
+        // more than the socket holds: a write is in progress when the end comes
         for sequence in 1..=500 {
             readers.publish(&frame(sequence));
             tokio::task::yield_now().await;
@@ -306,7 +306,7 @@ mod tests {
             },
             ..frame(500)
         });
-        // by the clock of the test, which runs when nothing else does
+        // by the test's paused clock, which advances when nothing else runs
         let let_go = tokio::time::timeout(2 * LAST_WORDS, given_back).await;
         let_go.expect("it is let go").unwrap_err();
         drop(fd);

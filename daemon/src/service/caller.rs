@@ -104,7 +104,7 @@ fn number(groups: &str) -> Option<u32> {
 fn peer_groups(stream: &UnixStream) -> io::Result<Vec<u32>> {
     let mut groups = vec![0_u32; MOST_GROUPS];
     let mut bytes = size_of_val(groups.as_slice()) as libc::socklen_t;
-    // SAFETY: the pointer is to as many bytes as said, and the kernel writes no more than those
+    // SAFETY: the pointer refers to the stated number of bytes, and the kernel writes no more than those
     let answered = unsafe {
         libc::getsockopt(
             stream.as_raw_fd(),

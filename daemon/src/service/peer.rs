@@ -230,8 +230,8 @@ async fn first_line(stream: &UnixStream) -> Result<Vec<u8>, String> {
 /// The user number in a member's first line. In the unit's user namespace the kernel reports all other users under one
 /// number, and zbus would reject the member's true one. Access was decided by the group; the number decides nothing.
 ///
-/// `AUTH EXTERNAL` and a number in hexadecimal digits of its decimal ones, behind a zero byte (D-Bus specification,
-/// authentication protocol).
+/// The format is `AUTH EXTERNAL` and the decimal number with each digit in hexadecimal ASCII, after a zero byte (D-Bus
+/// specification, authentication protocol).
 fn claim(first: &[u8]) -> Option<u32> {
     let line = std::str::from_utf8(first.strip_prefix(b"\0")?).ok()?;
     let digits = line.lines().next()?.strip_prefix("AUTH EXTERNAL ")?;

@@ -1,6 +1,5 @@
-//! Sessions: the controller that starts and ends them, the state machine, and the tasks beside it: monitors, and what
-//! follows a panic.
-//! Frames are measured in `acquisition` and kept by `recording`.
+//! Sessions: the controller that starts and ends them, the state machine, the monitoring task, and the reaction to a
+//! panic. Frames are measured in `acquisition` and stored by `recording`.
 
 pub(crate) mod controller;
 mod health;

@@ -59,7 +59,7 @@ pub(crate) mod tests {
     /// A process has one hook: the panic of one test must not reach the other's handler.
     static ALONE: tokio::sync::Mutex<()> = tokio::sync::Mutex::const_new(());
 
-    /// No other test panics or waits for a panic as long as this is held.
+    /// While this is held, no other test panics or waits for a panic.
     pub(crate) async fn alone() -> tokio::sync::MutexGuard<'static, ()> {
         ALONE.lock().await
     }
@@ -79,8 +79,8 @@ pub(crate) mod tests {
                           electrodes = 16\n[survey]\nelectrodes = 16\n[record]\ndirectory = \"state\"\n[bus]\n\
                           peer_path = \"peer\"\n";
 
-    /// A controller of a simulated rig in real time: a frame of it lasts seconds, so that a panic comes in the middle of
-    /// one.
+    /// A controller of a simulated rig in real time: one of its frames lasts seconds, so that a panic occurs in the
+    /// middle of one.
     pub(crate) async fn in_real_time(folder: &Path) -> (Arc<Controller>, SimulatedRig) {
         std::fs::write(folder.join("scene.toml"), "[disc-tank]\nelectrodes = 16\n").unwrap();
         let scene = "kind = \"simulated\"\nscene = \"scene.toml\"";
@@ -124,7 +124,7 @@ pub(crate) mod tests {
         assert_eq!(controller.state().word(), "faulted");
     }
 
-    /// A frame is under way on instruments behind TCP, and the task that has everything in its hands panics.
+    /// A frame is being measured on instruments behind TCP, and the task that owns everything panics.
     #[test]
     fn failed_controller_leaves_the_source_off() {
         let _alone = ALONE.blocking_lock();

@@ -1,8 +1,8 @@
-//! What the daemon is doing, as a pure state machine: no clock, no instrument, no bus.
+//! The state of the daemon as a pure state machine: no clock, no instrument, no bus.
 
 use std::fmt;
 
-/// What a running session is for.
+/// The purpose of a running session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Work {
     /// A baseline is being recorded.
@@ -13,7 +13,7 @@ pub(crate) enum Work {
     Test,
 }
 
-/// What the daemon is doing.
+/// The state of the daemon.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum State {
     /// Nothing; the source is off.
@@ -26,20 +26,20 @@ pub(crate) enum State {
     Testing,
     /// A session pauses between frames; the source is off.
     Suspended(Work),
-    /// The last session ended by a fault, or the rig could not be made safe. A new session may be tried.
+    /// The last session ended with a fault, or the rig could not be made safe. A new session may be started.
     Faulted(String),
 }
 
-/// What happens to it.
+/// An event that may change the state.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Trigger {
-    /// Somebody asks for a session.
+    /// A session is requested.
     Start(Work),
-    /// Somebody asks for a pause, or the logbook cannot keep up.
+    /// A pause is requested, or the logbook cannot keep up.
     Suspend,
-    /// Somebody asks to go on, or the logbook has caught up.
+    /// Continuing is requested, or the logbook has caught up.
     Resume,
-    /// The session has ended as asked or scheduled; its record is closed, the source off.
+    /// The session has ended as requested or scheduled; its record is closed, the source off.
     Ended,
     /// The session, or the rig, has failed.
     Fault(String),
@@ -47,7 +47,7 @@ pub(crate) enum Trigger {
     Recovered,
 }
 
-/// Why an event is refused; the state stays.
+/// Why an event is rejected; the state stays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum Refusal {
     #[error("a session is running; stop it first")]
@@ -87,7 +87,7 @@ impl State {
         }
     }
 
-    /// The word on the bus.
+    /// The state's name on D-Bus.
     pub(crate) fn word(&self) -> &'static str {
         match self {
             Self::Idle => "idle",
@@ -146,7 +146,7 @@ mod tests {
         ]
     }
 
-    /// The whole table, a row a state, in the order of `events`; `!`, `t` and `?` are the three refusals.
+    /// The whole table, one row for each state, in the order of `events`; `!`, `t` and `?` are the three rejections.
     #[test]
     fn every_state_answers_every_event() {
         let table = [

@@ -1,8 +1,9 @@
-//! Instruments are found on the network, asked who they are, and told nothing (fact sheet lxi-discovery, section 8).
+//! Instruments are discovered on the network and their identity queried; they receive nothing else (fact sheet
+//! lxi-discovery, section 8).
 //!
-//! Each test runs itself once more in a network of its own, where nobody else announces anything and the port mapper's
-//! port is free; where none can be had it says so. Sharing a host with avahi and python-zeroconf, lxi-tools among them, is
-//! `simulator/tests/clients/main.rs`; that a running daemon uses nothing that it found is a story.
+//! Each test runs itself again in its own network namespace, where nothing else is announced and the port mapper's port
+//! is free; if no namespace is available the test prints so. `simulator/tests/clients/main.rs` tests a host shared with
+//! avahi and python-zeroconf, and lxi-tools; a story tests that a running daemon uses nothing that was discovered.
 
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
@@ -13,12 +14,12 @@ use serde_json::Value;
 use simulator::{Profile, ServeOptions, SimulatedRig};
 use tokio::net::UdpSocket;
 
-/// Says that this run is the one in a network of its own.
+/// Set in the run in its own network namespace.
 const ALONE: &str = "TACTUS_TEST_ALONE";
 const QUIET: &str = "ip link set lo up";
 const MULTICAST: &str = "ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo";
 
-/// Whether this run has the network; else it is had, made ready by `network`, and this test run in it.
+/// Whether this run has its own network; otherwise creates one, prepares it by `network`, and runs this test in it.
 fn has_network(test: &str, network: &str) -> bool {
     if std::env::var_os(ALONE).is_some() {
         return true;
@@ -51,7 +52,7 @@ fn has_network(test: &str, network: &str) -> bool {
     false
 }
 
-/// A rig that writes down what it hears, with ports that are free.
+/// A rig that records received messages, with free ports.
 fn listening() -> (SimulatedRig, ServeOptions) {
     let rig = instant(&Profile::default());
     rig.keep_transcript();
@@ -75,7 +76,7 @@ fn assert_only_identity_was_queried(rig: &SimulatedRig) {
     );
 }
 
-/// What `tactusd --discover` lists: instruments, notes.
+/// The list of `tactusd --discover`: instruments, notes.
 async fn discovered(addresses: Vec<String>) -> (Vec<Value>, Vec<String>) {
     let requested = tokio::task::spawn_blocking(move || {
         Command::new(env!("CARGO_BIN_EXE_tactusd"))
@@ -98,7 +99,7 @@ async fn discovered(addresses: Vec<String>) -> (Vec<Value>, Vec<String>) {
     (instruments, notes.collect())
 }
 
-/// The one instrument of this model; there must be no second line for it.
+/// The only instrument of this model; a second entry is an error.
 fn one<'a>(found: &'a [Value], model: &str) -> Option<&'a Value> {
     let of_model = |found: &&Value| {
         found["identity"]
@@ -126,7 +127,7 @@ async fn two_announced_simulators_are_each_listed_once() {
     let browser = ServiceDaemon::new().unwrap();
     browser.enable_interface(IfKind::LoopbackV4).unwrap();
 
-    // both say what they are, the same under every type
+    // both publish their properties, the same for every service type
     let mut properties: Vec<(String, Vec<(String, String)>)> = Vec::new();
     let raw = browser.browse("_scpi-raw._tcp.local.").unwrap();
     for (kind, events, wanted) in [
@@ -211,7 +212,7 @@ async fn two_announced_simulators_are_each_listed_once() {
     }
     assert_only_identity_was_queried(&rig);
 
-    // without a goodbye they would be there for two minutes, until their records are too old
+    // without a goodbye they would be listed for two minutes, until their records expire
     let begun = Instant::now();
     server.stop().await;
     let mut gone = Vec::new();
@@ -236,7 +237,7 @@ async fn without_multicast_given_addresses_are_still_queried() {
     let (rig, options) = listening();
     let server = simulator::serve(rig.clone(), &options).await.unwrap();
     let address = format!("tcp:{}", server.ready().source);
-    // the same twice, and one where nobody is
+    // the same twice, and one without an instrument
     let requested = vec![
         address.clone(),
         address.clone(),
@@ -267,7 +268,7 @@ async fn without_multicast_given_addresses_are_still_queried() {
     assert_only_identity_was_queried(&rig);
 }
 
-/// Answers a port mapper's GETPORT: first with something else, then twice with this port.
+/// Replies to a port mapper's GETPORT: first with something else, then twice with this port.
 async fn map_ports(socket: UdpSocket, port: u16) {
     let mut call = [0; 256];
     while let Ok((length, peer)) = socket.recv_from(&mut call).await {
@@ -296,7 +297,7 @@ async fn map_ports(socket: UdpSocket, port: u16) {
 #[tokio::test(flavor = "multi_thread")]
 async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
     let name = "discovery::an_answer_to_a_vxi_11_broadcast_is_one_instrument";
-    // an interface that takes broadcasts, where the kernel lends one
+    // an interface that supports broadcasts, if the kernel provides one
     let network = format!(
         "{QUIET} && {{ ip link add wire type dummy && ip address add 192.0.2.1/24 brd + dev wire && \
          ip link set wire up || true; }}"
@@ -305,7 +306,7 @@ async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
         return;
     }
     let (rig, options) = listening();
-    // on every interface: it answers on two, and is one instrument
+    // on every interface: it replies on two, and is listed once
     let options = ServeOptions {
         bind: "0.0.0.0".to_owned(),
         port_34980a: 5025,
@@ -334,7 +335,7 @@ async fn an_answer_to_a_vxi_11_broadcast_is_one_instrument() {
     assert_only_identity_was_queried(&rig);
     server.stop().await;
 
-    // one that has no socket for the daemon is listed by what it says, and not proposed
+    // an instrument without a socket for the daemon is listed by its announcement, and not proposed
     let options = ServeOptions {
         port_34980a: 0,
         port_vxi11: Some(core),

@@ -1,31 +1,32 @@
-//! Every fault that the simulators know, over TCP and a serial line, in the middle of a session: the source is off and
-//! verified in time (or, where the source itself is gone, the relays are open and it is verified off on its return), the
-//! frame is marked, the session is suspended, and it goes on when the fault has passed.
+//! Every fault of the simulators, over TCP and a serial line, in the middle of a session: the source is off and
+//! verified in time (or, if the source itself is gone, the relays are open and the source is verified off when it
+//! returns), the frame is marked, the session is suspended, and continues when the fault is over.
 //!
-//! The times printed are the daemon's own, from the moment at which it noticed to the answer that the source is off;
-//! what is asserted of them is in `drivers/rig/tests/exits.rs`, on a clock that no other work on the machine disturbs.
+//! The times printed are the daemon's own, from the detection of the fault to the reply that the source is off; they
+//! are asserted in `drivers/rig/tests/exits.rs`, on a clock that does not depend on the machine's load.
 
 use crate::stage::{DEADLINE, Running, Stage, assert_whole};
 use dbus::{Options, Session1Proxy};
 use logbook::SessionReader;
 use simulator::{Fault, Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
 
-/// How long an instrument may take to answer; silent ones are found out by it.
+/// Timeout of an instrument's reply; detects instruments that do not reply.
 const ANSWER_MS: u64 = 1000;
 
-/// What becomes of a session.
+/// The expected course of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Course {
-    /// A frame fails, the session is suspended and goes on, after the fault is mended where it does not pass.
+    /// A frame fails, the session is suspended and continues, after a repair by this command if the fault does not end
+    /// by itself.
     Recovers(Option<&'static str>),
-    /// Frames come, their readings are marked; mended by this.
+    /// Frames are measured, their readings are marked; repaired by this command.
     Marked(&'static str),
-    /// Nobody can see it by reading back: the frame comes as it is. See `ARCHITECTURE.md`.
+    /// Not detectable by read-back: the frame is recorded as it is. See `ARCHITECTURE.md`.
     Unseen(&'static str),
 }
 use Course::{Marked, Recovers, Unseen};
 
-/// Faults of a rig with the pair wiring, in the words of `tactus-sim fault`.
+/// Faults of a rig with the pair wiring, as arguments of `tactus-sim fault`.
 const ON_TCP: &[(&str, Course)] = &[
     ("drop 34980a", Recovers(None)),
     ("wire 34980a cut", Recovers(Some("wire 34980a sound"))),
@@ -70,11 +71,11 @@ const ON_SERIAL: &[(&str, Course)] = &[
     ("reset board", Recovers(None)),
 ];
 
-/// The line itself goes: its far end is closed under a daemon that has it open, which hears a hang-up, and its name is
-/// gone until it is plugged in again.
+/// The serial line itself disappears: its far end is closed while the daemon has it open, which gets a hang-up, and its
+/// device name is gone until it is plugged in again.
 const UNPLUGGED: &[(&str, Course)] = &[("serial unplug", Recovers(Some("serial plug")))];
 
-/// A served rig and a daemon that measures on it.
+/// A served rig and a daemon that measures with it.
 struct Play {
     rig: SimulatedRig,
     _server: simulator::Server,
@@ -91,7 +92,7 @@ impl Play {
         let mut profile = Profile::load(name)
             .expect("it ships")
             .at_pace(Pace::Instant);
-        // how long the 6221's place stays taken is another test's matter
+        // the time for which the 6221's connection slot stays taken is covered by another test
         profile.source.slot_hold_s = 0.0;
         let rig = SimulatedRig::new(&profile, scene).expect("a rig");
         let options = ServeOptions {
@@ -130,7 +131,7 @@ impl Play {
         }
     }
 
-    /// Waits for a frame that began after now.
+    /// Waits for a frame that began after this call.
     async fn next_frame(&self) -> dbus::LatestFrame {
         let acquired = self.session.frames_acquired().await.expect("it answers");
         let mut done = self.session.receive_frame_done().await.expect("a stream");
@@ -159,7 +160,8 @@ impl Play {
         self.rig.fault(&fault).expect("this rig has it");
     }
 
-    /// The source that was found again is off before anybody else is spoken to, and on only when all is verified.
+    /// A returned source is switched off before any other instrument gets a message, and switched on only when
+    /// everything is verified.
     fn came_back_off(&self, words: &str) {
         let message = self.rig.transcript();
         let back = message.iter().position(|message| {
@@ -167,7 +169,7 @@ impl Play {
         });
         let back = back.unwrap_or_else(|| panic!("{words}: the source was not asked who it is"));
         let (until_then, message) = message.split_at(back);
-        // whatever could still be said to the switch when the fault was noticed: open
+        // every message to the switch after the fault was detected opens relays
         let moved = until_then.iter().rev().find(|message| {
             message.instrument != Instrument::Source && moves_relays(&message.received)
         });
@@ -206,11 +208,11 @@ impl Play {
                 let gone_through = tokio::time::timeout(DEADLINE, async {
                     loop {
                         let signal = tokio::select! {
-                            // what has been told comes before a frame that came after it
+                            // events come before a frame that was measured after them
                             biased;
                             signal = dbus::next(&mut happened) => signal.expect("the daemon runs"),
-                            // what passes by itself may have passed while the source was switched off, which is said
-                            // twice where need be, or between two frames: once more
+                            // a fault that ends by itself may have ended while the source was switched off (up to two
+                            // attempts), or between two frames: once more
                             _ = self.next_frame(), if reported.is_empty() && mend.is_none() => {
                                 self.fault(words);
                                 continue;
@@ -223,7 +225,7 @@ impl Play {
                                 let verified = "the source is off, verified";
                                 assert!(signal.text.contains(verified), "{}", signal.text);
                             }
-                            // where the fault passes by itself the source may be back by now
+                            // if the fault ends by itself the source may have returned by now
                             "source-unknown" if !mended => {
                                 assert!(
                                     self.rig.poles().iter().take(2).all(Option::is_none),
@@ -290,7 +292,7 @@ impl Play {
                 self.next_frame().await;
             }
         }
-        // a busy machine may let a deadline pass besides: that is recovered from too
+        // on a busy machine a timeout may occur as well: the daemon recovers from that too
         while self.session.state().await.expect("it answers") != "running" {
             println!("{words}: and then {:?}", self.session.last_error().await);
             self.next_frame().await;

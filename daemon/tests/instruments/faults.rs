@@ -1,4 +1,4 @@
-//! What happens when an instrument, a wire or the disk fails.
+//! Faults of an instrument, a connection or the disk during a session.
 
 use crate::stage::{
     Measuring, SMALL, Stage, assert_off_before_anything_else, on_tcp, on_tcp_with, reported, within,
@@ -38,7 +38,7 @@ async fn an_overload_is_a_flag_and_not_a_number() {
     }
 }
 
-/// Files of this disk cannot grow beyond 1.5 MB: to SQLite an I/O error, after which nothing of a file is certain.
+/// Files on this disk cannot grow beyond 1.5 MB: an I/O error to SQLite, after which the state of a file is uncertain.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_file_that_cannot_be_written_is_followed_by_the_next_part() {
     let stage = Stage::new(SMALL);
@@ -48,7 +48,7 @@ async fn a_file_that_cannot_be_written_is_followed_by_the_next_part() {
     let session = daemon.start(Options::new()).await;
     let first = session.path().await.unwrap();
     let alarm = reported(&mut happened, "alarm").await;
-    // who does not listen any more must not look like one who is frozen
+    // a client that has stopped listening must not look like one that is frozen
     drop(happened);
     assert!(
         alarm.contains(&first) && alarm.contains("written no more"),
@@ -61,7 +61,7 @@ async fn a_file_that_cannot_be_written_is_followed_by_the_next_part() {
     assert!(second != first && second.contains("_p"), "{second}");
     session.stop().await.unwrap();
     let acknowledged = session.frames_durable().await.unwrap();
-    // where a part has frames that the next one has again, the next one's count
+    // if the next part repeats frames of a part, the next part's copies count
     let mut sequences = std::collections::BTreeSet::new();
     for entry in std::fs::read_dir(stage.path().join("state")).unwrap() {
         let path = entry.unwrap().path();
@@ -103,7 +103,7 @@ async fn a_lost_source_is_verified_off_before_the_session_goes_on() {
         let signal = within(dbus::next(&mut happened)).await.unwrap();
         let reported = signal.args().unwrap();
         let again = kinds.last().is_some_and(|last| last == reported.kind);
-        // how many tries it takes until this test has mended the wire is the machine's affair
+        // the number of attempts until this test has repaired the connection depends on the machine
         if !(again && reported.kind == "reconnecting") {
             kinds.push(reported.kind.to_string());
         }
@@ -187,7 +187,7 @@ async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.step(1)).await.unwrap();
-    // between two frames, so that the next one misses both at once
+    // between two frames, so that the next frame misses both at once
     rig.set_wire(Instrument::Source, Wire::Cut);
     rig.set_wire(Instrument::Mainframe, Wire::Cut);
     let stepped = session.clone();
@@ -199,7 +199,7 @@ async fn both_links_lost_is_an_alarm_and_the_first_back_is_made_safe() {
         kinds.push(reported.kind.to_string());
         match reported.kind {
             "alarm" => assert!(reported.text.contains("may be live"), "{}", reported.text),
-            // the switch first: its relays are opened although the source is still away
+            // the switch first: its relays are opened while the source is still missing
             "reconnecting" => rig.set_wire(Instrument::Mainframe, Wire::Sound),
             "relays-open" => {
                 assert!(rig.closed().is_empty());
@@ -228,7 +228,7 @@ async fn a_stop_ends_a_session_that_waits_for_its_rig() {
         rig,
         session,
         mut happened,
-        // kept to the end
+        // kept alive until the end of the test
         daemon: _daemon,
         server: _server,
         stage: _stage,
@@ -372,7 +372,7 @@ async fn after_a_kill_frames_are_kept_and_the_rig_is_made_safe() {
     assert!(record.len().unwrap() >= acknowledged);
     assert!(record.closed().is_none());
 
-    // what systemd does before it starts the next (ExecStopPost, ExecStartPre)
+    // the actions of systemd before it starts the daemon again (ExecStopPost, ExecStartPre)
     let stage = std::sync::Arc::new(stage);
     let before = std::sync::Arc::clone(&stage);
     let safe_off = tokio::task::spawn_blocking(move || before.run(&["--safe-off"]))

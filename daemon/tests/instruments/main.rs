@@ -1,5 +1,5 @@
-//! Instruments that are found, checked, lost and replaced, and what a session does then.
-//! Sessions on a rig without faults are tested in `session`, the service itself in `service`.
+//! Instruments that are discovered, checked, lost and replaced, and the effect on a session. Sessions on a rig without
+//! faults are tested in `session`, the service itself in `service`.
 
 mod discovery;
 mod every_fault;

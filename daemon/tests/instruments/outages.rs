@@ -1,7 +1,7 @@
-//! Faults that no simulator plays: a link taken down under TCP, a wall clock that is set, a daemon that is stopped.
+//! Faults that no simulator has: a network link taken down below TCP, a change of the wall clock, a stopped daemon.
 //!
-//! A machine may lack what the first two need (network namespaces for a user without rights, libfaketime): they say so
-//! and pass, unless TACTUS_REQUIRE_NETNS=1 or TACTUS_REQUIRE_FAKETIME=1.
+//! A machine may lack the requirements of the first two (network namespaces for an unprivileged user, libfaketime):
+//! these tests then print so and pass, unless TACTUS_REQUIRE_NETNS=1 or TACTUS_REQUIRE_FAKETIME=1.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -15,17 +15,17 @@ use logbook::{Record, SessionReader};
 use rustix::process::Signal;
 use simulator::{Profile, ServeOptions, Server, SimulatedRig};
 
-/// From start to start of frames, s.
+/// Time from the start of one frame to the start of the next, s.
 const EVERY_S: f64 = 0.2;
 
-/// Skips, or fails where this machine was said to have it.
+/// Skips the test, or fails if the environment requires it.
 fn lacks(required: &str, why: &str) {
     let required = std::env::var_os(required).is_some_and(|set| set == "1");
     assert!(!required, "it is required here: {why}");
     eprintln!("skipped: {why}");
 }
 
-/// Waits until so many more frames are on disk.
+/// Waits until this number of further frames is on disk.
 async fn frames_go_on(session: &Session1Proxy<'_>, frames: &mut FrameDoneStream, more: u64) {
     let before = within(session.frames_durable()).await.unwrap();
     while within(session.frames_durable()).await.unwrap() < before + more {
@@ -46,7 +46,7 @@ fn no_sequence_is_missing(records: &[Record]) {
 const INSIDE: &str = "TACTUS_TEST_INSIDE";
 const OWN_NETWORK: [&str; 3] = ["--user", "--map-root-user", "--net"];
 
-/// Whether this process has a network of its own. Where it has not, the test is run again by one that has, and is over.
+/// Whether this process has its own network namespace. If not, the test is run again in one, and this run is over.
 fn has_own_network(test: &str) -> bool {
     if std::env::var_os(INSIDE).is_some() {
         return true;
@@ -104,7 +104,7 @@ impl Cable {
         self.plug();
     }
 
-    /// What is under way is lost, and nobody is told: no end of a connection, no refusal.
+    /// Packets under way are lost, and neither side is notified: no end of a connection, no refusal.
     fn pull(self) {
         ip(&format!("link set rig{} down", self as u8));
     }
@@ -113,14 +113,14 @@ impl Cable {
         ip(&format!("link set rig{} up", self as u8));
     }
 
-    /// Where the daemon finds what listens at this address here.
+    /// The address under which the daemon reaches this listener.
     fn place(self, listening: &str) -> String {
         let port = listening.rsplit(':').next().unwrap();
         format!("10.77.{}.2:{port}", self as u8)
     }
 }
 
-/// Takes the far ends of the cables from the network of process $RIG, and becomes what it is told to.
+/// Takes the far ends of the cables from the network of process $RIG, and executes its arguments.
 const AT_THE_FAR_END: &str = r#"
 set -e
 for number in 1 2; do
@@ -243,7 +243,7 @@ async fn a_session_goes_on_after_a_pulled_cable_is_back() {
 
 /// Whether a process's TCP still waits for the end of a connection to the source.
 fn lingers(process: u32) -> bool {
-    // as /proc writes 10.77.1.2, and the state of one that is only asked for
+    // 10.77.1.2 in the notation of /proc, and the state of a connection that is being opened
     const SOURCE: &str = "02014D0A:";
     const SYN_SENT: &str = "02";
     let connections = std::fs::read_to_string(format!("/proc/{process}/net/tcp")).unwrap();
@@ -254,8 +254,8 @@ fn lingers(process: u32) -> bool {
     })
 }
 
-/// Cut off behind a switch: the daemon's own link stays up, and its TCP gives up in silence. The 6221 has one place, and
-/// keeps it for the client that is gone.
+/// Disconnected behind a network switch: the daemon's own link stays up, and its TCP times out without a notification.
+/// The 6221 has one connection slot, and keeps it for the lost client.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
     if !has_own_network("outages::a_source_that_keeps_its_place_for_a_lost_client_is_had_back") {
@@ -271,7 +271,7 @@ async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.step(2)).await.unwrap();
     rig.keep_transcript();
-    // Between two frames: what the source would answer to is lost, and it has nothing of its own to repeat.
+    // Between two frames: replies of the source are lost, and it has nothing to retransmit by itself.
     ip("addr del 10.77.1.2/24 dev rig1");
     let requested = session.step(1);
     let had_back = async {
@@ -301,7 +301,7 @@ async fn a_source_that_keeps_its_place_for_a_lost_client_is_had_back() {
     daemon.terminate().await;
 }
 
-/// The library that sets a process's clocks.
+/// The library that changes a process's clocks.
 fn faketime() -> Option<PathBuf> {
     let folders = std::fs::read_dir("/usr/lib").ok()?;
     folders
@@ -310,7 +310,7 @@ fn faketime() -> Option<PathBuf> {
         .find(|library| library.exists())
 }
 
-/// Sets the wall clock so many seconds off, in one step.
+/// Sets the offset of the wall clock, s, in one step.
 fn set_clock(file: &Path, off_s: i64) {
     let next = file.with_extension("next");
     std::fs::write(&next, format!("{off_s:+}\n")).unwrap();
@@ -342,7 +342,7 @@ async fn wall_clock_step_moves_no_frame_and_is_reported() {
     // an hour ahead, then two hours back
     for (off_s, step) in [(HOUR_S, "by +36"), (-HOUR_S, "by -7")] {
         set_clock(&clock, off_s);
-        // a busy machine may read the two clocks a second apart, which is said too
+        // a busy machine may read the two clocks a second apart, which is reported too
         while !reported(&mut happened, "clock-moved").await.contains(step) {}
         frames_go_on(&session, &mut frames, 5).await;
     }
@@ -353,7 +353,7 @@ async fn wall_clock_step_moves_no_frame_and_is_reported() {
     let records = records(&path);
     no_sequence_is_missing(&records);
     assert_whole(&path);
-    // one clock has kept to the schedule, the other was set twice: nothing else moves either by a minute
+    // one clock kept the schedule, the other was set twice: nothing else moves either by a minute
     let (first, last) = (&records[0].frame, &records[records.len() - 1].frame);
     let places = records.len() as u64 - 1 + missed;
     let lasted = (last.monotonic - first.monotonic).as_secs_f64();
@@ -381,7 +381,7 @@ async fn wall_clock_step_moves_no_frame_and_is_reported() {
     daemon.terminate().await;
 }
 
-/// Whether all of a process stands still.
+/// Whether all threads of a process are stopped.
 fn stands_still(id: u32) -> bool {
     std::fs::read_dir(format!("/proc/{id}/task"))
         .unwrap()
@@ -417,9 +417,9 @@ async fn a_daemon_that_was_paused_goes_on_and_reports_what_it_missed() {
         }
     })
     .await;
-    // its record can be read meanwhile
+    // its record is readable meanwhile
     assert!(SessionReader::open(&path).unwrap().len().unwrap() >= acknowledged);
-    // as long as another one needs for so many frames of the same schedule
+    // the time that another session needs for this number of frames of the same schedule
     const MEANWHILE: u64 = 15;
     let other = Stage::new(SMALL);
     let measuring = other.start().await;

@@ -1,11 +1,11 @@
-//! Self-test and wear, on simulated rigs with and without faults.
+//! Self-test and relay wear, on simulated rigs with and without faults.
 
 use crate::stage::{SMALL, Stage, within};
 use dbus::{Fault, Options, TestReport};
 
 const QUIET: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n";
 
-/// Tests a rig with this wiring and module, on a scene that ends so; what it reports.
+/// Tests a rig with this wiring and module, on a scene with this ending; returns its report.
 async fn tested(wiring: &str, slots: &str, scene: &str) -> TestReport {
     of_scene(wiring, slots, &format!("{QUIET}{scene}")).await
 }
@@ -65,8 +65,8 @@ async fn a_sound_rig_passes_and_its_sheet_is_measured_two_ways() {
     }
 }
 
-/// A sheet of another resistance than the configuration has, with contacts that differ: what is measured is the sheet in
-/// front of it, not what was written down.
+/// A sheet with another resistance than configured, with contacts that differ: the self-test measures the actual sheet
+/// and does not assume the configured one.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_sheet_that_is_not_as_configured_is_measured_as_it_is() {
     for truth in [310.0, 2400.0] {
@@ -103,7 +103,7 @@ async fn a_noisy_channel_and_a_noisy_electrode_are_named() {
         let lines = report.lines.iter().filter(|line| line.check == "noise");
         let failed = lines.filter(|line| line.verdict == "failed");
         assert_eq!(failed.count(), channels.split(',').count(), "{channels}");
-        // the voltmeter is not blamed for it
+        // the voltmeter is not reported as the cause
         let noise = report.more.noise_v.unwrap();
         assert!((0.5e-6..6e-6).contains(&noise), "{noise}");
     }

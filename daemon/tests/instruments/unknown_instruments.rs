@@ -1,10 +1,11 @@
-//! Another instrument or module than the known one waits for a person, also where it was exchanged while no daemon ran.
+//! An instrument or module other than the expected one must be accepted by a user, even if it was exchanged while no
+//! daemon was running.
 
 use crate::stage::{Measuring, Stage, instant, on_tcp, ports, reported, serve, within};
 use dbus::{Fault, Options};
 use simulator::{Instrument, Profile, SimulatedRig};
 
-/// A rig with another source, and with another module where asked for.
+/// A rig with another source, and with another module if requested.
 fn other(module: bool) -> SimulatedRig {
     let mut profile = Profile::default();
     profile.source.serial = "7654321".to_owned();
@@ -16,7 +17,7 @@ fn other(module: bool) -> SimulatedRig {
     rig
 }
 
-/// A stranger is asked who it is, and told nothing.
+/// An unknown instrument gets an identity query and nothing else.
 fn assert_untouched(rig: &SimulatedRig) {
     let message = rig.transcript().into_iter();
     let reported: Vec<String> = message
@@ -100,7 +101,7 @@ async fn what_was_exchanged_while_no_daemon_ran_waits_for_a_person() {
     assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
     daemon.terminate().await;
 
-    // agreed once, known from then on
+    // accepted once, expected from then on
     let daemon = stage.start().await;
     assert_eq!(daemon.manager.state().await.unwrap(), "idle");
     daemon.terminate().await;

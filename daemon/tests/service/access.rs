@@ -1,4 +1,5 @@
-//! Who may do what, on each of the three ways to the daemon: polkit granting, refusing, silent and absent; other users.
+//! Access control on each of the three kinds of connection to the daemon: polkit granting, denying, silent and absent;
+//! other users.
 
 use std::collections::HashMap;
 use std::os::unix::fs::PermissionsExt;
@@ -16,20 +17,20 @@ use zbus::fdo::PropertiesProxy;
 use zbus::proxy::MethodFlags;
 use zbus::{Connection, OwnedVariant};
 
-/// Somebody else, where the tests run as root.
+/// Another user, if the tests run as root.
 const NOBODY: u32 = 65_534;
 
-/// What the authority of a test does when it is asked.
+/// The reply of a test's authority to a request.
 #[derive(Clone)]
 enum PolkitReply {
     Yes,
     No,
     Nothing,
-    /// Yes, when this says so.
+    /// Grants, once this is true.
     YesWhen(watch::Receiver<bool>),
 }
 
-/// What it was asked: the sender's name, the action, the flags.
+/// The requests: the sender's name, the action, the flags.
 type Requests = Arc<watch::Sender<Vec<(String, String, u32)>>>;
 
 struct Authority {
@@ -120,7 +121,7 @@ impl Scene {
             .collect()
     }
 
-    /// `busctl call` of a method of the manager by another user; `None`, said, where this cannot be tried.
+    /// `busctl call` of a method of the manager by another user; `None`, with a message, if this cannot be tested here.
     fn as_another(&self, method: &[&str]) -> Option<Output> {
         self.open_to_all();
         as_nobody(
@@ -131,7 +132,7 @@ impl Scene {
         )
     }
 
-    /// Lets other users come as far as the sockets.
+    /// Lets other users reach the sockets.
     fn open_to_all(&self) {
         for (path, mode) in [("", 0o711), ("bus", 0o777)] {
             let path = self.stage.path().join(path);
@@ -204,7 +205,7 @@ async fn polkit_decides_each_action_of_a_sender_but_not_queries() {
         .collect();
     assert_eq!(scene.actions(), expected);
 
-    // a password is asked for only where the caller says that somebody is there to type it
+    // a password is requested only if the caller allows interaction
     let flags = MethodFlags::ALLOW_INTERACTIVE_AUTH;
     let inner = scene.manager.inner();
     let done: Option<String> = inner.call_with_flags("Reload", flags, &()).await.unwrap();
@@ -224,7 +225,7 @@ async fn what_polkit_refuses_is_not_done_even_for_root() {
     let Some(scene) = Scene::set("system", Some(PolkitReply::No)).await else {
         return;
     };
-    // the peer socket knows no polkit
+    // the peer socket does not use polkit
     scene.daemon.baseline(1).await;
     let running = scene.daemon.start(Options::new().with("step", true)).await;
     let session = dbus::Session1Proxy::builder(&scene.client)
@@ -253,7 +254,7 @@ async fn what_polkit_refuses_is_not_done_even_for_root() {
     refused(simulation.release().await, why);
     assert_eq!(scene.actions().len(), 16);
 
-    // looking is for everybody; nothing was done
+    // reading is allowed for everybody; nothing was changed
     assert_eq!(session.state().await.unwrap(), "running");
     assert_eq!(session.frames_acquired().await.unwrap(), 0);
     within(running.stop()).await.unwrap();
@@ -299,7 +300,7 @@ async fn a_polkit_that_never_answers_is_a_refusal() {
         return;
     };
     refused(within(scene.manager.open_all()).await, "gave no answer");
-    // and holds nobody else up
+    // and delays no other client
     assert_eq!(scene.manager.state().await.unwrap(), "idle");
 }
 
@@ -309,7 +310,7 @@ async fn one_user_has_eight_questions_open_on_all_connections() {
     let Some(scene) = Scene::set("system", Some(PolkitReply::YesWhen(message))).await else {
         return;
     };
-    // a person is waited for much longer than this test takes
+    // the timeout for a user's reply is much longer than this test takes
     let ask = async |manager: Manager1Proxy<'static>| -> zbus::Result<Option<String>> {
         let flags = MethodFlags::ALLOW_INTERACTIVE_AUTH;
         let inner = manager.inner();
@@ -341,7 +342,7 @@ async fn one_user_has_eight_questions_open_on_all_connections() {
     }
     refused(&scene.manager, "you have 8 questions to polkit").await;
     assert_eq!(scene.requested.borrow().len(), 8, "polkit is not asked");
-    // looking needs no question
+    // reading needs no authorisation
     assert_eq!(scene.manager.state().await.unwrap(), "idle");
 
     say.send(true).unwrap();
@@ -381,7 +382,7 @@ async fn the_session_bus_and_the_peer_socket_are_our_own_users() {
         let text = message(&output);
         assert!(text.contains("only the daemon's own user"), "{text}");
     }
-    // even where the socket's own permission bits let everybody come
+    // even if the socket's permission bits let everybody connect
     for (path, mode) in [("run", 0o711), ("run/peer", 0o666)] {
         let path = scene.stage.path().join(path);
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
@@ -391,7 +392,7 @@ async fn the_session_bus_and_the_peer_socket_are_our_own_users() {
     assert_eq!(log.contains("was turned away"), came, "{log}");
 }
 
-/// Whether another user's process came as far as the daemon's peer socket.
+/// Whether another user's process could connect to the daemon's peer socket.
 fn come_as_nobody(socket: &Path) -> bool {
     let address = format!("--address=unix:path={}", socket.display());
     let came = as_nobody(Command::new("busctl").args([address.as_str(), "tree", BUS_NAME]));

@@ -49,7 +49,7 @@ async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
         Err(_) => eprintln!("not asked by busctl: it is not here"),
     }
 
-    // another one wants the name with force
+    // another connection requests the name with replacement
     let thief = broker.connect().await;
     let forced = thief
         .request_name_with_flags(
@@ -113,13 +113,13 @@ async fn a_restarted_bus_has_the_daemon_again_and_no_frame_is_lost() {
         .build()
         .await
         .unwrap();
-    // the session that ran all the while is there too
+    // the running session is available there too
     let same = dbus::Session1Proxy::builder(&connection)
         .path(session.inner().path().to_owned())
         .build()
         .await
         .unwrap();
-    // a busy machine may have let a deadline pass: that is recovered from, and is another test's matter
+    // on a busy machine a timeout may have occurred: the daemon recovers from that, which is covered by another test
     let mut done = same.receive_frame_done().await.unwrap();
     while within(again.state()).await.unwrap() != "acquiring" {
         eprintln!("not yet: {:?}", same.last_error().await);

@@ -1,4 +1,4 @@
-//! What is wrong in a configuration is said with its place, and nothing starts.
+//! Errors in a configuration are reported with their positions, and nothing starts.
 
 use std::path::Path;
 use std::process::Command;
@@ -20,7 +20,7 @@ fn the_shipped_example_has_no_problem_and_says_every_section() {
     let text = std::fs::read_to_string(file).unwrap();
     let (code, message) = check(&text);
     assert_eq!((code, message.as_str()), (Some(0), ""));
-    // the same with every commented-out key in it is read too, though it says too much to be run
+    // the same with every commented-out key is parsed too, though it has too many errors to run
     for section in [
         "rig",
         "source",
@@ -196,7 +196,7 @@ fn each_bad_input_is_named_at_its_place() {
         let (code, message) = check(&config);
         assert_eq!(code, Some(78), "{config}\n{message}");
         if says == ":3:8: the rig" {
-            // two missing instruments (the switch measures, too) and two keys of a simulated rig: all at once
+            // two missing instruments (the switch measures, too) and two keys of a simulated rig: all reported at once
             assert_eq!(message.lines().count(), 4, "{message}");
             assert!(
                 message.contains(":1:1: source: the rig has no [source]"),
@@ -265,7 +265,7 @@ fn the_plan_is_printed_and_nothing_moves() {
         "{text}"
     );
     assert!(text.contains("settle 2.0 ms"), "{text}");
-    // no number has more digits than are known
+    // no number is printed with more digits than are known
     let mut words = text.split(|letter: char| !letter.is_ascii_digit() && letter != '.');
     assert!(
         !words.any(|word| word

@@ -1,4 +1,4 @@
-//! What the running daemon shows is what `dbus/xml` says.
+//! The interfaces of the running daemon are those in `dbus/xml`.
 
 use std::collections::BTreeMap;
 
@@ -66,7 +66,7 @@ async fn introspection_is_what_the_xml_says() {
     assert_eq!(kept.len(), shown.len());
 }
 
-/// A node with the interface, two spaces a level.
+/// A node with the interface, two spaces for each level.
 fn indented(text: &str) -> String {
     let mut out = String::from(
         "<!DOCTYPE node PUBLIC \"-//freedesktop//DTD D-BUS Object Introspection 1.0//EN\"\n \

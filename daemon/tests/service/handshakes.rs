@@ -1,4 +1,4 @@
-//! What a program may say first on the peer socket: nothing of it reaches the session that runs.
+//! The first bytes of a program on the peer socket: none of them affects the running session.
 
 use crate::stage::{Measuring, Running, within};
 use dbus::Address;
@@ -6,24 +6,24 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::UnixStream;
 use tokio::task::JoinHandle;
 
-/// A first line as libdbus sends it, for the user that runs the test.
+/// A first line as sent by libdbus, for the user that runs the test.
 fn greeting() -> Vec<u8> {
     let user = rustix::process::getuid().as_raw().to_string();
     let digits: String = user.bytes().map(|digit| format!("{digit:02x}")).collect();
     format!("\0AUTH EXTERNAL {digits}\r\n").into_bytes()
 }
 
-/// Noise that is the same each time, with all 256 bytes in it.
+/// Noise that is the same each time, with all 256 byte values.
 fn noise(length: u32) -> Vec<u8> {
     (0..length)
         .map(|at| (at.wrapping_mul(2_654_435_761) >> 24) as u8)
         .collect()
 }
 
-/// Says this and waits until the daemon has closed the connection.
+/// Sends this and waits until the daemon has closed the connection.
 async fn greet(socket: &std::path::Path, words: &[u8], leaves: bool) {
     let mut stream = within(UnixStream::connect(socket)).await.unwrap();
-    // the daemon may have hung up before all is said
+    // the daemon may have closed the connection before everything was sent
     let _ = within(stream.write_all(words)).await;
     if leaves {
         let _ = stream.shutdown().await;
@@ -32,9 +32,9 @@ async fn greet(socket: &std::path::Path, words: &[u8], leaves: bool) {
     let _ = within(stream.read_to_end(&mut answer)).await;
 }
 
-/// The session takes another frame, and nothing was said of a fault.
+/// The session takes another frame, and no fault was reported.
 async fn goes_on(measuring: &mut Measuring, end: &mut JoinHandle<String>, after: &str) {
-    // the first that comes may have been waiting
+    // the first may have been queued already
     for _ in 0..2 {
         let frame = async {
             tokio::select! {
@@ -48,7 +48,7 @@ async fn goes_on(measuring: &mut Measuring, end: &mut JoinHandle<String>, after:
     assert_ne!(state, "faulted", "after {after}");
 }
 
-/// Waits for the end of the session, which must not come.
+/// Waits for the end of the session, which must not happen.
 fn watched(measuring: &Measuring) -> JoinHandle<String> {
     let session = measuring.session.clone();
     tokio::spawn(async move { format!("{:?}", session.wait().await) })
@@ -109,7 +109,7 @@ async fn no_greeting_on_the_peer_socket_disturbs_the_session() {
     }
     within(measuring.session.stop()).await.unwrap();
     let log = ended(measuring.daemon).await;
-    // two of the attacks reach a panic of zbus: the first is said, the other counted
+    // two of the attacks cause a panic in zbus: the first is logged, the other counted
     let panics = log.lines().filter(|line| line.contains("panicked at"));
     assert_eq!(panics.count(), 1, "{log}");
 }
@@ -130,7 +130,7 @@ async fn who_connects_and_says_nothing_is_dropped_and_holds_nobody_up() {
         within(stream.write_all(words)).await.unwrap();
         silent.push(stream);
     }
-    // another one is served meanwhile
+    // another client is served meanwhile
     let address = Address::Unix(socket.clone());
     let (other, _) = within(dbus::connect(Some(&address))).await.unwrap();
     let manager = dbus::Manager1Proxy::new(&other).await.unwrap();
@@ -140,14 +140,14 @@ async fn who_connects_and_says_nothing_is_dropped_and_holds_nobody_up() {
         let _ = within(stream.read_to_end(&mut answer)).await;
     }
     goes_on(&mut measuring, &mut end, "silence").await;
-    // and their places are free again
+    // and their connection slots are free again
     let mut others = Vec::new();
     for _ in 0..30 {
         let connected = async {
             loop {
                 match dbus::connect(Some(&address)).await {
                     Ok((other, _)) => return other,
-                    // a place is given back when the daemon notices that it was left
+                    // a slot is released when the daemon detects that the client has left
                     Err(_) => tokio::task::yield_now().await,
                 }
             }

@@ -1,4 +1,4 @@
-//! What one client, and all together, may have of the daemon at once.
+//! Limits of the daemon, for one client and for all together.
 
 use std::os::fd::OwnedFd;
 
@@ -27,7 +27,7 @@ fn too_many(answer: Result<OwnedFd, Fault>, whose: &str) {
     );
 }
 
-/// Tries until there is a place: one that was left is given back when the daemon notices.
+/// Retries until a slot is free: it is released when the daemon detects that a client has left.
 async fn at_last<T, E>(mut attempt: impl AsyncFnMut() -> Result<T, E>) -> T {
     within(async {
         loop {
@@ -45,7 +45,7 @@ async fn one_user_has_32_peer_connections_and_more_are_closed() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     let mut connections = Vec::new();
-    // the first is the stage's own
+    // the first is the connection of the test stage
     for _ in 1..32 {
         connections.push(come(&stage).await.unwrap());
     }
@@ -56,7 +56,7 @@ async fn one_user_has_32_peer_connections_and_more_are_closed() {
             "{error:?}"
         );
     }
-    // who is there is not disturbed
+    // existing clients are not affected
     assert_eq!(within(daemon.manager.state()).await.unwrap(), "idle");
     drop(connections.pop());
     connections.push(at_last(async || come(&stage).await).await);
@@ -67,7 +67,7 @@ async fn one_user_has_32_peer_connections_and_more_are_closed() {
     assert_eq!(text.count(), 1, "{log}");
 }
 
-/// A session whose frames are taken one by one, so that nothing is said on its streams meanwhile.
+/// A session whose frames are taken on request, so that nothing is sent on its streams meanwhile.
 async fn quiet(daemon: &Running) -> Session1Proxy<'static> {
     daemon.baseline(1).await;
     daemon.start(Options::new().with("step", true)).await
@@ -87,12 +87,12 @@ async fn one_user_has_sixteen_streams_on_all_connections() {
     for another in [&session, &theirs] {
         too_many(open(another).await, "you have 16 open streams");
     }
-    // one that is closed is given back, though nothing has been written to it
+    // a closed stream is released, although nothing has been written to it
     drop(streams.pop());
     streams.push(at_last(async || open(&session).await).await);
     too_many(open(&theirs).await, "you have 16 open streams");
 
-    // and they all hear of the frame and of the end
+    // and all of them receive the frame and the end
     within(session.step(1)).await.unwrap();
     within(session.stop()).await.unwrap();
     for stream in streams {
@@ -132,7 +132,7 @@ async fn one_user_has_thirty_two_calls_that_wait() {
             "{answer:?}"
         );
     }
-    // what is answered at once has its places, and stopping has
+    // methods with an immediate reply have separate slots, and so has stopping
     assert_eq!(session.state().await.unwrap(), "running");
     within(daemon.manager.health()).await.unwrap();
     within(theirs.stop()).await.unwrap();
@@ -153,7 +153,7 @@ async fn of_session(
         .unwrap()
 }
 
-/// Sends a call of Wait and goes, without waiting for anything.
+/// Sends a call of Wait and disconnects without waiting for the reply.
 async fn wait_and_go(connection: Connection, session: &Session1Proxy<'_>) {
     let call = zbus::message::Message::method_call(session.inner().path(), "Wait")
         .destination(dbus::BUS_NAME)
@@ -164,7 +164,7 @@ async fn wait_and_go(connection: Connection, session: &Session1Proxy<'_>) {
     let _ = connection.close().await;
 }
 
-/// Whether a call of Wait has its place: it is not refused while the same connection is answered twenty times.
+/// Whether a call of Wait was accepted: it is not rejected while the same connection gets twenty replies.
 async fn waits(session: &Session1Proxy<'_>) -> Result<(), ()> {
     let answered = async {
         for _ in 0..20 {
@@ -196,7 +196,7 @@ async fn waiting_calls_end_when_their_callers_leave() {
         let connection = at_last(async || come(&stage).await).await;
         wait_and_go(connection, &session).await;
     }
-    // the places are free again on both ways, and stopping never needed one of them
+    // the slots are free again on both connections, and stopping never needed one of them
     let on_bus = broker.connect().await;
     for connection in [&on_bus, &come(&stage).await.unwrap()] {
         let theirs = of_session(&session, connection).await;
@@ -248,7 +248,7 @@ async fn a_flood_of_looks_does_not_hold_up_a_stop() {
         let took = requested.elapsed();
         println!("stopped after {:.1} ms", 1e3 * took.as_secs_f64());
         stopped.unwrap();
-        // a second on a machine that does nothing else
+        // one second on an idle machine
         assert!(took.as_secs() < 3, "{took:?}");
         assert_eq!(own.frames_failed().await.unwrap(), 0);
         while let Some(look) = within(looks.join_next()).await {
@@ -285,17 +285,17 @@ async fn ten_thousand_sessions_hold_up_neither_start_nor_list() {
             "ready with {SESSIONS} sessions, {what}: {:.0} ms",
             1e3 * took.as_secs_f64()
         );
-        // a second on a machine that does nothing else
+        // one second on an idle machine
         assert!(took.as_secs() < 10, "{took:?}");
         daemon
     };
     let daemon = start("nothing known of them").await;
-    // what is seen while they are read is not wrong, and it can be left
+    // the state is correct while they are being read, and the daemon can be stopped
     assert_eq!(within(daemon.manager.state()).await.unwrap(), "idle");
     let (status, _) = daemon.terminate().await;
     assert!(status.success());
 
-    // a session is started when they have been read, with the baseline that is among them
+    // a session starts when they have been read, with the baseline among them
     let daemon = start("nothing known of them").await;
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.stop()).await.unwrap();
@@ -311,7 +311,7 @@ async fn ten_thousand_sessions_hold_up_neither_start_nor_list() {
             1e3 * took.as_secs_f64()
         );
         assert_eq!(listed.len(), 1000);
-        // 50 ms on a machine that does nothing else
+        // 50 ms on an idle machine
         assert!(took.as_secs() < 5, "{took:?}");
         listed
     };

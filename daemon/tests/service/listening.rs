@@ -1,11 +1,11 @@
-//! Nothing listens beyond this host unless it is configured: what the kernel says of a daemon's sockets.
+//! No socket listens beyond this host unless it is configured: checked against the kernel's list of a daemon's sockets.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use crate::stage::{SMALL, Stage};
 
-/// Inodes of the sockets that a process holds.
+/// Inodes of the sockets of a process.
 fn sockets(process: &Path) -> BTreeSet<String> {
     let mut inodes = BTreeSet::new();
     for entry in std::fs::read_dir(process.join("fd")).unwrap().flatten() {
@@ -20,7 +20,7 @@ fn sockets(process: &Path) -> BTreeSet<String> {
     inodes
 }
 
-/// Lines of `/proc/PID/net/tcp` and its likes for these sockets: bound ones, whatever their state.
+/// Lines of `/proc/PID/net/tcp` and similar files for these sockets: bound ones in any state.
 fn bound(process: &Path, inodes: &BTreeSet<String>) -> Vec<String> {
     let tables = ["tcp", "tcp6", "udp", "udp6", "raw", "raw6"];
     let mut lines = Vec::new();

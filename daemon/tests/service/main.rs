@@ -1,5 +1,5 @@
-//! The daemon's service: buses, the peer socket, access, limits, configuration and reload, metrics, systemd.
-//! Sessions are tested in `session`, faults of instruments in `instruments`.
+//! The daemon's service: buses, the peer socket, access, limits, configuration and reload, metrics, systemd. Sessions
+//! are tested in `session`, faults of instruments in `instruments`.
 
 mod access;
 mod brokers;

@@ -1,5 +1,5 @@
-//! Whatever number stands in the configuration, or comes in an option or an argument of the bus: it is refused by name, value
-//! and range, or taken. It never ends a session.
+//! Any number in the configuration, an option or a D-Bus argument is either accepted, or rejected with its name, value
+//! and range. It never ends a session.
 
 use std::collections::HashMap;
 
@@ -7,7 +7,7 @@ use crate::stage::{Measuring, SMALL, Stage, reported, within};
 use dbus::{Fault, MANAGER_INTERFACE, Options, ROOT_PATH, SESSION_INTERFACE};
 use zbus::{Connection, OwnedVariant};
 
-/// Numbers at the ends of their types, and texts of them as an error writes them.
+/// Numbers at the limits of their types, and the text for them in an error message.
 fn extremes() -> Vec<(OwnedVariant, &'static str)> {
     let number = |number: f64| OwnedVariant::from(number);
     vec![
@@ -27,7 +27,7 @@ fn extremes() -> Vec<(OwnedVariant, &'static str)> {
     ]
 }
 
-/// Name and text of the error that a call is answered with; `None` where it succeeds.
+/// Name and text of the error of a call; `None` if it succeeds.
 async fn error<B>(
     client: &Connection,
     path: &str,
@@ -48,7 +48,7 @@ where
     }
 }
 
-/// The options that a method knows, as it says itself.
+/// The options of a method, according to its own error message.
 async fn options_of(client: &Connection, path: &str, interface: &str, method: &str) -> Vec<String> {
     let requested = Options::new().with("no-such-option", 1.0);
     let answer = match method {
@@ -91,7 +91,7 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
             for (value, written) in extremes() {
                 let mut options = HashMap::from([(name.clone(), value.try_clone().unwrap())]);
                 let answer = if method == "Discover" {
-                    // nobody is looked for
+                    // no search is done
                     for off in ["mdns", "broadcast"] {
                         options
                             .entry(off.to_owned())
@@ -120,15 +120,15 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
                     assert!(named.iter().any(|name| text.contains(name)), "{what}");
                     let ranged = ["from ", "none of ", "one of ", "above "];
                     let by_range = ranged.iter().any(|word| text.contains(word));
-                    // where another kind is expected it is said which
+                    // if another type is expected the message names it
                     let by_kind = text.contains("must be a text") || text.contains("must be true");
-                    // of what is a number for a recording, a rig says only that
+                    // for an option of recordings, a rig reports only that it is one
                     let elsewhere = text.contains("for recordings");
                     assert!(by_range || by_kind || elsewhere, "{what}");
                     let valued = text.contains(written) || text.contains("must be a whole number");
                     assert!(by_kind || elsewhere || valued, "{what}");
                 } else {
-                    // it was taken: what is in the way is the session that runs, or its baseline
+                    // the value was accepted: the error is due to the running session, or its baseline
                     let taken = ["SessionActive", "BaselineMismatch"];
                     assert!(taken.iter().any(|name| fault.ends_with(name)), "{what}");
                 }
@@ -182,7 +182,7 @@ async fn a_load_with_any_number_is_refused_by_name_or_taken() {
     }
     for small in [0.0, -1.0, 5e-324] {
         for shape in ["disc", "rectangle", "triangle", "figure-eight"] {
-            // taken or refused
+            // accepted or rejected
             let _ = within(simulation.press(shape, small, small, small, 0.5)).await;
         }
     }
@@ -237,7 +237,7 @@ async fn a_reload_with_any_number_leaves_the_session_running() {
             "{state}"
         );
     }
-    // a change of what is said of a daemon that does not run is refused by exit code: systemd does not try again
+    // the daemon is not running and the error is an exit code, for which systemd does not retry
     for value in ["inf", "nan", "1e308"] {
         let stage =
             Stage::new(&SMALL.replace("[survey]\n", &format!("[survey]\nnplc = {value}\n")));

@@ -1,4 +1,4 @@
-//! How a running daemon is: well, and then not, and why.
+//! The health of a running daemon: good, and then not, with the reason.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use tokio::net::TcpStream;
 
 use crate::stage::{Measuring, SMALL, Stage, reported, within};
 
-/// The daemon's own answer.
+/// The daemon's own report.
 async fn health(daemon: &crate::stage::Running) -> dbus::Health {
     within(daemon.manager.health()).await.unwrap()
 }
@@ -27,7 +27,7 @@ async fn a_daemon_says_that_it_is_well_and_what_it_has() {
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.step(3)).await.unwrap();
     let now = health(&daemon).await;
-    // on a busy machine a map may be late, and only that
+    // on a busy machine a map may be late; no other alarm is allowed
     let alarms = now.troubles.clone().unwrap();
     assert!(
         alarms.iter().all(|text| text.starts_with("session: ")),
@@ -38,9 +38,9 @@ async fn a_daemon_says_that_it_is_well_and_what_it_has() {
     assert_eq!(now.total_durable, Some(5));
     assert_eq!(now.last_frame_sequence, Some(3));
     assert!(now.baseline_age_s.unwrap() >= 0.0);
-    // whose counters nobody has asked for
+    // counters of these relays have not been queried
     assert!(now.relay_used.unwrap() > 0.0, "{now:?}");
-    // nobody awaits a frame that is taken on request
+    // a frame taken on request is never overdue
     assert_eq!(now.quiet_s, None);
     assert_eq!(
         now.instruments.unwrap(),
@@ -116,7 +116,7 @@ async fn scrape(address: &str) -> String {
     body.to_owned()
 }
 
-/// Every line of an exposition is a comment of a known kind or a sample of a described family, and the end is told.
+/// Every line of an exposition is a comment of a known kind or a sample of a described family, and the end is marked.
 fn parsed(body: &str) -> Vec<(String, f64)> {
     let mut families = BTreeSet::new();
     let mut samples = Vec::new();
@@ -152,7 +152,7 @@ async fn metrics_are_scraped_and_every_line_is_understood() {
     let stage = Stage::new(&with);
     let daemon = stage.start().await;
     let address = loop {
-        // it is opened beside everything else
+        // the listener is opened in parallel with everything else
         if let Some(address) = health(&daemon).await.metrics {
             break address;
         }
@@ -184,7 +184,7 @@ async fn metrics_are_scraped_and_every_line_is_understood() {
     ] {
         assert_eq!(of(&after, name), Some(value), "{name}\n{after:#?}");
     }
-    // a map may come after its frame, and each bucket holds those below it
+    // a map may come after its frame, and each bucket includes those below it
     let maps = of(&after, "tactus_reconstruction_seconds_count").unwrap();
     let buckets: Vec<f64> = after
         .iter()
@@ -197,7 +197,7 @@ async fn metrics_are_scraped_and_every_line_is_understood() {
     assert_eq!(all, Some(maps));
     assert!(of(&after, "process_resident_memory_bytes").unwrap() > 1e6);
     assert!(of(&after, "tactus_disk_free_bytes").unwrap() > 0.0);
-    // a few dozen series whatever the daemon does
+    // a few dozen series, whatever the daemon does
     assert!(after.len() < 60, "{}", after.len());
     within(session.stop()).await.unwrap();
     daemon.terminate().await;
@@ -205,7 +205,8 @@ async fn metrics_are_scraped_and_every_line_is_understood() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_healthy_session_of_1000_frames_logs_two_lines() {
-    // a session without maps: on a busy machine those may be late, which is news. Frames without a pause fill any disk soon
+    // a session without maps, because on a busy machine those may be late, which is an event. Frames without a pause
+    // soon fill any disk
     let stage = Stage::new(&format!("{SMALL}[notify]\ndisk_days = 1e-6\n"));
     let daemon = stage.start_with_its_usual_words().await;
     let session = daemon.baseline(1000).await;
@@ -220,7 +221,7 @@ async fn a_healthy_session_of_1000_frames_logs_two_lines() {
         of_the_session[1].contains("1000 frames on disk, 0 failed"),
         "{log}"
     );
-    // beside them only the beginning and the end of the daemon
+    // apart from these only the start and the end of the daemon
     assert!(log.lines().count() <= 6, "{log}");
 }
 
@@ -247,7 +248,7 @@ async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
     let stage = Stage::new(SMALL);
     let payload = stage.path().join("letter.json");
     let script = format!("cat >> {}; echo to the wind >&2; exit 4", payload.display());
-    // a baseline is stale at once
+    // a baseline counts as old at once
     let with = format!(
         "{SMALL}[notify]\ncommand = [\"/bin/sh\", \"-c\", \"{script}\"]\nbaseline_days = 1e-9\n"
     );
@@ -270,7 +271,7 @@ async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
     daemon.baseline(1).await;
     let why = reported(&mut happened, "trouble").await;
     assert!(why.starts_with("baseline-stale: "), "{why}");
-    // the command says no, which is an event too
+    // the command fails, which is an event too
     let failed = reported(&mut happened, "notify-failed").await;
     assert!(failed.contains("exit code 4: to the wind"), "{failed}");
     let text = std::fs::read_to_string(&payload).unwrap();
@@ -281,7 +282,7 @@ async fn the_notify_command_runs_and_its_test_reports_the_outcome() {
     daemon.terminate().await;
 }
 
-/// The command hangs; frames come all the same, and the end of the daemon is not held up.
+/// The command hangs; frames continue, and the end of the daemon is not delayed.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_command_that_hangs_holds_no_frame_back() {
     let folder = tempfile::tempdir().unwrap();
@@ -306,7 +307,7 @@ async fn a_command_that_hangs_holds_no_frame_back() {
         begun.elapsed() < Duration::from_secs(600),
         "it waited for the command"
     );
-    // the command and what it started end with the daemon
+    // the command and its child processes end with the daemon
     let pid = std::fs::read_to_string(&file).unwrap();
     let stat = format!("/proc/{}/stat", pid.trim());
     within(async {

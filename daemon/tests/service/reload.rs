@@ -1,4 +1,4 @@
-//! Another configuration while the daemon runs, and what was said over the wires.
+//! Changes of the configuration while the daemon is running, and the recorded transcript.
 
 use crate::stage::{Running, SMALL, Stage, reported, within};
 use dbus::{Fault, Options};
@@ -73,7 +73,7 @@ async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
     );
 }
 
-/// The rig of the stage, switched on anew.
+/// The rig of the stage, newly switched on.
 fn fresh(stage: &Stage) -> ReplayTarget {
     let profile = Profile::load(stage.path().join("profile.toml").to_str().unwrap()).unwrap();
     let text = std::fs::read_to_string(stage.path().join("scene.toml")).unwrap();
@@ -131,7 +131,8 @@ async fn a_frame_that_fails_leaves_its_transcript_on_disk() {
     std::fs::write(stage.path().join("scene.toml"), scene).unwrap();
     let daemon = stage.start().await;
     let mut happened = daemon.manager.receive_happened().await.unwrap();
-    // the fault may come as soon as a baseline is recorded, or later: the instruments' time runs by their messages
+    // the fault may occur as soon as a baseline is recorded, or later: the instruments' time advances with their
+    // messages
     let path = daemon
         .manager
         .record_baseline(&Options::new().with("frames", 1000_u64))

@@ -1,4 +1,4 @@
-//! Signs of life for systemd.
+//! Heartbeats for systemd.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ async fn systemd_is_notified_of_readiness_life_and_end() {
     hears(&socket, "READY=1").await;
     hears(&socket, "WATCHDOG=1").await;
     daemon.baseline(1).await;
-    // a session that takes frames, and one that waits for a person
+    // a session that takes frames, and one that waits for a user
     for options in [Options::new(), Options::new().with("step", true)] {
         let session = daemon.start(options).await;
         hears(&socket, "STATUS=acquiring").await;

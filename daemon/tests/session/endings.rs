@@ -1,4 +1,4 @@
-//! A session that has ended stays ended, whatever happens to its file: a full disk, a lock, a file that is gone.
+//! A session that has ended stays ended, whatever happens to its file: a full disk, a lock, a deleted file.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ pub fn resuming() -> String {
     SMALL.replace("resume = false", "resume = true")
 }
 
-/// Waits until so many frames are on disk.
+/// Waits until this number of frames is on disk.
 pub async fn durable(session: &Session1Proxy<'_>, frames: u64) {
     let mut done = session.receive_frame_done().await.unwrap();
     while session.frames_durable().await.unwrap() < frames {
@@ -51,7 +51,7 @@ pub fn recorded(folder: &Path) -> BTreeSet<u64> {
         .collect()
 }
 
-/// Starts the next daemon and expects that nothing goes on.
+/// Starts the next daemon and asserts that nothing is resumed.
 pub async fn assert_stays_ended(stage: &Stage) -> Running {
     let daemon = stage.start().await;
     let state = daemon.manager.state().await.unwrap();
@@ -64,7 +64,7 @@ pub async fn assert_stays_ended(stage: &Stage) -> Running {
     daemon
 }
 
-/// A disk of its own for the record, so small that a session fills it.
+/// A separate disk for the record, so small that a session fills it.
 fn small_disk(stage: &Stage) -> PathBuf {
     let state = stage.path().join("state");
     std::fs::create_dir(&state).unwrap();
@@ -76,7 +76,7 @@ fn more_space(state: &Path) {
     mount(&["-o", "remount,size=30m"], state);
 }
 
-/// Takes what is left of a disk.
+/// Fills the rest of a disk.
 fn fill(state: &Path) -> PathBuf {
     use std::io::Write;
     let path = state.join("ballast");
@@ -95,7 +95,7 @@ async fn paused_on_a_full_disk(daemon: &Running, state: &Path) -> Session1Proxy<
     session
 }
 
-/// A daemon whose session is paused on a full disk: its folders, the record's disk, it and the session.
+/// A daemon whose session is paused on a full disk: stage, the record's disk, daemon, session.
 async fn full_disk() -> (Stage, PathBuf, Running, Session1Proxy<'static>) {
     let stage = Stage::new(&resuming());
     let state = small_disk(&stage);
@@ -125,7 +125,7 @@ async fn a_stop_on_a_full_disk_is_honoured_by_the_next_daemon() {
     daemon.terminate().await;
 }
 
-/// Where the record's disk takes no mark either, the runtime directory does; where that does not, it is said.
+/// If the record's disk cannot store the mark, the runtime directory does; if that cannot either, it is reported.
 #[tokio::test(flavor = "multi_thread")]
 async fn unrecordable_end_is_reported() {
     if !has_own_mounts("endings::unrecordable_end_is_reported") {
@@ -142,7 +142,7 @@ async fn unrecordable_end_is_reported() {
         }
         let mut happened = daemon.manager.receive_happened().await.unwrap();
         let session = paused_on_a_full_disk(&daemon, &state).await;
-        // neither this file nor a next part can say it
+        // neither this file nor a next part can store it
         let held = lock(&session.path().await.unwrap(), false);
         let stopped = within(session.stop()).await;
         let Err(Fault::Failed(text)) = stopped else {
@@ -164,7 +164,7 @@ async fn unrecordable_end_is_reported() {
     }
 }
 
-/// Puts folders where the marks of ended sessions are kept.
+/// Creates directories in place of the marks of ended sessions.
 fn block_marks(folder: &Path) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -217,7 +217,7 @@ async fn session_waiting_for_disk_space_can_be_stopped() {
     let session = active(&daemon).await;
     assert_eq!(session.id().await.unwrap(), id);
     if let Err(fault) = within(session.stop()).await {
-        // its file could not be closed; the end is durable all the same
+        // its file could not be closed; the end is durable nevertheless
         assert!(
             fault.text().contains("that it has ended is kept"),
             "{fault:?}"
@@ -230,16 +230,16 @@ async fn session_waiting_for_disk_space_can_be_stopped() {
     assert_stays_ended(&stage).await.terminate().await;
 }
 
-/// Locks a session's file as another program does, until what is returned is dropped.
+/// Locks a session's file as another program does, until the returned value is dropped.
 fn lock(path: &str, of_index: bool) -> Box<dyn std::any::Any> {
     if of_index {
-        // whoever may read the index of the journal may do this
+        // every process with read access to the index of the journal can do this
         let index = std::fs::File::open(format!("{path}-shm")).unwrap();
         let shared = FlockOperation::NonBlockingLockShared;
         rustix::fs::fcntl_lock(&index, shared).unwrap();
         return Box::new(index);
     }
-    // a database browser that has begun to write
+    // a database browser that has begun a write
     let other = rusqlite::Connection::open(path).unwrap();
     other.execute_batch("BEGIN IMMEDIATE").unwrap();
     Box::new(other)
@@ -306,7 +306,7 @@ async fn a_session_stopped_while_its_file_is_locked_stays_ended() {
     daemon.terminate().await;
 }
 
-/// The session that a daemon shows as its own: one that runs, or one that waits to go on.
+/// The active session of a daemon: running, or waiting to be resumed.
 async fn active(daemon: &Running) -> Session1Proxy<'static> {
     let path = daemon.manager.active_session().await.unwrap();
     daemon.session(&path).await
@@ -325,7 +325,7 @@ async fn a_session_that_waits_for_its_rig_can_be_stopped() {
     let ports = ports(&server);
     server.stop().await;
 
-    // another source stands there now, and nobody has agreed to it
+    // another source is connected now, and no user has accepted it
     let mut profile = Profile::default();
     profile.source.serial = "7654321".to_owned();
     let _other = serve(&instant(&profile), ports).await;
@@ -333,7 +333,7 @@ async fn a_session_that_waits_for_its_rig_can_be_stopped() {
     let session = active(&daemon).await;
     assert_eq!(session.id().await.unwrap(), id);
     assert_eq!(session.state().await.unwrap(), "suspended");
-    // a daemon that ends meanwhile leaves it to the next one
+    // a daemon that ends meanwhile leaves this to the next one
     daemon.terminate().await;
     let state = stage.path().join("state");
     assert_eq!(logbook::interrupted(&state).unwrap().len(), 1);
@@ -376,7 +376,7 @@ async fn a_file_that_is_deleted_or_replaced_loses_no_frame() {
         within(session.step(3)).await.unwrap();
         let path = session.path().await.unwrap();
         act(&path);
-        // within a second, with no frame to come
+        // within a second, with no further frame
         let alarm = reported(&mut happened, "alarm").await;
         println!("{attack}: {alarm}");
         assert!(
@@ -403,11 +403,11 @@ async fn a_file_that_is_deleted_or_replaced_loses_no_frame() {
         assert!(kept.into_iter().eq(1..=5), "{attack}");
     }
     daemon.terminate().await;
-    // and nothing of it goes on
+    // and nothing of it is resumed
     assert_stays_ended(&stage).await.terminate().await;
 }
 
-/// As a person starts it, whose files everybody may read.
+/// As started by a user whose files are readable by everybody.
 #[tokio::test(flavor = "multi_thread")]
 async fn what_is_recorded_is_not_for_strangers_to_read() {
     use std::os::unix::fs::PermissionsExt;

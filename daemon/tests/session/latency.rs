@@ -1,4 +1,4 @@
-//! From the last reading to the record and the signal, at the paper's size.
+//! Latency from the last reading to the record and the signal, at the paper's size.
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -26,8 +26,8 @@ async fn a_frame_is_durable_before_its_signal() {
     let mut took = Vec::new();
     let ended = session.wait();
     let mut ended = std::pin::pin!(ended);
-    // every 250 ms: summaries keep 200 ms of distance, and none has to wait for its turn; on a machine that is too slow
-    // for that some are left out
+    // every 250 ms: summaries are at least 200 ms apart, and none has to be delayed; on a machine that is too slow for
+    // that some are left out
     loop {
         let signal = tokio::select! {
             biased;

@@ -146,7 +146,7 @@ async fn a_schedule_ends_by_itself_and_summaries_reach_the_last_frame() {
     let session = daemon.session(&path).await;
     let mut summaries = session.receive_frame_done().await.unwrap();
     let mut reported = Vec::new();
-    // the first frame waits until somebody listens
+    // the first frame waits until a client has subscribed
     let begun = std::time::Instant::now();
     assert_eq!(within(session.step(40)).await.unwrap(), 40);
     loop {
@@ -305,7 +305,7 @@ async fn a_bus_reader_that_freezes_is_dropped_and_the_others_go_on() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     daemon.baseline(2).await;
-    // a client that greets as D-Bus wants it, asks for more than a socket holds, and never reads again
+    // a client that completes the D-Bus handshake, requests more than a socket buffer holds, and never reads again
     let socket = std::os::unix::net::UnixStream::connect(stage.path().join("run/peer")).unwrap();
     let mut frozen = std::io::BufReader::new(socket);
     let uid = rustix::process::geteuid().as_raw().to_string();

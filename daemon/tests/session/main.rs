@@ -1,5 +1,5 @@
-//! Sessions from the bus to the record: measuring, recording, resuming and ending.
-//! Faults of instruments are tested in `instruments`, the service itself in `service`.
+//! Sessions from the bus to the record: measuring, recording, resuming and ending. Faults of instruments are tested in
+//! `instruments`, the service itself in `service`.
 
 mod endings;
 mod latency;

@@ -1,4 +1,4 @@
-//! How a session measures is its own affair, is seen in the plan, and is told where it changes on the way.
+//! The measuring settings of a session belong to it, are shown in the plan, and changes on the way are reported.
 
 use crate::stage::{SMALL, Stage, within};
 use dbus::{Fault, Options};
@@ -56,7 +56,7 @@ async fn session_measures_with_its_options_and_plan_shows_them() {
 /// Only part of the readings, of pairs that are not neighbours: in the plan, the frame, the map and the record.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_session_can_have_a_pattern_of_its_own() {
-    // the board joins any two electrodes
+    // the board connects any two electrodes
     let config = SMALL
         .replace("PROFILE", "board.toml")
         .replace("[survey]\n", "[survey]\ncompliance_v = 4.0\n");
@@ -82,7 +82,7 @@ async fn a_session_can_have_a_pattern_of_its_own() {
     within(baseline.wait()).await.unwrap();
     let error = manager.start_session(&Options::new()).await.unwrap_err();
     assert!(matches!(error, Fault::BaselineMismatch(_)), "{error:?}");
-    // ranges and costs of the configured pattern have nothing to do with that baseline
+    // ranges and costs of the configured pattern do not depend on that baseline
     assert!(manager.plan_with(&Options::new()).await.is_ok());
 
     let session = daemon.start(pattern().with("step", true)).await;
@@ -98,7 +98,7 @@ async fn a_session_can_have_a_pattern_of_its_own() {
     assert!(header.asked.contains("\"half\":true"), "{}", header.asked);
 }
 
-/// Before anything runs: what a setting would cost and gain is what the plan with it takes longer than the one without.
+/// Before anything runs: cost and gain of a setting are the differences between the plans with and without it.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_plan_shows_what_each_setting_would_cost() {
     let stage = Stage::new(&SMALL.replace("[survey]\n", "[survey]\nnplc = 0.02\nsettle_ms = 0\n"));
@@ -213,7 +213,7 @@ async fn a_zero_current_frame_is_reported_and_its_baseline_kept() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_overload_selects_the_next_larger_range_and_is_reported() {
-    // first, how large readings are; then a current at which the largest just fits the smallest range
+    // first the size of the readings; then a current at which the largest just fits the smallest range
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     daemon.baseline(1).await;

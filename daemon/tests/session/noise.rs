@@ -1,11 +1,12 @@
-//! The noise that a method is set by is measured on the baseline; a stated one that contradicts it is reported.
+//! The noise that sets a method's regularisation is measured on the baseline; a configured one that contradicts it is
+//! reported.
 
 use dbus::{Fault, Options};
 use logbook::SessionReader;
 
 use crate::stage::{SMALL, Stage, within};
 
-/// By the voltmeter's table: 0.1 mV at 0.02 power-line cycles on the 1 V range.
+/// From the voltmeter's table: 0.1 mV at 0.02 power-line cycles on the 1 V range.
 const NOISY: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\n";
 
 fn noisy(more: &str) -> Stage {
@@ -15,14 +16,14 @@ fn noisy(more: &str) -> Stage {
     stage
 }
 
-/// The noise in a session's configuration, uV, and the largest loss on the untouched sheet.
+/// The noise in a session's configuration, uV, and the largest loss on the unloaded sheet.
 async fn untouched(stage: &Stage) -> (f64, f64) {
     let daemon = stage.start().await;
     within(daemon.baseline(10).await.wait()).await.unwrap();
     let session = daemon.start(Options::new().with("count", 1_u64)).await;
     within(session.wait()).await.unwrap();
     let map = session.latest_map().await.unwrap();
-    // whatever the method is set by, an untouched sheet shows nothing
+    // whatever noise sets the method, an unloaded sheet shows nothing
     assert_eq!(map.more.significant, Some(false));
     assert_eq!(map.more.found_x_m, None);
     let noise = map.more.noise.unwrap();
@@ -102,7 +103,7 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
         remarks.contains("take it off and record again"),
         "{remarks}"
     );
-    // the one before is still there
+    // the previous one is still there
     let listed = daemon.manager.list_sessions(&Options::new()).await.unwrap();
     let before = listed
         .iter()

@@ -29,7 +29,7 @@ async fn a_calibrated_method_says_newtons() {
     within(session.stop()).await.unwrap();
     daemon.terminate().await;
 
-    // another mesh's is refused before anything moves
+    // the calibration of another mesh is rejected before anything moves
     let with = SMALL.replace(
         "[survey]",
         "[model]\ncalibration = \"sheet.toml\"\n[survey]",
@@ -63,7 +63,7 @@ async fn a_calibrated_method_says_newtons() {
     );
     assert_eq!(pressure.sequence, map.sequence);
     assert_eq!(pressure.kpa.len(), map.values.len());
-    // the curve of the file, triangle by triangle
+    // the curve of the file, for each triangle
     for (kpa, value) in pressure.kpa.iter().zip(&map.values) {
         let loss = -value;
         let wanted = match loss {
@@ -79,7 +79,7 @@ async fn a_calibrated_method_says_newtons() {
     let whole = map.more.durable_s.unwrap();
     assert!(0.0 < took && took < whole, "{took} of {whole} s");
     within(session.stop()).await.unwrap();
-    // the stream has it just before its map, for who asked
+    // the stream has it just before its map, if requested
     let reported = within(kinds(&mut stream)).await;
     assert_eq!(reported, ["frame", "pressure", "map", "end"]);
     let reported = within(kinds(&mut plain)).await;

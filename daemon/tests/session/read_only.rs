@@ -1,4 +1,4 @@
-//! A record's disk that turns read-only under a running session, as ext4 does after an error of its device.
+//! A record's disk that becomes read-only during a session, as ext4 does after an error of its device.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,7 +8,7 @@ use crate::mounts::has_own_mounts;
 use crate::stage::{Stage, within};
 use dbus::Options;
 
-/// A file system of its own in an image, on a loop device.
+/// A separate filesystem in an image, on a loop device.
 struct Disk {
     image: PathBuf,
     folder: PathBuf,
@@ -47,7 +47,7 @@ impl Disk {
         run("mount", &["-o", options, self.image(), self.folder()]);
     }
 
-    /// Reports an error of the file system to the kernel, which makes it read-only.
+    /// Reports a filesystem error to the kernel, which makes it read-only.
     fn turn_read_only(&self) {
         let device = run("findmnt", &["-n", "-o", "SOURCE", self.folder()]);
         let device = Path::new(device.trim()).file_name().unwrap();
@@ -55,7 +55,7 @@ impl Disk {
         std::fs::write(trigger.join("trigger_fs_error"), "1").unwrap();
     }
 
-    /// Checks the file system and mounts it anew, as an administrator does.
+    /// Checks the filesystem and mounts it again, as an administrator does.
     fn repair(&self) {
         run("umount", &[self.folder()]);
         // 1: errors were corrected
@@ -65,7 +65,7 @@ impl Disk {
     }
 }
 
-/// Whether a file system can be made and mounted here.
+/// Whether a filesystem can be created and mounted here.
 fn has_disks(folder: &Path) -> bool {
     let image = folder.join("trial");
     let script = "truncate -s 1M $0 && mkfs.ext4 -q $0 && mount -o loop $0 /mnt && umount /mnt";
@@ -117,7 +117,7 @@ async fn a_session_whose_disk_turns_read_only_stays_ended() {
     daemon.kill().await;
     disk.repair();
     let daemon = assert_stays_ended(&stage).await;
-    // a frame may have reached the disk whose sync failed; of those acknowledged none is lost
+    // a frame whose sync failed may have reached the disk; no acknowledged frame is lost
     let kept = recorded(&state);
     assert!(kept.iter().copied().eq(1..=kept.len() as u64), "{kept:?}");
     assert!(

@@ -1,4 +1,4 @@
-//! A recording is a rig: the same sessions, the same record.
+//! A recording as the source of frames: the same sessions, the same record.
 
 use std::fmt::Write;
 
@@ -104,7 +104,7 @@ async fn a_played_recording_is_recorded_and_can_be_played_again() {
     let daemon = again.start().await;
     let session = daemon.start(Options::new().with("step", true)).await;
     assert_eq!(within(session.step(5)).await.unwrap(), 5);
-    // asked for more than there is: the recording ends
+    // more than available was requested: the recording ends
     assert_eq!(within(session.step(50)).await.unwrap(), 12);
     let same = session.latest_map().await.unwrap();
     assert_eq!(

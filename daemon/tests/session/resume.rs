@@ -1,4 +1,4 @@
-//! A session that the daemon did not end goes on with the next one.
+//! A session that the daemon did not end is resumed by the next one.
 
 use crate::stage::{Running, SMALL, Stage, within};
 use dbus::{Options, Session1Proxy};
@@ -9,7 +9,7 @@ fn resuming() -> String {
     SMALL.replace("resume = false", "resume = true")
 }
 
-/// Waits until so many frames are on disk.
+/// Waits until this number of frames is on disk.
 async fn durable(session: &Session1Proxy<'_>, frames: u64) {
     let mut done = session.receive_frame_done().await.unwrap();
     while session.frames_durable().await.unwrap() < frames {
@@ -22,7 +22,7 @@ async fn active(daemon: &Running) -> Session1Proxy<'static> {
     daemon.session(&path).await
 }
 
-/// The kinds of a session's events, but for what a busy machine has missed.
+/// The kinds of a session's events, without missed frames of a busy machine.
 fn kinds(reader: &SessionReader) -> Vec<String> {
     reported(reader)
         .into_iter()
@@ -46,7 +46,7 @@ async fn a_killed_session_resumes_with_its_id_schedule_and_a_gap() {
         .with("count", 60_u64)
         .with("operator", "Ada")
         .with("nplc", 1.0);
-    // a baseline that was measured alike
+    // a baseline with the same settings
     let alike = Options::new().with("frames", 2_u64).with("nplc", 1.0);
     let path = daemon.manager.record_baseline(&alike).await.unwrap();
     within(daemon.session(&path).await.wait()).await.unwrap();
@@ -112,7 +112,7 @@ async fn what_cannot_go_on_is_closed_with_the_reason() {
     within(session.step(1)).await.unwrap();
     daemon.kill().await;
 
-    // it may begin again once an hour, and has
+    // one resumption an hour is allowed, and has happened
     stage.configure(&resuming().replace("resume = true", "resume = true\nresume_per_hour = 1"));
     let daemon = stage.start().await;
     let session = active(&daemon).await;
@@ -125,7 +125,7 @@ async fn what_cannot_go_on_is_closed_with_the_reason() {
     assert!(reason.contains("1 times within an hour"), "{reason}");
     assert_eq!(reader.len().unwrap(), 2);
 
-    // of another kind of frame than the daemon takes now
+    // with another kind of frame than the daemon uses now
     let session = daemon.start(Options::new().with("step", true)).await;
     let whole = session.path().await.unwrap();
     daemon.kill().await;
@@ -138,7 +138,8 @@ async fn what_cannot_go_on_is_closed_with_the_reason() {
     daemon.terminate().await;
 }
 
-/// Addresses are pinned: an instrument that has another one is told so by a person, and is the same instrument then.
+/// Addresses identify instruments: a user configures the new address of an instrument, which is then the same
+/// instrument.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_session_resumes_with_instruments_at_new_addresses() {
     let (rig, server, config) = crate::stage::on_tcp().await;
@@ -175,7 +176,8 @@ async fn a_session_resumes_with_instruments_at_new_addresses() {
     daemon.terminate().await;
 }
 
-/// By hand nobody switches off between a kill and the next start: relays are found closed, and its session explains them.
+/// When started by hand, nothing switches off between a kill and the next start: relays are found closed, and the
+/// session explains them.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_session_killed_in_a_frame_goes_on_by_hand_too() {
     let profile = Profile::default().at_pace(Pace::Real);

@@ -1,4 +1,4 @@
-//! A bus of its own for a test.
+//! A private bus for a test.
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -10,7 +10,7 @@ pub struct Broker {
 }
 
 impl Broker {
-    /// `None`, said, where there is no dbus-daemon.
+    /// `None`, with a message, if there is no dbus-daemon.
     pub fn start(folder: &Path) -> Option<Self> {
         let address = format!("unix:path={}", folder.join("bus").display());
         let config = format!(

@@ -1,6 +1,6 @@
-//! A daemon in a folder of its own, reached over its peer socket.
+//! A daemon in a folder of its own, reached through its peer socket.
 
-// each test file uses what it needs of it
+// each test file uses only a part of this
 #![allow(dead_code)]
 
 pub mod broker;
@@ -15,10 +15,10 @@ use simulator::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig, Tr
 use tokio::io::{AsyncBufReadExt, BufReader};
 use zbus::{Connection, OwnedObjectPath};
 
-/// The one deadline under which everything is awaited.
+/// The common timeout of all waits.
 pub const DEADLINE: Duration = Duration::from_secs(120);
 
-/// A sheet with as few triangles as make a map, in instant time.
+/// A sheet with the fewest triangles that give a map, in instant time.
 pub const SMALL: &str = r#"
 [rig]
 kind = "simulated"
@@ -80,16 +80,16 @@ impl Stage {
             .unwrap()
     }
 
-    /// Starts the daemon and connects to it when it says that it is ready.
+    /// Starts the daemon and connects to it when it reports that it is ready.
     pub async fn start(&self) -> Running {
         self.start_by(tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd")))
             .await
     }
 
-    /// Starts the daemon on a disk that takes files of so many kilobytes and no more.
+    /// Starts the daemon with a file size limit in kilobytes.
     pub async fn start_on_a_small_disk(&self, kilobytes: u32) -> Running {
         let mut shell = tokio::process::Command::new("sh");
-        // 512-byte blocks; the signal that comes with the refusal is the daemon's own affair
+        // 512-byte blocks; handling the signal of an exceeded limit is up to the daemon
         let blocks = kilobytes * 2;
         shell
             .arg("-c")
@@ -98,7 +98,7 @@ impl Stage {
         self.start_by(shell).await
     }
 
-    /// Starts the daemon with a bus at this address, which is the session bus and the system bus to it.
+    /// Starts the daemon with a bus at this address, which serves as session bus and system bus.
     pub async fn start_on_bus(&self, address: &str) -> Running {
         let mut command = tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd"));
         command.env("DBUS_SESSION_BUS_ADDRESS", address);
@@ -106,11 +106,11 @@ impl Stage {
         self.start_by(command).await
     }
 
-    /// Starts the daemon as systemd does that wants a sign of life at least so often. The socket hears it.
+    /// Starts the daemon as systemd does with a watchdog timeout. The socket receives the notifications.
     pub async fn start_watched(&self, patience: Duration) -> (Running, tokio::net::UnixDatagram) {
         let path = self.path().join("notify");
         let socket = tokio::net::UnixDatagram::bind(&path).unwrap();
-        // start_by takes the variable away; env gives it back
+        // start_by removes the variable; env sets it again
         let mut command = tokio::process::Command::new("env");
         command
             .arg(format!("NOTIFY_SOCKET={}", path.display()))
@@ -119,14 +119,14 @@ impl Stage {
         (self.start_by(command).await, socket)
     }
 
-    /// Starts the daemon with its usual words in the log.
+    /// Starts the daemon with its usual log level.
     pub async fn start_with_its_usual_words(&self) -> Running {
         let mut command = tokio::process::Command::new(env!("CARGO_BIN_EXE_tactusd"));
         command.env("RUST_LOG", "warn,daemon=info");
         self.start_by(command).await
     }
 
-    /// Starts the daemon by a command that ends in it: the configuration is added.
+    /// Starts the daemon by a command that ends with its name: the configuration is appended.
     pub async fn start_by(&self, mut command: tokio::process::Command) -> Running {
         let set = command
             .as_std()
@@ -177,7 +177,7 @@ impl Stage {
     }
 }
 
-/// A daemon that runs, and a connection to it.
+/// A running daemon, and a connection to it.
 pub struct Running {
     child: tokio::process::Child,
     log: tokio::task::JoinHandle<String>,
@@ -206,7 +206,7 @@ impl Running {
         Simulation1Proxy::new(&self.connection).await.unwrap()
     }
 
-    /// Records a baseline of so many frames and waits for its end.
+    /// Records a baseline of this number of frames and waits for its end.
     pub async fn baseline(&self, frames: u64) -> Session1Proxy<'static> {
         let options = Options::new().with("frames", frames);
         let path = self.manager.record_baseline(&options).await.unwrap();
@@ -221,12 +221,12 @@ impl Running {
         self.session(&path).await
     }
 
-    /// The number of its process.
+    /// The process id.
     pub fn id(&self) -> u32 {
         self.child.id().unwrap()
     }
 
-    /// Kills it as a power cut would.
+    /// Kills the daemon, as a power cut would.
     pub async fn kill(mut self) {
         within(self.child.kill()).await.unwrap();
     }
@@ -237,12 +237,12 @@ impl Running {
         rustix::process::kill_process(pid, signal).unwrap();
     }
 
-    /// Asks it to read its configuration again.
+    /// Sends SIGHUP: the daemon reloads its configuration.
     pub fn hang_up(&self) {
         self.signal(rustix::process::Signal::HUP);
     }
 
-    /// Asks it to end, and returns how it ended and what it said.
+    /// Sends SIGTERM, and returns exit status and output.
     pub async fn terminate(mut self) -> (std::process::ExitStatus, String) {
         self.signal(rustix::process::Signal::TERM);
         let status = within(self.child.wait()).await.unwrap();
@@ -250,28 +250,28 @@ impl Running {
     }
 }
 
-/// Awaits under the one deadline.
+/// Awaits under the common timeout.
 pub async fn within<T>(future: impl Future<Output = T>) -> T {
     tokio::time::timeout(DEADLINE, future)
         .await
         .expect("nothing takes that long")
 }
 
-/// A rig on TCP that a test can break, and a configuration for it.
+/// A rig on TCP for faults by a test, and a configuration for it.
 pub async fn on_tcp() -> (SimulatedRig, simulator::Server, String) {
     let rig = instant(&Profile::default());
     let (server, config) = on_tcp_with(&rig).await;
     (rig, server, config)
 }
 
-/// The same for a rig that there is.
+/// The same for an existing rig.
 pub async fn on_tcp_with(rig: &SimulatedRig) -> (simulator::Server, String) {
     let server = serve(rig, (0, 0)).await;
     let config = config_for(&server.ready().source, &server.ready().mainframe);
     (server, config)
 }
 
-/// The configuration for a rig at these places.
+/// The configuration for a rig at these addresses.
 pub fn config_for(source: &str, mainframe: &str) -> String {
     format!(
         "{}\n[source]\naddress = \"tcp:{source}\"\ndeadline_ms = 2000\n[switch]\naddress = \"tcp:{mainframe}\"\n\
@@ -288,7 +288,7 @@ pub fn instant(profile: &Profile) -> SimulatedRig {
     SimulatedRig::new(&profile.clone().at_pace(Pace::Instant), scene).unwrap()
 }
 
-/// When the source was found again it was switched off and asked whether it is, before anybody else was spoken to.
+/// Asserts that a returned source was switched off and verified before any other instrument got a message.
 pub fn assert_off_before_anything_else(message: &[TranscriptLine]) {
     let place = |from: usize, what: &dyn Fn(&TranscriptLine) -> bool| {
         let found = message[from..].iter().position(what);
@@ -307,8 +307,8 @@ pub fn assert_off_before_anything_else(message: &[TranscriptLine]) {
     );
 }
 
-/// A record is whole, and says why frames are missing. (A machine that stands still for some seconds between two frames
-/// says nothing.)
+/// A record is complete, and has the reasons for missing frames. (A machine that stops for some seconds between two
+/// frames leaves no reason.)
 pub fn assert_whole(path: &str) -> Verified {
     let verified = logbook::verify(path, |_| ()).unwrap();
     let beside_gaps = verified
@@ -322,7 +322,7 @@ pub fn assert_whole(path: &str) -> Verified {
     verified
 }
 
-/// The ports at which a server listens.
+/// The ports of a server.
 pub fn ports(server: &simulator::Server) -> (u16, u16) {
     let port = |address: &str| address.rsplit(':').next().unwrap().parse().unwrap();
     (
@@ -374,7 +374,7 @@ impl Measuring {
     }
 }
 
-/// Waits for something that is told, and gives its text.
+/// Waits for an event of this kind, and returns its text.
 pub async fn reported(happened: &mut dbus::HappenedStream, kind: &str) -> String {
     loop {
         let signal = within(dbus::next(happened)).await.unwrap();

@@ -21,7 +21,7 @@ const TYPES: [&str; 5] = [
 /// Multicast address of mDNS.
 const GROUP: Ipv4Addr = Ipv4Addr::new(224, 0, 0, 251);
 
-/// What is known of one device.
+/// Data of one device.
 #[derive(Default)]
 struct Instance {
     hosts: Vec<IpAddr>,

@@ -84,7 +84,7 @@ struct Candidate {
     places: Vec<InstrumentAddress>,
     found_by: &'static str,
     name: String,
-    /// What it said on another way than those places.
+    /// The identity, if it was found by another method than these addresses.
     identity: Option<String>,
 }
 
@@ -364,7 +364,7 @@ mod tests {
         }
         assert!(!text.contains(|payload: char| payload.is_control() && payload != '\n'));
         assert!(!text.contains('\u{202e}'));
-        // what is proposed is read as what was seen
+        // a proposal parses to the values that were found
         let proposed: toml::Table = toml::from_str(&all[1].proposal).unwrap();
         assert_eq!(proposed.len(), 1);
         let address = proposed["source"]["address"].as_str().unwrap();

@@ -214,7 +214,7 @@ impl LogbookSink {
             left.display(),
             self.writer.path().display()
         );
-        // the part says so itself
+        // the part records this itself
         self.report(EventKind::Alarm, &text);
         Ok(())
     }

@@ -76,8 +76,8 @@ impl Task {
 }
 
 impl Recorder {
-    /// Records frames by the logbook, and publishes those that are durable; `patient` where frames are never recorded
-    /// without a map because others wait.
+    /// Records frames in the logbook, and publishes the durable ones; with `patient`, frames are never recorded without
+    /// a map because others are waiting.
     pub(crate) fn new(logbook: LogbookSink, checks: Checks, task: Task, patient: bool) -> Self {
         let status = Arc::clone(&logbook.status);
         Self {

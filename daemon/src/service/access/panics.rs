@@ -1,4 +1,4 @@
-//! An object that panics wherever it is asked, while a session runs.
+//! An object whose methods panic, while a session is running.
 
 use std::collections::HashMap;
 
@@ -12,7 +12,7 @@ use crate::panics::containment::blocking;
 use crate::panics::hook;
 use crate::session::panics::{follow_panics, tests as guarded};
 
-/// It answers under the manager's name: the table of actions knows its methods.
+/// It is registered under the manager's interface name, whose methods are in the table of actions.
 struct Panics;
 
 #[async_trait]
@@ -91,7 +91,7 @@ impl Interface for Panics {
     }
 }
 
-/// The text of the error that a call is answered with.
+/// The text of a call's error reply.
 async fn error<B>(client: &Connection, interface: &str, method: &str, body: &B) -> String
 where
     B: serde::Serialize + zbus::DynamicType + Sync,
@@ -109,7 +109,7 @@ async fn a_panic_while_answering_leaves_the_session_running() {
     let _alone = guarded::alone().await;
     hook::install();
     let folder = tempfile::tempdir().unwrap();
-    // the session is in the middle of a frame as long as the test lasts
+    // the session is in the middle of a frame for the whole test
     let (controller, sheet) = guarded::in_real_time(folder.path()).await;
     let panics = hook::listen();
     tokio::spawn(follow_panics(
@@ -166,7 +166,7 @@ async fn a_panic_while_answering_leaves_the_session_running() {
     assert_eq!(controller.source_state(), "in use");
     guarded::current_flows(&sheet).await;
 
-    // what has instruments in its hands ends the session as well, and the source is off
+    // an acting call ends the session as well, and the source is off
     let acting = error(&client, MANAGER_INTERFACE, "OpenAll", &()).await;
     assert!(acting.contains("while acting"), "{acting}");
     let ended = tokio::time::timeout(guarded::DEADLINE, status.ended()).await;

@@ -46,7 +46,7 @@ fn every_method_and_every_property_to_set_has_its_row() {
     assert_eq!(methods, rows(in_table));
     let in_table = SETTERS.iter().map(|(of, member, _)| (*of, *member));
     assert_eq!(setters, rows(in_table));
-    // the reading of the XML finds a property to set where there is one
+    // checks that the XML parser finds a writable property if there is one
     let xml = "<property name=\"A\" type=\"s\" access=\"readwrite\"/><property name=\"B\" access=\"read\"/>";
     assert_eq!(named(xml, "property", "write"), ["A"]);
 }
@@ -66,7 +66,7 @@ fn every_checked_action_is_declared_to_polkit() {
         .filter_map(|action| action.id())
         .collect();
     assert_eq!(declared, requested);
-    // the daemon is not root: polkit tells it about others only as the owner of the action
+    // the daemon is not root: polkit reports on other users only to the owner of the action
     let owners = policy
         .matches("<annotate key=\"org.freedesktop.policykit.owner\">")
         .count();

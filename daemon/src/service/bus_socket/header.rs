@@ -232,7 +232,7 @@ mod tests {
             for value in [0, 1, 0x7f, 0xff] {
                 let mut bad = good.clone();
                 bad[at] = value;
-                // whatever it is: no panic, and no length beyond the specification's
+                // for any input: no panic, and no length beyond the specification's limit
                 if let Ok(Some(length)) = length(&bad) {
                     assert!(length <= LONGEST);
                 }

@@ -81,7 +81,7 @@ struct Unanswered {
 }
 
 impl Queue {
-    /// An empty queue; `acts` says whether a method changes something, by interface and member.
+    /// An empty queue; `acts` tells whether a method changes something, by interface and member.
     pub(crate) fn new(acts: fn(&str, &str) -> bool) -> Self {
         Self {
             acts,
@@ -368,7 +368,7 @@ mod tests {
             .collect();
         let lost = fates.iter().filter(|fate| **fate == Fate::Lost).count();
         assert_eq!(lost, 100 - UNANSWERED_EACH);
-        // who waits for an answer is counted by the bus, and nothing of theirs is lost
+        // the bus limits callers that wait for a reply, and none of their calls is lost
         for number in 0..100 {
             assert_eq!(
                 push(&queue, &call(":1.1", "Stop", true, number)),
@@ -389,7 +389,7 @@ mod tests {
             assert_eq!(push(&queue, &stop), Fate::Waits);
         }
         assert_eq!(push(&queue, &stop), Fate::Lost);
-        // one at a time of a stranger
+        // one at a time for an untrusted sender
         assert!(take(&queue).is_some());
         assert!(take(&queue).is_none());
         assert_eq!(push(&queue, &stop), Fate::Lost);
@@ -399,7 +399,7 @@ mod tests {
         assert_eq!(push(&queue, &stop), Fate::Waits);
         assert!(take(&queue).is_some());
         assert!(take(&queue).is_none());
-        // who leaves is not waited for
+        // a sender that disconnects is not waited for
         queue.forget(":1.1");
         assert!(!queue.is_served(":1.1", serial));
         assert_eq!(queue.waiting().unanswered_all, 0);

@@ -1,4 +1,4 @@
-//! One instrument of the rig.
+//! The D-Bus interface of one instrument of the rig.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The daemon itself.
+//! The D-Bus interface of the daemon itself.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ use crate::service::read_pool::read;
 use crate::session::controller::{Controller, no_baseline, no_plan};
 use crate::session::option_values;
 
-/// Sessions in one answer: some 300 kB. Who wants more asks for those before the last one.
+/// Most sessions in one reply: some 300 kB. For more, clients request the sessions before the last one.
 const MOST_LISTED: u64 = 1000;
 
 /// The manager on one connection, and the gate through which its callers come.
@@ -334,7 +334,7 @@ impl Manager1 {
     /// dbus/src/dictionaries.rs.
     #[zbus(out_args("status"))]
     async fn status(&self) -> Result<Status, Fault> {
-        // it waits for the disk; all else is read at one moment behind it
+        // it waits for the disk; everything else is read at one moment after it
         let health = self.health().await?;
         let active = self.0.active();
         Ok(Status {

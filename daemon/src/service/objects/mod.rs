@@ -1,5 +1,4 @@
-//! The D-Bus objects, one file an interface.
-//! Who may call them is decided by `access` and `gate`.
+//! The D-Bus objects, one file for each interface. `access` and `gate` decide who may call them.
 
 pub(crate) mod instrument1;
 pub(crate) mod manager1;

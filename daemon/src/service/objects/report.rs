@@ -1,4 +1,4 @@
-//! What the daemon knows, in the plain types of the bus.
+//! Converts the daemon's data to the wire types of D-Bus.
 
 use std::collections::BTreeMap;
 
@@ -70,7 +70,7 @@ pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
     }
 }
 
-/// How each reading of a plan is taken, what each setting costs and gains, as `tactus plan --json` names them.
+/// The measuring settings of a plan with cost and gain of each, as in `tactus plan --json`.
 pub(crate) fn measuring(more: &PlanDetails) -> BTreeMap<String, serde_json::Value> {
     let of_the_rig = ["wiring", "electrodes", "extra_readings"];
     // each value is a variant: its signature and itself
@@ -83,7 +83,7 @@ pub(crate) fn measuring(more: &PlanDetails) -> BTreeMap<String, serde_json::Valu
         .collect()
 }
 
-/// The same for a person: the settings in use with their units, and what each costs a frame.
+/// The same as text: the settings in use with their units, and the cost of each for a frame.
 pub(crate) fn measuring_words(more: &PlanDetails) -> [(&'static str, Vec<String>); 2] {
     let settings = measuring(more).into_iter().filter_map(|(key, value)| {
         let unused = value == false || value.as_f64() == Some(0.0);
@@ -111,7 +111,7 @@ pub(crate) fn measuring_words(more: &PlanDetails) -> [(&'static str, Vec<String>
     ]
 }
 
-/// What is needed to draw a map.
+/// The data for drawing a map.
 pub(crate) fn geometry(geometry: &Geometry) -> dbus::Geometry {
     let mesh = &geometry.mesh;
     let flat = |points: &[[f64; 2]]| points.iter().flatten().copied().collect::<Vec<f64>>();
@@ -132,7 +132,7 @@ pub(crate) fn geometry(geometry: &Geometry) -> dbus::Geometry {
     }
 }
 
-/// What a person calls the geometry.
+/// The display name of the geometry.
 pub(crate) fn geometry_name(geometry: &Geometry) -> GeometryDetails {
     GeometryDetails {
         name: Some(geometry.name.clone()),
@@ -171,7 +171,7 @@ pub(crate) fn test(report: Report) -> TestReport {
     }
 }
 
-/// An instrument that is there.
+/// An instrument that was found.
 pub(crate) fn seen(seen: Seen) -> SeenInstrument {
     SeenInstrument {
         address: seen.address,
@@ -184,7 +184,7 @@ pub(crate) fn seen(seen: Seen) -> SeenInstrument {
     }
 }
 
-/// What was found, for a person or as JSON, as `tactus instruments discover` prints it.
+/// The instruments found, as text or as JSON, as printed by `tactus instruments discover`.
 pub(crate) fn found_lines(found: &Discovered, json: bool) -> Vec<String> {
     let some = |text: &str| Some(text.to_owned()).filter(|text| !text.is_empty());
     let mut lines = Vec::new();
@@ -244,7 +244,7 @@ pub(crate) fn wear(wear: Wear) -> RelayWear {
     }
 }
 
-/// A baseline, with what a person should know before it is used.
+/// A baseline, with remarks for people before it is used.
 pub(crate) fn baseline(baseline: &Baseline, remarks: Vec<String>) -> BaselineReport {
     let settings = &baseline.settings;
     BaselineReport {
@@ -275,7 +275,7 @@ pub(crate) fn baseline(baseline: &Baseline, remarks: Vec<String>) -> BaselineRep
     }
 }
 
-/// A session of the logbook; `active` is the id of the one that runs.
+/// A session of the logbook; `active` is the id of the running one.
 pub(crate) fn session(summary: &logbook::SessionSummary, active: Option<&str>) -> SessionSummary {
     let state = match &summary.closed {
         Some(_) => "closed",
@@ -299,13 +299,13 @@ pub(crate) fn session(summary: &logbook::SessionSummary, active: Option<&str>) -
     }
 }
 
-/// Text of a session's file, which anybody may have written: the bus carries any character but this one, and one message
-/// that has it ends the connection.
+/// Text of a session's file, which may come from any writer: D-Bus carries every character but NUL, and one message
+/// that contains it ends the connection.
 fn without_nul(text: &str) -> String {
     text.replace('\0', "\\0")
 }
 
-/// A lost rig that is being looked for.
+/// The reconnection of a lost rig.
 pub(crate) fn recovery(recovery: Option<&Recovery>) -> dbus::Recovery {
     let Some(recovery) = recovery else {
         return dbus::Recovery::default();

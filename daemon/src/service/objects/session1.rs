@@ -1,4 +1,4 @@
-//! A session: a baseline being recorded, or a measurement.
+//! The D-Bus interface of a session: a baseline being recorded, or a measurement.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::session::option_values;
 use crate::session::option_values::checked;
 use survey::nanoseconds;
 
-/// Records held for a slow reader where nobody says.
+/// Records held for a slow reader by default.
 const RING: u64 = 64;
 
 /// The object of one session.
@@ -290,7 +290,7 @@ impl Session1 {
 }
 
 impl Session1 {
-    /// Its properties and its last map.
+    /// The properties of the session and its last map.
     pub(crate) fn report(&self) -> dbus::SessionStatus {
         let map = self.0.latest_map();
         dbus::SessionStatus {

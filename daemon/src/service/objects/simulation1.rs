@@ -1,4 +1,4 @@
-//! A hand on the simulated sheet.
+//! The D-Bus interface for loads on the simulated sheet.
 
 use std::sync::Arc;
 

@@ -280,7 +280,7 @@ impl Controller {
         self.inner().identities.clone()
     }
 
-    /// What is known of the source: `off` (verified), `in use`, `unknown`.
+    /// State of the source: `off` (verified), `in use`, `unknown`.
     pub(crate) fn source_state(&self) -> &'static str {
         let inner = self.inner();
         match &inner.state {

@@ -110,7 +110,7 @@ impl Controller {
                 self.on_ends(move |ends| ends.clear(&id)).await;
             }
         }
-        // the files of these say it themselves, or are gone
+        // the files of these record the end themselves, or are gone
         self.on_ends(move |ends| {
             for id in ended.keys() {
                 ends.clear(id);

@@ -16,11 +16,11 @@ use crate::session::controller::resume::Never;
 const RETRY: Duration = Duration::from_secs(1);
 /// Longest time between two attempts; the pause doubles up to it.
 const RETRY_AT_MOST: Duration = Duration::from_secs(10);
-/// How long a stop waits for the file to be closed; the end mark outside of the file is durable by then.
+/// How long a stop waits for the file to be closed; the separate end mark is durable by then.
 const TO_CLOSE: Duration = Duration::from_millis(500);
 
 impl Controller {
-    /// Publishes the session, and tries until it is resumed, can never be, or is stopped.
+    /// Publishes the session, and retries until it is resumed, cannot be resumed any more, or is stopped.
     pub(super) fn wait_to_go_on(self: &Arc<Self>, path: PathBuf, id: String, why: &str) {
         let facts = Facts {
             id,
@@ -99,8 +99,8 @@ impl Controller {
         self.events.publish(&BusEvent::Daemon);
     }
 
-    /// Called when a session begins. If it is the waiting one, it takes its place on the bus; if it is another, the waiting
-    /// one ends.
+    /// Called when a session begins. If it is the waiting one, it replaces the waiting object on the bus; if it is
+    /// another, the waiting one ends.
     pub(super) fn hand_over(self: &Arc<Self>, status: &Arc<SessionStatus>) {
         let Some(waited) = self.inner().interrupted.take() else {
             return;

@@ -1,4 +1,4 @@
-//! Events that meet a disk without room.
+//! Events on a disk without space.
 
 use logbook::Storage;
 use rusqlite::Connection;
@@ -7,10 +7,10 @@ use crate::events::event::Event;
 use crate::events::kind::EventKind;
 use crate::recording::recorder::tests::*;
 
-/// Pages that the record may have.
+/// Page limit of the record.
 const PAGES: u32 = 6400;
 
-/// What fills the record to its last page, and the last page of its events.
+/// Data that fill the record to its last page, and the last page of its events.
 struct Ballast(Connection);
 
 impl Ballast {
@@ -19,7 +19,7 @@ impl Ballast {
         other
             .pragma_update_and_check(None, "max_page_count", PAGES, |_| Ok(()))
             .unwrap();
-        // a row that no other one fits beside
+        // a row so large that no other fits on its page
         other
             .execute(
                 "INSERT INTO event (at_ns, kind, text, checksum) VALUES (0, 'ballast', ?1, x'00')",
@@ -48,7 +48,7 @@ impl Ballast {
     }
 }
 
-/// Waits until acquisition is held; a session that ends instead is said.
+/// Waits until acquisition is held; panics if the session ends instead.
 fn held(status: &SessionStatus) {
     let mut held = status.held();
     let mut over = status.stop_request();
@@ -83,7 +83,7 @@ fn event_on_a_full_disk_waits_and_ends_no_session() {
     scene.frame(1);
     until(scene.status.follow_durable(), |durable| *durable == 1);
 
-    // what the recorder itself says, before the frame
+    // an event of the recorder itself, before the frame
     let ballast = Ballast::load(&scene.status.path());
     tell.send(Do::Panic).unwrap();
     scene.frame(2);
@@ -95,7 +95,7 @@ fn event_on_a_full_disk_waits_and_ends_no_session() {
     until(scene.status.follow_durable(), |durable| *durable == 2);
     until(scene.status.held(), |held| !held);
 
-    // what it is told, with no frame to come: acquisition is let go all the same
+    // an event from outside, with no frame to come: acquisition is released as well
     let ballast = Ballast::load(&scene.status.path());
     let text = "a longer sentence than fits beside the ballast. ".repeat(4);
     scene.send(Order::Event(Event::new(

@@ -30,11 +30,11 @@ const MEGABYTE: u64 = 1_000_000;
 enum Do {
     Map,
     Panic,
-    /// Not before this is heard.
+    /// Returns the map only after this is received.
     MapAfter(sync::Receiver<()>),
 }
 
-/// A method that does as it is told.
+/// A method controlled by the test.
 struct Reported {
     method: std::sync::Arc<dyn Reconstructor>,
     reported: Mutex<sync::Receiver<Do>>,
@@ -77,12 +77,12 @@ struct Scene {
     status: Arc<SessionStatus>,
     orders: mpsc::Sender<Order>,
     reported: Mutex<mpsc::Receiver<BusEvent>>,
-    /// Bytes of room on the disk, as the recorder is told.
+    /// Free bytes on the disk as the recorder sees it.
     free: Arc<AtomicU64>,
 }
 
 impl Scene {
-    /// A recorder whose method does as told, and what it is told by.
+    /// A recorder with a method controlled by the test, and the channels for both.
     fn new() -> (Self, Recorder, mpsc::Receiver<Order>, sync::Sender<Do>) {
         Self::with(RecordSection::default())
     }
@@ -198,7 +198,7 @@ impl Scene {
     }
 }
 
-/// Awaits what another thread brings about, under the deadline of the test runner.
+/// Awaits an action of another thread, under the deadline of the test runner.
 fn until<T: 'static>(mut follow: tokio::sync::watch::Receiver<T>, is: impl FnMut(&T) -> bool) {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .build()
@@ -206,7 +206,7 @@ fn until<T: 'static>(mut follow: tokio::sync::watch::Receiver<T>, is: impl FnMut
     runtime.block_on(follow.wait_for(is)).unwrap();
 }
 
-/// The hundredth frame and those after it are of another day by the wall clock alone.
+/// From the hundredth frame on, frames belong to another day by the wall clock only.
 fn frame(prepared: &Prepared, number: u64) -> Frame {
     let setup = &prepared.setup;
     let readings = (0..setup.protocol.len() as u64).map(|k| {
@@ -263,7 +263,7 @@ fn late_map_follows_its_frame_and_later_frames_have_none() {
     let (scene, recorder, queue, tell) = Scene::new();
     let (go, gate) = sync::channel();
     tell.send(Do::MapAfter(gate)).unwrap();
-    // so many wait that nobody waits for a map
+    // so many frames are waiting that maps are not awaited
     let many = HURRY as u64 + 2;
     for number in 1..=many {
         scene.frame(number);
@@ -279,7 +279,7 @@ fn late_map_follows_its_frame_and_later_frames_have_none() {
     let (maps, events) = scene.recorded();
     assert_eq!(maps.iter().filter(|map| **map).count(), 1);
     assert!(maps[0] && maps.len() as u64 == many);
-    // said of the first, the second, the fourth, the eighth
+    // reported for the first, the second, the fourth, the eighth
     assert!(
         events.iter().all(|kind| kind == "maps-missed") && events.len() == 4,
         "{events:?}"
@@ -299,7 +299,7 @@ fn full_disk_is_announced_and_waited_for_without_loss() {
     scene.frame(2);
     until(scene.status.follow_durable(), |durable| *durable == 2);
     assert_eq!(scene.reported(), ["disk-low"]);
-    // below the reserve: acquisition is held, the frame in hand waits
+    // below the reserve: acquisition is held, the current frame waits
     scene.free.store(100 * MEGABYTE, Ordering::SeqCst);
     scene.frame(3);
     until(scene.status.held(), |held| *held);
@@ -329,10 +329,10 @@ fn whoever_stops_a_session_on_a_full_disk_is_not_kept_waiting() {
     scene.frame(2);
     until(scene.status.held(), |held| *held);
     scene.status.stop("asked to");
-    // the queue ends where nobody sends any more
+    // the queue ends when all senders are dropped
     let Scene { status, orders, .. } = scene;
     drop(orders);
-    // the reserve is for the end: the frame in hand and the closing row find room in it
+    // the reserve is for the end: there is space for the current frame and the closing row
     recording.join().unwrap().unwrap();
     assert_eq!((status.durable(), status.dropped()), (2, 0));
     assert!(status.is_closed());
