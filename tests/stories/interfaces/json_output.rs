@@ -2,6 +2,21 @@
 
 use crate::test_rig::{self, Needs, ask, baseline, measure, number};
 
+/// The section of the reference page whose heading names the command.
+fn documented(command: &[&str]) -> &'static str {
+    let page = include_str!("../../../docs/reference/json.md");
+    let of = |words: &[&str]| {
+        let name = words.join(" ");
+        page.split("\n## ").find(|section| {
+            let heading = section.lines().next().unwrap_or_default();
+            heading.split(", ").any(|named| named == name)
+        })
+    };
+    let two = command.get(..2).and_then(of);
+    two.or_else(|| of(&command[..1]))
+        .unwrap_or_else(|| panic!("{command:?} has no section"))
+}
+
 #[test]
 fn every_command_prints_json_on_request() {
     let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {
@@ -104,6 +119,14 @@ fn every_command_prints_json_on_request() {
                 assert!(
                     line.get(field).is_some(),
                     "tactus {}: no '{field}' in {line}",
+                    command.join(" ")
+                );
+            }
+            let documented = documented(command);
+            for field in line.as_object().expect("an object").keys() {
+                assert!(
+                    documented.contains(&format!("`{field}`")),
+                    "tactus {}: '{field}' is not in the table of docs/reference/json.md",
                     command.join(" ")
                 );
             }
