@@ -41,13 +41,19 @@ pub fn command() -> clap::Command {
 
 /// Runs the program; `words` are the arguments, starting with the program's name. Exit code 0 done, 1 failed, 2 usage.
 pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let words: Vec<OsString> = words.into_iter().collect();
+    let mut options = words.iter().take_while(|word| *word != "--");
+    let json = options.any(|word| word == "--json");
     let command = command();
-    let parsed = command.clone().try_get_matches_from(words);
+    let parsed = command.clone().try_get_matches_from(&words);
     let (matches, arguments) = match parsed.and_then(|matches| {
         let arguments = Arguments::from_arg_matches(&matches)?;
         Ok((matches, arguments))
     }) {
         Ok(parsed) => parsed,
+        Err(refusal) if json && refusal.use_stderr() => {
+            return report(&Failure::usage(refusal.render().to_string()), json);
+        }
         Err(refusal) => {
             // also for --help and --version, which are no errors; a closed terminal is ignored
             let _ = refusal.print();
@@ -57,14 +63,27 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     let outputs = outfile::check_arguments(&command, &matches).map_err(Failure::from);
     match outputs.and_then(|()| perform(&arguments.command)) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            eprintln!(
-                "tactus-lab: {}",
-                survey::printable_lines(&failure.to_string())
-            );
-            ExitCode::from(if failure.is_usage() { 2 } else { 1 })
-        }
+        Err(failure) => report(&failure, json),
     }
+}
+
+/// Prints on standard error why the command failed, as text or as one JSON object in the form of `tactus --json`.
+fn report(failure: &Failure, json: bool) -> ExitCode {
+    let text = failure.to_string();
+    let (kind, code) = match failure.is_usage() {
+        true => ("usage", 2),
+        false => ("failed", 1),
+    };
+    match json {
+        true => {
+            let line = serde_json::json!({
+                "event": "error", "kind": kind, "code": code, "text": text.trim_end(),
+            });
+            eprintln!("{}", survey::printable_json(line.to_string()));
+        }
+        false => eprintln!("tactus-lab: {}", survey::printable_lines(&text)),
+    }
+    ExitCode::from(code)
 }
 
 fn perform(command: &Command) -> Result<(), Failure> {

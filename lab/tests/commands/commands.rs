@@ -283,6 +283,25 @@ fn what_cannot_be_meant_is_a_usage_error() {
     assert!(String::from_utf8_lossy(&shells.stdout).contains("tactus-lab"));
 }
 
+#[test]
+fn with_json_errors_are_objects() {
+    for (line, code, kind, says) in [
+        ("frobnicate --json", 2, "usage", "frobnicate"),
+        ("scene explain nowhere --json", 1, "failed", "nowhere"),
+        ("evaluate --count 0 --json", 2, "usage", "--count"),
+    ] {
+        let output = lab(&words(line, &[]));
+        assert_eq!(output.status.code(), Some(code), "{line}");
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        let error: serde_json::Value =
+            serde_json::from_str(message.lines().last().unwrap()).unwrap();
+        assert_eq!(error["event"], "error", "{message}");
+        assert_eq!(error["kind"], kind, "{message}");
+        assert_eq!(error["code"], code, "{message}");
+        assert!(error["text"].as_str().unwrap().contains(says), "{message}");
+    }
+}
+
 /// Frames without noise, and an implausibly small noise: a good map for any stated noise.
 #[test]
 fn frames_without_noise_make_good_maps() {
