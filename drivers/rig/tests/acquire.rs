@@ -1,4 +1,4 @@
-//! Every way out of a plan, on a rig of stand-ins whose every call can be made to fail.
+//! Every exit path of a plan, on a rig of test instruments each of whose calls can be made to fail.
 
 mod stand_in;
 
@@ -11,7 +11,7 @@ use survey::{Amps, Electrode, Frame, Injection, Plan, Protocol, Reading, Relay, 
 
 const METER: MeterSettings = MeterSettings::new(Volts(1.0), 1.0);
 
-/// Stands still.
+/// A clock that does not advance.
 struct Frozen;
 
 impl Clock for Frozen {
@@ -85,7 +85,7 @@ async fn whichever_call_fails_once_the_source_ends_off_and_verified() {
 async fn lost_source_opens_the_relays_and_is_reported_as_unknown() {
     for wiring in wirings(5) {
         let plan = plan(&wiring, Duration::ZERO);
-        // The last two calls are about the relays of a source that is verified off: nothing of it can be lost then.
+        // The last two calls concern the relays while the source is verified off: they cannot lose track of the source.
         for call in 0..calls(&wiring, &plan).await - 2 {
             let stand_in = StandIn::new(&wiring).failing(call, Fault::Lost(Part::Source));
             let fault = run(&stand_in, &plan).await.unwrap_err();
@@ -138,7 +138,7 @@ async fn stop_takes_effect_between_two_steps() {
             let ended = acquire(&stand_in.rig(), &plan, METER, Frozen, &stop).await;
             match ended {
                 Err(AcquireError::Stopped { .. }) => {}
-                // pressed while the last step was under way
+                // the stop was requested during the last step
                 Ok(_) => assert!(
                     call + 5 > stand_in.calls(),
                     "{call} of {}",
@@ -230,7 +230,7 @@ async fn compliance_voids_readings_of_its_drive_and_names_electrode() {
 async fn compliance_before_relays_are_confirmed_voids_both_drives() {
     let wiring = wirings::pairs(6);
     let plan = plan(&wiring, Duration::from_millis(2));
-    // the second injection's relays move long after the source is asked about it
+    // the second injection's relays move long after the source's compliance is queried
     let (late, second) = (Duration::from_millis(80), 9);
     let stand_in = StandIn::new(&wiring).slow(Part::SwitchAndMeter, second, late);
     let hand = stand_in.clone();
@@ -339,11 +339,11 @@ async fn current_reversal_cancels_a_constant_emf() {
                 panic!("{reading:?}");
             };
             let error = (read.0 - true_volts.0).abs();
-            // as far as numbers of this size tell apart
+            // up to the rounding of numbers of this size
             assert!(error <= 1e-12 * true_volts.0.abs().max(1.0), "{error}");
         }
         assert!(frame.settings.precautions.reversal);
-        // without it the EMF is there
+        // without reversal the EMF is in the readings
         let plain = run(&stand_in, &self::plan(&wiring, Duration::ZERO))
             .await
             .unwrap();

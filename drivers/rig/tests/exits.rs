@@ -1,4 +1,4 @@
-//! How soon a rig is safe, and what is found by reading the relays back.
+//! Time until a rig is safe, and errors detected by reading the relays back.
 
 mod stand_in;
 
@@ -14,7 +14,7 @@ const METER: MeterSettings = MeterSettings {
     ..MeterSettings::new(Volts(1.0), 200.0)
 };
 
-/// What the issue allows from detection to verified off.
+/// Allowed time from detection to verified off.
 const ALLOWED: Duration = Duration::from_millis(100);
 
 fn plan() -> Plan {
@@ -94,7 +94,7 @@ async fn relay_in_wrong_state_fails_the_frame_and_is_named() {
     acquire(&counted.rig(), &plan, METER, SystemClock::new(), &never)
         .await
         .unwrap();
-    // the last two calls read the relays back and open them; before them, the source is switched off
+    // the last two calls read the relays back and open them; before them the source is switched off
     let before = counted.calls() - 3;
     for (change, reported) in [(1040, "read open: 1040"), (1037, "read closed: 1037")] {
         let stand_in = StandIn::new(&plan.wiring);

@@ -1,4 +1,4 @@
-//! A link against a peer that delays, splits, merges, doubles, drops and hangs up.
+//! A link to a peer that delays, splits, merges, duplicates and drops replies, and that disconnects.
 
 use std::pin::Pin;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,18 +16,18 @@ use tokio::time::sleep;
 
 const DEADLINE: Duration = Duration::from_millis(100);
 
-/// What a peer does with the answer to one question.
+/// A peer's treatment of the reply to one query.
 #[derive(Debug, Clone, Copy)]
 enum Manner {
     Prompt,
     Delay(u64),
     Split(usize),
-    /// Kept back and sent together with the next answer.
+    /// Held back and sent together with the next reply.
     Merge,
-    /// Said twice, the second time after some milliseconds.
+    /// Sent twice, the second time after this number of milliseconds.
     Double(u64),
     Drop,
-    /// The beginning of the answer, then nothing more.
+    /// The beginning of the reply, then nothing more.
     Truncate(usize),
     HangUp,
 }
@@ -45,7 +45,7 @@ fn manner() -> impl Strategy<Value = Manner> {
     ]
 }
 
-/// Answers `Q<n>?` with `A<n>` in the manner scripted for n, and `*ESE` as any instrument does.
+/// Replies to `Q<n>?` with `A<n>` as scripted for n, and to `*ESE` as any instrument does.
 async fn peer(
     stream: DuplexStream,
     script: Arc<Vec<Manner>>,
@@ -143,7 +143,7 @@ proptest! {
                         link.replace(open());
                     }
                 }
-                // A double comes within 5 ms; what is said later than the next question nobody can tell.
+                // A duplicate arrives within 5 ms; one that arrives after the next query cannot be detected.
                 sleep(Duration::from_millis(6)).await;
             }
         });
@@ -179,7 +179,7 @@ proptest! {
     }
 }
 
-/// Counts the writes that reach the wire.
+/// Counts the writes to the connection.
 struct Counting<S>(S, Arc<AtomicUsize>);
 
 impl<S: AsyncRead + Unpin> AsyncRead for Counting<S> {
@@ -342,7 +342,8 @@ async fn a_board_without_ese_is_brought_in_step_by_probes_of_its_own() {
     board.await.unwrap();
 }
 
-/// An instrument that serves one client keeps its place for one whose cable was pulled, until it hears from that port.
+/// An instrument that serves one client keeps the connection slot of a lost client until it receives data from that
+/// port.
 #[tokio::test]
 async fn every_other_reconnection_uses_the_lost_local_port() {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -357,7 +358,7 @@ async fn every_other_reconnection_uses_the_lost_local_port() {
             theirs.write_all(b"hello").await.unwrap();
             ours.read_exact(&mut [0; 5]).await.unwrap();
         }
-        // gone at once, as after a loss: nobody waits for the end of the connection
+        // closed at once, as after a loss: nothing waits for the end of the connection
         rustix::net::sockopt::set_socket_linger(&theirs, Some(Duration::ZERO)).unwrap();
         drop(theirs);
         ours.read(&mut [0]).await.unwrap_err();

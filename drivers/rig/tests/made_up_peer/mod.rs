@@ -1,5 +1,5 @@
-//! For the fuzz targets of the drivers, which include it by its path: a peer whose answers a fuzzer made up, and a
-//! runtime whose clock jumps to the next deadline.
+//! Included by path in the fuzz targets of the drivers: a peer whose replies come from a fuzzer, and a runtime whose
+//! clock jumps to the next deadline.
 
 use std::collections::VecDeque;
 use std::io;
@@ -9,14 +9,14 @@ use std::task::{Context, Poll};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::runtime::{Builder, Runtime};
 
-/// A peer that answers every message with the next line of what the fuzzer made up, and is gone after the last.
+/// A peer that replies to every message with the next line of the fuzzer's data, and disconnects after the last.
 pub struct Peer {
     lines: VecDeque<Vec<u8>>,
     ready: VecDeque<u8>,
 }
 
 impl Peer {
-    /// Beginning with these answers when the first byte is odd, so that what comes after a sound start is met, too.
+    /// Begins with these replies if the first byte is odd, so that states after a valid start are reached, too.
     pub fn new(start: &[&str], bytes: &[u8]) -> Self {
         let sound = bytes.first().is_some_and(|first| first % 2 == 1);
         let start = start.iter().filter(|_| sound).map(|line| line.as_bytes().to_vec());
@@ -48,7 +48,7 @@ impl AsyncRead for Peer {
 
 impl AsyncWrite for Peer {
     fn poll_write(mut self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        // a line that begins with a low byte brings the next one along: an answer doubled
+        // a line that begins with a low byte is sent together with the next one: a duplicated reply
         while let Some(line) = self.lines.pop_front() {
             let more = line.first().is_some_and(|first| *first == 2);
             self.ready.extend(line);
@@ -77,6 +77,6 @@ fn runtime() -> Runtime {
 }
 
 thread_local! {
-    /// One for all inputs of a thread.
+    /// One runtime for all inputs of a thread.
     pub static RUNTIME: Runtime = runtime();
 }

@@ -1,7 +1,7 @@
-//! Stand-ins for source, switch and voltmeter: one little world that counts calls, fails on request, and watches the
-//! rules that a source must never see broken.
+//! Test implementations of source, switch and voltmeter with a shared state that counts calls, fails on request, and
+//! asserts the safety rules of a source.
 
-// each test file uses what it needs of it
+// each test file uses only a part of this
 #![allow(dead_code)]
 
 pub mod wirings;
@@ -27,7 +27,7 @@ pub enum Part {
 pub enum Fault {
     /// This call fails, later ones work.
     Once,
-    /// From this call on the part answers nothing.
+    /// From this call on the instrument does not reply.
     Lost(Part),
 }
 
@@ -49,14 +49,14 @@ struct World {
     latched: bool,
     answers: BTreeMap<Measurement, Reading>,
     loses_a_reading: bool,
-    /// Added to every reading, whichever way the current goes.
+    /// Added to every reading, independent of the current's direction.
     emf: f64,
 }
 
 #[derive(Clone)]
 pub struct StandIn(Arc<Mutex<World>>);
 
-/// One handle plays all three parts.
+/// One handle implements all three instruments.
 pub type Played = Rig<StandIn, StandIn, StandIn>;
 
 impl StandIn {
@@ -94,7 +94,7 @@ impl StandIn {
         self.with(|world| world.act = Some((call, Box::new(act))))
     }
 
-    /// From this call on the part takes so long for each.
+    /// From this call on each call of the instrument takes this long.
     pub fn slow(self, part: Part, call: usize, by: Duration) -> Self {
         self.with(|world| world.slow = Some((part, call, by)))
     }
@@ -147,7 +147,7 @@ impl StandIn {
         assert_eq!(self.closed(), [], "relays stay closed");
     }
 
-    /// The voltage that a question is answered with: a different one for each.
+    /// The voltage of a measurement: a different one for each.
     pub fn answer(question: Measurement) -> Reading {
         let pair = |dipole: Dipole| dipole.plus.0 * 100 + dipole.minus.0;
         Reading::Ok(Volts(
@@ -155,7 +155,7 @@ impl StandIn {
         ))
     }
 
-    /// Counts a call, and lets it fail if it was told to. Yields, so that every call is a place to be cancelled at.
+    /// Counts a call, and fails it if the test requested that. Yields, so that every call can be cancelled.
     async fn call(&self, part: Part) -> Result<std::sync::MutexGuard<'_, World>, RigError> {
         let act = {
             let mut world = self.0.lock().unwrap();
@@ -205,7 +205,7 @@ impl World {
         self.on && self.level != Amps(0.0)
     }
 
-    /// The pair that the source is joined to, if exactly one.
+    /// The pair connected to the source, if there is exactly one.
     fn driven(&self) -> Option<Dipole> {
         joined(&self.wiring.inject, &self.closed)
     }
@@ -229,7 +229,7 @@ impl World {
 
     fn read(&self, sense: Dipole) -> Reading {
         if self.slow.is_some() && !self.is_live() {
-            // switched off while the reading was under way
+            // switched off during the reading
             return Reading::NotMeasured;
         }
         assert!(self.on, "read with the source off");
@@ -237,7 +237,7 @@ impl World {
         let question = Measurement { drive, sense };
         let answer = self.answers.get(&question).copied();
         match answer.unwrap_or(StandIn::answer(question)) {
-            // a sheet that nothing has moved answers the other way round to the other direction
+            // the reading changes its sign with the direction of the current
             Reading::Ok(volts) => {
                 let way = if self.level.0 == 0.0 {
                     0.0

@@ -40,7 +40,7 @@ pub fn pairs(electrodes: usize) -> Wiring {
     )
 }
 
-/// A relay for each pair, one reading a message, with a bus relay.
+/// A relay for each pair, one reading in each message, with a bus relay.
 pub fn matrix(electrodes: usize) -> Wiring {
     wiring(
         electrodes,
