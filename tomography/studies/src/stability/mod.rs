@@ -178,7 +178,8 @@ fn text(found: &[(&Case, Option<Outcome>)]) -> String {
             };
             let naive = match &check.naive {
                 Naive::Error(error) => figure(*error),
-                Naive::Fails(_) => "fails".to_owned(),
+                Naive::Fails(..) => "fails".to_owned(),
+                Naive::Absent(_) => "-".to_owned(),
                 Naive::Sound(error) => format!("{} *", figure(*error)),
             };
             let side = match check.side {
@@ -194,8 +195,14 @@ fn text(found: &[(&Case, Option<Outcome>)]) -> String {
             );
         }
         for check in &outcome.checks {
-            if let Naive::Fails(instead) = check.naive {
-                notes += &format!("{:>4}  naive: {instead}\n", case.number);
+            match check.naive {
+                Naive::Fails(_, instead) => {
+                    notes += &format!("{:>4}  naive: {instead}\n", case.number);
+                }
+                Naive::Absent(why) => {
+                    notes += &format!("{:>4}  no naive form: {why}\n", case.number);
+                }
+                Naive::Error(_) | Naive::Sound(_) => {}
             }
         }
         if !outcome.note.is_empty() {
@@ -220,9 +227,10 @@ fn lines(found: &[(&Case, Option<Outcome>)]) -> Vec<serde_json::Value> {
         };
         for check in &outcome.checks {
             let (naive, breaks) = match check.naive {
-                Naive::Error(error) => (serde_json::json!(error), true),
-                Naive::Fails(instead) => (serde_json::json!(instead), true),
-                Naive::Sound(error) => (serde_json::json!(error), false),
+                Naive::Error(error) => (serde_json::json!(error), Some(true)),
+                Naive::Fails(_, instead) => (serde_json::json!(instead), Some(true)),
+                Naive::Absent(why) => (serde_json::json!(why), None),
+                Naive::Sound(error) => (serde_json::json!(error), Some(false)),
             };
             lines.push(serde_json::json!({
                 "case": case.number,

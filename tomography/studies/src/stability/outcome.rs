@@ -7,8 +7,10 @@ use crate::failure::Failure;
 pub(crate) enum Naive {
     /// Its error, in the measure of the check.
     Error(f64),
-    /// It has no result, or a meaningless one: a description.
-    Fails(&'static str),
+    /// Its error was computed and is not finite: the error, and a description.
+    Fails(f64, &'static str),
+    /// There is no naive implementation of this figure: why not. Nothing is compared.
+    Absent(&'static str),
     /// It does not fail here; the note of the case explains why.
     Sound(f64),
 }
@@ -67,7 +69,8 @@ impl Check {
     pub(crate) fn naive_is_as_expected(&self) -> bool {
         match self.naive {
             Naive::Error(figure) => !self.within(figure),
-            Naive::Fails(_) => true,
+            Naive::Fails(figure, _) => !figure.is_finite(),
+            Naive::Absent(_) => true,
             Naive::Sound(figure) => self.within(figure),
         }
     }
@@ -128,7 +131,7 @@ pub(crate) fn naive(error: f64, instead: &'static str) -> Naive {
     if error.is_finite() {
         Naive::Error(error)
     } else {
-        Naive::Fails(instead)
+        Naive::Fails(error, instead)
     }
 }
 
@@ -149,7 +152,8 @@ mod tests {
         let message = |naive| Check::at_most("x", naive, 0.5, 1.0).naive_is_as_expected();
         assert!(message(Naive::Error(2.0)) && !message(Naive::Error(0.5)));
         assert!(message(Naive::Sound(0.5)) && !message(Naive::Sound(2.0)));
-        assert_eq!(naive(f64::NAN, "fails"), Naive::Fails("fails"));
+        assert!(message(naive(f64::NAN, "fails")) && !message(Naive::Fails(2.0, "fails")));
+        assert!(message(Naive::Absent("no form")));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use nalgebra::DVector;
 use survey::{Amps, Checks, Frame, Precautions, QualityFlag, Reading, Settings, Volts};
 
 use crate::failure::Failure;
-use crate::stability::outcome::{Check, Naive, Outcome, worst};
+use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
 use crate::stability::solvers::tank::{Tank, measured};
 
 /// Drive current, A.
@@ -112,6 +112,12 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
     let mut most = frame.clone();
     let count = (MOST_MISSING * frame.len() as f64) as usize + 1;
     most[..count].fill(Reading::Timeout);
+    // zeros for what is missing
+    let change = DVector::from_fn(frame.len(), |k, _| match k < count {
+        true => 0.0,
+        false => (scene.frame[k] - scene.baseline[k]) / CURRENT,
+    });
+    let filled = matrix * change;
     let mapped = !matches!(
         scene.step.reconstruct(&baseline, &most),
         Err(ReconstructError::TooManyMissing { .. })
@@ -125,18 +131,18 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "maps whose count of masked readings is wrong",
-            Naive::Fails("does not count"),
+            Naive::Absent("what takes 9.9e37 for a voltage masks nothing"),
             miscounted as f64,
             0.0,
         ),
         Check::at_most(
             "maps made with more than a quarter missing",
-            Naive::Error(1.0),
+            Naive::Error(f64::from(u8::from(filled.iter().all(|v| v.is_finite())))),
             f64::from(u8::from(mapped)),
             0.0,
         ),
     ])
-    .noted("naive: 9.9e37 is a number like any other"))
+    .noted("naive: 9.9e37 is a number like any other; no change where readings are missing"))
 }
 
 /// 32: a baseline reading of nearly zero.
@@ -146,33 +152,34 @@ pub(crate) fn tiny_baseline() -> Result<Outcome, Failure> {
     let least = (0..scene.baseline.len())
         .min_by(|a, b| size(a).total_cmp(&size(b)))
         .unwrap_or(0);
-    let largest = scene
-        .baseline
-        .iter()
-        .fold(0.0_f64, |top, v| top.max(v.abs()));
+    let most = (0..scene.baseline.len())
+        .max_by(|a, b| size(a).total_cmp(&size(b)))
+        .unwrap_or(0);
+    let largest = scene.baseline[most].abs();
     let (whole, _) = scene.map(&measured(&scene.baseline), &measured(&scene.frame))?;
     let (mut baseline, mut frame) = (scene.baseline.clone(), scene.frame.clone());
     (baseline[least], frame[least]) = (0.0, 0.0);
     let (dead, _) = scene.map(&measured(&baseline), &measured(&frame))?;
     let relative = (frame[least] - baseline[least]) / baseline[least];
-    let mut noisy = scene.frame.clone();
-    noisy[least] += TvOptions::default().noise_v;
-    let (shaken, _) = scene.map(&measured(&scene.baseline), &measured(&noisy))?;
+    // what the noise of one reading changes in the map
+    let shaken = |k: usize| -> Result<f64, Failure> {
+        let mut noisy = scene.frame.clone();
+        noisy[k] += TvOptions::default().noise_v;
+        let (map, _) = scene.map(&measured(&scene.baseline), &measured(&noisy))?;
+        Ok(rms(&(map - &whole)))
+    };
     Ok(Outcome::of([
         Check::at_most(
             "change of the map where the smallest reading is 0, of its noise",
-            match relative.is_nan() {
-                true => Naive::Fails("0/0 in dv / v0"),
-                false => Naive::Error(relative),
-            },
+            naive(relative, "0/0 in dv / v0"),
             rms(&(dead - &whole)) / scene.noise,
             1.0,
         ),
         Check::at_most(
-            "noise of the smallest reading, of that of the largest",
+            "effect of the smallest reading's noise, of that of the largest's",
             Naive::Error(largest / scene.baseline[least].abs()),
-            1.0_f64.max(rms(&(shaken - &whole)) / scene.noise),
-            1.0,
+            shaken(least)? / shaken(most)?,
+            3.0,
         ),
     ])
     .noted("nothing of ours divides by a reading's own baseline: Eq. 6 divides by the largest, the linear methods by one factor a distance"))
@@ -216,7 +223,7 @@ pub(crate) fn reversed_leads() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "a source with its leads reversed, accepted",
-            Naive::Error(1.0),
+            Naive::Absent("a magnitude has no sign to check"),
             f64::from(u8::from(taken)),
             0.0,
         ),
@@ -253,7 +260,8 @@ pub(crate) fn one_spike() -> Result<Outcome, Failure> {
     let (whole, _) = scene.map(&measured(&scene.baseline), &measured(&scene.frame))?;
     let protocol = &scene.tank.protocol;
     let checks = Checks::new(protocol);
-    let (mut ours, mut beyond, mut normalised, mut silent) = (0.0, 0.0, 0.0, 0);
+    let (mut ours, mut beyond, mut normalised) = (0.0, 0.0, 0.0);
+    let (mut silent, mut within_range) = (0, 0);
     let largest = |volts: &[f64]| volts.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
     for k in 0..scene.frame.len() {
         let spiked = |volts: &[f64]| {
@@ -274,6 +282,7 @@ pub(crate) fn one_spike() -> Result<Outcome, Failure> {
             normalised,
             largest(&baseline) / largest(&scene.baseline) - 1.0,
         );
+        within_range += usize::from(frame_volts[k].abs() <= largest(&scene.baseline));
         let flags = checks.of(&frame(&scene, measured(&frame_volts))).flags;
         silent += usize::from(!flags.contains(&QualityFlag::Reciprocity));
     }
@@ -292,7 +301,7 @@ pub(crate) fn one_spike() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "such channels not flagged, of 598",
-            Naive::Fails("does not look"),
+            Naive::Error(within_range as f64),
             silent as f64,
             0.0,
         ),
@@ -300,6 +309,6 @@ pub(crate) fn one_spike() -> Result<Outcome, Failure> {
     .noted(
         "1 % is asked; 2 % is written, because the map without that one reading, and with no spike at all, changes by up to 1.0 % \
          already. A reading that contradicts its reciprocal twin is masked; a protocol without twins has no such guard, and a \
-         network's own divisor stays the paper's largest reading, of what is not masked. Naive: divide by the largest reading",
+         network's own divisor stays the paper's largest reading, of what is not masked. Naive: divide by the largest reading; a limit at the largest reading of the baseline",
     ))
 }
