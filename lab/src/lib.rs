@@ -101,6 +101,7 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Tradeoff(options) => study::tradeoff(options),
         Command::Advise(options) => study::advise(options),
         Command::Stability(options) => study::stability(options),
+        Command::Honesty(options) => study::honesty(options),
         Command::Calibrate(options) => maps::calibrate(options),
         Command::Merit(options) => maps::merit(options),
         Command::Reconstruct(options) => maps::reconstruct(options),
@@ -134,6 +135,7 @@ mod outputs {
                     "forward --potentials",
                     "forward --case c --sigma s --out {} --potentials {}",
                 ),
+                ("honesty --out", "honesty --count 1 --faults 1 --out {}"),
                 (
                     "jacobian --centres",
                     "jacobian --case c --sigma s --out {} --cells-mm 5 --centres {}",

@@ -115,6 +115,7 @@ fn map(sheet: &Sheet, bumps: &[([f64; 2], f64, f64)], waves: f64) -> Map {
         unit: MapUnit::RelativeConductance,
         method: "made-up bumps".into(),
         masked: 0,
+        quality: None,
     }
 }
 

@@ -122,6 +122,7 @@ mod tests {
             unit: MapUnit::RelativeConductance,
             method: "test".into(),
             masked: 0,
+            quality: None,
         };
         let spots = hot_spots(&sheet, &map).unwrap();
         assert_eq!(spots.len(), 2);

@@ -28,6 +28,7 @@ fn scene() -> (Sheet, Map) {
         unit: MapUnit::RelativeConductance,
         method: "by hand".into(),
         masked: 2,
+        quality: None,
     };
     (sheet, map)
 }

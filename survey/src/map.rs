@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::MapQuality;
+
 /// What the values of a map mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -65,6 +67,9 @@ pub struct Map {
     pub method: String,
     /// Invalid readings left out.
     pub masked: usize,
+    /// How far the map can be believed; `None` where nothing judged it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quality: Option<MapQuality>,
 }
 
 impl Map {
@@ -140,6 +145,7 @@ mod tests {
             unit: MapUnit::RelativeConductance,
             method: "test".into(),
             masked: 0,
+            quality: None,
         }
     }
 

@@ -16,6 +16,7 @@ impl Map {
     ///     unit: survey::MapUnit::RelativeConductance,
     ///     method: "one-step".into(),
     ///     masked: 0,
+    ///     quality: None,
     /// };
     /// let kept = map([-0.1, -0.2, 0.3]).signed_sum(7);
     /// assert_eq!(map([-0.1, -0.2, 0.3]).distance(kept, 7), 0.0);
@@ -69,6 +70,7 @@ mod tests {
             unit: MapUnit::RelativeConductance,
             method: "test".into(),
             masked: 0,
+            quality: None,
         }
     }
 

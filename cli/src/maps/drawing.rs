@@ -208,6 +208,7 @@ mod tests {
             unit: MapUnit::RelativeConductance,
             method: "test".into(),
             masked: 0,
+            quality: None,
         };
         assert!(field.fits(&map));
         assert_eq!(

@@ -1,6 +1,7 @@
 //! The command line as data.
 
 mod calibrate;
+mod honesty;
 mod learning;
 mod numbers;
 mod paper;
@@ -20,6 +21,7 @@ use studies::evaluation::test_set::TestSetName;
 use numbers::cases as set_cases;
 
 pub(crate) use calibrate::CalibrateOptions;
+pub(crate) use honesty::HonestyOptions;
 pub(crate) use learning::{
     DataOptions, DeepOptions, LinearOptions, Network, Profile, TrainOptions,
 };
@@ -93,6 +95,8 @@ pub(crate) enum Command {
     Reconstruct(ReconstructOptions),
     /// The hard cases: what naive code does, what ours does, and the bound that it keeps
     Stability(StabilityOptions),
+    /// Whether maps say what they cannot know: the check of maps on healthy frames and on faults of the rig
+    Honesty(HonestyOptions),
     /// Print the completions of a shell
     Completions {
         /// Which shell

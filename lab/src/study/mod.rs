@@ -4,9 +4,12 @@ mod advise;
 mod evaluate;
 
 use studies::paper::Made;
-use studies::{Failure, paper as paper_study, stability as hard_cases, tradeoff as diagrams};
+use studies::{
+    Failure, honesty as honest_maps, paper as paper_study, stability as hard_cases,
+    tradeoff as diagrams,
+};
 
-use crate::args::{PaperOptions, StabilityOptions, TradeoffOptions};
+use crate::args::{HonestyOptions, PaperOptions, StabilityOptions, TradeoffOptions};
 use crate::program::TactusLab;
 pub(crate) use advise::advise;
 pub(crate) use evaluate::{evaluate, judge};
@@ -85,5 +88,30 @@ pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
             "the bound of case {} is broken",
             broken.join(", ")
         )))
+    }
+}
+
+/// `tactus-lab honesty`.
+pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
+    let noises_uv = match options.noise_uv.is_empty() {
+        true => vec![2.0, 20.0],
+        false => options.noise_uv.clone(),
+    };
+    let report = honest_maps::run(&honest_maps::Settings {
+        seed: options.seed,
+        healthy: options.count,
+        faulty: options.faults,
+        noises_uv,
+    })?;
+    if options.json {
+        for line in report.lines() {
+            println!("{line}");
+        }
+    } else {
+        print!("{}", report.text());
+    }
+    match &options.out {
+        Some(folder) => report.write(folder, options.replacing.existing()),
+        None => Ok(()),
     }
 }

@@ -116,6 +116,7 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
                 unit: survey::MapUnit::RelativeConductance,
                 method: String::new(),
                 masked: 0,
+                quality: None,
             };
             let found = map.found(&centroids, &areas).unwrap();
             let error = (found[0] - truth[0]).hypot(found[1] - truth[1]);

@@ -167,6 +167,7 @@ mod tests {
             unit: MapUnit::RelativeConductance,
             method: "test".into(),
             masked: 0,
+            quality: None,
         }
     }
 

@@ -28,6 +28,8 @@ pub struct Conditions<'a> {
     /// Standard deviation of one reading, V, if the settings do not give it. Default:
     /// [`DEFAULT_NOISE_UV`](crate::noise::DEFAULT_NOISE_UV).
     pub noise_v: Option<f64>,
+    /// Whether `noise_v` is an assumption: maps are not judged by it.
+    pub noise_assumed: bool,
     /// Scaling of the baseline to the model, for model-based methods.
     pub scale: Scale,
     /// Available frames. Without them, a method whose rules need frames takes the first
@@ -45,6 +47,7 @@ impl<'a> Conditions<'a> {
             protocol,
             current,
             noise_v: None,
+            noise_assumed: false,
             scale: Scale::default(),
             sample: None,
             shown: None,

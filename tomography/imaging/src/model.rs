@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eit::{Calibration, LossOnly, Reconstructor};
+use eit::{Calibration, Checked, LossOnly, ModelCheck, Reconstructor};
 
 use crate::methods::AfterFrames;
 
@@ -21,6 +21,8 @@ pub struct Model {
     pub slow: bool,
     /// The same reconstructor, if its parameters are chosen from the first frames.
     pub(crate) after_frames: Option<Arc<AfterFrames>>,
+    /// Judges its maps; `None` if they are not judged.
+    pub(crate) check: Option<Arc<ModelCheck>>,
 }
 
 impl Model {
@@ -33,7 +35,15 @@ impl Model {
             notes: Vec::new(),
             slow: false,
             after_frames: None,
+            check: None,
         }
+    }
+
+    /// The same with the quality of each map.
+    pub(crate) fn checked(mut self, check: Arc<ModelCheck>) -> Self {
+        self.reconstructor = Arc::new(Checked::new(self.reconstructor, Arc::clone(&check)));
+        self.check = Some(check);
+        self
     }
 
     /// Wraps a trained reconstructor; `loss_only` clips its maps to losses.
@@ -50,10 +60,14 @@ impl Model {
             return self.clone();
         };
         let fresh = Arc::new(after_frames.fresh());
-        Self {
+        let model = Self {
             reconstructor: Arc::clone(&fresh) as Arc<dyn Reconstructor>,
             after_frames: Some(fresh),
             ..self.clone()
+        };
+        match &self.check {
+            Some(check) => model.checked(Arc::clone(check)),
+            None => model,
         }
     }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use eit::Calibration;
+use eit::{Calibration, ModelCheck, Scale};
 
 use crate::conditions::Conditions;
 use crate::error::BuildError;
@@ -69,7 +69,29 @@ pub fn build(
     if let Some(path) = &settings.calibration {
         calibrate(&mut model, path)?;
     }
-    Ok(model)
+    Ok(model.checked(Arc::new(model_check(settings, conditions)?)))
+}
+
+/// The check of frames against the model of the whole sheet.
+fn model_check(
+    settings: &ReconstructionSettings,
+    conditions: &Conditions<'_>,
+) -> Result<ModelCheck, BuildError> {
+    let geometry = conditions.geometry;
+    let measured = conditions.noise_v.filter(|_| !conditions.noise_assumed);
+    let noise_v = settings.noise_uv.map(|noise| noise * 1e-6).or(measured);
+    let noise = match &conditions.scale {
+        Scale::Currents(_) => noise_v,
+        Scale::ByDistance | Scale::Uniform => noise_v.map(|volts| volts / conditions.current.0),
+    };
+    Ok(ModelCheck::new(
+        &geometry.mesh,
+        &geometry.contact_ohm_m,
+        &geometry.sigma0,
+        conditions.protocol,
+        conditions.scale.clone(),
+        noise,
+    )?)
 }
 
 /// Reads a calibration for a model.

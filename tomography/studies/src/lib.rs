@@ -5,12 +5,14 @@
 //! models and test sets that a study needs are made by commands, through [`Program`].
 //!
 //! - **paper**: every experiment, figure and claim of the paper; **tradeoff**: error against time, as eight diagrams;
-//!   **stability**: the hard cases, each with a naive implementation that fails
+//!   **stability**: the hard cases, each with a naive implementation that fails; **honesty**: whether maps say what they
+//!   cannot know
 //! - **evaluation**: test sets, methods given as command-line options, and figures of merit of their maps
 
 mod artifact_cache;
 pub mod evaluation;
 mod failure;
+pub mod honesty;
 mod html;
 pub mod paper;
 pub mod progress;

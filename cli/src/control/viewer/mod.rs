@@ -142,6 +142,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             unit: MapUnit::RelativeConductance,
             method: latest.method,
             masked: 0,
+            quality: None,
         };
         let frame = Record {
             sequence: latest.sequence,
@@ -264,6 +265,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                     unit: MapUnit::RelativeConductance,
                     method: method.clone(),
                     masked: 0,
+                    quality: None,
                 };
                 match self.waiting.take() {
                     Some((mut frame, _)) if frame.sequence == record.sequence => {

@@ -10,6 +10,7 @@ pub(crate) mod hyper_parameter;
 pub(crate) mod interior_point;
 pub mod learned;
 pub(crate) mod low_rank;
+pub(crate) mod model_check;
 pub(crate) mod one_step;
 pub(crate) mod options;
 pub(crate) mod prior;

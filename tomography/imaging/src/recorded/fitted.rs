@@ -23,7 +23,7 @@ pub struct Fitted {
     pub notes: Vec<String>,
     current: Amps,
     scale: Scale,
-    noise_v: Option<f64>,
+    noise: Option<Noise>,
 }
 
 impl Fitted {
@@ -70,14 +70,15 @@ impl Fitted {
             notes,
             current: Amps(current.ok_or(BuildError::Unlike)?),
             scale,
-            noise_v: Noise::of_baseline(unloaded.noise, baseline).map(Noise::deviation),
+            noise: Noise::of_baseline(unloaded.noise, baseline),
         })
     }
 
     /// The conditions for a method, with frames for its rules.
     pub fn conditions<'a>(&'a self, protocol: &'a Protocol, sample: &'a Sample) -> Conditions<'a> {
         Conditions {
-            noise_v: self.noise_v,
+            noise_v: self.noise.map(Noise::deviation),
+            noise_assumed: matches!(self.noise, Some(Noise::Assumed(_))),
             scale: self.scale.clone(),
             sample: Some(sample),
             ..Conditions::live(&self.geometry, protocol, self.current)

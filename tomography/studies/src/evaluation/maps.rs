@@ -149,6 +149,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
                     unit: MapUnit::RelativeConductance,
                     method: "truth".to_owned(),
                     masked: 0,
+                    quality: None,
                 },
                 map,
                 place: places.get(k).map(|row| [row[1], row[2]]),

@@ -91,6 +91,24 @@ impl Linear {
         Ok((linear, sensitivity, penalty))
     }
 
+    /// The model's readings in the scale of the data.
+    pub(crate) fn readings(&self) -> Vec<f64> {
+        match &self.scale {
+            Scale::Currents(currents) => {
+                let both = self.model.iter().zip(currents);
+                both.map(|(ohms, amps)| ohms * amps).collect()
+            }
+            Scale::Uniform | Scale::ByDistance => self.model.clone(),
+        }
+    }
+
+    /// Root mean square of the model's readings, in the scale of the data.
+    pub(crate) fn rms(&self) -> f64 {
+        let readings = self.readings();
+        let squares: f64 = readings.iter().map(|v| v * v).sum();
+        (squares / readings.len() as f64).sqrt()
+    }
+
     /// The largest magnitude of the model's readings, in the scale of the data: the paper's v-hat.
     pub(crate) fn largest(&self) -> f64 {
         let currents = match &self.scale {

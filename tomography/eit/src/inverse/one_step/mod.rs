@@ -321,6 +321,7 @@ impl Reconstructor for OneStep {
             unit: MapUnit::RelativeConductance,
             method,
             masked: missing.len(),
+            quality: None,
         })
     }
 }

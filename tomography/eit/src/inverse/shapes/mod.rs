@@ -194,6 +194,7 @@ impl Reconstructor for Shapes {
                 (2.0 * best.misfit / readings).sqrt()
             ),
             masked,
+            quality: None,
         })
     }
 }

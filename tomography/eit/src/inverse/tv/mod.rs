@@ -311,6 +311,7 @@ impl Reconstructor for Tv {
             unit: MapUnit::RelativeConductance,
             method: self.method.clone(),
             masked,
+            quality: None,
         })
     }
 

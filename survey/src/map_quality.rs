@@ -1,0 +1,246 @@
+//! How far a map can be believed: a verdict with its reasons, which name the electrode or pair.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Electrode;
+
+/// How far a map can be believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The readings agree with the model and the stated noise.
+    Sound,
+    /// Some readings do not; the map may be wrong where the reason says.
+    Doubtful,
+    /// The map is not to be believed.
+    Unreliable,
+}
+
+impl Verdict {
+    /// The word used on D-Bus and in `--json`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Sound => "sound",
+            Self::Doubtful => "doubtful",
+            Self::Unreliable => "unreliable",
+        }
+    }
+}
+
+/// Why a map is not sound. Shares are of the change of the readings, rms.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Doubt {
+    /// Readings that use this electrode do not follow the model's (in the baseline) or the baseline's (in the frame).
+    DeadElectrode {
+        /// The electrode.
+        electrode: Electrode,
+        /// Whether it was dead when the baseline was recorded.
+        in_baseline: bool,
+    },
+    /// The difference of reciprocal readings is not that of the stated noise.
+    Noise {
+        /// Noise of the readings over the stated one.
+        ratio: f64,
+    },
+    /// One pair of electrodes is noisier than the others.
+    NoisyPair {
+        /// The pair's first electrode.
+        electrode: Electrode,
+        /// Its noise over that of the others.
+        ratio: f64,
+    },
+    /// The injections have other gains than in the baseline: their readings differ from the reciprocal ones.
+    Gains {
+        /// The first electrode of the pair that differs most.
+        electrode: Electrode,
+        /// Relative change of its gain.
+        gain: f64,
+        /// Share of the change that no map makes, because it is not reciprocal.
+        share: f64,
+    },
+    /// The best map of the whole sheet leaves this share of the change unexplained.
+    Unexplained {
+        /// The share.
+        share: f64,
+    },
+    /// A contact impedance explains the change better than the conductance of the sheet does: the contact has changed, or
+    /// a load lies over the electrode.
+    AtElectrode {
+        /// The electrode.
+        electrode: Electrode,
+    },
+    /// The map shows more conductance lost than there is.
+    LossAboveOne {
+        /// The largest relative loss.
+        loss: f64,
+    },
+}
+
+impl Doubt {
+    /// Share of unexplained or non-reciprocal change above which a map is not to be believed.
+    pub const UNRELIABLE_SHARE: f64 = 0.3;
+    /// The same for gains: a change of 1e-3 moves a small press by centimetres.
+    pub const UNRELIABLE_GAIN_SHARE: f64 = 0.05;
+
+    /// The word used in `--json`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::DeadElectrode { .. } => "dead_electrode",
+            Self::Noise { .. } => "noise",
+            Self::NoisyPair { .. } => "noisy_pair",
+            Self::Gains { .. } => "gains",
+            Self::Unexplained { .. } => "unexplained",
+            Self::AtElectrode { .. } => "at_electrode",
+            Self::LossAboveOne { .. } => "loss_above_one",
+        }
+    }
+
+    /// The electrode that it names.
+    pub fn electrode(&self) -> Option<Electrode> {
+        match *self {
+            Self::DeadElectrode { electrode, .. }
+            | Self::NoisyPair { electrode, .. }
+            | Self::Gains { electrode, .. }
+            | Self::AtElectrode { electrode } => Some(electrode),
+            Self::Noise { .. } | Self::Unexplained { .. } | Self::LossAboveOne { .. } => None,
+        }
+    }
+
+    /// The verdict on a map for this reason alone.
+    pub fn verdict(&self) -> Verdict {
+        let unreliable = match *self {
+            Self::DeadElectrode { .. } => true,
+            Self::Gains { share, .. } => share > Self::UNRELIABLE_GAIN_SHARE,
+            Self::Unexplained { share } => share > Self::UNRELIABLE_SHARE,
+            Self::Noise { .. }
+            | Self::NoisyPair { .. }
+            | Self::AtElectrode { .. }
+            | Self::LossAboveOne { .. } => false,
+        };
+        match unreliable {
+            true => Verdict::Unreliable,
+            false => Verdict::Doubtful,
+        }
+    }
+}
+
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::DeadElectrode {
+                electrode,
+                in_baseline: true,
+            } => write!(
+                f,
+                "electrode {electrode} is dead in the baseline: its readings do not follow the model"
+            ),
+            Self::DeadElectrode { electrode, .. } => write!(
+                f,
+                "electrode {electrode} is dead: its readings no longer follow the baseline"
+            ),
+            Self::Noise { ratio } => write!(f, "the noise is {ratio:.2} times the stated one"),
+            Self::NoisyPair { electrode, ratio } => write!(
+                f,
+                "the pair that begins at electrode {electrode} has {ratio:.0} times the noise of the others"
+            ),
+            Self::Gains {
+                electrode,
+                gain,
+                share,
+            } => write!(
+                f,
+                "gains of the injections have changed, most at electrode {electrode} ({:+.3} %): {:.0} % of the change is \
+                 not reciprocal",
+                100.0 * gain,
+                100.0 * share
+            ),
+            Self::Unexplained { share } => write!(
+                f,
+                "no map of the whole sheet explains {:.0} % of the change",
+                100.0 * share
+            ),
+            Self::AtElectrode { electrode } => write!(
+                f,
+                "at electrode {electrode}: its contact has changed, or a load lies over it"
+            ),
+            Self::LossAboveOne { loss } => {
+                write!(f, "a loss of {:.0} % is impossible", 100.0 * loss)
+            }
+        }
+    }
+}
+
+/// How far a map can be believed, and why.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct MapQuality {
+    /// Why it is not sound; empty if it is.
+    pub doubts: Vec<Doubt>,
+}
+
+impl MapQuality {
+    /// The worst verdict of all reasons.
+    ///
+    /// ```
+    /// use survey::{Doubt, MapQuality, Verdict};
+    /// let mut quality = MapQuality::default();
+    /// assert_eq!(quality.verdict(), Verdict::Sound);
+    /// quality.doubts.push(Doubt::Noise { ratio: 10.0 });
+    /// assert_eq!(quality.verdict(), Verdict::Doubtful);
+    /// assert_eq!(quality.to_string(), "doubtful: the noise is 10.00 times the stated one");
+    /// ```
+    pub fn verdict(&self) -> Verdict {
+        let verdicts = self.doubts.iter().map(Doubt::verdict);
+        verdicts.max().unwrap_or(Verdict::Sound)
+    }
+
+    /// The reasons in one line, joined by semicolons; empty if there is none.
+    pub fn reasons(&self) -> String {
+        let reasons: Vec<String> = self.doubts.iter().map(Doubt::to_string).collect();
+        reasons.join("; ")
+    }
+
+    /// As the object of `--json`.
+    pub fn described(&self) -> DescribedQuality {
+        let reason = |doubt: &Doubt| DescribedDoubt {
+            kind: doubt.kind(),
+            electrode: doubt.electrode().map(Electrode::number),
+            text: doubt.to_string(),
+        };
+        DescribedQuality {
+            verdict: self.verdict().word(),
+            reasons: self.doubts.iter().map(reason).collect(),
+        }
+    }
+}
+
+/// A [`MapQuality`] for `--json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DescribedQuality {
+    /// [`Verdict::word`].
+    verdict: &'static str,
+    /// Empty for a sound map.
+    reasons: Vec<DescribedDoubt>,
+}
+
+/// A reason for `--json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct DescribedDoubt {
+    kind: &'static str,
+    /// Counted from 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    electrode: Option<usize>,
+    text: String,
+}
+
+impl fmt::Display for MapQuality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.verdict().word())?;
+        match self.doubts.is_empty() {
+            true => Ok(()),
+            false => write!(f, ": {}", self.reasons()),
+        }
+    }
+}

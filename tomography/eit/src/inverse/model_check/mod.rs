@@ -1,0 +1,262 @@
+//! Whether a frame agrees with the model: what no map explains, and which electrode or pair is to blame. The methods that
+//! make maps know nothing of it; [`Checked`] adds its result to their maps.
+//!
+//! A reading and its reciprocal twin have the same change, whatever is on the sheet. The rotated sum of both is data for
+//! maps, the rotated difference is noise alone: its size is that of the noise, and what is not white in it is the fault of a
+//! source or voltmeter. The sum is compared with the best map of the whole sheet: x ~ N(0, g^2 / area) for each triangle and
+//! white errors t, with g and t of the largest likelihood; t beyond the noise is what no map explains.
+
+mod checked;
+mod reciprocal;
+mod spectrum;
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use nalgebra::DMatrix;
+use survey::{Doubt, Electrode, MapQuality, Protocol, Reading};
+
+pub use checked::Checked;
+
+use self::reciprocal::Reciprocal;
+use self::spectrum::Spectrum;
+use crate::inverse::error::OneStepError;
+use crate::inverse::learned::linear::Linear;
+use crate::inverse::options::{OneStepOptions, Scale};
+use crate::inverse::prior::Prior;
+use crate::linear_algebra::dense;
+use crate::{Forward, Mesh};
+
+/// Ratio of the readings' noise to the stated one above which, or below whose inverse, the two contradict each other.
+const NOISE_RATIO: f64 = 2.0;
+/// Error of the best map over the noise below which it is noise.
+const UNEXPLAINED_NOISE: f64 = 2.0;
+/// Share of the change that a linear model leaves unexplained without being wrong: loads are strong. Healthy frames of
+/// `tactus-lab honesty` have up to 4 %.
+const UNEXPLAINED_SHARE: f64 = 0.1;
+/// Improvement of the fit (chi squared of one degree of freedom) by one contact impedance above which the change is at that
+/// electrode. Loads that end 16 mm from the electrode have up to 16, a contact of ten times its impedance 33 or more.
+const AT_ELECTRODE: f64 = 40.0;
+/// Correlation of an electrode's readings with their reference, relative to the median electrode's, below which it is dead.
+/// A dead electrode's neighbours, which share half of its pairs, have 0.5.
+const DEAD: f64 = 0.2;
+/// A relative loss that linear maps of real loads reach by their own error.
+const MOST_LOSS: f64 = 1.2;
+/// Share of the region that must lose more: linear maps overshoot in single triangles beside electrodes.
+const LOSS_AREA: f64 = 2e-3;
+
+/// Checks frames of one sheet and protocol against the model of the whole sheet.
+pub struct ModelCheck {
+    protocol: Protocol,
+    linear: Linear,
+    /// Covariance of the folded data of a white map of size 1, per area.
+    gram: DMatrix<f64>,
+    /// Change of the folded data by a relative change of each contact impedance.
+    contacts: DMatrix<f64>,
+    /// Standard deviation of one reading in the unit of the model's data; `None` if it is unknown.
+    noise: Option<f64>,
+    /// For the missing readings of the last frame: they seldom change.
+    prepared: Mutex<Option<Arc<Prepared>>>,
+}
+
+/// What depends on the missing readings alone.
+struct Prepared {
+    missing: Vec<usize>,
+    reciprocal: Reciprocal,
+    spectrum: Spectrum,
+}
+
+impl ModelCheck {
+    /// For readings at `sigma0` (S per square, one per triangle of the mesh). `noise`: standard deviation of one reading, V
+    /// with [`Scale::Currents`], otherwise V at 1 A; `None` if it is neither stated nor measured.
+    ///
+    /// # Errors
+    /// As [`crate::OneStep::new`].
+    pub fn new(
+        mesh: &Mesh,
+        contact_ohm_m: &[f64],
+        sigma0: &[f64],
+        protocol: &Protocol,
+        scale: Scale,
+        noise: Option<f64>,
+    ) -> Result<Self, OneStepError> {
+        let whole = Arc::new(mesh.whole());
+        let options = OneStepOptions {
+            prior: Prior::Tikhonov,
+            scale,
+            ..OneStepOptions::default()
+        };
+        let (linear, sensitivity, _) =
+            Linear::new(&whole, contact_ohm_m, sigma0, protocol, &options)?;
+        let areas = whole.region_areas();
+        let gram = dense::gram(&sensitivity, |triangle| Some(1.0 / areas[triangle]));
+        let forward = Forward::new(Arc::clone(&whole), contact_ohm_m)?;
+        let half = Protocol::new(protocol.electrodes(), linear.fold.questions(protocol))
+            .map_err(|_| OneStepError::Prior)?; // cannot happen: they are the protocol's own
+        let mut contacts = forward.contact_jacobian(sigma0, &half)?;
+        for (electrode, mut column) in contacts.column_iter_mut().enumerate() {
+            for (value, norm) in column.iter_mut().zip(linear.fold.norm()) {
+                *value *= norm * contact_ohm_m[electrode];
+            }
+        }
+        Ok(Self {
+            protocol: protocol.clone(),
+            linear,
+            gram,
+            contacts,
+            noise,
+            prepared: Mutex::new(None),
+        })
+    }
+
+    /// How far a map of these readings can be believed, whatever the method. Readings that cannot be compared (wrong counts,
+    /// a dead baseline) give no reason: the method refuses them.
+    pub fn of(&self, baseline: &[Reading], frame: &[Reading]) -> MapQuality {
+        let mut doubts = self.dead(baseline, frame);
+        if !doubts.is_empty() {
+            return MapQuality { doubts }; // nothing else can be concluded from such readings
+        }
+        let Ok((change, missing)) =
+            self.linear
+                .change_as_read(baseline, frame, "check of the model")
+        else {
+            return MapQuality::default();
+        };
+        let Some(prepared) = self.prepared(missing) else {
+            return MapQuality::default();
+        };
+        let data = self.linear.fold.seen(&change, &prepared.missing).data;
+        let size = (data.norm_squared() / data.len() as f64).sqrt();
+        // baseline and frame have noise
+        let stated = self.noise.map(|noise| std::f64::consts::SQRT_2 * noise);
+        let least = self.linear.rms() * Reciprocal::RESOLUTION;
+        let found = prepared.reciprocal.of(&change, stated, least, size);
+        doubts.extend(found.doubts);
+        let fit = prepared.spectrum.fit(&data);
+        // without twins, the error of the fit is all that is known of the noise
+        let noise = found.noise.or(stated).unwrap_or(fit.error).max(least);
+        if found.noise.is_none()
+            && let Some(stated) = stated
+            && fit.error * NOISE_RATIO < stated
+        {
+            doubts.push(Doubt::Noise {
+                ratio: fit.error / stated,
+            });
+        }
+        let beyond = (fit.error.powi(2) - noise.powi(2)).max(0.0).sqrt();
+        let share = beyond / size;
+        if fit.error > UNEXPLAINED_NOISE * noise && share > UNEXPLAINED_SHARE {
+            doubts.push(Doubt::Unexplained { share });
+        }
+        let (electrode, improvement) = prepared.spectrum.contact(&fit, noise);
+        if improvement > AT_ELECTRODE {
+            doubts.push(Doubt::AtElectrode {
+                electrode: Electrode(electrode),
+            });
+        }
+        MapQuality { doubts }
+    }
+
+    fn prepared(&self, missing: Vec<usize>) -> Option<Arc<Prepared>> {
+        let mut kept = self.prepared.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(prepared) = kept.as_ref().filter(|one| one.missing == missing) {
+            return Some(Arc::clone(prepared));
+        }
+        let rows = self
+            .linear
+            .fold
+            .seen(&vec![0.0; self.protocol.len()], &missing);
+        let one_side = rows.rows(&self.gram).transpose();
+        let gram = rows.rows(&one_side);
+        let contacts = rows.rows(&self.contacts);
+        let prepared = Arc::new(Prepared {
+            reciprocal: Reciprocal::new(&self.protocol, &self.linear, &missing),
+            spectrum: Spectrum::new(gram.as_ref(), contacts.as_ref())?,
+            missing,
+        });
+        *kept = Some(Arc::clone(&prepared));
+        Some(prepared)
+    }
+
+    /// Electrodes whose readings do not follow the model's in the baseline, or the baseline's in the frame.
+    fn dead(&self, baseline: &[Reading], frame: &[Reading]) -> Vec<Doubt> {
+        let model = self.linear.readings();
+        if baseline.len() != model.len() || frame.len() != model.len() {
+            return Vec::new();
+        }
+        let volts = |readings: &[Reading]| -> Vec<Option<f64>> {
+            readings
+                .iter()
+                .map(|reading| reading.volts().map(|volts| volts.0))
+                .collect()
+        };
+        let (before, now) = (volts(baseline), volts(frame));
+        let model: Vec<Option<f64>> = model.iter().copied().map(Some).collect();
+        let mut doubts = Vec::new();
+        for (in_baseline, readings, reference) in [(true, &before, &model), (false, &now, &before)]
+        {
+            let follows = self.follows(readings, reference);
+            let mut sorted: Vec<f64> = follows.iter().flatten().copied().collect();
+            sorted.sort_unstable_by(f64::total_cmp);
+            let Some(&usual) = sorted.get(sorted.len() / 2) else {
+                continue;
+            };
+            let known_dead = |electrode: usize| {
+                doubts
+                    .iter()
+                    .any(|doubt: &Doubt| doubt.electrode() == Some(Electrode(electrode)))
+            };
+            let dead: Vec<usize> = (0..follows.len())
+                .filter(|&electrode| {
+                    follows[electrode].is_some_and(|follows| follows < DEAD * usual)
+                        && !known_dead(electrode)
+                })
+                .collect();
+            doubts.extend(dead.into_iter().map(|electrode| Doubt::DeadElectrode {
+                electrode: Electrode(electrode),
+                in_baseline,
+            }));
+        }
+        doubts
+    }
+
+    /// For each electrode the regression of its readings on the reference; `None` without readings.
+    fn follows(&self, readings: &[Option<f64>], reference: &[Option<f64>]) -> Vec<Option<f64>> {
+        let mut sums = vec![[0.0; 2]; self.protocol.electrodes()];
+        for ((question, reading), reference) in self
+            .protocol
+            .measurements()
+            .iter()
+            .zip(readings)
+            .zip(reference)
+        {
+            let (Some(reading), Some(reference)) = (reading, reference) else {
+                continue;
+            };
+            for dipole in [question.drive, question.sense] {
+                for electrode in [dipole.plus, dipole.minus] {
+                    sums[electrode.0][0] += reading * reference;
+                    sums[electrode.0][1] += reference * reference;
+                }
+            }
+        }
+        sums.into_iter()
+            .map(|[cross, square]| (square > 0.0).then(|| cross / square))
+            .collect()
+    }
+}
+
+/// The reason that a map's own values give, if any; `areas` are those of its triangles.
+fn impossible(values: &[f64], areas: &[f64]) -> Option<Doubt> {
+    let mut losses: Vec<(f64, f64)> = values
+        .iter()
+        .map(|v| -v)
+        .zip(areas.iter().copied())
+        .collect();
+    losses.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+    let mut left = LOSS_AREA * areas.iter().sum::<f64>();
+    let (loss, _) = losses.into_iter().find(|(_, area)| {
+        left -= area;
+        left <= 0.0
+    })?;
+    (loss > MOST_LOSS).then_some(Doubt::LossAboveOne { loss })
+}

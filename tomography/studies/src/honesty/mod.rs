@@ -1,0 +1,109 @@
+//! Whether maps say what they cannot know (`tactus-lab honesty`): the check of maps on healthy frames and on faults.
+//!
+//! All data come from a sheet with a finer, different mesh than the model's, with noise on baseline and frame.
+
+mod quality;
+mod sheet;
+
+use std::path::Path;
+
+use imaging::Geometry;
+use outfile::Existing;
+use survey::Protocol;
+
+use crate::{Failure, write};
+
+pub use quality::QualityRow;
+
+/// How much is judged.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Seed of loads and noise.
+    pub seed: u64,
+    /// Healthy frames at each noise.
+    pub healthy: usize,
+    /// Frames of each fault at each noise.
+    pub faulty: usize,
+    /// Noise of a reading, uV.
+    pub noises_uv: Vec<f64>,
+}
+
+/// The results.
+#[derive(Debug)]
+pub struct Report {
+    /// The check of maps.
+    pub quality: Vec<QualityRow>,
+}
+
+/// Judges the frames.
+///
+/// # Errors
+/// A sheet that cannot be computed.
+pub fn run(settings: &Settings) -> Result<Report, Failure> {
+    let protocol = Protocol::sheffield(26).map_err(|fault| Failure::of("the protocol", &fault))?;
+    let sheet = sheet::FineSheet::new(&protocol)?;
+    let geometry = Geometry::from_preset(&eit::Preset::default())
+        .map_err(|fault| Failure::of("the model's sheet", &fault))?;
+    Ok(Report {
+        quality: quality::rows(
+            settings.seed,
+            settings.healthy,
+            settings.faulty,
+            &settings.noises_uv,
+            &sheet,
+            &geometry,
+        )?,
+    })
+}
+
+impl Report {
+    /// The tables as text.
+    pub fn text(&self) -> String {
+        let mut text = format!(
+            "{:<38} {:>8} {:>7} {:>9} {:>10} {:>7}  reasons\n",
+            "frames", "noise uV", "frames", "not sound", "unreliable", "named"
+        );
+        for row in &self.quality {
+            let share = |count: usize| 100.0 * count as f64 / row.frames as f64;
+            let reasons: Vec<String> = row
+                .reasons
+                .iter()
+                .map(|(kind, count)| format!("{kind} {count}"))
+                .collect();
+            text += &format!(
+                "{:<38} {:>8} {:>7} {:>7.2} % {:>8.2} % {:>7}  {}\n",
+                row.what,
+                row.noise_uv,
+                row.frames,
+                share(row.not_sound),
+                share(row.unreliable),
+                row.named
+                    .map_or("-".to_owned(), |named| format!("{:.1} %", share(named))),
+                reasons.join(", ")
+            );
+        }
+        text
+    }
+
+    /// The tables as JSON, one object a row.
+    pub fn lines(&self) -> Vec<serde_json::Value> {
+        let rows = self.quality.iter();
+        rows.map(|row| serde_json::json!({ "table": "quality", "row": row }))
+            .collect()
+    }
+
+    /// Writes `honesty.txt` and `honesty.json`.
+    ///
+    /// # Errors
+    /// Files that exist and may not be replaced, or that cannot be written.
+    pub fn write(&self, folder: &Path, existing: Existing) -> Result<(), Failure> {
+        outfile::make_folder(folder, existing)?;
+        write(&folder.join("honesty.txt"), existing, self.text())?;
+        let lines = serde_json::Value::Array(self.lines());
+        write(
+            &folder.join("honesty.json"),
+            existing,
+            format!("{lines:#}\n"),
+        )
+    }
+}

@@ -1,0 +1,259 @@
+//! The check of maps on healthy frames, where it must say nothing, and on faults that it must find and name.
+
+use std::collections::BTreeMap;
+
+use imaging::{Conditions, Geometry, ReconstructionSettings, build};
+use rand::RngExt as _;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+use rayon::prelude::*;
+use serde::Serialize;
+use survey::{Amps, Electrode, MapQuality, Verdict};
+
+use super::sheet::{CURRENT, FineSheet, Kind, as_readings, measured, random};
+use crate::{Failure, progress};
+
+/// Faults of a rig that maps must not hide.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fault {
+    None,
+    /// Each injection's gain moves by 1e-3 (standard deviation) after the baseline.
+    Gains,
+    /// One contact impedance is ten times as large as in the baseline.
+    Contact,
+    /// The readings of one electrode are noise after the baseline.
+    Dead,
+    /// And in the baseline.
+    DeadInBaseline,
+    /// One sense pair has 50 times the noise.
+    NoisyPair,
+    /// The stated noise is a tenth of the readings'.
+    StatedTooSmall,
+    /// The stated noise is ten times the readings'.
+    StatedTooLarge,
+}
+
+impl Fault {
+    const ALL: [Self; 7] = [
+        Self::Gains,
+        Self::Contact,
+        Self::Dead,
+        Self::DeadInBaseline,
+        Self::NoisyPair,
+        Self::StatedTooSmall,
+        Self::StatedTooLarge,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Gains => "gain of each injection, 1e-3",
+            Self::Contact => "one contact, ten times",
+            Self::Dead => "a dead electrode after the baseline",
+            Self::DeadInBaseline => "a dead electrode, in the baseline too",
+            Self::NoisyPair => "one sense pair, 50 times the noise",
+            Self::StatedTooSmall => "noise stated ten times too small",
+            Self::StatedTooLarge => "noise stated ten times too large",
+        }
+    }
+
+    /// Stated noise over the true one.
+    fn stated(self) -> f64 {
+        match self {
+            Self::StatedTooSmall => 0.1,
+            Self::StatedTooLarge => 10.0,
+            _ => 1.0,
+        }
+    }
+}
+
+/// Frames of one group with their verdicts.
+#[derive(Debug, Clone, Serialize)]
+pub struct QualityRow {
+    /// Noise of a reading, uV.
+    pub noise_uv: f64,
+    /// The fault, or the kind of load of healthy frames.
+    pub what: &'static str,
+    /// Whether the frames are healthy.
+    pub healthy: bool,
+    /// Frames.
+    pub frames: usize,
+    /// Frames that are doubtful or unreliable.
+    pub not_sound: usize,
+    /// Frames that are unreliable.
+    pub unreliable: usize,
+    /// Frames whose electrode or pair is named, of faults that have one.
+    pub named: Option<usize>,
+    /// Frames by kind of reason.
+    pub reasons: BTreeMap<&'static str, usize>,
+}
+
+impl QualityRow {
+    fn new(noise_uv: f64, what: &'static str, healthy: bool) -> Self {
+        Self {
+            noise_uv,
+            what,
+            healthy,
+            frames: 0,
+            not_sound: 0,
+            unreliable: 0,
+            named: None,
+            reasons: BTreeMap::new(),
+        }
+    }
+
+    fn add(&mut self, found: &MapQuality, blamed: Option<Electrode>) {
+        self.frames += 1;
+        self.not_sound += usize::from(found.verdict() != Verdict::Sound);
+        self.unreliable += usize::from(found.verdict() == Verdict::Unreliable);
+        if let Some(electrode) = blamed {
+            let named = found
+                .doubts
+                .iter()
+                .any(|doubt| doubt.electrode() == Some(electrode));
+            *self.named.get_or_insert(0) += usize::from(named);
+        }
+        for doubt in &found.doubts {
+            *self.reasons.entry(doubt.kind()).or_default() += 1;
+        }
+    }
+}
+
+/// A frame and what must be found in it.
+struct Trial {
+    baseline: Vec<f64>,
+    frame: Vec<f64>,
+    row: &'static str,
+    blamed: Option<Electrode>,
+}
+
+/// Judges `healthy` frames without fault and `faulty` of each fault at each noise, uV, with the one-step method.
+pub(super) fn rows(
+    seed: u64,
+    healthy: usize,
+    faulty: usize,
+    noises_uv: &[f64],
+    sheet: &FineSheet,
+    geometry: &Geometry,
+) -> Result<Vec<QualityRow>, Failure> {
+    let mut rows = Vec::new();
+    let steps = noises_uv.len() * (healthy + Fault::ALL.len() * faulty);
+    let bar = progress::bar(steps, "frames judged");
+    for (level, &noise_uv) in noises_uv.iter().enumerate() {
+        let groups = [(Fault::None, healthy)]
+            .into_iter()
+            .chain(Fault::ALL.map(|fault| (fault, faulty)));
+        for (fault, count) in groups {
+            let series = (level as u64) << 8 | fault as u64;
+            let noise_v = 1e-6 * noise_uv;
+            let mut conditions = Conditions::live(geometry, &sheet.protocol, Amps(CURRENT));
+            conditions.noise_v = Some(fault.stated() * noise_v);
+            let model = build(&ReconstructionSettings::default(), &conditions)
+                .map_err(|fault| Failure::of("the one-step method", &fault))?;
+            let judged: Vec<(Trial, MapQuality)> = (0..count)
+                .into_par_iter()
+                .map(|frame| {
+                    let random = &mut random(seed, series, frame as u64);
+                    // a fault is looked for under the paper's smallest press, or on an empty sheet
+                    let kind = match (fault, frame % 2) {
+                        (Fault::None, _) => Kind::ALL[frame % Kind::ALL.len()],
+                        (_, 0) => Kind::Press,
+                        _ => Kind::Nothing,
+                    };
+                    let trial = trial(sheet, fault, kind, noise_v, random)?;
+                    let map = model
+                        .reconstructor
+                        .reconstruct(&as_readings(&trial.baseline), &as_readings(&trial.frame))
+                        .map_err(|fault| Failure::of("the one-step method", &fault))?;
+                    bar.inc(1);
+                    Ok((trial, map.quality.unwrap_or_default()))
+                })
+                .collect::<Result<_, Failure>>()?;
+            for (trial, quality) in judged {
+                let at = rows
+                    .iter()
+                    .position(|row: &QualityRow| row.what == trial.row && row.noise_uv == noise_uv);
+                let at = at.unwrap_or_else(|| {
+                    rows.push(QualityRow::new(noise_uv, trial.row, fault == Fault::None));
+                    rows.len() - 1
+                });
+                rows[at].add(&quality, trial.blamed);
+            }
+        }
+    }
+    bar.finish_and_clear();
+    Ok(rows)
+}
+
+fn trial(
+    sheet: &FineSheet,
+    fault: Fault,
+    kind: Kind,
+    noise_v: f64,
+    random: &mut ChaCha8Rng,
+) -> Result<Trial, Failure> {
+    let load = sheet.load(kind, random);
+    let electrode = random.random_range(0..sheet.protocol.electrodes());
+    let contact = (fault == Fault::Contact).then_some((electrode, 10.0));
+    let mut ohms = sheet.readings(&load.factors, contact)?;
+    let mut unloaded = sheet.unloaded.clone();
+    let questions = sheet.protocol.measurements();
+    let uses = |question: &survey::Measurement| {
+        let dipoles = [question.drive, question.sense];
+        dipoles
+            .iter()
+            .any(|dipole| dipole.contains(Electrode(electrode)))
+    };
+    if fault == Fault::Gains {
+        let spread = Normal::new(1.0, 1e-3).ok();
+        let gains: BTreeMap<_, f64> = sheet
+            .protocol
+            .drives()
+            .into_iter()
+            .map(|drive| (drive, spread.map_or(1.0, |spread| spread.sample(random))))
+            .collect();
+        for (value, question) in ohms.iter_mut().zip(questions) {
+            *value *= gains[&question.drive];
+        }
+    }
+    for (k, question) in questions
+        .iter()
+        .enumerate()
+        .filter(|(_, question)| uses(question))
+    {
+        let _ = question;
+        if matches!(fault, Fault::Dead | Fault::DeadInBaseline) {
+            ohms[k] = 0.0;
+        }
+        if fault == Fault::DeadInBaseline {
+            unloaded[k] = 0.0;
+        }
+    }
+    let baseline = measured(&unloaded, noise_v, random);
+    let mut frame = measured(&ohms, noise_v, random);
+    if fault == Fault::NoisyPair {
+        let noise = Normal::new(0.0, 50.0 * noise_v).ok();
+        for (value, question) in frame.iter_mut().zip(questions) {
+            if question.sense.plus == Electrode(electrode) {
+                *value += noise.map_or(0.0, |noise| noise.sample(random));
+            }
+        }
+    }
+    let row = match fault {
+        Fault::None if load.at_electrode => "load within 8 mm of an electrode",
+        Fault::None => load.kind.name(),
+        _ => fault.name(),
+    };
+    let blamed = match fault {
+        Fault::Contact | Fault::Dead | Fault::DeadInBaseline | Fault::NoisyPair => {
+            Some(Electrode(electrode))
+        }
+        Fault::None | Fault::Gains | Fault::StatedTooSmall | Fault::StatedTooLarge => None,
+    };
+    Ok(Trial {
+        baseline,
+        frame,
+        row,
+        blamed,
+    })
+}

@@ -1,0 +1,237 @@
+//! The sheet that makes data for judging: a finer, different mesh than the model's, with loads of many shapes.
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use eit::{Forward, Mesh, PaperSheet};
+use rand::{RngExt as _, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+use survey::{Protocol, Reading, Volts};
+
+use crate::Failure;
+
+/// Current of the readings, A.
+pub(super) const CURRENT: f64 = 1e-3;
+/// Distance from an electrode, m, from which a load does not touch its surroundings.
+const FAR: f64 = 8e-3;
+
+/// The finer sheet.
+pub(super) struct FineSheet {
+    pub(super) mesh: Arc<Mesh>,
+    contact: Vec<f64>,
+    conductance: f64,
+    pub(super) protocol: Protocol,
+    centroids: Vec<[f64; 2]>,
+    electrodes: Vec<[f64; 2]>,
+    /// Readings at 1 A of the sheet without load.
+    pub(super) unloaded: Vec<f64>,
+}
+
+/// Kinds of load, drawn in turn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Discs(usize),
+    Blob,
+    Ramp,
+    /// 1 % of the whole sheet, and a press of 10 mm.
+    SheetChange,
+    SquareRing,
+    /// A press over an electrode.
+    OverElectrode,
+    /// A disc of 10 mm with half its conductance lost, 20 mm or more from the edge.
+    Press,
+    Nothing,
+}
+
+impl Kind {
+    pub(super) const ALL: [Self; 10] = [
+        Self::Discs(1),
+        Self::Discs(2),
+        Self::Discs(3),
+        Self::Blob,
+        Self::Ramp,
+        Self::SheetChange,
+        Self::SquareRing,
+        Self::OverElectrode,
+        Self::Press,
+        Self::Nothing,
+    ];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Discs(1) => "one disc",
+            Self::Discs(2) => "two discs",
+            Self::Discs(_) => "three discs",
+            Self::Blob => "soft blob",
+            Self::Ramp => "ramp over the sheet",
+            Self::SheetChange => "1 % of the sheet and a press",
+            Self::SquareRing => "square ring",
+            Self::OverElectrode => "press over an electrode",
+            Self::Press => "press of 10 mm",
+            Self::Nothing => "nothing",
+        }
+    }
+}
+
+/// A load: the factor of the conductance of each triangle of the finer mesh.
+pub(super) struct Load {
+    pub(super) kind: Kind,
+    pub(super) factors: Vec<f64>,
+    /// Whether it changes the conductance within [`FAR`] of an electrode, apart from a change of the whole sheet.
+    pub(super) at_electrode: bool,
+}
+
+impl FineSheet {
+    pub(super) fn new(protocol: &Protocol) -> Result<Self, Failure> {
+        let sheet = PaperSheet {
+            fineness: 1.6,
+            ..PaperSheet::default()
+        };
+        let mesh = sheet
+            .mesh()
+            .map_err(|fault| Failure::of("the finer sheet", &fault))?;
+        let mut fine = Self {
+            contact: sheet.contact_ohm_m(),
+            conductance: sheet.conductance(),
+            protocol: protocol.clone(),
+            centroids: (0..mesh.triangles().len())
+                .map(|triangle| mesh.centroid(triangle))
+                .collect(),
+            electrodes: mesh.electrode_centres(),
+            mesh: Arc::new(mesh),
+            unloaded: Vec::new(),
+        };
+        fine.unloaded = fine.readings(&vec![1.0; fine.centroids.len()], None)?;
+        Ok(fine)
+    }
+
+    /// Readings at 1 A of the sheet with these factors of its conductance; `contact`: an electrode and the factor of its
+    /// contact impedance.
+    pub(super) fn readings(
+        &self,
+        factors: &[f64],
+        contact: Option<(usize, f64)>,
+    ) -> Result<Vec<f64>, Failure> {
+        let mut impedances = self.contact.clone();
+        if let Some((electrode, factor)) = contact {
+            impedances[electrode] *= factor;
+        }
+        let sigma: Vec<f64> = factors.iter().map(|f| self.conductance * f).collect();
+        Forward::new(Arc::clone(&self.mesh), &impedances)
+            .and_then(|forward| forward.readings(&sigma, &self.protocol))
+            .map(|readings| readings.as_slice().to_vec())
+            .map_err(|fault| Failure::of("the finer sheet", &fault))
+    }
+
+    /// A load of this kind.
+    pub(super) fn load(&self, kind: Kind, random: &mut ChaCha8Rng) -> Load {
+        let bounds = [0, 1].map(|axis| {
+            let along = || self.centroids.iter().map(|at| at[axis]);
+            [
+                along().fold(f64::INFINITY, f64::min),
+                along().fold(f64::NEG_INFINITY, f64::max),
+            ]
+        });
+        let place =
+            |random: &mut ChaCha8Rng| bounds.map(|[low, high]| random.random_range(low..high));
+        let mut factors = vec![1.0; self.centroids.len()];
+        let mut press = |inside: &dyn Fn([f64; 2]) -> f64| {
+            for (factor, at) in factors.iter_mut().zip(&self.centroids) {
+                *factor = f64::min(*factor, inside(*at));
+            }
+        };
+        let disc = |centre: [f64; 2], radius: f64, loss: f64| {
+            move |at: [f64; 2]| match away(at, centre) < radius {
+                true => 1.0 - loss,
+                false => 1.0,
+            }
+        };
+        match kind {
+            Kind::Discs(count) => {
+                for _ in 0..count {
+                    let centre = place(random);
+                    let radius = 3e-3 * 10_f64.powf(random.random_range(0.0..1.0));
+                    press(&disc(centre, radius, random.random_range(0.1..0.95)));
+                }
+            }
+            Kind::Blob => {
+                let (centre, width) = (place(random), random.random_range(0.008..0.04));
+                let loss = random.random_range(0.1..0.8);
+                press(&|at| 1.0 - loss * (-0.5 * (away(at, centre) / width).powi(2)).exp());
+            }
+            Kind::Ramp => {
+                let angle: f64 = random.random_range(0.0..TAU);
+                let loss = random.random_range(0.05..0.5);
+                let [x, y] = bounds.map(|[low, high]| move |v: f64| (v - low) / (high - low) - 0.5);
+                press(&|at| {
+                    let along = x(at[0]) * angle.cos() + y(at[1]) * angle.sin();
+                    1.0 - loss * (0.5 + along / std::f64::consts::SQRT_2)
+                });
+            }
+            Kind::SheetChange => {
+                press(&disc(place(random), 5e-3, random.random_range(0.3..0.7)));
+            }
+            Kind::SquareRing => {
+                let (centre, half) = (place(random), random.random_range(0.01..0.04));
+                let loss = random.random_range(0.1..0.8);
+                press(&|at| {
+                    let distance = (at[0] - centre[0]).abs().max((at[1] - centre[1]).abs());
+                    match (0.5 * half..half).contains(&distance) {
+                        true => 1.0 - loss,
+                        false => 1.0,
+                    }
+                });
+            }
+            Kind::OverElectrode => {
+                let electrode = random.random_range(0..self.electrodes.len());
+                let radius = random.random_range(0.004..0.015);
+                let loss = random.random_range(0.2..0.8);
+                press(&disc(self.electrodes[electrode], radius, loss));
+            }
+            Kind::Press => {
+                let inner = bounds.map(|[low, high]| random.random_range(low + 0.02..high - 0.02));
+                press(&disc(inner, 5e-3, 0.5));
+            }
+            Kind::Nothing => {}
+        }
+        // a ramp changes every electrode a little, which no contact explains
+        let at_electrode = kind != Kind::Ramp
+            && self.centroids.iter().zip(&factors).any(|(at, factor)| {
+                *factor < 1.0 - 1e-3 && self.electrodes.iter().any(|e| away(*at, *e) < FAR)
+            });
+        if kind == Kind::SheetChange {
+            factors.iter_mut().for_each(|factor| *factor *= 0.99);
+        }
+        Load {
+            kind,
+            factors,
+            at_electrode,
+        }
+    }
+}
+
+fn away(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// Random numbers of one frame of one series.
+pub(super) fn random(seed: u64, series: u64, frame: u64) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(series << 32 | frame);
+    random
+}
+
+/// Readings at [`CURRENT`] with white noise, V.
+pub(super) fn measured(readings: &[f64], noise_v: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
+    let noise = Normal::new(0.0, noise_v).ok();
+    readings
+        .iter()
+        .map(|ohms| CURRENT * ohms + noise.map_or(0.0, |noise| noise.sample(random)))
+        .collect()
+}
+
+/// As a rig returns them.
+pub(super) fn as_readings(volts: &[f64]) -> Vec<Reading> {
+    volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
+}
