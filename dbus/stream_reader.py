@@ -23,6 +23,8 @@ def records(stream):
         elif kind == 4:
             *kpa, newtons = struct.unpack_from(f"<{n + 1}d", body, 36)
             yield record | dict(kind="pressure", kpa=kpa, newtons=newtons)
+        elif kind == 5:
+            yield record | dict(kind="quality", **json.loads(body[36:]))
 
 
 if __name__ == "__main__":

@@ -283,6 +283,10 @@ dictionaries! {
         newtons: f64,
         /// Largest pressure, kPa; for a calibrated method.
         largest_kpa: f64,
+        /// How far the map can be believed: `sound`, `doubtful`, `unreliable`; absent where nothing judged it.
+        quality: String,
+        /// Why it is not sound, sentences joined by semicolons.
+        doubts: String,
     }
 
     /// Additional data of an event signal (`Manager1.Happened`).

@@ -130,6 +130,8 @@ options! {
         maps: bool,
         /// Pressure, false by default.
         pressure: bool,
+        /// Records of the quality of maps.
+        quality: bool,
         /// Records held for a slow reader, 64 by default.
         ring: u64,
     }

@@ -324,7 +324,7 @@ pub(crate) fn legend<DB: DrawingBackend>(
     Ok(())
 }
 
-/// The line under the title: whether the map shows nothing above its noise, the method, and the number of missing
+/// The line under the title: why the map is not sound, whether it shows nothing above its noise, the method, and the number of missing
 /// readings.
 pub(crate) fn caption(map: &Map, style: &Style) -> String {
     let method = match map.masked {
@@ -332,10 +332,10 @@ pub(crate) fn caption(map: &Map, style: &Style) -> String {
         1 => format!("{}, 1 reading left out", map.method),
         several => format!("{}, {several} readings left out", map.method),
     };
-    match style.nothing_above {
-        Some(noise) => format!("{}; {method}", nothing_above(noise)),
-        None => method,
-    }
+    let doubt = map.quality.as_ref().filter(|quality| !quality.is_sound());
+    let nothing = style.nothing_above.map(nothing_above);
+    let parts = [doubt.map(ToString::to_string), nothing, Some(method)];
+    parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
 /// The text for a map that shows nothing above its noise, a relative loss.

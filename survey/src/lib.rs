@@ -20,7 +20,6 @@
 mod bounds;
 mod frame;
 mod map;
-mod map_quality;
 mod nearest;
 mod pattern;
 mod plan;
@@ -34,8 +33,7 @@ mod wiring;
 
 pub use bounds::{Bounds, LONGEST_S, OutOfBounds, duration, nanoseconds};
 pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Settings};
-pub use map::{Map, MapUnit};
-pub use map_quality::{DescribedQuality, Doubt, MapQuality, Verdict};
+pub use map::{Doubt, Map, MapQuality, MapUnit, Reason, Verdict};
 pub use nearest::nearest;
 pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
 pub use plan::{

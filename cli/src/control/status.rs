@@ -88,6 +88,9 @@ struct Shown {
     noise: Option<f64>,
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
+    /// `sound`, `doubtful` or `unreliable`.
+    quality: Option<String>,
+    doubts: Option<String>,
     reconstruction_s: Option<f64>,
     durable_s: Option<f64>,
 }
@@ -107,6 +110,8 @@ impl Shown {
             noise: map.noise,
             newtons: map.newtons,
             largest_kpa: map.largest_kpa,
+            quality: map.quality.clone(),
+            doubts: map.doubts.clone(),
             reconstruction_s: map.reconstruction_s,
             durable_s: map.durable_s,
         })
@@ -119,6 +124,9 @@ impl Shown {
             self.sequence,
             map_summary(self.largest_loss.unwrap_or(0.0), pressed, self.noise)
         );
+        if let (Some(quality), Some(doubts)) = (&self.quality, &self.doubts) {
+            text.push_str(&format!(", {quality}: {doubts}"));
+        }
         if let Some(seconds) = self.reconstruction_s {
             text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));
         }
@@ -244,6 +252,8 @@ mod tests {
                     noise: Some(0.01),
                     newtons: None,
                     largest_kpa: None,
+                    quality: Some("sound".into()),
+                    doubts: None,
                     reconstruction_s: Some(0.00125),
                     durable_s: Some(0.005),
                 }),
@@ -268,7 +278,7 @@ mod tests {
              \"session\":{\"id\":\"m1\",\"kind\":\"measurement\",\"state\":\"running\",\"frames_acquired\":8,\
              \"frames_durable\":7,\"frames_dropped\":0,\"frames_failed\":0,\"last_error\":null,\"map\":{\"sequence\":7,\
              \"unit\":\"relative loss of conductance\",\"largest_loss\":0.25,\"significant\":true,\"noise\":0.01,\"newtons\":null,\"largest_kpa\":null,\
-             \"reconstruction_s\":0.00125,\"durable_s\":0.005}},\"source_state\":\"in use\",\"recovery\":null,\
+             \"quality\":\"sound\",\"doubts\":null,\"reconstruction_s\":0.00125,\"durable_s\":0.005}},\"source_state\":\"in use\",\"recovery\":null,\
              \"record_directory\":\"/r\",\
              \"last_error\":null,\"version\":\"0.1.0\",\"bus\":\"unix:/p\",\"health\":{\"well\":false,\"troubles\":[],\
              \"last_frame\":null,\"period_s\":null,\"backlog\":null,\"gaps\":{\"failed\":0,\"dropped\":0,\"last\":null},\

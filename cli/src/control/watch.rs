@@ -63,6 +63,7 @@ pub(crate) async fn run(
         frames: Some(true),
         maps: Some(maps),
         pressure: Some(maps),
+        quality: Some(maps),
         ring: None,
     };
     let descriptor = daemon

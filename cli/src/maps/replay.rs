@@ -10,7 +10,7 @@ use imaging::recorded::{
 };
 use outfile::{Existing, OutFile};
 use serde::Serialize;
-use survey::Map;
+use survey::{Map, MapQuality};
 
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
@@ -39,6 +39,7 @@ struct Line<'a> {
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
     masked: usize,
+    quality: Option<&'a MapQuality>,
     map_hash: String,
     /// Whether the recorded map had the same bits; `None` if none was recorded.
     verified: Option<bool>,
@@ -132,6 +133,7 @@ pub(crate) fn run(
             newtons: pressure.as_ref().map(|pressure| pressure.newtons),
             largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
             masked: map.masked,
+            quality: map.quality.as_ref(),
             map_hash: map.hash(),
             verified: recorded.map.as_ref().map(|kept| kept.is_of(&map.hash())),
             simulated: recording.simulated,
@@ -313,6 +315,9 @@ fn sentence(line: &Line<'_>) -> String {
     );
     if line.masked > 0 {
         text.push_str(&format!(", {} readings left out", line.masked));
+    }
+    if let Some(quality) = line.quality.filter(|quality| !quality.is_sound()) {
+        text.push_str(&format!(", {quality}"));
     }
     match line.verified {
         Some(true) => text.push_str(", same bits as recorded"),

@@ -9,7 +9,7 @@ use imaging::recorded::{Recording, SessionParts};
 use logbook::{Record, SessionKind};
 use outfile::OutFile;
 use serde::Serialize;
-use survey::{Baseline, Protocol, Reading};
+use survey::{Baseline, MapQuality, Protocol, Reading};
 
 use crate::args::{Export, Global};
 use crate::failure::Failure;
@@ -41,6 +41,7 @@ struct Written {
     unit: Option<&'static str>,
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
+    quality: Option<MapQuality>,
 }
 
 /// Writes the requested files and reports their paths.
@@ -89,6 +90,7 @@ fn tables(
             unit: None,
             newtons: None,
             largest_kpa: None,
+            quality: None,
         };
         printer.record(&written, |written| {
             format!("{:<9} {}", written.what, written.path)
@@ -335,6 +337,7 @@ fn picture(
         unit: Some(drawing::unit(shown)),
         newtons: pressure.as_ref().map(|pressure| pressure.newtons),
         largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
+        quality: map.quality.clone(),
     };
     printer.record(&written, |written| {
         format!(

@@ -6,7 +6,7 @@ use std::time::Duration;
 use dbus::{FrameQuality, MapDetails};
 use eit::Pressure;
 use logbook::MapRecord;
-use survey::{Frame, Map, Quality};
+use survey::{Frame, Map, MapQuality, Quality};
 
 /// A frame and the results of its processing.
 #[derive(Debug, Clone)]
@@ -77,6 +77,15 @@ impl Published {
             found_y_m: self.found.map(|[_, y]| y),
             newtons: pressure.map(|pressure| pressure.newtons),
             largest_kpa: pressure.map(Pressure::largest_kpa),
+            quality: map
+                .quality
+                .as_ref()
+                .map(|found| found.verdict.word().to_owned()),
+            doubts: map
+                .quality
+                .as_ref()
+                .filter(|found| !found.is_sound())
+                .map(MapQuality::text),
         }
     }
 }

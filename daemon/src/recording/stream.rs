@@ -23,6 +23,8 @@ pub(crate) struct Wanted {
     pub maps: bool,
     /// Only on request: old clients do not understand it.
     pub pressure: bool,
+    /// Quality of maps.
+    pub quality: bool,
     /// Records held for it.
     pub ring: usize,
 }
@@ -108,6 +110,7 @@ impl Readers {
                 Body::Frame { .. } => reader.wanted.frames,
                 Body::Map { .. } => reader.wanted.maps,
                 Body::Pressure { .. } => reader.wanted.pressure,
+                Body::Quality { .. } => reader.wanted.quality,
                 Body::End { .. } => true,
             };
             if wants {
@@ -214,6 +217,7 @@ mod tests {
             frames: true,
             maps: false,
             pressure: false,
+            quality: false,
             ring: 4,
         };
         let fd = readers.add(wanted, ()).unwrap();
@@ -258,6 +262,7 @@ mod tests {
             frames: true,
             maps: true,
             pressure: true,
+            quality: true,
             ring: 4,
         };
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();
@@ -291,6 +296,7 @@ mod tests {
             frames: true,
             maps: false,
             pressure: false,
+            quality: false,
             ring: 4,
         };
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use dbus::stream::{Body, Record};
 use eit::Pressure;
 use logbook::LogbookError;
-use survey::{Frame, Map, Reading};
+use survey::{Frame, Map, MapQuality, Reading};
 
 use crate::recording::frame_sink::FrameSink;
 use crate::recording::published::Published;
@@ -34,6 +34,9 @@ impl FrameSink for StreamSink {
             self.publish(&published.frame, pressure_body(pressure));
         }
         if let Some(map) = &published.map {
+            if let Some(quality) = &map.quality {
+                self.publish(&published.frame, quality_body(quality));
+            }
             self.publish(&published.frame, map_body(map));
         }
         Ok(())
@@ -68,6 +71,12 @@ fn map_body(map: &Map) -> Body {
         values: map.values.clone(),
         mesh_hash: map.mesh_hash.clone(),
         method: map.method.clone(),
+    }
+}
+
+fn quality_body(quality: &MapQuality) -> Body {
+    Body::Quality {
+        json: serde_json::json!(quality).to_string(),
     }
 }
 

@@ -54,7 +54,11 @@ async fn a_calibrated_method_says_newtons() {
     let press = daemon.simulation().await;
     press.press("disc", 0.06, 0.02, 0.05, 0.8).await.unwrap();
     let session = daemon.start(Options::new().with("step", true)).await;
-    let mut stream = opened(&session, Options::new().with("pressure", true)).await;
+    let mut stream = opened(
+        &session,
+        Options::new().with("pressure", true).with("quality", true),
+    )
+    .await;
     let mut plain = opened(&session, Options::new()).await;
     within(session.step(1)).await.unwrap();
     let (map, pressure) = (
@@ -75,13 +79,14 @@ async fn a_calibrated_method_says_newtons() {
     }
     assert!(pressure.newtons > 1.0, "{} N", pressure.newtons);
     assert_eq!(map.more.newtons, Some(pressure.newtons));
+    assert!(map.more.quality.is_some(), "{:?}", map.more);
     let took = map.more.reconstruction_s.unwrap();
     let whole = map.more.durable_s.unwrap();
     assert!(0.0 < took && took < whole, "{took} of {whole} s");
     within(session.stop()).await.unwrap();
     // the stream has it just before its map, if requested
     let reported = within(kinds(&mut stream)).await;
-    assert_eq!(reported, ["frame", "pressure", "map", "end"]);
+    assert_eq!(reported, ["frame", "pressure", "quality", "map", "end"]);
     let reported = within(kinds(&mut plain)).await;
     assert_eq!(reported, ["frame", "map", "end"]);
 }
@@ -102,6 +107,7 @@ async fn kinds(stream: &mut tokio::net::UnixStream) -> Vec<&'static str> {
             Body::Frame { .. } => "frame",
             Body::Map { .. } => "map",
             Body::Pressure { .. } => "pressure",
+            Body::Quality { .. } => "quality",
             Body::End { .. } => "end",
         });
     }

@@ -40,7 +40,7 @@ pub(crate) struct ReconstructOptions {
     /// Print 'frame N ms', the median, on standard error
     #[arg(long)]
     pub(crate) timing: bool,
-    /// Print one JSON object a frame: frame, label, largest_loss, found_mm, masked; with a calibration newtons and largest_kpa
+    /// Print one JSON object a frame: frame, label, largest_loss, found_mm, masked, quality; with a calibration newtons and largest_kpa
     #[arg(long)]
     pub(crate) json: bool,
 }

@@ -101,11 +101,15 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "largest_loss": map.largest_loss().map(|(_, loss)| loss),
                 "found_mm": row.found.map(|place| place.map(|metres| 1e3 * metres)),
                 "masked": map.masked,
+                "quality": map.quality,
                 "unit": if pressure.is_some() { "kPa" } else { map.unit.label() },
                 "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
                 "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
             });
             println!("{}", survey::printable_json(line.to_string()));
+        }
+        if let Some(quality) = map.quality.as_ref().filter(|quality| !quality.is_sound()) {
+            eprintln!("tactus-lab: frame '{name}' is {quality}");
         }
         if map.method.ends_with(eit::CLIPPED) {
             eprintln!(

@@ -8,7 +8,7 @@ use chrono::{DateTime, Local, SecondsFormat};
 use dbus::Session1Proxy;
 use dbus::stream::{Body, Decoder, Record};
 use serde::Serialize;
-use survey::{Map, MapUnit};
+use survey::{Map, MapQuality, MapUnit, Reason, Verdict};
 use tokio::io::AsyncReadExt;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::time::Instant;
@@ -60,6 +60,7 @@ struct Seen {
     /// Present with a calibration.
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
+    quality: Option<MapQuality>,
 }
 
 /// A map converted by a calibration, and its frame.
@@ -91,6 +92,8 @@ pub(crate) struct Viewer<'a, W> {
     waiting: Option<(Record, Instant)>,
     /// It arrives before its map.
     pressed: Option<Pressed>,
+    /// Likewise, with the sequence of its frame.
+    quality: Option<(u64, MapQuality)>,
     screen: Option<&'a Screen>,
     picture: Option<Picture>,
     /// When something was last displayed.
@@ -116,6 +119,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             last: None,
             waiting: None,
             pressed: None,
+            quality: None,
             screen,
             picture: None,
             shown_at,
@@ -142,7 +146,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             unit: MapUnit::RelativeConductance,
             method: latest.method,
             masked: 0,
-            quality: None,
+            quality: quality(&latest.more),
         };
         let frame = Record {
             sequence: latest.sequence,
@@ -265,7 +269,11 @@ impl<'a, W: Write> Viewer<'a, W> {
                     unit: MapUnit::RelativeConductance,
                     method: method.clone(),
                     masked: 0,
-                    quality: None,
+                    quality: self
+                        .quality
+                        .take()
+                        .filter(|(sequence, _)| *sequence == record.sequence)
+                        .map(|(_, quality)| quality),
                 };
                 match self.waiting.take() {
                     Some((mut frame, _)) if frame.sequence == record.sequence => {
@@ -284,6 +292,12 @@ impl<'a, W: Write> Viewer<'a, W> {
                         self.show(&record, Some(&map))?;
                     }
                 }
+                Ok(None)
+            }
+            Body::Quality { json } => {
+                // a newer daemon may have words that this program does not know
+                let quality = serde_json::from_str(json).ok();
+                self.quality = quality.map(|quality| (record.sequence, quality));
                 Ok(None)
             }
             Body::Pressure { kpa, newtons } => {
@@ -322,7 +336,9 @@ impl<'a, W: Write> Viewer<'a, W> {
         self.shown_at.set(Instant::now());
         let flags: &[u8] = match &frame.body {
             Body::Frame { flags, .. } => flags,
-            Body::Map { .. } | Body::Pressure { .. } | Body::End { .. } => &[],
+            Body::Map { .. } | Body::Pressure { .. } | Body::Quality { .. } | Body::End { .. } => {
+                &[]
+            }
         };
         let count = |wanted: u8| flags.iter().filter(|&&flag| flag == wanted).count();
         let fits = map
@@ -359,6 +375,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             largest_kpa: pressure
                 .as_ref()
                 .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
+            quality: map.and_then(|map| map.quality.clone()),
         });
         let picture = match fits.filter(|_| !self.watch.no_map) {
             None => None,
@@ -425,6 +442,19 @@ pub(crate) async fn end(
     session::judge(daemon, session).await
 }
 
+/// As the bus has it: a word, and sentences.
+fn quality(details: &dbus::MapDetails) -> Option<MapQuality> {
+    let reason = |text: &str| Reason {
+        kind: String::new(),
+        electrode: None,
+        text: text.to_owned(),
+    };
+    Some(MapQuality {
+        verdict: Verdict::from_word(details.quality.as_deref()?)?,
+        reasons: details.doubts.as_deref().map(reason).into_iter().collect(),
+    })
+}
+
 fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {
     match line {
         Line::Ended { session, reason } => format!("{session} ended: {reason}"),
@@ -455,6 +485,9 @@ fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {
                     ));
                 }
                 None => text.push_str("  no map"),
+            }
+            if let Some(quality) = seen.quality.as_ref().filter(|quality| !quality.is_sound()) {
+                text.push_str(&format!("  {quality}"));
             }
             for (count, what) in [
                 (seen.overloads, "overloads"),

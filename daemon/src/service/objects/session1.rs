@@ -169,7 +169,7 @@ impl Session1 {
     }
 
     /// A descriptor from which every frame and map can be read. Options: `frames` (b), `maps` (b), both true by
-    /// default; `pressure` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
+    /// default; `pressure` (b) and `quality` (b), both false by default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]
     async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
         let options: StreamOptions = option_values::read(&options, |key| {
@@ -180,6 +180,7 @@ impl Session1 {
             frames: options.frames.unwrap_or(true),
             maps: options.maps.unwrap_or(true),
             pressure: options.pressure.unwrap_or(false),
+            quality: options.quality.unwrap_or(false),
             ring: options.ring.unwrap_or(RING) as usize,
         };
         let place = STREAMS.take(User::calling())?;

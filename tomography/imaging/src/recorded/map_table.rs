@@ -16,7 +16,7 @@ pub struct MapCompanions {
 }
 
 /// First line of the table of frames.
-pub const FRAMES_HEADING: &str = "frame,label,time_utc,found_x_m,found_y_m,unit,largest_loss,noise,significant,masked,newtons,largest_kpa\n";
+pub const FRAMES_HEADING: &str = "frame,label,time_utc,found_x_m,found_y_m,unit,largest_loss,noise,significant,masked,newtons,largest_kpa,quality,doubts\n";
 
 impl MapCompanions {
     /// The companions' paths for a table of maps.
@@ -69,8 +69,9 @@ impl MapRow<'_> {
         let number = |value: Option<f64>| value.map(digits).unwrap_or_default();
         let largest = self.map.largest_loss().map_or(0.0, |(_, loss)| loss);
         let significant = self.map.is_significant(self.noise);
+        let quality = self.map.quality.as_ref();
         format!(
-            "{},{},{},{},{},{},{},{},{},{},{},{}\n",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n",
             self.frame,
             self.label,
             self.time
@@ -88,6 +89,9 @@ impl MapRow<'_> {
             self.map.masked,
             number(self.pressure.map(|pressure| pressure.newtons)),
             number(self.pressure.map(Pressure::largest_kpa)),
+            quality.map_or("", |quality| quality.verdict.word()),
+            // the sentences contain commas
+            quality.map_or(String::new(), |quality| quality.text().replace(',', "")),
         )
     }
 

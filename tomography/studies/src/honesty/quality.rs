@@ -85,7 +85,7 @@ pub struct QualityRow {
     /// Frames whose electrode or pair is named, of faults that have one.
     pub named: Option<usize>,
     /// Frames by kind of reason.
-    pub reasons: BTreeMap<&'static str, usize>,
+    pub reasons: BTreeMap<String, usize>,
 }
 
 impl QualityRow {
@@ -104,17 +104,17 @@ impl QualityRow {
 
     fn add(&mut self, found: &MapQuality, blamed: Option<Electrode>) {
         self.frames += 1;
-        self.not_sound += usize::from(found.verdict() != Verdict::Sound);
-        self.unreliable += usize::from(found.verdict() == Verdict::Unreliable);
+        self.not_sound += usize::from(!found.is_sound());
+        self.unreliable += usize::from(found.verdict == Verdict::Unreliable);
         if let Some(electrode) = blamed {
             let named = found
-                .doubts
+                .reasons
                 .iter()
-                .any(|doubt| doubt.electrode() == Some(electrode));
+                .any(|reason| reason.electrode == Some(electrode.number()));
             *self.named.get_or_insert(0) += usize::from(named);
         }
-        for doubt in &found.doubts {
-            *self.reasons.entry(doubt.kind()).or_default() += 1;
+        for reason in &found.reasons {
+            *self.reasons.entry(reason.kind.clone()).or_default() += 1;
         }
     }
 }
@@ -166,7 +166,10 @@ pub(super) fn rows(
                         .reconstruct(&as_readings(&trial.baseline), &as_readings(&trial.frame))
                         .map_err(|fault| Failure::of("the one-step method", &fault))?;
                     bar.inc(1);
-                    Ok((trial, map.quality.unwrap_or_default()))
+                    let quality = map
+                        .quality
+                        .ok_or_else(|| Failure::because("a map was not judged"))?;
+                    Ok((trial, quality))
                 })
                 .collect::<Result<_, Failure>>()?;
             for (trial, quality) in judged {

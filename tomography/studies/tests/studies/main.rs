@@ -1,5 +1,6 @@
-//! Results of the studies: presses of the paper's Test #1, and the hard cases.
+//! Results of the studies: presses of the paper's Test #1, the hard cases, and the check of maps.
 
+mod honesty;
 mod presses;
 mod stability;
 mod whole_sheet;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use survey::{Map, Protocol, Reading};
+use survey::{Map, MapQuality, Protocol, Reading};
 
 use super::{ModelCheck, impossible};
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
@@ -60,10 +60,10 @@ impl Reconstructor for Checked {
         frame: &[Reading],
     ) -> Result<Map, ReconstructError> {
         let map = self.inner.reconstruct(baseline, frame)?;
-        let mut quality = self.check.of(baseline, frame);
-        quality.doubts.extend(impossible(&map.values, &self.areas));
+        let mut doubts = self.check.of(baseline, frame);
+        doubts.extend(impossible(&map.values, &self.areas));
         Ok(Map {
-            quality: Some(quality),
+            quality: Some(MapQuality::of(&doubts)),
             ..map
         })
     }

@@ -13,7 +13,7 @@ mod spectrum;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::DMatrix;
-use survey::{Doubt, Electrode, MapQuality, Protocol, Reading};
+use survey::{Doubt, Electrode, Protocol, Reading};
 
 pub use checked::Checked;
 
@@ -108,21 +108,21 @@ impl ModelCheck {
         })
     }
 
-    /// How far a map of these readings can be believed, whatever the method. Readings that cannot be compared (wrong counts,
+    /// Why a map of these readings is not sound, whatever the method. Readings that cannot be compared (wrong counts,
     /// a dead baseline) give no reason: the method refuses them.
-    pub fn of(&self, baseline: &[Reading], frame: &[Reading]) -> MapQuality {
+    pub fn of(&self, baseline: &[Reading], frame: &[Reading]) -> Vec<Doubt> {
         let mut doubts = self.dead(baseline, frame);
         if !doubts.is_empty() {
-            return MapQuality { doubts }; // nothing else can be concluded from such readings
+            return doubts; // nothing else can be concluded from such readings
         }
         let Ok((change, missing)) =
             self.linear
                 .change_as_read(baseline, frame, "check of the model")
         else {
-            return MapQuality::default();
+            return doubts;
         };
         let Some(prepared) = self.prepared(missing) else {
-            return MapQuality::default();
+            return doubts;
         };
         let data = self.linear.fold.seen(&change, &prepared.missing).data;
         let size = (data.norm_squared() / data.len() as f64).sqrt();
@@ -153,7 +153,7 @@ impl ModelCheck {
                 electrode: Electrode(electrode),
             });
         }
-        MapQuality { doubts }
+        doubts
     }
 
     fn prepared(&self, missing: Vec<usize>) -> Option<Arc<Prepared>> {
@@ -191,36 +191,47 @@ impl ModelCheck {
         };
         let (before, now) = (volts(baseline), volts(frame));
         let model: Vec<Option<f64>> = model.iter().copied().map(Some).collect();
-        let mut doubts = Vec::new();
+        let (mut doubts, mut dead) = (Vec::new(), Vec::new());
         for (in_baseline, readings, reference) in [(true, &before, &model), (false, &now, &before)]
         {
-            let follows = self.follows(readings, reference);
-            let mut sorted: Vec<f64> = follows.iter().flatten().copied().collect();
-            sorted.sort_unstable_by(f64::total_cmp);
-            let Some(&usual) = sorted.get(sorted.len() / 2) else {
-                continue;
-            };
-            let known_dead = |electrode: usize| {
-                doubts
-                    .iter()
-                    .any(|doubt: &Doubt| doubt.electrode() == Some(Electrode(electrode)))
-            };
-            let dead: Vec<usize> = (0..follows.len())
-                .filter(|&electrode| {
-                    follows[electrode].is_some_and(|follows| follows < DEAD * usual)
-                        && !known_dead(electrode)
-                })
-                .collect();
-            doubts.extend(dead.into_iter().map(|electrode| Doubt::DeadElectrode {
-                electrode: Electrode(electrode),
-                in_baseline,
-            }));
+            // one at a time: a dead electrode's neighbours share its readings
+            while let Some(electrode) = self.first_dead(readings, reference, &dead) {
+                dead.push(electrode);
+                doubts.push(Doubt::DeadElectrode {
+                    electrode,
+                    in_baseline,
+                });
+            }
         }
         doubts
     }
 
+    /// The electrode whose readings follow the reference least, if it is dead; readings of `others` do not count.
+    fn first_dead(
+        &self,
+        readings: &[Option<f64>],
+        reference: &[Option<f64>],
+        others: &[Electrode],
+    ) -> Option<Electrode> {
+        let mut follows: Vec<(usize, f64)> = self
+            .follows(readings, reference, others)
+            .into_iter()
+            .enumerate()
+            .filter_map(|(electrode, follows)| Some((electrode, follows?)))
+            .collect();
+        follows.sort_unstable_by(|a, b| a.1.total_cmp(&b.1));
+        let (_, usual) = *follows.get(follows.len() / 2)?;
+        let &(electrode, least) = follows.first()?;
+        (least < DEAD * usual).then_some(Electrode(electrode))
+    }
+
     /// For each electrode the regression of its readings on the reference; `None` without readings.
-    fn follows(&self, readings: &[Option<f64>], reference: &[Option<f64>]) -> Vec<Option<f64>> {
+    fn follows(
+        &self,
+        readings: &[Option<f64>],
+        reference: &[Option<f64>],
+        others: &[Electrode],
+    ) -> Vec<Option<f64>> {
         let mut sums = vec![[0.0; 2]; self.protocol.electrodes()];
         for ((question, reading), reference) in self
             .protocol
@@ -232,7 +243,13 @@ impl ModelCheck {
             let (Some(reading), Some(reference)) = (reading, reference) else {
                 continue;
             };
-            for dipole in [question.drive, question.sense] {
+            let dipoles = [question.drive, question.sense];
+            let used =
+                |electrode: &Electrode| dipoles.iter().any(|dipole| dipole.contains(*electrode));
+            if others.iter().any(used) {
+                continue;
+            }
+            for dipole in dipoles {
                 for electrode in [dipole.plus, dipole.minus] {
                     sums[electrode.0][0] += reading * reference;
                     sums[electrode.0][1] += reference * reference;

@@ -1,9 +1,12 @@
-//! Maps: one value for each triangle of the region of interest.
+//! Maps: one value for each triangle of the region of interest, and how far they can be believed. How maps are made is
+//! left to the methods.
+
+mod quality;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::MapQuality;
+pub use self::quality::{Doubt, MapQuality, Reason, Verdict};
 
 /// What the values of a map mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -19,6 +19,13 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// From its word.
+    pub fn from_word(word: &str) -> Option<Self> {
+        [Self::Sound, Self::Doubtful, Self::Unreliable]
+            .into_iter()
+            .find(|verdict| verdict.word() == word)
+    }
+
     /// The word used on D-Bus and in `--json`.
     pub fn word(self) -> &'static str {
         match self {
@@ -30,8 +37,7 @@ impl Verdict {
 }
 
 /// Why a map is not sound. Shares are of the change of the readings, rms.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Doubt {
     /// Readings that use this electrode do not follow the model's (in the baseline) or the baseline's (in the frame).
     DeadElectrode {
@@ -173,74 +179,74 @@ impl fmt::Display for Doubt {
     }
 }
 
-/// How far a map can be believed, and why.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+/// How far a map can be believed, and why. As JSON: `verdict`, and `reasons` with `kind`, `electrode` and `text` each.
+///
+/// ```
+/// use survey::{Doubt, Electrode, MapQuality, Verdict};
+/// assert_eq!(MapQuality::of(&[]).verdict, Verdict::Sound);
+/// let noisy = MapQuality::of(&[Doubt::Noise { ratio: 10.0 }]);
+/// assert_eq!(noisy.to_string(), "doubtful: the noise is 10.00 times the stated one");
+/// let dead = Doubt::DeadElectrode { electrode: Electrode(6), in_baseline: false };
+/// let dead = MapQuality::of(&[Doubt::Noise { ratio: 10.0 }, dead]);
+/// assert_eq!((dead.verdict, dead.reasons[1].electrode), (Verdict::Unreliable, Some(7)));
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MapQuality {
+    /// The worst verdict of all reasons.
+    pub verdict: Verdict,
     /// Why it is not sound; empty if it is.
-    pub doubts: Vec<Doubt>,
+    pub reasons: Vec<Reason>,
+}
+
+/// A [`Doubt`] in words.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Reason {
+    /// [`Doubt::kind`].
+    pub kind: String,
+    /// The electrode that it names, counted from 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub electrode: Option<usize>,
+    /// A sentence for people.
+    pub text: String,
 }
 
 impl MapQuality {
-    /// The worst verdict of all reasons.
-    ///
-    /// ```
-    /// use survey::{Doubt, MapQuality, Verdict};
-    /// let mut quality = MapQuality::default();
-    /// assert_eq!(quality.verdict(), Verdict::Sound);
-    /// quality.doubts.push(Doubt::Noise { ratio: 10.0 });
-    /// assert_eq!(quality.verdict(), Verdict::Doubtful);
-    /// assert_eq!(quality.to_string(), "doubtful: the noise is 10.00 times the stated one");
-    /// ```
-    pub fn verdict(&self) -> Verdict {
-        let verdicts = self.doubts.iter().map(Doubt::verdict);
-        verdicts.max().unwrap_or(Verdict::Sound)
-    }
-
-    /// The reasons in one line, joined by semicolons; empty if there is none.
-    pub fn reasons(&self) -> String {
-        let reasons: Vec<String> = self.doubts.iter().map(Doubt::to_string).collect();
-        reasons.join("; ")
-    }
-
-    /// As the object of `--json`.
-    pub fn described(&self) -> DescribedQuality {
-        let reason = |doubt: &Doubt| DescribedDoubt {
-            kind: doubt.kind(),
+    /// From the reasons.
+    pub fn of(doubts: &[Doubt]) -> Self {
+        let reason = |doubt: &Doubt| Reason {
+            kind: doubt.kind().to_owned(),
             electrode: doubt.electrode().map(Electrode::number),
             text: doubt.to_string(),
         };
-        DescribedQuality {
-            verdict: self.verdict().word(),
-            reasons: self.doubts.iter().map(reason).collect(),
+        let verdicts = doubts.iter().map(Doubt::verdict);
+        Self {
+            verdict: verdicts.max().unwrap_or(Verdict::Sound),
+            reasons: doubts.iter().map(reason).collect(),
         }
     }
-}
 
-/// A [`MapQuality`] for `--json`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct DescribedQuality {
-    /// [`Verdict::word`].
-    verdict: &'static str,
-    /// Empty for a sound map.
-    reasons: Vec<DescribedDoubt>,
-}
+    /// Whether there is no reason for doubt.
+    pub fn is_sound(&self) -> bool {
+        self.verdict == Verdict::Sound
+    }
 
-/// A reason for `--json`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-struct DescribedDoubt {
-    kind: &'static str,
-    /// Counted from 1.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    electrode: Option<usize>,
-    text: String,
+    /// The reasons in one line, joined by semicolons; empty if there is none.
+    pub fn text(&self) -> String {
+        let texts: Vec<&str> = self
+            .reasons
+            .iter()
+            .map(|reason| reason.text.as_str())
+            .collect();
+        texts.join("; ")
+    }
 }
 
 impl fmt::Display for MapQuality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.verdict().word())?;
-        match self.doubts.is_empty() {
+        f.write_str(self.verdict.word())?;
+        match self.reasons.is_empty() {
             true => Ok(()),
-            false => write!(f, ": {}", self.reasons()),
+            false => write!(f, ": {}", self.text()),
         }
     }
 }
