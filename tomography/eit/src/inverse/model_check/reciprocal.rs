@@ -75,26 +75,12 @@ impl Reciprocal {
                 gains[(row, drives[k])] += shares[k] * model[readings[k]];
             }
         }
-        // a gain common to all injections is reciprocal: the singular value of that direction is zero
-        let svd = gains.svd(true, true);
-        let top = svd.singular_values.max();
-        let kept: Vec<usize> = (0..svd.singular_values.len())
-            .filter(|&k| svd.singular_values[k] > 1e-6 * top)
-            .collect();
-        let (basis, inverse) = match (&svd.u, &svd.v_t) {
-            (Some(u), Some(v_t)) if !kept.is_empty() => {
-                let basis = u.select_columns(&kept);
-                let mut scaled = v_t.select_rows(&kept);
-                for (row, &k) in kept.iter().enumerate() {
-                    scaled.row_mut(row).unscale_mut(svd.singular_values[k]);
-                }
-                let inverse = scaled.tr_mul(&basis.transpose());
-                (basis, inverse)
-            }
-            _ => (
+        let (basis, inverse) = match pairs.len() < FEWEST + electrodes.len() {
+            true => (
                 DMatrix::zeros(pairs.len(), 0),
                 DMatrix::zeros(electrodes.len(), pairs.len()),
             ),
+            false => by_gains(gains),
         };
         Self {
             pairs,
@@ -112,7 +98,7 @@ impl Reciprocal {
             noise: None,
             doubts: Vec::new(),
         };
-        if self.pairs.len() < FEWEST + self.basis.ncols() {
+        if self.pairs.len() < FEWEST + self.electrodes.len() {
             return found;
         }
         let differences = DVector::from_iterator(
@@ -172,4 +158,25 @@ impl Reciprocal {
             .map(|(pair, (sum, count))| (pair, sum / (f64::from(count) * noise * noise)))
             .max_by(|a, b| a.1.total_cmp(&b.1))
     }
+}
+
+/// An orthonormal basis of the differences that gains make (columns of `gains`), and the matrix that gives the gains.
+fn by_gains(gains: DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+    let (rows, columns) = gains.shape();
+    // a gain common to all injections is reciprocal: the singular value of that direction is zero
+    let svd = gains.svd(true, true);
+    let top = svd.singular_values.max();
+    let kept: Vec<usize> = (0..svd.singular_values.len())
+        .filter(|&k| svd.singular_values[k] > 1e-6 * top)
+        .collect();
+    let (Some(u), Some(v_t)) = (&svd.u, &svd.v_t) else {
+        return (DMatrix::zeros(rows, 0), DMatrix::zeros(columns, rows));
+    };
+    let basis = u.select_columns(&kept);
+    let mut scaled = v_t.select_rows(&kept);
+    for (row, &k) in kept.iter().enumerate() {
+        scaled.row_mut(row).unscale_mut(svd.singular_values[k]);
+    }
+    let inverse = scaled.tr_mul(&basis.transpose());
+    (basis, inverse)
 }
