@@ -169,7 +169,7 @@ impl Play {
         });
         let back = back.unwrap_or_else(|| panic!("{words}: the source was not asked who it is"));
         let (until_then, message) = message.split_at(back);
-        // every message to the switch after the fault was detected opens relays
+        // the last message that moves relays, if the switch got one after the fault was detected, opens them
         let moved = until_then.iter().rev().find(|message| {
             message.instrument != Instrument::Source && moves_relays(&message.received)
         });

@@ -5,7 +5,7 @@ use dbus::{Fault, Options, TestReport};
 
 const QUIET: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n";
 
-/// Tests a rig with this wiring and module, on a scene with this ending; returns its report.
+/// Tests a rig with this wiring and module, on the quiet scene with these lines added; returns the report.
 async fn tested(wiring: &str, slots: &str, scene: &str) -> TestReport {
     of_scene(wiring, slots, &format!("{QUIET}{scene}")).await
 }

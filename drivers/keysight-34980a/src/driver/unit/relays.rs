@@ -15,7 +15,7 @@ impl<S: Stream> Unit<S> {
         self.closed_before_opening(&[], relays).await.map(drop)
     }
 
-    /// As [`Unit::open`]; before opening, it reads back which of `asked` are closed.
+    /// As [`Unit::open`]; before opening, it reads back which of `requested` are closed.
     pub(in crate::driver) async fn closed_before_opening(
         &mut self,
         requested: &[Relay],

@@ -29,7 +29,7 @@ impl Meter {
                     return Err(Trouble::CHANNEL_UNABLE);
                 }
             }
-            // Partner channels are looked up for the channels' old functions, before the change.
+            // Removed first: `set_scan` would check sensing partners by the channels' old functions.
             for relay in &list {
                 self.channels.remove(relay);
             }
