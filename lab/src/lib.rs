@@ -22,6 +22,7 @@ mod args;
 mod geometry;
 mod learning;
 mod maps;
+mod output;
 mod program;
 mod scene;
 mod study;

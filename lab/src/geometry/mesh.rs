@@ -6,6 +6,7 @@ use studies::Failure;
 use survey::Amps;
 
 use crate::args::MeshOptions;
+use crate::output::print_line;
 
 /// Writes the folder and prints the quality of its mesh.
 pub(crate) fn mesh(options: &MeshOptions) -> Result<(), Failure> {
@@ -35,9 +36,9 @@ pub(crate) fn mesh(options: &MeshOptions) -> Result<(), Failure> {
             "electrode_edges": mesh.electrode_edges().iter().map(Vec::len).collect::<Vec<_>>(),
             "geometry": mesh.hash(),
         });
-        println!("{}", survey::printable_json(line.to_string()));
+        print_line!("{}", survey::printable_json(line.to_string()));
     } else {
-        println!(
+        print_line!(
             "{}: {} nodes, {} triangles ({} in the region), {} electrodes, {} readings, angles {:.1} to {:.1} degrees, {} or more edges an electrode",
             options.out.display(),
             mesh.nodes().len(),

@@ -7,6 +7,7 @@ use training::dataset::make_shard;
 
 use crate::args::DatasetOptions;
 use crate::geometry;
+use crate::output::print_line;
 
 /// Makes or resumes one shard.
 pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
@@ -34,12 +35,12 @@ pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
     let made = make_shard(&case, &settings, part, &options.out, &show)?;
     drop(bars);
     match made.sha256 {
-        None => println!(
+        None => print_line!(
             "{}: is there already, {} cases",
             made.file.display(),
             made.cases.len()
         ),
-        Some(hash) => println!(
+        Some(hash) => print_line!(
             "{}: cases {} to {} of {}, {} of them from an earlier run, sha256 {hash}",
             made.file.display(),
             made.cases.start,

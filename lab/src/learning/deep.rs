@@ -17,6 +17,7 @@ use super::data::Data;
 use super::limits;
 use super::model_file;
 use crate::args::{DeepOptions, Profile};
+use crate::output::print_line;
 
 /// Version of the numbers in a checkpoint.
 const LAYOUT: u32 = 2;
@@ -64,9 +65,9 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
     if options.json {
         let mut line = model_file::json(&options.out, &model, report);
         line["noise_figure"] = model.metadata().noise_figure.into();
-        println!("{}", survey::printable_json(line.to_string()));
+        print_line!("{}", survey::printable_json(line.to_string()));
     } else {
-        println!("{}", summary(&options.out, &model, report));
+        print_line!("{}", summary(&options.out, &model, report));
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ use training::linear;
 use super::data::Data;
 use super::model_file;
 use crate::args::LinearOptions;
+use crate::output::print_line;
 
 /// Trains and writes the model file.
 pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
@@ -41,9 +42,9 @@ pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
     };
     if options.json {
         let line = model_file::json(&options.out, &model, report);
-        println!("{}", survey::printable_json(line.to_string()));
+        print_line!("{}", survey::printable_json(line.to_string()));
     } else {
-        println!(
+        print_line!(
             "{}: {} of {} samples; loss on held-out cases {:.3}, {:.0} % of an empty map's\nsha256 {}",
             options.out.display(),
             model.metadata().name,

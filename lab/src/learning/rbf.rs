@@ -8,6 +8,7 @@ use super::data::Data;
 use super::limits;
 use super::model_file;
 use crate::args::TrainOptions;
+use crate::output::print_line;
 
 /// Trains and writes the model file.
 pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
@@ -53,9 +54,9 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
     }
     if options.json {
         let line = model_file::json(&options.out, &model, report);
-        println!("{}", survey::printable_json(line.to_string()));
+        print_line!("{}", survey::printable_json(line.to_string()));
     } else {
-        println!(
+        print_line!(
             "{}: {} of {} simulated cases, {} of them without a load\n\
              jitter on the inputs: {:.2e} of the largest baseline reading (standard deviation)\n\
              width b of the neurons (Eq. 13): {:.3e} of the largest baseline reading, {:.1} times the median distance \

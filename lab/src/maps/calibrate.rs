@@ -12,6 +12,7 @@ use studies::{Failure, write};
 
 use crate::args::CalibrateOptions;
 use crate::geometry;
+use crate::output::print_line;
 
 const HEADER: [&str; 5] = ["frame", "x_m", "y_m", "diameter_m", "mass_kg"];
 
@@ -75,9 +76,9 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
             "loss": calibration.loss,
             "kpa": calibration.kpa,
         });
-        println!("{}", survey::printable_json(line.to_string()));
+        print_line!("{}", survey::printable_json(line.to_string()));
     } else {
-        println!(
+        print_line!(
             "{}: {} presses by '{}'; the load in newtons comes back within {:.0} % (rms), up to {:.0} kPa at a loss of {:.2}",
             options.out.display(),
             calibration.presses,

@@ -7,6 +7,7 @@ use eit::digits;
 use eit::metrics::{Image, likeness};
 
 use crate::args::MeritOptions;
+use crate::output::print_line;
 use studies::Failure;
 
 /// File with a row of x, y for each image, in the folder of the images.
@@ -17,7 +18,7 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
     let files = images(&options.images)?;
     let targets = targets(options, &files)?;
     if !options.json {
-        println!(
+        print_line!(
             "image,amplitude,position_error,resolution,shape_deformation,ringing,location_error_mm,correlation,\
              relative_error,ssim,dice"
         );
@@ -84,7 +85,7 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
                 "ssim": ssim,
                 "dice": dice,
             });
-            println!("{}", survey::printable_json(line.to_string()));
+            print_line!("{}", survey::printable_json(line.to_string()));
         } else {
             let figures = [
                 Some(merit.amplitude),
@@ -99,7 +100,7 @@ pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
                 dice,
             ];
             let figures = figures.map(|value| value.map(digits).unwrap_or_default());
-            println!("{name},{}", figures.join(","));
+            print_line!("{name},{}", figures.join(","));
         }
     }
     Ok(())

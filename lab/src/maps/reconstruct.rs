@@ -16,6 +16,7 @@ use studies::{Failure, progress, write};
 use super::calibrate;
 use crate::args::ReconstructOptions;
 use crate::geometry;
+use crate::output::print_line;
 
 /// Writes a row for each frame of the file. A frame that the method refuses is an error that names it.
 pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
@@ -106,7 +107,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
                 "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
             });
-            println!("{}", survey::printable_json(line.to_string()));
+            print_line!("{}", survey::printable_json(line.to_string()));
         }
         if let Some(quality) = map.quality.as_ref().filter(|quality| !quality.is_sound()) {
             eprintln!("tactus-lab: frame '{name}' is {quality}");

@@ -7,6 +7,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::args::ExplainOptions;
+use crate::output::print_line;
 use studies::Failure;
 
 /// An effect is negligible if it is below this share of the noise
@@ -174,20 +175,24 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
             "missing": of(Verdict::Missing),
             "negligible": of(Verdict::Negligible),
         });
-        println!("{line}");
+        print_line!("{line}");
         return Ok(());
     }
-    println!("{}: {}", scene.name, super::in_words(preview.scan()));
+    print_line!("{}: {}", scene.name, super::in_words(preview.scan()));
     let signal_text = signal.map_or("no load, so no signal".to_owned(), |signal| {
         format!("signal {signal:.1e} V rms, in the frame in which the loads change most")
     });
-    println!("noise {noise:.1e} V a reading ({source}); {signal_text}\n");
+    print_line!("noise {noise:.1e} V a reading ({source}); {signal_text}\n");
     for line in time_line.lines() {
-        println!("{line}");
+        print_line!("{line}");
     }
-    println!(
+    print_line!(
         "{:20} {:5} {:>9} {:>9} {:>9}",
-        "effect", "named", "volts rms", "of noise", "of signal"
+        "effect",
+        "named",
+        "volts rms",
+        "of noise",
+        "of signal"
     );
     for group in Group::ALL {
         let members: Vec<_> = predictions
@@ -195,13 +200,13 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
             .filter(|(prediction, verdict)| Group::of(prediction, *verdict) == group)
             .collect();
         if !members.is_empty() {
-            println!("{}", group.heading());
+            print_line!("{}", group.heading());
         }
         for (prediction, verdict) in members {
-            println!("{}", row(prediction, *verdict, noise, signal));
+            print_line!("{}", row(prediction, *verdict, noise, signal));
         }
     }
-    println!();
+    print_line!("");
     for (verdict, text) in [
         (
             Verdict::Missing,
@@ -214,7 +219,7 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     ] {
         let names = of(verdict);
         if !names.is_empty() {
-            println!("{text}: {}", names.join(", "));
+            print_line!("{text}: {}", names.join(", "));
         }
     }
     Ok(())

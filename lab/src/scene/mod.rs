@@ -10,6 +10,7 @@ use phantom::{Phantom, Repeat, Scan, Scene};
 use survey::{Amps, Volts};
 
 use crate::args::{SceneCommand, SessionOptions};
+use crate::output::print_line;
 use studies::Failure;
 
 pub(crate) fn scene(command: &SceneCommand) -> Result<(), Failure> {
@@ -45,7 +46,7 @@ fn check(scenes: &[String]) -> Result<(), Failure> {
                 [] => "no effects".to_owned(),
                 some => some.join(", "),
             };
-            println!("{name}: {loads} loads, {faults} faults, {effects}");
+            print_line!("{name}: {loads} loads, {faults} faults, {effects}");
             Ok(())
         });
         if let Err(fault) = checked {
@@ -66,9 +67,9 @@ fn list(json: bool) {
     for (name, text) in Scene::shipped() {
         let what = Scene::what(text);
         if json {
-            println!("{}", serde_json::json!({ "name": name, "what": what }));
+            print_line!("{}", serde_json::json!({ "name": name, "what": what }));
         } else {
-            println!("{name:28} {what}");
+            print_line!("{name:28} {what}");
         }
     }
 }

@@ -11,6 +11,7 @@ use phantom::{Load, Phantom, Preview};
 use super::record::Session;
 use crate::args::RunOptions;
 use crate::geometry;
+use crate::output::print_line;
 use studies::evaluation::test_set;
 use studies::{Failure, progress, write};
 
@@ -105,10 +106,10 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
             existing,
             format!("{description}\n"),
         )?;
-        println!("{}: {words}", out.display());
+        print_line!("{}: {words}", out.display());
     }
     if let Some(session) = session {
-        println!("{}: {words}", session.end()?);
+        print_line!("{}: {words}", session.end()?);
     }
     Ok(())
 }

@@ -10,6 +10,7 @@ use studies::tradeoff as diagrams;
 use studies::tradeoff::Point;
 
 use crate::args::AdviseOptions;
+use crate::output::print_line;
 
 /// The modules of the table, and the wiring of each.
 const MODULES: [(WiringKind, &str, &str); 5] = [
@@ -33,11 +34,11 @@ pub(crate) fn advise(options: &AdviseOptions) -> Result<(), Failure> {
     if options.json {
         let mut line = serde_json::to_value(&point).expect("plain data");
         line["config"] = lines.into();
-        println!("{}", survey::printable_json(line.to_string()));
+        print_line!("{}", survey::printable_json(line.to_string()));
         return Ok(());
     }
     if let Some((path, _)) = &found {
-        println!(
+        print_line!(
             "From {}: {} electrodes, module {}, at most {} mA; --electrodes, --module and --current-ma change that.",
             path.display(),
             request.electrodes.unwrap_or_default(),
@@ -169,7 +170,7 @@ fn geometry(config: &Config, count: f64) -> String {
 
 fn show(point: &Point, lines: &str) {
     let also = |name: &str| point.also.get(name).copied().unwrap_or(f64::NAN);
-    println!(
+    print_line!(
         "{}, {}\n  a frame          {:.2} s ({:.0} an hour)\n  location error   {:.2} mm +- {:.2} (a 10 mm press that takes \
          half the conductance; bound {:.3} mm)\n  noise            {:.2} uV rms a reading\nIn config.toml, in place of the same \
          keys:\n\n{lines}\nThis is simulated: noise of the voltmeter's table, no drift.",

@@ -12,6 +12,7 @@ use studies::evaluation::{Figures, figures, maps, of_frames};
 
 use crate::args::{EvaluateOptions, TestSetOptions};
 use crate::geometry;
+use crate::output::print_line;
 
 /// Makes a test set.
 pub(crate) fn judge(options: &TestSetOptions) -> Result<(), Failure> {
@@ -30,7 +31,7 @@ pub(crate) fn judge(options: &TestSetOptions) -> Result<(), Failure> {
         case,
     };
     let count = test_set::make(&set, &options.out, options.replacing.existing())?;
-    println!(
+    print_line!(
         "{}: baseline and {count} frames of {}, {:e} V of noise on each reading, seed {}",
         options.out.display(),
         options.set.name(),
@@ -107,7 +108,7 @@ pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
             .collect();
     }
     if !options.json {
-        println!(
+        print_line!(
             "{:<22} {:<24} {:>6} {:>8} {:>8} {:>6} {:>6} {:>6} {:>6} {:>9} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>9}",
             "set",
             "method",
@@ -139,7 +140,7 @@ pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
         }
     }
     if !options.json {
-        println!("\n{LEGEND}");
+        print_line!("\n{LEGEND}");
     }
     if let Some(path) = &options.picture {
         let points: Vec<WorkPoint> = all
@@ -191,9 +192,9 @@ fn show(figures: &Figures, noise_figure: Option<f64>, novel_share: Option<f64>, 
             "novel_share": novel_share,
             "frame_ms": figures.ms,
         });
-        println!("{}", survey::printable_json(line.to_string()));
+        print_line!("{}", survey::printable_json(line.to_string()));
     } else {
-        println!(
+        print_line!(
             "{:<22} {:<24} {:>6} {:>8.2} {:>8.2} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {:>9.2} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {:>6} {:>5} {:>9.3}",
             figures.set,
             figures.method,

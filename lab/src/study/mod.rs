@@ -10,6 +10,7 @@ use studies::{
 };
 
 use crate::args::{HonestyOptions, PaperOptions, StabilityOptions, TradeoffOptions};
+use crate::output::{print_line, print_text};
 use crate::program::TactusLab;
 pub(crate) use advise::advise;
 pub(crate) use evaluate::{evaluate, judge};
@@ -18,7 +19,7 @@ pub(crate) use evaluate::{evaluate, judge};
 pub(crate) fn paper(options: &PaperOptions) -> Result<(), Failure> {
     if let Some(file) = &options.resident {
         if let Some(bytes) = paper_study::resident_growth(file)? {
-            println!("{bytes}");
+            print_line!("{bytes}");
         }
         return Ok(());
     }
@@ -30,17 +31,19 @@ pub(crate) fn paper(options: &PaperOptions) -> Result<(), Failure> {
         existing: options.replacing.existing(),
     };
     match paper_study::run(&settings, &TactusLab)? {
-        Made::Figure(files) => files.iter().for_each(|file| println!("{}", file.display())),
+        Made::Figure(files) => files
+            .iter()
+            .for_each(|file| print_line!("{}", file.display())),
         Made::Page { path, claims } => {
             for claim in &claims {
                 if options.json {
-                    println!("{}", claim.described());
+                    print_line!("{}", claim.described());
                 } else {
-                    println!("{}", claim.line());
+                    print_line!("{}", claim.line());
                 }
             }
             if !options.json {
-                println!("{}", path.display());
+                print_line!("{}", path.display());
             }
         }
     }
@@ -58,11 +61,11 @@ pub(crate) fn tradeoff(options: &TradeoffOptions) -> Result<(), Failure> {
     };
     let page = diagrams::run(&settings, &TactusLab, &mut |panel| {
         for line in panel.lines(options.json) {
-            println!("{line}");
+            print_line!("{line}");
         }
     })?;
     if let (Some(path), false) = (page, options.json) {
-        println!("{}", path.display());
+        print_line!("{}", path.display());
     }
     Ok(())
 }
@@ -72,10 +75,10 @@ pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
     let table = hard_cases::run(&options.only)?;
     if options.json {
         for line in table.lines() {
-            println!("{line}");
+            print_line!("{line}");
         }
     } else {
-        print!("{}", table.text());
+        print_text!("{}", table.text());
     }
     if let Some(folder) = &options.out {
         table.write(folder, options.replacing.existing())?;
@@ -105,10 +108,10 @@ pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
     })?;
     if options.json {
         for line in report.lines() {
-            println!("{line}");
+            print_line!("{line}");
         }
     } else {
-        print!("{}", report.text());
+        print_text!("{}", report.text());
     }
     match &options.out {
         Some(folder) => report.write(folder, options.replacing.existing()),

@@ -346,3 +346,17 @@ fn frames_without_noise_make_good_maps() {
         }
     }
 }
+
+#[test]
+fn output_that_nobody_reads_ends_no_command() {
+    // as after `| head`: nobody has the other end
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
+        .args(["scene", "list"])
+        .stdout(writer)
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && message.is_empty(), "{message}");
+}
