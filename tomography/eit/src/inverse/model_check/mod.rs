@@ -121,6 +121,9 @@ impl ModelCheck {
         else {
             return doubts;
         };
+        if change.iter().all(|value| *value == 0.0) {
+            return doubts; // the baseline itself
+        }
         let Some(prepared) = self.prepared(missing) else {
             return doubts;
         };
