@@ -42,7 +42,7 @@ impl SmallDisk {
         if line == "mounted\n" {
             return Some(disk);
         }
-        eprintln!("skipped: no small disk can be mounted here");
+        needs::lacking("NETNS", "no small disk can be mounted here");
         None
     }
 

@@ -130,34 +130,17 @@ impl Site {
 
 /// Whether this machine permits acting as other users; otherwise the reason is printed.
 fn may_try() -> bool {
-    let why_not = if std::env::var_os("TACTUS_RIG").is_some() {
-        "TACTUS_RIG names a real rig, and this needs the simulated one".to_owned()
+    if std::env::var_os("TACTUS_RIG").is_some() {
+        let why = "TACTUS_RIG names a real rig, and this needs the simulated one";
+        needs::lacking("SIMULATED", why);
     } else if !rustix::process::geteuid().is_root() {
-        let why = "only root can act as other users";
-        assert!(
-            std::env::var_os("TACTUS_REQUIRE_ROOT").is_none(),
-            "TACTUS_REQUIRE_ROOT is set, and {why}"
-        );
-        why.to_owned()
-    } else if let Some(missing) = ["dbus-daemon", "unshare"]
-        .into_iter()
-        .find(|name| !has(name))
-    {
-        assert!(
-            std::env::var_os("TACTUS_REQUIRE_DBUS").is_none(),
-            "TACTUS_REQUIRE_DBUS is set, and {missing} is not installed"
-        );
-        format!("{missing} is not installed")
+        needs::lacking("ROOT", "only root can act as other users");
     } else {
-        return true;
-    };
-    eprintln!("skipped: {why_not}");
+        return ["dbus-daemon", "unshare"]
+            .into_iter()
+            .all(|name| needs::program("DBUS", name));
+    }
     false
-}
-
-fn has(program: &str) -> bool {
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
 }
 
 /// A running daemon, and root's connection to its peer socket.

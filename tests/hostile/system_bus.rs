@@ -87,8 +87,8 @@ impl SystemBus {
         };
         if let Err(why) = bus.start_polkit(folder).await {
             assert!(
-                std::env::var_os("TACTUS_REQUIRE_POLKIT").is_none(),
-                "TACTUS_REQUIRE_POLKIT is set, and {why}"
+                !needs::required("POLKIT"),
+                "TACTUS_REQUIRE_POLKIT=1, and {why}"
             );
             eprintln!("without polkit, by the daemon's own rule: {why}");
         }

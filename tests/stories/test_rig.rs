@@ -1,6 +1,6 @@
 //! Setup of the stories: a temporary rig, or the reason why the rig is unsuitable.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use survey::Amps;
 use tactus_tests::{DaemonProcess, SIMULATED, Stage};
@@ -42,7 +42,10 @@ pub fn set_with(needs: Needs, scene: &str, adjust: impl FnOnce(&str) -> String) 
     let config = match std::env::var_os("TACTUS_RIG") {
         None => adjust(SIMULATED),
         Some(_) if needs.simulated => {
-            eprintln!("skipped: this story needs the simulated sheet, TACTUS_RIG names a real rig");
+            needs::lacking(
+                "SIMULATED",
+                "this story needs the simulated sheet, TACTUS_RIG names a real rig",
+            );
             return None;
         }
         Some(path) => real_rig(Path::new(&path), needs)?,
@@ -71,11 +74,12 @@ fn real_rig(path: &Path, needs: Needs) -> Option<String> {
         })
         .unwrap_or(1000.0);
     if current_ua * 1e-6 > needs.largest_current.0 * (1.0 + 1e-9) {
-        eprintln!(
-            "skipped: this story drives {} at most, {} asks for {current_ua} uA",
+        let current = format!(
+            "this story drives {} at most, {} asks for {current_ua} uA",
             needs.largest_current,
             path.display()
         );
+        needs::lacking("CURRENT", &current);
         return None;
     }
     let own: toml::Table =
@@ -134,31 +138,6 @@ pub fn number(value: &serde_json::Value, field: &str) -> f64 {
     value[field]
         .as_f64()
         .unwrap_or_else(|| panic!("no number '{field}' in {value}"))
-}
-
-/// Facts and recordings beside the project's folder; `None`, with the reason printed, if they do not exist.
-pub fn shared(what: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(what);
-    if path.exists() {
-        return Some(path);
-    }
-    eprintln!("skipped: {} is not on this machine", path.display());
-    None
-}
-
-/// Whether a program is installed; if not, the reason is printed, or the test fails if `required` is set.
-pub fn has(program: &str, required: &str) -> bool {
-    let found = std::env::var_os("PATH").is_some_and(|path| {
-        std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
-    });
-    if !found {
-        assert!(
-            std::env::var_os(required).is_none(),
-            "{program} is not installed, and {required} makes it mandatory"
-        );
-        eprintln!("skipped: {program} is not installed");
-    }
-    found
 }
 
 /// A runtime for stories that use D-Bus or instruments directly.

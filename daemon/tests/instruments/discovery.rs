@@ -36,7 +36,8 @@ fn has_network(test: &str, network: &str) -> bool {
     let can =
         |rights: &&&[&str]| unshare(rights, "true", &[]).is_ok_and(|done| done.status.success());
     let Some(rights) = ways.iter().find(can) else {
-        eprintln!("skipped: no network of its own can be had here (unshare and ip are needed)");
+        let why = "no network of its own can be had here (unshare and ip are needed)";
+        needs::lacking("NETNS", why);
         return false;
     };
     let own = std::env::current_exe().unwrap();

@@ -18,13 +18,6 @@ use simulator::{Profile, ServeOptions, Server, SimulatedRig};
 /// Time from the start of one frame to the start of the next, s.
 const EVERY_S: f64 = 0.2;
 
-/// Skips the test, or fails if the environment requires it.
-fn lacks(required: &str, why: &str) {
-    let required = std::env::var_os(required).is_some_and(|set| set == "1");
-    assert!(!required, "it is required here: {why}");
-    eprintln!("skipped: {why}");
-}
-
 /// Waits until this number of further frames is on disk.
 async fn frames_go_on(session: &Session1Proxy<'_>, frames: &mut FrameDoneStream, more: u64) {
     let before = within(session.frames_durable()).await.unwrap();
@@ -63,7 +56,7 @@ fn has_own_network(test: &str) -> bool {
     };
     if let Some(error) = error {
         let why = format!("no network namespace with a link of its own: {error}");
-        lacks("TACTUS_REQUIRE_NETNS", &why);
+        needs::lacking("NETNS", &why);
         return false;
     }
     let output = Command::new("unshare")
@@ -321,7 +314,7 @@ fn set_clock(file: &Path, off_s: i64) {
 async fn wall_clock_step_moves_no_frame_and_is_reported() {
     const HOUR_S: i64 = 3600;
     let Some(library) = faketime() else {
-        return lacks("TACTUS_REQUIRE_FAKETIME", "libfaketime is not installed");
+        return needs::lacking("FAKETIME", "libfaketime is not installed");
     };
     let stage = Stage::new(SMALL);
     let clock = stage.path().join("clock");

@@ -188,7 +188,7 @@ async fn a_schedule_ends_by_itself_and_summaries_reach_the_last_frame() {
 #[tokio::test(flavor = "multi_thread")]
 async fn twenty_lines_of_python_read_the_stream() {
     if Command::new("python3").arg("--version").output().is_err() {
-        eprintln!("skipped: there is no python3 here");
+        needs::lacking("PYTHON", "there is no python3 here");
         return;
     }
     let stage = Stage::new(SMALL);

@@ -26,7 +26,7 @@ impl Broker {
             .stdout(Stdio::piped())
             .spawn();
         let Ok(mut child) = started else {
-            eprintln!("skipped: there is no dbus-daemon here");
+            needs::lacking("DBUS", "there is no dbus-daemon here");
             return None;
         };
         // it prints its address when it listens

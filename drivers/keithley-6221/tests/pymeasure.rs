@@ -96,22 +96,12 @@ fn run(python: &Path) -> Output {
 
 #[test]
 fn pymeasure_finds_a_6221() {
-    if std::env::var_os("TACTUS_REQUIRE_CLIENTS").is_none() {
-        println!("skipped: PyMeasure is fetched and run only with TACTUS_REQUIRE_CLIENTS=1");
-        return;
+    if !needs::required("CLIENTS") {
+        let why = "PyMeasure is fetched and run only with TACTUS_REQUIRE_CLIENTS=1";
+        return needs::lacking("CLIENTS", why);
     }
-    let python = match environment() {
-        Ok(python) => python,
-        Err(reason) => {
-            let required = std::env::var_os("TACTUS_REQUIRE_CLIENTS").is_some_and(|set| set == "1");
-            assert!(
-                !required,
-                "PyMeasure is required and cannot be had: {reason}"
-            );
-            println!("skipped: PyMeasure cannot be had ({reason})");
-            return;
-        }
-    };
+    let python = environment()
+        .unwrap_or_else(|reason| panic!("PyMeasure is required and cannot be had: {reason}"));
     let client = run(&python);
     print!("{}", String::from_utf8_lossy(&client.stdout));
     assert!(

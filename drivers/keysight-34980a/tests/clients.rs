@@ -109,19 +109,12 @@ fn environment(name: &str, packages: &[&str]) -> Result<PathBuf, String> {
 }
 
 fn works(client: &str, packages: &[&str], script: &str, served: &Served) {
-    if std::env::var_os("TACTUS_REQUIRE_CLIENTS").is_none() {
-        println!("skipped: {client} is fetched and run only with TACTUS_REQUIRE_CLIENTS=1");
-        return;
+    if !needs::required("CLIENTS") {
+        let why = format!("{client} is fetched and run only with TACTUS_REQUIRE_CLIENTS=1");
+        return needs::lacking("CLIENTS", &why);
     }
-    let python = match environment(client, packages) {
-        Ok(python) => python,
-        Err(reason) => {
-            let required = std::env::var("TACTUS_REQUIRE_CLIENTS").is_ok_and(|value| value == "1");
-            assert!(!required, "{client} cannot be had: {reason}");
-            println!("skipped, {client} cannot be had: {reason}");
-            return;
-        }
-    };
+    let python = environment(client, packages)
+        .unwrap_or_else(|reason| panic!("{client} is required and cannot be had: {reason}"));
     let script = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/clients")
         .join(script);

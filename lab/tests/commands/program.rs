@@ -1,7 +1,7 @@
-//! Shared functions: running the program, reference data, tables of numbers.
+//! Shared functions: running the program, tables of numbers.
 
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 /// Runs the program; returns its exit code and output.
@@ -29,19 +29,6 @@ pub fn words(line: &str, paths: &[&Path]) -> Vec<OsString> {
             word => word.into(),
         })
         .collect()
-}
-
-/// A folder of reference material beside the project; `None`, with the reason printed, if it does not exist.
-pub fn reference(name: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../shared")
-        .join(name);
-    if folder.is_dir() {
-        Some(folder)
-    } else {
-        println!("skipped: {} is not there", folder.display());
-        None
-    }
 }
 
 /// Rows of numbers of a CSV file, without its header.

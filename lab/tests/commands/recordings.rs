@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::program::{done, numbers, reference, words};
+use crate::program::{done, numbers, words};
 use eit::{Case, Mesh};
 
 /// Correlation of a map with a label image (256 x 256, line 0 at the top) over the pixels inside the tank.
@@ -50,7 +50,7 @@ fn labels(path: &Path) -> Vec<f64> {
 
 #[test]
 fn kuopio_four_targets_with_one_hyper_parameter() {
-    let Some(data) = reference("data/ktc2023") else {
+    let Some(data) = needs::shared("data/ktc2023") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
@@ -85,7 +85,7 @@ fn kuopio_four_targets_with_one_hyper_parameter() {
 
 #[test]
 fn ottawa_the_ball_is_found_within_two_centimetres() {
-    let Some(data) = reference("data/uottawa2005") else {
+    let Some(data) = needs::shared("data/uottawa2005") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();

@@ -117,8 +117,8 @@ fn the_kernel_counts_what_the_file_layer_counts() {
         })
     });
     if counted == [0.0; 2] {
-        eprintln!("skipped: temporary files are on no disk here, or the kernel does not count");
-        return;
+        let why = "temporary files are on no disk here, or the kernel does not count";
+        return needs::lacking("DISK", why);
     }
     for (digits, counted) in kinds.into_iter().zip(counted) {
         let (_, in_blocks) = a_frame_writes(digits, FEWER, 1);

@@ -97,10 +97,10 @@ fn recorded(dir: &Path) -> PathBuf {
 fn the_python_of_the_page_reads_frames_to_the_last_bit() {
     let python = match python() {
         Ok(python) => python,
-        Err(reason) if std::env::var("TACTUS_REQUIRE_PYTHON").is_ok_and(|set| set == "1") => {
-            panic!("Python with pcodec is required and cannot be had: {reason}")
+        Err(reason) => {
+            let why = format!("no Python with pcodec: {reason}");
+            return needs::lacking("PYTHON", &why);
         }
-        Err(reason) => return println!("skipped: no Python with pcodec: {reason}"),
     };
     let dir = tempfile::tempdir().unwrap();
     let path = recorded(dir.path());

@@ -35,11 +35,10 @@ fn run(command: &mut Command) -> Result<Output, String> {
 }
 
 fn is_requested(client: &str) -> bool {
-    let set = |name| std::env::var(name).is_ok_and(|value| value == "1");
-    let requested =
-        set("TACTUS_REQUIRE_CLIENTS") || client == "pyvisa" && set("TACTUS_REQUIRE_PYVISA");
+    let requested = needs::required("CLIENTS") || client == "pyvisa" && needs::required("PYVISA");
     if !requested {
-        println!("skipped: {client} is fetched and run only with TACTUS_REQUIRE_CLIENTS=1");
+        let why = format!("{client} is fetched and run only with TACTUS_REQUIRE_CLIENTS=1");
+        needs::lacking("CLIENTS", &why);
     }
     requested
 }
@@ -106,8 +105,7 @@ fn examples_without_arguments_print_their_usage() {
             .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join(file))
             .output();
         let Ok(ended) = ended else {
-            println!("skipped: there is no python3");
-            return;
+            return needs::lacking("PYTHON", "there is no python3");
         };
         let reported = String::from_utf8_lossy(&ended.stderr).into_owned();
         assert_eq!(ended.status.code(), Some(1), "{reported}");

@@ -162,7 +162,7 @@ fn a_truncated_or_foreign_model_is_refused() {
 
 #[test]
 fn a_wrong_column_count_names_the_line() {
-    let Some(data) = test_rig::shared("data/uottawa2005") else {
+    let Some(data) = needs::shared("data/uottawa2005") else {
         return;
     };
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {

@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 
 use dbus::{Address, Options, Session1Proxy};
 
-use crate::test_rig::{self, Needs, ask, baseline, has};
+use crate::test_rig::{self, Needs, ask, baseline};
 
 /// A private message bus, ended with the story.
 struct Broker {
@@ -55,7 +55,7 @@ impl Drop for Broker {
 
 #[test]
 fn busctl_reads_a_map() {
-    if !(has("dbus-daemon", "TACTUS_REQUIRE_DBUS") && has("busctl", "TACTUS_REQUIRE_DBUS")) {
+    if !(needs::program("DBUS", "dbus-daemon") && needs::program("DBUS", "busctl")) {
         return;
     }
     let on_the_bus = |config: &str| format!("{config}session = true\n");
@@ -123,7 +123,7 @@ fn busctl_reads_a_map() {
 
 #[test]
 fn twenty_lines_of_python_read_the_stream() {
-    if !has("python3", "TACTUS_REQUIRE_PYTHON") {
+    if !needs::program("PYTHON", "python3") {
         return;
     }
     let Some(stage) = test_rig::set(Needs::ANY, test_rig::NOISY) else {

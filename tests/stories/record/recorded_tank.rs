@@ -38,7 +38,7 @@ peer_path = "STAGE/peer"
 
 #[test]
 fn daemon_replays_750_frames_of_a_real_tank() {
-    let Some(data) = test_rig::shared("data/uottawa2005") else {
+    let Some(data) = needs::shared("data/uottawa2005") else {
         return;
     };
     let config = tank(&data, "replay_ph3t1_750frames.csv", "first:16");
@@ -85,7 +85,7 @@ fn daemon_replays_750_frames_of_a_real_tank() {
 
 #[test]
 fn ball_in_the_tank_is_located_within_2_cm() {
-    let Some(data) = test_rig::shared("data/uottawa2005") else {
+    let Some(data) = needs::shared("data/uottawa2005") else {
         return;
     };
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {

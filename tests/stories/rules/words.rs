@@ -191,8 +191,8 @@ fn no_file_names_the_machine_it_was_written_on() {
         .output();
     let Ok(listed) = listed.map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
     else {
-        eprintln!("skipped: git is not installed, so the tracked files are not known");
-        return;
+        let why = "git is not installed, so the tracked files are not known";
+        return needs::lacking("GIT", why);
     };
     let machine = [
         concat!("/ro", "ot/"),

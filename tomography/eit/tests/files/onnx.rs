@@ -95,8 +95,7 @@ fn load(path: &Path) -> Option<Result<Box<dyn Reconstructor>, OnnxError>> {
     let (mesh, protocol) = tank();
     match load_onnx(path, mesh, &protocol) {
         Err(fault @ OnnxError::Runtime { .. }) => {
-            assert!(std::env::var_os("TACTUS_REQUIRE_ONNX").is_none(), "{fault}");
-            eprintln!("skipped: {fault}");
+            needs::lacking("ONNX", &fault.to_string());
             None
         }
         other => Some(other),

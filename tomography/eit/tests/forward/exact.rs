@@ -6,7 +6,6 @@
 
 #[allow(dead_code)] // also holds functions for other tests
 use std::ops::{Add, Mul, Sub};
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::parts::spread;
@@ -191,14 +190,7 @@ fn the_papers_sheet_at_contacts_of_any_size() {
 /// Checks the reference itself against an independent solution in 80 bits.
 #[test]
 fn the_exact_readings_are_those_of_the_solved_case() {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/cases/disc16");
-    if !folder.exists() {
-        println!(
-            "skipped: the reference data {} is not here",
-            folder.display()
-        );
-        return;
-    }
+    let folder = needs::case("disc16");
     let case = Case::read(&folder).unwrap();
     for name in ["homog", "one", "random"] {
         let [refined, plain] = errors(

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::solved::{column, disc16, mesh, readings};
+use crate::solved::{column, mesh, readings};
 use eit::{Forward, Hyper, OneStep, OneStepOptions, Prior, Reconstructor, Scale};
 use nalgebra::{DMatrix, DVector};
 use survey::Protocol;
@@ -44,7 +44,7 @@ fn precision(mesh: &eit::Mesh, length: f64) -> DMatrix<f64> {
 
 #[test]
 fn the_bounded_map_is_the_minimum_within_its_bounds() {
-    let Some(case) = disc16() else { return };
+    let case = needs::case("disc16");
     let (mesh, contact) = mesh(&case);
     let protocol = Protocol::sheffield(16).unwrap();
     let sigma = vec![1.0; 780];

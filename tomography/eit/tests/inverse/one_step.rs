@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::solved::{column, disc16, mesh, readings};
+use crate::solved::{column, mesh, readings};
 use eit::{
     DiscTank, Forward, Hyper, OneStep, OneStepError, OneStepOptions, Prior, ReconstructError,
     Reconstructor, Scale,
@@ -32,7 +32,7 @@ const PRIORS: [(&str, Prior, f64); 3] = [
 
 #[test]
 fn the_solved_case_is_met_by_every_prior() {
-    let Some(case) = disc16() else { return };
+    let case = needs::case("disc16");
     let (mesh, contact) = mesh(&case);
     let protocol = Protocol::sheffield(16).unwrap();
     let baseline = readings(&column(&case.join("v_exact_homog.csv")));
@@ -57,7 +57,7 @@ fn the_solved_case_is_met_by_every_prior() {
 /// Masking a reading gives exactly the map of the protocol without it.
 #[test]
 fn masking_is_the_smaller_problem() {
-    let Some(case) = disc16() else { return };
+    let case = needs::case("disc16");
     let (mesh, contact) = mesh(&case);
     let protocol = Protocol::sheffield(16).unwrap();
     let volts = [
@@ -114,7 +114,7 @@ fn masking_is_the_smaller_problem() {
 
 #[test]
 fn more_than_a_quarter_missing_makes_no_map() {
-    let Some(case) = disc16() else { return };
+    let case = needs::case("disc16");
     let (mesh, contact) = mesh(&case);
     let protocol = Protocol::sheffield(16).unwrap();
     let one_step = OneStep::new(
@@ -150,7 +150,7 @@ fn more_than_a_quarter_missing_makes_no_map() {
 
 #[test]
 fn a_map_does_not_depend_on_current_or_resistance() {
-    let Some(case) = disc16() else { return };
+    let case = needs::case("disc16");
     let (mesh, contact) = mesh(&case);
     let protocol = Protocol::sheffield(16).unwrap();
     let one_step = OneStep::new(
@@ -185,7 +185,7 @@ fn a_map_does_not_depend_on_current_or_resistance() {
 
 #[test]
 fn settings_without_meaning_are_refused_by_name() {
-    let Some(case) = disc16() else { return };
+    let case = needs::case("disc16");
     let (mesh, contact) = mesh(&case);
     let protocol = Protocol::sheffield(16).unwrap();
     let build = |options| {

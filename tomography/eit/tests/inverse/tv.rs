@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::solved::{column, disc16, mesh, readings};
+use crate::solved::{column, mesh, readings};
 use eit::{
     DiscTank, Forward, Mesh, ReconstructError, Reconstructor, Scale, Strength, Tv, TvError,
     TvOptions,
@@ -12,7 +12,7 @@ use survey::{Protocol, Reading, Volts};
 /// Compared with the minimum of an offline interior method: by objective, because the minimiser may not be unique.
 #[test]
 fn the_solved_case_is_met() {
-    let Some(case) = disc16() else { return };
+    let case = needs::case("disc16");
     let (mesh, contact) = mesh(&case);
     let baseline = readings(&column(&case.join("v_exact_homog.csv")));
     let frame = readings(&column(&case.join("v_exact_one.csv")));

@@ -1,24 +1,10 @@
 //! The solved case `disc16`, read independently of the code under test.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use eit::Mesh;
 use survey::{Reading, Volts};
-
-/// The solved case `disc16`; `None` (with the reason printed) if the reference cases are not beside the project.
-pub fn disc16() -> Option<PathBuf> {
-    let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/cases/disc16");
-    if case.is_dir() {
-        Some(case)
-    } else {
-        println!(
-            "skipped: the reference case {} is not there",
-            case.display()
-        );
-        None
-    }
-}
 
 /// Numbers of a CSV file without its header line.
 pub fn numbers(path: &Path) -> Vec<Vec<f64>> {
