@@ -12,9 +12,9 @@ test:
 check:
     .ci/run
 
-# what takes hours: fuzzing, rates, a month with faults, the package in a container
-long:
-    .ci/long
+# what takes long: fuzzing, rates, a month with faults, the package in a container; without a part: the list
+long *parts='--list':
+    .ci/long {{parts}}
 
 # the manual, as a book in target/book (cargo install mdbook --version 0.5.4 --locked)
 docs:
