@@ -30,7 +30,7 @@ const MAP_FOLLOWS: Duration = Duration::from_secs(2);
 #[serde(tag = "event", rename_all = "snake_case")]
 enum Line {
     /// A frame with its map's results.
-    Frame(Seen),
+    Frame(Box<Seen>),
     /// The session has ended.
     Ended { session: String, reason: String },
 }
@@ -355,7 +355,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             ..map.clone()
         });
         let wall = DateTime::from_timestamp_nanos(frame.wall_ns);
-        let line = Line::Frame(Seen {
+        let line = Line::Frame(Box::new(Seen {
             session: self.id.clone(),
             sequence: frame.sequence,
             wall: wall.to_rfc3339_opts(SecondsFormat::Nanos, true),
@@ -376,7 +376,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                 .as_ref()
                 .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
             quality: map.and_then(|map| map.quality.clone()),
-        });
+        }));
         let picture = match fits.filter(|_| !self.watch.no_map) {
             None => None,
             Some((map, _)) => {
