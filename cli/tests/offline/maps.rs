@@ -31,6 +31,7 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
         assert_eq!(line["masked"], masked);
         assert_eq!(line["simulated"], true);
         assert!(line["largest_loss"].as_f64().unwrap() > 0.05);
+        assert_eq!(line["quality"]["verdict"], "sound", "{line}");
     }
     let keys: Vec<_> = from_session[0].as_object().unwrap().keys().collect();
     assert_eq!(
@@ -48,6 +49,7 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
             "newtons",
             "largest_kpa",
             "masked",
+            "quality",
             "map_hash",
             "verified",
             "simulated",

@@ -141,7 +141,7 @@ async fn with_a_calibration_everything_is_in_kilopascals_and_newtons() {
     assert!(!text.contains("loss") && !text.contains(" %"), "{text}");
     let (text, _) = shown(&[], Some(field()), &records).await;
     assert!(
-        text.contains("\"unit\":\"kPa\",\"newtons\":5.625,\"largest_kpa\":12.5}"),
+        text.contains("\"unit\":\"kPa\",\"newtons\":5.625,\"largest_kpa\":12.5,\"quality\":null}"),
         "{text}"
     );
     // a pressure of another frame is ignored
