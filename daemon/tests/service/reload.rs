@@ -32,6 +32,34 @@ async fn a_bad_configuration_changes_nothing_and_says_where_it_is_bad() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_bad_model_changes_nothing_and_is_named() {
+    let stage = Stage::new(SMALL);
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    let method = async |daemon: &Running| daemon.manager.status().await.unwrap().method;
+    let before = method(&daemon).await;
+    let file = stage.path().join("model.safetensors");
+    let with_model = format!("{SMALL}\n[model]\nfile = \"{}\"\n", file.display());
+    // not there, then no model
+    for content in [None, Some("not a model")] {
+        if let Some(content) = content {
+            std::fs::write(&file, content).unwrap();
+        }
+        stage.configure(&with_model);
+        let refused = daemon.manager.reload().await.unwrap_err();
+        let named = |text: &str| text.contains("model.safetensors");
+        assert!(
+            matches!(&refused, Fault::Configuration(text) if named(text)),
+            "{refused:?}"
+        );
+        let text = reported(&mut happened, "reload-refused").await;
+        assert!(text.contains("stays") && named(&text), "{text}");
+        assert_eq!(method(&daemon).await, before);
+    }
+    daemon.baseline(1).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
