@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Plan, Step};
-use crate::{Amps, Dipole, Relay, Volts, WiringError};
+use crate::{Amps, Relay, Volts, WiringError};
 
 /// What a source can be set to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +23,8 @@ pub struct RelayLimits {
     pub voltage: Volts,
 }
 
-/// The limits of a rig: the smallest over source, switch modules and settings.
+/// The limits of a rig: the smallest over source, switch modules and settings. The drivers measure DC volts only, so a
+/// voltmeter that is joined to the driven pair never shorts the source.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// Largest current of the source.
@@ -34,9 +35,6 @@ pub struct Limits {
     pub relay_current: Amps,
     /// Largest voltage over an open relay.
     pub relay_voltage: Volts,
-    /// Whether the voltmeter is set to measure current: its input is then a short circuit and must not be joined to the
-    /// driven pair.
-    pub meter_on_current_range: bool,
 }
 
 impl Limits {
@@ -47,7 +45,6 @@ impl Limits {
             source_compliance: source.compliance,
             relay_current: Amps(f64::INFINITY),
             relay_voltage: Volts(f64::INFINITY),
-            meter_on_current_range: false,
         };
         relays.into_iter().fold(unlimited, |least, next| Self {
             relay_current: Amps(least.relay_current.0.min(next.current.0)),
@@ -102,16 +99,6 @@ pub enum PlanError {
         /// Allowed.
         most: Volts,
     },
-    /// The voltmeter, on a current range, would short the source.
-    #[error(
-        "step {step}: pair {pair} is joined to the source and to the voltmeter on a current range, which shorts the source"
-    )]
-    MeterShortsSource {
-        /// Number of the step, from 1.
-        step: usize,
-        /// The pair.
-        pair: Dipole,
-    },
     /// More or fewer than one injecting pair closed while the source is on.
     #[error(
         "step {step}: {closed} injecting pairs are closed while the source is on and a reading is taken"
@@ -159,7 +146,7 @@ impl Plan {
                 most: limits.relay_voltage,
             });
         }
-        self.check_steps(limits, &mut faults);
+        self.check_steps(&mut faults);
         if faults.is_empty() {
             Ok(())
         } else {
@@ -168,10 +155,8 @@ impl Plan {
     }
 
     /// Follows the injecting relays through the steps.
-    fn check_steps(&self, limits: &Limits, faults: &mut Vec<PlanError>) {
+    fn check_steps(&self, faults: &mut Vec<PlanError>) {
         let mut closed: Vec<Relay> = Vec::new();
-        let mut driven: Option<Dipole> = None;
-        let mut routed: Option<Dipole> = None;
         for (number, step) in self
             .steps
             .iter()
@@ -179,16 +164,11 @@ impl Plan {
             .map(|(index, step)| (index + 1, step))
         {
             match step {
-                Step::AllOff => {
-                    closed.clear();
-                    driven = None;
-                }
-                Step::Break { drive, open, close } | Step::Overlap { drive, open, close } => {
+                Step::AllOff => closed.clear(),
+                Step::Break { open, close, .. } | Step::Overlap { open, close, .. } => {
                     closed.retain(|relay| !open.contains(relay));
                     closed.extend(close);
-                    driven = Some(*drive);
                 }
-                Step::Route { sense, .. } => routed = Some(*sense),
                 Step::Scan { .. } | Step::Read { .. } | Step::Chain { .. } => {
                     let pairs = self
                         .wiring
@@ -202,22 +182,9 @@ impl Plan {
                             closed: pairs,
                         });
                     }
-                    if let Some(pair) = driven.filter(|_| limits.meter_on_current_range) {
-                        let meets = match step {
-                            Step::Scan { channels } => {
-                                channels.iter().any(|channel| channel.sense == pair)
-                            }
-                            Step::Chain { routes } => {
-                                routes.iter().any(|route| route.sense == pair)
-                            }
-                            _ => routed == Some(pair),
-                        };
-                        if meets {
-                            faults.push(PlanError::MeterShortsSource { step: number, pair });
-                        }
-                    }
                 }
-                Step::Bus { .. }
+                Step::Route { .. }
+                | Step::Bus { .. }
                 | Step::Settle { .. }
                 | Step::Reverse { .. }
                 | Step::Compliance { .. } => {}

@@ -325,20 +325,6 @@ mod tests {
     }
 
     #[test]
-    fn a_meter_on_a_current_range_never_meets_the_source() {
-        let plan = plan(&examples::pairs(26));
-        let limits = Limits {
-            meter_on_current_range: true,
-            ..limits()
-        };
-        let faults = plan.check(&limits).unwrap_err();
-        assert!(
-            matches!(faults[0], PlanError::MeterShortsSource { .. }),
-            "{faults:?}"
-        );
-    }
-
-    #[test]
     fn a_wiring_for_another_ring_is_refused() {
         let refusal = Plan::new(
             &Protocol::sheffield(16).unwrap(),
