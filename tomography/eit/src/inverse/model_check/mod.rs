@@ -145,9 +145,10 @@ impl ModelCheck {
                 ratio: fit.error / stated,
             });
         }
-        let beyond = (fit.error.powi(2) - noise.powi(2)).max(0.0).sqrt();
+        let expected = noise.hypot(found.proportional);
+        let beyond = (fit.error.powi(2) - expected.powi(2)).max(0.0).sqrt();
         let share = beyond / size;
-        if fit.error > UNEXPLAINED_NOISE * noise && share > UNEXPLAINED_SHARE {
+        if fit.error > UNEXPLAINED_NOISE * expected && share > UNEXPLAINED_SHARE {
             doubts.push(Doubt::Unexplained { share });
         }
         let (electrode, improvement) = prepared.spectrum.contact(&fit, noise);

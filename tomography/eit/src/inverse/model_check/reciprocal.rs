@@ -1,42 +1,65 @@
 //! The differences of reciprocal readings: noise, pairs that are noisier than the others, and gains of injections.
+//!
+//! The noise of a difference has a white part, and a part in proportion to the reading: the noise of the source's current.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
-use survey::{Doubt, Protocol};
+use survey::{Doubt, Electrode, Protocol};
 
 use super::NOISE_RATIO;
 use crate::inverse::learned::linear::Linear;
+use crate::linear_algebra::dense;
 
-/// Fewest differences from which anything is concluded.
+/// Fewest differences from which anything is concluded, beside those that the gains take.
 const FEWEST: usize = 30;
 /// Median of the square of a standard normal number.
 const MEDIAN_SQUARE: f64 = 0.454_936;
-/// Mean square of a pair's differences over that of all above which the pair is noisier: once in 10^9 frames of 23 white
-/// differences a pair.
+/// Noise of a reading in proportion to its size that is no fault.
+const PROPORTIONAL: f64 = 3e-4;
+/// Mean square of a pair's differences, in units of their noise, above which the pair is noisier: once in 10^9 frames of
+/// 23 white differences a pair.
 const NOISY_PAIR: f64 = 5.0;
-/// Mean square of the components that gains explain, over the noise's, above which gains have changed: with 25 gains and
-/// white noise of 274 degrees of freedom, once in 10^8 frames.
+/// Mean square of the components that gains explain, in units of their noise, above which gains have changed: with 25
+/// gains, once in 10^8 frames.
 const GAINS: f64 = 4.0;
 
-/// The rotated differences of the twins that are both valid.
-pub(super) struct Reciprocal {
-    /// Indices of both twins, and their shares in the difference.
-    pairs: Vec<([usize; 2], [f64; 2])>,
-    /// Index of the pair of electrodes that drives the first, and the second.
-    drives: Vec<[usize; 2]>,
-    /// First electrode of each pair.
-    electrodes: Vec<survey::Electrode>,
-    /// Orthonormal basis of the changes by gains, and the pseudo-inverse that gives them.
-    basis: DMatrix<f64>,
-    inverse: DMatrix<f64>,
+/// The rotated difference of two twins that are both valid.
+struct Difference {
+    readings: [usize; 2],
+    /// Shares of the readings in the difference.
+    shares: [f64; 2],
+    /// Indices of the pairs of electrodes that drive the readings.
+    drives: [usize; 2],
+    /// Change of the difference by a relative change of each drive's gain.
+    slopes: [f64; 2],
+    /// Its noise for a proportional noise of 1.
+    size: f64,
 }
 
-/// What the differences say.
+/// The differences of a protocol.
+pub(super) struct Reciprocal {
+    /// Smallest readings first.
+    differences: Vec<Difference>,
+    /// First electrode of each pair of electrodes that drives.
+    electrodes: Vec<Electrode>,
+}
+
+/// Conclusions from the differences.
 pub(super) struct Found {
-    /// Standard deviation of a difference; `None` if there are too few.
+    /// White noise of a difference; `None` if there are too few.
     pub(super) noise: Option<f64>,
+    /// Root mean square of the proportional noise that is no fault.
+    pub(super) proportional: f64,
     pub(super) doubts: Vec<Doubt>,
+}
+
+/// Gains fitted to the differences.
+struct GainFit {
+    gains: Vec<f64>,
+    /// Sum of squares that the gains explain, in units of the noise.
+    explained: f64,
+    left: Vec<f64>,
 }
 
 impl Reciprocal {
@@ -46,9 +69,10 @@ impl Reciprocal {
     pub(super) fn new(protocol: &Protocol, linear: &Linear, missing: &[usize]) -> Self {
         let twins = protocol.reciprocal_twins();
         let valid = |reading: usize| missing.binary_search(&reading).is_err();
+        let model = linear.readings();
         let mut numbers = BTreeMap::new();
         let mut electrodes = Vec::new();
-        let (mut pairs, mut drives) = (Vec::new(), Vec::new());
+        let mut differences = Vec::new();
         for (first, question) in protocol.measurements().iter().enumerate() {
             let Some(second) = twins[first].filter(|&second| second > first) else {
                 continue;
@@ -56,63 +80,61 @@ impl Reciprocal {
             if !(valid(first) && valid(second)) || twins[second] != Some(first) {
                 continue;
             }
-            let (_, share) = linear.fold.row(first);
-            let (_, other) = linear.fold.row(second);
-            pairs.push(([first, second], [other, -share]));
+            let readings = [first, second];
+            let shares = [linear.fold.row(second).1, -linear.fold.row(first).1];
             let reverse = protocol.measurements()[second];
-            drives.push([question.drive, reverse.drive].map(|drive| {
+            let drives = [question.drive, reverse.drive].map(|drive| {
                 let next = numbers.len();
                 *numbers.entry(drive).or_insert_with(|| {
                     electrodes.push(drive.plus);
                     next
                 })
-            }));
+            });
+            let slopes = [0, 1].map(|k| shares[k] * model[readings[k]]);
+            differences.push(Difference {
+                readings,
+                shares,
+                drives,
+                slopes,
+                size: slopes[0].hypot(slopes[1]),
+            });
         }
-        let model = linear.readings();
-        let mut gains = DMatrix::zeros(pairs.len(), electrodes.len());
-        for (row, ((readings, shares), drives)) in pairs.iter().zip(&drives).enumerate() {
-            for k in 0..2 {
-                gains[(row, drives[k])] += shares[k] * model[readings[k]];
-            }
-        }
-        let (basis, inverse) = match pairs.len() < FEWEST + electrodes.len() {
-            true => (
-                DMatrix::zeros(pairs.len(), 0),
-                DMatrix::zeros(electrodes.len(), pairs.len()),
-            ),
-            false => by_gains(gains),
-        };
+        differences.sort_by(|a, b| a.size.total_cmp(&b.size));
         Self {
-            pairs,
-            drives,
+            differences,
             electrodes,
-            basis,
-            inverse,
         }
     }
 
     /// `change` at the model's scale; `stated`: standard deviation of a change; `least`: the smallest noise that is not
     /// rounding; `size`: rms of the change.
     pub(super) fn of(&self, change: &[f64], stated: Option<f64>, least: f64, size: f64) -> Found {
+        let count = self.differences.len();
+        let squares = self.differences.iter().map(|one| one.size * one.size);
         let mut found = Found {
             noise: None,
+            proportional: PROPORTIONAL * (squares.sum::<f64>() / count.max(1) as f64).sqrt(),
             doubts: Vec::new(),
         };
-        if self.pairs.len() < FEWEST + self.electrodes.len() {
+        if count < FEWEST + self.electrodes.len() {
             return found;
         }
-        let differences = DVector::from_iterator(
-            self.pairs.len(),
-            self.pairs
-                .iter()
-                .map(|([a, b], [p, q])| p * change[*a] + q * change[*b]),
-        );
-        let along = self.basis.tr_mul(&differences);
-        let left = &differences - &self.basis * &along;
-        let mut squares: Vec<f64> = left.iter().map(|value| value * value).collect();
+        let values: Vec<f64> = self
+            .differences
+            .iter()
+            .map(|one| {
+                (0..2)
+                    .map(|k| one.shares[k] * change[one.readings[k]])
+                    .sum()
+            })
+            .collect();
+        let Some(first) = self.fit(&values, stated.unwrap_or(least).max(least)) else {
+            return found;
+        };
+        // the white noise from the smaller half of the readings, where the proportional one is least
+        let mut squares: Vec<f64> = first.left[..count / 2].iter().map(|v| v * v).collect();
         squares.sort_unstable_by(f64::total_cmp);
-        // gains take degrees of freedom from every difference alike
-        let free = 1.0 - along.len() as f64 / left.len() as f64;
+        let free = 1.0 - self.electrodes.len() as f64 / count as f64;
         let noise = (squares[squares.len() / 2] / (MEDIAN_SQUARE * free)).sqrt();
         let known = noise.max(least);
         found.noise = Some(known);
@@ -122,61 +144,95 @@ impl Reciprocal {
                 found.doubts.push(Doubt::Noise { ratio });
             }
         }
-        if let Some((pair, ratio)) = self.noisiest(&left, known).filter(|one| one.1 > NOISY_PAIR) {
+        let Some(fit) = self.fit(&values, known) else {
+            return found;
+        };
+        let noisiest = self.noisiest(&fit.left, known);
+        if let Some((pair, ratio)) = noisiest.filter(|one| one.1 > NOISY_PAIR) {
             found.doubts.push(Doubt::NoisyPair {
                 electrode: self.electrodes[pair],
                 ratio: ratio.sqrt(),
             });
             return found; // such a pair looks like a gain too
         }
-        let gains = along.norm_squared() / along.len() as f64;
-        if !along.is_empty() && gains > GAINS * known * known {
-            let gains = &self.inverse * &differences;
+        if fit.explained > GAINS * self.electrodes.len() as f64 {
+            let gains = DVector::from_vec(fit.gains);
             let most = gains.iamax();
-            let beyond = along.norm_squared() - along.len() as f64 * known * known;
+            let energy: f64 = self
+                .differences
+                .iter()
+                .map(|one| {
+                    (0..2)
+                        .map(|k| one.slopes[k] * gains[one.drives[k]])
+                        .sum::<f64>()
+                        .powi(2)
+                })
+                .sum();
             found.doubts.push(Doubt::Gains {
                 electrode: self.electrodes[most],
                 gain: gains[most],
-                share: (beyond / differences.len() as f64).sqrt() / size,
+                share: (energy / count as f64).sqrt() / size,
             });
         }
         found
     }
 
-    /// The pair of electrodes with the largest mean square of its differences, over that of the noise.
-    fn noisiest(&self, left: &DVector<f64>, noise: f64) -> Option<(usize, f64)> {
-        let mut sums = vec![(0.0, 0); self.electrodes.len()];
-        for (value, drives) in left.iter().zip(&self.drives) {
-            for &drive in drives {
-                sums[drive].0 += value * value;
+    fn variance(&self, one: &Difference, noise: f64) -> f64 {
+        noise * noise + (PROPORTIONAL * one.size).powi(2)
+    }
+
+    /// The gains that explain the differences best, with this white noise; `None` if they cannot be computed.
+    fn fit(&self, values: &[f64], noise: f64) -> Option<GainFit> {
+        let count = self.electrodes.len();
+        let mut normal = DMatrix::zeros(count, count);
+        let mut right = vec![0.0; count];
+        for (one, value) in self.differences.iter().zip(values) {
+            let weight = self.variance(one, noise).recip();
+            for k in 0..2 {
+                right[one.drives[k]] += weight * one.slopes[k] * value;
+                for l in 0..2 {
+                    normal[(one.drives[k], one.drives[l])] +=
+                        weight * one.slopes[k] * one.slopes[l];
+                }
+            }
+        }
+        // a gain common to all injections is reciprocal: nothing determines it
+        let ridge = 1e-9 * normal.trace() / count as f64;
+        for k in 0..count {
+            normal[(k, k)] += ridge;
+        }
+        let gains = dense::solve_definite(&normal, &right)?;
+        let left = self
+            .differences
+            .iter()
+            .zip(values)
+            .map(|(one, value)| {
+                value
+                    - (0..2)
+                        .map(|k| one.slopes[k] * gains[one.drives[k]])
+                        .sum::<f64>()
+            })
+            .collect();
+        Some(GainFit {
+            explained: gains.iter().zip(&right).map(|(gain, b)| gain * b).sum(),
+            gains,
+            left,
+        })
+    }
+
+    /// The pair of electrodes with the largest mean square of its differences, in units of their noise.
+    fn noisiest(&self, left: &[f64], noise: f64) -> Option<(usize, f64)> {
+        let mut sums = vec![(0.0, 0_u32); self.electrodes.len()];
+        for (one, value) in self.differences.iter().zip(left) {
+            for &drive in &one.drives {
+                sums[drive].0 += value * value / self.variance(one, noise);
                 sums[drive].1 += 1;
             }
         }
         sums.into_iter()
             .enumerate()
             .filter(|(_, (_, count))| *count > 0)
-            .map(|(pair, (sum, count))| (pair, sum / (f64::from(count) * noise * noise)))
+            .map(|(pair, (sum, count))| (pair, sum / f64::from(count)))
             .max_by(|a, b| a.1.total_cmp(&b.1))
     }
-}
-
-/// An orthonormal basis of the differences that gains make (columns of `gains`), and the matrix that gives the gains.
-fn by_gains(gains: DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
-    let (rows, columns) = gains.shape();
-    // a gain common to all injections is reciprocal: the singular value of that direction is zero
-    let svd = gains.svd(true, true);
-    let top = svd.singular_values.max();
-    let kept: Vec<usize> = (0..svd.singular_values.len())
-        .filter(|&k| svd.singular_values[k] > 1e-6 * top)
-        .collect();
-    let (Some(u), Some(v_t)) = (&svd.u, &svd.v_t) else {
-        return (DMatrix::zeros(rows, 0), DMatrix::zeros(columns, rows));
-    };
-    let basis = u.select_columns(&kept);
-    let mut scaled = v_t.select_rows(&kept);
-    for (row, &k) in kept.iter().enumerate() {
-        scaled.row_mut(row).unscale_mut(svd.singular_values[k]);
-    }
-    let inverse = scaled.tr_mul(&basis.transpose());
-    (basis, inverse)
 }
