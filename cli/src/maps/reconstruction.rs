@@ -90,7 +90,6 @@ impl Reconstruction {
     /// Too many missing readings, or readings that the method cannot use.
     pub(crate) fn map(&self, baseline: &[Reading], frame: &[Reading]) -> Result<Map, Failure> {
         self.model
-            .reconstructor
             .reconstruct(baseline, frame)
             .map_err(|error| Failure::failed("no map can be made", &error))
     }

@@ -212,8 +212,8 @@ impl ReconstructionContext {
     }
 
     fn make(&self, readings: &[Reading], noise: Option<f64>) -> Result<Mapped, Failure> {
-        let reconstructor = &self.model.reconstructor;
-        let map = reconstructor
+        let map = self
+            .model
             .reconstruct(&self.baseline.readings, readings)
             .map_err(|error| Failure::Refused(chain(&error)))?;
         let record = MapRecord::new(
@@ -227,7 +227,7 @@ impl ReconstructionContext {
             .model
             .calibration
             .as_ref()
-            .map(|calibration| calibration.pressure(reconstructor.mesh(), &map))
+            .map(|calibration| calibration.pressure(self.model.reconstructor.mesh(), &map))
             .transpose();
         let (pressure, refused) = match pressure {
             Ok(pressure) => (pressure, None),

@@ -53,7 +53,7 @@ impl Controller {
 fn map_time(model: &Model, baseline: &[Reading], frame: &[Reading], within: Duration) -> Duration {
     // a method that adapts to its first frames is trained on this one, for the trial only
     let model = model.for_session();
-    let map = || model.reconstructor.reconstruct(baseline, frame);
+    let map = || model.reconstruct(baseline, frame);
     if model.looks_at_frames() {
         for _ in 0..FRAMES_LOOKED_AT {
             let _ = map();

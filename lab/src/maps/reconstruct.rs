@@ -49,7 +49,6 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let one = |(name, frame): &(String, Vec<Reading>)| {
         let start = Instant::now();
         let map = model
-            .reconstructor
             .reconstruct(&recording.unloaded.readings, frame)
             .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;
         bar.inc(1);

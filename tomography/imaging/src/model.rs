@@ -2,14 +2,15 @@
 
 use std::sync::Arc;
 
-use eit::{Calibration, Checked, LossOnly, ModelCheck, Reconstructor};
+use eit::{Calibration, LossOnly, ModelCheck, ReconstructError, Reconstructor};
+use survey::{Map, Reading};
 
 use crate::methods::AfterFrames;
 
 /// A reconstructor with its origin.
 #[derive(Clone)]
 pub struct Model {
-    /// Makes the maps.
+    /// Makes the maps, without their quality: see [`Model::reconstruct`].
     pub reconstructor: Arc<dyn Reconstructor>,
     /// Hash of the model file; `None` for a method without one.
     pub hash: Option<String>,
@@ -39,11 +40,20 @@ impl Model {
         }
     }
 
-    /// The same with the quality of each map.
-    pub(crate) fn checked(mut self, check: Arc<ModelCheck>) -> Self {
-        self.reconstructor = Arc::new(Checked::new(self.reconstructor, Arc::clone(&check)));
-        self.check = Some(check);
-        self
+    /// The map of a frame, with its quality.
+    ///
+    /// # Errors
+    /// As [`Reconstructor::reconstruct`].
+    pub fn reconstruct(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
+        let map = self.reconstructor.reconstruct(baseline, frame)?;
+        Ok(match &self.check {
+            Some(check) => check.judged(baseline, frame, map),
+            None => map,
+        })
     }
 
     /// Wraps a trained reconstructor; `loss_only` clips its maps to losses.
@@ -60,14 +70,10 @@ impl Model {
             return self.clone();
         };
         let fresh = Arc::new(after_frames.fresh());
-        let model = Self {
+        Self {
             reconstructor: Arc::clone(&fresh) as Arc<dyn Reconstructor>,
             after_frames: Some(fresh),
             ..self.clone()
-        };
-        match &self.check {
-            Some(check) => model.checked(Arc::clone(check)),
-            None => model,
         }
     }
 

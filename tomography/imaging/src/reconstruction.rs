@@ -69,7 +69,8 @@ pub fn build(
     if let Some(path) = &settings.calibration {
         calibrate(&mut model, path)?;
     }
-    Ok(model.checked(Arc::new(model_check(settings, conditions)?)))
+    model.check = Some(Arc::new(model_check(settings, conditions)?));
+    Ok(model)
 }
 
 /// The check of frames against the model of the whole sheet.

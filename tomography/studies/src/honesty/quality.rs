@@ -162,7 +162,6 @@ pub(super) fn rows(
                     };
                     let trial = trial(sheet, fault, kind, noise_v, random)?;
                     let map = model
-                        .reconstructor
                         .reconstruct(&as_readings(&trial.baseline), &as_readings(&trial.frame))
                         .map_err(|fault| Failure::of("the one-step method", &fault))?;
                     bar.inc(1);

@@ -102,24 +102,9 @@ impl Linear {
         }
     }
 
-    /// Root mean square of the model's readings, in the scale of the data.
-    pub(crate) fn rms(&self) -> f64 {
-        let readings = self.readings();
-        let squares: f64 = readings.iter().map(|v| v * v).sum();
-        (squares / readings.len() as f64).sqrt()
-    }
-
     /// The largest magnitude of the model's readings, in the scale of the data: the paper's v-hat.
     pub(crate) fn largest(&self) -> f64 {
-        let currents = match &self.scale {
-            Scale::Currents(currents) => Some(currents),
-            Scale::Uniform | Scale::ByDistance => None,
-        };
-        self.model
-            .iter()
-            .enumerate()
-            .map(|(i, v)| currents.map_or(v.abs(), |currents| (v * currents[i]).abs()))
-            .fold(0.0, f64::max)
+        self.readings().iter().fold(0.0, |top, v| v.abs().max(top))
     }
 
     /// The change between baseline and frame at the model's scale, and the indices of missing readings.

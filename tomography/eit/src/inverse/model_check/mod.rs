@@ -1,21 +1,18 @@
 //! Whether a frame agrees with the model: what no map explains, and which electrode or pair is to blame. The methods that
-//! make maps know nothing of it; [`Checked`] adds its result to their maps.
+//! make maps know nothing of it.
 //!
 //! A reading and its reciprocal twin have the same change, whatever is on the sheet. The rotated sum of both is data for
-//! maps, the rotated difference is noise alone: its size is that of the noise, and what is not white in it is the fault of a
-//! source or voltmeter. The sum is compared with the best map of the whole sheet: x ~ N(0, g^2 / area) for each triangle and
+//! maps, the rotated difference is noise alone: its size is that of the noise, and what is neither white in it nor in
+//! proportion to the reading is the fault of a source or voltmeter. The sum is compared with the best map of the whole sheet: x ~ N(0, g^2 / area) for each triangle and
 //! white errors t, with g and t of the largest likelihood; t beyond the noise is what no map explains.
 
-mod checked;
 mod reciprocal;
 mod spectrum;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::DMatrix;
-use survey::{Doubt, Electrode, Protocol, Reading};
-
-pub use checked::Checked;
+use survey::{Doubt, Electrode, Map, MapQuality, Protocol, Reading};
 
 use self::reciprocal::Reciprocal;
 use self::spectrum::Spectrum;
@@ -28,6 +25,8 @@ use crate::{Forward, Mesh};
 
 /// Ratio of the readings' noise to the stated one above which, or below whose inverse, the two contradict each other.
 const NOISE_RATIO: f64 = 2.0;
+/// Noise of the most exact instruments, as a share of the readings' rms: less is rounding.
+const RESOLUTION: f64 = 1e-7;
 /// Error of the best map over the noise below which it is noise.
 const UNEXPLAINED_NOISE: f64 = 2.0;
 /// Share of the change that a linear model leaves unexplained without being wrong: loads are strong. Healthy frames of
@@ -48,6 +47,12 @@ const LOSS_AREA: f64 = 2e-3;
 pub struct ModelCheck {
     protocol: Protocol,
     linear: Linear,
+    /// The model's readings, in the scale of the data.
+    model: Vec<f64>,
+    /// The smallest noise that is not rounding, in the same scale.
+    least_noise: f64,
+    /// Areas of the region that maps show, m2.
+    areas: Vec<f64>,
     /// Covariance of the folded data of a white map of size 1, per area.
     gram: DMatrix<f64>,
     /// Change of the folded data by a relative change of each contact impedance.
@@ -98,9 +103,14 @@ impl ModelCheck {
                 *value *= norm * contact_ohm_m[electrode];
             }
         }
+        let model = linear.readings();
+        let square: f64 = model.iter().map(|v| v * v).sum();
         Ok(Self {
             protocol: protocol.clone(),
+            least_noise: RESOLUTION * (square / model.len() as f64).sqrt(),
             linear,
+            model,
+            areas: mesh.region_areas(),
             gram,
             contacts,
             noise,
@@ -108,9 +118,19 @@ impl ModelCheck {
         })
     }
 
+    /// The map that a method made of these readings, with its quality.
+    pub fn judged(&self, baseline: &[Reading], frame: &[Reading], map: Map) -> Map {
+        let mut doubts = self.of_readings(baseline, frame);
+        doubts.extend(impossible(&map.values, &self.areas));
+        Map {
+            quality: Some(MapQuality::of(&doubts)),
+            ..map
+        }
+    }
+
     /// Why a map of these readings is not sound, whatever the method. Readings that cannot be compared (wrong counts,
     /// a dead baseline) give no reason: the method refuses them.
-    pub fn of(&self, baseline: &[Reading], frame: &[Reading]) -> Vec<Doubt> {
+    fn of_readings(&self, baseline: &[Reading], frame: &[Reading]) -> Vec<Doubt> {
         let mut doubts = self.dead(baseline, frame);
         if !doubts.is_empty() {
             return doubts; // nothing else can be concluded from such readings
@@ -131,12 +151,17 @@ impl ModelCheck {
         let size = (data.norm_squared() / data.len() as f64).sqrt();
         // baseline and frame have noise
         let stated = self.noise.map(|noise| std::f64::consts::SQRT_2 * noise);
-        let least = self.linear.rms() * Reciprocal::RESOLUTION;
-        let found = prepared.reciprocal.of(&change, stated, least, size);
+        let found = prepared
+            .reciprocal
+            .of(&change, stated, self.least_noise, size);
         doubts.extend(found.doubts);
         let fit = prepared.spectrum.fit(&data);
         // without twins, the error of the fit is all that is known of the noise
-        let noise = found.noise.or(stated).unwrap_or(fit.error).max(least);
+        let noise = found
+            .noise
+            .or(stated)
+            .unwrap_or(fit.error)
+            .max(self.least_noise);
         if found.noise.is_none()
             && let Some(stated) = stated
             && fit.error * NOISE_RATIO < stated
@@ -173,7 +198,7 @@ impl ModelCheck {
         let gram = rows.rows(&one_side);
         let contacts = rows.rows(&self.contacts);
         let prepared = Arc::new(Prepared {
-            reciprocal: Reciprocal::new(&self.protocol, &self.linear, &missing),
+            reciprocal: Reciprocal::new(&self.protocol, &self.linear.fold, &self.model, &missing),
             spectrum: Spectrum::new(gram.as_ref(), contacts.as_ref())?,
             missing,
         });
@@ -183,8 +208,8 @@ impl ModelCheck {
 
     /// Electrodes whose readings do not follow the model's in the baseline, or the baseline's in the frame.
     fn dead(&self, baseline: &[Reading], frame: &[Reading]) -> Vec<Doubt> {
-        let model = self.linear.readings();
-        if baseline.len() != model.len() || frame.len() != model.len() {
+        let count = self.model.len();
+        if baseline.len() != count || frame.len() != count {
             return Vec::new();
         }
         let volts = |readings: &[Reading]| -> Vec<Option<f64>> {
@@ -194,7 +219,7 @@ impl ModelCheck {
                 .collect()
         };
         let (before, now) = (volts(baseline), volts(frame));
-        let model: Vec<Option<f64>> = model.iter().copied().map(Some).collect();
+        let model: Vec<Option<f64>> = self.model.iter().copied().map(Some).collect();
         let (mut doubts, mut dead) = (Vec::new(), Vec::new());
         for (in_baseline, readings, reference) in [(true, &before, &model), (false, &now, &before)]
         {

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use survey::{Doubt, Electrode, Protocol};
 
 use super::NOISE_RATIO;
-use crate::inverse::learned::linear::Linear;
+use crate::inverse::reciprocity::Fold;
 use crate::linear_algebra::dense;
 
 /// Fewest differences from which anything is concluded, beside those that the gains take.
@@ -63,13 +63,10 @@ struct GainFit {
 }
 
 impl Reciprocal {
-    /// Noise of the most exact instruments, as a share of the readings' rms: less is rounding.
-    pub(super) const RESOLUTION: f64 = 1e-7;
-
-    pub(super) fn new(protocol: &Protocol, linear: &Linear, missing: &[usize]) -> Self {
+    /// `model`: the model's readings, in the scale of the data.
+    pub(super) fn new(protocol: &Protocol, fold: &Fold, model: &[f64], missing: &[usize]) -> Self {
         let twins = protocol.reciprocal_twins();
         let valid = |reading: usize| missing.binary_search(&reading).is_err();
-        let model = linear.readings();
         let mut numbers = BTreeMap::new();
         let mut electrodes = Vec::new();
         let mut differences = Vec::new();
@@ -81,7 +78,7 @@ impl Reciprocal {
                 continue;
             }
             let readings = [first, second];
-            let shares = [linear.fold.row(second).1, -linear.fold.row(first).1];
+            let shares = [fold.row(second).1, -fold.row(first).1];
             let reverse = protocol.measurements()[second];
             let drives = [question.drive, reverse.drive].map(|drive| {
                 let next = numbers.len();
