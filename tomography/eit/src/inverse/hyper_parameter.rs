@@ -7,6 +7,7 @@ use survey::{Protocol, Reading};
 
 use crate::Mesh;
 use crate::inverse::error::OneStepError;
+use crate::inverse::evidence::Evidence;
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::options::OneStepOptions;
 use crate::inverse::prior::Penalty;
@@ -19,8 +20,8 @@ const DECADES: i32 = -7;
 
 /// Frames in the eigenbasis of J R^-1 J'.
 struct Spectrum {
-    /// Eigenvalues of J R^-1 J', the null space of R fitted first.
-    values: Vec<f64>,
+    /// Of J R^-1 J', the null space of R fitted first.
+    evidence: Evidence,
     /// Squared components of each frame.
     squares: Vec<DVector<f64>>,
     /// Squared norm of each frame in the directions that no map changes, and the number of those.
@@ -47,7 +48,8 @@ impl Spectrum {
             .ok_or(OneStepError::Prior)?;
         let gram = dense::product(dense::view(&sensitivity), dense::view(&spread));
         let gram = 0.5 * (&gram + gram.transpose());
-        let (values, vectors) = dense::symmetric_eigen(&gram).ok_or(OneStepError::Prior)?;
+        let steps = DECADES * STEPS_A_DECADE..=0;
+        let evidence = Evidence::new(&gram, steps, STEPS_A_DECADE).ok_or(OneStepError::Prior)?;
         let (mut squares, mut beside) = (Vec::new(), Vec::new());
         for frame in frames {
             // a reading that contradicts its twin is masked in maps; here it counts as noise
@@ -63,22 +65,14 @@ impl Spectrum {
             if let Some(q) = &beside_null {
                 folded -= q * q.tr_mul(&folded);
             }
-            squares.push(vectors.tr_mul(&folded).map(|along| along * along));
+            squares.push(evidence.along(&folded).map(|along| along * along));
         }
         Ok(Self {
             unseen: linear.fold.readings() - linear.fold.rows(),
-            values: values.into_iter().map(|value| value.max(0.0)).collect(),
+            evidence,
             squares,
             beside,
         })
-    }
-
-    /// Candidate values of lambda squared, from the largest eigenvalue down.
-    fn candidates(&self) -> Vec<f64> {
-        let top = self.values.iter().copied().fold(0.0, f64::max);
-        (DECADES * STEPS_A_DECADE..=0)
-            .map(|step| top * 10_f64.powf(f64::from(step) / f64::from(STEPS_A_DECADE)))
-            .collect()
     }
 }
 
@@ -103,28 +97,19 @@ pub fn probable_lambda(
     if spectrum.squares.is_empty() {
         return Ok(None);
     }
-    // minus twice the logarithm of the probability, up to a constant, with the best g for every frame
-    let surprise = |square: f64| -> f64 {
-        let variance: Vec<f64> = spectrum.values.iter().map(|value| value + square).collect();
-        let unseen = spectrum.unseen as f64;
-        let logs: f64 =
-            variance.iter().map(|variance| variance.ln()).sum::<f64>() + unseen * square.ln();
-        let count = variance.len() as f64 + unseen;
-        spectrum
-            .squares
-            .iter()
-            .zip(&spectrum.beside)
-            .map(|(squares, beside)| {
-                let sum: f64 = squares.iter().zip(&variance).map(|(c, v)| c / v).sum();
-                count * (sum + beside / square).ln() + logs
-            })
-            .sum()
-    };
-    let best = spectrum
-        .candidates()
-        .into_iter()
-        .map(|square| (square, surprise(square)))
-        .min_by(|a, b| a.1.total_cmp(&b.1));
+    // all frames share the ratio, each has the best g of its own
+    let mut surprises: Vec<(f64, f64)> = spectrum
+        .evidence
+        .ratios()
+        .map(|square| (square, 0.0))
+        .collect();
+    for (squares, beside) in spectrum.squares.iter().zip(&spectrum.beside) {
+        let fits = spectrum.evidence.fits(squares, *beside, spectrum.unseen);
+        for ((_, surprise), fit) in surprises.iter_mut().zip(fits) {
+            *surprise += fit.surprise;
+        }
+    }
+    let best = surprises.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
     Ok(best.map(|(square, _)| square.sqrt()))
 }
 
@@ -148,14 +133,14 @@ pub fn l_curve_lambda(
     if spectrum.squares.is_empty() {
         return Ok(None);
     }
-    let candidates = spectrum.candidates();
+    let candidates: Vec<f64> = spectrum.evidence.ratios().collect();
     let curve: Vec<[f64; 2]> = candidates
         .iter()
         .map(|&square| {
             let (mut residual, mut size) = (0.0, 0.0);
             for (squares, beside) in spectrum.squares.iter().zip(&spectrum.beside) {
                 residual += beside;
-                for (c, v) in squares.iter().zip(&spectrum.values) {
+                for (c, v) in squares.iter().zip(&spectrum.evidence.values) {
                     residual += c * (square / (v + square)).powi(2);
                     size += c * v / (v + square).powi(2);
                 }

@@ -5,6 +5,7 @@ pub(crate) mod box_constrained;
 pub(crate) mod cut;
 pub(crate) mod data_space;
 pub(crate) mod error;
+pub(crate) mod evidence;
 pub(crate) mod graph;
 pub(crate) mod hyper_parameter;
 pub(crate) mod interior_point;

@@ -155,7 +155,9 @@ impl ModelCheck {
             .reciprocal
             .of(&change, stated, self.least_noise, size);
         doubts.extend(found.doubts);
-        let fit = prepared.spectrum.fit(&data);
+        let Some(fit) = prepared.spectrum.fit(&data) else {
+            return doubts;
+        };
         // without twins, the error of the fit is all that is known of the noise
         let noise = found
             .noise
