@@ -16,8 +16,10 @@ pub mod honesty;
 mod html;
 pub mod paper;
 pub mod progress;
+mod readings;
 pub mod stability;
 pub mod tradeoff;
 
 pub use artifact_cache::Program;
 pub use failure::{Failure, write};
+pub use readings::{add_noise, measured};

@@ -14,6 +14,7 @@ use survey::Protocol;
 use crate::{Failure, write};
 
 pub use quality::QualityRow;
+pub use sheet::FineSheet;
 
 /// How much is judged.
 #[derive(Debug, Clone)]
@@ -41,18 +42,11 @@ pub struct Report {
 /// A sheet that cannot be computed.
 pub fn run(settings: &Settings) -> Result<Report, Failure> {
     let protocol = Protocol::sheffield(26).map_err(|fault| Failure::of("the protocol", &fault))?;
-    let sheet = sheet::FineSheet::new(&protocol)?;
+    let sheet = FineSheet::new(&protocol)?;
     let geometry = Geometry::from_preset(&eit::Preset::default())
         .map_err(|fault| Failure::of("the model's sheet", &fault))?;
     Ok(Report {
-        quality: quality::rows(
-            settings.seed,
-            settings.healthy,
-            settings.faulty,
-            &settings.noises_uv,
-            &sheet,
-            &geometry,
-        )?,
+        quality: quality::rows(settings, &sheet, &geometry)?,
     })
 }
 

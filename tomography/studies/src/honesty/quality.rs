@@ -10,8 +10,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 use survey::{Amps, Electrode, MapQuality, Verdict};
 
-use super::sheet::{CURRENT, FineSheet, Kind, as_readings, measured, random};
-use crate::{Failure, progress};
+use super::Settings;
+use super::sheet::{CURRENT, FineSheet, Kind, random};
+use crate::{Failure, add_noise, measured, progress};
 
 /// Faults of a rig that maps must not hide.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,22 +128,19 @@ struct Trial {
     blamed: Option<Electrode>,
 }
 
-/// Judges `healthy` frames without fault and `faulty` of each fault at each noise, uV, with the one-step method.
+/// Judges frames without fault and with each fault, at each noise, by the one-step method.
 pub(super) fn rows(
-    seed: u64,
-    healthy: usize,
-    faulty: usize,
-    noises_uv: &[f64],
+    settings: &Settings,
     sheet: &FineSheet,
     geometry: &Geometry,
 ) -> Result<Vec<QualityRow>, Failure> {
     let mut rows = Vec::new();
-    let steps = noises_uv.len() * (healthy + Fault::ALL.len() * faulty);
-    let bar = progress::bar(steps, "frames judged");
-    for (level, &noise_uv) in noises_uv.iter().enumerate() {
-        let groups = [(Fault::None, healthy)]
+    let frames = settings.healthy + Fault::ALL.len() * settings.faulty;
+    let bar = progress::bar(settings.noises_uv.len() * frames, "frames judged");
+    for (level, &noise_uv) in settings.noises_uv.iter().enumerate() {
+        let groups = [(Fault::None, settings.healthy)]
             .into_iter()
-            .chain(Fault::ALL.map(|fault| (fault, faulty)));
+            .chain(Fault::ALL.map(|fault| (fault, settings.faulty)));
         for (fault, count) in groups {
             let series = (level as u64) << 8 | fault as u64;
             let noise_v = 1e-6 * noise_uv;
@@ -153,7 +151,7 @@ pub(super) fn rows(
             let judged: Vec<(Trial, MapQuality)> = (0..count)
                 .into_par_iter()
                 .map(|frame| {
-                    let random = &mut random(seed, series, frame as u64);
+                    let random = &mut random(settings.seed, series, frame as u64);
                     // a fault is looked for under the paper's smallest press, or on an empty sheet
                     let kind = match (fault, frame % 2) {
                         (Fault::None, _) => Kind::ALL[frame % Kind::ALL.len()],
@@ -162,7 +160,7 @@ pub(super) fn rows(
                     };
                     let trial = trial(sheet, fault, kind, noise_v, random)?;
                     let map = model
-                        .reconstruct(&as_readings(&trial.baseline), &as_readings(&trial.frame))
+                        .reconstruct(&measured(&trial.baseline), &measured(&trial.frame))
                         .map_err(|fault| Failure::of("the one-step method", &fault))?;
                     bar.inc(1);
                     let quality = map
@@ -196,16 +194,12 @@ fn trial(
 ) -> Result<Trial, Failure> {
     let load = sheet.load(kind, random);
     let electrode = random.random_range(0..sheet.protocol.electrodes());
-    let contact = (fault == Fault::Contact).then_some((electrode, 10.0));
-    let mut ohms = sheet.readings(&load.factors, contact)?;
+    let mut ohms = match fault {
+        Fault::Contact => sheet.readings_with_contact(&load.factors, electrode, 10.0)?,
+        _ => sheet.readings(&load.factors)?,
+    };
     let mut unloaded = sheet.unloaded.clone();
     let questions = sheet.protocol.measurements();
-    let uses = |question: &survey::Measurement| {
-        let dipoles = [question.drive, question.sense];
-        dipoles
-            .iter()
-            .any(|dipole| dipole.contains(Electrode(electrode)))
-    };
     if fault == Fault::Gains {
         let spread = Normal::new(1.0, 1e-3).ok();
         let gains: BTreeMap<_, f64> = sheet
@@ -218,28 +212,31 @@ fn trial(
             *value *= gains[&question.drive];
         }
     }
-    for (k, question) in questions
-        .iter()
-        .enumerate()
-        .filter(|(_, question)| uses(question))
-    {
-        let _ = question;
-        if matches!(fault, Fault::Dead | Fault::DeadInBaseline) {
-            ohms[k] = 0.0;
-        }
-        if fault == Fault::DeadInBaseline {
-            unloaded[k] = 0.0;
-        }
-    }
-    let baseline = measured(&unloaded, noise_v, random);
-    let mut frame = measured(&ohms, noise_v, random);
-    if fault == Fault::NoisyPair {
-        let noise = Normal::new(0.0, 50.0 * noise_v).ok();
-        for (value, question) in frame.iter_mut().zip(questions) {
-            if question.sense.plus == Electrode(electrode) {
-                *value += noise.map_or(0.0, |noise| noise.sample(random));
+    if matches!(fault, Fault::Dead | Fault::DeadInBaseline) {
+        for (k, question) in questions.iter().enumerate() {
+            let dipoles = [question.drive, question.sense];
+            if dipoles
+                .iter()
+                .any(|dipole| dipole.contains(Electrode(electrode)))
+            {
+                ohms[k] = 0.0;
+                if fault == Fault::DeadInBaseline {
+                    unloaded[k] = 0.0;
+                }
             }
         }
+    }
+    let [baseline, mut frame] = [unloaded, ohms].map(|ohms| {
+        let mut volts: Vec<f64> = ohms.iter().map(|ohms| CURRENT * ohms).collect();
+        add_noise(&mut volts, noise_v, random);
+        volts
+    });
+    if fault == Fault::NoisyPair {
+        let own = frame
+            .iter_mut()
+            .zip(questions)
+            .filter(|(_, question)| question.sense.plus == Electrode(electrode));
+        add_noise(own.map(|(value, _)| value), 50.0 * noise_v, random);
     }
     let row = match fault {
         Fault::None if load.at_electrode => "load within 8 mm of an electrode",

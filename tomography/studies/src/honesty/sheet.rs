@@ -3,26 +3,26 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use eit::{Forward, Mesh, PaperSheet};
+use eit::{Forward, PaperSheet};
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, Normal};
-use survey::{Protocol, Reading, Volts};
+use survey::Protocol;
 
 use crate::Failure;
 
-/// Current of the readings, A.
+/// Current of the frames, A.
 pub(super) const CURRENT: f64 = 1e-3;
 /// Distance from an electrode, m, from which a load does not touch its surroundings.
 const FAR: f64 = 8e-3;
 
-/// The finer sheet.
-pub(super) struct FineSheet {
-    pub(super) mesh: Arc<Mesh>,
-    contact: Vec<f64>,
+/// The paper's sheet on a mesh that is finer than, and different from, the model's.
+pub struct FineSheet {
+    forward: Forward,
     conductance: f64,
     pub(super) protocol: Protocol,
     centroids: Vec<[f64; 2]>,
+    /// Smallest and largest of each coordinate of the centroids.
+    bounds: [[f64; 2]; 2],
     electrodes: Vec<[f64; 2]>,
     /// Readings at 1 A of the sheet without load.
     pub(super) unloaded: Vec<f64>,
@@ -83,7 +83,11 @@ pub(super) struct Load {
 }
 
 impl FineSheet {
-    pub(super) fn new(protocol: &Protocol) -> Result<Self, Failure> {
+    /// Solves for the sheet without load.
+    ///
+    /// # Errors
+    /// A sheet that cannot be computed, or a protocol for another number of electrodes.
+    pub fn new(protocol: &Protocol) -> Result<Self, Failure> {
         let sheet = PaperSheet {
             fineness: 1.6,
             ..PaperSheet::default()
@@ -91,51 +95,69 @@ impl FineSheet {
         let mesh = sheet
             .mesh()
             .map_err(|fault| Failure::of("the finer sheet", &fault))?;
-        let mut fine = Self {
-            contact: sheet.contact_ohm_m(),
-            conductance: sheet.conductance(),
-            protocol: protocol.clone(),
-            centroids: (0..mesh.triangles().len())
-                .map(|triangle| mesh.centroid(triangle))
-                .collect(),
-            electrodes: mesh.electrode_centres(),
-            mesh: Arc::new(mesh),
-            unloaded: Vec::new(),
-        };
-        fine.unloaded = fine.readings(&vec![1.0; fine.centroids.len()], None)?;
-        Ok(fine)
-    }
-
-    /// Readings at 1 A of the sheet with these factors of its conductance; `contact`: an electrode and the factor of its
-    /// contact impedance.
-    pub(super) fn readings(
-        &self,
-        factors: &[f64],
-        contact: Option<(usize, f64)>,
-    ) -> Result<Vec<f64>, Failure> {
-        let mut impedances = self.contact.clone();
-        if let Some((electrode, factor)) = contact {
-            impedances[electrode] *= factor;
-        }
-        let sigma: Vec<f64> = factors.iter().map(|f| self.conductance * f).collect();
-        Forward::new(Arc::clone(&self.mesh), &impedances)
-            .and_then(|forward| forward.readings(&sigma, &self.protocol))
-            .map(|readings| readings.as_slice().to_vec())
-            .map_err(|fault| Failure::of("the finer sheet", &fault))
-    }
-
-    /// A load of this kind.
-    pub(super) fn load(&self, kind: Kind, random: &mut ChaCha8Rng) -> Load {
+        let centroids: Vec<[f64; 2]> = (0..mesh.triangles().len())
+            .map(|triangle| mesh.centroid(triangle))
+            .collect();
         let bounds = [0, 1].map(|axis| {
-            let along = || self.centroids.iter().map(|at| at[axis]);
+            let along = || centroids.iter().map(|at| at[axis]);
             [
                 along().fold(f64::INFINITY, f64::min),
                 along().fold(f64::NEG_INFINITY, f64::max),
             ]
         });
+        let electrodes = mesh.electrode_centres();
+        let mut fine = Self {
+            forward: Forward::new(Arc::new(mesh), &sheet.contact_ohm_m()).map_err(unsolved)?,
+            conductance: sheet.conductance(),
+            protocol: protocol.clone(),
+            bounds,
+            electrodes,
+            unloaded: Vec::new(),
+            centroids,
+        };
+        fine.unloaded = fine.readings(&fine.factors(|_| 1.0))?;
+        Ok(fine)
+    }
+
+    /// The factor of the conductance of each triangle, from its centroid (m).
+    pub fn factors(&self, factor: impl Fn([f64; 2]) -> f64) -> Vec<f64> {
+        self.centroids.iter().map(|at| factor(*at)).collect()
+    }
+
+    /// Readings of the sheet with these factors of its conductance, V at 1 A.
+    ///
+    /// # Errors
+    /// Factors that are refused: negative, or not one for each triangle.
+    pub fn readings(&self, factors: &[f64]) -> Result<Vec<f64>, Failure> {
+        self.solved(&self.forward, factors)
+    }
+
+    /// The same with a contact impedance of one electrode that is so many times its own.
+    pub(super) fn readings_with_contact(
+        &self,
+        factors: &[f64],
+        electrode: usize,
+        times: f64,
+    ) -> Result<Vec<f64>, Failure> {
+        let mut impedances = self.forward.contact_ohm_m().to_vec();
+        impedances[electrode] *= times;
+        let mesh = Arc::clone(self.forward.mesh());
+        let forward = Forward::new(mesh, &impedances).map_err(unsolved)?;
+        self.solved(&forward, factors)
+    }
+
+    fn solved(&self, forward: &Forward, factors: &[f64]) -> Result<Vec<f64>, Failure> {
+        let sigma: Vec<f64> = factors.iter().map(|f| self.conductance * f).collect();
+        let readings = forward.readings(&sigma, &self.protocol).map_err(unsolved)?;
+        Ok(readings.as_slice().to_vec())
+    }
+
+    /// A load of this kind.
+    pub(super) fn load(&self, kind: Kind, random: &mut ChaCha8Rng) -> Load {
+        let bounds = self.bounds;
         let place =
             |random: &mut ChaCha8Rng| bounds.map(|[low, high]| random.random_range(low..high));
-        let mut factors = vec![1.0; self.centroids.len()];
+        let mut factors = self.factors(|_| 1.0);
         let mut press = |inside: &dyn Fn([f64; 2]) -> f64| {
             for (factor, at) in factors.iter_mut().zip(&self.centroids) {
                 *factor = f64::min(*factor, inside(*at));
@@ -211,6 +233,10 @@ impl FineSheet {
     }
 }
 
+fn unsolved(fault: eit::ForwardError) -> Failure {
+    Failure::of("the finer sheet", &fault)
+}
+
 fn away(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
@@ -220,18 +246,4 @@ pub(super) fn random(seed: u64, series: u64, frame: u64) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(series << 32 | frame);
     random
-}
-
-/// Readings at [`CURRENT`] with white noise, V.
-pub(super) fn measured(readings: &[f64], noise_v: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
-    let noise = Normal::new(0.0, noise_v).ok();
-    readings
-        .iter()
-        .map(|ohms| CURRENT * ohms + noise.map_or(0.0, |noise| noise.sample(random)))
-        .collect()
-}
-
-/// As a rig returns them.
-pub(super) fn as_readings(volts: &[f64]) -> Vec<Reading> {
-    volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
 }

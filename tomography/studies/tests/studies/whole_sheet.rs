@@ -1,53 +1,29 @@
 //! Changes outside of the region of interest: with the whole sheet unknown they are not taken for loads inside. Data from a
 //! mesh that is finer than the model's, 2 uV of noise on baseline and frame.
 
-use std::sync::Arc;
-
-use eit::{Forward, PaperSheet};
 use imaging::{Conditions, Geometry, Method, ReconstructionSettings, Unknowns, build};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, Normal};
-use survey::{Amps, Map, Protocol, Reading, Volts};
+use studies::honesty::FineSheet;
+use studies::{add_noise, measured};
+use survey::{Amps, Map, Protocol, Reading};
 
 const CURRENT: f64 = 1e-3;
 const NOISE: f64 = 2e-6;
 
-/// Readings of the sheet with these factors of its conductance, by the place (m) of a triangle.
-struct FineSheet {
-    forward: Forward,
-    mesh: Arc<eit::Mesh>,
-    conductance: f64,
-    protocol: Protocol,
+/// Frames of the finer sheet, with noise.
+struct Rig {
+    sheet: FineSheet,
     random: ChaCha8Rng,
 }
 
-impl FineSheet {
-    fn new(protocol: &Protocol) -> Self {
-        let sheet = PaperSheet {
-            fineness: 1.6,
-            ..PaperSheet::default()
-        };
-        let mesh = Arc::new(sheet.mesh().unwrap());
-        Self {
-            forward: Forward::new(Arc::clone(&mesh), &sheet.contact_ohm_m()).unwrap(),
-            mesh,
-            conductance: sheet.conductance(),
-            protocol: protocol.clone(),
-            random: ChaCha8Rng::seed_from_u64(26),
-        }
-    }
-
+impl Rig {
+    /// A frame, `factor` being that of the conductance by the place (m) of a triangle.
     fn frame(&mut self, factor: impl Fn([f64; 2]) -> f64) -> Vec<Reading> {
-        let sigma: Vec<f64> = (0..self.mesh.triangles().len())
-            .map(|triangle| self.conductance * factor(self.mesh.centroid(triangle)))
-            .collect();
-        let answers = self.forward.readings(&sigma, &self.protocol).unwrap();
-        let noise = Normal::new(0.0, NOISE).unwrap();
-        answers
-            .iter()
-            .map(|answer| Reading::Ok(Volts(CURRENT * answer + noise.sample(&mut self.random))))
-            .collect()
+        let answers = self.sheet.readings(&self.sheet.factors(factor)).unwrap();
+        let mut volts: Vec<f64> = answers.iter().map(|answer| CURRENT * answer).collect();
+        add_noise(&mut volts, NOISE, &mut self.random);
+        measured(&volts)
     }
 }
 
@@ -163,28 +139,31 @@ fn compare(
     }
 }
 
-fn paper_sheet() -> (Maps, FineSheet) {
+fn paper_sheet() -> (Maps, Rig) {
     let protocol = Protocol::sheffield(26).unwrap();
-    let sheet = FineSheet::new(&protocol);
+    let rig = Rig {
+        sheet: FineSheet::new(&protocol).unwrap(),
+        random: ChaCha8Rng::seed_from_u64(26),
+    };
     let geometry = Geometry::from_preset(&eit::Preset::default()).unwrap();
-    (Maps { geometry, protocol }, sheet)
+    (Maps { geometry, protocol }, rig)
 }
 
 #[test]
 fn a_press_is_found_on_a_sheet_that_has_changed_by_one_percent() {
-    let (maps, mut sheet) = paper_sheet();
+    let (maps, mut rig) = paper_sheet();
     let at = [0.03, 0.02];
-    let before = sheet.frame(|_| 1.0);
-    let pressed = sheet.frame(disc(at, 5e-3, 0.5, 0.99));
+    let before = rig.frame(|_| 1.0);
+    let pressed = rig.frame(disc(at, 5e-3, 0.5, 0.99));
     let error = |map: &Map| maps.error_mm(map, at);
     compare(&before, &pressed, &maps, error, |case| case.press_mm);
 }
 
 #[test]
 fn a_load_over_an_electrode_is_no_load_in_the_region() {
-    let (maps, mut sheet) = paper_sheet();
-    let before = sheet.frame(|_| 1.0);
-    let loaded = sheet.frame(disc(maps.electrode(3), 8e-3, 0.5, 1.0));
+    let (maps, mut rig) = paper_sheet();
+    let before = rig.frame(|_| 1.0);
+    let loaded = rig.frame(disc(maps.electrode(3), 8e-3, 0.5, 1.0));
     let largest = |map: &Map| map.largest_loss().map_or(0.0, |(_, loss)| loss);
     compare(&before, &loaded, &maps, largest, |case| case.electrode);
 }

@@ -11,8 +11,9 @@ use nalgebra::{DMatrix, DVector, SVD};
 use survey::Reading;
 
 use crate::failure::Failure;
+use crate::readings::measured;
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
-use crate::stability::solvers::tank::{Tank, measured, refused};
+use crate::stability::solvers::tank::{Tank, refused};
 
 /// Drive current, A.
 const CURRENT: f64 = 1e-3;

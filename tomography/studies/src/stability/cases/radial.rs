@@ -11,8 +11,9 @@ use training::rbf::{train_rbf, train_rbf_on};
 use training::samples::{Sample, SampleError, Samples, TrainError};
 
 use crate::failure::Failure;
+use crate::readings::measured;
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
-use crate::stability::solvers::tank::{Tank, measured};
+use crate::stability::solvers::tank::Tank;
 use training::rbf::SPREAD_RULED;
 
 /// A hand-made training set.

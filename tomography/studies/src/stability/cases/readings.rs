@@ -8,8 +8,9 @@ use nalgebra::DVector;
 use survey::{Amps, Checks, Frame, Precautions, QualityFlag, Reading, Settings, Volts};
 
 use crate::failure::Failure;
+use crate::readings::measured;
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
-use crate::stability::solvers::tank::{Tank, measured};
+use crate::stability::solvers::tank::Tank;
 
 /// Drive current, A.
 const CURRENT: f64 = 1e-3;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use eit::{DiscTank, Forward, Mesh, PaperSheet};
 use qd::Quad;
-use survey::{Protocol, Reading, Volts};
+use survey::Protocol;
 
 use super::bordered::{Bordered, Ground, Number};
 use crate::failure::Failure;
@@ -130,9 +130,4 @@ pub(crate) fn protocol(electrodes: usize) -> Result<Protocol, Failure> {
 
 pub(crate) fn refused(fault: eit::ForwardError) -> Failure {
     Failure::of("the forward model", &fault)
-}
-
-/// Readings as a rig returns them.
-pub(crate) fn measured(volts: &[f64]) -> Vec<Reading> {
-    volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
 }
