@@ -91,7 +91,7 @@ impl<C: GpioChip> GpioBoard<C> {
         }
     }
 
-    fn place(&self, relay: Relay) -> Result<(Pole, Electrode), RigError> {
+    fn pole_and_electrode(&self, relay: Relay) -> Result<(Pole, Electrode), RigError> {
         let place = Pole::of(relay).filter(|(_, electrode)| {
             electrode.0 < self.electrodes && Chip::of(*electrode).is_some()
         });
@@ -109,7 +109,7 @@ impl<C: GpioChip> GpioBoard<C> {
         for one in moves {
             let (Move::Close(relays) | Move::Open(relays)) = one;
             for relay in relays {
-                let (pole, electrode) = self.place(*relay)?;
+                let (pole, electrode) = self.pole_and_electrode(*relay)?;
                 match one {
                     Move::Open(_) if state.on(pole) == Some(electrode) => {
                         state = state.with(pole, None);
@@ -134,7 +134,7 @@ impl<C: GpioChip> GpioBoard<C> {
         }
     }
 
-    fn bring(&mut self, from: State, to: State) -> Result<(), RigError> {
+    fn apply(&mut self, from: State, to: State) -> Result<(), RigError> {
         for step in steps(from, to) {
             let outcome = self.chip.set(step.mask, step.bits);
             outcome.map_err(|fault| self.broken(&fault))?;
@@ -162,7 +162,7 @@ impl<C: GpioChip> Switch for GpioBoard<C> {
     async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
         let from = self.state()?;
         let to = self.target(from, moves)?;
-        self.bring(from, to)?;
+        self.apply(from, to)?;
         if from != to && !self.settling.is_zero() {
             tokio::time::sleep(self.settling).await;
         }
@@ -176,7 +176,7 @@ impl<C: GpioChip> Switch for GpioBoard<C> {
 
     async fn closed(&mut self, relays: &[Relay]) -> Result<Vec<bool>, RigError> {
         for relay in relays {
-            self.place(*relay)?;
+            self.pole_and_electrode(*relay)?;
         }
         let joined = self.levels()?.joined();
         Ok(relays.iter().map(|relay| joined.contains(relay)).collect())
@@ -186,7 +186,7 @@ impl<C: GpioChip> Switch for GpioBoard<C> {
         let mut mask = 0;
         let joined = self.levels()?.joined();
         for relay in relays {
-            let (pole, electrode) = self.place(*relay)?;
+            let (pole, electrode) = self.pole_and_electrode(*relay)?;
             if joined.contains(relay)
                 && let Some(chip) = Chip::of(electrode)
             {

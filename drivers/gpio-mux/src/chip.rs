@@ -116,7 +116,7 @@ impl MemoryChip {
     }
 
     /// Ends a fault of [`MemoryChip::stick`]. The line keeps its level until it is set again.
-    pub fn mend(&self, line: Line) {
+    pub fn unstick(&self, line: Line) {
         self.pins().stuck &= !line.mask();
     }
 

@@ -248,7 +248,7 @@ impl fmt::Display for Reply {
             Self::State(state) => write!(f, "{state}"),
             Self::LastEdge(at) => write!(f, "{}", at.as_micros()),
             Self::Error(ErrorEntry { code, message }) => write!(f, "{code:+},{}", quote(message)),
-            Self::Refused(refusal) => write!(f, "ERR {refusal}"),
+            Self::Refused(error) => write!(f, "ERR {error}"),
         }
     }
 }
@@ -298,7 +298,7 @@ impl FromStr for State {
 }
 
 /// Parses an error reply, `ERR <code>,"<text>"`; `None` for any other reply.
-pub fn refusal(reply: &str) -> Option<ErrorEntry> {
+pub fn error_in_reply(reply: &str) -> Option<ErrorEntry> {
     reply.strip_prefix("ERR ")?.parse().ok()
 }
 
@@ -339,7 +339,7 @@ mod tests {
         assert!("0,2,3,4".parse::<State>().is_err());
         let refused = ErrorEntry::new(-221, "Settings conflict");
         assert_eq!(
-            refusal(&Reply::Refused(refused.clone()).to_string()),
+            error_in_reply(&Reply::Refused(refused.clone()).to_string()),
             Some(refused)
         );
     }

@@ -10,7 +10,7 @@ use survey::{Electrode, Relay};
 use tokio::io::{AsyncRead, AsyncReadExt};
 
 use crate::MODEL;
-use crate::command::{Command, MOST_ERRORS, Pair, Pole, State, refusal};
+use crate::command::{Command, MOST_ERRORS, Pair, Pole, State, error_in_reply};
 
 /// Options of the driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -110,7 +110,7 @@ impl<S: Stream> GpioMux<S> {
         self.state = None;
         let message = command.to_string();
         let answer = self.conversation.link_mut().ask(&message).await?;
-        if let Some(error) = refusal(&answer) {
+        if let Some(error) = error_in_reply(&answer) {
             return Err(self.conversation.refused(message, error));
         }
         let state = answer.parse().map_err(|_| {
@@ -122,8 +122,8 @@ impl<S: Stream> GpioMux<S> {
     }
 
     /// Brings the poles to a state with the fewest commands; each reply is checked.
-    async fn bring(&mut self, from: State, to: State) -> Result<(), RigError> {
-        let commands = way(from, to);
+    async fn apply(&mut self, from: State, to: State) -> Result<(), RigError> {
+        let commands = commands_between(from, to);
         for (command, meant) in &commands {
             let found = self.send(*command).await?;
             if found != *meant {
@@ -139,7 +139,7 @@ impl<S: Stream> GpioMux<S> {
     }
 
     /// After a lost or late reply: opens everything while the link is synchronised again.
-    async fn come_back(&mut self) -> Result<(), RigError> {
+    async fn recover(&mut self) -> Result<(), RigError> {
         self.state = None;
         let off = (Command::Off.to_string(), State::default().to_string());
         // Replies that no query of a frame has: no frame measures voltage with the current poles open.
@@ -158,7 +158,7 @@ impl<S: Stream> GpioMux<S> {
             .await?)
     }
 
-    fn place(&self, relay: Relay) -> Result<(Pole, Electrode), RigError> {
+    fn pole_and_electrode(&self, relay: Relay) -> Result<(Pole, Electrode), RigError> {
         Pole::of(relay).ok_or_else(|| {
             self.conversation.unable(format!(
                 "move relay {relay}: its relays are pole x 100 + electrode, poles 1 to 4"
@@ -173,7 +173,7 @@ impl<S: Stream> GpioMux<S> {
             match one {
                 Move::Close(relays) => {
                     for relay in relays {
-                        let (pole, electrode) = self.place(*relay)?;
+                        let (pole, electrode) = self.pole_and_electrode(*relay)?;
                         if let Some(other) = state.on(pole).filter(|other| *other != electrode) {
                             return Err(self.conversation.unable(format!(
                                 "close relay {relay} while electrode {other} is on {pole}: a pole carries one electrode"
@@ -184,7 +184,7 @@ impl<S: Stream> GpioMux<S> {
                 }
                 Move::Open(relays) => {
                     for relay in relays {
-                        let (pole, electrode) = self.place(*relay)?;
+                        let (pole, electrode) = self.pole_and_electrode(*relay)?;
                         if state.on(pole) == Some(electrode) {
                             state = state.with(pole, None);
                         }
@@ -203,14 +203,14 @@ impl<S: Stream> GpioMux<S> {
 
 /// The commands from one valid state to another, each with the state after it. No intermediate state has one electrode
 /// on both current poles.
-fn way(from: State, to: State) -> Vec<(Command, State)> {
+fn commands_between(from: State, to: State) -> Vec<(Command, State)> {
     if to == State::default() && from != to {
         return vec![(Command::Off, to)];
     }
-    let mut way = Vec::new();
+    let mut commands = Vec::new();
     let mut state = from;
-    let mut say = |command, next: State| {
-        way.push((command, next));
+    let mut append = |command, next: State| {
+        commands.push((command, next));
         next
     };
     for pair in [Pair::Current, Pair::Voltage] {
@@ -225,19 +225,19 @@ fn way(from: State, to: State) -> Vec<(Command, State)> {
             && second.0 == first.0 + 1
         {
             let next = state.with(plus, want_plus).with(minus, want_minus);
-            state = say(Command::Pair(pair, first), next);
+            state = append(Command::Pair(pair, first), next);
             continue;
         }
         if state.on(plus) != want_plus && want_plus == state.on(minus) && want_plus.is_some() {
-            state = say(Command::Set(minus, None), state.with(minus, None));
+            state = append(Command::Set(minus, None), state.with(minus, None));
         }
         for (pole, want) in [(plus, want_plus), (minus, want_minus)] {
             if state.on(pole) != want {
-                state = say(Command::Set(pole, want), state.with(pole, want));
+                state = append(Command::Set(pole, want), state.with(pole, want));
             }
         }
     }
-    way
+    commands
 }
 
 impl<S: Stream> Switch for GpioMux<S> {
@@ -249,7 +249,7 @@ impl<S: Stream> Switch for GpioMux<S> {
             None => self.state().await?,
         };
         let to = self.target(from, moves)?;
-        self.bring(from, to).await
+        self.apply(from, to).await
     }
 
     /// Does nothing: a move has settled when it returns.
@@ -260,7 +260,7 @@ impl<S: Stream> Switch for GpioMux<S> {
     async fn closed(&mut self, relays: &[Relay]) -> Result<Vec<bool>, RigError> {
         let places = relays
             .iter()
-            .map(|relay| self.place(*relay))
+            .map(|relay| self.pole_and_electrode(*relay))
             .collect::<Result<Vec<_>, _>>()?;
         let state = self.state().await?;
         Ok(places
@@ -270,12 +270,12 @@ impl<S: Stream> Switch for GpioMux<S> {
     }
 
     async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
-        if !self.conversation.link().is_in_step() {
-            self.come_back().await?;
+        if !self.conversation.link().is_synchronised() {
+            self.recover().await?;
         }
         let from = self.state().await?;
         let to = self.target(from, &[Move::Open(relays.to_vec())])?;
-        self.bring(from, to).await?;
+        self.apply(from, to).await?;
         let closed = self.closed(relays).await?;
         self.conversation.check_open(relays, &closed)
     }
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn no_way_leads_through_a_short() {
+    fn no_command_sequence_shorts_the_source() {
         let all: Vec<Option<Electrode>> = [None, Some(0), Some(1), Some(2)]
             .map(|electrode| electrode.map(Electrode))
             .to_vec();
@@ -305,10 +305,10 @@ mod tests {
         }
         for from in &legal {
             for to in &legal {
-                let way = way(*from, *to);
-                assert!(way.iter().all(|(_, state)| state.shorted().is_none()));
-                assert!(way.len() <= 3, "{from} to {to}: {way:?}");
-                let end = way.last().map_or(*from, |(_, state)| *state);
+                let commands = commands_between(*from, *to);
+                assert!(commands.iter().all(|(_, state)| state.shorted().is_none()));
+                assert!(commands.len() <= 3, "{from} to {to}: {commands:?}");
+                let end = commands.last().map_or(*from, |(_, state)| *state);
                 assert_eq!(end, *to);
             }
         }
@@ -316,8 +316,8 @@ mod tests {
 
     #[test]
     fn neighbours_go_by_one_command() {
-        let way = way(state("1,2,3,4"), state("1,2,4,5"));
-        assert_eq!(way.len(), 1);
-        assert_eq!(way[0].0, Command::Pair(Pair::Voltage, Electrode(3)));
+        let commands = commands_between(state("1,2,3,4"), state("1,2,4,5"));
+        assert_eq!(commands.len(), 1);
+        assert_eq!(commands[0].0, Command::Pair(Pair::Voltage, Electrode(3)));
     }
 }

@@ -40,7 +40,7 @@ pub use board::GpioBoard;
 #[cfg(target_os = "linux")]
 pub use character_device::{CharacterDevice, EnableLevel};
 pub use chip::{GpioChip, GpioFault, LineEdge, MemoryChip};
-pub use command::{Command, NotAState, Pair, Pole, Reply, State, refusal};
+pub use command::{Command, NotAState, Pair, Pole, Reply, State, error_in_reply};
 pub use driver::{GpioMux, Options, await_banner};
 pub use lines::{Chip, LINES, Levels, Line, Step, steps};
 #[cfg(feature = "simulator")]

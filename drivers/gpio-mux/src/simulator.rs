@@ -142,14 +142,14 @@ impl SimulatorGpioMux {
         let bits = if level { line.mask() } else { 0 };
         self.stuck = self.stuck.with(line.mask(), line.mask());
         self.stuck_at = self.stuck_at.with(line.mask(), bits);
-        self.tell(at, poles);
+        self.report_poles(at, poles);
     }
 
     /// Ends a fault of [`SimulatorGpioMux::stick`].
-    pub fn mend(&mut self, line: Line, at: Duration, poles: &mut dyn Poles) {
+    pub fn unstick(&mut self, line: Line, at: Duration, poles: &mut dyn Poles) {
         self.pass(at, poles);
         self.stuck = self.stuck.with(line.mask(), 0);
-        self.tell(at, poles);
+        self.report_poles(at, poles);
     }
 
     /// Loses the next replies: the commands are still executed.
@@ -157,7 +157,7 @@ impl SimulatorGpioMux {
         self.lost = count;
     }
 
-    fn tell(&self, at: Duration, poles: &mut dyn Poles) {
+    fn report_poles(&self, at: Duration, poles: &mut dyn Poles) {
         let levels = self.levels();
         poles.poles(levels.state().0, at);
         poles.contacts(&levels.joined(), at);
@@ -209,7 +209,7 @@ impl SimulatorGpioMux {
         let answer = line.parse().and_then(|command| {
             // Noise on the line is not a command and does not restart the watchdog.
             self.received = at;
-            self.obey(command, at, poles)
+            self.execute(command, at, poles)
         });
         self.answer(answer)
     }
@@ -221,9 +221,9 @@ impl SimulatorGpioMux {
     }
 
     fn answer(&mut self, answer: Result<Reply, ErrorEntry>) -> Response {
-        let reply = answer.unwrap_or_else(|refusal| {
-            self.errors.push(refusal.code, refusal.message.as_str());
-            Reply::Refused(refusal)
+        let reply = answer.unwrap_or_else(|error| {
+            self.errors.push(error.code, error.message.as_str());
+            Reply::Refused(error)
         });
         let lost = self.lost > 0;
         self.lost = self.lost.saturating_sub(1);
@@ -233,7 +233,7 @@ impl SimulatorGpioMux {
         }
     }
 
-    fn obey(
+    fn execute(
         &mut self,
         command: Command,
         at: Duration,
@@ -339,7 +339,7 @@ impl SimulatorGpioMux {
         self.last_edge = clock.saturating_sub(self.started);
         // An address that changes under a stuck enable connects another electrode.
         if matches!(edge, Edge::Enable(..)) || self.stuck != Levels::default() {
-            self.tell(*clock, poles);
+            self.report_poles(*clock, poles);
         }
     }
 

@@ -95,8 +95,8 @@ async fn what_must_not_be_is_refused_before_a_line_is_touched() {
         vec![close(&[301, 501])],
         vec![open(&[99])],
     ] {
-        let refusal = board.move_relays(&moves).await.unwrap_err();
-        assert!(matches!(refusal, RigError::Unable { .. }), "{refusal}");
+        let error = board.move_relays(&moves).await.unwrap_err();
+        assert!(matches!(error, RigError::Unable { .. }), "{error}");
     }
     assert_eq!(chip.edges(), before);
     let too_many = GpioBoard::new(chip, 33, Duration::ZERO);
@@ -113,7 +113,7 @@ async fn gpio_line_that_does_not_follow_turns_all_lines_off() {
         "{fault}"
     );
     assert!(chip.levels().joined().is_empty());
-    chip.mend(Line::Address(Pole::VPlus, 2));
+    chip.unstick(Line::Address(Pole::VPlus, 2));
     board.move_relays(&[close(&[101, 305])]).await.unwrap();
 }
 
@@ -128,7 +128,7 @@ async fn an_enable_that_stays_on_is_named() {
         "{fault}"
     );
     assert!(board.all_off().is_err());
-    chip.mend(Line::Enable(Pole::IPlus, Chip::B));
+    chip.unstick(Line::Enable(Pole::IPlus, Chip::B));
     board.open_verified(&[Relay(126)]).await.unwrap();
 }
 

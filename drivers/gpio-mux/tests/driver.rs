@@ -107,11 +107,8 @@ async fn connecting_asks_who_it_is_and_sets_the_watchdog() {
     assert_eq!(board.identity(), "Tactus,GPIO-MUX,0001,1.0");
     assert_eq!(received(&device), ["*IDN?", "WDOG 10000"]);
     device.lock().unwrap().lie = Some("Acme,OTHER,1,1");
-    let refusal = GpioMux::connect(link(&device).await).await.unwrap_err();
-    assert!(
-        refusal.to_string().contains("expected GPIO-MUX"),
-        "{refusal}"
-    );
+    let error = GpioMux::connect(link(&device).await).await.unwrap_err();
+    assert!(error.to_string().contains("expected GPIO-MUX"), "{error}");
 }
 
 #[tokio::test(start_paused = true)]
@@ -173,16 +170,16 @@ async fn illegal_combinations_are_refused_before_the_wire_is_touched() {
         (vec![close(&[505])], "poles 1 to 4"),
         (vec![open(&[100])], "poles 1 to 4"),
     ] {
-        let refusal = board.move_relays(&moves).await.unwrap_err();
-        assert!(matches!(refusal, RigError::Unable { .. }));
-        assert!(refusal.to_string().contains(reason), "{refusal}");
+        let error = board.move_relays(&moves).await.unwrap_err();
+        assert!(matches!(error, RigError::Unable { .. }));
+        assert!(error.to_string().contains(reason), "{error}");
     }
     assert!(received(&device).is_empty());
     // Only the board knows that electrode 27 is not wired, and rejects it.
-    let refusal = board.move_relays(&[close(&[327])]).await.unwrap_err();
+    let error = board.move_relays(&[close(&[327])]).await.unwrap_err();
     assert!(
-        matches!(refusal, RigError::Refused { code: -222, .. }),
-        "{refusal}"
+        matches!(error, RigError::Refused { code: -222, .. }),
+        "{error}"
     );
     // The driver queries the board's state before the next move.
     board.move_relays(&[close(&[303])]).await.unwrap();

@@ -202,7 +202,7 @@ fn a_stuck_enable_reads_right_and_joins_two_electrodes() {
         Some("OFF,OFF,OFF,OFF")
     );
     assert_eq!(seen.0, [303].map(survey::Relay).into());
-    board.mend(Line::Enable(Pole::VPlus, Chip::A), at, &mut seen);
+    board.unstick(Line::Enable(Pole::VPlus, Chip::A), at, &mut seen);
     assert!(seen.0.is_empty());
 }
 

@@ -112,7 +112,7 @@ impl<S: Stream> Keithley6221<S> {
     /// Sets the level to 0 and the output off, and reads both back, in one segment. Earlier entries of the error queue
     /// are ignored.
     async fn off_once(&mut self) -> Result<(), RigError> {
-        if !self.conversation.link().is_in_step() {
+        if !self.conversation.link().is_synchronised() {
             self.conversation.link_mut().resynchronise().await?;
         }
         let commands = [

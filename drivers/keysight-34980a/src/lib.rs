@@ -38,8 +38,9 @@ mod simulator;
 mod wiring;
 
 pub use command::{
-    Channels, Command, Detail, Field, Function, Functions, Given, HeaderForm, Measure, Message,
-    Protection, Quantity, Range, Route, Sense, Setting, StatusGroup, System, TriggerSource, Wanted,
+    Channels, Command, Detail, Field, Function, Functions, HeaderForm, Measure, MeasurementRequest,
+    Message, Protection, Quantity, Range, Route, Sense, Setting, SettingValue, StatusGroup, System,
+    TriggerSource,
 };
 pub use driver::Keysight34980a;
 pub use meter::{INTEGRATION, OVERRANGE, RANGES, range_for, reading_timing, resolution};

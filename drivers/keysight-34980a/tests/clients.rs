@@ -87,8 +87,8 @@ fn environment(name: &str, packages: &[&str]) -> Result<PathBuf, String> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let python = folder.join("bin/python");
     let complete = folder.join("complete");
-    let wanted = packages.join(" ");
-    if std::fs::read_to_string(&complete).is_ok_and(|found| found == wanted) {
+    let requested = packages.join(" ");
+    if std::fs::read_to_string(&complete).is_ok_and(|found| found == requested) {
         return Ok(python);
     }
     run(Command::new("python3")
@@ -104,7 +104,7 @@ fn environment(name: &str, packages: &[&str]) -> Result<PathBuf, String> {
         "1",
     ];
     run(Command::new(&python).args(pip).args(packages))?;
-    std::fs::write(&complete, wanted).map_err(|fault| format!("{complete:?}: {fault}"))?;
+    std::fs::write(&complete, requested).map_err(|fault| format!("{complete:?}: {fault}"))?;
     Ok(python)
 }
 

@@ -23,10 +23,10 @@ impl Wires for Circuit {
         self.closed.clone_from(closed);
     }
 
-    fn measure(&mut self, _: Duration, request: MeterRequest) -> Volts {
-        self.requests.push(request);
+    fn measure(&mut self, _: Duration, requested: MeterRequest) -> Volts {
+        self.requests.push(requested);
         self.seen.clone_from(&self.closed);
-        Volts(self.volts) + request.test_current * Ohms(self.ohms)
+        Volts(self.volts) + requested.test_current * Ohms(self.ohms)
     }
 
     fn alternating(&mut self, _: Duration, _: MeterRequest) -> Alternating {
@@ -126,7 +126,7 @@ fn four_wires_take_a_channel_of_each_bank() {
     let seen: Vec<u32> = talk.1.seen.iter().map(|relay| relay.0).collect();
     assert_eq!(seen, [1002, 1037, 1911, 1922]);
     assert!(talk.1.closed.is_empty());
-    assert!(talk.1.requests.iter().all(|request| request.four_wire));
+    assert!(talk.1.requests.iter().all(|requested| requested.four_wire));
     talk.say("CONF:FRES 1000,(@2003);:READ?");
     let seen: Vec<u32> = talk.1.seen.iter().map(|relay| relay.0).collect();
     assert_eq!(seen, [2003, 2023, 2911, 2922]);

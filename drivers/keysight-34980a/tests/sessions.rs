@@ -235,8 +235,8 @@ fn a_stuck_relay_reads_right_and_leads_wrong() {
     );
     assert_eq!(answer.as_deref(), Some("1,1,0"));
     assert_eq!(sheet.closed, [1037, 1040].map(Relay).into());
-    unit.mend(Relay(1036), START, &mut sheet);
-    unit.mend(Relay(1040), START, &mut sheet);
+    unit.unstick(Relay(1036), START, &mut sheet);
+    unit.unstick(Relay(1040), START, &mut sheet);
     assert_eq!(sheet.closed, [1036, 1037].map(Relay).into());
 }
 

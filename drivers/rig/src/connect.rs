@@ -8,7 +8,7 @@ use crate::link::half_open;
 use crate::{BoxStream, LinkError};
 
 /// Unacknowledged data older than this breaks a TCP connection: a pulled cable is detected although no end closes.
-const HALF_OPEN: Duration = Duration::from_secs(4);
+const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_secs(4);
 
 /// Connects to `host:port`, without Nagle's delay (44 ms on every write followed by a query). After a lost connection
 /// every other attempt uses the lost one's local port: an instrument that still holds that connection then releases it.
@@ -31,7 +31,7 @@ pub async fn connect_tcp(address: &str, deadline: Duration) -> Result<BoxStream,
         .map_err(unreachable)?;
     let tcp = &stream.stream;
     tcp.set_nodelay(true).map_err(unreachable)?;
-    rustix::net::sockopt::set_tcp_user_timeout(tcp, HALF_OPEN.as_millis() as u32)
+    rustix::net::sockopt::set_tcp_user_timeout(tcp, UNACKNOWLEDGED_TIMEOUT.as_millis() as u32)
         .map_err(|errno| unreachable(errno.into()))?;
     Ok(Box::new(stream))
 }

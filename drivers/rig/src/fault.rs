@@ -152,7 +152,7 @@ impl RigError {
             Self::Link(
                 LinkError::Lost { instrument, .. }
                 | LinkError::Timeout { instrument, .. }
-                | LinkError::OutOfStep { instrument }
+                | LinkError::Unsynchronised { instrument }
                 | LinkError::Unsolicited { instrument, .. }
                 | LinkError::TooLong { instrument, .. }
                 | LinkError::NotText { instrument, .. }

@@ -42,8 +42,8 @@ mod traits;
 pub mod transcript;
 
 pub use crate::traits::{
-    Compliance, CurrentSource, Hop, Instruments, MeterSettings, Move, Rig, Sample, Switch,
-    Voltmeter, mean,
+    ChainedReading, Compliance, CurrentSource, Instruments, MeterSettings, Move, Rig, Sample,
+    Switch, Voltmeter, mean,
 };
 pub use crate::transcript::ring::{RingTranscript, Transcript};
 pub use acquire::{AcquireError, acquire, settings};

@@ -11,7 +11,7 @@ use crate::traits::Instruments;
 use crate::{CurrentSource, Rig, RigError, Switch};
 
 /// Time for verifying the source off before the relays are opened concurrently.
-const HEAD_START: Duration = Duration::from_millis(100);
+const OFF_BEFORE_RELAYS: Duration = Duration::from_millis(100);
 
 /// What could not be made safe; halves that are `None` were done and verified.
 #[derive(Debug)]
@@ -31,7 +31,7 @@ impl CleanupError {
     }
 
     /// No cleanup was possible: the runtime was shut down during a plan.
-    pub(crate) fn nobody_knows() -> Self {
+    pub(crate) fn runtime_ended() -> Self {
         let unable = |what: &str| RigError::Unable {
             instrument: "the rig".to_owned(),
             what: format!("{what}: the runtime has ended"),
@@ -144,7 +144,7 @@ where
     });
     // Relays last longest when they open without current. If the source does not reply in time, they are opened
     // nevertheless: no current reaches the sheet through open relays.
-    let ((off, after), opened) = match tokio::time::timeout(HEAD_START, &mut off).await {
+    let ((off, after), opened) = match tokio::time::timeout(OFF_BEFORE_RELAYS, &mut off).await {
         Ok(off) => (off, instruments.switch.open_verified(&relays).await),
         Err(_) => tokio::join!(off, instruments.switch.open_verified(&relays)),
     };

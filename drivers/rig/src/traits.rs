@@ -38,7 +38,7 @@ pub trait CurrentSource: Send {
 
     /// Reads whether the source is in compliance now, or was since the last call.
     fn in_compliance(&mut self) -> impl Future<Output = Result<bool, RigError>> + Send {
-        async { Ok(self.compliance().await?.ever()) }
+        async { Ok(self.compliance().await?.occurred()) }
     }
 
     /// Sets 0 A and output off, then reads both back.
@@ -59,7 +59,7 @@ pub struct Compliance {
 
 impl Compliance {
     /// Now, or since the last call.
-    pub fn ever(self) -> bool {
+    pub fn occurred(self) -> bool {
         self.now || self.since
     }
 }
@@ -161,7 +161,7 @@ pub struct Sample {
 
 /// A pair to join to the voltmeter and to read.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hop {
+pub struct ChainedReading {
     /// Opens the previous pair, closes this one.
     pub moves: Vec<Move>,
     /// Its range.
@@ -214,7 +214,7 @@ pub trait Voltmeter: Send {
     /// [`RigError::Unable`] if the voltmeter has no relays.
     fn chain(
         &mut self,
-        hops: &[Hop],
+        chained: &[ChainedReading],
     ) -> impl Future<Output = Result<Vec<Reading>, RigError>> + Send;
 }
 

@@ -138,8 +138,8 @@ proptest! {
                 match link.ask(&format!("Q{number}?")).await {
                     Ok(answer) => assert_eq!(answer, format!("A{number}"), "{script:?}"),
                     Err(_) => {
-                        assert!(!link.is_in_step());
-                        assert!(matches!(link.ask("Q0?").await, Err(LinkError::OutOfStep { .. })));
+                        assert!(!link.is_synchronised());
+                        assert!(matches!(link.ask("Q0?").await, Err(LinkError::Unsynchronised { .. })));
                         link.replace(open());
                     }
                 }
@@ -164,7 +164,7 @@ proptest! {
                 match link.ask(&format!("Q{number}?")).await {
                     Ok(answer) => assert_eq!(answer, format!("A{number}"), "{script:?}"),
                     Err(_) => {
-                        assert!(matches!(link.send("Q0?").await, Err(LinkError::OutOfStep { .. })));
+                        assert!(matches!(link.send("Q0?").await, Err(LinkError::Unsynchronised { .. })));
                         let mut tries = 0;
                         while let Err(fault) = link.resynchronise().await {
                             tries += 1;
@@ -243,7 +243,7 @@ async fn silence_is_a_timeout_that_names_instrument_and_question() {
     );
     assert!(matches!(
         link.ask("*IDN?").await,
-        Err(LinkError::OutOfStep { .. })
+        Err(LinkError::Unsynchronised { .. })
     ));
 }
 
@@ -255,7 +255,7 @@ async fn a_future_dropped_half_way_leaves_the_link_out_of_step() {
         _ = link.ask("READ?") => unreachable!("nobody answers"),
         () = sleep(Duration::from_millis(10)) => {}
     }
-    assert!(!link.is_in_step());
+    assert!(!link.is_synchronised());
 }
 
 #[tokio::test(start_paused = true)]
@@ -384,12 +384,12 @@ async fn tcp_is_connected_and_a_dead_address_is_named() {
         Duration::from_secs(5),
     );
     let (mut peer, _) = listener.accept().await.unwrap();
-    let echo = async {
+    let await_echo = async {
         let mut received = [0; 6];
         peer.read_exact(&mut received).await.unwrap();
         peer.write_all(&received).await.unwrap();
     };
-    let (answer, ()) = tokio::join!(link.ask("*IDN?"), echo);
+    let (answer, ()) = tokio::join!(link.ask("*IDN?"), await_echo);
     assert_eq!(answer.unwrap(), "*IDN?");
     drop((listener, peer));
     let refusal = rig::connect_tcp(&address, Duration::from_secs(5))

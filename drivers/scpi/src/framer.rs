@@ -24,7 +24,7 @@ impl FramingError {
 
 /// Lexical context of the next byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Place {
+enum LexState {
     /// A block may start here: the start of the message, or after a blank, comma or semicolon.
     Gap,
     /// Inside a header or datum.
@@ -58,7 +58,7 @@ enum Place {
 pub struct Framer {
     most: usize,
     partial: Vec<u8>,
-    place: Place,
+    state: LexState,
     ready: VecDeque<Result<Vec<u8>, FramingError>>,
 }
 
@@ -68,7 +68,7 @@ impl Framer {
         Self {
             most: max_line,
             partial: Vec::new(),
-            place: Place::Gap,
+            state: LexState::Gap,
             ready: VecDeque::new(),
         }
     }
@@ -82,68 +82,68 @@ impl Framer {
 
     /// Whether bytes of an unfinished message are buffered (or dropped, after an overrun).
     pub fn is_partial(&self) -> bool {
-        !self.partial.is_empty() || self.place == Place::Overrun
+        !self.partial.is_empty() || self.state == LexState::Overrun
     }
 
     /// Drops everything received: the partial message and the finished ones.
     pub fn clear(&mut self) {
         self.partial.clear();
         self.ready.clear();
-        self.place = Place::Gap;
+        self.state = LexState::Gap;
     }
 
     fn take(&mut self, byte: u8) {
-        if byte == b'\n' && !matches!(self.place, Place::Block(_)) {
+        if byte == b'\n' && !matches!(self.state, LexState::Block(_)) {
             return self.finish();
         }
-        if self.place == Place::Overrun {
+        if self.state == LexState::Overrun {
             return;
         }
         self.partial.push(byte);
-        self.place = self.after(byte);
+        self.state = self.next_state(byte);
         // One byte over the limit is kept, because it may be the CR of a CR LF.
         let held = self.partial.len() - usize::from(byte == b'\r');
-        if held > self.most || self.place == Place::Overrun {
+        if held > self.most || self.state == LexState::Overrun {
             self.partial.clear();
-            self.place = Place::Overrun;
+            self.state = LexState::Overrun;
             self.ready
                 .push_back(Err(FramingError::Oversized { most: self.most }));
         }
     }
 
-    fn after(&self, byte: u8) -> Place {
-        match (self.place, byte) {
-            (Place::Block(1), _) => Place::Word,
-            (Place::Block(left), _) => Place::Block(left - 1),
-            (Place::Quoted(end), _) if byte != end => Place::Quoted(end),
-            (Place::Hash, b'1'..=b'9') => Place::Length(byte - b'0', 0),
-            (Place::Length(left, so_far), b'0'..=b'9') => {
+    fn next_state(&self, byte: u8) -> LexState {
+        match (self.state, byte) {
+            (LexState::Block(1), _) => LexState::Word,
+            (LexState::Block(left), _) => LexState::Block(left - 1),
+            (LexState::Quoted(end), _) if byte != end => LexState::Quoted(end),
+            (LexState::Hash, b'1'..=b'9') => LexState::Length(byte - b'0', 0),
+            (LexState::Length(left, so_far), b'0'..=b'9') => {
                 // At most nine digits: fits even a 32-bit usize.
                 let length = so_far * 10 + usize::from(byte - b'0');
                 match (left, length) {
-                    (1, 0) => Place::Word,
+                    (1, 0) => LexState::Word,
                     // A block that cannot fit is rejected when its length is known, before its bytes arrive.
-                    (1, length) if length > self.most => Place::Overrun,
-                    (1, length) => Place::Block(length),
-                    (left, so_far) => Place::Length(left - 1, so_far),
+                    (1, length) if length > self.most => LexState::Overrun,
+                    (1, length) => LexState::Block(length),
+                    (left, so_far) => LexState::Length(left - 1, so_far),
                 }
             }
-            (Place::Quoted(_), _) => Place::Word,
-            (_, b'"' | b'\'') => Place::Quoted(byte),
-            (Place::Gap, b'#') => Place::Hash,
-            (_, b' ' | b'\t' | b',' | b';') => Place::Gap,
-            _ => Place::Word,
+            (LexState::Quoted(_), _) => LexState::Word,
+            (_, b'"' | b'\'') => LexState::Quoted(byte),
+            (LexState::Gap, b'#') => LexState::Hash,
+            (_, b' ' | b'\t' | b',' | b';') => LexState::Gap,
+            _ => LexState::Word,
         }
     }
 
     fn finish(&mut self) {
-        if self.place != Place::Overrun {
+        if self.state != LexState::Overrun {
             if self.partial.last() == Some(&b'\r') {
                 self.partial.pop();
             }
             self.ready.push_back(Ok(std::mem::take(&mut self.partial)));
         }
-        self.place = Place::Gap;
+        self.state = LexState::Gap;
     }
 }
 

@@ -25,11 +25,11 @@
 
 mod channel_list;
 mod common_command;
+mod error_code;
 mod error_queue;
 mod framer;
 mod message;
 mod reading;
-mod refusal;
 mod status;
 pub(crate) mod syntax;
 
@@ -40,6 +40,7 @@ pub use crate::syntax::keyword::short_form;
 pub use crate::syntax::unit::Unit;
 pub use channel_list::{ChannelEntry, ChannelList};
 pub use common_command::Common;
+pub use error_code::ParseError;
 pub use error_queue::{ErrorEntry, ErrorQueue};
 pub use framer::{Framer, FramingError};
 pub use message::{join_units, parse_message};
@@ -47,5 +48,4 @@ pub use reading::{
     Answer, INFINITY, NOT_A_NUMBER, ReplyError, format_block, format_nr3, format_nr3_signed,
     parse_block, parse_boolean, parse_integer, parse_reading, parse_readings, quote, unquote,
 };
-pub use refusal::ParseError;
 pub use status::{StandardEvent, StatusModel, StatusRegister};

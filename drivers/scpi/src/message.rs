@@ -20,7 +20,7 @@ pub fn parse_message(message: impl AsRef<[u8]>) -> Vec<Result<Call, ParseError>>
         if reader.is_at_end() {
             return calls;
         }
-        if reader.eat(b';') {
+        if reader.skip_byte(b';') {
             continue;
         }
         let call = reader.call(&path);

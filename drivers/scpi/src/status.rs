@@ -161,7 +161,7 @@ impl StatusModel {
 
     /// Carries out `*SRE`. Bit 6 cannot be enabled (IEEE 488.2 section 11.3.2).
     pub fn set_service_enable(&mut self, enable: u8) {
-        self.service_enable = enable & !MASTER;
+        self.service_enable = enable & !MASTER_SUMMARY;
     }
 
     /// Reply to `*STB?`. The caller passes whether its queues hold errors and replies.
@@ -173,7 +173,7 @@ impl StatusModel {
             | u8::from(self.standard & self.standard_enable != 0) << 5
             | u8::from(self.operation.summary()) << 7;
         if bits & self.service_enable != 0 {
-            bits | MASTER
+            bits | MASTER_SUMMARY
         } else {
             bits
         }
@@ -195,7 +195,7 @@ impl StatusModel {
     }
 }
 
-const MASTER: u8 = 1 << 6;
+const MASTER_SUMMARY: u8 = 1 << 6;
 
 #[cfg(test)]
 mod tests {

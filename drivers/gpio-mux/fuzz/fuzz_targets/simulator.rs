@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use gpio_mux::{Chip, Command, Edge, Poles, Settings, SimulatorGpioMux, State, refusal};
+use gpio_mux::{Chip, Command, Edge, Poles, Settings, SimulatorGpioMux, State, error_in_reply};
 use libfuzzer_sys::fuzz_target;
 use scpi::Framer;
 use survey::{Electrode, Relay};
@@ -52,11 +52,11 @@ fuzz_target!(|bytes: &[u8]| {
                     assert_eq!(command.to_string().parse(), Ok(command));
                     if let Command::Set(..) | Command::Pair(..) | Command::Off | Command::AskState = command {
                         let state = reply.parse::<State>();
-                        assert!(state.is_ok() || refusal(&reply).is_some());
+                        assert!(state.is_ok() || error_in_reply(&reply).is_some());
                         assert!(state.is_err() || state == Ok(board.state()));
                     }
                 }
-                Err(refused) => assert_eq!(refusal(&reply), Some(refused)),
+                Err(refused) => assert_eq!(error_in_reply(&reply), Some(refused)),
             }
         }
         assert_eq!(poles.joined, board.state().0);
@@ -65,7 +65,7 @@ fuzz_target!(|bytes: &[u8]| {
         board.pass(now, &mut poles);
         // Replies of an arbitrary instrument.
         let _ = line.parse::<State>();
-        let _ = refusal(&line);
+        let _ = error_in_reply(&line);
         let _ = line.parse::<scpi::ErrorEntry>();
     }
     let mut enabled = [None::<Chip>; 4];

@@ -6,7 +6,7 @@ use scpi::{Call, Numeric, Unit};
 
 use super::grammar::{Table, limit, only_channels, plain};
 use super::sense::{volts, write_volts};
-use super::{Asked, Channels, On, Range, word};
+use super::{Channels, OnOff, QueryList, Range, word};
 
 /// The event that starts a sweep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -264,7 +264,7 @@ impl fmt::Display for Measure {
             None => String::new(),
         };
         match self {
-            Self::Read(list) => write!(f, "READ?{}", Asked(list)),
+            Self::Read(list) => write!(f, "READ?{}", QueryList(list)),
             Self::Volts {
                 range,
                 resolution,
@@ -279,7 +279,7 @@ impl fmt::Display for Measure {
             Self::ReadAndErase(Some(most)) => write!(f, "R? {most}"),
             Self::Remove(count) => write!(f, "DATA:REM? {count}"),
             Self::Points => f.write_str("DATA:POIN?"),
-            Self::Last(channel) => write!(f, "DATA:LAST?{}", Asked(channel)),
+            Self::Last(channel) => write!(f, "DATA:LAST?{}", QueryList(channel)),
             Self::SetThreshold(count) => write!(f, "DATA:POIN:EVEN:THR {count}"),
             Self::Threshold => f.write_str("DATA:POIN:EVEN:THR?"),
             Self::Abort => f.write_str("ABOR"),
@@ -297,7 +297,7 @@ impl fmt::Display for Measure {
             Self::TriggerDelay(requested) => write!(f, "TRIG:DEL?{}", limit(requested)),
             Self::TriggerDelayAuto => f.write_str("TRIG:DEL:AUTO?"),
             Self::SetField(field, shown) => {
-                write!(f, "FORM:READ:{} {}", word(&FIELDS, *field), On(*shown))
+                write!(f, "FORM:READ:{} {}", word(&FIELDS, *field), OnOff(*shown))
             }
             Self::Field(field) => write!(f, "FORM:READ:{}?", word(&FIELDS, *field)),
             Self::SetAbsoluteTime(absolute) => {

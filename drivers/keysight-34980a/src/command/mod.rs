@@ -20,9 +20,9 @@ use std::str::FromStr;
 
 use scpi::{Call, ChannelList, Common, ParseError};
 
-pub use function::{Detail, Function, Functions, Given, Wanted};
+pub use function::{Detail, Function, Functions, MeasurementRequest, SettingValue};
 #[cfg(feature = "simulator")]
-pub(crate) use function::{FREQUENCIES, Takes, takes};
+pub(crate) use function::{FREQUENCIES, ValueKind, value_kind};
 pub(crate) use measure::MOST_SWEEPS;
 pub use measure::{Field, Measure, TriggerSource};
 #[cfg(feature = "simulator")]
@@ -114,9 +114,9 @@ impl fmt::Display for Message {
 }
 
 /// The channel list of a query follows a blank; without a list there is neither.
-struct Asked<'a>(&'a Channels);
+struct QueryList<'a>(&'a Channels);
 
-impl fmt::Display for Asked<'_> {
+impl fmt::Display for QueryList<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             Some(channels) => write!(f, " {channels}"),
@@ -126,9 +126,9 @@ impl fmt::Display for Asked<'_> {
 }
 
 /// The channel list of a setting follows a comma; without a list there is neither.
-struct Behind<'a>(&'a Channels);
+struct TrailingList<'a>(&'a Channels);
 
-impl fmt::Display for Behind<'_> {
+impl fmt::Display for TrailingList<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             Some(channels) => write!(f, ",{channels}"),
@@ -138,9 +138,9 @@ impl fmt::Display for Behind<'_> {
 }
 
 /// ON or OFF.
-struct On(bool);
+struct OnOff(bool);
 
-impl fmt::Display for On {
+impl fmt::Display for OnOff {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(if self.0 { "ON" } else { "OFF" })
     }

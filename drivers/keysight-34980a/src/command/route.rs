@@ -5,7 +5,7 @@ use std::fmt;
 use scpi::{Call, ChannelList, ParseError, quote};
 
 use super::grammar::{Table, before_channels, list, numbered, one_or, plain};
-use super::{Message, On};
+use super::{Message, OnOff};
 use crate::command::Command;
 
 /// Relays, scan list, sequences.
@@ -196,7 +196,7 @@ fn define(call: &Call) -> Result<Route, ParseError> {
     let mut commands = Vec::new();
     for call in scpi::parse_message(text) {
         let command = Command::of(&call?)?;
-        if !command.may_stand_in_a_sequence() {
+        if !command.is_allowed_in_sequence() {
             return Err(ParseError::SettingsConflict);
         }
         commands.push(command);
@@ -211,7 +211,7 @@ fn define(call: &Call) -> Result<Route, ParseError> {
 impl Command {
     /// Whether the command is allowed in a sequence: fact sheet section 6, except digital outputs and DACs, which no
     /// module here has.
-    fn may_stand_in_a_sequence(&self) -> bool {
+    fn is_allowed_in_sequence(&self) -> bool {
         use super::{Measure, System};
         matches!(
             self,
@@ -246,7 +246,7 @@ impl fmt::Display for Route {
             Self::OpenedPair(list) => write!(f, "ROUT:OPEN:PAIR? {list}"),
             Self::OpenAll(slot) => write!(f, "ROUT:OPEN:ALL {}", one(slot, "ALL")),
             Self::OpenBuses(bus) => write!(f, "ROUT:OPEN:ABUS {}", one(bus, "ALL")),
-            Self::SetOverlap(on) => write!(f, "ROUT:OPER:OVER {}", On(*on)),
+            Self::SetOverlap(on) => write!(f, "ROUT:OPER:OVER {}", OnOff(*on)),
             Self::Overlap => f.write_str("ROUT:OPER:OVER?"),
             Self::ModuleBusy(slot) => write!(f, "ROUT:MOD:BUSY? {}", one(slot, "ANY")),
             Self::ModuleWait(slot) => write!(f, "ROUT:MOD:WAIT {}", one(slot, "ALL")),
@@ -255,7 +255,7 @@ impl fmt::Display for Route {
             Self::RemoveScan(list) => write!(f, "ROUT:SCAN:REM {list}"),
             Self::Scan => f.write_str("ROUT:SCAN?"),
             Self::ScanSize => f.write_str("ROUT:SCAN:SIZE?"),
-            Self::SetOrdered(on) => write!(f, "ROUT:SCAN:ORD {}", On(*on)),
+            Self::SetOrdered(on) => write!(f, "ROUT:SCAN:ORD {}", OnOff(*on)),
             Self::Ordered => f.write_str("ROUT:SCAN:ORD?"),
             Self::SetLabel(label, list) => write!(f, "ROUT:CHAN:LAB {},{list}", quote(label)),
             Self::Labels(list) => write!(f, "ROUT:CHAN:LAB? {list}"),

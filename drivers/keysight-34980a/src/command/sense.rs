@@ -7,7 +7,7 @@ use scpi::{Argument, Call, Numeric, ParseError, Unit};
 use crate::meter::{INTEGRATION, RANGES};
 
 use super::grammar::{Table, before_channels, limit, only_channels, value_and_channels};
-use super::{Asked, Behind, Channels, On};
+use super::{Channels, OnOff, QueryList, TrailingList};
 
 /// A DC voltage range.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -215,7 +215,7 @@ pub(super) fn write_volts(
     if let Some(resolution) = resolution {
         write!(f, ",{resolution}")?;
     }
-    write!(f, "{}", Behind(channels))
+    write!(f, "{}", TrailingList(channels))
 }
 
 fn setting(quantity: Quantity, value: &Argument) -> Result<Setting, ParseError> {
@@ -357,7 +357,7 @@ impl fmt::Display for Setting {
             | Self::ApertureEnabled(on)
             | Self::Autozero(on)
             | Self::InputAuto(on)
-            | Self::DelayAuto(on) => write!(f, "{}", On(*on)),
+            | Self::DelayAuto(on) => write!(f, "{}", OnOff(*on)),
             Self::AutozeroOnce => f.write_str("ONCE"),
         }
     }
@@ -374,7 +374,7 @@ impl fmt::Display for Sense {
                 f.write_str("CONF:VOLT:DC ")?;
                 write_volts(f, *range, *resolution, channels)
             }
-            Self::Configuration(list) => write!(f, "CONF?{}", Asked(list)),
+            Self::Configuration(list) => write!(f, "CONF?{}", QueryList(list)),
             Self::Set(setting, list) => write_setting(f, *setting, list, HeaderForm::Documented),
             Self::SetOlder(setting, list) => write_setting(f, *setting, list, HeaderForm::Of34970A),
             Self::Ask(quantity, limit, list) => {
@@ -394,7 +394,7 @@ fn write_setting(
     form: HeaderForm,
 ) -> fmt::Result {
     let header = setting.quantity().header(form);
-    write!(f, "{header} {setting}{}", Behind(list))
+    write!(f, "{header} {setting}{}", TrailingList(list))
 }
 
 fn write_query(
@@ -406,7 +406,7 @@ fn write_query(
 ) -> fmt::Result {
     let header = quantity.header(form);
     match limit {
-        None => write!(f, "{header}?{}", Asked(list)),
-        Some(limit) => write!(f, "{header}? {limit}{}", Behind(list)),
+        None => write!(f, "{header}?{}", QueryList(list)),
+        Some(limit) => write!(f, "{header}? {limit}{}", TrailingList(list)),
     }
 }

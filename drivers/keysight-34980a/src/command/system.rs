@@ -5,7 +5,7 @@ use std::fmt;
 use scpi::{Call, ChannelList, Unit, quote};
 
 use super::grammar::{Table, list, numbered, plain};
-use super::{On, word};
+use super::{OnOff, word};
 
 /// A group of status registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -260,7 +260,7 @@ impl fmt::Display for System {
             Self::RelayCycles(list) => write!(f, "DIAG:REL:CYCL? {list}"),
             Self::ClearRelayCycles(list) => write!(f, "DIAG:REL:CYCL:CLE {list}"),
             Self::VoltmeterInstalled => f.write_str("INST:DMM:INST?"),
-            Self::SetVoltmeter(on) => write!(f, "INST:DMM {}", On(*on)),
+            Self::SetVoltmeter(on) => write!(f, "INST:DMM {}", OnOff(*on)),
             Self::Voltmeter => f.write_str("INST:DMM?"),
             Self::MemoryValid(place) => write!(f, "MEM:STAT:VAL? {place}"),
             Self::MemoryDelete(place) => write!(f, "MEM:STAT:DEL {place}"),

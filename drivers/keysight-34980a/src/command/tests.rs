@@ -109,28 +109,31 @@ fn every_sense(channels: &Channels) -> Vec<Sense> {
 }
 
 fn every_function(channels: &Channels) -> Vec<Functions> {
-    use super::function::{Takes, details, takes};
+    use super::function::{ValueKind, details, value_kind};
     use Functions as F;
     let mut commands = Vec::new();
     for function in Function::ALL {
         commands.push(F::Select(function, channels.clone()));
         for detail in details(function) {
-            let given = match takes(function, detail).unwrap() {
-                Takes::Switch => vec![Given::Switch(true), Given::Switch(false)],
-                Takes::Autozero => vec![Given::Switch(true), Given::Word("ONCE")],
-                Takes::Range => vec![
-                    Given::Range(Range::Auto),
-                    Given::Range(Range::Fixed(function.ranges()[1])),
+            let value = match value_kind(function, detail).unwrap() {
+                ValueKind::Switch => vec![SettingValue::Switch(true), SettingValue::Switch(false)],
+                ValueKind::Autozero => vec![SettingValue::Switch(true), SettingValue::Word("ONCE")],
+                ValueKind::Range => vec![
+                    SettingValue::Range(Range::Auto),
+                    SettingValue::Range(Range::Fixed(function.ranges()[1])),
                 ],
-                Takes::Resolution => vec![Given::Resolution(Numeric::Min)],
-                Takes::Number(_, limits) => limits.map(Given::Number).to_vec(),
-                Takes::Step(_, steps, _) | Takes::OneOf(steps, _) => {
-                    steps.iter().copied().map(Given::Number).collect()
+                ValueKind::Resolution => vec![SettingValue::Resolution(Numeric::Min)],
+                ValueKind::Number(_, limits) => limits.map(SettingValue::Number).to_vec(),
+                ValueKind::Step(_, steps, _) | ValueKind::OneOf(steps, _) => {
+                    steps.iter().copied().map(SettingValue::Number).collect()
                 }
-                Takes::Words(words, _) => words.iter().map(|(_, word)| Given::Word(word)).collect(),
+                ValueKind::Words(words, _) => words
+                    .iter()
+                    .map(|(_, word)| SettingValue::Word(word))
+                    .collect(),
             };
-            for given in given {
-                commands.push(F::Set(function, detail, given, channels.clone()));
+            for value in value {
+                commands.push(F::Set(function, detail, value, channels.clone()));
             }
             for limit in [None, Some(Numeric::Min)] {
                 commands.push(F::Ask(function, detail, limit, channels.clone()));
@@ -149,14 +152,14 @@ fn every_function(channels: &Channels) -> Vec<Functions> {
         };
         for probe in probes {
             for resolution in [None, Some(Numeric::Max)] {
-                let wanted = Wanted {
+                let request = MeasurementRequest {
                     function,
                     range: Range::Auto,
                     resolution,
                     probe,
                 };
-                commands.push(F::Configure(wanted, channels.clone()));
-                commands.push(F::Measure(wanted, channels.clone()));
+                commands.push(F::Configure(request, channels.clone()));
+                commands.push(F::Measure(request, channels.clone()));
             }
         }
     }

@@ -12,7 +12,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use rig::{
-    Conversation, Hop, Link, MeterSettings, Move, RigError, Sample, Stream, Switch, Voltmeter,
+    ChainedReading, Conversation, Link, MeterSettings, Move, RigError, Sample, Stream, Switch,
+    Voltmeter,
 };
 use scpi::Common;
 use survey::{Reading, Relay, Volts, Wiring};
@@ -37,21 +38,21 @@ const LONGEST_DELAY: Duration = Duration::from_secs(60);
 #[derive(Debug)]
 pub struct Keysight34980a<S> {
     unit: Arc<Mutex<Unit<S>>>,
-    about: Arc<About>,
+    identification: Arc<Identification>,
 }
 
 impl<S> Clone for Keysight34980a<S> {
     fn clone(&self) -> Self {
         Self {
             unit: Arc::clone(&self.unit),
-            about: Arc::clone(&self.about),
+            identification: Arc::clone(&self.identification),
         }
     }
 }
 
 /// Data that do not change while connected.
 #[derive(Debug)]
-struct About {
+struct Identification {
     instrument: String,
     identity: String,
     cards: [Option<String>; 8],
@@ -94,7 +95,7 @@ impl<S: Stream> Keysight34980a<S> {
             card.as_deref()
                 .and_then(|card| Module::from_card_type(card).ok())
         });
-        let about = About {
+        let identification = Identification {
             instrument: conversation.instrument().to_owned(),
             identity,
             cards,
@@ -103,28 +104,28 @@ impl<S: Stream> Keysight34980a<S> {
         };
         Ok(Self {
             unit: Arc::new(Mutex::new(Unit::new(conversation))),
-            about: Arc::new(about),
+            identification: Arc::new(identification),
         })
     }
 
     /// The reply to `*IDN?`.
     pub fn identity(&self) -> &str {
-        &self.about.identity
+        &self.identification.identity
     }
 
     /// The modules in slots 1 to 8, where this crate knows them.
     pub fn modules(&self) -> [Option<Module>; 8] {
-        self.about.modules
+        self.identification.modules
     }
 
     /// The serial numbers of the modules in the slots.
     pub fn serials(&self) -> &[Option<String>; 8] {
-        &self.about.serials
+        &self.identification.serials
     }
 
     /// The module types as reported for the slots, known or unknown.
     pub fn cards(&self) -> &[Option<String>; 8] {
-        &self.about.cards
+        &self.identification.cards
     }
 
     /// The form of header that the instrument has accepted for autozero and input impedance; empty before the first
@@ -161,7 +162,7 @@ impl<S: Stream> Keysight34980a<S> {
     pub fn check_modules(&self, planned: &BTreeMap<u32, Module>) -> Result<(), RigError> {
         for (slot, module) in planned {
             let index = (*slot as usize).wrapping_sub(1);
-            let found = self.about.modules.get(index).copied().flatten();
+            let found = self.identification.modules.get(index).copied().flatten();
             if found != Some(*module) {
                 return Err(self.wrong_module(*slot, format!("a {module}")));
             }
@@ -171,9 +172,9 @@ impl<S: Stream> Keysight34980a<S> {
 
     fn wrong_module(&self, slot: u32, expected: String) -> RigError {
         let index = (slot as usize).wrapping_sub(1);
-        let card = self.about.cards.get(index).cloned().flatten();
+        let card = self.identification.cards.get(index).cloned().flatten();
         RigError::WrongModule {
-            instrument: self.about.instrument.clone(),
+            instrument: self.identification.instrument.clone(),
             slot,
             found: card.map_or_else(|| "no module".to_owned(), |card| format!("a {card}")),
             expected,
@@ -187,7 +188,7 @@ impl<S: Stream> Keysight34980a<S> {
             )));
         };
         // `split` yields slots 1 to 8.
-        let module = self.about.modules[slot as usize - 1];
+        let module = self.identification.modules[slot as usize - 1];
         match module.is_some_and(|module| module.contact(channel).is_some()) {
             true => Ok(()),
             false => Err(self.wrong_module(
@@ -205,10 +206,10 @@ impl<S: Stream> Keysight34980a<S> {
         };
         // `split` yields slots 1 to 8.
         let index = slot as usize - 1;
-        let module = self.about.modules[index].ok_or_else(|| RigError::WrongModule {
-            instrument: self.about.instrument.clone(),
+        let module = self.identification.modules[index].ok_or_else(|| RigError::WrongModule {
+            instrument: self.identification.instrument.clone(),
             slot,
-            found: self.about.cards[index]
+            found: self.identification.cards[index]
                 .clone()
                 .unwrap_or_else(|| "no module".to_owned()),
             expected: format!("a module with channel {channel}"),
@@ -266,7 +267,7 @@ impl<S: Stream> Keysight34980a<S> {
             return Ok(());
         }
         Err(RigError::VoltageOutOfRange {
-            instrument: self.about.instrument.clone(),
+            instrument: self.identification.instrument.clone(),
             requested: range,
             allowed: "0.1, 1, 10, 100 and 300 V".to_owned(),
         })
@@ -293,7 +294,7 @@ impl<S: Stream> Keysight34980a<S> {
 
     fn unable(&self, what: String) -> RigError {
         RigError::Unable {
-            instrument: self.about.instrument.clone(),
+            instrument: self.identification.instrument.clone(),
             what,
         }
     }
@@ -316,8 +317,8 @@ impl<S: Stream> Keysight34980a<S> {
         } else {
             scan.iter().map(channel).sum()
         };
-        let own = survey::duration(1.5 * f64::from(meter.averages) * seconds);
-        link + meter.deadline.unwrap_or(own)
+        let usual = survey::duration(1.5 * f64::from(meter.averages) * seconds);
+        link + meter.deadline.unwrap_or(usual)
     }
 }
 
@@ -361,7 +362,7 @@ impl<S: Stream> Switch for Keysight34980a<S> {
     async fn open_verified(&mut self, relays: &[Relay]) -> Result<(), RigError> {
         self.check_exist(relays)?;
         let mut unit = self.unit.lock().await;
-        if !unit.conversation.link().is_in_step() {
+        if !unit.conversation.link().is_synchronised() {
             unit.prepared = None;
             unit.conversation.link_mut().resynchronise().await?;
         }
@@ -410,7 +411,7 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
         }
         self.check_scan(scan)?;
         let mut unit = self.unit.lock().await;
-        let wanted = Prepared {
+        let requested = Prepared {
             deadline: self.deadline(meter, scan, unit.conversation.link().deadline()),
             meter: MeterSettings {
                 deadline: None,
@@ -419,9 +420,9 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
             scan: scan.to_vec(),
         };
         let before = unit.prepared.take();
-        unit.bring_to(&wanted, before).await?;
-        unit.verify(&wanted).await?;
-        unit.prepared = Some(wanted);
+        unit.bring_to(&requested, before).await?;
+        unit.verify(&requested).await?;
+        unit.prepared = Some(requested);
         Ok(())
     }
 
@@ -469,15 +470,15 @@ impl<S: Stream> Voltmeter for Keysight34980a<S> {
     async fn read_on(&mut self, range: Volts) -> Result<Reading, RigError> {
         // `chain` has checked that there is exactly one.
         let moves = Vec::new();
-        let readings = self.chain(&[Hop { moves, range }]).await?;
+        let readings = self.chain(&[ChainedReading { moves, range }]).await?;
         Ok(readings.first().copied().unwrap_or(Reading::NotMeasured))
     }
 
-    async fn chain(&mut self, hops: &[Hop]) -> Result<Vec<Reading>, RigError> {
-        let mut moves = Vec::with_capacity(hops.len());
-        for hop in hops {
-            self.check_range(hop.range)?;
-            moves.push((self.commands(&hop.moves)?, hop.range));
+    async fn chain(&mut self, chained: &[ChainedReading]) -> Result<Vec<Reading>, RigError> {
+        let mut moves = Vec::with_capacity(chained.len());
+        for one in chained {
+            self.check_range(one.range)?;
+            moves.push((self.commands(&one.moves)?, one.range));
         }
         let mut unit = self.unit.lock().await;
         if unit

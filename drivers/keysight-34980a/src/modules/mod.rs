@@ -94,7 +94,7 @@ impl Module {
             Err(ModuleError::Terminal {
                 model,
                 terminal: terminal.to_string(),
-                takes: takes(model),
+                takes: accepted_terminals(model),
             })
         }
     }
@@ -300,7 +300,7 @@ impl FromStr for Module {
             .ok_or_else(|| ModuleError::Terminal {
                 model,
                 terminal: terminal.to_owned(),
-                takes: takes(model),
+                takes: accepted_terminals(model),
             })
             .and_then(|terminal| Self::with_terminal(model, terminal))
     }
@@ -326,7 +326,7 @@ fn layouts(model: Model) -> &'static [(u32, u32)] {
     }
 }
 
-fn takes(model: Model) -> &'static str {
+fn accepted_terminals(model: Model) -> &'static str {
     match model {
         Model::M34931A => "plain, none, 8x8, 4x16",
         Model::M34932A => "plain, none, 8x16, 4x32",

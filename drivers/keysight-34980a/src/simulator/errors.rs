@@ -4,13 +4,13 @@ use scpi::ParseError;
 
 /// An error to be added to the error queue.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Trouble {
+pub(crate) struct QueuedError {
     pub(super) code: i32,
     pub(super) text: &'static str,
 }
 
 /// The instrument's own error numbers, known from the similar 34970A (fact sheet section 7).
-impl Trouble {
+impl QueuedError {
     pub(super) const SLOT: Self = Self::new(111, "Channel list: slot number out of range");
     pub(super) const CHANNEL: Self = Self::new(112, "Channel list: channel number out of range");
     pub(super) const EMPTY: Self = Self::new(113, "Channel list: empty scan list");
@@ -31,7 +31,7 @@ impl Trouble {
     }
 }
 
-impl From<ParseError> for Trouble {
+impl From<ParseError> for QueuedError {
     fn from(refusal: ParseError) -> Self {
         Self::new(refusal.code(), refusal.text())
     }

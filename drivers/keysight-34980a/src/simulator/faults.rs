@@ -21,7 +21,7 @@ impl Simulator34980a {
     }
 
     /// Ends a fault of a stuck relay.
-    pub fn mend(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
+    pub fn unstick(&mut self, relay: Relay, at: Duration, wires: &mut dyn Wires) {
         self.stick(relay, None, at, wires);
     }
 

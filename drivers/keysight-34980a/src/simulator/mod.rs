@@ -27,8 +27,8 @@ use survey::{Amps, Relay, Volts};
 
 use crate::command::{Command, HeaderForm, MEMORIES};
 use crate::modules::Module;
-use crate::simulator::errors::Trouble;
-use crate::simulator::execute::Turn;
+use crate::simulator::errors::QueuedError;
+use crate::simulator::execute::Execution;
 use crate::simulator::measurement::deferred::Deferred;
 use crate::simulator::measurement::meter::{Meter, Settings};
 use calendar::Calendar;
@@ -277,9 +277,9 @@ impl Simulator34980a {
         at: Duration,
         wires: &mut dyn Wires,
     ) -> Response {
-        let mut turn = Turn {
+        let mut execution = Execution {
             session,
-            now: self.sessions.takes_up(session, at) + self.settings.message_time,
+            now: self.sessions.start_execution(session, at) + self.settings.message_time,
             replied: self.sessions.has_reply(session),
             last: false,
             depth: 0,
@@ -289,8 +289,8 @@ impl Simulator34980a {
         let calls = scpi::parse_message(line);
         let count = calls.len();
         for (place, call) in calls.into_iter().enumerate() {
-            turn.last = place + 1 == count;
-            self.pass(turn.now, turn.wires);
+            execution.last = place + 1 == count;
+            self.pass(execution.now, execution.wires);
             let received = call.and_then(|call| Ok((call.query, self.command(&call)?)));
             let (query, command) = match received {
                 Ok(received) => received,
@@ -304,18 +304,18 @@ impl Simulator34980a {
                 }
             };
             if self.sessions.forbids(session, query, &command) {
-                self.fail(Trouble::LOCKED);
+                self.fail(QueuedError::LOCKED);
                 continue;
             }
-            match self.obey(command, &mut turn) {
+            match self.execute(command, &mut execution) {
                 Ok(text) => replies.extend(text),
-                Err(trouble) => self.fail(trouble),
+                Err(error) => self.fail(error),
             }
-            turn.replied |= !replies.is_empty();
+            execution.replied |= !replies.is_empty();
         }
-        let done = turn.now;
+        let done = execution.now;
         // Not up to `done`: the awaited event is still to come, and other sessions may send messages before it.
-        self.pass(at, turn.wires);
+        self.pass(at, execution.wires);
         self.sessions.keep_busy(session, done);
         Response {
             text: (!replies.is_empty()).then(|| replies.join(";")),
@@ -337,13 +337,13 @@ impl Simulator34980a {
         }
     }
 
-    fn fail(&mut self, trouble: Trouble) {
-        self.status.raise_error(trouble.code);
+    fn fail(&mut self, error: QueuedError) {
+        self.status.raise_error(error.code);
         if self.errors.len() >= ERRORS {
             // The replaced entry causes an event of its own.
             self.status.raise_error(ParseError::QueueOverflow.code());
         }
-        self.errors.push(trouble.code, trouble.text);
+        self.errors.push(error.code, error.text);
     }
 
     /// Updates the status registers to this time.

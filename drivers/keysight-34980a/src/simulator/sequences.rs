@@ -7,8 +7,8 @@ use scpi::{ParseError, quote};
 
 use super::{Session, Simulator34980a, Wires};
 use crate::command::{Command, Message};
-use crate::simulator::errors::Trouble;
-use crate::simulator::execute::Turn;
+use crate::simulator::errors::QueuedError;
+use crate::simulator::execute::Execution;
 
 /// Limits of the memory: number of sequences, and bytes of each.
 const MOST: usize = 500;
@@ -37,26 +37,26 @@ impl Sequences {
         self.due.is_some()
     }
 
-    pub(crate) fn define(&mut self, name: String, commands: Message) -> Result<(), Trouble> {
+    pub(crate) fn define(&mut self, name: String, commands: Message) -> Result<(), QueuedError> {
         if commands.to_string().len() > LONGEST {
             return Err(ParseError::TooMuchData.into());
         }
         if self.definitions.len() == MOST && !self.definitions.contains_key(&name) {
-            return Err(Trouble::MEMORY);
+            return Err(QueuedError::MEMORY);
         }
         self.definitions.insert(name, commands);
         Ok(())
     }
 
-    fn find(&self, name: &str) -> Result<&Message, Trouble> {
-        self.definitions.get(name).ok_or(Trouble::NO_SEQUENCE)
+    fn find(&self, name: &str) -> Result<&Message, QueuedError> {
+        self.definitions.get(name).ok_or(QueuedError::NO_SEQUENCE)
     }
 
-    pub(crate) fn definition(&self, name: &str) -> Result<String, Trouble> {
+    pub(crate) fn definition(&self, name: &str) -> Result<String, QueuedError> {
         Ok(quote(&format!(":{}", self.find(name)?)))
     }
 
-    pub(crate) fn delete(&mut self, name: Option<&str>) -> Result<(), Trouble> {
+    pub(crate) fn delete(&mut self, name: Option<&str>) -> Result<(), QueuedError> {
         match name {
             None => self.definitions.clear(),
             Some(name) => {
@@ -76,7 +76,7 @@ impl Sequences {
     }
 
     /// Starts a sequence, or queues it behind the running one.
-    pub(crate) fn run(&mut self, name: &str, now: Duration) -> Result<(), Trouble> {
+    pub(crate) fn run(&mut self, name: &str, now: Duration) -> Result<(), QueuedError> {
         let commands = self.find(name)?.0.clone();
         if self.is_running() {
             if self.waiting.len() == MOST_WAITING {
@@ -91,9 +91,9 @@ impl Sequences {
     }
 
     /// Executes a sequence within the running one.
-    pub(crate) fn run_within(&mut self, name: &str, depth: u32) -> Result<(), Trouble> {
+    pub(crate) fn run_within(&mut self, name: &str, depth: u32) -> Result<(), QueuedError> {
         if depth >= DEEPEST {
-            return Err(Trouble::NESTED_TOO_DEEP);
+            return Err(QueuedError::NESTED_TOO_DEEP);
         }
         let commands = self.find(name)?.0.clone();
         for command in commands.into_iter().rev() {
@@ -116,13 +116,13 @@ impl Simulator34980a {
         let Some((depth, command)) = self.sequences.steps.pop_front() else {
             self.sequences.due = None;
             if let Some(next) = self.sequences.waiting.pop_front()
-                && let Err(trouble) = self.sequences.run(&next, due)
+                && let Err(error) = self.sequences.run(&next, due)
             {
-                self.fail(trouble);
+                self.fail(error);
             }
             return;
         };
-        let mut turn = Turn {
+        let mut execution = Execution {
             session: Session::default(),
             now: due,
             replied: false,
@@ -130,13 +130,13 @@ impl Simulator34980a {
             depth,
             wires,
         };
-        match self.obey(command, &mut turn) {
+        match self.execute(command, &mut execution) {
             // A nested command may have stopped the sequence.
-            Ok(_) if self.sequences.is_running() => self.sequences.due = Some(turn.now),
+            Ok(_) if self.sequences.is_running() => self.sequences.due = Some(execution.now),
             Ok(_) => {}
-            Err(trouble) => {
+            Err(error) => {
                 self.sequences.steps.clear();
-                self.fail(trouble);
+                self.fail(error);
             }
         }
     }

@@ -40,7 +40,7 @@ impl Sessions {
     }
 
     /// The start of execution of a message: messages of one session follow one another.
-    pub(crate) fn takes_up(&self, session: Session, at: Duration) -> Duration {
+    pub(crate) fn start_execution(&self, session: Session, at: Duration) -> Duration {
         self.busy.get(&session).map_or(at, |busy| at.max(*busy))
     }
 

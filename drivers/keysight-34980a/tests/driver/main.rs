@@ -11,7 +11,9 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use keysight_34980a::{HeaderForm, Keysight34980a, Quantity, Settings34980a, Simulator34980a};
-use rig::{Hop, Link, LinkError, MeterSettings, Move, RigError, Sample, Switch, Voltmeter};
+use rig::{
+    ChainedReading, Link, LinkError, MeterSettings, Move, RigError, Sample, Switch, Voltmeter,
+};
 use scpi::Framer;
 use stand_in::{Sheet, mainframe, mainframe_slots};
 use survey::{Reading, Relay, Volts};

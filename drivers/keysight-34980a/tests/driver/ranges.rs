@@ -172,17 +172,17 @@ async fn a_chain_of_routes_is_one_message_with_an_answer_each() {
     switch.move_relays(&[close(&[1921])]).await.unwrap();
     switch.move_relays(&[close(&[1201])]).await.unwrap();
     shared.received();
-    let hop = |moves: Vec<Move>, range: f64| Hop {
+    let one = |moves: Vec<Move>, range: f64| ChainedReading {
         moves,
         range: Volts(range),
     };
-    let hops = [
-        hop(vec![close(&[1103])], 10.0),
-        hop(vec![open(&[1103]), close(&[1501])], 10.0),
-        hop(vec![open(&[1501]), close(&[1104])], 0.1),
+    let chained = [
+        one(vec![close(&[1103])], 10.0),
+        one(vec![open(&[1103]), close(&[1501])], 10.0),
+        one(vec![open(&[1501]), close(&[1104])], 0.1),
     ];
     assert_eq!(
-        meter.chain(&hops).await.unwrap(),
+        meter.chain(&chained).await.unwrap(),
         [
             Reading::Ok(Volts(1.103)),
             Reading::Ok(Volts(1.501)),
@@ -198,7 +198,7 @@ async fn a_chain_of_routes_is_one_message_with_an_answer_each() {
     // One reply too few: the replies cannot be assigned to queries.
     shared.lie(READ, "+1.0E+00;+1.0E+00;+0,\"No error\"");
     assert!(matches!(
-        meter.chain(&hops[..1]).await,
+        meter.chain(&chained[..1]).await,
         Err(RigError::Garbled { .. })
     ));
 }

@@ -24,8 +24,8 @@ impl Wires for Sheet {
         self.history.push((at, closed.clone()));
     }
 
-    fn measure(&mut self, at: Duration, request: MeterRequest) -> Volts {
-        self.requests.push((at, request, self.closed.clone()));
+    fn measure(&mut self, at: Duration, requested: MeterRequest) -> Volts {
+        self.requests.push((at, requested, self.closed.clone()));
         if let Some(volts) = self.volts {
             return Volts(volts);
         }
@@ -40,7 +40,7 @@ impl Wires for Sheet {
             number @ 201..=216 => number - 200,
             number => number - 600 + 16,
         };
-        let measured = match request.channel {
+        let measured = match requested.channel {
             Some(relay) => Some(channel(&relay)),
             None if self.closed.iter().any(|relay| channel(relay) == 921) => self
                 .closed

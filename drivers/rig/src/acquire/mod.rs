@@ -159,7 +159,7 @@ where
     let (plan_of_task, stop) = (Arc::clone(&shared), stop.clone());
     let task = tokio::spawn(async move {
         let mut run = Run::new(&plan_of_task, meter, stop, caller);
-        let outcome = caught(run.every_step(&mut instruments)).await;
+        let outcome = catch_panic(run.run_steps(&mut instruments)).await;
         let ended = match outcome {
             Ok(Ok(())) => Ok(()),
             Ok(Err(cut)) => {
@@ -181,7 +181,7 @@ where
             Ok(panic) => std::panic::resume_unwind(panic),
             Err(_) => {
                 let number = 1;
-                let cleanup = CleanupError::nobody_knows();
+                let cleanup = CleanupError::runtime_ended();
                 return Err(AcquireError::StoppedUnsafe { number, cleanup });
             }
         },
@@ -228,13 +228,13 @@ pub fn settings(plan: &Plan, meter: MeterSettings) -> Settings {
 }
 
 /// Why the steps ended early.
-enum Cut {
+enum EndReason {
     Prepare(RigError),
     Step(usize, Step, RigError),
     Stop(usize),
 }
 
-impl Cut {
+impl EndReason {
     /// `earlier`: how long switching off took if it was done during a reading.
     fn with(self, made: Result<Duration, CleanupError>, earlier: Option<Duration>) -> AcquireError {
         let made = made.map(|off_after| earlier.unwrap_or(off_after));
@@ -260,7 +260,7 @@ impl Cut {
 }
 
 /// Runs a future, and catches its panic so that the rig can be made safe before the panic is propagated.
-async fn caught<F: Future>(future: F) -> Result<F::Output, Box<dyn Any + Send>> {
+async fn catch_panic<F: Future>(future: F) -> Result<F::Output, Box<dyn Any + Send>> {
     let mut future = std::pin::pin!(future);
     std::future::poll_fn(move |context| {
         let polled = std::panic::catch_unwind(AssertUnwindSafe(|| future.as_mut().poll(context)));

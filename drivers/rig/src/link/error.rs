@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// Most of a text that an error message repeats, characters.
-const SHORTENED: usize = 60;
+const LONGEST_EXCERPT: usize = 60;
 
 /// An error of a connection.
 #[derive(Debug, thiserror::Error)]
@@ -44,7 +44,7 @@ pub enum LinkError {
     #[error(
         "the link to {instrument} is out of step after an earlier fault; reconnect before asking again"
     )]
-    OutOfStep {
+    Unsynchronised {
         /// Name and address.
         instrument: String,
     },
@@ -100,7 +100,7 @@ fn at(message: &str) -> String {
 
 /// The beginning of a text, with `...` where more follows.
 pub(super) fn shorten(text: &str) -> String {
-    let mut shortened: String = text.chars().take(SHORTENED).collect();
+    let mut shortened: String = text.chars().take(LONGEST_EXCERPT).collect();
     if shortened.len() < text.len() {
         shortened.push_str("...");
     }

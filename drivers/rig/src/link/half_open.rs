@@ -17,24 +17,24 @@ use tokio::net::{TcpSocket, TcpStream};
 
 /// The last connection to an address that received data, and the number of attempts since.
 #[derive(Debug, Clone, Copy)]
-struct Answered {
+struct LastConnection {
     local: SocketAddr,
     peer: SocketAddr,
     tries: u32,
 }
 
 /// For this process, by address, because local ports belong to the machine.
-static ANSWERED: Mutex<BTreeMap<String, Answered>> = Mutex::new(BTreeMap::new());
+static CONNECTIONS: Mutex<BTreeMap<String, LastConnection>> = Mutex::new(BTreeMap::new());
 
-fn answered() -> MutexGuard<'static, BTreeMap<String, Answered>> {
-    ANSWERED.lock().unwrap_or_else(PoisonError::into_inner)
+fn connections() -> MutexGuard<'static, BTreeMap<String, LastConnection>> {
+    CONNECTIONS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Connects; after a lost connection every other attempt uses its local port, if possible.
-pub(crate) async fn connect(address: &str) -> io::Result<Noted> {
+pub(crate) async fn connect(address: &str) -> io::Result<RecordedStream> {
     let lost = {
-        let mut answered = answered();
-        let lost = answered.get_mut(address);
+        let mut connections = connections();
+        let lost = connections.get_mut(address);
         lost.and_then(|lost| {
             lost.tries += 1;
             // first from any port: most instruments have noticed, and some refuse a port for a while after a clean
@@ -44,7 +44,7 @@ pub(crate) async fn connect(address: &str) -> io::Result<Noted> {
     };
     let stream = match lost {
         None => TcpStream::connect(address).await?,
-        Some(lost) => match from_there(lost).await {
+        Some(lost) => match connect_from_same_port(lost).await {
             // in use meanwhile, or still in TIME_WAIT
             Err(fault)
                 if [
@@ -59,14 +59,14 @@ pub(crate) async fn connect(address: &str) -> io::Result<Noted> {
             connected => connected?,
         },
     };
-    Ok(Noted {
+    Ok(RecordedStream {
         address: address.to_owned(),
         stream,
-        is_noted: false,
+        is_recorded: false,
     })
 }
 
-async fn from_there(lost: Answered) -> io::Result<TcpStream> {
+async fn connect_from_same_port(lost: LastConnection) -> io::Result<TcpStream> {
     let socket = match lost.local {
         SocketAddr::V4(_) => TcpSocket::new_v4()?,
         SocketAddr::V6(_) => TcpSocket::new_v6()?,
@@ -78,27 +78,27 @@ async fn from_there(lost: Answered) -> io::Result<TcpStream> {
 
 /// A connection that is recorded once it has received data.
 #[derive(Debug)]
-pub(crate) struct Noted {
+pub(crate) struct RecordedStream {
     address: String,
     pub(crate) stream: TcpStream,
-    is_noted: bool,
+    is_recorded: bool,
 }
 
-impl Noted {
+impl RecordedStream {
     fn note(&mut self) {
         if let (Ok(local), Ok(peer)) = (self.stream.local_addr(), self.stream.peer_addr()) {
-            let now = Answered {
+            let now = LastConnection {
                 local,
                 peer,
                 tries: 0,
             };
-            answered().insert(self.address.clone(), now);
+            connections().insert(self.address.clone(), now);
         }
-        self.is_noted = true;
+        self.is_recorded = true;
     }
 }
 
-impl AsyncRead for Noted {
+impl AsyncRead for RecordedStream {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -106,14 +106,14 @@ impl AsyncRead for Noted {
     ) -> Poll<io::Result<()>> {
         let before = buffer.filled().len();
         let read = Pin::new(&mut self.stream).poll_read(context, buffer);
-        if !self.is_noted && buffer.filled().len() > before {
+        if !self.is_recorded && buffer.filled().len() > before {
             self.note();
         }
         read
     }
 }
 
-impl AsyncWrite for Noted {
+impl AsyncWrite for RecordedStream {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,

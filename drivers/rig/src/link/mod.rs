@@ -36,9 +36,9 @@ pub type BoxStream = Box<dyn Stream>;
 /// Whether the next line from the peer can be trusted to be the next reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    InStep,
+    Synchronised,
     /// An exchange failed; the peer may have received part of a message.
-    OutOfStep,
+    Unsynchronised,
 }
 
 /// A line-oriented conversation with one instrument.
@@ -68,7 +68,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
             deadline,
             longest_reply: LONGEST_REPLY,
             received: Vec::new(),
-            state: State::InStep,
+            state: State::Synchronised,
             nonce: 0,
             nonces: Vec::new(),
             enable: None,
@@ -101,8 +101,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     }
 
     /// Whether queries are possible; `false` after a fault until [`Link::replace`] or [`Link::resynchronise`].
-    pub fn is_in_step(&self) -> bool {
-        self.state == State::InStep
+    pub fn is_synchronised(&self) -> bool {
+        self.state == State::Synchronised
     }
 
     /// Replaces the connection; the old one is dropped with any exchange in progress.
@@ -111,7 +111,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.received.clear();
         self.nonces.clear();
         self.enable = None;
-        self.state = State::InStep;
+        self.state = State::Synchronised;
     }
 
     /// Sends a message that has no reply, in one segment.
@@ -122,7 +122,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         let until = Instant::now() + self.deadline;
         self.begin(message).await?;
         self.write(message, self.deadline, until).await?;
-        self.state = State::InStep;
+        self.state = State::Synchronised;
         Ok(())
     }
 
@@ -148,11 +148,11 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.write(message, deadline, until).await?;
         let answer = self.line(message, deadline, until).await?;
         // A stale line received first would shift the true reply: with two lines neither can be trusted.
-        self.take_what_waits(message).await?;
+        self.read_available(message).await?;
         if !self.received.is_empty() {
             return Err(self.unsolicited());
         }
-        self.state = State::InStep;
+        self.state = State::Synchronised;
         Ok(answer)
     }
 
@@ -165,13 +165,13 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
                 message: shorten(message),
             });
         }
-        if self.state != State::InStep {
-            return Err(LinkError::OutOfStep {
+        if self.state != State::Synchronised {
+            return Err(LinkError::Unsynchronised {
                 instrument: self.instrument.clone(),
             });
         }
-        self.state = State::OutOfStep;
-        let closed = self.take_what_waits(message).await?;
+        self.state = State::Unsynchronised;
+        let closed = self.read_available(message).await?;
         if !self.received.is_empty() {
             return Err(self.unsolicited());
         }
@@ -241,7 +241,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     }
 
     /// Reads what has been received already, without waiting; returns whether the peer has closed after it.
-    async fn take_what_waits(&mut self, message: &str) -> Result<bool, LinkError> {
+    async fn read_available(&mut self, message: &str) -> Result<bool, LinkError> {
         // Lets the runtime poll its sockets, and keeps its budget from hiding received bytes.
         tokio::task::yield_now().await;
         let mut chunk = [0; 512];

@@ -16,8 +16,8 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     pub async fn resynchronise(&mut self) -> Result<(), LinkError> {
         let first = self.next_nonce();
         let second = self.next_nonce();
-        self.state = State::OutOfStep;
-        self.end_half_a_message().await?;
+        self.state = State::Unsynchronised;
+        self.end_partial_message().await?;
 
         // Half a line may have been received: the reply glued to it is discarded with it.
         let until = Instant::now() + self.deadline;
@@ -27,7 +27,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         let sent_so_far = self.nonces.clone();
         let mut found = self.enable;
         let echoed = self
-            .echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
+            .await_echo(&format!("*ESE?;*ESE {first};*ESE?"), |line| {
                 let (before, now) = two_numbers(line)?;
                 // The register's own value is the one before the first number written.
                 let turn = sent_so_far.iter().position(|number| *number == now)?;
@@ -39,16 +39,16 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
             .await;
         self.enable = found;
         echoed?;
-        self.echo(&format!("*ESE?;*ESE {second};*ESE?"), |line| {
+        self.await_echo(&format!("*ESE?;*ESE {second};*ESE?"), |line| {
             (two_numbers(line)? == (first, second)).then_some(())
         })
         .await?;
         let before = self.enable.unwrap_or(0);
-        self.echo(&format!("*ESE {before};*ESE?"), |line| {
+        self.await_echo(&format!("*ESE {before};*ESE?"), |line| {
             (line.trim().parse() == Ok(before)).then_some(())
         })
         .await?;
-        self.come_in_step("*ESE?").await?;
+        self.confirm_synchronised("*ESE?").await?;
         self.nonces.clear();
         self.enable = None;
         Ok(())
@@ -60,23 +60,23 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     /// # Errors
     /// A lost connection, or an expected reply missing at the timeout: the link stays out of step.
     pub async fn resynchronise_by(&mut self, probes: &[(&str, &str)]) -> Result<(), LinkError> {
-        self.state = State::OutOfStep;
-        self.end_half_a_message().await?;
+        self.state = State::Unsynchronised;
+        self.end_partial_message().await?;
         for (message, expected) in probes {
-            self.echo(message, |line| (line.trim() == *expected).then_some(()))
+            self.await_echo(message, |line| (line.trim() == *expected).then_some(()))
                 .await?;
         }
-        self.come_in_step("").await
+        self.confirm_synchronised("").await
     }
 
     /// Ends a message that a cancelled write left incomplete.
-    async fn end_half_a_message(&mut self) -> Result<(), LinkError> {
+    async fn end_partial_message(&mut self) -> Result<(), LinkError> {
         let until = Instant::now() + self.deadline;
         self.write("", self.deadline, until).await
     }
 
     /// Sends a message and discards lines until one is recognised.
-    async fn echo<T>(
+    async fn await_echo<T>(
         &mut self,
         message: &str,
         mut recognise: impl FnMut(&str) -> Option<T>,
@@ -98,12 +98,12 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     }
 
     /// In step again if nothing was received after the last recognised line.
-    async fn come_in_step(&mut self, message: &str) -> Result<(), LinkError> {
-        self.take_what_waits(message).await?;
+    async fn confirm_synchronised(&mut self, message: &str) -> Result<(), LinkError> {
+        self.read_available(message).await?;
         if !self.received.is_empty() {
             return Err(self.unsolicited());
         }
-        self.state = State::InStep;
+        self.state = State::Synchronised;
         Ok(())
     }
 

@@ -17,10 +17,10 @@ const LONGEST_TRANSCRIPT: usize = 16 * 1024;
 
 /// Written to by every link of a rig. A handle: copies write to the same transcript.
 #[derive(Debug, Clone)]
-pub struct RingTranscript(Arc<Mutex<Held>>);
+pub struct RingTranscript(Arc<Mutex<RingState>>);
 
 #[derive(Debug)]
-struct Held {
+struct RingState {
     begun: Instant,
     most: usize,
     opening: Arc<Vec<Entry>>,
@@ -60,7 +60,7 @@ impl Transcript {
 impl RingTranscript {
     /// An empty transcript that keeps the last `transcripts` frames; 0 keeps only the current frame.
     pub fn new(transcripts: usize) -> Self {
-        Self(Arc::new(Mutex::new(Held {
+        Self(Arc::new(Mutex::new(RingState {
             begun: Instant::now(),
             most: transcripts.max(1),
             opening: Arc::default(),
@@ -130,7 +130,7 @@ impl RingTranscript {
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Held> {
+    fn lock(&self) -> MutexGuard<'_, RingState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reel_has_its_own_opening_and_the_oldest_is_dropped() {
+    fn a_frame_has_its_own_opening_and_the_oldest_is_dropped() {
         let transcript = RingTranscript::new(2);
         let say = |text: &str| transcript.write("6221", EntryContent::Sent(text.to_owned()));
         say("opening");
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reel_that_is_too_long_loses_its_beginning_and_says_so() {
+    fn a_frame_that_is_too_long_loses_its_beginning_and_says_so() {
         let transcript = RingTranscript::new(0);
         transcript.next_transcript();
         for number in 0..LONGEST_TRANSCRIPT + 3 {

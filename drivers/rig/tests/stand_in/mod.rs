@@ -11,8 +11,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use rig::{
-    Compliance, CurrentSource, Hop, LinkError, MeterSettings, Move, Rig, RigError, Sample, Switch,
-    Voltmeter,
+    ChainedReading, Compliance, CurrentSource, LinkError, MeterSettings, Move, Rig, RigError,
+    Sample, Switch, Voltmeter,
 };
 use survey::{Amps, Dipole, Electrode, Measurement, Reading, Relay, Volts, Wiring};
 
@@ -370,11 +370,11 @@ impl Voltmeter for StandIn {
         Ok(world.read(routed))
     }
 
-    async fn chain(&mut self, hops: &[Hop]) -> Result<Vec<Reading>, RigError> {
+    async fn chain(&mut self, chained: &[ChainedReading]) -> Result<Vec<Reading>, RigError> {
         let mut world = self.call(Part::SwitchAndMeter).await?;
         let mut readings = Vec::new();
-        for hop in hops {
-            world.held_back.extend(hop.moves.iter().cloned());
+        for one in chained {
+            world.held_back.extend(one.moves.iter().cloned());
             world.carry_out();
             let routed = joined(&world.wiring.measure, &world.closed).expect("one pair is routed");
             readings.push(world.read(routed));

@@ -126,7 +126,7 @@ impl Pattern {
                 let is = |node: &Node| keyword.eq_ignore_ascii_case(&node.long);
                 self.nodes.iter().all(is)
             }
-            _ => walk(&self.nodes, &call.header, &mut suffixes),
+            _ => match_nodes(&self.nodes, &call.header, &mut suffixes),
         };
         found.then_some(suffixes)
     }
@@ -141,7 +141,7 @@ impl Pattern {
 
 /// Matches the keyword against the first node, then, if that is optional, against the next. A notation has few optional
 /// nodes, so trying both is cheap.
-fn walk(nodes: &[Node], keywords: &[String], suffixes: &mut Vec<u32>) -> bool {
+fn match_nodes(nodes: &[Node], keywords: &[String], suffixes: &mut Vec<u32>) -> bool {
     let Some((node, later_nodes)) = nodes.split_first() else {
         return keywords.is_empty();
     };
@@ -150,12 +150,12 @@ fn walk(nodes: &[Node], keywords: &[String], suffixes: &mut Vec<u32>) -> bool {
     {
         let held = suffixes.len();
         suffixes.extend(suffix);
-        if walk(later_nodes, later_keywords, suffixes) {
+        if match_nodes(later_nodes, later_keywords, suffixes) {
             return true;
         }
         suffixes.truncate(held);
     }
-    node.optional && walk(later_nodes, keywords, suffixes)
+    node.optional && match_nodes(later_nodes, keywords, suffixes)
 }
 
 impl Call {

@@ -22,18 +22,18 @@ impl<'a> Reader<'a> {
 
     /// Reads a unit, from its first byte to its semicolon.
     pub(crate) fn call(&mut self, path: &[String]) -> Result<Call, ParseError> {
-        let from_root = self.eat(b':');
-        let common = self.eat(b'*');
+        let from_root = self.skip_byte(b':');
+        let common = self.skip_byte(b'*');
         let mut header = if from_root || common {
             Vec::new()
         } else {
             path.to_vec()
         };
         header.push(self.keyword()?);
-        while !common && self.eat(b':') {
+        while !common && self.skip_byte(b':') {
             header.push(self.keyword()?);
         }
-        let query = self.eat(b'?');
+        let query = self.skip_byte(b'?');
         let arguments = match self.rest.first() {
             None | Some(b';') => Vec::new(),
             Some(b) if is_blank(*b) => self.arguments()?,
@@ -54,7 +54,7 @@ impl<'a> Reader<'a> {
             None | Some(b'*' | b'?' | b':' | b' ' | b';') => return Err(ParseError::Syntax),
             Some(_) => return Err(ParseError::InvalidCharacter),
         }
-        let word = self.take_word();
+        let word = self.read_word();
         if word.len() > LONGEST_KEYWORD {
             return Err(ParseError::MnemonicTooLong);
         }
@@ -86,7 +86,7 @@ impl<'a> Reader<'a> {
             Some(b'#') => self.hash(),
             Some(b'(') => self.expression(),
             Some(b) if b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.') => self.number(),
-            Some(b) if b.is_ascii_alphabetic() => Ok(Argument::Word(self.take_word())),
+            Some(b) if b.is_ascii_alphabetic() => Ok(Argument::Word(self.read_word())),
             Some(_) => Err(ParseError::InvalidCharacter),
         }
     }
@@ -113,7 +113,7 @@ impl<'a> Reader<'a> {
         }
         self.skip_blanks();
         let suffix = match self.rest.first() {
-            Some(b) if b.is_ascii_alphabetic() => Some(self.take_word()),
+            Some(b) if b.is_ascii_alphabetic() => Some(self.read_word()),
             _ => None,
         };
         Ok(Argument::Number { value, suffix })
@@ -132,8 +132,8 @@ impl<'a> Reader<'a> {
             }
         };
         self.rest = &self.rest[2..];
-        let digits = self.take_word();
-        // `from_str_radix` accepts a sign, which `take_word` never yields.
+        let digits = self.read_word();
+        // `from_str_radix` accepts a sign, which `read_word` never yields.
         let value = u64::from_str_radix(&digits, radix).map_err(|_| ParseError::InvalidNumber)?;
         Ok(Argument::Number {
             value: value as f64,
@@ -204,7 +204,7 @@ impl<'a> Reader<'a> {
         self.rest = &self.rest[end.unwrap_or(self.rest.len())..];
     }
 
-    fn take_word(&mut self) -> String {
+    fn read_word(&mut self) -> String {
         let length = count(self.rest, |b| b.is_ascii_alphanumeric() || b == b'_');
         let (word, rest) = self.rest.split_at(length);
         self.rest = rest;
@@ -215,7 +215,7 @@ impl<'a> Reader<'a> {
         self.rest = &self.rest[count(self.rest, is_blank)..];
     }
 
-    pub(crate) fn eat(&mut self, byte: u8) -> bool {
+    pub(crate) fn skip_byte(&mut self, byte: u8) -> bool {
         let eaten = self.rest.first() == Some(&byte);
         if eaten {
             self.rest = &self.rest[1..];

@@ -2,7 +2,7 @@
 
 use scpi::{Argument, Numeric, ParseError, Unit};
 
-use super::{Detail, Function, Given};
+use super::{Detail, Function, SettingValue};
 use crate::command::Range;
 use crate::command::sense::autozero;
 
@@ -30,7 +30,7 @@ const THERMISTORS: &[f64] = &[2252.0, 5000.0, 10_000.0];
 
 /// The values of a setting.
 #[derive(Clone, Copy)]
-pub(crate) enum Takes {
+pub(crate) enum ValueKind {
     Switch,
     /// A switch that may also be ONCE.
     Autozero,
@@ -51,7 +51,7 @@ pub(super) type Row = (
     &'static str,
     &'static str,
     fn(Function) -> bool,
-    Takes,
+    ValueKind,
 );
 
 const GATES: &[f64] = &[0.01, 0.1, 1.0];
@@ -59,32 +59,32 @@ const LOWEST: &[f64] = &[3.0, 20.0, 200.0];
 
 #[rustfmt::skip]
 pub(super) const ROWS: &[Row] = &[
-    (Detail::Range, "RANGe", "RANG", |f| f.alternates() || f.is_ohms() || f == Function::DcCurrent, Takes::Range),
-    (Detail::RangeAuto, "RANGe:AUTO", "RANG:AUTO", |f| f.alternates() || f.is_ohms() || f == Function::DcCurrent, Takes::Switch),
-    (Detail::Range, "VOLTage:RANGe", "VOLT:RANG", Function::counts, Takes::Range),
-    (Detail::RangeAuto, "VOLTage:RANGe:AUTO", "VOLT:RANG:AUTO", Function::counts, Takes::Switch),
-    (Detail::Nplc, "NPLC", "NPLC", integrates_too, Takes::Step(Unit::PowerLineCycle, &[0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0], 1.0)),
-    (Detail::Aperture, "APERture", "APER", integrates_too, Takes::Number(Unit::Second, [300e-6, 1.0, 1.0])),
-    (Detail::Aperture, "APERture", "APER", Function::counts, Takes::Step(Unit::Second, GATES, 0.1)),
-    (Detail::ApertureEnabled, "APERture:ENABled", "APER:ENAB", integrates_too, Takes::Switch),
-    (Detail::Resolution, "RESolution", "RES", |f| f.is_ohms() || f == Function::DcCurrent, Takes::Resolution),
-    (Detail::Bandwidth, "BANDwidth", "BAND", Function::alternates, Takes::Step(Unit::Hertz, LOWEST, 20.0)),
-    (Detail::Bandwidth, "RANGe:LOWer", "RANG:LOW", Function::counts, Takes::Step(Unit::Hertz, LOWEST, 20.0)),
-    (Detail::Compensated, "OCOMpensated", "OCOM", Function::is_ohms, Takes::Switch),
-    (Detail::Autozero, "ZERO:AUTO", "ZERO:AUTO", integrates_too, Takes::Autozero),
-    (Detail::Probe, "TRANsducer:TYPE", "TRAN:TYPE", is_temperature, Takes::Words(PROBES, "TC")),
-    (Detail::Couple, "TRANsducer:TCouple:TYPE", "TRAN:TC:TYPE", is_temperature, Takes::Words(COUPLES, "J")),
-    (Detail::JunctionSource, "TRANsducer:TCouple:RJUNction:TYPE", "TRAN:TC:RJUN:TYPE", is_temperature, Takes::Words(JUNCTIONS, "FIX")),
-    (Detail::Junction, "TRANsducer:TCouple:RJUNction", "TRAN:TC:RJUN", is_temperature, Takes::Number(Unit::None, [-20.0, 80.0, 0.0])),
-    (Detail::CoupleCheck, "TRANsducer:TCouple:CHECk", "TRAN:TC:CHEC", is_temperature, Takes::Switch),
-    (Detail::Rtd, "TRANsducer:RTD:TYPE", "TRAN:RTD:TYPE", is_temperature, Takes::OneOf(RTDS, 85.0)),
-    (Detail::Rtd, "TRANsducer:FRTD:TYPE", "TRAN:FRTD:TYPE", is_temperature, Takes::OneOf(RTDS, 85.0)),
-    (Detail::RtdOhms, "TRANsducer:RTD:RESistance", "TRAN:RTD:RES", is_temperature, Takes::Number(Unit::Ohm, [49.0, 2100.0, 100.0])),
-    (Detail::RtdOhms, "TRANsducer:FRTD:RESistance", "TRAN:FRTD:RES", is_temperature, Takes::Number(Unit::Ohm, [49.0, 2100.0, 100.0])),
-    (Detail::RtdCompensated, "TRANsducer:RTD:OCOMpensated", "TRAN:RTD:OCOM", is_temperature, Takes::Switch),
-    (Detail::RtdCompensated, "TRANsducer:FRTD:OCOMpensated", "TRAN:FRTD:OCOM", is_temperature, Takes::Switch),
-    (Detail::Thermistor, "TRANsducer:THERmistor:TYPE", "TRAN:THER:TYPE", is_temperature, Takes::OneOf(THERMISTORS, 5000.0)),
-    (Detail::Degrees, "", "UNIT:TEMP", is_temperature, Takes::Words(DEGREES, "C")),
+    (Detail::Range, "RANGe", "RANG", |f| f.alternates() || f.is_ohms() || f == Function::DcCurrent, ValueKind::Range),
+    (Detail::RangeAuto, "RANGe:AUTO", "RANG:AUTO", |f| f.alternates() || f.is_ohms() || f == Function::DcCurrent, ValueKind::Switch),
+    (Detail::Range, "VOLTage:RANGe", "VOLT:RANG", Function::counts, ValueKind::Range),
+    (Detail::RangeAuto, "VOLTage:RANGe:AUTO", "VOLT:RANG:AUTO", Function::counts, ValueKind::Switch),
+    (Detail::Nplc, "NPLC", "NPLC", integrates_too, ValueKind::Step(Unit::PowerLineCycle, &[0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0], 1.0)),
+    (Detail::Aperture, "APERture", "APER", integrates_too, ValueKind::Number(Unit::Second, [300e-6, 1.0, 1.0])),
+    (Detail::Aperture, "APERture", "APER", Function::counts, ValueKind::Step(Unit::Second, GATES, 0.1)),
+    (Detail::ApertureEnabled, "APERture:ENABled", "APER:ENAB", integrates_too, ValueKind::Switch),
+    (Detail::Resolution, "RESolution", "RES", |f| f.is_ohms() || f == Function::DcCurrent, ValueKind::Resolution),
+    (Detail::Bandwidth, "BANDwidth", "BAND", Function::alternates, ValueKind::Step(Unit::Hertz, LOWEST, 20.0)),
+    (Detail::Bandwidth, "RANGe:LOWer", "RANG:LOW", Function::counts, ValueKind::Step(Unit::Hertz, LOWEST, 20.0)),
+    (Detail::Compensated, "OCOMpensated", "OCOM", Function::is_ohms, ValueKind::Switch),
+    (Detail::Autozero, "ZERO:AUTO", "ZERO:AUTO", integrates_too, ValueKind::Autozero),
+    (Detail::Probe, "TRANsducer:TYPE", "TRAN:TYPE", is_temperature, ValueKind::Words(PROBES, "TC")),
+    (Detail::Couple, "TRANsducer:TCouple:TYPE", "TRAN:TC:TYPE", is_temperature, ValueKind::Words(COUPLES, "J")),
+    (Detail::JunctionSource, "TRANsducer:TCouple:RJUNction:TYPE", "TRAN:TC:RJUN:TYPE", is_temperature, ValueKind::Words(JUNCTIONS, "FIX")),
+    (Detail::Junction, "TRANsducer:TCouple:RJUNction", "TRAN:TC:RJUN", is_temperature, ValueKind::Number(Unit::None, [-20.0, 80.0, 0.0])),
+    (Detail::CoupleCheck, "TRANsducer:TCouple:CHECk", "TRAN:TC:CHEC", is_temperature, ValueKind::Switch),
+    (Detail::Rtd, "TRANsducer:RTD:TYPE", "TRAN:RTD:TYPE", is_temperature, ValueKind::OneOf(RTDS, 85.0)),
+    (Detail::Rtd, "TRANsducer:FRTD:TYPE", "TRAN:FRTD:TYPE", is_temperature, ValueKind::OneOf(RTDS, 85.0)),
+    (Detail::RtdOhms, "TRANsducer:RTD:RESistance", "TRAN:RTD:RES", is_temperature, ValueKind::Number(Unit::Ohm, [49.0, 2100.0, 100.0])),
+    (Detail::RtdOhms, "TRANsducer:FRTD:RESistance", "TRAN:FRTD:RES", is_temperature, ValueKind::Number(Unit::Ohm, [49.0, 2100.0, 100.0])),
+    (Detail::RtdCompensated, "TRANsducer:RTD:OCOMpensated", "TRAN:RTD:OCOM", is_temperature, ValueKind::Switch),
+    (Detail::RtdCompensated, "TRANsducer:FRTD:OCOMpensated", "TRAN:FRTD:OCOM", is_temperature, ValueKind::Switch),
+    (Detail::Thermistor, "TRANsducer:THERmistor:TYPE", "TRAN:THER:TYPE", is_temperature, ValueKind::OneOf(THERMISTORS, 5000.0)),
+    (Detail::Degrees, "", "UNIT:TEMP", is_temperature, ValueKind::Words(DEGREES, "C")),
 ];
 
 /// Functions that integrate. DC volts are not among them: they have their own rows.
@@ -103,8 +103,8 @@ pub(super) fn row_of(function: Function, detail: Detail) -> Option<&'static Row>
 
 /// The values of a function's setting; `None` if the function has no such setting.
 #[cfg(feature = "simulator")]
-pub(crate) fn takes(function: Function, detail: Detail) -> Option<Takes> {
-    row_of(function, detail).map(|(.., takes)| *takes)
+pub(crate) fn value_kind(function: Function, detail: Detail) -> Option<ValueKind> {
+    row_of(function, detail).map(|(.., kind)| *kind)
 }
 
 /// Every setting of a function, each once.
@@ -130,7 +130,7 @@ pub(super) fn range(function: Function, value: &Argument) -> Result<Range, Parse
     let ranges = function.ranges();
     let unit = match function {
         Function::Frequency | Function::Period => Unit::Volt,
-        _ => function.nature().4,
+        _ => function.row().4,
     };
     let fixed = match value.number(unit)? {
         Numeric::Def => return Ok(Range::Auto),
@@ -142,20 +142,22 @@ pub(super) fn range(function: Function, value: &Argument) -> Result<Range, Parse
     fixed.map(Range::Fixed).ok_or(ParseError::OutOfRange)
 }
 
-pub(super) fn given(
+pub(super) fn value_of(
     function: Function,
-    takes: Takes,
+    kind: ValueKind,
     value: &Argument,
-) -> Result<Given, ParseError> {
-    Ok(match takes {
-        Takes::Switch => Given::Switch(value.boolean()?),
-        Takes::Autozero => autozero(value)?.map_or(Given::Word("ONCE"), Given::Switch),
-        Takes::Range => Given::Range(range(function, value)?),
-        Takes::Resolution => Given::Resolution(value.number(function.nature().4)?),
-        Takes::Number(unit, [least, most, default]) => {
-            Given::Number(value.number(unit)?.within(least, most, default)?)
+) -> Result<SettingValue, ParseError> {
+    Ok(match kind {
+        ValueKind::Switch => SettingValue::Switch(value.boolean()?),
+        ValueKind::Autozero => {
+            autozero(value)?.map_or(SettingValue::Word("ONCE"), SettingValue::Switch)
         }
-        Takes::Step(unit, steps, default) => {
+        ValueKind::Range => SettingValue::Range(range(function, value)?),
+        ValueKind::Resolution => SettingValue::Resolution(value.number(function.row().4)?),
+        ValueKind::Number(unit, [least, most, default]) => {
+            SettingValue::Number(value.number(unit)?.within(least, most, default)?)
+        }
+        ValueKind::Step(unit, steps, default) => {
             let [least, most] = [steps[0], steps[steps.len() - 1]];
             let requested = value.number(unit)?.within(least, most, default)?;
             // The bandwidth argument is the lowest expected frequency: the filter must reach down to it.
@@ -163,36 +165,36 @@ pub(super) fn given(
                 Unit::Hertz => steps.iter().rev().find(|step| **step <= requested),
                 _ => steps.iter().find(|step| requested <= **step),
             };
-            Given::Number(found.copied().unwrap_or(most))
+            SettingValue::Number(found.copied().unwrap_or(most))
         }
-        Takes::OneOf(values, default) => {
+        ValueKind::OneOf(values, default) => {
             let requested = value.number(Unit::None)?;
             let requested = requested.within(values[0], values[values.len() - 1], default)?;
             match values.contains(&requested) {
-                true => Given::Number(requested),
+                true => SettingValue::Number(requested),
                 false => return Err(ParseError::IllegalParameter),
             }
         }
-        Takes::Words(words, default) => match value {
-            Argument::Word(word) if word.eq_ignore_ascii_case("DEF") => Given::Word(default),
-            value => Given::Word(value.choice(words)?),
+        ValueKind::Words(words, default) => match value {
+            Argument::Word(word) if word.eq_ignore_ascii_case("DEF") => SettingValue::Word(default),
+            value => SettingValue::Word(value.choice(words)?),
         },
     })
 }
 
 /// The type of a transducer: a letter, or one of its numbers.
 pub(super) fn kind_of(probe: &str, kind: &Argument) -> Result<&'static str, ParseError> {
-    let takes = match probe {
-        "TC" => Takes::Words(COUPLES, "J"),
-        "THER" => Takes::OneOf(THERMISTORS, 5000.0),
-        _ => Takes::OneOf(RTDS, 85.0),
+    let value_kind = match probe {
+        "TC" => ValueKind::Words(COUPLES, "J"),
+        "THER" => ValueKind::OneOf(THERMISTORS, 5000.0),
+        _ => ValueKind::OneOf(RTDS, 85.0),
     };
-    match given(Function::Temperature, takes, kind)? {
-        Given::Word(word) => Ok(word),
-        Given::Number(85.0) => Ok("85"),
-        Given::Number(91.0) => Ok("91"),
-        Given::Number(2252.0) => Ok("2252"),
-        Given::Number(5000.0) => Ok("5000"),
+    match value_of(Function::Temperature, value_kind, kind)? {
+        SettingValue::Word(word) => Ok(word),
+        SettingValue::Number(85.0) => Ok("85"),
+        SettingValue::Number(91.0) => Ok("91"),
+        SettingValue::Number(2252.0) => Ok("2252"),
+        SettingValue::Number(5000.0) => Ok("5000"),
         _ => Ok("10000"),
     }
 }

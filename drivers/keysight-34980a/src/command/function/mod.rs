@@ -10,14 +10,14 @@ use std::fmt;
 use scpi::{Call, Numeric, ParseError, Unit};
 
 use super::grammar::{Table, before_channels, limit, only_channels, value_and_channels};
-pub(crate) use details::Takes;
+pub(crate) use details::ValueKind;
 #[cfg(test)]
 pub(super) use details::details;
 #[cfg(feature = "simulator")]
-pub(crate) use details::takes;
-use details::{PROBES, ROWS, given, kind_of, range, row_of};
+pub(crate) use details::value_kind;
+use details::{PROBES, ROWS, kind_of, range, row_of, value_of};
 
-use super::{Asked, Behind, Channels, On, Range};
+use super::{Channels, OnOff, QueryList, Range, TrailingList};
 
 /// A function of the voltmeter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -87,7 +87,7 @@ pub enum Detail {
 
 /// The value of a setting.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Given {
+pub enum SettingValue {
     /// A number in the setting's unit.
     Number(f64),
     /// On or off.
@@ -102,7 +102,7 @@ pub enum Given {
 
 /// The parameters of CONF and MEAS?.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wanted {
+pub struct MeasurementRequest {
     /// The function; never DC volts.
     pub function: Function,
     /// Its range; [`Range::Auto`] for frequency, period and temperature, whose range cannot be set here.
@@ -117,21 +117,21 @@ pub struct Wanted {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Functions {
     /// Select a function, set it to its defaults, and make the list the scan list.
-    Configure(Wanted, Channels),
+    Configure(MeasurementRequest, Channels),
     /// The same, followed by a measurement; the reply has all readings.
-    Measure(Wanted, Channels),
+    Measure(MeasurementRequest, Channels),
     /// Select a function; its settings stay.
     Select(Function, Channels),
     /// Read the selected function.
     Selected(Channels),
     /// Change a setting.
-    Set(Function, Detail, Given, Channels),
+    Set(Function, Detail, SettingValue, Channels),
     /// Read a setting, or a limit of it.
     Ask(Function, Detail, Option<Numeric>, Channels),
 }
 
 /// Notation, short form, the word of `FUNC?` and `CONF?`, ranges, unit of numbers, unit after readings.
-type Nature = (
+type FunctionRow = (
     &'static str,
     &'static str,
     &'static str,
@@ -162,7 +162,7 @@ impl Function {
         Self::Temperature,
     ];
 
-    fn nature(self) -> Nature {
+    fn row(self) -> FunctionRow {
         match self {
             Self::DcVolts => ("VOLTage[:DC]", "VOLT:DC", "VOLT", VOLTS, Unit::Volt, "VDC"),
             Self::AcVolts => ("VOLTage:AC", "VOLT:AC", "VOLT:AC", VOLTS, Unit::Volt, "VAC"),
@@ -184,22 +184,22 @@ impl Function {
     }
 
     fn short(self) -> &'static str {
-        self.nature().1
+        self.row().1
     }
 
     /// The name in the replies to `FUNC?` and `CONF?`.
     pub fn word(self) -> &'static str {
-        self.nature().2
+        self.row().2
     }
 
     /// Its ranges, in its unit; volts for frequency and period, none for temperature.
     pub fn ranges(self) -> &'static [f64] {
-        self.nature().3
+        self.row().3
     }
 
     /// The unit that follows a reading when `FORM:READ:UNIT` is on.
     pub fn mark(self) -> &'static str {
-        self.nature().5
+        self.row().5
     }
 
     /// Whether its readings integrate a direct voltage or current.
@@ -226,19 +226,19 @@ impl Function {
 
 pub(super) fn rows(table: &mut Table) {
     for function in Function::ALL {
-        let (node, ..) = function.nature();
-        for (detail, tail, _, whose, takes) in ROWS {
+        let (node, ..) = function.row();
+        for (detail, tail, _, whose, kind) in ROWS {
             if !whose(function) {
                 continue;
             }
-            let (detail, takes) = (*detail, *takes);
+            let (detail, kind) = (*detail, *kind);
             let notation = match detail {
                 Detail::Degrees => "UNIT:TEMPerature".to_owned(),
                 _ => format!("[SENSe]:{node}:{tail}"),
             };
             table.add(&notation, move |call| {
                 let (value, channels) = value_and_channels(call)?;
-                let value = given(function, takes, value)?;
+                let value = value_of(function, kind, value)?;
                 Ok(Functions::Set(function, detail, value, channels))
             });
             table.add(&format!("{notation}?"), move |call| {
@@ -252,12 +252,12 @@ pub(super) fn rows(table: &mut Table) {
         }
         if function != Function::DcVolts {
             table.add(&format!("CONFigure[:SCALar]:{node}"), move |call| {
-                let (wanted, channels) = wanted(function, call)?;
-                Ok(Functions::Configure(wanted, channels))
+                let (request, channels) = request(function, call)?;
+                Ok(Functions::Configure(request, channels))
             });
             table.add(&format!("MEASure[:SCALar]:{node}?"), move |call| {
-                let (wanted, channels) = wanted(function, call)?;
-                Ok(Functions::Measure(wanted, channels))
+                let (request, channels) = request(function, call)?;
+                Ok(Functions::Measure(request, channels))
             });
         }
     }
@@ -277,14 +277,14 @@ fn named(text: &str) -> Result<Function, ParseError> {
     let call = call.ok_or(ParseError::IllegalParameter)??;
     Function::ALL
         .into_iter()
-        .find(|function| scpi::Pattern::new(function.nature().0).matches(&call))
+        .find(|function| scpi::Pattern::new(function.row().0).matches(&call))
         .ok_or(ParseError::IllegalParameter)
 }
 
 /// `[<range>[,<resolution>]][,(@list)]`; for a temperature `<probe>,<kind>[,1[,<resolution>]][,(@list)]`.
-fn wanted(function: Function, call: &Call) -> Result<(Wanted, Channels), ParseError> {
+fn request(function: Function, call: &Call) -> Result<(MeasurementRequest, Channels), ParseError> {
     let (values, channels) = before_channels(call)?;
-    let mut wanted = Wanted {
+    let mut request = MeasurementRequest {
         function,
         range: Range::Auto,
         resolution: None,
@@ -294,10 +294,11 @@ fn wanted(function: Function, call: &Call) -> Result<(Wanted, Channels), ParseEr
         let [probe, kind, rest @ ..] = values else {
             return Err(ParseError::MissingParameter);
         };
-        let Given::Word(probe) = given(function, Takes::Words(PROBES, "TC"), probe)? else {
+        let SettingValue::Word(probe) = value_of(function, ValueKind::Words(PROBES, "TC"), probe)?
+        else {
             return Err(ParseError::IllegalParameter);
         };
-        wanted.probe = Some((probe, kind_of(probe, kind)?));
+        request.probe = Some((probe, kind_of(probe, kind)?));
         rest
     } else {
         values
@@ -321,21 +322,21 @@ fn wanted(function: Function, call: &Call) -> Result<(Wanted, Channels), ParseEr
                 let period = expected.number(Unit::Second)?;
                 period.within(1.0 / highest, 1.0 / lowest, 0.05)?;
             }
-            _ => wanted.range = range(function, expected)?,
+            _ => request.range = range(function, expected)?,
         }
     }
     if let Some(resolution) = resolution {
-        let resolution = resolution.number(function.nature().4)?;
-        wanted.resolution = (resolution != Numeric::Def).then_some(resolution);
+        let resolution = resolution.number(function.row().4)?;
+        request.resolution = (resolution != Numeric::Def).then_some(resolution);
     }
-    Ok((wanted, channels))
+    Ok((request, channels))
 }
 
-impl fmt::Display for Given {
+impl fmt::Display for SettingValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Number(value) => write!(f, "{value}"),
-            Self::Switch(on) => write!(f, "{}", On(*on)),
+            Self::Switch(on) => write!(f, "{}", OnOff(*on)),
             Self::Word(word) => f.write_str(word),
             Self::Range(range) => write!(f, "{range}"),
             Self::Resolution(resolution) => write!(f, "{resolution}"),
@@ -343,7 +344,7 @@ impl fmt::Display for Given {
     }
 }
 
-impl fmt::Display for Wanted {
+impl fmt::Display for MeasurementRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let with_range = match (self.function, self.probe) {
             (_, Some((probe, kind))) => {
@@ -369,34 +370,44 @@ impl fmt::Display for Functions {
             None => function.short().to_owned(),
         };
         match self {
-            Self::Configure(wanted, list) => {
+            Self::Configure(request, list) => {
                 write!(
                     f,
-                    "CONF:{} {wanted}{}",
-                    wanted.function.short(),
-                    Behind(list)
+                    "CONF:{} {request}{}",
+                    request.function.short(),
+                    TrailingList(list)
                 )
             }
-            Self::Measure(wanted, list) => {
+            Self::Measure(request, list) => {
                 write!(
                     f,
-                    "MEAS:{}? {wanted}{}",
-                    wanted.function.short(),
-                    Behind(list)
+                    "MEAS:{}? {request}{}",
+                    request.function.short(),
+                    TrailingList(list)
                 )
             }
             Self::Select(function, list) => {
-                write!(f, "FUNC \"{}\"{}", function.word(), Behind(list))
+                write!(f, "FUNC \"{}\"{}", function.word(), TrailingList(list))
             }
-            Self::Selected(list) => write!(f, "FUNC?{}", Asked(list)),
+            Self::Selected(list) => write!(f, "FUNC?{}", QueryList(list)),
             Self::Set(function, detail, value, list) => {
-                write!(f, "{} {value}{}", header(*function, *detail), Behind(list))
+                write!(
+                    f,
+                    "{} {value}{}",
+                    header(*function, *detail),
+                    TrailingList(list)
+                )
             }
             Self::Ask(function, detail, None, list) => {
-                write!(f, "{}?{}", header(*function, *detail), Asked(list))
+                write!(f, "{}?{}", header(*function, *detail), QueryList(list))
             }
             Self::Ask(function, detail, Some(limit), list) => {
-                write!(f, "{}? {limit}{}", header(*function, *detail), Behind(list))
+                write!(
+                    f,
+                    "{}? {limit}{}",
+                    header(*function, *detail),
+                    TrailingList(list)
+                )
             }
         }
     }

@@ -58,11 +58,11 @@ impl<S: Stream> Unit<S> {
     /// Connects and reads one pair after the other.
     pub(in crate::driver) async fn chain(
         &mut self,
-        hops: Vec<(Vec<Command>, Volts)>,
+        chained: Vec<(Vec<Command>, Volts)>,
     ) -> Result<Vec<Reading>, RigError> {
         let prepared = self.prepared()?;
         let (mut commands, mut ranges) = (Vec::new(), Vec::new());
-        for (moves, range) in hops {
+        for (moves, range) in chained {
             commands.extend(moves);
             commands.extend(self.change_ranges(&[(None, range)]));
             commands.push(Measure::Read(None).into());
@@ -118,7 +118,7 @@ impl<S: Stream> Unit<S> {
         self.unchecked = false;
         let culprit = match sent.as_slice() {
             [only] => Some(only.to_string()),
-            _ => self.not_obeyed(&sent).await,
+            _ => self.move_not_made(&sent).await,
         };
         let command = match culprit {
             Some(culprit) => format!("{culprit}' in '{}", replies.message),

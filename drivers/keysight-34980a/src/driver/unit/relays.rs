@@ -88,7 +88,7 @@ impl<S: Stream> Unit<S> {
     }
 
     /// The relay move among these that the relay states do not show.
-    pub(super) async fn not_obeyed(&mut self, sent: &[Command]) -> Option<String> {
+    pub(super) async fn move_not_made(&mut self, sent: &[Command]) -> Option<String> {
         let mut meant: BTreeMap<Relay, (bool, &Command)> = BTreeMap::new();
         for command in sent {
             let (list, closed) = match command {

@@ -19,56 +19,57 @@ impl<S: Stream> Unit<S> {
     /// Sends all settings, or only those that the last frame left different.
     pub(in crate::driver) async fn bring_to(
         &mut self,
-        wanted: &Prepared,
+        requested: &Prepared,
         before: Option<Prepared>,
     ) -> Result<(), RigError> {
-        let same = before.is_some_and(|before| before.is_set_as(wanted));
+        let same = before.is_some_and(|before| before.is_set_as(requested));
         if !same || std::mem::take(&mut self.doubted) {
             self.doubted = false;
-            return self.set_up(wanted).await;
+            return self.set_up(requested).await;
         }
-        if self.listed != wanted.ascending() {
-            self.set(vec![Route::SetScan(wanted.list()).into()]).await?;
-            self.listed = wanted.ascending();
+        if self.listed != requested.ascending() {
+            self.set(vec![Route::SetScan(requested.list()).into()])
+                .await?;
+            self.listed = requested.ascending();
         }
         // sent again in the message that reads them back, so that the messages of one frame can be replayed by
         // themselves
-        let all = wanted.meter.channel_delay;
-        let own = self.delays.iter().filter(|(_, delay)| **delay != all);
-        let again = delays(own.map(|(relay, delay)| (*relay, *delay)));
+        let all = requested.meter.channel_delay;
+        let differing = self.delays.iter().filter(|(_, delay)| **delay != all);
+        let again = delays(differing.map(|(relay, delay)| (*relay, *delay)));
         self.held.extend(again);
         Ok(())
     }
 
-    pub(super) async fn set_up(&mut self, wanted: &Prepared) -> Result<(), RigError> {
+    pub(super) async fn set_up(&mut self, requested: &Prepared) -> Result<(), RigError> {
         if !self.reset {
             self.set(vec![Common::Reset.into(), Common::ClearStatus.into()])
                 .await?;
             self.reset = true;
         }
-        let list = || Some(wanted.list());
+        let list = || Some(requested.list());
         let set = |setting: Setting| Command::from(Sense::Set(setting, list()));
         for setting in [
             Command::from(Sense::Configure {
-                range: Range::Fixed(wanted.meter.range.0),
+                range: Range::Fixed(requested.meter.range.0),
                 resolution: None,
                 channels: list(),
             }),
-            set(Setting::Nplc(wanted.meter.nplc)),
+            set(Setting::Nplc(requested.meter.nplc)),
         ] {
             self.set(vec![setting]).await?;
         }
-        let autozero = Setting::Autozero(wanted.meter.autozero);
-        self.set_by_accepted_header(autozero, wanted).await?;
-        self.set_by_accepted_header(Setting::InputAuto(true), wanted)
+        let autozero = Setting::Autozero(requested.meter.autozero);
+        self.set_by_accepted_header(autozero, requested).await?;
+        self.set_by_accepted_header(Setting::InputAuto(true), requested)
             .await?;
         let mut settings = vec![
             Command::from(Measure::SetSource(TriggerSource::Immediate)),
-            Measure::SetCount(Some(wanted.meter.averages)).into(),
+            Measure::SetCount(Some(requested.meter.averages)).into(),
         ];
-        if !wanted.scan.is_empty() {
+        if !requested.scan.is_empty() {
             settings.push(set(Setting::Delay(
-                wanted.meter.channel_delay.as_secs_f64(),
+                requested.meter.channel_delay.as_secs_f64(),
             )));
         }
         let fields = [Field::Unit, Field::Time, Field::Channel, Field::Alarm];
@@ -76,12 +77,16 @@ impl<S: Stream> Unit<S> {
         for setting in settings {
             self.set(vec![setting]).await?;
         }
-        let range = wanted.meter.range.0;
-        self.listed = wanted.ascending();
+        let range = requested.meter.range.0;
+        self.listed = requested.ascending();
         self.delays.clear();
-        self.ranges = match wanted.scan.is_empty() {
+        self.ranges = match requested.scan.is_empty() {
             true => BTreeMap::from([(None, range)]),
-            false => wanted.scan.iter().map(|one| (Some(*one), range)).collect(),
+            false => requested
+                .scan
+                .iter()
+                .map(|one| (Some(*one), range))
+                .collect(),
         };
         Ok(())
     }
@@ -91,7 +96,7 @@ impl<S: Stream> Unit<S> {
     async fn set_by_accepted_header(
         &mut self,
         setting: Setting,
-        wanted: &Prepared,
+        requested: &Prepared,
     ) -> Result<(), RigError> {
         let quantity = setting.quantity();
         let forms = match self.headers.get(&quantity) {
@@ -100,7 +105,7 @@ impl<S: Stream> Unit<S> {
         };
         let mut first_refusal = None;
         for form in forms {
-            let list = Some(wanted.list());
+            let list = Some(requested.list());
             let command = match form {
                 HeaderForm::Documented => Sense::Set(setting, list),
                 HeaderForm::Of34970A => Sense::SetOlder(setting, list),
@@ -127,46 +132,46 @@ impl<S: Stream> Unit<S> {
     }
 
     /// Reads back every setting that a reading depends on, in one message.
-    pub(in crate::driver) async fn verify(&mut self, wanted: &Prepared) -> Result<(), RigError> {
+    pub(in crate::driver) async fn verify(&mut self, requested: &Prepared) -> Result<(), RigError> {
         let headers = self.headers.clone();
         let ask = |quantity| {
-            let list = Some(wanted.list());
+            let list = Some(requested.list());
             Command::from(match headers.get(&quantity) {
                 Some(HeaderForm::Of34970A) => Sense::AskOlder(quantity, None, list),
                 _ => Sense::Ask(quantity, None, list),
             })
         };
-        let channels = wanted.scan.len().max(1);
+        let channels = requested.scan.len().max(1);
         let number = |value: f64| vec![value; channels];
         let mut settings = vec![
-            ("range", ask(Quantity::Range), self.ranges_of(wanted)),
+            ("range", ask(Quantity::Range), self.ranges_of(requested)),
             (
                 "integration",
                 ask(Quantity::Nplc),
-                number(wanted.meter.nplc),
+                number(requested.meter.nplc),
             ),
             (
                 "autozero",
                 ask(Quantity::Autozero),
-                number(f64::from(u8::from(wanted.meter.autozero))),
+                number(f64::from(u8::from(requested.meter.autozero))),
             ),
             ("input impedance", ask(Quantity::InputAuto), number(1.0)),
             (
                 "trigger count",
                 Measure::Count(None).into(),
-                vec![f64::from(wanted.meter.averages)],
+                vec![f64::from(requested.meter.averages)],
             ),
             (
                 "scan size",
                 Route::ScanSize.into(),
-                vec![wanted.scan.len() as f64],
+                vec![requested.scan.len() as f64],
             ),
         ];
-        if !wanted.scan.is_empty() {
+        if !requested.scan.is_empty() {
             settings.push((
                 "channel delay",
                 ask(Quantity::Delay),
-                self.delays_of(wanted),
+                self.delays_of(requested),
             ));
         }
         let mut queries: Vec<Command> =
@@ -187,7 +192,7 @@ impl<S: Stream> Unit<S> {
         }
         // One reply for each query.
         let answer = answers.last().map_or("", String::as_str);
-        let meant = ChannelList::of(wanted.ascending().iter().map(|relay| relay.0));
+        let meant = ChannelList::of(requested.ascending().iter().map(|relay| relay.0));
         let read = scpi::parse_block(answer.as_bytes())
             .ok()
             .and_then(|block| std::str::from_utf8(block).ok())
@@ -197,19 +202,19 @@ impl<S: Stream> Unit<S> {
                 self.conversation
                     .garbled(&replies.message, answer, expected)
             })?;
-        if read != meant && read != wanted.list() {
+        if read != meant && read != requested.list() {
             return Err(self.conversation.mismatch("scan list", meant, read));
         }
         Ok(())
     }
 
     /// The ranges as last set, in the order in which the instrument reports them.
-    pub(super) fn ranges_of(&self, wanted: &Prepared) -> Vec<f64> {
+    pub(super) fn ranges_of(&self, requested: &Prepared) -> Vec<f64> {
         let set = |place| self.ranges.get(&place).copied();
-        let otherwise = wanted.meter.range.0;
-        match wanted.scan.is_empty() {
+        let otherwise = requested.meter.range.0;
+        match requested.scan.is_empty() {
             true => vec![set(None).unwrap_or(otherwise)],
-            false => wanted
+            false => requested
                 .ascending()
                 .into_iter()
                 .map(|relay| set(Some(relay)).unwrap_or(otherwise))
@@ -218,14 +223,14 @@ impl<S: Stream> Unit<S> {
     }
 
     /// The delays as last set, ascending channels, s.
-    pub(super) fn delays_of(&self, wanted: &Prepared) -> Vec<f64> {
+    pub(super) fn delays_of(&self, requested: &Prepared) -> Vec<f64> {
         let of = |relay| {
             *self
                 .delays
                 .get(&relay)
-                .unwrap_or(&wanted.meter.channel_delay)
+                .unwrap_or(&requested.meter.channel_delay)
         };
-        let relays = wanted.ascending().into_iter();
+        let relays = requested.ascending().into_iter();
         relays.map(|relay| of(relay).as_secs_f64()).collect()
     }
 
@@ -234,18 +239,18 @@ impl<S: Stream> Unit<S> {
     pub(super) fn change_delays(&mut self, samples: &[Sample], all: Duration) -> Vec<Command> {
         let mut changed = Vec::new();
         for sample in samples {
-            let wanted = whole_milliseconds(all + sample.wait);
-            if self.delays.insert(sample.relay, wanted).unwrap_or(all) != wanted {
-                changed.push((sample.relay, wanted));
+            let requested = whole_milliseconds(all + sample.wait);
+            if self.delays.insert(sample.relay, requested).unwrap_or(all) != requested {
+                changed.push((sample.relay, requested));
             }
         }
         delays(changed)
     }
 
     /// The commands for channels whose range differs.
-    pub(super) fn change_ranges(&mut self, wanted: &[(Option<Relay>, Volts)]) -> Vec<Command> {
+    pub(super) fn change_ranges(&mut self, requested: &[(Option<Relay>, Volts)]) -> Vec<Command> {
         let mut groups: Vec<(f64, Vec<Relay>)> = Vec::new();
-        for (place, Volts(range)) in wanted.iter().copied() {
+        for (place, Volts(range)) in requested.iter().copied() {
             if self.ranges.insert(place, range) == Some(range) {
                 continue;
             }
@@ -272,9 +277,9 @@ fn whole_milliseconds(wait: Duration) -> Duration {
 }
 
 /// The commands that set delays: one for all relays with the same delay.
-fn delays(wanted: impl IntoIterator<Item = (Relay, Duration)>) -> Vec<Command> {
+fn delays(requested: impl IntoIterator<Item = (Relay, Duration)>) -> Vec<Command> {
     let mut groups: BTreeMap<Duration, Vec<Relay>> = BTreeMap::new();
-    for (relay, delay) in wanted {
+    for (relay, delay) in requested {
         groups.entry(delay).or_default().push(relay);
     }
     groups

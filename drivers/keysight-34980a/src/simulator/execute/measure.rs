@@ -6,28 +6,28 @@ use scpi::{ChannelList, ParseError};
 use survey::Relay;
 
 use crate::command::{Functions, Measure, Sense, time_word};
-use crate::simulator::execute::{Reply, Turn, block, yes_no};
-use crate::simulator::measurement::memory::Form;
+use crate::simulator::execute::{Execution, Reply, block, yes_no};
+use crate::simulator::measurement::memory::ReadingFormat;
 use crate::simulator::{CONFIGURATION_CHANGED, Simulator34980a};
 
 impl Simulator34980a {
-    pub(crate) fn obey_sense(&mut self, sense: Sense, turn: &mut Turn<'_>) -> Reply {
+    pub(crate) fn execute_sense(&mut self, sense: Sense, execution: &mut Execution<'_>) -> Reply {
         match sense {
             Sense::Configure {
                 range,
                 resolution,
                 channels,
             } => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 let channels = self
                     .meter
                     .configure(&self.relays, range, resolution, &channels)?;
-                self.configured(channels, turn);
+                self.configured(channels, execution);
             }
             Sense::Set(setting, channels) | Sense::SetOlder(setting, channels) => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 let channels = self.meter.set(&self.relays, setting, &channels)?;
-                self.configured(channels, turn);
+                self.configured(channels, execution);
             }
             Sense::Ask(quantity, limit, channels) | Sense::AskOlder(quantity, limit, channels) => {
                 let answer = self.meter.ask(&self.relays, quantity, limit, &channels);
@@ -42,13 +42,17 @@ impl Simulator34980a {
     }
 
     /// A setting takes time for each of its channels.
-    fn configured(&mut self, channels: usize, turn: &mut Turn<'_>) {
+    fn configured(&mut self, channels: usize, execution: &mut Execution<'_>) {
         self.status.operation.latch(CONFIGURATION_CHANGED);
         let channels = u32::try_from(channels).unwrap_or(u32::MAX);
-        turn.now += self.settings.setting_time * channels;
+        execution.now += self.settings.setting_time * channels;
     }
 
-    pub(crate) fn obey_measure(&mut self, measure: Measure, turn: &mut Turn<'_>) -> Reply {
+    pub(crate) fn execute_measure(
+        &mut self,
+        measure: Measure,
+        execution: &mut Execution<'_>,
+    ) -> Reply {
         match measure {
             Measure::Read(channels) => {
                 let list = match channels {
@@ -58,123 +62,133 @@ impl Simulator34980a {
                     }
                     None => self.meter.scan_list().to_vec(),
                 };
-                return self.read(&list, turn);
+                return self.read(&list, execution);
             }
             Measure::Volts {
                 range,
                 resolution,
                 channels,
             } => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 let set_up = self
                     .meter
                     .configure(&self.relays, range, resolution, &channels)?;
-                self.configured(set_up, turn);
-                return self.read_once(channels.is_some(), turn);
+                self.configured(set_up, execution);
+                return self.read_once(channels.is_some(), execution);
             }
-            Measure::Initiate => self
-                .meter
-                .initiate(turn.now, &mut self.relays, turn.wires)?,
+            Measure::Initiate => {
+                self.meter
+                    .initiate(execution.now, &mut self.relays, execution.wires)?
+            }
             Measure::Fetch => {
                 if !self.meter.is_endless() {
-                    self.wait_for_measurement(turn)?;
+                    self.wait_for_measurement(execution)?;
                 }
                 let memory = self.meter.memory();
-                if memory.points(turn.now) == 0 {
+                if memory.points(execution.now) == 0 {
                     return Err(ParseError::DataStale.into());
                 }
-                let readings = memory.read(turn.now);
-                return Ok(Some(self.meter.form.write(readings, &self.calendar)));
+                let readings = memory.read(execution.now);
+                return Ok(Some(self.meter.format.write(readings, &self.calendar)));
             }
             Measure::ReadAndErase(most) => {
                 let most = most.map_or(usize::MAX, |most| most as usize);
-                let taken = self.meter.memory_mut().take(most, turn.now);
-                return Ok(Some(block(&self.meter.form.write(&taken, &self.calendar))));
+                let taken = self.meter.memory_mut().take(most, execution.now);
+                return Ok(Some(block(
+                    &self.meter.format.write(&taken, &self.calendar),
+                )));
             }
             Measure::Remove(count) => {
                 let count = count as usize;
-                if self.meter.memory().points(turn.now) < count {
+                if self.meter.memory().points(execution.now) < count {
                     return Err(ParseError::OutOfRange.into());
                 }
-                let taken = self.meter.memory_mut().take(count, turn.now);
-                return Ok(Some(self.meter.form.write(&taken, &self.calendar)));
+                let taken = self.meter.memory_mut().take(count, execution.now);
+                return Ok(Some(self.meter.format.write(&taken, &self.calendar)));
             }
             Measure::Points => {
-                return Ok(Some(format!("{:+}", self.meter.memory().points(turn.now))));
+                return Ok(Some(format!(
+                    "{:+}",
+                    self.meter.memory().points(execution.now)
+                )));
             }
-            Measure::Last(channel) => return self.last_reading(channel.as_ref(), turn),
+            Measure::Last(channel) => return self.last_reading(channel.as_ref(), execution),
             Measure::SetThreshold(count) => self.meter.set_threshold(count),
             Measure::Threshold => return Ok(Some(format!("{:+}", self.meter.threshold()))),
-            Measure::Abort => self.stop_measuring(turn.now, turn.wires),
+            Measure::Abort => self.stop_measuring(execution.now, execution.wires),
             Measure::SetSource(source) => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 self.meter.set_source(source);
             }
             Measure::Source => return Ok(Some(self.meter.source().word())),
             Measure::SetTimer(timer) => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 self.meter.set_timer(timer);
             }
             Measure::Timer(limit) => return Ok(Some(self.meter.timer(limit))),
             Measure::SetCount(count) => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 self.meter.set_count(count);
             }
             Measure::Count(limit) => return Ok(Some(self.meter.sweeps(limit))),
             Measure::SetSamples(count) => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 self.meter.set_samples(count);
             }
             Measure::Samples(limit) => return Ok(Some(self.meter.samples(limit))),
             Measure::SetTriggerDelay(delay) => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 self.meter.set_trigger_delay(delay);
             }
             Measure::TriggerDelay(limit) => return Ok(Some(self.meter.trigger_delay(limit))),
             Measure::TriggerDelayAuto => return yes_no(self.meter.trigger_delay_is_auto()),
             Measure::SetField(field, on) => {
-                let fields = &mut self.meter.form.fields;
+                let fields = &mut self.meter.format.fields;
                 if on {
                     fields.insert(field);
                 } else {
                     fields.remove(&field);
                 }
             }
-            Measure::Field(field) => return yes_no(self.meter.form.fields.contains(&field)),
-            Measure::SetAbsoluteTime(absolute) => self.meter.form.absolute = absolute,
-            Measure::AbsoluteTime => return Ok(Some(time_word(self.meter.form.absolute))),
+            Measure::Field(field) => return yes_no(self.meter.format.fields.contains(&field)),
+            Measure::SetAbsoluteTime(absolute) => self.meter.format.absolute = absolute,
+            Measure::AbsoluteTime => return Ok(Some(time_word(self.meter.format.absolute))),
         }
         Ok(None)
     }
 
-    pub(crate) fn obey_functions(&mut self, functions: Functions, turn: &mut Turn<'_>) -> Reply {
+    pub(crate) fn execute_functions(
+        &mut self,
+        functions: Functions,
+        execution: &mut Execution<'_>,
+    ) -> Reply {
         match functions {
-            Functions::Configure(wanted, channels) => {
-                self.wait_for_measurement(turn)?;
+            Functions::Configure(request, channels) => {
+                self.wait_for_measurement(execution)?;
                 let meter = &mut self.meter;
-                let channels = meter.configure_function(&self.relays, wanted, &channels)?;
-                self.configured(channels, turn);
+                let channels = meter.configure_function(&self.relays, request, &channels)?;
+                self.configured(channels, execution);
             }
-            Functions::Measure(wanted, channels) => {
-                self.wait_for_measurement(turn)?;
+            Functions::Measure(request, channels) => {
+                self.wait_for_measurement(execution)?;
                 let meter = &mut self.meter;
-                let set_up = meter.configure_function(&self.relays, wanted, &channels)?;
-                self.configured(set_up, turn);
-                return self.read_once(channels.is_some(), turn);
+                let set_up = meter.configure_function(&self.relays, request, &channels)?;
+                self.configured(set_up, execution);
+                return self.read_once(channels.is_some(), execution);
             }
             Functions::Select(function, channels) => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 let channels = self.meter.select(&self.relays, function, &channels)?;
-                self.configured(channels, turn);
+                self.configured(channels, execution);
             }
             Functions::Selected(channels) => {
                 return self.meter.selected(&self.relays, &channels).map(Some);
             }
-            Functions::Set(function, detail, given, channels) => {
-                self.wait_for_measurement(turn)?;
+            Functions::Set(function, detail, value, channels) => {
+                self.wait_for_measurement(execution)?;
                 let of = (function, detail);
-                let channels = self.meter.set_detail(&self.relays, of, given, &channels)?;
-                self.configured(channels, turn);
+                let channels = self.meter.set_detail(&self.relays, of, value, &channels)?;
+                self.configured(channels, execution);
             }
             Functions::Ask(function, detail, limit, channels) => {
                 let of = (function, detail);
@@ -187,7 +201,7 @@ impl Simulator34980a {
 
     /// The last reading of one channel, or of the voltmeter alone, with every field and the time of day; zeros if there
     /// is none (help: DATA:LAST?).
-    fn last_reading(&self, channel: Option<&ChannelList>, turn: &Turn<'_>) -> Reply {
+    fn last_reading(&self, channel: Option<&ChannelList>, execution: &Execution<'_>) -> Reply {
         let channel = match channel {
             None => None,
             Some(list) => match self.relays.expand(list)?[..] {
@@ -195,34 +209,37 @@ impl Simulator34980a {
                 _ => return Err(ParseError::ParameterNotAllowed.into()),
             },
         };
-        Ok(Some(match self.meter.memory().last(channel, turn.now) {
-            Some(reading) => Form::whole().write([reading], &self.calendar),
-            None => "0,0,0,0,0,0,0,0,0".to_owned(),
-        }))
+        Ok(Some(
+            match self.meter.memory().last(channel, execution.now) {
+                Some(reading) => ReadingFormat::whole().write([reading], &self.calendar),
+                None => "0,0,0,0,0,0,0,0,0".to_owned(),
+            },
+        ))
     }
 
     /// The readings of MEAS?.
-    fn read_once(&mut self, scans: bool, turn: &mut Turn<'_>) -> Reply {
+    fn read_once(&mut self, scans: bool, execution: &mut Execution<'_>) -> Reply {
         let meter = &mut self.meter;
-        let end = meter.read_once(scans, turn.now, &mut self.relays, turn.wires)?;
-        self.answer_readings(end, turn)
+        let end = meter.read_once(scans, execution.now, &mut self.relays, execution.wires)?;
+        self.answer_readings(end, execution)
     }
 
-    fn read(&mut self, list: &[Relay], turn: &mut Turn<'_>) -> Reply {
+    fn read(&mut self, list: &[Relay], execution: &mut Execution<'_>) -> Reply {
         let end = self
             .meter
-            .read(list, turn.now, &mut self.relays, turn.wires)?;
-        self.answer_readings(end, turn)
+            .read(list, execution.now, &mut self.relays, execution.wires)?;
+        self.answer_readings(end, execution)
     }
 
-    fn answer_readings(&mut self, end: Duration, turn: &mut Turn<'_>) -> Reply {
-        turn.now = end;
-        if self.deferring && turn.last {
-            self.defer(turn.session, end);
+    fn answer_readings(&mut self, end: Duration, execution: &mut Execution<'_>) -> Reply {
+        execution.now = end;
+        if self.deferring && execution.last {
+            self.defer(execution.session, end);
             return Ok(None);
         }
-        self.meter.take_ahead(end, &mut self.relays, turn.wires);
+        self.meter
+            .take_ahead(end, &mut self.relays, execution.wires);
         let readings = self.meter.memory().read(end);
-        Ok(Some(self.meter.form.write(readings, &self.calendar)))
+        Ok(Some(self.meter.format.write(readings, &self.calendar)))
     }
 }

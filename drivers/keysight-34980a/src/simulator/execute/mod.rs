@@ -9,12 +9,12 @@ use scpi::{ChannelList, Common, ParseError};
 use survey::Relay;
 
 use crate::command::{Command, Route, TriggerSource};
-use crate::simulator::errors::Trouble;
-use crate::simulator::relays::Moves;
+use crate::simulator::errors::QueuedError;
+use crate::simulator::relays::MoveTimes;
 use crate::simulator::{Session, Simulator34980a, Wires};
 
 /// Context of the execution of a received command.
-pub(crate) struct Turn<'a> {
+pub(crate) struct Execution<'a> {
     pub(super) session: Session,
     pub(super) now: Duration,
     /// This session has an unread reply already.
@@ -27,7 +27,7 @@ pub(crate) struct Turn<'a> {
 }
 
 /// The reply to a query; `None` for a command.
-type Reply = Result<Option<String>, Trouble>;
+type Reply = Result<Option<String>, QueuedError>;
 
 fn yes_no(yes: bool) -> Reply {
     Ok(Some(u8::from(yes).to_string()))
@@ -35,18 +35,18 @@ fn yes_no(yes: bool) -> Reply {
 
 impl Simulator34980a {
     /// Executes one command. Advances the context's time by the time that the command takes.
-    pub(crate) fn obey(&mut self, command: Command, turn: &mut Turn<'_>) -> Reply {
+    pub(crate) fn execute(&mut self, command: Command, execution: &mut Execution<'_>) -> Reply {
         match command {
-            Command::Common(common) => self.obey_common(common, turn),
-            Command::Route(route) => self.obey_route(route, turn),
-            Command::Sense(sense) => self.obey_sense(sense, turn),
-            Command::Functions(functions) => self.obey_functions(functions, turn),
-            Command::Measure(measure) => self.obey_measure(measure, turn),
-            Command::System(system) => self.obey_system(system, turn),
+            Command::Common(common) => self.execute_common(common, execution),
+            Command::Route(route) => self.execute_route(route, execution),
+            Command::Sense(sense) => self.execute_sense(sense, execution),
+            Command::Functions(functions) => self.execute_functions(functions, execution),
+            Command::Measure(measure) => self.execute_measure(measure, execution),
+            Command::System(system) => self.execute_system(system, execution),
         }
     }
 
-    fn obey_common(&mut self, common: Common, turn: &mut Turn<'_>) -> Reply {
+    fn execute_common(&mut self, common: Common, execution: &mut Execution<'_>) -> Reply {
         let signed = |value: u8| Ok(Some(format!("{value:+}")));
         match common {
             Common::Identify => {
@@ -55,7 +55,7 @@ impl Simulator34980a {
                     self.settings.vendor, self.settings.serial
                 )));
             }
-            Common::Reset => self.reset(turn),
+            Common::Reset => self.reset(execution),
             Common::ClearStatus => {
                 self.status.clear();
                 self.errors.clear();
@@ -69,108 +69,108 @@ impl Simulator34980a {
             Common::StatusByte => {
                 let byte = self
                     .status
-                    .status_byte(!self.errors.is_empty(), turn.replied);
+                    .status_byte(!self.errors.is_empty(), execution.replied);
                 return signed(byte);
             }
             Common::OperationComplete => self.completion_awaited = true,
             Common::WhenComplete => {
-                self.wait_for_everything(turn);
+                self.wait_for_everything(execution);
                 return Ok(Some("1".to_owned()));
             }
-            Common::Wait => self.wait_for_everything(turn),
+            Common::Wait => self.wait_for_everything(execution),
             Common::SelfTest => return signed(0),
-            Common::Trigger => self.meter.trigger(TriggerSource::Bus, turn.now)?,
+            Common::Trigger => self.meter.trigger(TriggerSource::Bus, execution.now)?,
         }
         Ok(None)
     }
 
-    pub(crate) fn reset(&mut self, turn: &mut Turn<'_>) {
+    pub(crate) fn reset(&mut self, execution: &mut Execution<'_>) {
         self.sequences.abort();
-        self.stop_measuring(turn.now, turn.wires);
+        self.stop_measuring(execution.now, execution.wires);
         self.meter.as_new();
         self.completion_awaited = false;
         self.overlap = false;
         self.display.clear();
         self.relays.reset_protection();
         let moves = self.relays.open(|_| true);
-        self.moved(moves, turn);
+        self.moved(moves, execution);
     }
 
-    fn obey_route(&mut self, route: Route, turn: &mut Turn<'_>) -> Reply {
+    fn execute_route(&mut self, route: Route, execution: &mut Execution<'_>) -> Reply {
         match route {
             Route::Close(list) => {
-                self.wait_for_sequence(turn);
+                self.wait_for_sequence(execution);
                 let relays = self.relays.expand(&list)?;
                 let moves = self.relays.close(&relays, self.meter.scan_list())?;
-                self.moved(moves, turn);
+                self.moved(moves, execution);
             }
             Route::ClosePair(list) => {
-                self.wait_for_sequence(turn);
+                self.wait_for_sequence(execution);
                 let relays = self.relays.expand_pairs(&list)?.concat();
                 let moves = self.relays.close(&relays, self.meter.scan_list())?;
-                self.moved(moves, turn);
+                self.moved(moves, execution);
             }
             Route::CloseExclusive(list) => {
-                self.wait_for_sequence(turn);
+                self.wait_for_sequence(execution);
                 let relays = self.relays.expand(&list)?;
                 let scan = self.meter.scan_list();
                 let moves = self.relays.close_exclusive(&relays, scan)?;
-                self.moved(moves, turn);
+                self.moved(moves, execution);
             }
             Route::Open(list) => {
-                self.wait_for_sequence(turn);
+                self.wait_for_sequence(execution);
                 let relays = self.relays.expand_some(&list)?;
                 let moves = self.relays.open(|relay| relays.contains(&relay));
-                self.moved(moves, turn);
+                self.moved(moves, execution);
             }
             Route::OpenPair(list) => {
-                self.wait_for_sequence(turn);
+                self.wait_for_sequence(execution);
                 let relays = self.relays.expand_pairs(&list)?.concat();
                 let moves = self.relays.open(|relay| relays.contains(&relay));
-                self.moved(moves, turn);
+                self.moved(moves, execution);
             }
             Route::OpenAll(slot) => {
-                self.wait_for_sequence(turn);
+                self.wait_for_sequence(execution);
                 if let Some(slot) = slot {
                     self.relays.module(slot)?;
                 }
                 let meant = |relay: Relay| slot.is_none_or(|slot| relay.0 / 1000 == slot);
                 let moves = self.relays.open(meant);
-                self.moved(moves, turn);
+                self.moved(moves, execution);
             }
             Route::OpenBuses(bus) => {
-                self.wait_for_sequence(turn);
+                self.wait_for_sequence(execution);
                 let moves = self.relays.open_buses(bus);
-                self.moved(moves, turn);
+                self.moved(moves, execution);
             }
-            Route::Closed(list) => return self.states(&list, true, turn),
-            Route::Opened(list) => return self.states(&list, false, turn),
-            Route::ClosedPair(list) => return self.pair_states(&list, true, turn),
-            Route::OpenedPair(list) => return self.pair_states(&list, false, turn),
+            Route::Closed(list) => return self.states(&list, true, execution),
+            Route::Opened(list) => return self.states(&list, false, execution),
+            Route::ClosedPair(list) => return self.pair_states(&list, true, execution),
+            Route::OpenedPair(list) => return self.pair_states(&list, false, execution),
             Route::SetOverlap(on) => self.overlap = on,
             Route::Overlap => return yes_no(self.overlap),
             Route::ModuleBusy(slot) => {
                 self.check_slot(slot)?;
-                return yes_no(self.relays.settled_at(slot) > turn.now);
+                return yes_no(self.relays.settled_at(slot) > execution.now);
             }
             Route::ModuleWait(slot) => {
                 self.check_slot(slot)?;
-                turn.now = turn.now.max(self.relays.settled_at(slot));
+                execution.now = execution.now.max(self.relays.settled_at(slot));
             }
             Route::SetScan(list) => {
                 let relays = self.relays.expand(&list)?;
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 self.meter.set_scan(&self.relays, relays)?;
             }
             Route::AddScan(list) => {
                 let more = self.relays.expand_some(&list)?;
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 let scan = [self.meter.scan_list(), &more].concat();
                 self.meter.set_scan(&self.relays, scan)?;
             }
             Route::RemoveScan(list) => {
                 let less = self.relays.expand_some(&list)?;
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 let stays = |relay: &&Relay| !less.contains(relay);
                 let scan = self.meter.scan_list().iter().filter(stays).copied();
                 self.meter.set_scan(&self.relays, scan.collect())?;
@@ -181,7 +181,7 @@ impl Simulator34980a {
             }
             Route::ScanSize => return Ok(Some(format!("{:+}", self.meter.scan_list().len()))),
             Route::SetOrdered(on) => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 self.meter.set_ordered(&self.relays, on)?;
             }
             Route::Ordered => return yes_no(self.meter.ordered()),
@@ -198,12 +198,12 @@ impl Simulator34980a {
             }
             Route::Define { name, commands } => self.sequences.define(name, commands)?,
             Route::Definition(name) => return self.sequences.definition(&name).map(Some),
-            Route::Run(name) if turn.depth == 0 => self.sequences.run(&name, turn.now)?,
-            Route::Run(name) => self.sequences.run_within(&name, turn.depth)?,
+            Route::Run(name) if execution.depth == 0 => self.sequences.run(&name, execution.now)?,
+            Route::Run(name) => self.sequences.run_within(&name, execution.depth)?,
             Route::Delete(name) => self.sequences.delete(name.as_deref())?,
             Route::Catalog => return Ok(Some(self.sequences.catalog())),
             Route::SequenceBusy => return yes_no(self.sequences.is_running()),
-            Route::SequenceWait => self.end_sequence(turn),
+            Route::SequenceWait => self.end_sequence(execution),
             Route::SequenceAbort => self.sequences.abort(),
         }
         Ok(None)
@@ -215,23 +215,28 @@ impl Simulator34980a {
         self.settle_deferred(false);
     }
 
-    fn check_slot(&self, slot: Option<u32>) -> Result<(), Trouble> {
+    fn check_slot(&self, slot: Option<u32>) -> Result<(), QueuedError> {
         match slot {
             Some(slot) => self.relays.module(slot).map(drop),
             None => Ok(()),
         }
     }
 
-    fn states(&mut self, list: &ChannelList, closed: bool, turn: &mut Turn<'_>) -> Reply {
-        self.wait_for_sequence(turn);
+    fn states(&mut self, list: &ChannelList, closed: bool, execution: &mut Execution<'_>) -> Reply {
+        self.wait_for_sequence(execution);
         let relays = self.relays.expand_some(list)?;
         let is = |relay| self.relays.closed().contains(relay) == closed;
         let states = relays.iter().map(|relay| u8::from(is(relay)).to_string());
         Ok(Some(join(states)))
     }
 
-    fn pair_states(&mut self, list: &ChannelList, closed: bool, turn: &mut Turn<'_>) -> Reply {
-        self.wait_for_sequence(turn);
+    fn pair_states(
+        &mut self,
+        list: &ChannelList,
+        closed: bool,
+        execution: &mut Execution<'_>,
+    ) -> Reply {
+        self.wait_for_sequence(execution);
         let pairs = self.relays.expand_pairs(list)?;
         let is = |relay: &Relay| self.relays.closed().contains(relay) == closed;
         let states = pairs
@@ -241,50 +246,53 @@ impl Simulator34980a {
     }
 
     /// Relays are moving; unless commands may overlap, the next one waits until they have settled.
-    fn moved(&mut self, moves: Moves, turn: &mut Turn<'_>) {
-        let settled = self.relays.settle(moves, turn.now);
-        self.relays.tell(settled, turn.wires);
+    fn moved(&mut self, moves: MoveTimes, execution: &mut Execution<'_>) {
+        let settled = self.relays.settle(moves, execution.now);
+        self.relays.tell(settled, execution.wires);
         if !self.overlap {
-            turn.now = settled.max(turn.now + moves.longest());
+            execution.now = settled.max(execution.now + moves.longest());
         }
     }
 
     /// Waits for the end of the running measurement.
-    pub(crate) fn wait_for_measurement(&mut self, turn: &mut Turn<'_>) -> Result<(), Trouble> {
+    pub(crate) fn wait_for_measurement(
+        &mut self,
+        execution: &mut Execution<'_>,
+    ) -> Result<(), QueuedError> {
         if self.meter.is_endless() {
             return Err(ParseError::SettingsConflict.into());
         }
         if let Some(end) = self.meter.ends_at()
-            && end > turn.now
+            && end > execution.now
         {
-            self.pass(end, turn.wires);
-            turn.now = end;
+            self.pass(end, execution.wires);
+            execution.now = end;
         }
         Ok(())
     }
 
     /// Without overlap commands are executed one after the other; those of a sequence come before those that follow it.
-    fn wait_for_sequence(&mut self, turn: &mut Turn<'_>) {
-        if turn.depth == 0 && !self.overlap {
-            self.end_sequence(turn);
+    fn wait_for_sequence(&mut self, execution: &mut Execution<'_>) {
+        if execution.depth == 0 && !self.overlap {
+            self.end_sequence(execution);
         }
     }
 
-    fn end_sequence(&mut self, turn: &mut Turn<'_>) {
+    fn end_sequence(&mut self, execution: &mut Execution<'_>) {
         while let Some(due) = self.sequences.due() {
-            turn.now = turn.now.max(due);
-            self.pass(turn.now, turn.wires);
+            execution.now = execution.now.max(due);
+            self.pass(execution.now, execution.wires);
         }
     }
 
-    fn wait_for_everything(&mut self, turn: &mut Turn<'_>) {
-        self.end_sequence(turn);
+    fn wait_for_everything(&mut self, execution: &mut Execution<'_>) {
+        self.end_sequence(execution);
         if !self.meter.is_endless()
             && let Some(end) = self.meter.ends_at()
         {
-            turn.now = turn.now.max(end);
+            execution.now = execution.now.max(end);
         }
-        turn.now = turn.now.max(self.relays.settled_at(None));
+        execution.now = execution.now.max(self.relays.settled_at(None));
     }
 }
 

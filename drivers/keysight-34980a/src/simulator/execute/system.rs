@@ -4,12 +4,16 @@ use scpi::{StatusRegister, quote};
 
 use crate::command::{StatusGroup, System};
 use crate::simulator::Simulator34980a;
-use crate::simulator::errors::Trouble;
-use crate::simulator::execute::{Reply, Turn, join, yes_no};
+use crate::simulator::errors::QueuedError;
+use crate::simulator::execute::{Execution, Reply, join, yes_no};
 
 impl Simulator34980a {
-    pub(crate) fn obey_system(&mut self, system: System, turn: &mut Turn<'_>) -> Reply {
-        let now = turn.now;
+    pub(crate) fn execute_system(
+        &mut self,
+        system: System,
+        execution: &mut Execution<'_>,
+    ) -> Reply {
+        let now = execution.now;
         match system {
             System::CardType(slot) => return Ok(Some(self.card_type(slot))),
             System::TerminalType(slot) => return self.relays.terminal_type(slot).map(Some),
@@ -28,7 +32,7 @@ impl Simulator34980a {
             }
             System::VoltmeterInstalled => return yes_no(self.meter.is_installed()),
             System::SetVoltmeter(on) => {
-                self.wait_for_measurement(turn)?;
+                self.wait_for_measurement(execution)?;
                 self.meter.enable(on);
             }
             System::Voltmeter => return yes_no(self.meter.is_enabled()),
@@ -51,23 +55,23 @@ impl Simulator34980a {
             System::Time => return Ok(Some(self.calendar.time(now))),
             System::ScanTime => return Ok(Some(self.calendar.stamp(self.meter.began()))),
             System::RequestLock => {
-                let granted = self.sessions.request_lock(turn.session);
+                let granted = self.sessions.request_lock(execution.session);
                 return Ok(Some(format!("{:+}", u8::from(granted))));
             }
-            System::ReleaseLock => self.sessions.release_lock(turn.session),
-            System::LockName => return Ok(Some(self.sessions.name(turn.session))),
+            System::ReleaseLock => self.sessions.release_lock(execution.session),
+            System::LockName => return Ok(Some(self.sessions.name(execution.session))),
             System::LockOwner => return Ok(Some(self.sessions.owner())),
-            System::Delay(time) => turn.now += survey::duration(time),
+            System::Delay(time) => execution.now += survey::duration(time),
             System::SetDisplay(text) => self.display = text,
             System::Display => return Ok(Some(quote(&self.display))),
             System::ClearDisplay => self.display.clear(),
             System::Beep => {}
-            System::Preset => self.reset(turn),
+            System::Preset => self.reset(execution),
             System::Save(place) => self.kept[usize::from(place)] = Some(self.meter.settings()),
             System::Recall(place) => {
                 let kept = self.kept[usize::from(place)].clone();
-                let kept = kept.ok_or(Trouble::NOTHING_KEPT)?;
-                self.wait_for_measurement(turn)?;
+                let kept = kept.ok_or(QueuedError::NOTHING_KEPT)?;
+                self.wait_for_measurement(execution)?;
                 self.meter.take_settings(kept, &self.relays);
             }
             System::Events(group) => {

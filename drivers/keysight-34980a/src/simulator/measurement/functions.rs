@@ -10,8 +10,10 @@ use std::time::Duration;
 use scpi::{Numeric, ParseError, format_nr3_signed};
 use survey::{Amps, Relay, Volts};
 
-use crate::command::{Detail, FREQUENCIES, Function, Given, Range, Takes, Wanted, takes};
-use crate::simulator::errors::Trouble;
+use crate::command::{
+    Detail, FREQUENCIES, Function, MeasurementRequest, Range, SettingValue, ValueKind, value_kind,
+};
+use crate::simulator::errors::QueuedError;
 use crate::simulator::measurement::setup::{Timing, integration_for, resolution_of};
 use crate::simulator::measurement::temperature;
 use crate::simulator::{MeterRequest, Wires};
@@ -21,11 +23,11 @@ pub(crate) const OVER_RANGE: f64 = 1.2;
 /// Smallest signal of a counter, as a fraction of its voltage range.
 const LEAST_SIGNAL: f64 = 0.1;
 /// Temperature of a terminal block, degrees Celsius.
-const INDOORS: f64 = 23.0;
+const AMBIENT_C: f64 = 23.0;
 
 /// Settings of one function on one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Own {
+pub(crate) struct FunctionSettings {
     pub(crate) function: Function,
     range: Range,
     nplc: f64,
@@ -45,7 +47,7 @@ pub(crate) struct Own {
     degrees: &'static str,
 }
 
-impl Own {
+impl FunctionSettings {
     /// As after `*RST`.
     pub(crate) fn new(function: Function) -> Self {
         let counts = matches!(function, Function::Frequency | Function::Period);
@@ -76,32 +78,32 @@ impl Own {
     }
 
     /// The settings after CONF; the unit of temperatures stays.
-    pub(crate) fn configured(self, wanted: Wanted) -> Result<Self, Trouble> {
-        let mut own = Self {
-            range: wanted.range,
+    pub(crate) fn configured(self, request: MeasurementRequest) -> Result<Self, QueuedError> {
+        let mut settings = Self {
+            range: request.range,
             degrees: self.degrees,
-            ..Self::new(wanted.function)
+            ..Self::new(request.function)
         };
-        if let Some((probe, kind)) = wanted.probe {
-            own.probe = probe;
+        if let Some((probe, kind)) = request.probe {
+            settings.probe = probe;
             let number = kind.parse().unwrap_or(0.0);
             match probe {
-                "TC" => own.couple = kind,
-                "THER" => own.thermistor = number,
-                _ => own.rtd = number,
+                "TC" => settings.couple = kind,
+                "THER" => settings.thermistor = number,
+                _ => settings.rtd = number,
             }
         }
-        match wanted.resolution {
-            Some(resolution) if own.has(Detail::Resolution) => {
-                own.nplc = integration_for(own.range, resolution)?;
+        match request.resolution {
+            Some(resolution) if settings.has(Detail::Resolution) => {
+                settings.nplc = integration_for(settings.range, resolution)?;
             }
             _ => {}
         }
-        Ok(own)
+        Ok(settings)
     }
 
     fn has(&self, detail: Detail) -> bool {
-        takes(self.function, detail).is_some()
+        value_kind(self.function, detail).is_some()
     }
 
     /// Whether the voltage is sensed on bus 2 through a channel's partner in the other bank.
@@ -121,40 +123,44 @@ impl Own {
         }
     }
 
-    pub(crate) fn change(&mut self, detail: Detail, given: Given) -> Result<(), Trouble> {
-        match (detail, given) {
-            (Detail::Range, Given::Range(range)) => self.range = range,
-            (Detail::RangeAuto, Given::Switch(true)) => self.range = Range::Auto,
-            (Detail::RangeAuto, Given::Switch(false)) => {
+    pub(crate) fn change(
+        &mut self,
+        detail: Detail,
+        value: SettingValue,
+    ) -> Result<(), QueuedError> {
+        match (detail, value) {
+            (Detail::Range, SettingValue::Range(range)) => self.range = range,
+            (Detail::RangeAuto, SettingValue::Switch(true)) => self.range = Range::Auto,
+            (Detail::RangeAuto, SettingValue::Switch(false)) => {
                 self.range = Range::Fixed(self.fixed_range());
             }
-            (Detail::Nplc, Given::Number(nplc)) => {
+            (Detail::Nplc, SettingValue::Number(nplc)) => {
                 self.nplc = nplc;
                 self.aperture_enabled = false;
             }
-            (Detail::Aperture, Given::Number(seconds)) => {
+            (Detail::Aperture, SettingValue::Number(seconds)) => {
                 // Integrating functions: in steps of 4 us from the shortest.
                 self.aperture = (seconds / 4e-6).round() * 4.0 / 1e6;
                 self.aperture_enabled = self.function.integrates();
             }
-            (Detail::ApertureEnabled, Given::Switch(on)) => self.aperture_enabled = on,
-            (Detail::Resolution, Given::Resolution(resolution)) => {
+            (Detail::ApertureEnabled, SettingValue::Switch(on)) => self.aperture_enabled = on,
+            (Detail::Resolution, SettingValue::Resolution(resolution)) => {
                 let range = Range::Fixed(self.fixed_range());
                 self.nplc = integration_for(range, resolution)?;
                 self.aperture_enabled = false;
             }
-            (Detail::Bandwidth, Given::Number(hertz)) => self.bandwidth = hertz,
-            (Detail::Compensated, Given::Switch(on)) => self.compensated = on,
-            (Detail::Probe, Given::Word(probe)) => self.probe = probe,
-            (Detail::Couple, Given::Word(couple)) => self.couple = couple,
-            (Detail::JunctionSource, Given::Word(source)) => self.junction_source = source,
-            (Detail::Junction, Given::Number(degrees)) => self.junction = degrees,
-            (Detail::CoupleCheck, Given::Switch(on)) => self.check = on,
-            (Detail::Rtd, Given::Number(kind)) => self.rtd = kind,
-            (Detail::RtdOhms, Given::Number(ohms)) => self.rtd_ohms = ohms,
-            (Detail::RtdCompensated, Given::Switch(on)) => self.rtd_compensated = on,
-            (Detail::Thermistor, Given::Number(kind)) => self.thermistor = kind,
-            (Detail::Degrees, Given::Word(degrees)) => self.degrees = degrees,
+            (Detail::Bandwidth, SettingValue::Number(hertz)) => self.bandwidth = hertz,
+            (Detail::Compensated, SettingValue::Switch(on)) => self.compensated = on,
+            (Detail::Probe, SettingValue::Word(probe)) => self.probe = probe,
+            (Detail::Couple, SettingValue::Word(couple)) => self.couple = couple,
+            (Detail::JunctionSource, SettingValue::Word(source)) => self.junction_source = source,
+            (Detail::Junction, SettingValue::Number(degrees)) => self.junction = degrees,
+            (Detail::CoupleCheck, SettingValue::Switch(on)) => self.check = on,
+            (Detail::Rtd, SettingValue::Number(kind)) => self.rtd = kind,
+            (Detail::RtdOhms, SettingValue::Number(ohms)) => self.rtd_ohms = ohms,
+            (Detail::RtdCompensated, SettingValue::Switch(on)) => self.rtd_compensated = on,
+            (Detail::Thermistor, SettingValue::Number(kind)) => self.thermistor = kind,
+            (Detail::Degrees, SettingValue::Word(degrees)) => self.degrees = degrees,
             // Autozero belongs to the channel, whatever it measures; the grammar allows no other pair.
             _ => return Err(ParseError::SettingsConflict.into()),
         }
@@ -183,7 +189,7 @@ impl Own {
         detail: Detail,
         limit: Option<Numeric>,
         line_hz: f64,
-    ) -> Result<String, Trouble> {
+    ) -> Result<String, QueuedError> {
         let ranges = self.function.ranges();
         let word = |text: &str| match limit {
             None => Ok(text.to_owned()),
@@ -212,16 +218,17 @@ impl Own {
             Detail::Thermistor => self.thermistor,
             Detail::Resolution => resolution_of(self.cycles(line_hz), self.fixed_range()),
         };
-        let limits = match (detail, takes(self.function, detail)) {
+        let limits = match (detail, value_kind(self.function, detail)) {
             (Detail::Range, _) => {
                 let [least, most] = [ranges.first(), ranges.last()].map(|end| *end.unwrap_or(&0.0));
                 [least, most, most]
             }
             (Detail::Resolution, _) => [3e-7, 1e-4, 3e-6].map(|part| part * self.fixed_range()),
-            (_, Some(Takes::Number(_, limits))) => limits,
-            (_, Some(Takes::Step(_, steps, default)) | Some(Takes::OneOf(steps, default))) => {
-                [steps[0], steps[steps.len() - 1], default]
-            }
+            (_, Some(ValueKind::Number(_, limits))) => limits,
+            (
+                _,
+                Some(ValueKind::Step(_, steps, default)) | Some(ValueKind::OneOf(steps, default)),
+            ) => [steps[0], steps[steps.len() - 1], default],
             _ => [value; 3],
         };
         let reported = match limit {
@@ -402,7 +409,7 @@ impl Own {
                 let Volts(volts) = wires.measure(at, request);
                 let junction = match self.junction_source {
                     "FIX" => self.junction,
-                    _ => INDOORS,
+                    _ => AMBIENT_C,
                 };
                 return temperature::of_couple(self.couple, volts, junction);
             }

@@ -102,12 +102,12 @@ impl Memory {
 
 /// The fields that follow a reading's value.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Form {
+pub(crate) struct ReadingFormat {
     pub(crate) fields: BTreeSet<Field>,
     pub(crate) absolute: bool,
 }
 
-impl Form {
+impl ReadingFormat {
     /// Every field, with the time of day.
     pub(crate) fn whole() -> Self {
         Self {

@@ -7,9 +7,9 @@ use survey::{Relay, Volts};
 
 use crate::command::{Function, Range};
 use crate::meter::RANGES;
-use crate::simulator::measurement::functions::{OVER_RANGE, Own, over};
+use crate::simulator::measurement::functions::{FunctionSettings, OVER_RANGE, over};
 use crate::simulator::measurement::memory::{Memory, Stored};
-use crate::simulator::relays::{Joined, Relays};
+use crate::simulator::relays::{Relays, ScanRelays};
 use crate::simulator::{
     CURRENT_OVERLOAD, MeterRequest, RESISTANCE_OVERLOAD, TEMPERATURE_OVERLOAD, VOLTAGE_OVERLOAD,
     Wires,
@@ -17,7 +17,7 @@ use crate::simulator::{
 
 /// One channel of a sweep; without a number the bare voltmeter.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Stop {
+pub(crate) struct ScanEntry {
     pub(crate) channel: Option<Relay>,
     pub(crate) measured: Measured,
     pub(crate) period: Duration,
@@ -32,26 +32,26 @@ pub(crate) enum Measured {
     /// DC volts on a range.
     Volts(Range),
     /// Anything else.
-    Other(Own),
+    Other(FunctionSettings),
 }
 
 impl Measured {
     fn mark(&self) -> &'static str {
         match self {
             Self::Volts(_) => Function::DcVolts.mark(),
-            Self::Other(own) => own.mark(),
+            Self::Other(settings) => settings.mark(),
         }
     }
 
     pub(crate) fn four_wire(&self) -> bool {
-        matches!(self, Self::Other(own) if own.four_wire())
+        matches!(self, Self::Other(settings) if settings.four_wire())
     }
 
     /// The questionable bit of an overload.
     fn overload(&self) -> u8 {
         match self {
             Self::Volts(_) => VOLTAGE_OVERLOAD,
-            Self::Other(own) => match own.function {
+            Self::Other(settings) => match settings.function {
                 Function::DcCurrent | Function::AcCurrent => CURRENT_OVERLOAD,
                 Function::Resistance | Function::FourWire => RESISTANCE_OVERLOAD,
                 Function::Temperature => TEMPERATURE_OVERLOAD,
@@ -63,7 +63,7 @@ impl Measured {
 
 /// The event that starts a sweep.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Pace {
+pub(crate) enum SweepStart {
     /// The end of the previous sweep.
     Continuous,
     /// This time after the start of the previous sweep.
@@ -77,14 +77,14 @@ enum Phase {
     /// The channel with this index is connected at this time.
     Due(usize, Duration),
     /// The channel was connected at this time, and its reading is being taken.
-    Measuring(usize, Duration, Joined),
+    Measuring(usize, Duration, ScanRelays),
     /// Waiting for a trigger.
     Waiting,
 }
 
 /// Events for the status registers.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Noticed {
+pub(crate) struct StatusEvents {
     pub(crate) measured: bool,
     /// Bits of the questionable register.
     pub(crate) overload: BTreeSet<u8>,
@@ -93,9 +93,9 @@ pub(crate) struct Noticed {
 
 #[derive(Debug)]
 pub(crate) struct Run {
-    stops: Vec<Stop>,
+    entries: Vec<ScanEntry>,
     start: Duration,
-    pace: Pace,
+    pace: SweepStart,
     /// `None`: until it is stopped.
     sweeps: Option<u32>,
     done: u32,
@@ -104,16 +104,21 @@ pub(crate) struct Run {
 
 impl Run {
     /// A measurement that begins now. There is at least one stop.
-    pub(crate) fn new(stops: Vec<Stop>, pace: Pace, sweeps: Option<u32>, now: Duration) -> Self {
+    pub(crate) fn new(
+        entries: Vec<ScanEntry>,
+        pace: SweepStart,
+        sweeps: Option<u32>,
+        now: Duration,
+    ) -> Self {
         Self {
-            stops,
+            entries,
             start: now,
             pace,
             sweeps,
             done: 0,
             phase: match pace {
-                Pace::Triggered => Phase::Waiting,
-                Pace::Continuous | Pace::Timer(_) => Phase::Due(0, now),
+                SweepStart::Triggered => Phase::Waiting,
+                SweepStart::Continuous | SweepStart::Timer(_) => Phase::Due(0, now),
             },
         }
     }
@@ -140,20 +145,20 @@ impl Run {
     pub(crate) fn due(&self) -> Option<Duration> {
         match self.phase {
             Phase::Due(_, at) => Some(at),
-            Phase::Measuring(index, since, _) => Some(since + self.stops[index].period),
+            Phase::Measuring(index, since, _) => Some(since + self.entries[index].period),
             Phase::Waiting => None,
         }
     }
 
     fn sweep_time(&self) -> Duration {
-        self.stops.iter().map(|stop| stop.period).sum()
+        self.entries.iter().map(|entry| entry.period).sum()
     }
 
     /// Start of the next sweep after one that ended at this time.
     fn next_sweep(&self, ended: Duration, done: u32) -> Duration {
         match self.pace {
-            Pace::Timer(timer) => ended.max(self.start + timer * done),
-            Pace::Continuous | Pace::Triggered => ended,
+            SweepStart::Timer(timer) => ended.max(self.start + timer * done),
+            SweepStart::Continuous | SweepStart::Triggered => ended,
         }
     }
 
@@ -164,9 +169,9 @@ impl Run {
             Phase::Measuring(index, since, _) => (index, since),
             Phase::Waiting => return None,
         };
-        let rest: Duration = self.stops[index..].iter().map(|stop| stop.period).sum();
+        let rest: Duration = self.entries[index..].iter().map(|entry| entry.period).sum();
         let ended = from + rest;
-        if self.pace == Pace::Triggered {
+        if self.pace == SweepStart::Triggered {
             return Some(ended);
         }
         let after = self.sweeps?.saturating_sub(self.done + 1);
@@ -186,7 +191,7 @@ impl Run {
         relays: &mut Relays,
         wires: &mut dyn Wires,
         memory: &mut Memory,
-        noticed: &mut Noticed,
+        noticed: &mut StatusEvents,
     ) -> bool {
         loop {
             match self.phase {
@@ -202,10 +207,10 @@ impl Run {
                         self.phase = Phase::Due(index, at);
                         return false;
                     }
-                    let stop = &self.stops[index];
-                    let joined = match stop.channel {
-                        Some(channel) => relays.join_to_bus(channel, stop.measured.four_wire()),
-                        None => Joined::default(),
+                    let entry = &self.entries[index];
+                    let joined = match entry.channel {
+                        Some(channel) => relays.join_to_bus(channel, entry.measured.four_wire()),
+                        None => ScanRelays::default(),
                     };
                     if joined[0].is_some() {
                         relays.tell(at, wires);
@@ -213,29 +218,29 @@ impl Run {
                     self.phase = Phase::Measuring(index, at, joined);
                 }
                 Phase::Measuring(index, since, joined) => {
-                    let stop = self.stops[index];
-                    let at = since + stop.period;
+                    let entry = self.entries[index];
+                    let at = since + entry.period;
                     if at > to {
                         return false;
                     }
-                    let value = measure(&stop, at, wires);
+                    let value = measure(&entry, at, wires);
                     if value.is_infinite() {
-                        noticed.overload.insert(stop.measured.overload());
+                        noticed.overload.insert(entry.measured.overload());
                     }
                     memory.push(Stored {
                         value,
-                        mark: stop.measured.mark(),
+                        mark: entry.measured.mark(),
                         since: at.saturating_sub(self.start),
                         at,
-                        channel: stop.channel,
+                        channel: entry.channel,
                     });
-                    if self.stops.get(index + 1).is_some_and(|next| next.again) {
+                    if self.entries.get(index + 1).is_some_and(|next| next.again) {
                         self.phase = Phase::Measuring(index + 1, at, joined);
                         continue;
                     }
                     relays.unjoin(joined);
                     self.phase = Phase::Due(index + 1, at);
-                    if index + 1 == self.stops.len() {
+                    if index + 1 == self.entries.len() {
                         if joined[0].is_some() {
                             relays.tell(at, wires);
                         }
@@ -244,7 +249,7 @@ impl Run {
                             return true;
                         }
                         self.phase = match self.pace {
-                            Pace::Triggered => Phase::Waiting,
+                            SweepStart::Triggered => Phase::Waiting,
                             _ => Phase::Due(0, self.next_sweep(at, self.done)),
                         };
                     }
@@ -263,19 +268,19 @@ impl Run {
         memory: &mut Memory,
     ) -> Duration {
         let step = match self.pace {
-            Pace::Timer(timer) => timer.max(self.sweep_time()),
-            Pace::Continuous => self.sweep_time(),
-            Pace::Triggered => return at,
+            SweepStart::Timer(timer) => timer.max(self.sweep_time()),
+            SweepStart::Continuous => self.sweep_time(),
+            SweepStart::Triggered => return at,
         };
         let left = self.sweeps.map_or(u32::MAX, |sweeps| sweeps - self.done);
         let in_time = (to - at).as_nanos() / step.as_nanos().max(1);
         let ahead = u32::try_from(in_time).unwrap_or(u32::MAX).min(left);
-        let fill = u32::try_from(memory.most() / self.stops.len() + 2).unwrap_or(u32::MAX);
+        let fill = u32::try_from(memory.most() / self.entries.len() + 2).unwrap_or(u32::MAX);
         let skipped = ahead.saturating_sub(fill);
         if skipped > 0 {
             self.done = self.done.saturating_add(skipped);
-            for stop in self.stops.iter().filter(|stop| !stop.again) {
-                if let Some(channel) = stop.channel {
+            for entry in self.entries.iter().filter(|entry| !entry.again) {
+                if let Some(channel) = entry.channel {
                     relays.count_scanned(channel, skipped);
                 }
             }
@@ -293,17 +298,17 @@ impl Run {
 }
 
 /// One reading; infinite, with its sign, for an overload.
-fn measure(stop: &Stop, at: Duration, wires: &mut dyn Wires) -> f64 {
+fn measure(entry: &ScanEntry, at: Duration, wires: &mut dyn Wires) -> f64 {
     let mut measure = |range: f64| {
         let request = MeterRequest {
-            nplc: stop.nplc,
-            ..MeterRequest::volts(stop.channel, Volts(range))
+            nplc: entry.nplc,
+            ..MeterRequest::volts(entry.channel, Volts(range))
         };
         over(wires.measure(at, request).0, range * OVER_RANGE)
     };
     let widest = RANGES[RANGES.len() - 1];
-    match stop.measured {
-        Measured::Other(own) => own.reading(stop.channel, stop.nplc, at, wires),
+    match entry.measured {
+        Measured::Other(settings) => settings.reading(entry.channel, entry.nplc, at, wires),
         Measured::Volts(Range::Fixed(range)) => measure(range),
         Measured::Volts(Range::Auto) => {
             let probe = measure(widest);

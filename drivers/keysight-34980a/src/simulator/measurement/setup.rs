@@ -6,7 +6,7 @@ use scpi::{Numeric, ParseError, format_nr3_signed};
 
 use crate::command::{Function, Quantity, Range, Setting};
 use crate::meter::{INTEGRATION, RANGES};
-use crate::simulator::errors::Trouble;
+use crate::simulator::errors::QueuedError;
 
 /// Readings a second of the voltmeter alone (section 5).
 const READINGS_PER_SECOND: f64 = 3000.0;
@@ -56,7 +56,10 @@ impl Default for Setup {
 
 impl Setup {
     /// The settings after CONF.
-    pub(crate) fn configured(range: Range, resolution: Option<Numeric>) -> Result<Self, Trouble> {
+    pub(crate) fn configured(
+        range: Range,
+        resolution: Option<Numeric>,
+    ) -> Result<Self, QueuedError> {
         let nplc = match resolution {
             Some(resolution) => integration_for(range, resolution)?,
             None => 1.0,
@@ -132,7 +135,7 @@ impl Setup {
         setting: Setting,
         timing: Timing,
         line_hz: f64,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), QueuedError> {
         match setting {
             Setting::Range(range) => self.range = range,
             Setting::RangeAuto(true) => self.range = Range::Auto,
@@ -185,7 +188,7 @@ impl Setup {
         limit: Option<Numeric>,
         line_hz: f64,
         timing: Timing,
-    ) -> Result<String, Trouble> {
+    ) -> Result<String, QueuedError> {
         let range = self.fixed_range();
         let (value, [least, most, default]) = match quantity {
             Quantity::Range => (range, [RANGES[0], WIDEST, WIDEST]),
@@ -224,7 +227,7 @@ impl Setup {
     }
 }
 
-fn yes_no(yes: bool, limit: Option<Numeric>) -> Result<String, Trouble> {
+fn yes_no(yes: bool, limit: Option<Numeric>) -> Result<String, QueuedError> {
     match limit {
         None => Ok(u8::from(yes).to_string()),
         Some(_) => Err(ParseError::IllegalParameter.into()),
@@ -242,7 +245,7 @@ pub(crate) fn resolution_of(cycles: f64, range: f64) -> f64 {
 }
 
 /// The shortest integration time with a sufficient resolution.
-pub(crate) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, Trouble> {
+pub(crate) fn integration_for(range: Range, resolution: Numeric) -> Result<f64, QueuedError> {
     let Range::Fixed(range) = range else {
         // A resolution in volts is undefined while the range is not fixed.
         return Err(ParseError::SettingsConflict.into());

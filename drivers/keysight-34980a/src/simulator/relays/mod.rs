@@ -10,12 +10,12 @@ use survey::Relay;
 
 use super::Wires;
 use crate::modules::{Contact, Model, Module, Terminal, join, split};
-use crate::simulator::errors::Trouble;
-pub(crate) use slots::Moves;
+use crate::simulator::errors::QueuedError;
+pub(crate) use slots::MoveTimes;
 use slots::Slot;
 
 /// The relays closed for one reading: the channel and its relay to bus 1, the sensing channel and its relay to bus 2.
-pub(crate) type Joined = [Option<Relay>; 4];
+pub(crate) type ScanRelays = [Option<Relay>; 4];
 
 #[derive(Debug)]
 pub(crate) struct Relays {
@@ -89,23 +89,25 @@ impl Relays {
     }
 
     /// The module of a slot.
-    pub(crate) fn module(&self, slot: u32) -> Result<Module, Trouble> {
-        let index = slot.checked_sub(1).ok_or(Trouble::SLOT)?;
+    pub(crate) fn module(&self, slot: u32) -> Result<Module, QueuedError> {
+        let index = slot.checked_sub(1).ok_or(QueuedError::SLOT)?;
         let place = self.slots.get(index as usize);
-        place.and_then(|place| place.module).ok_or(Trouble::SLOT)
+        place
+            .and_then(|place| place.module)
+            .ok_or(QueuedError::SLOT)
     }
 
     /// The switch behind a relay number, and its module.
-    pub(crate) fn contact(&self, relay: Relay) -> Result<(Module, Contact), Trouble> {
-        let (slot, channel) = split(relay).ok_or(Trouble::SLOT)?;
+    pub(crate) fn contact(&self, relay: Relay) -> Result<(Module, Contact), QueuedError> {
+        let (slot, channel) = split(relay).ok_or(QueuedError::SLOT)?;
         let module = self.module(slot)?;
-        let contact = module.contact(channel).ok_or(Trouble::CHANNEL)?;
+        let contact = module.contact(channel).ok_or(QueuedError::CHANNEL)?;
         Ok((module, contact))
     }
 
     /// The relays of a list, in its order. A range is ascending and skips channels that do not exist and all ABus
     /// relays; its ends must exist and must not be ABus relays (section 2).
-    pub(crate) fn expand(&self, list: &ChannelList) -> Result<Vec<Relay>, Trouble> {
+    pub(crate) fn expand(&self, list: &ChannelList) -> Result<Vec<Relay>, QueuedError> {
         let mut relays = Vec::new();
         for entry in list.entries() {
             match *entry {
@@ -116,7 +118,7 @@ impl Relays {
                 ChannelEntry::Range(first, last) => {
                     for end in [first, last] {
                         if let (_, Contact::AnalogBus { .. }) = self.contact(Relay(end))? {
-                            return Err(Trouble::CHANNEL);
+                            return Err(QueuedError::CHANNEL);
                         }
                     }
                     // Both ends exist, so the range is shorter than 8,000.
@@ -136,16 +138,20 @@ impl Relays {
     }
 
     /// As [`Relays::expand`], for commands that need a non-empty list.
-    pub(crate) fn expand_some(&self, list: &ChannelList) -> Result<Vec<Relay>, Trouble> {
+    pub(crate) fn expand_some(&self, list: &ChannelList) -> Result<Vec<Relay>, QueuedError> {
         let relays = self.expand(list)?;
         if relays.is_empty() {
-            return Err(Trouble::EMPTY);
+            return Err(QueuedError::EMPTY);
         }
         Ok(relays)
     }
 
     /// Closes all or none, and returns the time that takes.
-    pub(crate) fn close(&mut self, relays: &[Relay], scan: &[Relay]) -> Result<Moves, Trouble> {
+    pub(crate) fn close(
+        &mut self,
+        relays: &[Relay],
+        scan: &[Relay],
+    ) -> Result<MoveTimes, QueuedError> {
         let mut after = self.closed.clone();
         after.extend(relays);
         self.check(relays, &after, scan)?;
@@ -157,7 +163,7 @@ impl Relays {
         &mut self,
         relays: &[Relay],
         scan: &[Relay],
-    ) -> Result<Moves, Trouble> {
+    ) -> Result<MoveTimes, QueuedError> {
         let slots: BTreeSet<u32> = relays.iter().map(|relay| relay.0 / 1000).collect();
         let mut after: BTreeSet<Relay> = self
             .closed
@@ -177,9 +183,9 @@ impl Relays {
         relays: &[Relay],
         after: &BTreeSet<Relay>,
         scan: &[Relay],
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), QueuedError> {
         if relays.is_empty() {
-            return Err(Trouble::EMPTY);
+            return Err(QueuedError::EMPTY);
         }
         let committed: BTreeSet<(u32, Option<u32>)> =
             scan.iter().map(|relay| self.bank(*relay)).collect();
@@ -190,13 +196,13 @@ impl Relays {
             if committed.contains(&place)
                 || (bus && committed.iter().any(|(slot, _)| *slot == place.0))
             {
-                return Err(Trouble::COMMITTED);
+                return Err(QueuedError::COMMITTED);
             }
             // `contact` has found the slot.
             let interlocked = self.slots[relay.0 as usize / 1000 - 1].interlocked;
             let matrix = module.model() == Model::M34934A;
             if (bus || matrix) && (interlocked || module.terminal() == Terminal::None) {
-                return Err(Trouble::UNABLE);
+                return Err(QueuedError::UNABLE);
             }
         }
         for slot in 1..=8 {
@@ -206,7 +212,9 @@ impl Relays {
             let channels = after
                 .range(join(slot, 0)..join(slot + 1, 0))
                 .map(|relay| relay.0 % 1000);
-            module.check_closed(channels).map_err(|_| Trouble::UNABLE)?;
+            module
+                .check_closed(channels)
+                .map_err(|_| QueuedError::UNABLE)?;
         }
         Ok(())
     }
@@ -216,12 +224,14 @@ impl Relays {
     }
 
     /// The relays of a list of high-side channels with their low-side partners.
-    pub(crate) fn expand_pairs(&self, list: &ChannelList) -> Result<Vec<[Relay; 2]>, Trouble> {
+    pub(crate) fn expand_pairs(&self, list: &ChannelList) -> Result<Vec<[Relay; 2]>, QueuedError> {
         self.expand_some(list)?
             .into_iter()
             .map(|high| {
                 let (module, _) = self.contact(high)?;
-                let low = module.pair(high.0 % 1000).ok_or(Trouble::CHANNEL_UNABLE)?;
+                let low = module
+                    .pair(high.0 % 1000)
+                    .ok_or(QueuedError::CHANNEL_UNABLE)?;
                 Ok([high, join(high.0 / 1000, low)])
             })
             .collect()
@@ -236,8 +246,8 @@ impl Relays {
         (relay.0 / 1000, bank)
     }
 
-    fn become_closed(&mut self, after: BTreeSet<Relay>) -> Moves {
-        let mut moves = Moves::default();
+    fn become_closed(&mut self, after: BTreeSet<Relay>) -> MoveTimes {
+        let mut moves = MoveTimes::default();
         for relay in after.difference(&self.closed) {
             if let Ok((module, _)) = self.contact(*relay) {
                 moves.at_least(*relay, module.model().close_time());
@@ -251,8 +261,8 @@ impl Relays {
     }
 
     /// Opens the closed relays that `meant` selects, and returns the time that takes.
-    pub(crate) fn open(&mut self, meant: impl Fn(Relay) -> bool) -> Moves {
-        let mut moves = Moves::default();
+    pub(crate) fn open(&mut self, meant: impl Fn(Relay) -> bool) -> MoveTimes {
+        let mut moves = MoveTimes::default();
         let opened: Vec<Relay> = self.closed.iter().copied().filter(|r| meant(*r)).collect();
         for relay in opened {
             self.closed.remove(&relay);
@@ -263,7 +273,7 @@ impl Relays {
         moves
     }
 
-    pub(crate) fn open_buses(&mut self, which: Option<u32>) -> Moves {
+    pub(crate) fn open_buses(&mut self, which: Option<u32>) -> MoveTimes {
         let meant: BTreeSet<Relay> = self
             .closed
             .iter()
@@ -295,7 +305,7 @@ impl Relays {
 
     /// Connects one channel to bus 1 for its reading, and for a four-wire reading its partner in the other bank to bus
     /// 2. [`Relays::unjoin`] opens what was closed.
-    pub(crate) fn join_to_bus(&mut self, channel: Relay, four_wire: bool) -> Joined {
+    pub(crate) fn join_to_bus(&mut self, channel: Relay, four_wire: bool) -> ScanRelays {
         let partner = self.partner(channel).filter(|_| four_wire);
         let sense = partner.and_then(|partner| self.bus_relay_to(partner, 2));
         let joined = [Some(channel), self.bus_relay(channel), partner, sense];
@@ -305,7 +315,7 @@ impl Relays {
         joined
     }
 
-    pub(crate) fn unjoin(&mut self, joined: Joined) {
+    pub(crate) fn unjoin(&mut self, joined: ScanRelays) {
         for relay in joined.into_iter().flatten() {
             self.closed.remove(&relay);
         }

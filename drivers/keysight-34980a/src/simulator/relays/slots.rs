@@ -8,7 +8,7 @@ use survey::Relay;
 use super::Relays;
 use crate::command::Protection;
 use crate::modules::{Model, Module};
-use crate::simulator::errors::Trouble;
+use crate::simulator::errors::QueuedError;
 
 /// One slot of the mainframe.
 #[derive(Debug, Clone, Copy, Default)]
@@ -23,9 +23,9 @@ pub(crate) struct Slot {
 
 /// Time that the relays of each slot need.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Moves([Duration; 8]);
+pub(crate) struct MoveTimes([Duration; 8]);
 
-impl Moves {
+impl MoveTimes {
     /// Time until all have settled.
     pub(crate) fn longest(&self) -> Duration {
         self.0.into_iter().max().unwrap_or_default()
@@ -88,22 +88,22 @@ impl Relays {
     }
 
     /// Only a 34934A has protected rows.
-    fn protected(&mut self, slot: u32) -> Result<&mut Slot, Trouble> {
+    fn protected(&mut self, slot: u32) -> Result<&mut Slot, QueuedError> {
         if self.module(slot)?.model() != Model::M34934A {
-            return Err(Trouble::UNABLE);
+            return Err(QueuedError::UNABLE);
         }
-        self.place_mut(slot).ok_or(Trouble::SLOT)
+        self.place_mut(slot).ok_or(QueuedError::SLOT)
     }
 
-    pub(crate) fn protection(&self, slot: u32) -> Result<Protection, Trouble> {
+    pub(crate) fn protection(&self, slot: u32) -> Result<Protection, QueuedError> {
         if self.module(slot)?.model() != Model::M34934A {
-            return Err(Trouble::UNABLE);
+            return Err(QueuedError::UNABLE);
         }
         let place = self.slots.get(slot as usize - 1);
         Ok(place.map_or(Protection::default(), |place| place.protection))
     }
 
-    pub(crate) fn protect(&mut self, slot: u32, protection: Protection) -> Result<(), Trouble> {
+    pub(crate) fn protect(&mut self, slot: u32, protection: Protection) -> Result<(), QueuedError> {
         self.protected(slot)?.protection = protection;
         Ok(())
     }
@@ -116,7 +116,7 @@ impl Relays {
     }
 
     /// The name of a slot's terminal block.
-    pub(crate) fn terminal_type(&self, slot: u32) -> Result<String, Trouble> {
+    pub(crate) fn terminal_type(&self, slot: u32) -> Result<String, QueuedError> {
         let module = self.module(slot)?;
         Ok(if self.slots[slot as usize - 1].interlocked {
             "NONE".to_owned()
@@ -126,7 +126,7 @@ impl Relays {
     }
 
     /// Starts the settling time of these moves, and returns when all relays will have settled.
-    pub(crate) fn settle(&mut self, moves: Moves, now: Duration) -> Duration {
+    pub(crate) fn settle(&mut self, moves: MoveTimes, now: Duration) -> Duration {
         let mut until = now;
         for (slot, time) in self.slots.iter_mut().zip(moves.0) {
             if !time.is_zero() {

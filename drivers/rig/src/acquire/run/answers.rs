@@ -17,8 +17,8 @@ impl Run<'_> {
                 counted(channels.len())?;
                 for (channel, reading) in channels.iter().zip(came) {
                     match (channel.reading, self.driven.now) {
-                        (Some(index), _) => self.put(index, reading),
-                        (None, Some(drive)) => self.put_beside(drive, channel.sense, reading),
+                        (Some(index), _) => self.store(index, reading),
+                        (None, Some(drive)) => self.store_extra(drive, channel.sense, reading),
                         (None, None) => {}
                     }
                 }
@@ -26,12 +26,12 @@ impl Run<'_> {
             Step::Chain { routes } => {
                 counted(routes.len())?;
                 for (route, reading) in routes.iter().zip(came) {
-                    self.put(route.reading, reading);
+                    self.store(route.reading, reading);
                 }
             }
             Step::Read { reading, .. } => {
                 counted(1)?;
-                self.put(*reading, came[0]);
+                self.store(*reading, came[0]);
             }
             _ => {}
         }
@@ -40,17 +40,17 @@ impl Run<'_> {
         Ok(())
     }
 
-    fn put(&mut self, index: usize, reading: Reading) {
+    fn store(&mut self, index: usize, reading: Reading) {
         let place = &mut self.readings[index];
-        *place = match self.driven.turned {
+        *place = match self.driven.reversed {
             true => half_difference(*place, reading),
             false => reading,
         };
     }
 
-    fn put_beside(&mut self, drive: Dipole, sense: Dipole, reading: Reading) {
+    fn store_extra(&mut self, drive: Dipole, sense: Dipole, reading: Reading) {
         let question = Measurement { drive, sense };
-        if !self.driven.turned {
+        if !self.driven.reversed {
             self.extra.push(Extra { question, reading });
             return;
         }
@@ -63,10 +63,10 @@ impl Run<'_> {
     /// Invalidates the injections at which the source was in compliance. Compliance that began and ended since the last
     /// query may have occurred during the previous injection: then that one is invalidated too; also if it is uncertain
     /// that the relays had moved on from it.
-    pub(super) fn heed(&mut self, compliance: Compliance, moved: bool) {
-        let here = self.driven.now.filter(|_| compliance.ever());
-        let unwatched = self.driven.unwatched.take();
-        let before = unwatched.filter(|_| compliance.ever() && !(moved && compliance.now));
+    pub(super) fn invalidate_by_compliance(&mut self, compliance: Compliance, moved: bool) {
+        let here = self.driven.now.filter(|_| compliance.occurred());
+        let unqueried = self.driven.unqueried.take();
+        let before = unqueried.filter(|_| compliance.occurred() && !(moved && compliance.now));
         for drive in here.into_iter().chain(before) {
             if !self.compliance.contains(&drive.plus) {
                 self.compliance.push(drive.plus);

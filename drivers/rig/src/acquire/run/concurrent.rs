@@ -7,7 +7,7 @@ use tokio::sync::watch;
 use crate::Stop;
 
 /// Completes when a stop is requested, or the caller has gone.
-pub(super) async fn over(mut stop: Stop, mut caller: watch::Receiver<()>) {
+pub(super) async fn interrupted(mut stop: Stop, mut caller: watch::Receiver<()>) {
     tokio::select! {
         () = stop.requested() => {}
         // nothing is ever sent: only the caller's end is noticed
@@ -16,12 +16,12 @@ pub(super) async fn over(mut stop: Stop, mut caller: watch::Receiver<()>) {
 }
 
 /// An exchange in progress, and its reply once received.
-pub(super) struct Beside<'a, F: Future> {
+pub(super) struct PendingExchange<'a, F: Future> {
     exchange: Pin<&'a mut F>,
     answer: Option<F::Output>,
 }
 
-impl<'a, F: Future> Beside<'a, F> {
+impl<'a, F: Future> PendingExchange<'a, F> {
     pub(super) fn new(exchange: Pin<&'a mut F>) -> Self {
         Self {
             exchange,
@@ -42,7 +42,7 @@ impl<'a, F: Future> Beside<'a, F> {
     }
 
     /// Waits for the reply or something else; `None` if the latter came first.
-    pub(super) async fn came_before(&mut self, other: impl Future<Output = ()>) -> Option<()> {
+    pub(super) async fn completes_before(&mut self, other: impl Future<Output = ()>) -> Option<()> {
         if self.answer.is_some() {
             return Some(());
         }

@@ -9,30 +9,31 @@ use survey::{Amps, Channel, Dipole, Electrode, Extra, Plan, Reading, Relay, Rout
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-use super::Cut;
-use crate::acquire::run::concurrent::{Beside, over};
+use super::EndReason;
+use crate::acquire::run::concurrent::{PendingExchange, interrupted};
 use crate::prepare::apply;
 use crate::safe::{every_relay, open_checked};
 use crate::traits::Instruments;
 use crate::{
-    Compliance, CurrentSource, Hop, MeterSettings, Move, RigError, Sample, Stop, Switch, Voltmeter,
+    ChainedReading, Compliance, CurrentSource, MeterSettings, Move, RigError, Sample, Stop, Switch,
+    Voltmeter,
 };
 
 /// Delay between a scan message that also moves relays and the query of the source's compliance: longer than the
 /// transmission and the slowest relays.
-const RELAYS_MOVE: Duration = Duration::from_millis(20);
+const RELAY_MOVE_TIME: Duration = Duration::from_millis(20);
 
 /// The longest settling time left to a scan: unlike a wait here, it cannot be interrupted by a stop.
-const LONGEST_OWN_WAIT: Duration = Duration::from_secs(1);
+const LONGEST_SCAN_WAIT: Duration = Duration::from_secs(1);
 
 /// Where the current flows, and in which direction.
 #[derive(Debug, Default)]
-struct Driven {
+struct DriveState {
     now: Option<Dipole>,
     /// Injection applied after the last compliance query; its compliance state is not yet known.
-    unwatched: Option<Dipole>,
+    unqueried: Option<Dipole>,
     /// Whether the polarity is reversed.
-    turned: bool,
+    reversed: bool,
     /// Whether the injecting relays are known to have moved.
     settled: bool,
     /// Injecting relays that should be closed now.
@@ -49,7 +50,7 @@ pub(super) struct Run<'a> {
     pub(super) readings: Vec<Reading>,
     pub(super) extra: Vec<Extra>,
     pub(super) compliance: Vec<Electrode>,
-    driven: Driven,
+    driven: DriveState,
     /// The source's current as last set or read back; unknown at first.
     level: Option<Amps>,
     on: bool,
@@ -74,7 +75,7 @@ impl<'a> Run<'a> {
             readings: vec![Reading::NotMeasured; plan.protocol.len()],
             extra: Vec::new(),
             compliance: Vec::new(),
-            driven: Driven::default(),
+            driven: DriveState::default(),
             level: None,
             on: false,
             wait: Duration::ZERO,
@@ -82,50 +83,50 @@ impl<'a> Run<'a> {
         }
     }
 
-    pub(super) async fn every_step<C, W, V>(
+    pub(super) async fn run_steps<C, W, V>(
         &mut self,
         rig: &mut Instruments<C, W, V>,
-    ) -> Result<(), Cut>
+    ) -> Result<(), EndReason>
     where
         C: CurrentSource,
         W: Switch,
         V: Voltmeter,
     {
-        if self.is_over() {
-            return Err(Cut::Stop(1));
+        if self.must_end() {
+            return Err(EndReason::Stop(1));
         }
         apply(rig, self.plan, self.meter)
             .await
-            .map_err(Cut::Prepare)?;
+            .map_err(EndReason::Prepare)?;
         // Read back just now.
         self.level = Some(Amps(0.0));
         let plan = self.plan;
         let mut steps = plan.steps.iter().enumerate().peekable();
         while let Some((index, step)) = steps.next() {
-            if self.is_over() {
-                return Err(Cut::Stop(index + 1));
+            if self.must_end() {
+                return Err(EndReason::Stop(index + 1));
             }
             // A scan can wait by itself, in the message that moves the relays.
             if let Step::Settle { wait } = step
-                && *wait <= LONGEST_OWN_WAIT
+                && *wait <= LONGEST_SCAN_WAIT
                 && matches!(steps.peek(), Some((_, Step::Scan { .. })))
             {
                 self.wait = *wait;
                 continue;
             }
             // The source can be queried while the voltmeter reads.
-            let beside =
+            let compliance_step =
                 steps.next_if(|(_, next)| step.reads() && matches!(next, Step::Compliance { .. }));
-            let done = match beside {
+            let done = match compliance_step {
                 Some(_) => self.read(rig, step, true).await,
                 None => self.step(rig, step).await,
             };
-            done.map_err(|cause| Cut::Step(index + 1, step.clone(), cause))?;
+            done.map_err(|cause| EndReason::Step(index + 1, step.clone(), cause))?;
         }
         Ok(())
     }
 
-    fn is_over(&self) -> bool {
+    fn must_end(&self) -> bool {
         self.stop.is_requested() || self.caller.has_changed().is_err()
     }
 
@@ -144,10 +145,10 @@ impl<'a> Run<'a> {
                 if self.on || self.level != Some(Amps(0.0)) {
                     self.off(&mut rig.source).await?;
                 }
-                if self.driven.unwatched.is_some() {
+                if self.driven.unqueried.is_some() {
                     self.driven.now = None;
                     let compliance = rig.source.compliance().await?;
-                    self.heed(compliance, true);
+                    self.invalidate_by_compliance(compliance, true);
                 }
                 let driven = std::mem::take(&mut self.driven.relays);
                 let wiring = &self.plan.wiring;
@@ -161,13 +162,13 @@ impl<'a> Run<'a> {
                 self.drive(rig, Amps(0.0)).await?;
                 rig.switch.move_relays(&moves(open, close)).await?;
                 rig.switch.settle().await?;
-                self.moved_to(*drive, close, true);
+                self.set_drive(*drive, close, true);
                 self.switch_on(rig).await
             }
             Step::Overlap { open, close, drive } => {
                 // switched off because of compliance, it is switched on again only when the next pair is joined
                 let settled = !self.on;
-                self.moved_to(*drive, close, settled);
+                self.set_drive(*drive, close, settled);
                 let close = Move::Close(close.clone());
                 let open = Move::Open(open.clone());
                 rig.switch.move_relays(&[close, open]).await?;
@@ -177,7 +178,7 @@ impl<'a> Run<'a> {
                 self.switch_on(rig).await
             }
             Step::Reverse { .. } => {
-                self.driven.turned = true;
+                self.driven.reversed = true;
                 self.switch_on(rig).await
             }
             Step::Settle { wait } => {
@@ -195,11 +196,11 @@ impl<'a> Run<'a> {
             }
             Step::Compliance { .. } => {
                 let compliance = rig.source.compliance().await?;
-                if compliance.ever() {
+                if compliance.occurred() {
                     // the next injection switches it on again
                     self.off(&mut rig.source).await?;
                 }
-                self.heed(compliance, true);
+                self.invalidate_by_compliance(compliance, true);
                 Ok(())
             }
         }
@@ -217,7 +218,7 @@ impl<'a> Run<'a> {
     /// queried, and it is switched off at once in compliance or on a stop request; readings after a stop are discarded
     /// with the frame.
     ///
-    /// Relays that move in the message of the readings get [`RELAYS_MOVE`] before the source is queried. If they need
+    /// Relays that move in the message of the readings get [`RELAY_MOVE_TIME`] before the source is queried. If they need
     /// longer, the reply may refer to the previous injection: then both are invalidated.
     async fn read<C: CurrentSource, W, V: Voltmeter>(
         &mut self,
@@ -227,17 +228,18 @@ impl<'a> Run<'a> {
     ) -> Result<(), RigError> {
         let wait = std::mem::take(&mut self.wait);
         let reading = std::pin::pin!(ask_voltmeter(&mut rig.voltmeter, step, self.meter, wait));
-        let mut reading = Beside::new(reading);
+        let mut reading = PendingExchange::new(reading);
         let source = &mut rig.source;
         let mut compliance = None;
         let mut settled = self.driven.settled;
-        let mut is_over = false;
+        let mut must_end = false;
         if ask && !settled {
-            let over = over(self.stop.clone(), self.caller.clone());
-            let moved = tokio::time::timeout(RELAYS_MOVE, reading.came_before(over)).await;
-            (settled, is_over) = (moved == Ok(Some(())), moved == Ok(None));
+            let interrupted = interrupted(self.stop.clone(), self.caller.clone());
+            let moved =
+                tokio::time::timeout(RELAY_MOVE_TIME, reading.completes_before(interrupted)).await;
+            (settled, must_end) = (moved == Ok(Some(())), moved == Ok(None));
         }
-        if ask && !is_over {
+        if ask && !must_end {
             let reported = reading.wait_for(source.compliance()).await;
             let off = match &reported {
                 Ok(reported) if reported.now => reading.wait_for(self.off(source)).await,
@@ -246,8 +248,8 @@ impl<'a> Run<'a> {
             compliance = Some(off.and(reported));
         }
         if !matches!(compliance, Some(Err(_))) {
-            let over = over(self.stop.clone(), self.caller.clone());
-            if reading.came_before(over).await.is_none() {
+            let interrupted = interrupted(self.stop.clone(), self.caller.clone());
+            if reading.completes_before(interrupted).await.is_none() {
                 let detected = Instant::now();
                 let off = reading.wait_for(self.off(source)).await;
                 self.off_after = off.is_ok().then(|| detected.elapsed());
@@ -259,17 +261,17 @@ impl<'a> Run<'a> {
         let compliance = compliance.transpose()?;
         self.take(step, answer?)?;
         if let Some(compliance) = compliance {
-            self.heed(compliance, settled);
-            self.driven.unwatched = self.driven.now.filter(|_| self.on);
+            self.invalidate_by_compliance(compliance, settled);
+            self.driven.unqueried = self.driven.now.filter(|_| self.on);
         }
         Ok(())
     }
 
-    fn moved_to(&mut self, drive: Dipole, relays: &[Relay], settled: bool) {
-        self.driven = Driven {
+    fn set_drive(&mut self, drive: Dipole, relays: &[Relay], settled: bool) {
+        self.driven = DriveState {
             now: Some(drive),
-            unwatched: self.driven.unwatched,
-            turned: false,
+            unqueried: self.driven.unqueried,
+            reversed: false,
             settled,
             relays: relays.to_vec(),
         };
@@ -280,7 +282,7 @@ impl<'a> Run<'a> {
         &mut self,
         rig: &mut Instruments<C, W, V>,
     ) -> Result<(), RigError> {
-        let level = match (self.plan.zero, self.driven.turned) {
+        let level = match (self.plan.zero, self.driven.reversed) {
             (true, _) => Amps(0.0),
             (false, false) => self.plan.current,
             (false, true) => -self.plan.current,
@@ -333,12 +335,12 @@ async fn ask_voltmeter<V: Voltmeter>(
             voltmeter.scan_on(&channels).await
         }
         Step::Chain { routes } => {
-            let hop = |route: &Routed| Hop {
+            let one = |route: &Routed| ChainedReading {
                 moves: moves(&route.open, &route.close),
                 range: on(&route.range),
             };
-            let hops: Vec<Hop> = routes.iter().map(hop).collect();
-            voltmeter.chain(&hops).await
+            let chained: Vec<ChainedReading> = routes.iter().map(one).collect();
+            voltmeter.chain(&chained).await
         }
         Step::Read { range, .. } => Ok(vec![voltmeter.read_on(on(range)).await?]),
         _ => Ok(Vec::new()),

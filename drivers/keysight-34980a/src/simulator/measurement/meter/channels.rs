@@ -5,7 +5,7 @@ use survey::Relay;
 
 use crate::command::{Channels, Function, Quantity, Range, Setting};
 use crate::modules::Contact;
-use crate::simulator::errors::Trouble;
+use crate::simulator::errors::QueuedError;
 use crate::simulator::measurement::meter::Meter;
 use crate::simulator::measurement::setup::{Setup, Timing};
 use crate::simulator::relays::Relays;
@@ -19,14 +19,14 @@ impl Meter {
         range: Range,
         resolution: Option<Numeric>,
         channels: &Channels,
-    ) -> Result<usize, Trouble> {
+    ) -> Result<usize, QueuedError> {
         self.need_voltmeter()?;
         let setup = Setup::configured(range, resolution)?;
         if let Some(list) = channels {
             let list = self.arranged(relays, relays.expand(list)?)?;
             for relay in &list {
                 if let (_, Contact::Current { .. }) = relays.contact(*relay)? {
-                    return Err(Trouble::CHANNEL_UNABLE);
+                    return Err(QueuedError::CHANNEL_UNABLE);
                 }
             }
             // Removed first: `set_scan` would check sensing partners by the channels' old functions.
@@ -35,7 +35,7 @@ impl Meter {
             }
             self.set_scan(relays, list)?;
         }
-        self.form.fields.clear();
+        self.format.fields.clear();
         self.reset_samples();
         self.change(relays, channels, |target, _| {
             *target = setup;
@@ -49,7 +49,7 @@ impl Meter {
         relays: &Relays,
         setting: Setting,
         channels: &Channels,
-    ) -> Result<usize, Trouble> {
+    ) -> Result<usize, QueuedError> {
         let channels = self.channels_of(setting.quantity(), channels);
         let line_hz = self.line_hz;
         self.change(relays, &channels, |setup, timing| {
@@ -62,8 +62,8 @@ impl Meter {
         &mut self,
         relays: &Relays,
         channels: &Channels,
-        change: impl Fn(&mut Setup, Timing) -> Result<(), Trouble>,
-    ) -> Result<usize, Trouble> {
+        change: impl Fn(&mut Setup, Timing) -> Result<(), QueuedError>,
+    ) -> Result<usize, QueuedError> {
         self.need_voltmeter()?;
         let mut changed = Vec::new();
         for target in self.targets(relays, channels)? {
@@ -87,7 +87,7 @@ impl Meter {
         quantity: Quantity,
         limit: Option<Numeric>,
         channels: &Channels,
-    ) -> Result<String, Trouble> {
+    ) -> Result<String, QueuedError> {
         let channels = self.channels_of(quantity, channels);
         self.answers(relays, &channels, |target, setup| {
             let (_, timing, _) = self.plan(target, &setup);
@@ -100,11 +100,13 @@ impl Meter {
         &self,
         relays: &Relays,
         channels: &Channels,
-    ) -> Result<String, Trouble> {
+    ) -> Result<String, QueuedError> {
         self.answers(relays, channels, |target, setup| {
             Ok(match setup.function {
                 Function::DcVolts => setup.configuration(self.line_hz),
-                function => self.own(target, function).configuration(self.line_hz),
+                function => self
+                    .function_settings(target, function)
+                    .configuration(self.line_hz),
             })
         })
     }
@@ -113,11 +115,11 @@ impl Meter {
         &self,
         relays: &Relays,
         channels: &Channels,
-        answer: impl Fn(Option<Relay>, Setup) -> Result<String, Trouble>,
-    ) -> Result<String, Trouble> {
+        answer: impl Fn(Option<Relay>, Setup) -> Result<String, QueuedError>,
+    ) -> Result<String, QueuedError> {
         self.need_voltmeter()?;
         let targets = self.targets(relays, channels)?;
-        let answers: Result<Vec<String>, Trouble> = targets
+        let answers: Result<Vec<String>, QueuedError> = targets
             .into_iter()
             .map(|target| answer(target, self.setup(relays, target)))
             .collect();
@@ -141,7 +143,7 @@ impl Meter {
         &self,
         relays: &Relays,
         channels: &Channels,
-    ) -> Result<Vec<Option<Relay>>, Trouble> {
+    ) -> Result<Vec<Option<Relay>>, QueuedError> {
         let list = match channels {
             Some(list) => {
                 // Queries reply in the list's own order, provided all of it can be scanned.

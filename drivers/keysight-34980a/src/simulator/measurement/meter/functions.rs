@@ -3,10 +3,12 @@
 use scpi::{Numeric, ParseError};
 use survey::Relay;
 
-use crate::command::{Channels, Detail, Function, Given, Quantity, Setting, Wanted};
+use crate::command::{
+    Channels, Detail, Function, MeasurementRequest, Quantity, Setting, SettingValue,
+};
 use crate::modules::{Contact, Model};
-use crate::simulator::errors::Trouble;
-use crate::simulator::measurement::functions::Own;
+use crate::simulator::errors::QueuedError;
+use crate::simulator::measurement::functions::FunctionSettings;
 use crate::simulator::measurement::meter::Meter;
 use crate::simulator::measurement::run::Measured;
 use crate::simulator::measurement::setup::{Setup, Timing};
@@ -17,9 +19,9 @@ impl Meter {
     pub(crate) fn configure_function(
         &mut self,
         relays: &Relays,
-        wanted: Wanted,
+        request: MeasurementRequest,
         channels: &Channels,
-    ) -> Result<usize, Trouble> {
+    ) -> Result<usize, QueuedError> {
         self.need_voltmeter()?;
         let targets = match channels {
             Some(list) => {
@@ -34,21 +36,23 @@ impl Meter {
         };
         let mut new = Vec::new();
         for target in targets {
-            let own = self.own(target, wanted.function).configured(wanted)?;
-            permit(relays, target, own)?;
-            new.push((target, own));
+            let settings = self
+                .function_settings(target, request.function)
+                .configured(request)?;
+            permit(relays, target, settings)?;
+            new.push((target, settings));
         }
         if channels.is_some() {
             let list = new.iter().filter_map(|(target, _)| *target).collect();
             self.set_scan(relays, list)?;
         }
-        self.form.fields.clear();
+        self.format.fields.clear();
         self.reset_samples();
         self.memory.clear();
         let count = new.len();
-        for (target, own) in new {
-            self.others.insert(key(target, wanted.function), own);
-            self.put(target, Setup::default().measuring(wanted.function));
+        for (target, settings) in new {
+            self.others.insert(key(target, request.function), settings);
+            self.put(target, Setup::default().measuring(request.function));
         }
         Ok(count)
     }
@@ -59,11 +63,11 @@ impl Meter {
         relays: &Relays,
         function: Function,
         channels: &Channels,
-    ) -> Result<usize, Trouble> {
+    ) -> Result<usize, QueuedError> {
         self.need_voltmeter()?;
         let targets = self.targets(relays, channels)?;
         for target in &targets {
-            permit(relays, *target, self.own(*target, function))?;
+            permit(relays, *target, self.function_settings(*target, function))?;
         }
         self.memory.clear();
         for target in &targets {
@@ -74,7 +78,11 @@ impl Meter {
     }
 
     /// Reply with the selected function.
-    pub(crate) fn selected(&self, relays: &Relays, channels: &Channels) -> Result<String, Trouble> {
+    pub(crate) fn selected(
+        &self,
+        relays: &Relays,
+        channels: &Channels,
+    ) -> Result<String, QueuedError> {
         let name = |target, setup: Setup| {
             let _: Option<Relay> = target;
             Ok(format!("\"{}\"", setup.function.word()))
@@ -87,11 +95,11 @@ impl Meter {
         &mut self,
         relays: &Relays,
         (function, detail): (Function, Detail),
-        given: Given,
+        value: SettingValue,
         channels: &Channels,
-    ) -> Result<usize, Trouble> {
-        match (detail, given) {
-            (Detail::Autozero, Given::Switch(on)) => {
+    ) -> Result<usize, QueuedError> {
+        match (detail, value) {
+            (Detail::Autozero, SettingValue::Switch(on)) => {
                 return self.set(relays, Setting::Autozero(on), channels);
             }
             (Detail::Autozero, _) => return self.set(relays, Setting::AutozeroOnce, channels),
@@ -100,20 +108,20 @@ impl Meter {
         self.need_voltmeter()?;
         let mut new = Vec::new();
         for target in self.targets(relays, channels)? {
-            let mut own = self.own(target, function);
-            own.change(detail, given)?;
-            if (detail, given) == (Detail::JunctionSource, Given::Word("INT")) {
+            let mut settings = self.function_settings(target, function);
+            settings.change(detail, value)?;
+            if (detail, value) == (Detail::JunctionSource, SettingValue::Word("INT")) {
                 has_thermometer(relays, target)?;
             }
-            new.push((target, own));
+            new.push((target, settings));
         }
         self.memory.clear();
         let count = new.len();
         let times = matches!(detail, Detail::Nplc | Detail::Aperture | Detail::Resolution);
-        for (target, own) in new {
-            self.others.insert(key(target, function), own);
+        for (target, settings) in new {
+            self.others.insert(key(target, function), settings);
             let mut setup = self.setup(relays, target);
-            if times && setup.without_zero_below_a_cycle(own.cycles(self.line_hz)) {
+            if times && setup.without_zero_below_a_cycle(settings.cycles(self.line_hz)) {
                 self.put(target, setup);
             }
         }
@@ -127,12 +135,12 @@ impl Meter {
         (function, detail): (Function, Detail),
         limit: Option<Numeric>,
         channels: &Channels,
-    ) -> Result<String, Trouble> {
+    ) -> Result<String, QueuedError> {
         if detail == Detail::Autozero {
             return self.ask(relays, Quantity::Autozero, limit, channels);
         }
         self.answers(relays, channels, |target, _| {
-            self.own(target, function)
+            self.function_settings(target, function)
                 .answer(detail, limit, self.line_hz)
         })
     }
@@ -146,29 +154,40 @@ impl Meter {
                 setup.cycles(self.line_hz),
             ),
             function => {
-                let own = self.own(target, function);
-                let timing = own.timing(self.line_hz);
-                (Measured::Other(own), timing, own.cycles(self.line_hz))
+                let settings = self.function_settings(target, function);
+                let timing = settings.timing(self.line_hz);
+                (
+                    Measured::Other(settings),
+                    timing,
+                    settings.cycles(self.line_hz),
+                )
             }
         }
     }
 
-    pub(crate) fn own(&self, target: Option<Relay>, function: Function) -> Own {
-        let own = self.others.get(&key(target, function)).copied();
-        own.unwrap_or_else(|| Own::new(function))
+    pub(crate) fn function_settings(
+        &self,
+        target: Option<Relay>,
+        function: Function,
+    ) -> FunctionSettings {
+        let settings = self.others.get(&key(target, function)).copied();
+        settings
+            .unwrap_or_else(|| FunctionSettings::new(function))
             .measuring(function)
     }
 
     /// A channel that senses for another may not be in a scan list with it (+306).
-    pub(crate) fn check_pairs(&self, relays: &Relays, list: &[Relay]) -> Result<(), Trouble> {
+    pub(crate) fn check_pairs(&self, relays: &Relays, list: &[Relay]) -> Result<(), QueuedError> {
         for relay in list {
             let setup = self.setup(relays, Some(*relay));
             if setup.function != Function::DcVolts
-                && self.own(Some(*relay), setup.function).four_wire()
+                && self
+                    .function_settings(Some(*relay), setup.function)
+                    .four_wire()
                 && let Some(partner) = relays.partner(*relay)
                 && list.contains(&partner)
             {
-                return Err(Trouble::PART_OF_PAIR);
+                return Err(QueuedError::PART_OF_PAIR);
             }
         }
         Ok(())
@@ -185,26 +204,30 @@ fn key(target: Option<Relay>, function: Function) -> (Option<Relay>, Function) {
 
 /// Currents are measured on current channels only, and current channels measure nothing else; four-wire measurements
 /// begin in bank 1.
-fn permit(relays: &Relays, target: Option<Relay>, own: Own) -> Result<(), Trouble> {
+fn permit(
+    relays: &Relays,
+    target: Option<Relay>,
+    settings: FunctionSettings,
+) -> Result<(), QueuedError> {
     let Some(relay) = target else {
         return Ok(());
     };
     let (_, contact) = relays.contact(relay)?;
     let on_current = matches!(contact, Contact::Current { .. });
-    let current = matches!(own.function, Function::DcCurrent | Function::AcCurrent);
-    if on_current != current || (own.four_wire() && relays.partner(relay).is_none()) {
-        return Err(Trouble::CHANNEL_UNABLE);
+    let current = matches!(settings.function, Function::DcCurrent | Function::AcCurrent);
+    if on_current != current || (settings.four_wire() && relays.partner(relay).is_none()) {
+        return Err(QueuedError::CHANNEL_UNABLE);
     }
     Ok(())
 }
 
 /// Only the 34921A's terminal block contains a temperature sensor.
-fn has_thermometer(relays: &Relays, target: Option<Relay>) -> Result<(), Trouble> {
+fn has_thermometer(relays: &Relays, target: Option<Relay>) -> Result<(), QueuedError> {
     match target {
         None => Err(ParseError::SettingsConflict.into()),
         Some(relay) => match relays.contact(relay)?.0.model() {
             Model::M34921A => Ok(()),
-            _ => Err(Trouble::CHANNEL_UNABLE),
+            _ => Err(QueuedError::CHANNEL_UNABLE),
         },
     }
 }

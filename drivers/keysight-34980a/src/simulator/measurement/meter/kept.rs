@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use survey::Relay;
 
 use crate::command::{Function, TriggerSource};
-use crate::simulator::measurement::functions::Own;
-use crate::simulator::measurement::memory::Form;
+use crate::simulator::measurement::functions::FunctionSettings;
+use crate::simulator::measurement::memory::ReadingFormat;
 use crate::simulator::measurement::meter::Meter;
 use crate::simulator::measurement::setup::Setup;
 use crate::simulator::relays::Relays;
@@ -16,7 +16,7 @@ use crate::simulator::relays::Relays;
 pub(crate) struct Settings {
     bare: Setup,
     channels: BTreeMap<Relay, Setup>,
-    others: BTreeMap<(Option<Relay>, Function), Own>,
+    others: BTreeMap<(Option<Relay>, Function), FunctionSettings>,
     scan: Vec<Relay>,
     ordered: bool,
     source: TriggerSource,
@@ -24,7 +24,7 @@ pub(crate) struct Settings {
     count: Option<u32>,
     samples: u32,
     trigger_delay: Option<f64>,
-    form: Form,
+    format: ReadingFormat,
     threshold: u32,
 }
 
@@ -41,7 +41,7 @@ impl Meter {
             count: self.count,
             samples: self.samples,
             trigger_delay: self.trigger_delay,
-            form: self.form.clone(),
+            format: self.format.clone(),
             threshold: self.threshold,
         }
     }
@@ -59,14 +59,14 @@ impl Meter {
             count,
             samples,
             trigger_delay,
-            form,
+            format,
             threshold,
         } = kept;
         let is_there = |relay: &Relay| relays.contact(*relay).is_ok();
         (self.bare, self.ordered, self.source) = (bare, ordered, source);
         (self.timer, self.count, self.threshold) = (timer, count, threshold);
         (self.samples, self.trigger_delay) = (samples, trigger_delay);
-        self.form = form;
+        self.format = format;
         self.channels = channels;
         self.channels.retain(|relay, _| is_there(relay));
         self.others = others;

@@ -17,10 +17,10 @@ use crate::command::{
 };
 use crate::modules::Contact;
 use crate::simulator::Wires;
-use crate::simulator::errors::Trouble;
-use crate::simulator::measurement::functions::Own;
-use crate::simulator::measurement::memory::{Form, Memory};
-use crate::simulator::measurement::run::{Noticed, Pace, Run, Stop};
+use crate::simulator::errors::QueuedError;
+use crate::simulator::measurement::functions::FunctionSettings;
+use crate::simulator::measurement::memory::{Memory, ReadingFormat};
+use crate::simulator::measurement::run::{Run, ScanEntry, StatusEvents, SweepStart};
 use crate::simulator::measurement::setup::Setup;
 use crate::simulator::relays::Relays;
 
@@ -32,7 +32,7 @@ pub(crate) struct Meter {
     bare: Setup,
     channels: BTreeMap<Relay, Setup>,
     /// Settings of functions other than DC volts, where they have been set.
-    others: BTreeMap<(Option<Relay>, Function), Own>,
+    others: BTreeMap<(Option<Relay>, Function), FunctionSettings>,
     scan: Vec<Relay>,
     ordered: bool,
     source: TriggerSource,
@@ -44,7 +44,7 @@ pub(crate) struct Meter {
     samples: u32,
     /// Delay of the voltmeter alone, s; `None`: automatic.
     trigger_delay: Option<f64>,
-    pub(crate) form: Form,
+    pub(crate) format: ReadingFormat,
     threshold: u32,
     memory: Memory,
     run: Option<Run>,
@@ -52,7 +52,7 @@ pub(crate) struct Meter {
     began: Duration,
     /// Readings have been taken ahead of their time up to here.
     ahead: Duration,
-    noticed: Noticed,
+    noticed: StatusEvents,
 }
 
 impl Meter {
@@ -71,13 +71,13 @@ impl Meter {
             count: Some(1),
             samples: 1,
             trigger_delay: None,
-            form: Form::default(),
+            format: ReadingFormat::default(),
             threshold: 1,
             memory: Memory::new(memory),
             run: None,
             began: Duration::ZERO,
             ahead: Duration::ZERO,
-            noticed: Noticed::default(),
+            noticed: StatusEvents::default(),
         }
     }
 
@@ -97,10 +97,10 @@ impl Meter {
         self.installed
     }
 
-    fn need_voltmeter(&self) -> Result<(), Trouble> {
+    fn need_voltmeter(&self) -> Result<(), QueuedError> {
         match (self.installed, self.enabled) {
             (true, true) => Ok(()),
-            (true, false) => Err(Trouble::UNABLE),
+            (true, false) => Err(QueuedError::UNABLE),
             (false, _) => Err(ParseError::HardwareMissing.into()),
         }
     }
@@ -134,7 +134,7 @@ impl Meter {
         self.began
     }
 
-    pub(crate) fn take_noticed(&mut self) -> Noticed {
+    pub(crate) fn take_noticed(&mut self) -> StatusEvents {
         std::mem::take(&mut self.noticed)
     }
 
@@ -198,7 +198,7 @@ impl Meter {
         now: Duration,
         relays: &mut Relays,
         wires: &mut dyn Wires,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), QueuedError> {
         let pace = self.pace();
         self.begin(&self.scan.clone(), pace, self.count, now, relays, wires)
     }
@@ -210,10 +210,10 @@ impl Meter {
         now: Duration,
         relays: &mut Relays,
         wires: &mut dyn Wires,
-    ) -> Result<Duration, Trouble> {
+    ) -> Result<Duration, QueuedError> {
         let count = match self.count {
             Some(count) if !self.source.waits() => count,
-            _ => return Err(Trouble::DEADLOCK),
+            _ => return Err(QueuedError::DEADLOCK),
         };
         self.read_sweeps(list, self.pace(), count, now, relays, wires)
     }
@@ -225,25 +225,25 @@ impl Meter {
         now: Duration,
         relays: &mut Relays,
         wires: &mut dyn Wires,
-    ) -> Result<Duration, Trouble> {
+    ) -> Result<Duration, QueuedError> {
         let list = match scans {
             true => self.scan.clone(),
             false => Vec::new(),
         };
-        self.read_sweeps(&list, Pace::Continuous, 1, now, relays, wires)
+        self.read_sweeps(&list, SweepStart::Continuous, 1, now, relays, wires)
     }
 
     fn read_sweeps(
         &mut self,
         list: &[Relay],
-        pace: Pace,
+        pace: SweepStart,
         count: u32,
         now: Duration,
         relays: &mut Relays,
         wires: &mut dyn Wires,
-    ) -> Result<Duration, Trouble> {
+    ) -> Result<Duration, QueuedError> {
         if list.len().max(1) * count as usize * self.samples as usize > self.memory.most() {
-            return Err(Trouble::MEMORY);
+            return Err(QueuedError::MEMORY);
         }
         self.begin(list, pace, Some(count), now, relays, wires)?;
         // The measurement has an end: its sweeps are counted and wait for nothing.
@@ -261,12 +261,12 @@ impl Meter {
         self.run.is_some()
     }
 
-    fn pace(&self) -> Pace {
+    fn pace(&self) -> SweepStart {
         match self.source {
-            TriggerSource::Immediate => Pace::Continuous,
-            TriggerSource::Timer => Pace::Timer(survey::duration(self.timer)),
+            TriggerSource::Immediate => SweepStart::Continuous,
+            TriggerSource::Timer => SweepStart::Timer(survey::duration(self.timer)),
             TriggerSource::Bus | TriggerSource::External | TriggerSource::Alarm(_) => {
-                Pace::Triggered
+                SweepStart::Triggered
             }
         }
     }
@@ -274,23 +274,23 @@ impl Meter {
     fn begin(
         &mut self,
         list: &[Relay],
-        pace: Pace,
+        pace: SweepStart,
         sweeps: Option<u32>,
         now: Duration,
         relays: &mut Relays,
         wires: &mut dyn Wires,
-    ) -> Result<(), Trouble> {
+    ) -> Result<(), QueuedError> {
         self.need_voltmeter()?;
         if self.is_busy(now) {
             return Err(ParseError::InitIgnored.into());
         }
-        let stop = |channel: Option<Relay>| {
+        let entry = |channel: Option<Relay>| {
             let setup = self.setup(relays, channel);
             let (measured, timing, nplc) = self.plan(channel, &setup);
             let rate = channel
                 .and_then(|relay| relays.contact(relay).ok())
                 .and_then(|(module, _)| module.model().scan_rate());
-            Stop {
+            ScanEntry {
                 channel,
                 period: setup.period(timing, rate, self.line_hz),
                 nplc,
@@ -299,50 +299,54 @@ impl Meter {
             }
         };
         if list.len().max(1) * self.samples as usize > self.memory.most() {
-            return Err(Trouble::MEMORY);
+            return Err(QueuedError::MEMORY);
         }
         let first = if list.is_empty() {
-            let mut bare = stop(None);
+            let mut bare = entry(None);
             bare.period += survey::duration(self.trigger_delay.unwrap_or(0.0));
             vec![bare]
         } else {
-            list.iter().map(|relay| stop(Some(*relay))).collect()
+            list.iter().map(|relay| entry(Some(*relay))).collect()
         };
         // Further samples of a channel follow without its relays and its delay.
-        let stops: Vec<Stop> = first
+        let entries: Vec<ScanEntry> = first
             .into_iter()
-            .flat_map(|stop| {
-                let setup = self.setup(relays, stop.channel);
-                let (_, timing, _) = self.plan(stop.channel, &setup);
-                let more = Stop {
+            .flat_map(|entry| {
+                let setup = self.setup(relays, entry.channel);
+                let (_, timing, _) = self.plan(entry.channel, &setup);
+                let more = ScanEntry {
                     period: setup.period(timing, None, self.line_hz),
                     again: true,
-                    ..stop
+                    ..entry
                 };
                 let more = std::iter::repeat_n(more, self.samples as usize - 1);
-                std::iter::once(stop).chain(more)
+                std::iter::once(entry).chain(more)
             })
             .collect();
         if !list.is_empty() {
-            let sensing = stops
+            let sensing = entries
                 .iter()
-                .filter(|stop| stop.measured.four_wire())
-                .filter_map(|stop| relays.partner(stop.channel?));
+                .filter(|entry| entry.measured.four_wire())
+                .filter_map(|entry| relays.partner(entry.channel?));
             let banks: Vec<Relay> = list.iter().copied().chain(sensing).collect();
             relays.clear_for_scan(&banks);
             relays.tell(now, wires);
         }
         self.memory.clear();
-        let run = Run::new(stops, pace, sweeps, now);
+        let run = Run::new(entries, pace, sweeps, now);
         self.began = run.start();
         self.run = Some(run);
-        self.noticed.measured |= pace != Pace::Triggered;
+        self.noticed.measured |= pace != SweepStart::Triggered;
         self.advance(now, relays, wires);
         Ok(())
     }
 
     /// Receives a trigger from the bus or the rear input.
-    pub(crate) fn trigger(&mut self, from: TriggerSource, now: Duration) -> Result<(), Trouble> {
+    pub(crate) fn trigger(
+        &mut self,
+        from: TriggerSource,
+        now: Duration,
+    ) -> Result<(), QueuedError> {
         let taken = self.source == from && self.run.as_mut().is_some_and(|run| run.trigger(now));
         if taken {
             Ok(())
@@ -364,11 +368,11 @@ impl Meter {
         &self,
         relays: &Relays,
         list: Vec<Relay>,
-    ) -> Result<Vec<Relay>, Trouble> {
+    ) -> Result<Vec<Relay>, QueuedError> {
         for relay in &list {
             let (module, _) = relays.contact(*relay)?;
             if !module.scannable(relay.0 % 1000) {
-                return Err(Trouble::CHANNEL_UNABLE);
+                return Err(QueuedError::CHANNEL_UNABLE);
             }
         }
         Ok(if self.ordered {
@@ -379,7 +383,11 @@ impl Meter {
         })
     }
 
-    pub(crate) fn set_scan(&mut self, relays: &Relays, list: Vec<Relay>) -> Result<(), Trouble> {
+    pub(crate) fn set_scan(
+        &mut self,
+        relays: &Relays,
+        list: Vec<Relay>,
+    ) -> Result<(), QueuedError> {
         if list.len() > LONGEST_SCAN {
             return Err(ParseError::TooMuchData.into());
         }
@@ -390,7 +398,11 @@ impl Meter {
         Ok(())
     }
 
-    pub(crate) fn set_ordered(&mut self, relays: &Relays, ordered: bool) -> Result<(), Trouble> {
+    pub(crate) fn set_ordered(
+        &mut self,
+        relays: &Relays,
+        ordered: bool,
+    ) -> Result<(), QueuedError> {
         self.ordered = ordered;
         self.set_scan(relays, self.scan.clone())
     }

@@ -3,14 +3,14 @@
 
 mod couples;
 
-use crate::simulator::measurement::temperature::couples::{B, E, J, K, N, R, S, Stretch, T};
+use crate::simulator::measurement::temperature::couples::{B, CoupleSection, E, J, K, N, R, S, T};
 
 /// The additional term of type K above 0 degrees: a0 exp(a1 (t - a2)^2) mV.
 const K_EXPONENTIAL: [f64; 3] = [0.1185976, -0.0001183432, 126.9686];
 
 /// The sections of a thermocouple's function, and the lowest temperature used. Type B is used from 100 degrees: below,
 /// two temperatures give the same voltage.
-fn stretches(couple: &str) -> (&'static [Stretch], f64) {
+fn sections(couple: &str) -> (&'static [CoupleSection], f64) {
     let all = match couple {
         "B" => B,
         "E" => E,
@@ -32,7 +32,7 @@ fn stretches(couple: &str) -> (&'static [Stretch], f64) {
 
 /// Voltage of a thermocouple with its reference junction at 0 degrees, mV.
 fn millivolts(couple: &str, celsius: f64) -> f64 {
-    let (all, _) = stretches(couple);
+    let (all, _) = sections(couple);
     let stretch = all.iter().find(|(_, to, _)| celsius <= *to).or(all.last());
     let Some((_, _, coefficients)) = stretch else {
         return 0.0;
@@ -53,7 +53,7 @@ fn millivolts(couple: &str, celsius: f64) -> f64 {
 /// Temperature of a thermocouple, degrees Celsius, from its voltage and the temperature of its reference junction;
 /// infinite beyond its range.
 pub(crate) fn of_couple(couple: &str, volts: f64, junction: f64) -> f64 {
-    let (all, least) = stretches(couple);
+    let (all, least) = sections(couple);
     let most = all.last().map_or(0.0, |(_, to, _)| *to);
     let sought = volts * 1e3 + millivolts(couple, junction);
     between(least, most, |celsius| millivolts(couple, celsius) - sought)

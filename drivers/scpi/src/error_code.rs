@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_prints_as_the_error_queue_does() {
+    fn a_parse_error_prints_as_the_error_queue_does() {
         assert_eq!(
             ParseError::UndefinedHeader.to_string(),
             "-113,\"Undefined header\""
