@@ -44,7 +44,9 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
 pub use crate::events::kind::{EventRow, event_kinds};
-use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, make_safe_each};
+use crate::instruments::assembly::{
+    Assembled, AssemblyError, OnClosedRelays, assemble, make_safe_each,
+};
 use crate::instruments::identities::ExpectedIdentities;
 pub use crate::monitoring::metrics::{MetricRow, metrics};
 use crate::preparation::{FramesFrom, Prepared, prepare};
@@ -59,7 +61,7 @@ const CONFIGURATION: u8 = 78;
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
 /// Permissions removed from all files that the daemon creates: writing for the group, everything for others.
-const NOT_FOR_STRANGERS: Mode = Mode::WGRP.union(Mode::RWXO);
+const UMASK: Mode = Mode::WGRP.union(Mode::RWXO);
 /// An instrument does not reply, or could not be made safe.
 const INSTRUMENT: u8 = 5;
 
@@ -103,30 +105,30 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     }
     let prepared = match prepare(&args.config) {
         Ok(prepared) => prepared,
-        Err(problems) => return complain(&problems),
+        Err(problems) => return report_problems(&problems),
     };
     if args.check {
         let mut warnings = prepared.warnings();
-        warnings.extend(prepared.surroundings());
+        warnings.extend(prepared.machine_warnings());
         for warning in &warnings {
-            say(&format!("{}: warning: {warning}", args.config.display()));
+            print_line(&format!("{}: warning: {warning}", args.config.display()));
         }
         let found = match warnings.is_empty() {
             true => "no problem found",
             false => "no error found",
         };
-        say(&format!("{}: {found}", args.config.display()));
+        print_line(&format!("{}: {found}", args.config.display()));
         return ExitCode::SUCCESS;
     }
     if args.plan {
         return print_plan(&prepared, args.json);
     }
     // records are readable by their group and not by others, also if a user starts the daemon
-    let before = umask(NOT_FOR_STRANGERS);
-    umask(before | NOT_FOR_STRANGERS);
+    let before = umask(UMASK);
+    umask(before | UMASK);
     crate::panics::hook::install();
     let rig = match &prepared.frames {
-        FramesFrom::Rig(plan) if plan.bench.is_none() => Some(std::sync::Arc::clone(plan)),
+        FramesFrom::Rig(plan) if plan.simulation.is_none() => Some(std::sync::Arc::clone(plan)),
         _ => None,
     };
     let runtime = match tokio::runtime::Builder::new_multi_thread()
@@ -167,9 +169,9 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let panics = crate::panics::hook::listen();
     let transcript = rig::RingTranscript::new(prepared.setup.transcripts);
     let _lock = logbook::lock(&prepared.setup.record_directory).map_err(|error| chain(&error))?;
-    let records = tidied(prepared.setup.record_directory.clone()).await?;
+    let records = clean_index(prepared.setup.record_directory.clone()).await?;
     let clock = SystemClock::new();
-    let bench = prepared.bench()?;
+    let simulated_rig = prepared.simulated_rig()?;
     let identities = ExpectedIdentities::recall(&prepared.setup.record_directory)
         .map_err(|error| chain(&error))?;
     let mut locks = crate::instruments::lock::InstrumentLocks::default();
@@ -185,24 +187,29 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
         FramesFrom::Rig(plan) => {
             match assemble(
                 plan,
-                &bench,
+                &simulated_rig,
                 &transcript,
-                Closed::Refuse,
+                OnClosedRelays::Refuse,
                 identities.as_ref(),
             )
             .await
             {
                 Ok(assembled)
                     if assembled.closed.is_some()
-                        && is_left_by_us(&prepared, &assembled, &records) =>
+                        && is_left_by_killed_daemon(&prepared, &assembled, &records) =>
                 {
                     // closes its connections first: a source accepts only one
                     let was = assembled.closed.clone();
                     drop(assembled);
                     opened = was;
-                    let again =
-                        assemble(plan, &bench, &transcript, Closed::Open, identities.as_ref())
-                            .await;
+                    let again = assemble(
+                        plan,
+                        &simulated_rig,
+                        &transcript,
+                        OnClosedRelays::Open,
+                        identities.as_ref(),
+                    )
+                    .await;
                     Some(again.map_err(|error| chain(&error))?)
                 }
                 Ok(assembled) => Some(assembled),
@@ -220,7 +227,14 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let closed = assembled.as_ref().and_then(|rig| rig.closed.clone());
     let section = prepared.setup.config.bus.clone();
     let start = prepared.setup.config.schedule.start;
-    let controller = Controller::new(prepared, bench, assembled, records, transcript, clock);
+    let controller = Controller::new(
+        prepared,
+        simulated_rig,
+        assembled,
+        records,
+        transcript,
+        clock,
+    );
     controller.hold(locks);
     tokio::spawn(crate::session::panics::follow_panics(
         std::sync::Arc::clone(&controller),
@@ -256,7 +270,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     // a record that takes long to read delays neither readiness nor a stop
     let reads = controller.has_much_to_read();
     let goes_on = !reads && controller.resume_interrupted().await;
-    tracing::info!("ready on {}", listener.ways.join(", "));
+    tracing::info!("ready on {}", listener.descriptions.join(", "));
     if let Some(closed) = closed {
         let text = format!("the source is off, verified; nothing is measured: {closed}");
         controller
@@ -301,17 +315,17 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
 }
 
 /// The index of the record's directory, after removing what killed daemons left in it.
-async fn tidied(directory: std::path::PathBuf) -> Result<Records, String> {
+async fn clean_index(directory: std::path::PathBuf) -> Result<Records, String> {
     let read = move || {
         let records = Records::of(&directory);
-        let tidied = records.tidy();
-        (records, tidied)
+        let clean_index = records.tidy();
+        (records, clean_index)
     };
     let (records, outcome) = tokio::task::spawn_blocking(read)
         .await
         .map_err(|failure| format!("the record's directory could not be read: {failure}"))?;
-    let tidied = match outcome {
-        Ok(tidied) => tidied,
+    let clean_index = match outcome {
+        Ok(clean_index) => clean_index,
         Err(error) => {
             tracing::warn!("{}", chain(&error));
             return Ok(records);
@@ -324,23 +338,23 @@ async fn tidied(directory: std::path::PathBuf) -> Result<Records, String> {
             .collect();
         each.join(", ")
     };
-    if !tidied.removed.is_empty() {
+    if !clean_index.removed.is_empty() {
         tracing::warn!(
             "removed, because their writer was killed before anything was in them: {}",
-            names(&tidied.removed)
+            names(&clean_index.removed)
         );
     }
-    if !tidied.folded.is_empty() {
-        tracing::info!("journals folded into {}", names(&tidied.folded));
+    if !clean_index.folded.is_empty() {
+        tracing::info!("journals folded into {}", names(&clean_index.folded));
     }
-    for error in tidied.refused {
+    for error in clean_index.refused {
         tracing::warn!("{}", chain(&error));
     }
     Ok(records)
 }
 
 /// Whether a killed daemon explains closed relays: it recorded here with the same instruments, a short while ago.
-fn is_left_by_us(prepared: &Prepared, assembled: &Assembled, records: &Records) -> bool {
+fn is_left_by_killed_daemon(prepared: &Prepared, assembled: &Assembled, records: &Records) -> bool {
     let within_h = prepared.setup.config.record.resume_within_h;
     let now = SystemClock::new().wall();
     // a day more, in case the file system's clock differs
@@ -394,14 +408,14 @@ async fn reload(controller: &std::sync::Arc<Controller>) {
 /// `--safe-off`.
 async fn safe_off(prepared: &Prepared) -> Result<(), (u8, String)> {
     let FramesFrom::Rig(plan) = &prepared.frames else {
-        say("a recording has no source; there is nothing to switch off");
+        print_line("a recording has no source; there is nothing to switch off");
         return Ok(());
     };
-    let bench = prepared.bench().map_err(|text| (FAILED, text))?;
+    let simulated_rig = prepared.simulated_rig().map_err(|text| (FAILED, text))?;
     let mut failures = Vec::new();
-    for outcome in make_safe_each(plan, &bench).await {
+    for outcome in make_safe_each(plan, &simulated_rig).await {
         match outcome {
-            Ok(line) => say(&line),
+            Ok(line) => print_line(&line),
             Err(error) => failures.push(chain(&error)),
         }
     }
@@ -414,10 +428,10 @@ async fn safe_off(prepared: &Prepared) -> Result<(), (u8, String)> {
 
 fn print_config(args: &Args) -> ExitCode {
     match crate::preparation::load(&args.config) {
-        Err(problems) => complain(&problems),
+        Err(problems) => report_problems(&problems),
         Ok((_, config)) => match toml::to_string_pretty(&config) {
             Ok(text) => {
-                say(text.trim_end());
+                print_line(text.trim_end());
                 ExitCode::SUCCESS
             }
             Err(cause) => fail(&cause.to_string()),
@@ -453,7 +467,7 @@ fn print_found(addresses: &[String], json: bool) -> ExitCode {
     // a thread still waiting for replies must not keep the process alive
     runtime.shutdown_background();
     for line in crate::service::objects::report::found_lines(&found, json) {
-        say(&line);
+        print_line(&line);
     }
     ExitCode::SUCCESS
 }
@@ -484,11 +498,11 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
             "measuring": crate::service::objects::report::measuring(&plan.more),
             "lines": plan.lines,
         });
-        say(&object.to_string());
+        print_line(&object.to_string());
         return ExitCode::SUCCESS;
     }
-    say(rig.plan.to_string().trim_end());
-    say(&format!(
+    print_line(rig.plan.to_string().trim_end());
+    print_line(&format!(
         "{} steps, {} injections, {} relay moves, {} readings in {} messages, {:.2} s a frame",
         plan.steps,
         plan.injections,
@@ -498,9 +512,9 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
         plan.duration_s
     ));
     for (name, words) in crate::service::objects::report::measuring_words(&plan.more) {
-        say(&format!("{name}: {}", words.join(", ")));
+        print_line(&format!("{name}: {}", words.join(", ")));
     }
-    say(&format!(
+    print_line(&format!(
         "{} through {}, at most {}; limits: source {}, relays {} and {}; checked, nothing moved",
         rig.plan.current,
         rig.plan.wiring.name,
@@ -512,7 +526,7 @@ fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
     ExitCode::SUCCESS
 }
 
-fn complain(problems: &[Problem]) -> ExitCode {
+fn report_problems(problems: &[Problem]) -> ExitCode {
     for problem in problems {
         let problem = problem.to_string();
         let _ = writeln!(std::io::stderr(), "{}", survey::printable(&problem));
@@ -530,6 +544,6 @@ fn fail(text: &str) -> ExitCode {
 }
 
 /// Writes to standard output; a closed pipe is not an error.
-fn say(text: &str) {
+fn print_line(text: &str) {
     let _ = writeln!(std::io::stdout(), "{}", survey::printable_lines(text));
 }

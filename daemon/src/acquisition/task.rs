@@ -17,13 +17,13 @@ use crate::events::event::{BusEvent, Event};
 use crate::events::event_log::EventLog;
 use crate::instruments::assembly::AnyRig;
 use crate::instruments::rig_plan::RigPlan;
-use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
-use crate::recording::order::Order;
+use crate::monitoring::heartbeat::{Heartbeats, IdleOnDrop, Part};
+use crate::recording::recorder_message::RecorderMessage;
 use crate::recording::session_status::SessionStatus;
 use survey::error_chain as chain;
 
 /// Margin of the heartbeat beyond the longest time that a frame may take.
-const BEYOND_ITS_TIME: Duration = Duration::from_secs(120);
+const HEARTBEAT_MARGIN: Duration = Duration::from_secs(120);
 
 /// Where frames come from.
 pub(crate) enum FrameSource {
@@ -64,7 +64,7 @@ pub(crate) struct Acquisition {
     /// Speed of a recording; `None` for the configured one.
     pub speed: Option<f64>,
     pub clock: SystemClock,
-    pub recorder: mpsc::Sender<Order>,
+    pub recorder: mpsc::Sender<RecorderMessage>,
     /// Reports pauses and their ends.
     pub pauses: mpsc::Sender<Pause>,
     /// Transcript of the messages to and from the instruments.
@@ -106,7 +106,7 @@ impl AcquisitionProgress {
 }
 
 /// Why a wait ended.
-enum Waited {
+enum WaitEnd {
     Due,
     Stopped,
 }
@@ -118,7 +118,7 @@ impl Acquisition {
         if let (FrameSource::Recording(recording), None) = (&mut *source, self.progress.began) {
             recording.rewind(self.speed);
         }
-        let _rests = Rests(Arc::clone(&self.heartbeats), Part::Acquisition);
+        let _rests = IdleOnDrop(Arc::clone(&self.heartbeats), Part::Acquisition);
         let mut stop = self.status.stop_request();
         let mut suspend = self.status.suspend_request();
         let mut held = self.status.held();
@@ -128,8 +128,9 @@ impl Acquisition {
         loop {
             // one may begin while the other lasts
             while *suspend.borrow() || *held.borrow() {
-                let requested = self.sit_out(&mut suspend, &mut stop).await;
-                self.progress.shift += requested + self.sit_out(&mut held, &mut stop).await;
+                let requested = self.wait_while_suspended(&mut suspend, &mut stop).await;
+                self.progress.shift +=
+                    requested + self.wait_while_suspended(&mut held, &mut stop).await;
                 if stop.is_requested() {
                     break;
                 }
@@ -162,17 +163,17 @@ impl Acquisition {
             }
             let waited = match &mut grants {
                 Some(grants) => {
-                    self.heartbeats.rest(Part::Acquisition);
-                    granted(grants, taken, &mut stop).await
+                    self.heartbeats.set_idle(Part::Acquisition);
+                    wait_for_grant(grants, taken, &mut stop).await
                 }
                 None => self.until(due, &mut stop, &mut suspend, &mut held).await,
             };
             match waited {
-                Waited::Stopped => return AcquisitionEnd::Done(self.status.stop_reason()),
-                Waited::Due if *suspend.borrow() || *held.borrow() => continue,
-                Waited::Due => {}
+                WaitEnd::Stopped => return AcquisitionEnd::Done(self.status.stop_reason()),
+                WaitEnd::Due if *suspend.borrow() || *held.borrow() => continue,
+                WaitEnd::Due => {}
             }
-            self.promise(self.longest(source));
+            self.set_deadline(self.longest(source));
             let taken = match source {
                 FrameSource::Rig {
                     rig: Some(rig),
@@ -203,7 +204,10 @@ impl Acquisition {
             self.progress.taken += 1;
             self.progress.last = Some(due);
             self.status.count_acquired();
-            let handed_over = match self.recorder.try_send(Order::Frame(Box::new(frame))) {
+            let handed_over = match self
+                .recorder
+                .try_send(RecorderMessage::Frame(Box::new(frame)))
+            {
                 Ok(()) => true,
                 Err(TrySendError::Closed(_)) => false,
                 Err(TrySendError::Full(frame)) => match source {
@@ -217,9 +221,9 @@ impl Acquisition {
         }
     }
 
-    fn promise(&self, within: Duration) {
+    fn set_deadline(&self, within: Duration) {
         let now = self.clock.monotonic();
-        self.heartbeats.promise(Part::Acquisition, now, within);
+        self.heartbeats.set_deadline(Part::Acquisition, now, within);
     }
 
     /// The longest time that a frame may take; beyond it, something hangs that no I/O timeout has ended.
@@ -232,7 +236,7 @@ impl Acquisition {
             }
             FrameSource::Recording(_) => Duration::ZERO,
         };
-        planned.saturating_mul(4).saturating_add(BEYOND_ITS_TIME)
+        planned.saturating_mul(4).saturating_add(HEARTBEAT_MARGIN)
     }
 
     /// Reports events about ranges and offsets, and the changed plan.
@@ -243,15 +247,15 @@ impl Acquisition {
             self.plan.send_replace(self.measuring.now());
             self.events.publish(&BusEvent::Happened(event.clone()));
             // a recorder that has ended is noticed at the next frame
-            let _ = self.recorder.send(Order::Event(event)).await;
+            let _ = self.recorder.send(RecorderMessage::Event(event)).await;
         }
     }
 
     /// Waits for the logbook to accept the frame, the only sink that may delay acquisition: between frames, with the
     /// source off, and reported. Returns whether it accepted the frame.
-    async fn wait_for_the_logbook(&self, frame: Order) -> bool {
+    async fn wait_for_the_logbook(&self, frame: RecorderMessage) -> bool {
         // the record has its own heartbeat
-        self.heartbeats.rest(Part::Acquisition);
+        self.heartbeats.set_idle(Part::Acquisition);
         self.report_pause(true).await;
         self.status.set_suspended(true);
         self.status
@@ -285,16 +289,20 @@ impl Acquisition {
         let at = self.clock.wall();
         // a recorder that has ended is noticed at the next frame
         let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
-        let _ = self.recorder.send(Order::Event(event)).await;
+        let _ = self.recorder.send(RecorderMessage::Event(event)).await;
     }
 
     /// Waits while suspended; returns the duration.
-    async fn sit_out(&self, suspend: &mut watch::Receiver<bool>, stop: &mut Stop) -> Duration {
+    async fn wait_while_suspended(
+        &self,
+        suspend: &mut watch::Receiver<bool>,
+        stop: &mut Stop,
+    ) -> Duration {
         if !*suspend.borrow() {
             return Duration::ZERO;
         }
         let from = self.clock.monotonic();
-        self.heartbeats.rest(Part::Acquisition);
+        self.heartbeats.set_idle(Part::Acquisition);
         // the daemon's state changes first: a client that sees the session suspended also finds the daemon suspended
         self.report_pause(true).await;
         self.status.set_suspended(true);
@@ -313,33 +321,33 @@ impl Acquisition {
         stop: &mut Stop,
         suspend: &mut watch::Receiver<bool>,
         held: &mut watch::Receiver<bool>,
-    ) -> Waited {
+    ) -> WaitEnd {
         let wait = due.saturating_sub(self.clock.monotonic());
-        self.promise(wait.saturating_add(BEYOND_ITS_TIME));
+        self.set_deadline(wait.saturating_add(HEARTBEAT_MARGIN));
         if wait.is_zero() {
             // lets others run between frames that are back to back
             tokio::task::yield_now().await;
             return if stop.is_requested() {
-                Waited::Stopped
+                WaitEnd::Stopped
             } else {
-                Waited::Due
+                WaitEnd::Due
             };
         }
         tokio::select! {
-            () = stop.requested() => Waited::Stopped,
-            _ = suspend.wait_for(|suspended| *suspended) => Waited::Due,
-            _ = held.wait_for(|held| *held) => Waited::Due,
-            () = tokio::time::sleep(wait) => Waited::Due,
+            () = stop.requested() => WaitEnd::Stopped,
+            _ = suspend.wait_for(|suspended| *suspended) => WaitEnd::Due,
+            _ = held.wait_for(|held| *held) => WaitEnd::Due,
+            () = tokio::time::sleep(wait) => WaitEnd::Due,
         }
     }
 }
 
-async fn granted(grants: &mut watch::Receiver<u64>, taken: u64, stop: &mut Stop) -> Waited {
+async fn wait_for_grant(grants: &mut watch::Receiver<u64>, taken: u64, stop: &mut Stop) -> WaitEnd {
     tokio::select! {
-        () = stop.requested() => Waited::Stopped,
+        () = stop.requested() => WaitEnd::Stopped,
         granted = grants.wait_for(|granted| *granted > taken) => match granted {
-            Ok(_) => Waited::Due,
-            Err(_) => Waited::Stopped,
+            Ok(_) => WaitEnd::Due,
+            Err(_) => WaitEnd::Stopped,
         },
     }
 }

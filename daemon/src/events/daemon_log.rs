@@ -12,7 +12,7 @@ use survey::error_chain as chain;
 /// Events that may wait for the disk; further ones are counted.
 const QUEUE: usize = 256;
 /// Longest wait for the last events on shutdown.
-const PATIENCE: Duration = Duration::from_secs(2);
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Sends events to the daemon log.
 #[derive(Debug)]
@@ -74,7 +74,7 @@ impl DaemonLogWriter {
             .take();
         if let Some(Writer { queue, done }) = writer {
             drop(queue);
-            let _ = tokio::time::timeout(PATIENCE, done).await;
+            let _ = tokio::time::timeout(CLOSE_TIMEOUT, done).await;
         }
     }
 }

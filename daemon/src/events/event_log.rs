@@ -15,8 +15,8 @@ use crate::events::rate_limit::RateLimit;
 /// Events that may wait for one connection; it loses further ones, and will soon be closed as unresponsive.
 const QUEUE: usize = 256;
 /// Number of checks on shutdown whether every queue is empty, and the time between them.
-const FLUSH_LOOKS: usize = 50;
-const BETWEEN_LOOKS: Duration = Duration::from_millis(10);
+const FLUSH_CHECKS: usize = 50;
+const FLUSH_CHECK_INTERVAL: Duration = Duration::from_millis(10);
 
 /// Reports events; clones report to the same destinations. No call blocks.
 #[derive(Debug, Clone)]
@@ -79,14 +79,14 @@ impl EventLog {
 
     /// Waits until every connection has received its events and the daemon log is on disk, for a limited time.
     pub(crate) async fn close(&self) {
-        for _ in 0..FLUSH_LOOKS {
+        for _ in 0..FLUSH_CHECKS {
             let sent = |connection: &mpsc::Sender<BusEvent>| {
                 connection.capacity() == QUEUE || connection.is_closed()
             };
             if self.connections().iter().all(sent) {
                 break;
             }
-            tokio::time::sleep(BETWEEN_LOOKS).await;
+            tokio::time::sleep(FLUSH_CHECK_INTERVAL).await;
         }
         self.0.daemon_log.close().await;
     }

@@ -10,7 +10,7 @@ use tokio::time::Instant;
 use crate::events::kind::{Description, EventKind, Severity};
 
 /// Period in which one kind is not logged again.
-pub(crate) const AGAIN: Duration = Duration::from_secs(600);
+pub(crate) const REPEAT_INTERVAL: Duration = Duration::from_secs(600);
 
 /// Whether an event is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,7 +18,7 @@ enum Decision {
     Write,
     /// With the number suppressed since the last one.
     WriteWith(u64),
-    LeaveOut,
+    Suppress,
 }
 
 /// State of the rate limit, by kind.
@@ -44,7 +44,7 @@ impl RateLimit {
                 let text = format!("{text} (and {})", left_out(more));
                 journal(kind, session, &text);
             }
-            Decision::LeaveOut => {}
+            Decision::Suppress => {}
         }
     }
 
@@ -53,7 +53,7 @@ impl RateLimit {
         let now = Instant::now();
         let mut due = Vec::new();
         self.kinds().retain(|kind, written| {
-            if now.duration_since(written.at) < AGAIN {
+            if now.duration_since(written.at) < REPEAT_INTERVAL {
                 return true;
             }
             if written.more > 0 {
@@ -79,9 +79,9 @@ impl RateLimit {
             kinds.insert(kind, Written { at: now, more: 0 });
             return Decision::Write;
         };
-        if now.duration_since(written.at) < AGAIN {
+        if now.duration_since(written.at) < REPEAT_INTERVAL {
             written.more += 1;
-            return Decision::LeaveOut;
+            return Decision::Suppress;
         }
         let more = std::mem::take(&mut written.more);
         written.at = now;
@@ -98,7 +98,10 @@ impl RateLimit {
 }
 
 fn left_out(more: u64) -> String {
-    format!("{more} more in the last {} minutes", AGAIN.as_secs() / 60)
+    format!(
+        "{more} more in the last {} minutes",
+        REPEAT_INTERVAL.as_secs() / 60
+    )
 }
 
 fn journal(kind: EventKind, session: Option<&str>, text: &str) {
@@ -167,7 +170,7 @@ mod tests {
         assert_eq!(lines.len(), 2, "{lines:#?}");
         assert!(lines[0].contains("frame 0 failed") && lines[0].contains("ERROR"));
         // no summary before it is due
-        tokio::time::advance(AGAIN - Duration::from_secs(1)).await;
+        tokio::time::advance(REPEAT_INTERVAL - Duration::from_secs(1)).await;
         rate_limit.catch_up();
         assert!(journal.lines().is_empty());
         tokio::time::advance(Duration::from_secs(1)).await;
@@ -180,7 +183,7 @@ mod tests {
         // the last event of a burst is reported, though nothing follows it
         rate_limit.log(EventKind::FrameFailed, Some("m1"), "frame 301 failed");
         assert!(journal.lines().is_empty());
-        tokio::time::advance(AGAIN).await;
+        tokio::time::advance(REPEAT_INTERVAL).await;
         rate_limit.catch_up();
         let lines = journal.lines();
         assert_eq!(lines.len(), 1, "{lines:?}");
@@ -188,7 +191,7 @@ mod tests {
             lines[0].contains("frame-failed: 1 more in the last 10 minutes"),
             "{lines:?}"
         );
-        tokio::time::advance(AGAIN).await;
+        tokio::time::advance(REPEAT_INTERVAL).await;
         rate_limit.catch_up();
         assert!(journal.lines().is_empty(), "silence is not told again");
         // after a pause an event is logged at once again

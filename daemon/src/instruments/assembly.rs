@@ -21,9 +21,9 @@ use crate::instruments::simulation::SimulatedRig;
 use survey::printable_within;
 
 /// Timeout of a connection.
-const TO_CONNECT: Duration = Duration::from_secs(5);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 /// A board restarts when its port is opened; it sends a message when it is ready.
-const TO_WAKE_UP: Duration = Duration::from_secs(2);
+const RESTART_TIMEOUT: Duration = Duration::from_secs(2);
 
 type Source = Keithley6221<BoxStream>;
 type Mainframe = Keysight34980a<BoxStream>;
@@ -39,13 +39,13 @@ pub(crate) struct Assembled {
     pub rig: AnyRig,
     /// The instruments and modules that were found.
     pub identities: ExpectedIdentities,
-    /// Why measurements are refused: relays found closed, with [`Closed::Refuse`].
+    /// Why measurements are refused: relays found closed, with [`OnClosedRelays::Refuse`].
     pub closed: Option<String>,
 }
 
 /// What to do with relays that are found closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Closed {
+pub(crate) enum OnClosedRelays {
     /// Leave them: this daemon did not close them, and an operator must find out why.
     Refuse,
     /// Open and verify them: this daemon left them closed when it lost the rig.
@@ -161,17 +161,14 @@ impl AnyRig {
     }
 }
 
-/// The simulated rig behind the simulated instruments; `None` if there are none.
-pub(crate) type Bench = Option<SimulatedRig>;
-
 /// Connects to every instrument, compares them with `identities`, checks the wiring against the modules, makes the rig
 /// safe, applies the settings and verifies them. The source is verified off before any other instrument is queried. An
 /// unexpected instrument receives no command.
 pub(crate) async fn assemble(
     plan: &RigPlan,
-    bench: &Bench,
+    simulated_rig: &Option<SimulatedRig>,
     transcript: &RingTranscript,
-    when_closed: Closed,
+    when_closed: OnClosedRelays,
     identities: Option<&ExpectedIdentities>,
 ) -> Result<Assembled, AssemblyError> {
     transcript.open();
@@ -180,7 +177,7 @@ pub(crate) async fn assemble(
         .iter()
         .any(|(place, _)| *place == InstrumentAddress::Simulated);
     let wiring = &plan.plan.wiring;
-    let mut source = connect_source(plan, bench, Some(transcript)).await?;
+    let mut source = connect_source(plan, simulated_rig, Some(transcript)).await?;
     // the source is off before the other instruments are queried
     let found = |role, identity: &str, place: &InstrumentAddress| Connected {
         role,
@@ -200,7 +197,7 @@ pub(crate) async fn assemble(
                 cause,
             })?;
     }
-    let mainframe = connect_mainframe(plan, bench, Some(transcript)).await?;
+    let mainframe = connect_mainframe(plan, simulated_rig, Some(transcript)).await?;
     let modules = (1..)
         .zip(mainframe.cards())
         .filter_map(|(slot, card)| Some(format!("{slot}: {}", card.as_deref()?)))
@@ -217,7 +214,7 @@ pub(crate) async fn assemble(
         .map(|card| card.trim_end().to_owned())
         .collect();
     let board = match plan.has_board() {
-        true => Some(connect_board(plan, bench, Some(transcript)).await?),
+        true => Some(connect_board(plan, simulated_rig, Some(transcript)).await?),
         false => None,
     };
     let mainframe_is = |role| found(role, mainframe.identity(), &places.voltmeter.0);
@@ -268,7 +265,7 @@ pub(crate) async fn assemble(
             });
         }
     };
-    let closed = closed.filter(|_| when_closed == Closed::Refuse);
+    let closed = closed.filter(|_| when_closed == OnClosedRelays::Refuse);
     if closed.is_none() {
         rig.safe_off(wiring).await.map_err(AssemblyError::Unsafe)?;
         rig.prepare(&plan.plan, plan.meter)
@@ -286,10 +283,10 @@ pub(crate) async fn assemble(
 /// other from being made safe. Returns a line for each.
 pub(crate) async fn make_safe_each(
     plan: &RigPlan,
-    bench: &Bench,
+    simulated_rig: &Option<SimulatedRig>,
 ) -> Vec<Result<String, AssemblyError>> {
     let source = async {
-        let mut source = connect_source(plan, bench, None).await?;
+        let mut source = connect_source(plan, simulated_rig, None).await?;
         let place = plan.instruments.source.0.clone();
         source
             .off()
@@ -301,21 +298,24 @@ pub(crate) async fn make_safe_each(
             })?;
         Ok(format!("source off, verified: {}", source.identity()))
     };
-    vec![source.await, relays_open(plan, bench).await]
+    vec![source.await, relays_open(plan, simulated_rig).await]
 }
 
-async fn relays_open(plan: &RigPlan, bench: &Bench) -> Result<String, AssemblyError> {
+async fn relays_open(
+    plan: &RigPlan,
+    simulated_rig: &Option<SimulatedRig>,
+) -> Result<String, AssemblyError> {
     let wiring = &plan.plan.wiring;
     let mut relays = wiring.injecting_relays();
     relays.extend(wiring.measuring_relays());
     relays.extend(&wiring.bus);
     let (found, opened, identity) = if plan.has_board() {
-        let mut board = connect_board(plan, bench, None).await?;
+        let mut board = connect_board(plan, simulated_rig, None).await?;
         let found = find_closed(&mut board, wiring).await;
         let opened = board.open_verified(&relays).await;
         (found, opened, board.identity().to_owned())
     } else {
-        let mut mainframe = connect_mainframe(plan, bench, None).await?;
+        let mut mainframe = connect_mainframe(plan, simulated_rig, None).await?;
         let found = find_closed(&mut mainframe, wiring).await;
         let opened = mainframe.open_verified(&relays).await;
         (found, opened, mainframe.identity().to_owned())
@@ -336,20 +336,23 @@ async fn relays_open(plan: &RigPlan, bench: &Bench) -> Result<String, AssemblyEr
 }
 
 /// Opens the relays only, if the source cannot be reached: no current reaches the sheet through open relays.
-pub(crate) async fn open_relays(plan: &RigPlan, bench: &Bench) -> Result<(), AssemblyError> {
-    relays_open(plan, bench).await.map(drop)
+pub(crate) async fn open_relays(
+    plan: &RigPlan,
+    simulated_rig: &Option<SimulatedRig>,
+) -> Result<(), AssemblyError> {
+    relays_open(plan, simulated_rig).await.map(drop)
 }
 
 async fn connect_source(
     plan: &RigPlan,
-    bench: &Bench,
+    simulated_rig: &Option<SimulatedRig>,
     transcript: Option<&RingTranscript>,
 ) -> Result<Source, AssemblyError> {
     let (place, deadline) = &plan.instruments.source;
     let stream = open(
         "source",
         place,
-        bench.as_ref().map(SimulatedRig::connect_6221),
+        simulated_rig.as_ref().map(SimulatedRig::connect_6221),
     )
     .await?;
     let link = Link::new(stream, format!("6221 ({place})"), *deadline);
@@ -365,14 +368,14 @@ async fn connect_source(
 
 async fn connect_mainframe(
     plan: &RigPlan,
-    bench: &Bench,
+    simulated_rig: &Option<SimulatedRig>,
     transcript: Option<&RingTranscript>,
 ) -> Result<Mainframe, AssemblyError> {
     let (place, deadline) = &plan.instruments.voltmeter;
     let stream = open(
         "voltmeter",
         place,
-        bench.as_ref().map(SimulatedRig::connect_34980a),
+        simulated_rig.as_ref().map(SimulatedRig::connect_34980a),
     )
     .await?;
     let link = Link::new(stream, format!("34980A ({place})"), *deadline);
@@ -388,7 +391,7 @@ async fn connect_mainframe(
 
 async fn connect_board(
     plan: &RigPlan,
-    bench: &Bench,
+    simulated_rig: &Option<SimulatedRig>,
     transcript: Option<&RingTranscript>,
 ) -> Result<Multiplexer, AssemblyError> {
     let (place, deadline) = &plan.instruments.switch;
@@ -405,11 +408,11 @@ async fn connect_board(
     let mut stream = open(
         "switch",
         place,
-        bench.as_ref().map(SimulatedRig::connect_gpio),
+        simulated_rig.as_ref().map(SimulatedRig::connect_gpio),
     )
     .await?;
     if matches!(place, InstrumentAddress::Serial { .. }) {
-        let banner = gpio_mux::await_banner(&mut stream, TO_WAKE_UP).await;
+        let banner = gpio_mux::await_banner(&mut stream, RESTART_TIMEOUT).await;
         tracing::debug!(?banner, "multiplexer board");
     }
     let link = Link::new(stream, format!("gpio board ({place})"), *deadline);
@@ -433,9 +436,9 @@ async fn open(
 ) -> Result<BoxStream, AssemblyError> {
     let opened = match place {
         InstrumentAddress::Simulated => {
-            return Ok(simulated.expect("a plan with a simulated place has a bench"));
+            return Ok(simulated.expect("a plan with a simulated place has a simulated rig"));
         }
-        InstrumentAddress::Tcp(address) => rig::connect_tcp(address, TO_CONNECT).await,
+        InstrumentAddress::Tcp(address) => rig::connect_tcp(address, CONNECT_TIMEOUT).await,
         InstrumentAddress::Serial { path, baud } => {
             rig::open_serial(path, baud.unwrap_or_else(|| InstrumentAddress::baud(role)))
         }

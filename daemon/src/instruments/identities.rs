@@ -16,7 +16,7 @@ const FILE: &str = "known-instruments.json";
 const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 
 /// The required action of a user if another instrument is found.
-pub(crate) const UNTIL_AGREED: &str =
+pub(crate) const ACCEPT_HINT: &str =
     "nothing is measured with it until a person runs `tactus instruments accept`";
 
 /// One instrument as found.
@@ -81,14 +81,14 @@ pub(crate) enum IdentitiesError {
 /// The file format.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Kept {
-    instruments: Vec<KeptInstrument>,
+struct StoredIdentities {
+    instruments: Vec<StoredInstrument>,
     cards: Vec<String>,
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct KeptInstrument {
+struct StoredInstrument {
     role: String,
     identity: String,
     address: String,
@@ -167,7 +167,7 @@ impl ExpectedIdentities {
                 });
             }
         };
-        let kept: Kept = serde_json::from_str(&text)
+        let kept: StoredIdentities = serde_json::from_str(&text)
             .map_err(|source| IdentitiesError::Damaged { path, source })?;
         let instruments = kept.instruments.into_iter().filter_map(|kept| {
             Some(Connected {
@@ -190,9 +190,9 @@ impl ExpectedIdentities {
     /// A disk error.
     pub(crate) fn keep(&self, directory: &Path) -> Result<(), IdentitiesError> {
         let real = self.instruments.iter().filter(|found| !found.simulated);
-        let kept = Kept {
+        let kept = StoredIdentities {
             instruments: real
-                .map(|found| KeptInstrument {
+                .map(|found| StoredInstrument {
                     role: found.role.to_owned(),
                     identity: found.identity.clone(),
                     address: found.address.clone(),

@@ -10,7 +10,7 @@ use crate::instruments::rig_plan::RigPlan;
 use survey::error_chain as chain;
 
 /// First and longest time between attempts; the time doubles.
-const AGAIN: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(2));
+const RETRY_INTERVALS: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(2));
 
 /// Runs `life` to its end; `None` if it panicked and the instruments of `rig`, if any, have been switched off over new
 /// connections.
@@ -35,7 +35,7 @@ pub(crate) fn run<T>(
 
 /// Makes both halves safe; a 6221 may keep its only connection occupied for a while.
 async fn last_resort(rig: &RigPlan) {
-    let mut pause = AGAIN.0;
+    let mut pause = RETRY_INTERVALS.0;
     loop {
         let outcomes = make_safe_each(rig, &None).await;
         let done = outcomes.iter().all(Result::is_ok);
@@ -45,7 +45,7 @@ async fn last_resort(rig: &RigPlan) {
                 Err(error) => tracing::error!("{}", chain(&error)),
             }
         }
-        if done || pause > AGAIN.1 {
+        if done || pause > RETRY_INTERVALS.1 {
             return;
         }
         tokio::time::sleep(pause).await;

@@ -10,7 +10,7 @@ use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 
 use crate::instruments::address::InstrumentAddress;
-use crate::instruments::rig_plan::Places;
+use crate::instruments::rig_plan::InstrumentAddresses;
 
 /// Another process uses an instrument.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -33,7 +33,7 @@ impl InstrumentLocks {
     ///
     /// # Errors
     /// Another daemon holds one of them; then nothing has changed.
-    pub(crate) fn take(&mut self, places: &Places) -> Result<(), InUse> {
+    pub(crate) fn take(&mut self, places: &InstrumentAddresses) -> Result<(), InUse> {
         let roles = [
             ("source", &places.source.0),
             ("switch", &places.switch.0),
@@ -49,7 +49,7 @@ impl InstrumentLocks {
             if self.0.contains_key(&name) || new.contains_key(&name) {
                 continue;
             }
-            let held = claim(&name).map_err(|pid| InUse {
+            let held = acquire_lock(&name).map_err(|pid| InUse {
                 role,
                 place: place.to_string(),
                 pid,
@@ -86,7 +86,7 @@ fn name(place: &InstrumentAddress) -> Option<String> {
 }
 
 /// Takes a lock; fails with the process that holds it, if the kernel reports it.
-fn claim(name: &str) -> Result<UnixListener, Option<u32>> {
+fn acquire_lock(name: &str) -> Result<UnixListener, Option<u32>> {
     let name = format!("tactus instrument {name}");
     let address = SocketAddr::from_abstract_name(name).map_err(|_| None)?;
     UnixListener::bind_addr(&address).map_err(|_| {
@@ -103,9 +103,9 @@ mod tests {
     use crate::instruments::lock::*;
     use config::EnableName;
 
-    fn places(source: &str, mainframe: &str) -> Places {
+    fn places(source: &str, mainframe: &str) -> InstrumentAddresses {
         let place = |text: &str| (text.parse().unwrap(), Duration::ZERO);
-        Places {
+        InstrumentAddresses {
             source: place(source),
             switch: place(mainframe),
             voltmeter: place(mainframe),

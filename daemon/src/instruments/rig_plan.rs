@@ -27,8 +27,8 @@ pub(crate) struct RigPlan {
     pub half: bool,
     /// The required modules by slot; none with a multiplexer board.
     pub modules: BTreeMap<u32, keysight_34980a::Module>,
-    pub instruments: Places,
-    pub bench: Option<(Profile, Scene)>,
+    pub instruments: InstrumentAddresses,
+    pub simulation: Option<(Profile, Scene)>,
 }
 
 impl RigPlan {
@@ -77,7 +77,7 @@ impl RigPlan {
 
 /// Addresses of the instruments, and their reply timeouts.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Places {
+pub(crate) struct InstrumentAddresses {
     pub source: (InstrumentAddress, Duration),
     pub switch: (InstrumentAddress, Duration),
     pub voltmeter: (InstrumentAddress, Duration),

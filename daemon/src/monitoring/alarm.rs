@@ -70,7 +70,7 @@ impl Alarm {
     /// Returns the notifications that are due. `alarms`: active. `lingering`: still active under the (wider) reset
     /// limits. `unsure`: no data; neither raised nor cleared. The beginning of a kind is notified at most once in
     /// `again`.
-    pub(crate) fn judge(
+    pub(crate) fn evaluate(
         &mut self,
         now: Instant,
         alarms: &[ActiveAlarm],
@@ -165,7 +165,7 @@ mod tests {
             let now = begin + Duration::from_secs(second);
             let alarms = if there { disk("3 days") } else { Vec::new() };
             let wider = if stays { disk("3 days") } else { Vec::new() };
-            for message in alarm.judge(now, &alarms, &wider, &[], AGAIN) {
+            for message in alarm.evaluate(now, &alarms, &wider, &[], AGAIN) {
                 reported.push((message.phase, message.text));
             }
         }
@@ -214,13 +214,13 @@ mod tests {
         let mut alarm = Alarm::default();
         let now = Instant::now();
         let unsure = ["disk-days"];
-        assert!(alarm.judge(now, &[], &[], &unsure, AGAIN).is_empty());
-        assert_eq!(alarm.judge(now, &disk("x"), &[], &[], AGAIN).len(), 1);
+        assert!(alarm.evaluate(now, &[], &[], &unsure, AGAIN).is_empty());
+        assert_eq!(alarm.evaluate(now, &disk("x"), &[], &[], AGAIN).len(), 1);
         for minutes in 1..10 {
             let later = now + Duration::from_secs(60 * minutes - 1);
-            assert!(alarm.judge(later, &[], &[], &unsure, AGAIN).is_empty());
+            assert!(alarm.evaluate(later, &[], &[], &unsure, AGAIN).is_empty());
         }
         let later = now + Duration::from_secs(3600);
-        assert_eq!(alarm.judge(later, &[], &[], &[], AGAIN).len(), 1);
+        assert_eq!(alarm.evaluate(later, &[], &[], &[], AGAIN).len(), 1);
     }
 }

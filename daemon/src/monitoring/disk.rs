@@ -16,11 +16,11 @@ pub(crate) fn free_bytes(folder: &Path) -> std::io::Result<u64> {
 }
 
 /// Time for which a measurement is reused.
-const GOOD_FOR: Duration = Duration::from_secs(5);
+const CACHE_TIME: Duration = Duration::from_secs(5);
 /// Timeout of a query to the disk.
-const PATIENCE: Duration = Duration::from_secs(2);
+const QUERY_TIMEOUT: Duration = Duration::from_secs(2);
 /// Frames before a rate is given: a file grows by pages, and this many frames fill more than ten.
-const ENOUGH: u64 = 100;
+const RATE_FRAMES: u64 = 100;
 
 const DAY_S: f64 = 86_400.0;
 
@@ -44,13 +44,13 @@ impl FreeSpace {
 /// Queries the disk, one query at a time, and remembers the start of the rate measurement.
 #[derive(Debug, Default)]
 pub(crate) struct Disk {
-    seen: Mutex<Seen>,
+    seen: Mutex<DiskState>,
     /// Held during a query, also by one whose caller has stopped waiting.
     looking: Arc<tokio::sync::Mutex<()>>,
 }
 
 #[derive(Debug, Default)]
-struct Seen {
+struct DiskState {
     space: FreeSpace,
     at: Option<Duration>,
     growth: Option<Growth>,
@@ -70,7 +70,7 @@ impl Growth {
         let frames = volume.frames.saturating_sub(self.first.frames);
         let seconds = now.saturating_sub(self.at).as_secs_f64();
         let bytes = volume.bytes.saturating_sub(self.first.bytes);
-        (frames >= ENOUGH && seconds > 0.0).then(|| bytes as f64 * DAY_S / seconds)
+        (frames >= RATE_FRAMES && seconds > 0.0).then(|| bytes as f64 * DAY_S / seconds)
     }
 }
 
@@ -85,25 +85,25 @@ impl Disk {
     ) -> FreeSpace {
         let look = async {
             let looking = Arc::clone(&self.looking).lock_owned().await;
-            let last = self.seen().at;
-            if last.is_some_and(|at| now.saturating_sub(at) < GOOD_FOR) {
+            let last = self.state().at;
+            if last.is_some_and(|at| now.saturating_sub(at) < CACHE_TIME) {
                 return;
             }
             let (disk, directory) = (Arc::clone(self), directory.to_owned());
             let look = tokio::task::spawn_blocking(move || {
-                disk.look(&directory, file, now);
+                disk.measure(&directory, file, now);
                 drop(looking);
             });
             let _ = look.await;
         };
-        let _ = tokio::time::timeout(PATIENCE, look).await;
-        self.seen().space
+        let _ = tokio::time::timeout(QUERY_TIMEOUT, look).await;
+        self.state().space
     }
 
-    fn look(&self, directory: &Path, file: Option<PathBuf>, now: Duration) {
+    fn measure(&self, directory: &Path, file: Option<PathBuf>, now: Duration) {
         let free = free_bytes(directory).ok();
         let volume = file.and_then(|path| Some((logbook::volume(&path).ok()?, path)));
-        let mut seen = self.seen();
+        let mut seen = self.state();
         seen.at = Some(now);
         seen.space = FreeSpace {
             free,
@@ -127,7 +127,7 @@ impl Disk {
         }
     }
 
-    fn seen(&self) -> std::sync::MutexGuard<'_, Seen> {
+    fn state(&self) -> std::sync::MutexGuard<'_, DiskState> {
         self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

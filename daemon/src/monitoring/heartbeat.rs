@@ -43,7 +43,7 @@ impl Part {
 }
 
 /// No heartbeat is due: the part is idle.
-const RESTS: u64 = u64::MAX;
+const IDLE: u64 = u64::MAX;
 
 /// The time of each next heartbeat, in milliseconds of the daemon's monotonic clock.
 #[derive(Debug)]
@@ -51,33 +51,33 @@ pub(crate) struct Heartbeats([AtomicU64; 4]);
 
 impl Default for Heartbeats {
     fn default() -> Self {
-        Self(std::array::from_fn(|_| AtomicU64::new(RESTS)))
+        Self(std::array::from_fn(|_| AtomicU64::new(IDLE)))
     }
 }
 
 impl Heartbeats {
     /// Registers that the next heartbeat comes within this time.
-    pub(crate) fn promise(&self, part: Part, now: Duration, within: Duration) {
+    pub(crate) fn set_deadline(&self, part: Part, now: Duration, within: Duration) {
         let due = now.saturating_add(within).as_millis();
-        let due = u64::try_from(due).unwrap_or(RESTS - 1);
+        let due = u64::try_from(due).unwrap_or(IDLE - 1);
         self.0[part as usize].store(due, Ordering::Relaxed);
     }
 
-    /// Like [`Heartbeats::promise`] for a part that has to reply: an earlier time stays.
-    pub(crate) fn ask(&self, part: Part, now: Duration, within: Duration) {
-        if self.0[part as usize].load(Ordering::Relaxed) == RESTS {
-            self.promise(part, now, within);
+    /// Like [`Heartbeats::set_deadline`] for a part that has to reply: an earlier time stays.
+    pub(crate) fn set_deadline_if_idle(&self, part: Part, now: Duration, within: Duration) {
+        if self.0[part as usize].load(Ordering::Relaxed) == IDLE {
+            self.set_deadline(part, now, within);
         }
     }
 
     /// Marks the part as idle: it waits for the operator, or for another part.
-    pub(crate) fn rest(&self, part: Part) {
-        self.0[part as usize].store(RESTS, Ordering::Relaxed);
+    pub(crate) fn set_idle(&self, part: Part) {
+        self.0[part as usize].store(IDLE, Ordering::Relaxed);
     }
 
     /// The first overdue part, and by how much.
     pub(crate) fn overdue(&self, now: Duration) -> Option<(Part, Duration)> {
-        let now = u64::try_from(now.as_millis()).unwrap_or(RESTS);
+        let now = u64::try_from(now.as_millis()).unwrap_or(IDLE);
         Part::ALL.into_iter().find_map(|part| {
             let due = self.0[part as usize].load(Ordering::Relaxed);
             let late = now.checked_sub(due).filter(|late| *late > 0)?;
@@ -87,11 +87,11 @@ impl Heartbeats {
 }
 
 /// Marks the part as idle when dropped.
-pub(crate) struct Rests(pub Arc<Heartbeats>, pub Part);
+pub(crate) struct IdleOnDrop(pub Arc<Heartbeats>, pub Part);
 
-impl Drop for Rests {
+impl Drop for IdleOnDrop {
     fn drop(&mut self) {
-        self.0.rest(self.1);
+        self.0.set_idle(self.1);
     }
 }
 
@@ -135,7 +135,7 @@ pub(crate) async fn report_to_systemd(
             (bus.system, Part::SystemBus),
         ] {
             if wanted {
-                heartbeats.ask(part, now, patience);
+                heartbeats.set_deadline_if_idle(part, now, patience);
             }
         }
         events.publish(&BusEvent::Heartbeats);
@@ -156,13 +156,13 @@ mod tests {
             None,
             "nothing is under way"
         );
-        heartbeats.promise(Part::Acquisition, S(10), S(5));
-        heartbeats.promise(Part::Record, S(10), S(60));
+        heartbeats.set_deadline(Part::Acquisition, S(10), S(5));
+        heartbeats.set_deadline(Part::Record, S(10), S(60));
         assert_eq!(heartbeats.overdue(S(15)), None);
         assert_eq!(heartbeats.overdue(S(17)), Some((Part::Acquisition, S(2))));
-        heartbeats.promise(Part::Acquisition, S(17), S(5));
+        heartbeats.set_deadline(Part::Acquisition, S(17), S(5));
         assert_eq!(heartbeats.overdue(S(17)), None);
-        heartbeats.rest(Part::Acquisition);
+        heartbeats.set_idle(Part::Acquisition);
         assert_eq!(heartbeats.overdue(S(69)), None);
         assert_eq!(heartbeats.overdue(S(71)), Some((Part::Record, S(1))));
     }
@@ -170,18 +170,18 @@ mod tests {
     #[test]
     fn second_heartbeat_request_keeps_the_deadline() {
         let heartbeats = Heartbeats::default();
-        heartbeats.ask(Part::SystemBus, S(0), S(30));
-        heartbeats.ask(Part::SystemBus, S(20), S(30));
+        heartbeats.set_deadline_if_idle(Part::SystemBus, S(0), S(30));
+        heartbeats.set_deadline_if_idle(Part::SystemBus, S(20), S(30));
         assert_eq!(heartbeats.overdue(S(31)), Some((Part::SystemBus, S(1))));
-        heartbeats.rest(Part::SystemBus);
-        heartbeats.ask(Part::SystemBus, S(31), S(30));
+        heartbeats.set_idle(Part::SystemBus);
+        heartbeats.set_deadline_if_idle(Part::SystemBus, S(31), S(30));
         assert_eq!(heartbeats.overdue(S(31)), None);
     }
 
     #[test]
     fn a_promise_beyond_all_time_is_no_rest_and_no_overflow() {
         let heartbeats = Heartbeats::default();
-        heartbeats.promise(Part::Record, Duration::MAX, Duration::MAX);
+        heartbeats.set_deadline(Part::Record, Duration::MAX, Duration::MAX);
         assert_eq!(heartbeats.overdue(S(u64::MAX / 1000)), None);
     }
 }

@@ -15,7 +15,7 @@ use config::NotifySection;
 /// Bytes kept of its standard error.
 const LONGEST_MESSAGE: u64 = 4096;
 /// Time to read the remaining output of child processes after the command has ended.
-const AFTER_IT: Duration = Duration::from_millis(500);
+const OUTPUT_DRAIN_TIME: Duration = Duration::from_millis(500);
 
 /// Result of the command.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -150,7 +150,7 @@ pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Durati
     } else {
         group.leave();
     }
-    let stderr = match tokio::time::timeout(AFTER_IT, &mut received).await {
+    let stderr = match tokio::time::timeout(OUTPUT_DRAIN_TIME, &mut received).await {
         Ok(text) => text.unwrap_or_default(),
         Err(_) => {
             received.abort();

@@ -20,7 +20,7 @@ use crate::events::rate_limit::RateLimit;
 thread_local! {
     static CONTAINED: Cell<bool> = const { Cell::new(false) };
     /// Location of the last contained panic of this thread, for the code that catches it.
-    static PLACE: RefCell<String> = const { RefCell::new(String::new()) };
+    static LOCATION: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
 /// Rate limit of the log.
@@ -42,7 +42,7 @@ pub(crate) fn log(panic: &PanicHookInfo<'_>) {
         message(panic.payload())
     );
     LOG.log(EventKind::ContainedPanic, None, &text);
-    PLACE.set(place);
+    LOCATION.set(place);
 }
 
 /// Logs how many panics were suppressed since the last logged one; called periodically.
@@ -62,7 +62,7 @@ pub(crate) struct Panicked {
 impl Panicked {
     fn caught(payload: &(dyn std::any::Any + Send)) -> Self {
         Self {
-            place: PLACE.take(),
+            place: LOCATION.take(),
             message: message(payload),
         }
     }
@@ -109,19 +109,22 @@ pub(crate) fn run<T>(work: impl FnOnce() -> T) -> Result<T, Panicked> {
 
 /// What a panic of a reply ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Ends {
+pub(crate) enum PanicScope {
     /// Only the reply.
-    Answer,
+    Reply,
     /// The reply and the session: the code was using instruments or a session, and only switching the source off is
     /// sure to leave them safe.
     Session,
 }
 
 /// Awaits a reply to a client; catches its panic.
-pub(crate) async fn answer<T>(ends: Ends, future: impl Future<Output = T>) -> Result<T, Panicked> {
+pub(crate) async fn answer<T>(
+    scope: PanicScope,
+    future: impl Future<Output = T>,
+) -> Result<T, Panicked> {
     let mut future = pin!(future);
     poll_fn(|context| {
-        let _marked = Marked::set(ends == Ends::Answer);
+        let _marked = Marked::set(scope == PanicScope::Reply);
         let polled = catch_unwind(AssertUnwindSafe(|| future.as_mut().poll(context)));
         match polled {
             Ok(Poll::Pending) => Poll::Pending,
@@ -157,7 +160,7 @@ mod tests {
         let _hook = crate::session::panics::tests::alone().await;
         crate::panics::hook::install();
         let panics = crate::panics::hook::listen();
-        let caught = answer(Ends::Answer, async {
+        let caught = answer(PanicScope::Reply, async {
             tokio::task::yield_now().await;
             assert!(is_contained());
             let inner = blocking(|| panic!("on a thread that blocks")).await;
@@ -174,11 +177,13 @@ mod tests {
         assert!(!panics.has_changed().unwrap(), "none was the daemon's");
 
         // a task spawned from a reply belongs to the daemon
-        let spawned = answer(Ends::Answer, async {
+        let spawned = answer(PanicScope::Reply, async {
             tokio::spawn(async { is_contained() }).await.unwrap()
         });
         assert!(!spawned.await.unwrap());
-        let acting = answer(Ends::Session, async { panic!("with a session in hand") });
+        let acting = answer(PanicScope::Session, async {
+            panic!("with a session in hand")
+        });
         let caught: Result<(), Panicked> = acting.await;
         assert!(caught.is_err());
         assert!(panics.has_changed().unwrap());

@@ -3,13 +3,13 @@
 mod costs;
 #[cfg(test)]
 mod extremes;
+mod machine;
 #[cfg(test)]
 mod mutated;
 mod numbers;
-mod played;
+mod recording;
 mod rig_plan;
-mod surroundings;
-mod wired;
+mod wiring;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,7 +21,6 @@ pub(crate) use crate::preparation::costs::costs;
 
 use crate::acquisition::playback::Recording;
 use crate::acquisition::schedule::Schedule;
-use crate::instruments::assembly::Bench;
 use crate::instruments::rig_plan::RigPlan;
 use crate::instruments::simulation::SimulatedRig;
 use config::problems::{Problem, Source};
@@ -74,7 +73,7 @@ impl Findings<'_> {
         self.found.push(self.source.problem(key, text));
     }
 
-    fn taken<T>(&mut self, key: &str, outcome: Result<T, String>) -> Option<T> {
+    fn value_or_problem<T>(&mut self, key: &str, outcome: Result<T, String>) -> Option<T> {
         outcome.map_err(|text| self.add(key, text)).ok()
     }
 }
@@ -89,7 +88,7 @@ pub(crate) fn prepare(path: &Path) -> Result<Prepared, Vec<Problem>> {
         source: &source,
         found: Vec::new(),
     };
-    let prepared = understand(config, &mut findings);
+    let prepared = resolve(config, &mut findings);
     match prepared {
         Some(prepared) if findings.found.is_empty() => Ok(prepared),
         _ => Err(findings.found),
@@ -151,7 +150,7 @@ pub(crate) fn load(path: &Path) -> Result<(Source, Config), Vec<Problem>> {
     Ok((source, config.resolved(folder)))
 }
 
-fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
+fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
     numbers::check(&config, findings);
     if !(config.bus.peer || config.bus.session || config.bus.system) {
         findings.add(
@@ -164,7 +163,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
         .as_ref()
         .filter(|_| config.rig.kind == RigKind::Recording)
         .and_then(|recording| recording.case.as_deref());
-    let geometry = findings.taken(
+    let geometry = findings.value_or_problem(
         "geometry",
         config
             .geometry
@@ -173,7 +172,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
     );
     let (protocol, frames) = match config.rig.kind {
         RigKind::Recording => {
-            let (protocol, recording, baseline) = played::recorded(&config, findings)?;
+            let (protocol, recording, baseline) = recording::recorded(&config, findings)?;
             let frames = FramesFrom::Recording {
                 recording: Box::new(recording),
                 baseline: Box::new(baseline),
@@ -208,7 +207,7 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
         baseline,
     }) = &frames
     {
-        played::complete(
+        recording::complete(
             &mut config,
             recording.frames(),
             baseline,
@@ -225,8 +224,8 @@ fn understand(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepare
     let conditions = Conditions::live(&geometry, &protocol, current);
     let built = imaging::check_live(&config.model)
         .and_then(|()| imaging::build(&config.model, &conditions));
-    let model = findings.taken(key, built.map_err(|error| chain(&error)));
-    let (config_toml, config_hash) = findings.taken("rig", effective(&config))?;
+    let model = findings.value_or_problem(key, built.map_err(|error| chain(&error)));
+    let (config_toml, config_hash) = findings.value_or_problem("rig", effective(&config))?;
     let setup = Setup {
         config_hash,
         config_toml,
@@ -261,7 +260,7 @@ fn effective(config: &Config) -> Result<(String, String), String> {
 impl Setup {
     /// The configuration stored with a session whose method is set by this noise of one reading, uV: the noise is
     /// filled in, so that the maps can be recomputed from the session alone. With its hash.
-    pub(crate) fn kept(&self, noise_uv: Option<f64>) -> (String, String) {
+    pub(crate) fn stored_config(&self, noise_uv: Option<f64>) -> (String, String) {
         let with_noise = noise_uv.map(|noise_uv| {
             let mut config = self.config.clone();
             config.model.noise_uv = Some(noise_uv);
@@ -285,7 +284,7 @@ fn requested(
         .survey
         .electrodes
         .or_else(|| geometry.map(Geometry::electrodes))?;
-    findings.taken(
+    findings.value_or_problem(
         "survey.electrodes",
         pattern(electrodes, &config.survey).map_err(|cause| chain(&cause)),
     )
@@ -309,7 +308,7 @@ impl Prepared {
     /// Whether voltages come from a simulated sheet.
     pub(crate) fn is_simulated(&self) -> bool {
         match &self.frames {
-            FramesFrom::Rig(rig) => rig.bench.is_some(),
+            FramesFrom::Rig(rig) => rig.simulation.is_some(),
             FramesFrom::Recording { recording, .. } => recording.frames().is_simulated(),
         }
     }
@@ -339,10 +338,10 @@ impl Prepared {
     ///
     /// # Errors
     /// A profile and a scene that do not match.
-    pub(crate) fn bench(&self) -> Result<Bench, String> {
+    pub(crate) fn simulated_rig(&self) -> Result<Option<SimulatedRig>, String> {
         match &self.frames {
             FramesFrom::Rig(plan) => plan
-                .bench
+                .simulation
                 .as_ref()
                 .map(|(profile, scene)| SimulatedRig::new(profile, scene.clone()))
                 .transpose()

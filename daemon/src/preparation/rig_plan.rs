@@ -12,11 +12,11 @@ use survey::{
 };
 
 use crate::instruments::address::InstrumentAddress;
-use crate::instruments::rig_plan::{Places, RigPlan};
+use crate::instruments::rig_plan::{InstrumentAddresses, RigPlan};
 use crate::instruments::simulation::{self, Profile, Scene};
 use crate::preparation::Findings;
-use crate::preparation::wired;
-use crate::preparation::wired::Wired;
+use crate::preparation::wiring;
+use crate::preparation::wiring::WiringWithModules;
 use config::{Config, EnableName, InstrumentSection, RangesName, RigKind, WiringKind};
 use imaging::Geometry;
 use survey::error_chain as chain;
@@ -30,9 +30,9 @@ pub(super) fn rig_plan(
 ) -> Option<RigPlan> {
     let survey = &config.survey;
     let electrodes = config.wiring.electrodes.unwrap_or(protocol.electrodes());
-    let wired = wired::wired(config, electrodes, findings);
+    let wired = wiring::resolve_wiring(config, electrodes, findings);
     let places = places(config, findings);
-    let bench = match config.rig.kind {
+    let simulation = match config.rig.kind {
         RigKind::Simulated | RigKind::Mixed => {
             let simulated = simulated(config, findings);
             if let (Some((profile, _)), Some(wired), Some(places)) = (&simulated, &wired, &places) {
@@ -119,14 +119,14 @@ pub(super) fn rig_plan(
     let plan = match (&ranges, geometry) {
         (Some(rule), Some(geometry)) => {
             let expected = expected(&plan, geometry);
-            let expected = findings.taken("survey.ranges", expected)?;
+            let expected = findings.value_or_problem("survey.ranges", expected)?;
             plan.with_ranges(rule, |question| expected.get(&question).copied())
         }
         _ => plan,
     };
     let deadline_of_scan = plan.longest_answer(&timing);
-    let bench = match bench {
-        Some(bench) => Some(bench?),
+    let simulation = match simulation {
+        Some(simulation) => Some(simulation?),
         None => None,
     };
     Some(RigPlan {
@@ -147,7 +147,7 @@ pub(super) fn rig_plan(
         half: survey.half,
         modules: wired.modules,
         instruments: places?,
-        bench,
+        simulation,
     })
 }
 
@@ -177,12 +177,12 @@ fn expected(plan: &Plan, geometry: &Geometry) -> Result<BTreeMap<Measurement, Vo
 }
 
 fn simulated(config: &Config, findings: &mut Findings<'_>) -> Option<(Profile, Scene)> {
-    findings.taken("rig.kind", simulation::check_built())?;
-    let profile = findings.taken(
+    findings.value_or_problem("rig.kind", simulation::check_built())?;
+    let profile = findings.value_or_problem(
         "rig.profile",
         Profile::load(profile_name(config)).map_err(|cause| chain(&cause)),
     );
-    let scene = findings.taken(
+    let scene = findings.value_or_problem(
         "rig.scene",
         simulation::load_scene(config.rig.scene.as_deref()),
     );
@@ -192,7 +192,7 @@ fn simulated(config: &Config, findings: &mut Findings<'_>) -> Option<(Profile, S
 fn profile_name(config: &Config) -> &str {
     let own = match config.wiring.kind {
         WiringKind::File => "pairs-34924a",
-        kind => wired::name(kind),
+        kind => wiring::name(kind),
     };
     config.rig.profile.as_deref().unwrap_or(own)
 }
@@ -201,8 +201,8 @@ fn profile_name(config: &Config) -> &str {
 fn fits(
     config: &Config,
     profile: &Profile,
-    wired: &Wired,
-    places: &Places,
+    wired: &WiringWithModules,
+    places: &InstrumentAddresses,
     findings: &mut Findings<'_>,
 ) {
     if places.switch.0 != InstrumentAddress::Simulated {
@@ -213,7 +213,7 @@ fn fits(
     } else {
         "wiring"
     };
-    let (name, own) = (profile_name(config), wired::name(config.wiring.kind));
+    let (name, own) = (profile_name(config), wiring::name(config.wiring.kind));
     if config.wiring.kind == WiringKind::GpioBoard {
         if profile.board.is_none() {
             findings.add(
@@ -240,7 +240,7 @@ fn fits(
             "slot {slot} holds a {found}, the wiring is made for a {planned}"
         ))
     };
-    if let Some(lacking) = wired.lacking(&modules).or_else(other) {
+    if let Some(lacking) = wired.unserved_relay(&modules).or_else(other) {
         let board = match profile.board {
             Some(_) => "; for its board set wiring.kind = \"gpio-board\"",
             None => "",
@@ -268,7 +268,7 @@ fn deadline(given_ms: Option<f64>) -> Duration {
     given_ms.map_or(ANSWER, |given_ms| duration(given_ms * 1e-3))
 }
 
-fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
+fn places(config: &Config, findings: &mut Findings<'_>) -> Option<InstrumentAddresses> {
     // without a board, the mainframe that switches is the one that measures
     let mainframe =
         config.rig.kind != RigKind::Simulated && config.wiring.kind != WiringKind::GpioBoard;
@@ -291,7 +291,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
             }
         }
         let memory = (InstrumentAddress::Simulated, deadline(None));
-        return Some(Places {
+        return Some(InstrumentAddresses {
             source: memory.clone(),
             switch: memory.clone(),
             voltmeter: memory,
@@ -344,7 +344,7 @@ fn places(config: &Config, findings: &mut Findings<'_>) -> Option<Places> {
         }
     });
     let (source, switch, voltmeter) = (read.next()?, read.next()?, read.next()?);
-    let places = Places {
+    let places = InstrumentAddresses {
         source: source?,
         switch: switch?,
         voltmeter: voltmeter?,

@@ -5,10 +5,10 @@
 pub(crate) mod end_marks;
 pub(crate) mod frame_sink;
 pub(crate) mod logbook_sink;
-pub(crate) mod order;
 pub(crate) mod published;
 pub(crate) mod reconstruction_worker;
 pub(crate) mod recorder;
+pub(crate) mod recorder_message;
 pub(crate) mod records;
 pub(crate) mod ring;
 pub(crate) mod session_status;

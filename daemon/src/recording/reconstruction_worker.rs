@@ -10,16 +10,16 @@ use survey::{Baseline, Map, Reading};
 use tokio::sync::mpsc::WeakSender;
 
 use crate::panics::containment;
-use crate::recording::order::Order;
+use crate::recording::recorder_message::RecorderMessage;
 use imaging::Model;
 use survey::error_chain as chain;
 
 /// Maximum time to hold a frame for its map.
-const PATIENCE: Duration = Duration::from_secs(2);
+const MAP_TIMEOUT: Duration = Duration::from_secs(2);
 /// The same if other frames are waiting; long enough for a quick method on a busy machine.
-const GRACE: Duration = Duration::from_millis(250);
+const BUSY_MAP_TIMEOUT: Duration = Duration::from_millis(250);
 /// Time between two checks whether more frames are waiting.
-const LOOK: Duration = Duration::from_millis(2);
+const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// Inputs of the reconstruction.
 pub(crate) struct ReconstructionContext {
@@ -34,7 +34,7 @@ pub(crate) struct ReconstructionContext {
 
 /// Result of a frame.
 #[derive(Debug)]
-pub(crate) struct Made {
+pub(crate) struct TimedOutcome {
     pub outcome: Result<Mapped, Failure>,
     /// Computing time.
     pub took: Duration,
@@ -67,7 +67,7 @@ pub(crate) enum Failure {
 
 /// Result of an attempt.
 pub(crate) enum MapOutcome {
-    Made(Box<Made>),
+    TimedOutcome(Box<TimedOutcome>),
     /// Not ready; returned later by [`ReconstructionWorker::late`].
     Late,
     /// An earlier map is still being computed: this frame has none.
@@ -79,7 +79,7 @@ pub(crate) enum MapOutcome {
 /// Computes one map at a time.
 pub(crate) struct ReconstructionWorker {
     ask: Option<SyncSender<Vec<Reading>>>,
-    answers: Receiver<Made>,
+    answers: Receiver<TimedOutcome>,
     under_way: bool,
 }
 
@@ -90,7 +90,7 @@ impl ReconstructionWorker {
     /// No thread can be started.
     pub(crate) fn start(
         context: ReconstructionContext,
-        recorder: WeakSender<Order>,
+        recorder: WeakSender<RecorderMessage>,
     ) -> std::io::Result<Self> {
         let (ask, requested) = sync_channel::<Vec<Reading>>(1);
         let (answer, answers) = sync_channel(1);
@@ -112,20 +112,20 @@ impl ReconstructionWorker {
                     let usual =
                         matches!(&outcome, Ok(mapped) if unsettled && mapped.decided.is_none());
                     let took = begun.elapsed();
-                    let made = Made { outcome, took };
+                    let made = TimedOutcome { outcome, took };
                     if answer.send(made).is_err() {
                         return;
                     }
                     // a full queue wakes the recorder as well
                     if let Some(recorder) = recorder.upgrade() {
-                        let _ = recorder.try_send(Order::MapReady);
+                        let _ = recorder.try_send(RecorderMessage::MapReady);
                     }
                     if broken {
                         return;
                     }
                     if usual {
                         unsettled = false;
-                        noise = (took < GRACE).then(find_noise).flatten();
+                        noise = (took < BUSY_MAP_TIMEOUT).then(find_noise).flatten();
                     }
                 }
             })?;
@@ -136,8 +136,8 @@ impl ReconstructionWorker {
         })
     }
 
-    /// Requests a map and waits for it, at most two seconds; a quarter of a second if others are waiting (`hurry`).
-    pub(crate) fn make(&mut self, readings: &[Reading], hurry: impl Fn() -> bool) -> MapOutcome {
+    /// Requests a map and waits for it, at most two seconds; a quarter of a second if others are waiting (`busy`).
+    pub(crate) fn make(&mut self, readings: &[Reading], busy: impl Fn() -> bool) -> MapOutcome {
         if self.under_way {
             return MapOutcome::Busy;
         }
@@ -151,9 +151,9 @@ impl ReconstructionWorker {
         self.under_way = true;
         let begun = Instant::now();
         loop {
-            match self.answers.recv_timeout(LOOK) {
-                Ok(made) => return MapOutcome::Made(Box::new(self.arrived(made))),
-                Err(RecvTimeoutError::Timeout) if begun.elapsed() > patience(hurry()) => {
+            match self.answers.recv_timeout(POLL_INTERVAL) {
+                Ok(made) => return MapOutcome::TimedOutcome(Box::new(self.arrived(made))),
+                Err(RecvTimeoutError::Timeout) if begun.elapsed() > map_timeout(busy()) => {
                     return MapOutcome::Late;
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -163,7 +163,7 @@ impl ReconstructionWorker {
     }
 
     /// The late map, if it is ready now.
-    pub(crate) fn late(&mut self) -> Option<Made> {
+    pub(crate) fn late(&mut self) -> Option<TimedOutcome> {
         if !self.under_way {
             return None;
         }
@@ -178,15 +178,15 @@ impl ReconstructionWorker {
     }
 
     /// Waits for the late map as long as for the map of a record.
-    pub(crate) fn last(&mut self) -> Option<Made> {
+    pub(crate) fn last(&mut self) -> Option<TimedOutcome> {
         if !self.under_way {
             return None;
         }
-        let made = self.answers.recv_timeout(PATIENCE).ok()?;
+        let made = self.answers.recv_timeout(MAP_TIMEOUT).ok()?;
         Some(self.arrived(made))
     }
 
-    fn arrived(&mut self, made: Made) -> Made {
+    fn arrived(&mut self, made: TimedOutcome) -> TimedOutcome {
         self.under_way = false;
         if matches!(made.outcome, Err(Failure::Broken(_))) {
             self.ask = None;
@@ -200,8 +200,8 @@ impl ReconstructionWorker {
     }
 }
 
-fn patience(hurry: bool) -> Duration {
-    if hurry { GRACE } else { PATIENCE }
+fn map_timeout(busy: bool) -> Duration {
+    if busy { BUSY_MAP_TIMEOUT } else { MAP_TIMEOUT }
 }
 
 impl ReconstructionContext {

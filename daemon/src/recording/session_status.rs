@@ -145,7 +145,7 @@ impl SessionStatus {
     }
 
     /// Sets the number of frames already on disk.
-    pub(crate) fn goes_on_after(&self, frames: u64) {
+    pub(crate) fn set_frames_on_disk(&self, frames: u64) {
         self.acquired.store(frames, Ordering::Relaxed);
         self.durable.send_replace(frames);
         if let Some(granted) = &self.granted {
@@ -154,7 +154,7 @@ impl SessionStatus {
     }
 
     /// Ends the session for now; the next daemon resumes it.
-    pub(crate) fn leave(&self, why: &str) {
+    pub(crate) fn end_resumable(&self, why: &str) {
         self.left_open.store(true, Ordering::SeqCst);
         self.stop(why);
     }
@@ -171,13 +171,13 @@ impl SessionStatus {
     }
 
     /// Whether its end is recorded, in its file or apart from it.
-    pub(crate) fn end_is_kept(&self) -> bool {
+    pub(crate) fn end_is_recorded(&self) -> bool {
         self.is_closed() || self.marked.get().is_some_and(Marked::is_kept)
     }
 
     /// For an ended session: whether the next daemon would resume it.
-    pub(crate) fn goes_on_with_the_next_daemon(&self) -> bool {
-        self.left_open.load(Ordering::SeqCst) && !self.end_is_kept()
+    pub(crate) fn is_resumed_by_next_daemon(&self) -> bool {
+        self.left_open.load(Ordering::SeqCst) && !self.end_is_recorded()
     }
 
     pub(crate) fn is_closed(&self) -> bool {

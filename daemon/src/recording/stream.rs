@@ -10,11 +10,11 @@ use tokio::io::{AsyncWriteExt, Interest};
 use tokio::net::UnixStream;
 use tokio::sync::Notify;
 
-use crate::panics::containment::{Ends, answer};
+use crate::panics::containment::{PanicScope, answer};
 use crate::recording::ring::Ring;
 
 /// Time for a reader to take the rest after the end; then it is closed.
-const LAST_WORDS: Duration = Duration::from_secs(30);
+const DRAIN_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Options of a reader.
 #[derive(Debug, Clone, Copy)]
@@ -85,7 +85,7 @@ impl Readers {
         drop(readers);
         tokio::spawn(async move {
             // a panic is logged where it happens; the reader's stream is closed
-            let _ = answer(Ends::Answer, serve(reader, ours)).await;
+            let _ = answer(PanicScope::Reply, serve(reader, ours)).await;
             drop(place);
         });
         Ok(theirs.into())
@@ -139,7 +139,7 @@ impl Readers {
 async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
     let late = async {
         reader.over.notified().await;
-        tokio::time::sleep(LAST_WORDS).await;
+        tokio::time::sleep(DRAIN_TIMEOUT).await;
     };
     tokio::select! {
         () = write(&reader, &mut socket) => {}
@@ -313,7 +313,7 @@ mod tests {
             ..frame(500)
         });
         // by the test's paused clock, which advances when nothing else runs
-        let let_go = tokio::time::timeout(2 * LAST_WORDS, given_back).await;
+        let let_go = tokio::time::timeout(2 * DRAIN_TIMEOUT, given_back).await;
         let_go.expect("it is let go").unwrap_err();
         drop(fd);
     }

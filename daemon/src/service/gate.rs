@@ -55,14 +55,14 @@ pub(crate) struct Gate {
 struct Present {
     caller: Arc<OnceCell<Arc<Caller>>>,
     /// Dropped when the caller disconnects.
-    stays: watch::Sender<()>,
+    presence: watch::Sender<()>,
 }
 
 impl Present {
     fn new(caller: OnceCell<Arc<Caller>>) -> Self {
         Self {
             caller: Arc::new(caller),
-            stays: watch::Sender::new(()),
+            presence: watch::Sender::new(()),
         }
     }
 }
@@ -73,25 +73,25 @@ pub(super) struct Client {
     pub(super) caller: Arc<Caller>,
     /// The user for limits.
     pub(super) user: User,
-    stays: watch::Receiver<()>,
+    presence: watch::Receiver<()>,
 }
 
 impl Client {
-    fn new(caller: Arc<Caller>, stays: &watch::Sender<()>) -> Self {
+    fn new(caller: Arc<Caller>, presence: &watch::Sender<()>) -> Self {
         Self {
             user: caller.counted(),
             caller,
-            stays: stays.subscribe(),
+            presence: presence.subscribe(),
         }
     }
 
     /// Awaits a future as long as the caller is connected; `None` if it disconnected first.
     pub(super) async fn while_present<T>(&self, future: impl Future<Output = T>) -> Option<T> {
-        let mut stays = self.stays.clone();
+        let mut presence = self.presence.clone();
         tokio::select! {
             biased;
             done = future => Some(done),
-            _ = stays.changed() => None,
+            _ = presence.changed() => None,
         }
     }
 }
@@ -189,7 +189,7 @@ impl Gate {
                 return Ok(None);
             };
             let caller = peer.caller.get().map(Arc::clone);
-            return Ok(caller.map(|caller| Client::new(caller, &peer.stays)));
+            return Ok(caller.map(|caller| Client::new(caller, &peer.presence)));
         }
         let sender = header
             .sender()
@@ -199,26 +199,26 @@ impl Gate {
             return Ok(None);
         }
         // registered before the bus is queried, so that a later disconnect is noticed
-        let (cell, stays) = {
+        let (cell, presence) = {
             let mut present = self.present();
             let known = present
                 .entry(sender.to_string())
                 .or_insert_with(|| Present::new(OnceCell::new()));
-            (Arc::clone(&known.caller), known.stays.subscribe())
+            (Arc::clone(&known.caller), known.presence.subscribe())
         };
         match cell.get_or_try_init(|| ask(connection, sender)).await {
             Ok(caller) => {
                 let user = caller.counted();
                 if let Some(waiting) = &self.waiting
                     && user.trusted
-                    && stays.has_changed().is_ok()
+                    && presence.has_changed().is_ok()
                 {
                     waiting.prefer(sender);
                 }
                 Ok(Some(Client {
                     user,
                     caller: Arc::clone(caller),
-                    stays,
+                    presence,
                 }))
             }
             Err(error) => {

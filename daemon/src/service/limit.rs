@@ -11,23 +11,23 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use dbus::Fault;
 
 /// Calls replied at once from memory. A program has a few at a time.
-pub(super) static LOOKS: Limit = Limit::new("calls that are not answered yet", 64, 512);
+pub(super) static QUERIES: Limit = Limit::new("calls that are not answered yet", 64, 512);
 
 /// Calls that wait for a frame or the end of a session.
-pub(super) static WAITS: Limit = Limit::new("calls that wait for a session", 32, 256);
+pub(super) static WAITING_CALLS: Limit = Limit::new("calls that wait for a session", 32, 256);
 
 /// Calls that change something, running after they were admitted.
-pub(super) static ACTS: Limit = Limit::new("calls that control the rig", 16, 64);
+pub(super) static COMMANDS: Limit = Limit::new("calls that control the rig", 16, 64);
 
 /// Calls that make the rig safe, with a limit of their own.
-pub(super) static SAFETY: Limit = Limit::new("calls that make the rig safe", 64, 256);
+pub(super) static SAFETY_CALLS: Limit = Limit::new("calls that make the rig safe", 64, 256);
 
 /// Work on the reading threads, waiting or running.
-pub(crate) static READS: Limit = Limit::new("requests that read or compute", 8, 64);
+pub(crate) static READ_JOBS: Limit = Limit::new("requests that read or compute", 8, 64);
 
 /// Pending polkit queries: a normal client has one at a time, and a user answers few dialogs. The total is small, so
 /// that polkit, which other services need too, is not flooded.
-pub(super) static QUESTIONS: Limit =
+pub(super) static POLKIT_QUERIES: Limit =
     Limit::new("questions to polkit that are not answered yet", 8, 32);
 
 /// Connections to the peer socket; each program has one. A connection costs two descriptors and up to 256 queued
@@ -79,7 +79,7 @@ pub(crate) struct Limit {
 
 /// One use, released when dropped.
 #[derive(Debug)]
-pub(crate) struct Place {
+pub(crate) struct Permit {
     limit: &'static Limit,
     who: User,
 }
@@ -102,19 +102,19 @@ impl Limit {
     ///
     /// # Errors
     /// [`Fault::LimitsExceeded`]: the user's limit or the total is reached.
-    pub(crate) fn take(&'static self, who: User) -> Result<Place, Fault> {
+    pub(crate) fn take(&'static self, who: User) -> Result<Permit, Fault> {
         let mut held = self.held();
         let own = held.get(&who).copied().unwrap_or(0);
         let alike = held
             .iter()
             .filter(|(other, _)| other.trusted == who.trusted);
-        let all: usize = alike.map(|(_, places)| places).sum();
+        let all: usize = alike.map(|(_, permits)| permits).sum();
         let (whose, most) = match () {
             () if own >= self.each => ("you have", self.each),
             () if all >= self.all => ("all together have", self.all),
             () => {
                 held.insert(who, own + 1);
-                return Ok(Place { limit: self, who });
+                return Ok(Permit { limit: self, who });
             }
         };
         Err(Fault::LimitsExceeded(format!(
@@ -124,7 +124,7 @@ impl Limit {
     }
 }
 
-impl Drop for Place {
+impl Drop for Permit {
     fn drop(&mut self) {
         let mut held = self.limit.held();
         if let Some(own) = held.get_mut(&self.who) {
@@ -144,7 +144,7 @@ mod tests {
         User { id, trusted: false }
     }
 
-    fn refused(answer: Result<Place, Fault>) -> String {
+    fn refused(answer: Result<Permit, Fault>) -> String {
         match answer {
             Err(Fault::LimitsExceeded(why)) => why,
             other => panic!("{other:?}"),
@@ -152,35 +152,35 @@ mod tests {
     }
 
     #[test]
-    fn one_has_its_share_and_all_have_theirs_and_a_place_comes_back() {
-        static DISHES: Limit = Limit::new("dishes", 2, 3);
+    fn each_user_and_all_have_a_limit_and_a_permit_is_returned() {
+        static TWO_EACH: Limit = Limit::new("dishes", 2, 3);
         let (ann, eve) = (user(1), user(2));
-        let first = DISHES.take(ann).unwrap();
-        let _second = DISHES.take(ann).unwrap();
+        let first = TWO_EACH.take(ann).unwrap();
+        let _second = TWO_EACH.take(ann).unwrap();
         assert_eq!(
-            refused(DISHES.take(ann)),
+            refused(TWO_EACH.take(ann)),
             "you have 2 dishes, and there may be no more at once"
         );
-        let other = DISHES.take(eve).unwrap();
+        let other = TWO_EACH.take(eve).unwrap();
         assert_eq!(
-            refused(DISHES.take(eve)),
+            refused(TWO_EACH.take(eve)),
             "all together have 3 dishes, and there may be no more at once"
         );
         drop(first);
-        let _third = DISHES.take(ann).unwrap();
+        let _third = TWO_EACH.take(ann).unwrap();
         drop(other);
-        assert_eq!(DISHES.held().len(), 1, "who has none is forgotten");
+        assert_eq!(TWO_EACH.held().len(), 1, "who has none is forgotten");
     }
 
     #[test]
-    fn strangers_cannot_use_up_the_places_of_trusted_users() {
-        static CUPS: Limit = Limit::new("cups", 1, 2);
-        let _held = [1, 2].map(|id| CUPS.take(user(id)).unwrap());
-        assert!(refused(CUPS.take(user(3))).starts_with("all together"));
+    fn strangers_cannot_use_up_the_limit_of_trusted_users() {
+        static ONE_EACH: Limit = Limit::new("cups", 1, 2);
+        let _held = [1, 2].map(|id| ONE_EACH.take(user(id)).unwrap());
+        assert!(refused(ONE_EACH.take(user(3))).starts_with("all together"));
         let root = User {
             id: 0,
             trusted: true,
         };
-        CUPS.take(root).unwrap();
+        ONE_EACH.take(root).unwrap();
     }
 }

@@ -13,7 +13,7 @@ use zbus::connection::Builder;
 use zbus::fdo::{RequestNameFlags, RequestNameReply};
 
 use crate::monitoring::heartbeat::Part;
-use crate::panics::containment::{Ends, answer};
+use crate::panics::containment::{PanicScope, answer};
 use crate::service::access;
 use crate::service::bus_socket::{BusSocket, Queue};
 use crate::service::gate::{Authorizer, Gate, Threads};
@@ -22,10 +22,11 @@ use crate::session::controller::Controller;
 use config::BusSection;
 
 /// First and longest time between attempts to reconnect to a bus.
-const LOOK_AGAIN: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
+const RECONNECT_INTERVALS: (Duration, Duration) =
+    (Duration::from_millis(200), Duration::from_secs(5));
 
 /// Timeout of connecting to a bus.
-const TO_CONNECT: Duration = Duration::from_secs(5);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The served connections, closed when dropped.
 #[derive(Debug)]
@@ -33,7 +34,7 @@ pub(crate) struct Listener {
     tasks: JoinSet<()>,
     _threads: [Threads; 2],
     /// Description for people.
-    pub ways: Vec<String>,
+    pub descriptions: Vec<String>,
 }
 
 /// Why a connection cannot be served.
@@ -62,7 +63,7 @@ impl Listener {
         controller: &Arc<Controller>,
     ) -> Result<Self, ListenerError> {
         let mut tasks = JoinSet::new();
-        let mut ways = Vec::new();
+        let mut descriptions = Vec::new();
         // sessions run here; clients are served on separate threads, those of the peer socket apart from the buses'
         let acting = Handle::current();
         let threads = [
@@ -80,7 +81,7 @@ impl Listener {
             })?;
             let served = peer::serve(listener, Arc::clone(controller), acting.clone());
             tasks.spawn_on(served, peers);
-            ways.push(format!("unix:{}", path.display()));
+            descriptions.push(format!("unix:{}", path.display()));
         }
         for (authorizer, wanted) in [
             (Authorizer::Session, section.session),
@@ -91,20 +92,20 @@ impl Listener {
                 let connected = buses.spawn(async move { connect(authorizer, &held, &home).await });
                 let no_bus = |_| ListenerError::Threads(std::io::ErrorKind::Interrupted.into());
                 let connection = connected.await.map_err(no_bus)??;
-                let stays = stay(
+                let serving = serve_bus(
                     authorizer,
                     connection,
                     Arc::clone(controller),
                     acting.clone(),
                 );
-                tasks.spawn_on(stays, buses);
-                ways.push(word(authorizer).to_owned());
+                tasks.spawn_on(serving, buses);
+                descriptions.push(word(authorizer).to_owned());
             }
         }
         Ok(Self {
             tasks,
             _threads: threads,
-            ways,
+            descriptions,
         })
     }
 
@@ -184,7 +185,7 @@ async fn system_bus(
 }
 
 /// Announces events on one bus, and reconnects when the bus is restarted.
-async fn stay(
+async fn serve_bus(
     authorizer: Authorizer,
     mut connected: Connected,
     controller: Arc<Controller>,
@@ -206,25 +207,27 @@ async fn stay(
                 event = events.recv() => {
                     let Some(event) = event else { return };
                     let sent = crate::service::announce(connection, &controller, gate, event);
-                    if !matches!(answer(Ends::Answer, sent).await, Ok(true)) {
+                    if !matches!(answer(PanicScope::Reply, sent).await, Ok(true)) {
                         break;
                     }
-                    controller.heartbeats.rest(part);
+                    controller.heartbeats.set_idle(part);
                 }
             }
         }
-        let _ = tokio::time::timeout(crate::service::TO_SEND, connection.clone().close()).await;
+        let _ =
+            tokio::time::timeout(crate::service::SEND_TIMEOUT, connection.clone().close()).await;
         gate.all_left();
         tracing::warn!("the {which} bus is gone; acquisition goes on");
-        let mut pause = LOOK_AGAIN.0;
+        let mut pause = RECONNECT_INTERVALS.0;
         connected = loop {
             tokio::time::sleep(pause).await;
-            controller.heartbeats.rest(part);
-            pause = (pause * 2).min(LOOK_AGAIN.1);
+            controller.heartbeats.set_idle(part);
+            pause = (pause * 2).min(RECONNECT_INTERVALS.1);
             events = controller.events.subscribe();
             // a frozen bus does not reply at all
-            let again = tokio::time::timeout(TO_CONNECT, connect(authorizer, &controller, &acting));
-            let again = match answer(Ends::Answer, again).await {
+            let again =
+                tokio::time::timeout(CONNECT_TIMEOUT, connect(authorizer, &controller, &acting));
+            let again = match answer(PanicScope::Reply, again).await {
                 Ok(again) => again,
                 // it has been logged
                 Err(_) => continue,

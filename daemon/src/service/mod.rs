@@ -36,12 +36,12 @@ pub(crate) use crate::service::listener::Listener;
 const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 
 /// Timeout of sending an event; a slow client is disconnected, so that it does not delay others.
-const TO_SEND: Duration = Duration::from_millis(500);
+const SEND_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// The same for a bus, which is one connection for all its users: an event waits behind their replies, and leaving the
 /// bus would lose the reply to a stop. The broker does not stop reading; a dead one is detected by this, well within
 /// systemd's timeout.
-const TO_SEND_ON_A_BUS: Duration = Duration::from_secs(5);
+const BUS_SEND_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Registers the manager, the instruments and the sessions on a connection before it receives anything.
 fn register_objects<'a>(
@@ -53,7 +53,7 @@ fn register_objects<'a>(
     builder = builder
         .serve_at(ROOT_PATH, ObjectManager)
         .serve_at(ROOT_PATH, manager);
-    if controller.runtime().bench.is_some() {
+    if controller.runtime().simulated_rig.is_some() {
         let simulation = Guarded::new(Simulation1(Arc::clone(controller)), gate);
         builder = builder.serve_at(ROOT_PATH, simulation);
     }
@@ -90,8 +90,8 @@ async fn announce(
     event: BusEvent,
 ) -> bool {
     let patience = match gate.authorizer {
-        Authorizer::Peer => TO_SEND,
-        Authorizer::Session | Authorizer::System => TO_SEND_ON_A_BUS,
+        Authorizer::Peer => SEND_TIMEOUT,
+        Authorizer::Session | Authorizer::System => BUS_SEND_TIMEOUT,
     };
     let server = connection.object_server();
     let sent = tokio::time::timeout(patience, async {
@@ -213,7 +213,7 @@ async fn register_again(
             gone(server.remove::<Guarded<Instrument1>, _>(path).await)?;
         }
     }
-    if controller.runtime().bench.is_some() {
+    if controller.runtime().simulated_rig.is_some() {
         let simulation = Guarded::new(Simulation1(Arc::clone(controller)), gate);
         server.at(ROOT_PATH, simulation).await?;
     } else {

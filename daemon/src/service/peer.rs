@@ -17,18 +17,18 @@ use super::caller::{Caller, GROUP};
 use super::gate::Gate;
 use super::limit::CONNECTIONS;
 use crate::events::kind::EventKind;
-use crate::panics::containment::{Ends, answer};
+use crate::panics::containment::{PanicScope, answer};
 use crate::session::controller::Controller;
 
 /// Timeout of the authentication.
-const TO_GREET: Duration = Duration::from_secs(5);
+const AUTHENTICATION_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Longest first line of a client, bytes; normal ones have some thirty.
 const FIRST_LINE: usize = 256;
 
 /// Most clients that are being told that the limit is reached, and the timeout of each.
 const MOST_REPORTED: usize = 16;
-const TO_READ: Duration = Duration::from_secs(1);
+const REFUSAL_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// A socket that is removed when dropped.
 #[derive(Debug)]
@@ -85,8 +85,8 @@ pub(super) async fn serve(listener: PeerListener, controller: Arc<Controller>, a
     loop {
         match listener.socket.accept().await {
             Ok((stream, _)) => {
-                let attended = attend(stream, Arc::clone(&controller), acting.clone());
-                tokio::spawn(answer(Ends::Answer, attended));
+                let served = serve_client(stream, Arc::clone(&controller), acting.clone());
+                tokio::spawn(answer(PanicScope::Reply, served));
             }
             Err(error) => {
                 let text = format!("the peer socket: {error}");
@@ -98,7 +98,7 @@ pub(super) async fn serve(listener: PeerListener, controller: Arc<Controller>, a
 }
 
 /// Serves one client until it disconnects.
-async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle) {
+async fn serve_client(stream: UnixStream, controller: Arc<Controller>, acting: Handle) {
     let caller = Caller::at(&stream).ok();
     let Some(caller) = caller.filter(|caller| caller.is_ours() || caller.is_member()) else {
         let text =
@@ -106,8 +106,8 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
         controller.events.journal(EventKind::Strangers, &text);
         return;
     };
-    let _place = match CONNECTIONS.take(caller.counted()) {
-        Ok(place) => place,
+    let _permit = match CONNECTIONS.take(caller.counted()) {
+        Ok(permit) => permit,
         Err(error) => {
             let text = format!(
                 "a connection of user {} to the peer socket was closed: {}",
@@ -119,7 +119,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
             return;
         }
     };
-    let greeted_by = tokio::time::Instant::now() + TO_GREET;
+    let greeted_by = tokio::time::Instant::now() + AUTHENTICATION_TIMEOUT;
     let first = match tokio::time::timeout_at(greeted_by, first_line(&stream)).await {
         Ok(Ok(first)) => first,
         Ok(Err(why)) => {
@@ -131,7 +131,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
     };
     let claimed = match caller.is_ours() {
         true => None,
-        false => claim(&first),
+        false => claimed_uid(&first),
     };
     let Ok(stream) = stream.into_std() else {
         return;
@@ -177,7 +177,7 @@ async fn attend(stream: UnixStream, controller: Arc<Controller>, acting: Handle)
 /// because each takes a descriptor.
 async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
     static REPORTED: Semaphore = Semaphore::const_new(MOST_REPORTED);
-    let Ok(_place) = REPORTED.try_acquire() else {
+    let Ok(_permit) = REPORTED.try_acquire() else {
         return;
     };
     let line = format!("ERROR {}{}\r\n", dbus::BUSY, error.text());
@@ -192,7 +192,7 @@ async fn refuse_busy(mut stream: UnixStream, error: &dbus::Fault) {
             }
         }
     };
-    let _ = tokio::time::timeout(TO_READ, sending).await;
+    let _ = tokio::time::timeout(REFUSAL_TIMEOUT, sending).await;
 }
 
 /// Peeks at a client's first line. zbus panics on an empty line, and reads without limit if there is no line end.
@@ -232,7 +232,7 @@ async fn first_line(stream: &UnixStream) -> Result<Vec<u8>, String> {
 ///
 /// The format is `AUTH EXTERNAL` and the decimal number with each digit in hexadecimal ASCII, after a zero byte (D-Bus
 /// specification, authentication protocol).
-fn claim(first: &[u8]) -> Option<u32> {
+fn claimed_uid(first: &[u8]) -> Option<u32> {
     let line = std::str::from_utf8(first.strip_prefix(b"\0")?).ok()?;
     let digits = line.lines().next()?.strip_prefix("AUTH EXTERNAL ")?;
     let bytes: Option<Vec<u8>> = digits
@@ -250,7 +250,7 @@ mod tests {
     #[tokio::test]
     async fn a_claim_is_looked_at_and_left_where_it_is() {
         assert_eq!(
-            claim(b"\0AUTH EXTERNAL 31303030\r\nNEGOTIATE_UNIX_FD\r\n"),
+            claimed_uid(b"\0AUTH EXTERNAL 31303030\r\nNEGOTIATE_UNIX_FD\r\n"),
             Some(1000)
         );
         for other in [
@@ -261,7 +261,7 @@ mod tests {
             b"AUTH EXTERNAL 31\r\n",
             b"",
         ] {
-            assert_eq!(claim(other), None, "{other:?}");
+            assert_eq!(claimed_uid(other), None, "{other:?}");
         }
         let (ours, mut theirs) = UnixStream::pair().unwrap();
         // as libdbus does: the zero byte first
@@ -272,7 +272,7 @@ mod tests {
             .await
             .unwrap();
         let (seen, mut ours) = looks.await.unwrap();
-        assert_eq!(claim(&seen.unwrap()), Some(1000));
+        assert_eq!(claimed_uid(&seen.unwrap()), Some(1000));
         let mut byte = [1];
         ours.read_exact(&mut byte).await.unwrap();
         assert_eq!(byte, [0], "nothing was taken");

@@ -14,9 +14,9 @@ const INTERFACE: &str = "org.freedesktop.PolicyKit1.Authority";
 /// `AllowUserInteraction`.
 const ASK_THE_USER: u32 = 1;
 /// Timeout without user interaction; callers give up after 25 s by default.
-const TO_ANSWER: Duration = Duration::from_secs(10);
+const REPLY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Timeout if a user types a password.
-const TO_TYPE: Duration = Duration::from_secs(120);
+const DIALOG_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Result of a query.
 #[derive(Debug)]
@@ -42,8 +42,8 @@ pub(super) async fn ask(
     );
     let details: HashMap<&str, &str> = HashMap::new();
     let (flags, wait) = match interactive {
-        true => (ASK_THE_USER, TO_TYPE),
-        false => (0, TO_ANSWER),
+        true => (ASK_THE_USER, DIALOG_TIMEOUT),
+        false => (0, REPLY_TIMEOUT),
     };
     let question = (subject, action, details, flags, "");
     let requested = connection.call_method(

@@ -10,7 +10,7 @@ use dbus::Fault;
 use tokio::sync::oneshot;
 
 use crate::panics::containment;
-use crate::service::limit::{READS, User};
+use crate::service::limit::{READ_JOBS, User};
 
 /// Threads; two, so that one long request does not block all others.
 const THREADS: usize = 2;
@@ -26,11 +26,11 @@ pub(crate) async fn read<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Fault> {
     let user = User::calling();
-    let place = READS.take(user)?;
+    let permit = READ_JOBS.take(user)?;
     let (answer, answered) = oneshot::channel();
     let job = move || {
         // held until the work is done, even if its caller has gone
-        let _place = place;
+        let _permit = permit;
         if !answer.is_closed() {
             let _ = answer.send(work());
         }

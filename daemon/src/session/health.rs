@@ -7,7 +7,7 @@ use imaging::noise;
 use rig::Clock;
 
 use crate::monitoring::health::{Counts, Health, Running};
-use crate::recording::order::QUEUE;
+use crate::recording::recorder_message::QUEUE;
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Controller;
 use crate::session::state::State;

@@ -17,7 +17,7 @@ use crate::monitoring::daily_summary::{DailySummary, DayEnd};
 use crate::monitoring::health::{Counts, Health};
 use crate::monitoring::metrics;
 use crate::monitoring::notification::{HookResult, payload, run_hook};
-use crate::panics::containment::{Ends, answer};
+use crate::panics::containment::{PanicScope, answer};
 use crate::session::controller::Controller;
 
 /// Time between two checks.
@@ -80,7 +80,7 @@ async fn check_alarms(
         unsure.push("relay-life");
     }
     let again = survey::duration(limits.again_s);
-    for message in alarm.judge(Instant::now(), &alarms, &lingering, &unsure, again) {
+    for message in alarm.evaluate(Instant::now(), &alarms, &lingering, &unsure, again) {
         let kind = match message.phase {
             Phase::Ended => EventKind::TroubleOver,
             _ => EventKind::Trouble,
@@ -218,7 +218,7 @@ impl Listening {
             let requested = requested.clone();
             async move {
                 match path.as_str() {
-                    "/metrics" => answer(Ends::Answer, metrics_page(requested))
+                    "/metrics" => answer(PanicScope::Reply, metrics_page(requested))
                         .await
                         .unwrap_or(Err(NoPage::Failed)),
                     _ => Err(NoPage::NotFound),

@@ -48,7 +48,7 @@ pub(crate) mod tests {
     use simulator::{Instrument, Pace, Profile, Scene, ServeOptions, SimulatedRig};
     use tokio::runtime::Builder;
 
-    use crate::instruments::assembly::{Closed, assemble};
+    use crate::instruments::assembly::{OnClosedRelays, assemble};
     use crate::instruments::last_resort;
     use crate::panics::hook::{install, listen};
     use crate::preparation::{FramesFrom, prepare};
@@ -87,19 +87,31 @@ pub(crate) mod tests {
         let path = folder.join("config.toml");
         std::fs::write(&path, CONFIG.replace("kind = \"simulated\"", scene)).unwrap();
         let prepared = prepare(&path).unwrap_or_else(|problems| panic!("{problems:?}"));
-        let bench = prepared.bench().unwrap();
+        let simulated_rig = prepared.simulated_rig().unwrap();
         let records = Records::of(&prepared.setup.record_directory);
         let transcript = RingTranscript::new(2);
         let FramesFrom::Rig(plan) = &prepared.frames else {
             panic!("it is a rig");
         };
-        let assembled = assemble(plan, &bench, &transcript, Closed::Refuse, None)
-            .await
-            .unwrap();
-        let sheet = bench.clone().unwrap();
+        let assembled = assemble(
+            plan,
+            &simulated_rig,
+            &transcript,
+            OnClosedRelays::Refuse,
+            None,
+        )
+        .await
+        .unwrap();
+        let sheet = simulated_rig.clone().unwrap();
         let clock = SystemClock::new();
-        let controller =
-            Controller::new(prepared, bench, Some(assembled), records, transcript, clock);
+        let controller = Controller::new(
+            prepared,
+            simulated_rig,
+            Some(assembled),
+            records,
+            transcript,
+            clock,
+        );
         (controller, sheet)
     }
 
@@ -159,14 +171,23 @@ pub(crate) mod tests {
         let mut failed_at = None;
         let runtime = Builder::new_multi_thread().enable_all().build().unwrap();
         let ended: Option<()> = last_resort::run(runtime, Some(plan), async {
-            let assembled = assemble(plan, &None, &RingTranscript::new(2), Closed::Refuse, None)
-                .await
-                .unwrap();
+            let assembled = assemble(
+                plan,
+                &None,
+                &RingTranscript::new(2),
+                OnClosedRelays::Refuse,
+                None,
+            )
+            .await
+            .unwrap();
             let own = Arc::clone(plan);
             tokio::spawn(async move {
-                let (clock, never) = (SystemClock::new(), Stop::never());
+                let (clock, not_resumed) = (SystemClock::new(), Stop::never());
                 let (plan, meter) = (&own.plan, own.meter);
-                assembled.rig.acquire(plan, meter, clock, &never).await
+                assembled
+                    .rig
+                    .acquire(plan, meter, clock, &not_resumed)
+                    .await
             });
             current_flows(&sheet).await;
             sheet.keep_transcript();

@@ -16,7 +16,7 @@ use survey::{printable, printable_within};
 use crate::instruments::address::InstrumentAddress;
 
 /// Timeout of a connection, and of a reply to `*IDN?`.
-const PATIENCE: Duration = Duration::from_secs(2);
+const REPLY_TIMEOUT: Duration = Duration::from_secs(2);
 /// SCPI port of a 34980A (fact sheet lxi-discovery, section 2).
 const SCPI_RAW: u16 = 5025;
 
@@ -54,7 +54,7 @@ impl Default for Search {
 
 /// An instrument, or a candidate.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Seen {
+pub(crate) struct FoundInstrument {
     /// As in a configuration: `tcp:HOST:PORT`; empty if the daemon could not use it.
     pub address: String,
     /// The reply to `*IDN?`; empty if there was none.
@@ -74,7 +74,7 @@ pub(crate) struct Seen {
 /// Everything found, and notes on failed methods.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Discovered {
-    pub seen: Vec<Seen>,
+    pub seen: Vec<FoundInstrument>,
     pub notes: Vec<String>,
 }
 
@@ -113,7 +113,8 @@ pub(crate) async fn discover(search: &Search) -> Discovered {
         identity: None,
     });
     for (address, identity) in &search.in_use {
-        let identities = seen(address.clone(), identity.clone(), "configuration", "", true);
+        let identities =
+            found_instrument(address.clone(), identity.clone(), "configuration", "", true);
         found.seen.push(identities);
     }
     let used = used_sockets(&search.in_use).await;
@@ -149,7 +150,7 @@ async fn used_sockets(in_use: &[(String, String)]) -> Vec<Used> {
 }
 
 /// Queries a candidate's identity at the first address that replies.
-async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
+async fn ask(candidate: Candidate, used: &[Used]) -> FoundInstrument {
     let Candidate {
         places,
         found_by,
@@ -165,11 +166,13 @@ async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
             if let Some((_, place, identity)) =
                 used.iter().find(|(socket, ..)| resolved.contains(socket))
             {
-                return seen(place.clone(), identity.clone(), found_by, &name, true);
+                return found_instrument(place.clone(), identity.clone(), found_by, &name, true);
             }
         }
         match identify(place).await {
-            Ok(identity) => return seen(place.to_string(), identity, found_by, &name, false),
+            Ok(identity) => {
+                return found_instrument(place.to_string(), identity, found_by, &name, false);
+            }
             Err(why) => remark = why,
         }
     }
@@ -178,14 +181,14 @@ async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
         (false, Some(place)) => place.to_string(),
         _ => String::new(),
     };
-    Seen {
+    FoundInstrument {
         remark: match identities {
             true => "it answers on VXI-11 only; the daemon speaks on raw sockets and serial lines"
                 .to_owned(),
             false => remark,
         },
         proposal: String::new(),
-        ..seen(
+        ..found_instrument(
             address,
             identity.unwrap_or_default(),
             found_by,
@@ -198,7 +201,7 @@ async fn ask(candidate: Candidate, used: &[Used]) -> Seen {
 /// Sends `*IDN?` only, then closes the connection.
 async fn identify(place: &InstrumentAddress) -> Result<String, String> {
     let stream = match place {
-        InstrumentAddress::Tcp(address) => rig::connect_tcp(address, PATIENCE).await,
+        InstrumentAddress::Tcp(address) => rig::connect_tcp(address, REPLY_TIMEOUT).await,
         InstrumentAddress::Serial { path, baud } => rig::open_serial(
             path,
             baud.unwrap_or_else(|| InstrumentAddress::baud("source")),
@@ -208,13 +211,13 @@ async fn identify(place: &InstrumentAddress) -> Result<String, String> {
         }
     };
     let stream = stream.map_err(|cause| survey::error_chain(&cause))?;
-    let mut link = Link::new(stream, place.to_string(), PATIENCE);
+    let mut link = Link::new(stream, place.to_string(), REPLY_TIMEOUT);
     let answer = link.ask("*IDN?").await;
     answer.map_err(|cause| survey::error_chain(&cause))
 }
 
 /// Merges duplicates: the same identity at the same address, or the same serial number, is one instrument.
-fn add(all: &mut Vec<Seen>, one: Seen) {
+fn add(all: &mut Vec<FoundInstrument>, one: FoundInstrument) {
     let same = all.iter_mut().find(|identities| {
         let identity = !one.identity.is_empty() && identities.identity == one.identity;
         let address = !one.address.is_empty() && identities.address == one.address;
@@ -241,10 +244,16 @@ fn add(all: &mut Vec<Seen>, one: Seen) {
     identities.in_use |= one.in_use;
 }
 
-fn seen(address: String, identity: String, found_by: &str, name: &str, in_use: bool) -> Seen {
+fn found_instrument(
+    address: String,
+    identity: String,
+    found_by: &str,
+    name: &str,
+    in_use: bool,
+) -> FoundInstrument {
     let identity = printable_within(&identity, LONGEST_TEXT).into_owned();
     let (proposal, remark) = propose(&address, &identity);
-    Seen {
+    FoundInstrument {
         proposal,
         remark,
         address,
@@ -286,7 +295,7 @@ mod tests {
     fn one_instrument_found_three_ways_is_one_line() {
         let mut all = Vec::new();
         let at = |address: &str, by: &str, name: &str| {
-            seen(address.to_owned(), SOURCE.to_owned(), by, name, false)
+            found_instrument(address.to_owned(), SOURCE.to_owned(), by, name, false)
         };
         add(&mut all, at("tcp:10.0.0.7:1394", "address", ""));
         add(&mut all, at("tcp:source.local:1394", "mdns", "the source"));
@@ -300,7 +309,7 @@ mod tests {
         let other = SOURCE.replace("1234567", "7654321");
         add(
             &mut all,
-            seen(
+            found_instrument(
                 "tcp:10.0.0.8:1394".into(),
                 other,
                 "mdns",
@@ -330,18 +339,18 @@ mod tests {
             + &"long".repeat(10_000);
         let gpio = format!("T,{},1,1", gpio_mux::MODEL);
         let all = [
-            seen("tcp:h:1".into(), hostile.clone(), "mdns", &hostile, false),
-            seen(
+            found_instrument("tcp:h:1".into(), hostile.clone(), "mdns", &hostile, false),
+            found_instrument(
                 format!("tcp:{hostile}:1"),
                 SOURCE.into(),
                 "mdns",
                 &hostile,
                 false,
             ),
-            seen(format!("tcp:{hostile}:2"), gpio, "mdns", "", false),
-            Seen {
+            found_instrument(format!("tcp:{hostile}:2"), gpio, "mdns", "", false),
+            FoundInstrument {
                 remark: hostile.clone(),
-                ..seen(hostile.clone(), String::new(), "mdns", "", false)
+                ..found_instrument(hostile.clone(), String::new(), "mdns", "", false)
             },
         ];
         let found = Discovered {

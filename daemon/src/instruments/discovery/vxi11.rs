@@ -9,7 +9,7 @@ use tokio::time::Instant;
 use vxi11::Client;
 
 use crate::instruments::address::InstrumentAddress;
-use crate::instruments::discovery::{Candidate, PATIENCE, SCPI_RAW};
+use crate::instruments::discovery::{Candidate, REPLY_TIMEOUT, SCPI_RAW};
 
 /// Longest accepted reply to `*IDN?`, bytes.
 const LONGEST: u32 = 1024;
@@ -55,7 +55,7 @@ pub(super) async fn broadcast(within: Duration, port: u16) -> (Vec<Candidate>, V
     found.dedup();
     let each = found.into_iter().map(|core| {
         tokio::spawn(async move {
-            let identity = tokio::time::timeout(2 * PATIENCE, identify(core))
+            let identity = tokio::time::timeout(2 * REPLY_TIMEOUT, identify(core))
                 .await
                 .ok()
                 .and_then(Result::ok);

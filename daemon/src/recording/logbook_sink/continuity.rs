@@ -14,7 +14,7 @@ const PLAUSIBLE: f64 = 0.1;
 
 impl LogbookSink {
     /// Reports when the wall clock is set or the machine sleeps; schedules follow the monotonic clock.
-    pub(super) fn watch_the_clock(&mut self, frame: &Frame) -> Result<(), LogbookError> {
+    pub(super) fn check_clock(&mut self, frame: &Frame) -> Result<(), LogbookError> {
         let Ok(since) = TimeDelta::from_std(frame.monotonic) else {
             return Ok(());
         };
@@ -36,7 +36,7 @@ impl LogbookSink {
     }
 
     /// Checks that the first frame after a gap fits the last one before it.
-    pub(super) fn compare_with_before(&mut self, first: &Frame) -> Result<(), LogbookError> {
+    pub(super) fn compare_with_previous(&mut self, first: &Frame) -> Result<(), LogbookError> {
         let Some(before) = self.before.take() else {
             return Ok(());
         };

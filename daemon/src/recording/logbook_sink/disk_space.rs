@@ -13,18 +13,18 @@ use rig::Clock;
 
 use crate::events::event::Event;
 use crate::monitoring::heartbeat::Part;
-use crate::recording::logbook_sink::{FOR_A_WRITE, LogbookSink};
+use crate::recording::logbook_sink::{LogbookSink, WRITE_TIME_LIMIT};
 use crate::recording::published::Published;
 use config::{FullName, RecordSection};
 use survey::error_chain as chain;
 
 /// Time between two checks for space.
-const LOOK_AGAIN: Duration = Duration::from_millis(200);
+const SPACE_CHECK_INTERVAL: Duration = Duration::from_millis(200);
 const MEGABYTE: u64 = 1_000_000;
 /// Least space that a ring frees at once.
 const LEAST_DELETED: u64 = 16 * MEGABYTE;
 /// Time to wait for another process's lock before the session continues in the next part.
-const LOCK_PATIENCE: Duration = Duration::from_secs(30);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(30);
 
 type Free = Box<dyn Fn(&Path) -> std::io::Result<u64> + Send>;
 
@@ -60,7 +60,7 @@ impl DiskPolicy {
             low: false,
             day: None,
             paused: None,
-            lock_patience: LOCK_PATIENCE,
+            lock_patience: LOCK_TIMEOUT,
             unwritten: VecDeque::new(),
         }
     }
@@ -98,11 +98,11 @@ impl LogbookSink {
             match self.writer.append_all(each) {
                 Ok(last) => {
                     debug_assert_eq!(Some(last), frames.last().map(|last| last.frame.sequence));
-                    self.go_on();
+                    self.end_pause();
                     return Ok(());
                 }
                 Err(error) => {
-                    self.meet(error, &mut renewed)?;
+                    self.handle_failure(error, &mut renewed)?;
                     free = self.free();
                 }
             }
@@ -110,7 +110,11 @@ impl LogbookSink {
     }
 
     /// Handles a failed write, which is then retried. A new part is created once.
-    fn meet(&mut self, error: LogbookError, renewed: &mut bool) -> Result<(), LogbookError> {
+    fn handle_failure(
+        &mut self,
+        error: LogbookError,
+        renewed: &mut bool,
+    ) -> Result<(), LogbookError> {
         let renews = error.needs_successor() || error.is_locked() && self.has_waited_for_the_lock();
         if renews && !*renewed {
             return match self.renew(&error) {
@@ -154,10 +158,10 @@ impl LogbookSink {
         loop {
             match write(&mut self.writer) {
                 Ok(()) => {
-                    self.go_on();
+                    self.end_pause();
                     return Ok(());
                 }
-                Err(error) => self.meet(error, &mut renewed)?,
+                Err(error) => self.handle_failure(error, &mut renewed)?,
             }
         }
     }
@@ -303,14 +307,15 @@ impl LogbookSink {
             // a file that stays locked is left for the next part, which the next attempt creates
             return if locked { Ok(()) } else { Err(full) };
         }
-        std::thread::sleep(LOOK_AGAIN);
+        std::thread::sleep(SPACE_CHECK_INTERVAL);
         let now = self.clock.monotonic();
-        self.heartbeats.promise(Part::Record, now, FOR_A_WRITE);
+        self.heartbeats
+            .set_deadline(Part::Record, now, WRITE_TIME_LIMIT);
         Ok(())
     }
 
     /// A write succeeded: ends a pause.
-    fn go_on(&mut self) {
+    fn end_pause(&mut self) {
         let Some(Pause { since, why, locked }) = self.disk.paused.take() else {
             return;
         };

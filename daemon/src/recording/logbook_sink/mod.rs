@@ -15,14 +15,14 @@ use logbook::{LogbookError, SessionWriter};
 use rig::{Clock, SystemClock};
 
 use crate::events::event_log::EventLog;
-use crate::monitoring::heartbeat::{Heartbeats, Part, Rests};
+use crate::monitoring::heartbeat::{Heartbeats, IdleOnDrop, Part};
 use crate::recording::frame_sink::FrameSink;
 use crate::recording::published::Published;
 use crate::recording::session_status::SessionStatus;
 use survey::error_chain as chain;
 
 /// Longest time of a write; the disk counts as hanging beyond it.
-const FOR_A_WRITE: Duration = Duration::from_secs(60);
+const WRITE_TIME_LIMIT: Duration = Duration::from_secs(60);
 
 /// Writes one session.
 pub(crate) struct LogbookSink {
@@ -44,8 +44,8 @@ impl FrameSink for LogbookSink {
             return Ok(());
         };
         self.roll(first.frame.wall)?;
-        self.compare_with_before(&first.frame)?;
-        self.watch_the_clock(&first.frame)?;
+        self.compare_with_previous(&first.frame)?;
+        self.check_clock(&first.frame)?;
         if let Err(error) = self.store(frames) {
             self.status.count_dropped(frames.len() as u64);
             return Err(error);
@@ -88,11 +88,12 @@ impl LogbookSink {
         self.writer.acknowledged()
     }
 
-    /// Starts a write: the next heartbeat is due within [`FOR_A_WRITE`], unless this is dropped before.
-    pub(super) fn begins_to_write(&self) -> Rests {
+    /// Starts a write: the next heartbeat is due within [`WRITE_TIME_LIMIT`], unless this is dropped before.
+    pub(super) fn begin_write(&self) -> IdleOnDrop {
         let now = self.clock.monotonic();
-        self.heartbeats.promise(Part::Record, now, FOR_A_WRITE);
-        Rests(Arc::clone(&self.heartbeats), Part::Record)
+        self.heartbeats
+            .set_deadline(Part::Record, now, WRITE_TIME_LIMIT);
+        IdleOnDrop(Arc::clone(&self.heartbeats), Part::Record)
     }
 
     /// Ends the session. A file that is locked by another process, or gone, is left: the next part records the end.

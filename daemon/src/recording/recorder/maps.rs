@@ -8,14 +8,14 @@ use survey::Frame;
 
 use crate::recording::frame_sink::FrameSink;
 use crate::recording::published::Published;
-use crate::recording::reconstruction_worker::{Failure, Made, MapOutcome};
+use crate::recording::reconstruction_worker::{Failure, MapOutcome, TimedOutcome};
 use crate::recording::recorder::{Recorder, Task};
 
 impl Recorder {
     pub(super) fn ask_for_map(
         &mut self,
         frame: &Frame,
-        hurry: impl Fn() -> bool,
+        busy: impl Fn() -> bool,
     ) -> Option<MapOutcome> {
         match &mut self.task {
             Task::Baseline { .. } => None,
@@ -23,12 +23,16 @@ impl Recorder {
                 worker, settings, ..
             } => settings
                 .has_map(frame.sequence)
-                .then(|| worker.make(&frame.readings, hurry)),
+                .then(|| worker.make(&frame.readings, busy)),
         }
     }
 
     /// Adds the result to its frame, and reports errors.
-    pub(super) fn made(&mut self, made: Made, frame: &mut Published) -> Result<(), LogbookError> {
+    pub(super) fn made(
+        &mut self,
+        made: TimedOutcome,
+        frame: &mut Published,
+    ) -> Result<(), LogbookError> {
         frame.reconstruction = made.took;
         match made.outcome {
             Ok(mapped) => {
@@ -73,7 +77,7 @@ impl Recorder {
         }
     }
 
-    fn arrived(&mut self, made: Made) -> Result<(), LogbookError> {
+    fn arrived(&mut self, made: TimedOutcome) -> Result<(), LogbookError> {
         let Task::Maps { late, .. } = &mut self.task else {
             return Ok(());
         };

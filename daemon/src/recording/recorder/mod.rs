@@ -19,20 +19,20 @@ use tokio::sync::mpsc::{self, error::TryRecvError};
 use crate::events::kind::EventKind;
 use crate::recording::frame_sink::FrameSink;
 use crate::recording::logbook_sink::LogbookSink;
-use crate::recording::order::{Order, QUEUE};
 use crate::recording::published::Published;
 use crate::recording::reconstruction_worker::{MapOutcome, ReconstructionWorker};
+use crate::recording::recorder_message::{QUEUE, RecorderMessage};
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream_sink::StreamSink;
 use survey::error_chain as chain;
 
 /// Number of waiting frames from which maps are not awaited.
-const HURRY: usize = QUEUE / 2;
+const BUSY_QUEUE: usize = QUEUE / 2;
 
 /// Most frames written with one sync.
 const MOST_TOGETHER: usize = 64;
 /// Time between two checks for more of them.
-const LOOK: Duration = Duration::from_millis(1);
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Records one session.
 pub(crate) struct Recorder {
@@ -100,13 +100,13 @@ impl Recorder {
     /// A disk error; everything acknowledged before is on disk, and the session is requested to stop.
     pub(crate) fn run(
         mut self,
-        mut orders: mpsc::Receiver<Order>,
+        mut orders: mpsc::Receiver<RecorderMessage>,
     ) -> Result<Option<Baseline>, LogbookError> {
         let mut waiting = VecDeque::new();
         while let Some(order) = waiting.pop_front().or_else(|| orders.blocking_recv()) {
-            let _rests = self.logbook.begins_to_write();
+            let _rests = self.logbook.begin_write();
             let outcome = match order {
-                Order::Frame(first) => {
+                RecorderMessage::Frame(first) => {
                     let frames = gather(
                         *first,
                         &mut orders,
@@ -115,11 +115,11 @@ impl Recorder {
                     );
                     self.frames(frames, &orders)
                 }
-                Order::Event(event) => self.logbook.event(event),
-                Order::MapReady => self.late_map(),
-                Order::LookAtPlace => self.logbook.look_at_place(),
-                Order::Close { at, reason } => return self.close(at, &reason),
-                Order::Leave { at, reason } => {
+                RecorderMessage::Event(event) => self.logbook.event(event),
+                RecorderMessage::MapReady => self.late_map(),
+                RecorderMessage::CheckFile => self.logbook.look_at_place(),
+                RecorderMessage::Close { at, reason } => return self.close(at, &reason),
+                RecorderMessage::Leave { at, reason } => {
                     self.last_map()?;
                     let event = self.logbook.event_at(at, EventKind::ShutDown, &reason);
                     self.logbook.event(event)?;
@@ -132,7 +132,7 @@ impl Recorder {
                 // remaining orders are dropped
                 orders.close();
                 while let Some(order) = waiting.pop_front().or_else(|| orders.blocking_recv()) {
-                    if let Order::Frame(_) = order {
+                    if let RecorderMessage::Frame(_) = order {
                         self.status.count_dropped(1);
                     }
                 }
@@ -150,7 +150,7 @@ impl Recorder {
     fn frames(
         &mut self,
         frames: Vec<Frame>,
-        orders: &mpsc::Receiver<Order>,
+        orders: &mpsc::Receiver<RecorderMessage>,
     ) -> Result<(), LogbookError> {
         let mut taken: Vec<Published> = Vec::with_capacity(frames.len());
         let (mut left, patient) = (frames.len(), self.patient);
@@ -164,9 +164,9 @@ impl Recorder {
             frame.sequence = sequence;
             let mut published = Published::new(self.checks.of(&frame), frame);
             match self.ask_for_map(&published.frame, || {
-                !patient && orders.len() + left >= HURRY
+                !patient && orders.len() + left >= BUSY_QUEUE
             }) {
-                Some(MapOutcome::Made(made)) => self.made(*made, &mut published)?,
+                Some(MapOutcome::TimedOutcome(made)) => self.made(*made, &mut published)?,
                 Some(MapOutcome::Late) => late = Some(taken.len()),
                 Some(MapOutcome::Busy) => self.missed_a_map()?,
                 Some(MapOutcome::Suspended) | None => {}
@@ -239,19 +239,21 @@ impl Recorder {
 /// Collects the waiting frames, and those that arrive `within` this time, up to the next other order.
 fn gather(
     first: Frame,
-    orders: &mut mpsc::Receiver<Order>,
-    waiting: &mut VecDeque<Order>,
+    orders: &mut mpsc::Receiver<RecorderMessage>,
+    waiting: &mut VecDeque<RecorderMessage>,
     within: Duration,
 ) -> Vec<Frame> {
     let began = Instant::now();
     let mut frames = vec![first];
     while waiting.is_empty() && frames.len() < MOST_TOGETHER {
         match orders.try_recv() {
-            Ok(Order::Frame(frame)) => frames.push(*frame),
+            Ok(RecorderMessage::Frame(frame)) => frames.push(*frame),
             // checked with every frame
-            Ok(Order::MapReady | Order::LookAtPlace) => {}
+            Ok(RecorderMessage::MapReady | RecorderMessage::CheckFile) => {}
             Ok(other) => waiting.push_back(other),
-            Err(TryRecvError::Empty) if began.elapsed() < within => std::thread::sleep(LOOK),
+            Err(TryRecvError::Empty) if began.elapsed() < within => {
+                std::thread::sleep(POLL_INTERVAL)
+            }
             Err(_) => break,
         }
     }

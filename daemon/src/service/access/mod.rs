@@ -15,10 +15,10 @@ use zbus::object_server::{DispatchResult, Interface, ObjectServer, SignalEmitter
 use zbus::{BoxDBusError, Connection, OwnedVariant, Variant, fdo};
 
 use super::gate::{Authorizer, Client, Gate};
-use super::limit::{ACTS, LOOKS, Limit, QUESTIONS, SAFETY, WAITS};
+use super::limit::{COMMANDS, Limit, POLKIT_QUERIES, QUERIES, SAFETY_CALLS, WAITING_CALLS};
 use super::polkit;
 use crate::panics::containment;
-use crate::panics::containment::{Ends, Panicked, answer};
+use crate::panics::containment::{PanicScope, Panicked, answer};
 
 /// Groups of operations for which permission is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,145 +50,210 @@ impl Action {
 
 /// How a call is served, and what happens to it when its caller disconnects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Lane {
+pub(super) enum CallClass {
     /// Replied at once; ends with its caller.
-    Look,
-    /// Like a look, with a reply of some 100 kB: a connection sends one at a time.
-    Large,
+    Query,
+    /// Like a query, with a reply of some 100 kB: a connection sends one at a time.
+    LargeQuery,
     /// Waits for a frame or for the end of a session; ends with its caller.
     Wait,
     /// Changes something; runs to its end.
-    Act,
+    Command,
     /// Makes the rig safe, with separate limits; runs to its end.
-    Safe,
+    Safety,
 }
 
-impl Lane {
-    fn places(self) -> &'static Limit {
+impl CallClass {
+    fn limit(self) -> &'static Limit {
         match self {
-            Self::Look | Self::Large => &LOOKS,
-            Self::Wait => &WAITS,
-            Self::Act => &ACTS,
-            Self::Safe => &SAFETY,
+            Self::Query | Self::LargeQuery => &QUERIES,
+            Self::Wait => &WAITING_CALLS,
+            Self::Command => &COMMANDS,
+            Self::Safety => &SAFETY_CALLS,
         }
     }
 
     /// Whether a reply is cancelled when its caller disconnects.
     fn ends_with_its_caller(self) -> bool {
-        matches!(self, Self::Look | Self::Large | Self::Wait)
+        matches!(self, Self::Query | Self::LargeQuery | Self::Wait)
     }
 }
 
 /// Every method, its action, and how it is served.
-const METHODS: &[(&str, &str, Action, Lane)] = &[
+const METHODS: &[(&str, &str, Action, CallClass)] = &[
     (
         MANAGER_INTERFACE,
         "StartSession",
         Action::Control,
-        Lane::Act,
+        CallClass::Command,
     ),
     (
         MANAGER_INTERFACE,
         "RecordBaseline",
         Action::Baseline,
-        Lane::Act,
+        CallClass::Command,
     ),
     (
         MANAGER_INTERFACE,
         "UseBaseline",
         Action::Baseline,
-        Lane::Act,
+        CallClass::Command,
     ),
     (
         MANAGER_INTERFACE,
         "ListSessions",
         Action::Observe,
-        Lane::Look,
+        CallClass::Query,
     ),
-    (MANAGER_INTERFACE, "Plan", Action::Observe, Lane::Look),
-    (MANAGER_INTERFACE, "PlanWith", Action::Observe, Lane::Look),
-    (MANAGER_INTERFACE, "Geometry", Action::Observe, Lane::Large),
-    (MANAGER_INTERFACE, "Baseline", Action::Observe, Lane::Look),
-    (MANAGER_INTERFACE, "Health", Action::Observe, Lane::Look),
-    (MANAGER_INTERFACE, "Status", Action::Observe, Lane::Look),
+    (MANAGER_INTERFACE, "Plan", Action::Observe, CallClass::Query),
+    (
+        MANAGER_INTERFACE,
+        "PlanWith",
+        Action::Observe,
+        CallClass::Query,
+    ),
+    (
+        MANAGER_INTERFACE,
+        "Geometry",
+        Action::Observe,
+        CallClass::LargeQuery,
+    ),
+    (
+        MANAGER_INTERFACE,
+        "Baseline",
+        Action::Observe,
+        CallClass::Query,
+    ),
+    (
+        MANAGER_INTERFACE,
+        "Health",
+        Action::Observe,
+        CallClass::Query,
+    ),
+    (
+        MANAGER_INTERFACE,
+        "Status",
+        Action::Observe,
+        CallClass::Query,
+    ),
     // runs a program that only the configuration names
-    (MANAGER_INTERFACE, "NotifyTest", Action::Control, Lane::Act),
+    (
+        MANAGER_INTERFACE,
+        "NotifyTest",
+        Action::Control,
+        CallClass::Command,
+    ),
     // injects current and moves every relay
     (
         MANAGER_INTERFACE,
         "TestInstruments",
         Action::Instruments,
-        Lane::Act,
+        CallClass::Command,
     ),
     // queries the instruments
-    (MANAGER_INTERFACE, "Relays", Action::Instruments, Lane::Act),
+    (
+        MANAGER_INTERFACE,
+        "Relays",
+        Action::Instruments,
+        CallClass::Command,
+    ),
     // connects to addresses that the caller names
     (
         MANAGER_INTERFACE,
         "Discover",
         Action::Instruments,
-        Lane::Act,
+        CallClass::Command,
     ),
     (
         MANAGER_INTERFACE,
         "OpenAll",
         Action::Instruments,
-        Lane::Safe,
+        CallClass::Safety,
     ),
     (
         MANAGER_INTERFACE,
         "AcceptInstruments",
         Action::Instruments,
-        Lane::Act,
+        CallClass::Command,
     ),
     (
         MANAGER_INTERFACE,
         "Transcript",
         Action::Instruments,
-        Lane::Act,
+        CallClass::Command,
     ),
-    (MANAGER_INTERFACE, "Reload", Action::Reload, Lane::Act),
-    (SESSION_INTERFACE, "Stop", Action::Control, Lane::Safe),
-    (SESSION_INTERFACE, "Suspend", Action::Control, Lane::Safe),
-    (SESSION_INTERFACE, "Resume", Action::Control, Lane::Act),
-    (SESSION_INTERFACE, "Step", Action::Control, Lane::Wait),
-    (SESSION_INTERFACE, "Wait", Action::Observe, Lane::Wait),
+    (
+        MANAGER_INTERFACE,
+        "Reload",
+        Action::Reload,
+        CallClass::Command,
+    ),
+    (
+        SESSION_INTERFACE,
+        "Stop",
+        Action::Control,
+        CallClass::Safety,
+    ),
+    (
+        SESSION_INTERFACE,
+        "Suspend",
+        Action::Control,
+        CallClass::Safety,
+    ),
+    (
+        SESSION_INTERFACE,
+        "Resume",
+        Action::Control,
+        CallClass::Command,
+    ),
+    (SESSION_INTERFACE, "Step", Action::Control, CallClass::Wait),
+    (SESSION_INTERFACE, "Wait", Action::Observe, CallClass::Wait),
     (
         SESSION_INTERFACE,
         "LatestFrame",
         Action::Observe,
-        Lane::Look,
+        CallClass::Query,
     ),
-    (SESSION_INTERFACE, "LatestMap", Action::Observe, Lane::Large),
+    (
+        SESSION_INTERFACE,
+        "LatestMap",
+        Action::Observe,
+        CallClass::LargeQuery,
+    ),
     (
         SESSION_INTERFACE,
         "LatestPressure",
         Action::Observe,
-        Lane::Look,
+        CallClass::Query,
     ),
-    (SESSION_INTERFACE, "OpenStream", Action::Observe, Lane::Look),
+    (
+        SESSION_INTERFACE,
+        "OpenStream",
+        Action::Observe,
+        CallClass::Query,
+    ),
     (
         SIMULATION_INTERFACE,
         "Press",
         Action::Instruments,
-        Lane::Act,
+        CallClass::Command,
     ),
     (
         SIMULATION_INTERFACE,
         "Release",
         Action::Instruments,
-        Lane::Act,
+        CallClass::Command,
     ),
 ];
 
 /// Every writable property, and its action. `Properties.Set` is not covered by the bus's own policy.
 const SETTERS: &[(&str, &str, Action)] = &[];
 
-fn method(interface: &InterfaceName<'_>, member: &str) -> Option<(Action, Lane)> {
+fn method(interface: &InterfaceName<'_>, member: &str) -> Option<(Action, CallClass)> {
     METHODS
         .iter()
         .find(|(of, named, ..)| *of == interface.as_str() && *named == member)
-        .map(|(_, _, action, lane)| (*action, *lane))
+        .map(|(_, _, action, class)| (*action, *class))
 }
 
 /// Whether a method does more than read.
@@ -237,7 +302,7 @@ impl Authorizer {
                 false => refused("only the daemon's own user may, on the session bus"),
             };
         }
-        let _place = QUESTIONS.take(client.user)?;
+        let _permit = POLKIT_QUERIES.take(client.user)?;
         let interactive = header
             .primary()
             .flags()
@@ -303,7 +368,7 @@ impl<I: Interface> Interface for Guarded<I> {
         let got = self
             .object
             .get(property_name, server, connection, header, emitter);
-        answer(Ends::Answer, got)
+        answer(PanicScope::Reply, got)
             .await
             .unwrap_or_else(|panicked| Some(Err(boxed(panicked.into()))))
     }
@@ -316,7 +381,7 @@ impl<I: Interface> Interface for Guarded<I> {
         emitter: &SignalEmitter<'_>,
     ) -> fdo::Result<std::collections::HashMap<String, OwnedVariant>> {
         let got = self.object.get_all(server, connection, header, emitter);
-        answer(Ends::Answer, got)
+        answer(PanicScope::Reply, got)
             .await
             .unwrap_or_else(|panicked| Err(fdo::Error::Failed(panicked.to_string())))
     }
@@ -341,7 +406,7 @@ impl<I: Interface> Interface for Guarded<I> {
             admit_setter(&self.gate, connection, header, action, property_name)
                 .await
                 .map_err(boxed)?;
-            flat(answer(Ends::Session, set).await)
+            flatten_panic(answer(PanicScope::Session, set).await)
         }))
     }
 
@@ -362,7 +427,7 @@ impl<I: Interface> Interface for Guarded<I> {
         let set = self
             .object
             .set_mut(property_name, value, server, connection, header, emitter);
-        answer(Ends::Session, set)
+        answer(PanicScope::Session, set)
             .await
             .unwrap_or_else(|panicked| Some(Err(boxed(panicked.into()))))
     }
@@ -376,7 +441,7 @@ impl<I: Interface> Interface for Guarded<I> {
     ) -> DispatchResult<'call> {
         let object = &self.object;
         let answered = containment::run(|| object.call(server, connection, msg, name.clone()));
-        behind::<I>(&self.gate, answered, connection, msg, name)
+        serve_admitted::<I>(&self.gate, answered, connection, msg, name)
     }
 
     fn call_mut<'call>(
@@ -389,7 +454,7 @@ impl<I: Interface> Interface for Guarded<I> {
         let gate = Arc::clone(&self.gate);
         let object = &mut self.object;
         let answered = containment::run(|| object.call_mut(server, connection, msg, name.clone()));
-        behind::<I>(&gate, answered, connection, msg, name)
+        serve_admitted::<I>(&gate, answered, connection, msg, name)
     }
 
     fn introspect_to_writer(&self, writer: &mut dyn Write, level: usize) {
@@ -400,7 +465,7 @@ impl<I: Interface> Interface for Guarded<I> {
 
 /// Serves the call once it is admitted. A panic of a reading call is contained; one of an acting call also ends the
 /// session.
-fn behind<'call, I: Interface>(
+fn serve_admitted<'call, I: Interface>(
     gate: &Arc<Gate>,
     answered: Result<DispatchResult<'call>, Panicked>,
     connection: &'call Connection,
@@ -431,29 +496,32 @@ fn behind<'call, I: Interface>(
             return Ok(());
         };
         admitted.map_err(boxed)?;
-        let lane = row.map_or(Lane::Look, |(_, lane)| lane);
-        let _place = lane.places().take(client.user).map_err(boxed)?;
-        let turn = match lane {
-            Lane::Large => client.while_present(gate.large_answers.acquire()).await,
+        let class = row.map_or(CallClass::Query, |(_, class)| class);
+        let _permit = class.limit().take(client.user).map_err(boxed)?;
+        let turn = match class {
+            CallClass::LargeQuery => client.while_present(gate.large_answers.acquire()).await,
             _ => None,
         };
-        if lane == Lane::Large && turn.is_none() {
+        if class == CallClass::LargeQuery && turn.is_none() {
             return Ok(());
         }
-        let ends = match action {
-            Some(Action::Observe) | None => Ends::Answer,
-            Some(_) => Ends::Session,
+        let scope = match action {
+            Some(Action::Observe) | None => PanicScope::Reply,
+            Some(_) => PanicScope::Session,
         };
-        let answered = answer(ends, gate.acting(client.user.calls(answered)));
-        match lane.ends_with_its_caller() {
-            true => client.while_present(answered).await.map_or(Ok(()), flat),
-            false => flat(answered.await),
+        let answered = answer(scope, gate.acting(client.user.calls(answered)));
+        match class.ends_with_its_caller() {
+            true => client
+                .while_present(answered)
+                .await
+                .map_or(Ok(()), flatten_panic),
+            false => flatten_panic(answered.await),
         }
     }))
 }
 
 /// Converts a caught panic to an error reply.
-fn flat(answered: Result<Result<(), BoxDBusError>, Panicked>) -> Result<(), BoxDBusError> {
+fn flatten_panic(answered: Result<Result<(), BoxDBusError>, Panicked>) -> Result<(), BoxDBusError> {
     answered.unwrap_or_else(|panicked| Err(boxed(panicked.into())))
 }
 

@@ -154,9 +154,9 @@ async fn a_panic_while_answering_leaves_the_session_running() {
         let all = error(&client, properties, "GetAll", &(MANAGER_INTERFACE,)).await;
         assert!(all.contains("all properties"), "{all}");
         let introspect = "org.freedesktop.DBus.Introspectable";
-        let shown =
+        let registered_path =
             client.call_method(None::<&str>, ROOT_PATH, Some(introspect), "Introspect", &());
-        tokio::time::timeout(guarded::DEADLINE, shown)
+        tokio::time::timeout(guarded::DEADLINE, registered_path)
             .await
             .unwrap()
             .unwrap();

@@ -76,17 +76,20 @@ fn every_checked_action_is_declared_to_polkit() {
 }
 
 #[test]
-fn looks_never_take_the_places_of_calls_that_make_safe() {
-    for (interface, member, action, lane) in METHODS {
+fn queries_never_use_up_the_limit_of_safety_calls() {
+    for (interface, member, action, class) in METHODS {
         let looks = *action == Action::Observe;
-        let own = matches!(lane, Lane::Act | Lane::Safe);
+        let own = matches!(class, CallClass::Command | CallClass::Safety);
         assert!(!(looks && own), "{interface}.{member}");
     }
     let safe: Vec<&str> = METHODS
         .iter()
-        .filter(|(.., lane)| *lane == Lane::Safe)
+        .filter(|(.., class)| *class == CallClass::Safety)
         .map(|(_, member, ..)| *member)
         .collect();
     assert_eq!(safe, ["OpenAll", "Stop", "Suspend"]);
-    assert!(!std::ptr::eq(Lane::Look.places(), Lane::Safe.places()));
+    assert!(!std::ptr::eq(
+        CallClass::Query.limit(),
+        CallClass::Safety.limit()
+    ));
 }

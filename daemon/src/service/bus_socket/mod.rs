@@ -31,7 +31,7 @@ use zbus::message::Type;
 use zbus::names::BusName;
 
 use crate::panics::containment;
-use queue::{Fate, Incoming};
+use queue::{Disposition, Incoming};
 
 pub(super) use queue::Queue;
 
@@ -165,7 +165,7 @@ impl Reader {
             let header = header::read(message);
             let own = header.map_or(0, |header| header.descriptors);
             let own = descriptors.drain(..own.min(descriptors.len())).collect();
-            if self.queue.push(message, own) == Fate::Lost {
+            if self.queue.push(message, own) == Disposition::Dropped {
                 lost += 1;
                 loser = header.map_or("", |header| header.sender).to_owned();
             }

@@ -31,19 +31,19 @@ pub(super) struct Incoming {
 
 /// What is done with a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Fate {
-    Waits,
+pub(super) enum Disposition {
+    Queued,
     /// Dropped: it has no effect.
-    Idle,
+    Ignored,
     /// Dropped: it may have an effect, but its sender exceeds the limit.
-    Lost,
+    Dropped,
 }
 
 /// The messages that wait.
 #[derive(Debug)]
 pub(crate) struct Queue {
     /// Whether a method changes something, by interface and member.
-    acts: fn(&str, &str) -> bool,
+    has_effect: fn(&str, &str) -> bool,
     waiting: Mutex<Waiting>,
     arrived: Notify,
     drained: Condvar,
@@ -82,9 +82,9 @@ struct Unanswered {
 
 impl Queue {
     /// An empty queue; `acts` tells whether a method changes something, by interface and member.
-    pub(crate) fn new(acts: fn(&str, &str) -> bool) -> Self {
+    pub(crate) fn new(has_effect: fn(&str, &str) -> bool) -> Self {
         Self {
-            acts,
+            has_effect,
             waiting: Mutex::default(),
             arrived: Notify::new(),
             drained: Condvar::new(),
@@ -101,7 +101,7 @@ impl Queue {
         if !waiting.trusted.insert(sender.to_owned()) {
             return;
         }
-        waiting.go_on(sender);
+        waiting.resume_sender(sender);
         let [trusted, others] = &mut waiting.turns;
         if let Some(at) = others.iter().position(|other| other == sender) {
             trusted.extend(others.remove(at));
@@ -117,7 +117,7 @@ impl Queue {
         if let Some(own) = waiting.unanswered.remove(sender) {
             waiting.unanswered_all -= own.all;
         }
-        waiting.go_on(sender);
+        waiting.resume_sender(sender);
         drop(waiting);
         self.arrived.notify_one();
     }
@@ -132,7 +132,7 @@ impl Queue {
     }
 
     /// Adds a message after those of its sender. Waits if too many bytes are queued.
-    pub(super) fn push(&self, message: &[u8], descriptors: Vec<OwnedFd>) -> Fate {
+    pub(super) fn push(&self, message: &[u8], descriptors: Vec<OwnedFd>) -> Disposition {
         let mut waiting = self.waiting();
         while waiting.bytes >= MOST_BYTES && !waiting.ended {
             waiting = self
@@ -140,12 +140,12 @@ impl Queue {
                 .wait(waiting)
                 .unwrap_or_else(PoisonError::into_inner);
         }
-        let fate = waiting.put(message, descriptors, self.acts);
+        let disposition = waiting.enqueue(message, descriptors, self.has_effect);
         drop(waiting);
-        if fate == Fate::Waits {
+        if disposition == Disposition::Queued {
             self.arrived.notify_one();
         }
-        fate
+        disposition
     }
 
     /// The next message; `None` when the connection has ended and the queue is empty.
@@ -177,36 +177,36 @@ impl Queue {
 }
 
 impl Waiting {
-    fn put(
+    fn enqueue(
         &mut self,
         message: &[u8],
         descriptors: Vec<OwnedFd>,
-        acts: fn(&str, &str) -> bool,
-    ) -> Fate {
+        has_effect: fn(&str, &str) -> bool,
+    ) -> Disposition {
         let Some(header) = header::read(message).filter(Header::is_call) else {
             // the daemon subscribes to no other's signals, and anybody may send them
             let of_others = |header: Header<'_>| header.is_signal() && header.sender != BROKER;
             if header::read(message).is_some_and(of_others) {
-                return Fate::Idle;
+                return Disposition::Ignored;
             }
             self.bytes += message.len();
             self.first.push_back(Incoming {
                 bytes: message.to_vec(),
                 descriptors,
             });
-            return Fate::Waits;
+            return Disposition::Queued;
         };
         let sender = header.sender;
         let trusted = self.trusted.contains(sender);
         if !header.wants_answer() {
-            if !acts(header.interface, header.member) {
-                return Fate::Idle;
+            if !has_effect(header.interface, header.member) {
+                return Disposition::Ignored;
             }
             let own = self.unanswered.get(sender).map_or(0, |own| own.all);
             let too_many =
                 own >= UNANSWERED_EACH || (!trusted && self.unanswered_all >= UNANSWERED_ALL);
             if too_many || message.len() > LONGEST_UNANSWERED {
-                return Fate::Lost;
+                return Disposition::Dropped;
             }
             let own = self.unanswered.entry(sender.to_owned()).or_default();
             *own.numbers.entry(header.serial).or_default() += 1;
@@ -223,7 +223,7 @@ impl Waiting {
         // no method takes descriptors, and queued ones would use up the daemon's limit
         let descriptors = Vec::new();
         calls.push_back((Incoming { bytes, descriptors }, header.wants_answer()));
-        Fate::Waits
+        Disposition::Queued
     }
 
     fn is_served(&mut self, sender: &str, serial: u32) -> bool {
@@ -243,12 +243,12 @@ impl Waiting {
             self.unanswered.remove(sender);
         }
         self.unanswered_all -= 1;
-        self.go_on(sender);
+        self.resume_sender(sender);
         true
     }
 
     /// Serves this sender again.
-    fn go_on(&mut self, sender: &str) {
+    fn resume_sender(&mut self, sender: &str) {
         if let Some(sender) = self.paused.take(sender) {
             let to = usize::from(!self.trusted.contains(&sender));
             self.turns[to].push_back(sender);
@@ -317,7 +317,7 @@ mod tests {
         call.build(&number).unwrap()
     }
 
-    fn push(queue: &Queue, message: &Message) -> Fate {
+    fn push(queue: &Queue, message: &Message) -> Disposition {
         queue.push(message.data().bytes(), Vec::new())
     }
 
@@ -363,19 +363,25 @@ mod tests {
     #[test]
     fn a_flood_without_answers_is_cut_and_others_are_kept() {
         let queue = queue();
-        let fates: Vec<Fate> = (0..100)
+        let dispositions: Vec<Disposition> = (0..100)
             .map(|number| push(&queue, &call(":1.1", "Stop", false, number)))
             .collect();
-        let lost = fates.iter().filter(|fate| **fate == Fate::Lost).count();
+        let lost = dispositions
+            .iter()
+            .filter(|disposition| **disposition == Disposition::Dropped)
+            .count();
         assert_eq!(lost, 100 - UNANSWERED_EACH);
         // the bus limits callers that wait for a reply, and none of their calls is lost
         for number in 0..100 {
             assert_eq!(
                 push(&queue, &call(":1.1", "Stop", true, number)),
-                Fate::Waits
+                Disposition::Queued
             );
         }
-        assert_eq!(push(&queue, &call(":1.2", "Stop", false, 5)), Fate::Waits);
+        assert_eq!(
+            push(&queue, &call(":1.2", "Stop", false, 5)),
+            Disposition::Queued
+        );
         let taken = taken(&queue);
         assert_eq!(taken.len(), UNANSWERED_EACH + 100 + 1);
         assert_eq!(taken[1], (":1.2".to_owned(), 5));
@@ -386,17 +392,17 @@ mod tests {
         let queue = queue();
         let stop = call(":1.1", "Stop", false, 0);
         for _ in 0..UNANSWERED_EACH {
-            assert_eq!(push(&queue, &stop), Fate::Waits);
+            assert_eq!(push(&queue, &stop), Disposition::Queued);
         }
-        assert_eq!(push(&queue, &stop), Fate::Lost);
+        assert_eq!(push(&queue, &stop), Disposition::Dropped);
         // one at a time for an untrusted sender
         assert!(take(&queue).is_some());
         assert!(take(&queue).is_none());
-        assert_eq!(push(&queue, &stop), Fate::Lost);
+        assert_eq!(push(&queue, &stop), Disposition::Dropped);
         let serial = stop.primary_header().serial_num().get();
         assert!(!queue.is_served(":1.2", serial));
         assert!(queue.is_served(":1.1", serial));
-        assert_eq!(push(&queue, &stop), Fate::Waits);
+        assert_eq!(push(&queue, &stop), Disposition::Queued);
         assert!(take(&queue).is_some());
         assert!(take(&queue).is_none());
         // a sender that disconnects is not waited for
@@ -412,12 +418,15 @@ mod tests {
         let queue = queue();
         let mut lost = 0;
         for sender in 0..2 * UNANSWERED_ALL {
-            let fate = push(&queue, &call(&format!(":1.{sender}"), "Stop", false, 0));
-            lost += usize::from(fate == Fate::Lost);
+            let disposition = push(&queue, &call(&format!(":1.{sender}"), "Stop", false, 0));
+            lost += usize::from(disposition == Disposition::Dropped);
         }
         assert_eq!(lost, UNANSWERED_ALL);
         queue.prefer(":2.1");
-        assert_eq!(push(&queue, &call(":2.1", "Stop", false, 7)), Fate::Waits);
+        assert_eq!(
+            push(&queue, &call(":2.1", "Stop", false, 7)),
+            Disposition::Queued
+        );
         assert_eq!(taken(&queue)[0], (":2.1".to_owned(), 7));
     }
 
@@ -448,14 +457,17 @@ mod tests {
     #[test]
     fn what_has_no_effect_is_not_kept() {
         let queue = queue();
-        assert_eq!(push(&queue, &call(":1.1", "State", false, 0)), Fate::Idle);
+        assert_eq!(
+            push(&queue, &call(":1.1", "State", false, 0)),
+            Disposition::Ignored
+        );
         let signal = |sender: &str| {
             let signal = Message::signal("/", "org.example.A", "Happened");
             signal.sender(sender).build(&()).unwrap()
         };
-        assert_eq!(push(&queue, &signal(":1.1")), Fate::Idle);
+        assert_eq!(push(&queue, &signal(":1.1")), Disposition::Ignored);
         push(&queue, &call(":1.1", "State", true, 1));
-        assert_eq!(push(&queue, &signal(BROKER)), Fate::Waits);
+        assert_eq!(push(&queue, &signal(BROKER)), Disposition::Queued);
         let first = queue.waiting().take().unwrap();
         assert!(header::read(&first.bytes).unwrap().is_signal());
         assert_eq!(pairs(&taken(&queue)), [(":1.1", 1)]);

@@ -41,7 +41,7 @@ impl Manager1 {
         #[zbus(object_server)] server: &ObjectServer,
     ) -> Result<ObjectPath<'static>, Fault> {
         let status = self.0.start_session(&options).await?;
-        shown(server, &status, &self.1).await
+        registered_path(server, &status, &self.1).await
     }
 
     /// Records a baseline and returns its session at once; when it has ended it is the current baseline. Options:
@@ -53,7 +53,7 @@ impl Manager1 {
         #[zbus(object_server)] server: &ObjectServer,
     ) -> Result<ObjectPath<'static>, Fault> {
         let status = self.0.record_baseline(&options).await?;
-        shown(server, &status, &self.1).await
+        registered_path(server, &status, &self.1).await
     }
 
     /// What the logbook holds, newest first: id, kind, state (`open`, `closed`, `interrupted`), start in ns since 1970
@@ -226,7 +226,7 @@ impl Manager1 {
         options: Options,
     ) -> Result<(Vec<SeenInstrument>, Vec<String>), Fault> {
         let found = self.0.discover(&addresses, &options).await?;
-        let seen = found.seen.into_iter().map(report::seen);
+        let seen = found.seen.into_iter().map(report::found_instrument);
         Ok((seen.collect(), found.notes))
     }
 
@@ -472,7 +472,7 @@ impl Manager1 {
 }
 
 /// The session's object, there on the caller's own connection before the caller hears of it.
-async fn shown(
+async fn registered_path(
     server: &ObjectServer,
     status: &Arc<SessionStatus>,
     gate: &Arc<Gate>,

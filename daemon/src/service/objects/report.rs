@@ -8,7 +8,7 @@ use dbus::{
 };
 use survey::{Baseline, Volts, printable, printable_json};
 
-use crate::instruments::discovery::{Discovered, Seen};
+use crate::instruments::discovery::{Discovered, FoundInstrument};
 use crate::instruments::relay_wear::Wear;
 use crate::instruments::rig_plan::RigPlan;
 use crate::preparation::costs;
@@ -172,7 +172,7 @@ pub(crate) fn test(report: Report) -> TestReport {
 }
 
 /// An instrument that was found.
-pub(crate) fn seen(seen: Seen) -> SeenInstrument {
+pub(crate) fn found_instrument(seen: FoundInstrument) -> SeenInstrument {
     SeenInstrument {
         address: seen.address,
         identity: seen.identity,
@@ -203,11 +203,11 @@ pub(crate) fn found_lines(found: &Discovered, json: bool) -> Vec<String> {
             lines.push(printable_json(object.to_string()));
             continue;
         }
-        let shown = some(&seen.identity).unwrap_or_else(|| seen.remark.clone());
+        let registered_path = some(&seen.identity).unwrap_or_else(|| seen.remark.clone());
         lines.push(
             format!(
                 "# {} (found by {} {})",
-                printable(&shown),
+                printable(&registered_path),
                 seen.found_by,
                 printable(&seen.name)
             )

@@ -30,7 +30,7 @@ impl Session1 {
         if end.faulted {
             return Err(Fault::Failed(end.reason));
         }
-        if self.0.goes_on_with_the_next_daemon() {
+        if self.0.is_resumed_by_next_daemon() {
             return Err(Fault::Failed(
                 "the daemon was being stopped already, and the session goes on when it starts again; stop it then".into(),
             ));
@@ -183,11 +183,11 @@ impl Session1 {
             quality: options.quality.unwrap_or(false),
             ring: options.ring.unwrap_or(RING) as usize,
         };
-        let place = STREAMS.take(User::calling())?;
+        let permit = STREAMS.take(User::calling())?;
         let descriptor = self
             .0
             .readers
-            .add(wanted, place)
+            .add(wanted, permit)
             .map_err(|error| Fault::Failed(format!("no socket for the stream: {error}")))?;
         Ok(descriptor.into())
     }

@@ -35,22 +35,23 @@ impl Simulation1 {
         ] {
             checked(what, value, bounds)?;
         }
-        let bench = self.bench()?;
-        simulation::press(&bench, shape, [x_m, y_m], size_m, loss).map_err(Fault::InvalidOption)
+        let simulated_rig = self.simulated_rig()?;
+        simulation::press(&simulated_rig, shape, [x_m, y_m], size_m, loss)
+            .map_err(Fault::InvalidOption)
     }
 
     /// Takes the load away.
     async fn release(&self) -> Result<(), Fault> {
-        simulation::release(&self.bench()?);
+        simulation::release(&self.simulated_rig()?);
         Ok(())
     }
 }
 
 impl Simulation1 {
-    fn bench(&self) -> Result<simulation::SimulatedRig, Fault> {
+    fn simulated_rig(&self) -> Result<simulation::SimulatedRig, Fault> {
         self.0
             .runtime()
-            .bench
+            .simulated_rig
             .clone()
             .ok_or_else(|| Fault::Unsupported("the rig is not simulated".into()))
     }

@@ -27,10 +27,11 @@ use tokio::sync::{Notify, watch};
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
 use crate::events::event_log::EventLog;
-use crate::instruments::assembly::{Assembled, Bench};
+use crate::instruments::assembly::Assembled;
 use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::lock::InstrumentLocks;
 use crate::instruments::rig_plan::RigPlan;
+use crate::instruments::simulation::SimulatedRig;
 use crate::monitoring::Observed;
 use crate::monitoring::heartbeat::Heartbeats;
 use crate::preparation::{FramesFrom, Prepared, Setup};
@@ -48,7 +49,7 @@ pub(crate) struct Runtime {
     /// `None` for a recording.
     pub plan: Option<Arc<RigPlan>>,
     pub settings: Option<Settings>,
-    pub bench: Bench,
+    pub simulated_rig: Option<SimulatedRig>,
     pub simulated: bool,
     pub clock: SystemClock,
     pub build: String,
@@ -127,7 +128,7 @@ impl Controller {
     /// Takes over a prepared rig or recording; nothing is started.
     pub(crate) fn new(
         prepared: Prepared,
-        bench: Bench,
+        simulated_rig: Option<SimulatedRig>,
         assembled: Option<Assembled>,
         records: Records,
         transcript: RingTranscript,
@@ -179,7 +180,7 @@ impl Controller {
                 drawn: OnceLock::new(),
                 plan,
                 settings,
-                bench,
+                simulated_rig,
                 simulated,
                 clock,
                 config: file,
@@ -377,7 +378,7 @@ impl Controller {
                 && self.runtime().setup.config.record.resume
                 && !self.is_recording();
             match goes_on {
-                true => status.leave(why),
+                true => status.end_resumable(why),
                 false => status.stop(why),
             }
             status.ended().await;

@@ -9,9 +9,9 @@ use rig::Clock;
 
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
-use crate::instruments::assembly::{Closed, assemble};
-use crate::instruments::identities::{ExpectedIdentities, UNTIL_AGREED};
-use crate::session::controller::recovery::LOOK_AGAIN;
+use crate::instruments::assembly::{OnClosedRelays, assemble};
+use crate::instruments::identities::{ACCEPT_HINT, ExpectedIdentities};
+use crate::session::controller::recovery::RECONNECT_INTERVALS;
 use crate::session::controller::{Controller, Recovery};
 use crate::session::state::Trigger;
 
@@ -27,7 +27,7 @@ impl Controller {
             since: self.runtime().clock.wall(),
             person: false,
         });
-        let mut pause = LOOK_AGAIN.0;
+        let mut pause = RECONNECT_INTERVALS.0;
         loop {
             tokio::select! {
                 () = tokio::time::sleep(pause) => {}
@@ -45,7 +45,7 @@ impl Controller {
                     return;
                 }
                 Err(text) => {
-                    pause = (pause * 2).min(LOOK_AGAIN.1);
+                    pause = (pause * 2).min(RECONNECT_INTERVALS.1);
                     self.next_try(None, &text, pause).await;
                 }
             }
@@ -72,7 +72,7 @@ impl Controller {
         found: &str,
         source_off: bool,
     ) {
-        let text = format!("{found}; {UNTIL_AGREED}");
+        let text = format!("{found}; {ACCEPT_HINT}");
         {
             let mut inner = self.inner();
             inner.identities = identities;
@@ -125,12 +125,12 @@ impl Controller {
         };
         // reassembled: settings are applied only now that the relays' state is known
         *rig = None;
-        let (bench, identities) = (self.runtime().bench.clone(), self.identities());
+        let (simulated_rig, identities) = (self.runtime().simulated_rig.clone(), self.identities());
         let assembled = assemble(
             plan,
-            &bench,
+            &simulated_rig,
             &self.transcript,
-            Closed::Open,
+            OnClosedRelays::Open,
             Some(&identities),
         )
         .await

@@ -11,8 +11,10 @@ use tokio::time::Instant;
 use crate::acquisition::failed_frame;
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
-use crate::instruments::assembly::{Assembled, AssemblyError, Closed, assemble, open_relays};
-use crate::instruments::identities::UNTIL_AGREED;
+use crate::instruments::assembly::{
+    Assembled, AssemblyError, OnClosedRelays, assemble, open_relays,
+};
+use crate::instruments::identities::ACCEPT_HINT;
 use crate::instruments::rig_plan::RigPlan;
 use crate::session::controller::rig_events::ActiveSession;
 use crate::session::controller::{Controller, Recovery};
@@ -20,7 +22,7 @@ use crate::session::state::Trigger;
 use survey::error_chain as chain;
 
 /// First and longest interval between attempts to reconnect.
-pub(super) const LOOK_AGAIN: (Duration, Duration) =
+pub(super) const RECONNECT_INTERVALS: (Duration, Duration) =
     (Duration::from_millis(200), Duration::from_secs(10));
 
 /// Most consecutive failed frames, with the rig reconnected in between, before the session ends.
@@ -87,7 +89,7 @@ impl Controller {
             inner.recovery = Some(Recovery {
                 what: text.clone(),
                 tries: 0,
-                next: Some(Instant::now() + LOOK_AGAIN.0),
+                next: Some(Instant::now() + RECONNECT_INTERVALS.0),
                 since: self.runtime().clock.wall(),
                 person: false,
             });
@@ -101,7 +103,7 @@ impl Controller {
             .await;
 
         let mut stop = session.status.stop_request();
-        let mut pause = LOOK_AGAIN.0;
+        let mut pause = RECONNECT_INTERVALS.0;
         let assembled = loop {
             tokio::select! {
                 () = stop.requested() => {
@@ -115,7 +117,7 @@ impl Controller {
             match self.retry_assembly(Some(session), plan).await {
                 Ok(assembled) => break assembled,
                 Err(text) => {
-                    pause = (pause * 2).min(LOOK_AGAIN.1);
+                    pause = (pause * 2).min(RECONNECT_INTERVALS.1);
                     self.next_try(Some(session), &text, pause).await;
                 }
             }
@@ -185,15 +187,15 @@ impl Controller {
         session: Option<ActiveSession<'_>>,
         plan: &RigPlan,
     ) -> Result<Assembled, String> {
-        let (bench, identities) = (self.runtime().bench.clone(), self.identities());
+        let (simulated_rig, identities) = (self.runtime().simulated_rig.clone(), self.identities());
         if let Some(recovery) = &mut self.inner().recovery {
             recovery.next = None;
         }
         let outcome = assemble(
             plan,
-            &bench,
+            &simulated_rig,
             &self.transcript,
-            Closed::Open,
+            OnClosedRelays::Open,
             Some(&identities),
         )
         .await;
@@ -214,7 +216,7 @@ impl Controller {
                 Ok(assembled)
             }
             Err(AssemblyError::Others { text, found, .. }) => {
-                let text = format!("{text}; {UNTIL_AGREED}");
+                let text = format!("{text}; {ACCEPT_HINT}");
                 let new = self.inner().others.replace(*found.clone()) != Some(*found);
                 if new {
                     self.report(session, EventKind::OthersFound, &text).await;
@@ -224,7 +226,7 @@ impl Controller {
             Err(error) => {
                 self.inner().others = None;
                 let unknown = self.inner().relays_unknown;
-                if unknown && open_relays(plan, &bench).await.is_ok() {
+                if unknown && open_relays(plan, &simulated_rig).await.is_ok() {
                     self.inner().relays_unknown = false;
                     let text = "the switch answers again: the relays are open, verified";
                     self.report(session, EventKind::RelaysOpen, text).await;

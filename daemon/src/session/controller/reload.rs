@@ -7,7 +7,7 @@ use dbus::Fault;
 
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
-use crate::instruments::assembly::{Closed, assemble};
+use crate::instruments::assembly::{OnClosedRelays, assemble};
 use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
@@ -83,14 +83,14 @@ impl Controller {
             file: config,
         } = prepared;
         let same_rig = same_rig(&old.setup.config, &setup.config);
-        let (bench, plan, settings) = match &frames {
+        let (simulated_rig, plan, settings) = match &frames {
             FramesFrom::Rig(plan) => {
                 let kept = old
-                    .bench
+                    .simulated_rig
                     .clone()
-                    .filter(|_| same_rig && same_bench(&old, plan));
-                let bench = match (kept, &plan.bench) {
-                    (Some(bench), _) => Some(bench),
+                    .filter(|_| same_rig && same_simulation(&old, plan));
+                let simulated_rig = match (kept, &plan.simulation) {
+                    (Some(simulated_rig), _) => Some(simulated_rig),
                     (None, Some((profile, scene))) => Some(
                         SimulatedRig::new(profile, scene.clone())
                             .map_err(|error| Fault::Configuration(chain(&error)))?,
@@ -98,7 +98,7 @@ impl Controller {
                     (None, None) => None,
                 };
                 let settings = plan.settings();
-                (bench, Some(Arc::clone(plan)), Some(settings))
+                (simulated_rig, Some(Arc::clone(plan)), Some(settings))
             }
             FramesFrom::Recording { recording, .. } => (None, None, recording.frames().settings()),
         };
@@ -113,7 +113,7 @@ impl Controller {
             drawn: OnceLock::new(),
             plan,
             settings,
-            bench,
+            simulated_rig,
             simulated,
             clock: old.clock,
             build: old.build.clone(),
@@ -141,9 +141,9 @@ impl Controller {
                     (same_rig && !identities.instruments.is_empty()).then_some(&identities);
                 let assembled = assemble(
                     &plan,
-                    &runtime.bench,
+                    &runtime.simulated_rig,
                     &self.transcript,
-                    Closed::Open,
+                    OnClosedRelays::Open,
                     identities,
                 )
                 .await;
@@ -203,8 +203,8 @@ fn same_rig(old: &Config, new: &Config) -> bool {
 }
 
 /// Whether profile and scene are unchanged; the simulated sheet is then kept.
-fn same_bench(old: &Runtime, plan: &crate::instruments::rig_plan::RigPlan) -> bool {
+fn same_simulation(old: &Runtime, plan: &crate::instruments::rig_plan::RigPlan) -> bool {
     old.plan
         .as_deref()
-        .is_some_and(|old| old.bench == plan.bench)
+        .is_some_and(|old| old.simulation == plan.simulation)
 }

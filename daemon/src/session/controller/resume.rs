@@ -37,7 +37,7 @@ pub(super) struct Interrupted {
 }
 
 /// Why an interrupted session is not resumed.
-pub(super) enum Never {
+pub(super) enum NotResumed {
     /// Permanently: it is closed with this reason.
     Closed(String),
     /// Not by this daemon as configured: it is left as it is.
@@ -46,7 +46,7 @@ pub(super) enum Never {
     Later(String),
 }
 
-impl From<LogbookError> for Never {
+impl From<LogbookError> for NotResumed {
     fn from(error: LogbookError) -> Self {
         match error.is_disk() || error.is_locked() {
             true => Self::Later(chain(&error)),
@@ -55,7 +55,7 @@ impl From<LogbookError> for Never {
     }
 }
 
-impl From<Fault> for Never {
+impl From<Fault> for NotResumed {
     fn from(fault: Fault) -> Self {
         match fault {
             Fault::DiskRefused(text) => Self::Later(text),
@@ -86,7 +86,7 @@ impl Controller {
             Err(_) => return false,
         };
         let mut newest = None;
-        let marks = self.on_ends(EndMarks::reasons).await;
+        let marks = self.with_end_marks(EndMarks::reasons).await;
         let Some(mut ended) = marks else {
             // an ended session cannot be distinguished from an interrupted one
             return false;
@@ -107,11 +107,11 @@ impl Controller {
                 }
             };
             if self.close_interrupted(&session.path, &reason).await && marked {
-                self.on_ends(move |ends| ends.clear(&id)).await;
+                self.with_end_marks(move |ends| ends.clear(&id)).await;
             }
         }
         // the files of these record the end themselves, or are gone
-        self.on_ends(move |ends| {
+        self.with_end_marks(move |ends| {
             for id in ended.keys() {
                 ends.clear(id);
             }
@@ -136,26 +136,26 @@ impl Controller {
     async fn resume_or_wait(self: &Arc<Self>, path: &Path, id: String) -> bool {
         match self.resume(path.to_owned()).await {
             Ok(()) => true,
-            Err(Never::Later(why)) => {
+            Err(NotResumed::Later(why)) => {
                 let text = format!("{} goes on as soon as that is over: {why}", path.display());
                 self.report(None, EventKind::ResumeWaits, &text).await;
                 self.wait_to_go_on(path.to_owned(), id, &text);
                 true
             }
-            Err(never) => {
-                self.report_not_resumed(path, never).await;
+            Err(not_resumed) => {
+                self.report_not_resumed(path, not_resumed).await;
                 false
             }
         }
     }
 
-    pub(super) async fn report_not_resumed(&self, path: &Path, never: Never) {
-        match never {
-            Never::Left(why) | Never::Later(why) => {
+    pub(super) async fn report_not_resumed(&self, path: &Path, not_resumed: NotResumed) {
+        match not_resumed {
+            NotResumed::Left(why) | NotResumed::Later(why) => {
                 let text = format!("{} does not go on: {why}", path.display());
                 self.report(None, EventKind::NotResumed, &text).await;
             }
-            Never::Closed(why) => {
+            NotResumed::Closed(why) => {
                 let text = format!("{} does not go on: {why}", path.display());
                 self.report(None, EventKind::NotResumed, &text).await;
                 self.close_interrupted(path, &format!("interrupted; {why}"))
@@ -164,26 +164,26 @@ impl Controller {
         }
     }
 
-    pub(super) async fn resume(self: &Arc<Self>, path: PathBuf) -> Result<(), Never> {
+    pub(super) async fn resume(self: &Arc<Self>, path: PathBuf) -> Result<(), NotResumed> {
         let runtime = self.runtime();
         let folder = runtime.setup.record_directory.clone();
         let opened = tokio::task::spawn_blocking(move || {
             open(&path).map_err(|error| match free_bytes(&folder) {
                 // without space for its journal's companions, SQLite reports other errors
-                Ok(free) if free < SPACE_TO_OPEN => Never::Later(chain(&error)),
+                Ok(free) if free < SPACE_TO_OPEN => NotResumed::Later(chain(&error)),
                 _ => error.into(),
             })
         })
         .await;
         let (found, baseline) =
-            opened.map_err(|_| Never::Left("it could not be read".to_owned()))??;
+            opened.map_err(|_| NotResumed::Left("it could not be read".to_owned()))??;
         let now = runtime.clock.wall();
         let header = &found.resumed.header;
         let last = found.resumed.last.map_or(header.started, |last| last.wall);
         let gap = now.signed_duration_since(last);
         let record = &runtime.setup.config.record;
         if gap.num_seconds() as f64 > record.resume_within_h * 3600.0 {
-            return Err(Never::Closed(format!(
+            return Err(NotResumed::Closed(format!(
                 "its last frame is older than record.resume_within_h ({} h)",
                 record.resume_within_h
             )));
@@ -193,22 +193,25 @@ impl Controller {
             .filter(|at| now.signed_duration_since(**at) < AN_HOUR)
             .count() as u64;
         if lately >= record.resume_per_hour {
-            return Err(Never::Closed(format!(
+            return Err(NotResumed::Closed(format!(
                 "it has begun again {lately} times within an hour (record.resume_per_hour); see the journal for what ends \
                  the daemon"
             )));
         }
         let options = from_json(&header.asked)
-            .ok_or_else(|| Never::Closed("it does not say how it was started".to_owned()))?;
+            .ok_or_else(|| NotResumed::Closed("it does not say how it was started".to_owned()))?;
         self.same_rig(header, &self.protocol_for(&options).await?)?;
-        let baseline = baseline.ok_or_else(|| Never::Closed("it has no baseline".to_owned()))?;
+        let baseline =
+            baseline.ok_or_else(|| NotResumed::Closed("it has no baseline".to_owned()))?;
         let age = now.signed_duration_since(baseline.wall);
         let mut order = self.measurement(&options, Some(Arc::new(baseline))).await?;
         if let Some(lasts) = order.schedule.lasts {
             let gone = now.signed_duration_since(header.started);
             let left = lasts.saturating_sub(gone.to_std().unwrap_or_default());
             if left.is_zero() {
-                return Err(Never::Closed("the scheduled duration is over".to_owned()));
+                return Err(NotResumed::Closed(
+                    "the scheduled duration is over".to_owned(),
+                ));
             }
             order.schedule.lasts = Some(left);
         }
@@ -230,15 +233,15 @@ impl Controller {
     }
 
     /// Checks that protocol and instruments of the session are those of this daemon.
-    fn same_rig(&self, header: &SessionHeader, protocol: &Protocol) -> Result<(), Never> {
+    fn same_rig(&self, header: &SessionHeader, protocol: &Protocol) -> Result<(), NotResumed> {
         let runtime = self.runtime();
         if header.protocol != *protocol {
-            return Err(Never::Closed(
+            return Err(NotResumed::Closed(
                 "the configuration asks other questions of the sheet now".to_owned(),
             ));
         }
         if header.simulated != runtime.simulated {
-            return Err(Never::Closed(
+            return Err(NotResumed::Closed(
                 "its voltages were simulated and the rig's are not, or the other way round"
                     .to_owned(),
             ));
@@ -246,7 +249,7 @@ impl Controller {
         let identities = self.identities();
         for then in &header.instruments {
             if !identities.has_recorded(then) {
-                return Err(Never::Closed(format!(
+                return Err(NotResumed::Closed(format!(
                     "its {} was {}, and is another now",
                     then.role, then.identity
                 )));

@@ -6,7 +6,7 @@ use tokio::sync::mpsc;
 
 use crate::events::event::Event;
 use crate::events::kind::EventKind;
-use crate::recording::order::Order;
+use crate::recording::recorder_message::RecorderMessage;
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Controller;
 
@@ -14,7 +14,7 @@ use crate::session::controller::Controller;
 #[derive(Clone, Copy)]
 pub(crate) struct ActiveSession<'a> {
     pub status: &'a SessionStatus,
-    pub record: &'a mpsc::Sender<Order>,
+    pub record: &'a mpsc::Sender<RecorderMessage>,
 }
 
 impl Controller {
@@ -31,7 +31,7 @@ impl Controller {
         self.events.report(event.clone());
         if let Some(session) = session {
             // a failed record has ended its session, which reports it
-            let _ = session.record.send(Order::Event(event)).await;
+            let _ = session.record.send(RecorderMessage::Event(event)).await;
         }
     }
 

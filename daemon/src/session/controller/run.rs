@@ -26,9 +26,9 @@ use crate::monitoring::disk::free_bytes;
 use crate::panics::containment;
 use crate::preparation::Setup;
 use crate::recording::logbook_sink::{DiskPolicy, LogbookSink};
-use crate::recording::order::{Order, QUEUE};
 use crate::recording::reconstruction_worker::{ReconstructionContext, ReconstructionWorker};
 use crate::recording::recorder::{Recorder, Task};
+use crate::recording::recorder_message::{QUEUE, RecorderMessage};
 use crate::recording::records::disk_fault;
 use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
 use crate::session::controller::recovery::{MOST_FAILED, may_pass};
@@ -39,11 +39,11 @@ use crate::session::state::{Trigger, Work};
 use survey::error_chain as chain;
 
 /// Ended sessions kept on the bus, so that their clients can query the result.
-const REMEMBERED: usize = 16;
+const ENDED_SESSIONS: usize = 16;
 /// Time between two checks that the file is still at its path.
-const BETWEEN_LOOKS: Duration = Duration::from_secs(1);
+const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 /// At most five summaries a second.
-const BETWEEN_SUMMARIES: Duration = Duration::from_millis(200);
+const SUMMARY_INTERVAL: Duration = Duration::from_millis(200);
 
 impl Controller {
     pub(super) async fn begin(
@@ -142,7 +142,7 @@ impl Controller {
             order.step,
             Arc::clone(&self.observed.counters),
         ));
-        status.goes_on_after(writer.acknowledged());
+        status.set_frames_on_disk(writer.acknowledged());
         self.hand_over(&status);
         self.inner().active = Some(Arc::clone(&status));
         self.events
@@ -179,7 +179,7 @@ impl Controller {
     ) -> SessionHeader {
         let (runtime, identities) = (self.runtime(), self.identities());
         let geometry = &runtime.setup.geometry;
-        let (config_toml, config_hash) = runtime.setup.kept(order.noise_uv);
+        let (config_toml, config_hash) = runtime.setup.stored_config(order.noise_uv);
         let protocol = protocol_of(order.plan.as_deref(), &runtime.setup);
         let id = format!("{payload}{}", started.format("%Y%m%dt%H%M%S_%3f"));
         SessionHeader {
@@ -201,7 +201,7 @@ impl Controller {
             build: runtime.build.clone(),
             simulated: runtime.simulated,
             seed: runtime
-                .bench
+                .simulated_rig
                 .as_ref()
                 .map(crate::instruments::simulation::seed),
             note: order.note.clone(),
@@ -275,10 +275,10 @@ impl Controller {
         if let Some(text) = order.first_event {
             let (at, kind) = (runtime.clock.wall(), EventKind::Restarted);
             let event = Event::new(at, kind, &text, Some(&status.facts.id));
-            let _ = orders.send(Order::Event(event)).await;
+            let _ = orders.send(RecorderMessage::Event(event)).await;
         }
         let recording = tokio::task::spawn_blocking(move || recorder.run(queue));
-        tokio::spawn(remind_of_place(orders.downgrade()));
+        tokio::spawn(request_file_checks(orders.downgrade()));
         let (pauses, requested_pauses) = mpsc::channel(1);
         tokio::spawn(Arc::clone(&self).follow_pauses(requested_pauses));
         let mut acquisition = Acquisition {
@@ -300,7 +300,7 @@ impl Controller {
         if !matches!(ended, AcquisitionEnd::Done(_)) {
             tracing::error!(session = status.facts.id, "{reason}");
             let _ = orders
-                .send(Order::Event(Event::new(
+                .send(RecorderMessage::Event(Event::new(
                     runtime.clock.wall(),
                     EventKind::Fault,
                     &reason,
@@ -310,10 +310,10 @@ impl Controller {
         }
         let at = runtime.clock.wall();
         let last = match status.is_left_open() {
-            true => Order::Leave { at, reason },
+            true => RecorderMessage::Leave { at, reason },
             false => {
                 self.mark_end(&status, &reason).await;
-                Order::Close { at, reason }
+                RecorderMessage::Close { at, reason }
             }
         };
         let _ = orders.send(last).await;
@@ -342,7 +342,7 @@ impl Controller {
     async fn run_and_recover(
         self: &Arc<Self>,
         acquisition: &mut Acquisition,
-        orders: &mpsc::Sender<Order>,
+        orders: &mpsc::Sender<RecorderMessage>,
     ) -> AcquisitionEnd {
         let status = Arc::clone(&acquisition.status);
         let session = ActiveSession {
@@ -474,7 +474,7 @@ impl Controller {
     /// Keeps a session that has ended on the bus for a while.
     pub(super) fn remember(&self, inner: &mut Inner, status: &Arc<SessionStatus>) {
         inner.recent.push_back(Arc::clone(status));
-        while inner.recent.len() > REMEMBERED {
+        while inner.recent.len() > ENDED_SESSIONS {
             if let Some(old) = inner.recent.pop_front() {
                 self.events
                     .publish(&BusEvent::SessionRemoved(old.facts.id.clone()));
@@ -505,7 +505,7 @@ impl Controller {
                 self.events
                     .publish(&BusEvent::FrameDone(Arc::new(status.summary(&latest))));
                 if !over {
-                    tokio::time::sleep(BETWEEN_SUMMARIES).await;
+                    tokio::time::sleep(SUMMARY_INTERVAL).await;
                 }
             }
             if over {
@@ -536,15 +536,15 @@ async fn settle_again(model: &Model, baseline: &Arc<Baseline>, file: PathBuf, se
 }
 
 /// As long as the session lasts. A busy recorder checks by itself.
-async fn remind_of_place(orders: mpsc::WeakSender<Order>) {
+async fn request_file_checks(orders: mpsc::WeakSender<RecorderMessage>) {
     loop {
-        tokio::time::sleep(BETWEEN_LOOKS).await;
+        tokio::time::sleep(FILE_CHECK_INTERVAL).await;
         let Some(orders) = orders.upgrade() else {
             return;
         };
         // must not take the queue's place of a frame
         if orders.capacity() > QUEUE / 2 {
-            let _ = orders.try_send(Order::LookAtPlace);
+            let _ = orders.try_send(RecorderMessage::CheckFile);
         }
     }
 }

@@ -42,7 +42,7 @@ impl Controller {
     /// # Errors
     /// As [`Controller::test_instruments`]; a multiplexer board, whose chips do not wear.
     pub(crate) async fn relay_wear(self: &Arc<Self>) -> Result<Vec<Wear>, Fault> {
-        self.alone(|controller| async move { controller.wear_now().await })
+        self.alone(|controller| async move { controller.read_wear().await })
             .await
     }
 
@@ -51,7 +51,7 @@ impl Controller {
         if self.observed.relays().is_some() || self.is_recording() {
             return;
         }
-        if let Err(fault) = Arc::clone(self).wear_now().await {
+        if let Err(fault) = Arc::clone(self).read_wear().await {
             tracing::debug!("the relays' counters were not read: {fault}");
         }
     }
@@ -265,7 +265,7 @@ impl Controller {
         plan.ok_or_else(|| Fault::Unsupported("a recording has no instruments".into()))
     }
 
-    async fn wear_now(self: Arc<Self>) -> Result<Vec<Wear>, Fault> {
+    async fn read_wear(self: Arc<Self>) -> Result<Vec<Wear>, Fault> {
         let plan = self.plan_of_rig()?;
         let closures = plan.closures();
         let relays: Vec<Relay> = closures.iter().map(|(relay, _)| *relay).collect();

@@ -35,7 +35,7 @@ impl Controller {
             .get_or_init(|| async {
                 let at = nanoseconds(self.runtime().clock.wall());
                 let (session, reason) = (status.facts.id.clone(), reason.to_owned());
-                let marked = self.on_ends(move |ends| ends.mark(&session, at, &reason));
+                let marked = self.with_end_marks(move |ends| ends.mark(&session, at, &reason));
                 marked.await.unwrap_or_else(|| Marked {
                     failures: vec!["no thread to write it with".to_owned()],
                     ..Marked::default()
@@ -58,7 +58,7 @@ impl Controller {
         };
         if status.is_closed() {
             let session = status.facts.id.clone();
-            self.on_ends(move |ends| ends.clear(&session)).await;
+            self.with_end_marks(move |ends| ends.clear(&session)).await;
             return;
         }
         let kind = match marked.is_kept() {
@@ -71,7 +71,7 @@ impl Controller {
     }
 
     /// On a separate thread: an end must not wait for a client's reading request.
-    pub(super) async fn on_ends<T: Send + 'static>(
+    pub(super) async fn with_end_marks<T: Send + 'static>(
         &self,
         act: impl FnOnce(&EndMarks) -> T + Send + 'static,
     ) -> Option<T> {

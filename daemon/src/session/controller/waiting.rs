@@ -10,7 +10,7 @@ use logbook::SessionKind;
 use crate::events::event::BusEvent;
 use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
 use crate::session::controller::Controller;
-use crate::session::controller::resume::Never;
+use crate::session::controller::resume::NotResumed;
 
 /// Between two attempts to resume.
 const RETRY: Duration = Duration::from_secs(1);
@@ -57,14 +57,14 @@ impl Controller {
             }
             match self.resume(status.path()).await {
                 Ok(()) => return,
-                Err(Never::Later(why)) => {
+                Err(NotResumed::Later(why)) => {
                     status.set_last_error(&why);
                     pause = (pause * 2).min(RETRY_AT_MOST);
                 }
                 // another session has begun meanwhile, or the daemon is being stopped
                 Err(_) if stop.is_requested() => return self.stop_waiting(&status).await,
-                Err(never) => {
-                    self.report_not_resumed(&status.path(), never).await;
+                Err(not_resumed) => {
+                    self.report_not_resumed(&status.path(), not_resumed).await;
                     return self.end_waiting(&status, "it does not go on".to_owned(), true);
                 }
             }
@@ -83,7 +83,7 @@ impl Controller {
                 status.set_closed();
             }
             self.settle_end(status, &reason).await;
-            faulted = !status.end_is_kept();
+            faulted = !status.end_is_recorded();
         }
         self.end_waiting(status, reason, faulted);
     }
@@ -115,7 +115,7 @@ impl Controller {
             let mut stop = waited.stop_request();
             tokio::select! {
                 () = stop.requested() => match waited.is_left_open() {
-                    true => status.leave(&waited.stop_reason()),
+                    true => status.end_resumable(&waited.stop_reason()),
                     false => status.end_for_good(&waited.stop_reason()),
                 },
                 _ = status.ended() => {}

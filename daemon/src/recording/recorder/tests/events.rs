@@ -11,9 +11,9 @@ use crate::recording::recorder::tests::*;
 const PAGES: u32 = 6400;
 
 /// Data that fill the record to its last page, and the last page of its events.
-struct Ballast(Connection);
+struct Filler(Connection);
 
-impl Ballast {
+impl Filler {
     fn load(path: &std::path::Path) -> Self {
         let other = Connection::open(path).unwrap();
         other
@@ -41,7 +41,7 @@ impl Ballast {
         Self(other)
     }
 
-    fn overboard(self) {
+    fn remove(self) {
         self.0
             .execute_batch("DROP TABLE ballast; DELETE FROM event WHERE kind = 'ballast'")
             .unwrap();
@@ -84,28 +84,28 @@ fn event_on_a_full_disk_waits_and_ends_no_session() {
     until(scene.status.follow_durable(), |durable| *durable == 1);
 
     // an event of the recorder itself, before the frame
-    let ballast = Ballast::load(&scene.status.path());
+    let ballast = Filler::load(&scene.status.path());
     tell.send(Do::Panic).unwrap();
     scene.frame(2);
     held(&scene.status);
     let error = scene.status.progress().last_error;
     assert!(error.contains("acquisition pauses"), "{error}");
     assert_eq!(scene.status.durable(), 1);
-    ballast.overboard();
+    ballast.remove();
     until(scene.status.follow_durable(), |durable| *durable == 2);
     until(scene.status.held(), |held| !held);
 
     // an event from outside, with no frame to come: acquisition is released as well
-    let ballast = Ballast::load(&scene.status.path());
+    let ballast = Filler::load(&scene.status.path());
     let text = "a longer sentence than fits beside the ballast. ".repeat(4);
-    scene.send(Order::Event(Event::new(
+    scene.send(RecorderMessage::Event(Event::new(
         DateTime::UNIX_EPOCH,
         EventKind::Paused,
         &text,
         Some("m1"),
     )));
     held(&scene.status);
-    ballast.overboard();
+    ballast.remove();
     until(scene.status.held(), |held| !held);
     scene.close();
     recording.join().unwrap().unwrap();

@@ -23,7 +23,7 @@ const CONFIG: &str = "[rig]\nkind = \"simulated\"\n[geometry]\npreset = \"disc-t
                       electrodes = 16\n[survey]\nelectrodes = 16\n[record]\ndirectory = \"state\"\n[bus]\n\
                       peer_path = \"peer\"\n";
 
-const PLENTY: u64 = 100_000_000_000;
+const AMPLE_SPACE: u64 = 100_000_000_000;
 const MEGABYTE: u64 = 1_000_000;
 
 /// What the method does with the next frame.
@@ -76,7 +76,7 @@ struct Scene {
     _folder: tempfile::TempDir,
     prepared: Prepared,
     status: Arc<SessionStatus>,
-    orders: mpsc::Sender<Order>,
+    orders: mpsc::Sender<RecorderMessage>,
     reported: Mutex<mpsc::Receiver<BusEvent>>,
     /// Free bytes on the disk as the recorder sees it.
     free: Arc<AtomicU64>,
@@ -84,12 +84,24 @@ struct Scene {
 
 impl Scene {
     /// A recorder with a method controlled by the test, and the channels for both.
-    fn new() -> (Self, Recorder, mpsc::Receiver<Order>, sync::Sender<Do>) {
+    fn new() -> (
+        Self,
+        Recorder,
+        mpsc::Receiver<RecorderMessage>,
+        sync::Sender<Do>,
+    ) {
         Self::with(RecordSection::default())
     }
 
-    fn with(section: RecordSection) -> (Self, Recorder, mpsc::Receiver<Order>, sync::Sender<Do>) {
-        let free = Arc::new(AtomicU64::new(PLENTY));
+    fn with(
+        section: RecordSection,
+    ) -> (
+        Self,
+        Recorder,
+        mpsc::Receiver<RecorderMessage>,
+        sync::Sender<Do>,
+    ) {
+        let free = Arc::new(AtomicU64::new(AMPLE_SPACE));
         let left = Arc::clone(&free);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("config.toml");
@@ -158,16 +170,19 @@ impl Scene {
         (scene, recorder, queue, tell)
     }
 
-    fn send(&self, order: Order) {
+    fn send(&self, order: RecorderMessage) {
         self.orders.try_send(order).unwrap();
     }
 
     fn frame(&self, number: u64) {
-        self.send(Order::Frame(Box::new(frame(&self.prepared, number))));
+        self.send(RecorderMessage::Frame(Box::new(frame(
+            &self.prepared,
+            number,
+        ))));
     }
 
     fn close(&self) {
-        self.send(Order::Close {
+        self.send(RecorderMessage::Close {
             at: DateTime::UNIX_EPOCH,
             reason: "done".to_owned(),
         });
@@ -265,7 +280,7 @@ fn late_map_follows_its_frame_and_later_frames_have_none() {
     let (go, gate) = sync::channel();
     tell.send(Do::MapAfter(gate)).unwrap();
     // so many frames are waiting that maps are not awaited
-    let many = HURRY as u64 + 2;
+    let many = BUSY_QUEUE as u64 + 2;
     for number in 1..=many {
         scene.frame(number);
     }
@@ -307,7 +322,7 @@ fn full_disk_is_announced_and_waited_for_without_loss() {
     let error = scene.status.progress().last_error;
     assert!(error.contains("100 MB are left"), "{error}");
     assert_eq!(scene.status.durable(), 2);
-    scene.free.store(PLENTY, Ordering::SeqCst);
+    scene.free.store(AMPLE_SPACE, Ordering::SeqCst);
     until(scene.status.follow_durable(), |durable| *durable == 3);
     until(scene.status.held(), |held| !held);
     scene.close();
@@ -388,7 +403,7 @@ fn a_ring_deletes_closed_sessions_and_waits_when_none_is_left() {
     let recording = std::thread::spawn(move || recorder.run(queue));
     until(scene.status.held(), |held| *held);
     assert!(!path.exists() && scene.status.path().exists());
-    scene.free.store(PLENTY, Ordering::SeqCst);
+    scene.free.store(AMPLE_SPACE, Ordering::SeqCst);
     scene.close();
     recording.join().unwrap().unwrap();
     let (maps, events) = scene.recorded();

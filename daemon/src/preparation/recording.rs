@@ -33,7 +33,7 @@ pub(super) fn recorded(
         } => {
             let opened =
                 IndexedFrames::session(session, section.negate).map_err(|cause| chain(&cause));
-            let (frames, protocol) = findings.taken("recording.session", opened)?;
+            let (frames, protocol) = findings.value_or_problem("recording.session", opened)?;
             (protocol, frames)
         }
         RecordingSection {
@@ -44,11 +44,14 @@ pub(super) fn recorded(
         } => {
             let read =
                 eit::read_protocol(&case.join("protocol.csv"), None).map_err(|cause| chain(&cause));
-            let (protocol, currents) = findings.taken("recording.case", read)?;
+            let (protocol, currents) = findings.value_or_problem("recording.case", read)?;
             let current = Amps(currents.first().copied().unwrap_or(1.0));
             let opened = IndexedFrames::table(frames, &protocol, current, section.negate)
                 .map_err(|cause| chain(&cause));
-            (protocol, findings.taken("recording.frames", opened)?)
+            (
+                protocol,
+                findings.value_or_problem("recording.frames", opened)?,
+            )
         }
         _ => {
             findings.add(
@@ -61,7 +64,7 @@ pub(super) fn recorded(
     let baseline = frames
         .baseline(section.baseline.as_deref(), &protocol, chrono::Utc::now())
         .map_err(|cause| chain(&cause));
-    let baseline = findings.taken("recording.baseline", baseline)?;
+    let baseline = findings.value_or_problem("recording.baseline", baseline)?;
     Some((protocol, Recording::new(frames, playing), baseline))
 }
 

@@ -10,19 +10,19 @@ pub(crate) const QUEUE: usize = 16;
 
 /// A message to the recorder.
 #[derive(Debug)]
-pub(crate) enum Order {
+pub(crate) enum RecorderMessage {
     Frame(Box<Frame>),
     /// Write an event to the record; it has been reported.
     Event(Event),
     /// A map that was late is ready.
     MapReady,
     /// Check that the file is still at its path.
-    LookAtPlace,
+    CheckFile,
     Close {
         at: DateTime<Utc>,
         reason: String,
     },
-    /// Like [`Order::Close`], but the session is resumed by the next daemon.
+    /// Like [`RecorderMessage::Close`], but the session is resumed by the next daemon.
     Leave {
         at: DateTime<Utc>,
         reason: String,

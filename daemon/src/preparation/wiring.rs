@@ -14,7 +14,7 @@ use survey::error_chain as chain;
 
 /// A wiring with its modules.
 #[derive(Debug, Clone)]
-pub(super) struct Wired {
+pub(super) struct WiringWithModules {
     pub wiring: Wiring,
     /// By slot; none for the multiplexer board.
     pub modules: BTreeMap<u32, Module>,
@@ -24,7 +24,7 @@ pub(super) struct Wired {
 /// A wiring file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Document {
+struct WiringFile {
     name: String,
     sensing: Sensing,
     transition: Transition,
@@ -37,11 +37,11 @@ struct Document {
 }
 
 /// The wiring of a configuration.
-pub(super) fn wired(
+pub(super) fn resolve_wiring(
     config: &Config,
     electrodes: usize,
     findings: &mut Findings<'_>,
-) -> Option<Wired> {
+) -> Option<WiringWithModules> {
     let section = &config.wiring;
     let slot = section.slot;
     let inject_slot = section.inject_slot.unwrap_or(slot + 1);
@@ -67,7 +67,7 @@ pub(super) fn wired(
                 findings.add("wiring", "kind = \"file\" needs file = \"PATH\"");
                 return None;
             };
-            return findings.taken("wiring.file", from_file(path));
+            return findings.value_or_problem("wiring.file", from_file(path));
         }
         WiringKind::Pairs34924a => keysight_34980a::pairs_34924a(slot, electrodes),
         WiringKind::Pairs34922a => keysight_34980a::pairs_34922a(slot, electrodes),
@@ -76,9 +76,9 @@ pub(super) fn wired(
         WiringKind::Matrix34934a => keysight_34980a::matrix_34934a(slot, electrodes),
         WiringKind::GpioBoard => gpio_mux::wiring(electrodes).map_err(MapError::from),
     };
-    let wiring = findings.taken("wiring", outcome.map_err(|cause| chain(&cause)))?;
+    let wiring = findings.value_or_problem("wiring", outcome.map_err(|cause| chain(&cause)))?;
     let modules = modules(section.kind, slot, inject_slot);
-    Some(Wired {
+    Some(WiringWithModules {
         limits: limits(&modules),
         wiring,
         modules,
@@ -113,11 +113,11 @@ fn modules(kind: WiringKind, slot: u32, inject_slot: u32) -> BTreeMap<u32, Modul
         .collect()
 }
 
-fn from_file(path: &Path) -> Result<Wired, String> {
+fn from_file(path: &Path) -> Result<WiringWithModules, String> {
     let named = |text: String| format!("{}: {text}", path.display());
     let text =
         std::fs::read_to_string(path).map_err(|cause| named(format!("cannot be read: {cause}")))?;
-    let document: Document = toml::from_str(&text).map_err(|fault| {
+    let document: WiringFile = toml::from_str(&text).map_err(|fault| {
         let before = &text[..fault.span().map_or(0, |span| span.start).min(text.len())];
         let line = before.matches('\n').count() + 1;
         format!("{}:{line}: {}", path.display(), fault.message())
@@ -148,12 +148,12 @@ fn from_file(path: &Path) -> Result<Wired, String> {
         bus: document.bus.into_iter().map(Relay).collect(),
     })
     .map_err(|cause| named(chain(&cause)))?;
-    let wired = Wired {
+    let wired = WiringWithModules {
         limits: limits(&modules),
         wiring,
         modules,
     };
-    match wired.lacking(&wired.modules) {
+    match wired.unserved_relay(&wired.modules) {
         None => Ok(wired),
         Some(lacking) => Err(named(lacking)),
     }
@@ -169,7 +169,7 @@ fn limits(modules: &BTreeMap<u32, Module>) -> Limits {
     Limits::of(source, relays)
 }
 
-impl Wired {
+impl WiringWithModules {
     /// Timing of the modules: the slowest relay and the slowest scan.
     pub(super) fn timing(&self, nplc: f64, line_hz: f64) -> Timing {
         if self.modules.is_empty() {
@@ -196,7 +196,7 @@ impl Wired {
 
     /// The first relay that these modules cannot serve, with slot, module, channel and electrodes; `None` if all fit.
     /// The driver makes the same check with real modules.
-    pub(super) fn lacking(&self, modules: &BTreeMap<u32, Module>) -> Option<String> {
+    pub(super) fn unserved_relay(&self, modules: &BTreeMap<u32, Module>) -> Option<String> {
         let scanned = self.wiring.sensing == Sensing::Scan;
         let measuring = self.wiring.measuring_relays();
         let moved = self.wiring.injecting_relays().into_iter();

@@ -11,7 +11,7 @@ use crate::monitoring::disk::free_bytes;
 
 impl Prepared {
     /// Settings that will not work on this machine for this user, a sentence each.
-    pub(crate) fn surroundings(&self) -> Vec<String> {
+    pub(crate) fn machine_warnings(&self) -> Vec<String> {
         let config = &self.setup.config;
         let notify = config.notify.command.first().map(Path::new);
         let mut found: Vec<String> = notify.and_then(program).into_iter().collect();
