@@ -40,7 +40,7 @@ pub(crate) async fn open(global: &Global) -> Result<Daemon, Failure> {
         .map_err(|error| Failure::Usage(error.to_string()))?;
     let reached = tokio::time::timeout(global.timeout, dbus::connect(wanted.as_ref()))
         .await
-        .map_err(|_| late("the daemon", global.timeout))?;
+        .map_err(|_| timed_out("the daemon", global.timeout))?;
     let (connection, address) = reached.map_err(|error| unreached(&error))?;
     let manager = Manager1Proxy::builder(&connection)
         .cache_properties(CacheProperties::No)
@@ -67,7 +67,7 @@ impl Daemon {
     ) -> Result<T, Failure> {
         tokio::time::timeout(self.patience, answer)
             .await
-            .map_err(|_| late(what, self.patience))?
+            .map_err(|_| timed_out(what, self.patience))?
             .map_err(|error| fault(what, &error))
     }
 
@@ -145,7 +145,7 @@ impl Daemon {
             .await?;
         let ids = sessions.iter().filter(|session| wanted(session));
         let ids: Vec<&str> = ids.map(|session| session.id.as_str()).collect();
-        meant(named, &ids).map(|id| id.map(str::to_owned))
+        resolve_id(named, &ids).map(|id| id.map(str::to_owned))
     }
 
     /// The id of the baseline that is meant; of an unknown one what was written, which the daemon refuses.
@@ -167,7 +167,7 @@ impl Daemon {
 }
 
 /// The id that is meant; the newest of the ids comes first.
-fn meant<'a>(named: &str, ids: &[&'a str]) -> Result<Option<&'a str>, Failure> {
+fn resolve_id<'a>(named: &str, ids: &[&'a str]) -> Result<Option<&'a str>, Failure> {
     let mut matching = ids.iter().copied().filter(|id| match named {
         LAST => true,
         _ => id.starts_with(named),
@@ -193,7 +193,7 @@ pub(crate) fn nonempty(text: String) -> Option<String> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-fn late(what: &str, patience: Duration) -> Failure {
+fn timed_out(what: &str, patience: Duration) -> Failure {
     Failure::Timeout(format!(
         "{what}: no answer within {}; look at its journal, or wait longer with --timeout",
         crate::options::duration::display_span(patience)
@@ -206,17 +206,17 @@ fn unreached(error: &ConnectError) -> Failure {
             "{error}; `sudo usermod -aG tactus USER` adds a user"
         )),
         ConnectError::Busy { .. } => Failure::Busy(format!("{error}; try again")),
-        ConnectError::NoDaemon { address, cause } => nobody(&[format!("{address} ({cause})")]),
-        ConnectError::Nowhere { tried } => nobody(tried),
+        ConnectError::NoDaemon { address, cause } => no_daemon(&[format!("{address} ({cause})")]),
+        ConnectError::Nowhere { tried } => no_daemon(tried),
     }
 }
 
 /// The failure of all attempts, one per line, and how to start a daemon.
-fn nobody(tried: &[String]) -> Failure {
+fn no_daemon(tried: &[String]) -> Failure {
     let mut text = "no daemon answers at".to_owned();
     for place in tried {
         text.push_str("\n  ");
-        text.push_str(&plainly(place));
+        text.push_str(&readable_reason(place));
     }
     text.push_str(
         "\nStart one with `tactusd --config config.toml` (installed: `systemctl start tactusd`), or say where it is with \
@@ -226,7 +226,7 @@ fn nobody(tried: &[String]) -> Failure {
 }
 
 /// A reason without internal numbers and names of the system.
-fn plainly(reason: &str) -> String {
+fn readable_reason(reason: &str) -> String {
     let mut text = reason.to_owned();
     while let Some(from) = text.find(" (os error ") {
         let Some(length) = text[from..].find(')') else {
@@ -287,7 +287,7 @@ pub(crate) fn fault(what: &str, fault: &Fault) -> Failure {
         Fault::Connection(zbus::Error::MethodError(name, message, _)) => {
             undelivered(what, name.as_str(), message.as_deref().unwrap_or_default())
         }
-        Fault::Connection(zbus::Error::InputOutput(_)) => gone(what, &message),
+        Fault::Connection(zbus::Error::InputOutput(_)) => no_longer_running(what, &message),
         Fault::Connection(_) => Failure::Failed(format!("{what}: {message}")),
     }
 }
@@ -305,7 +305,7 @@ fn undelivered(what: &str, name: &str, message: &str) -> Failure {
             "{what}: the daemon does not know it ({message}); is it of another version than this tactus?"
         )),
         "ServiceUnknown" | "NameHasNoOwner" | "NoReply" | "Disconnected" | "NoServer" => {
-            gone(what, message)
+            no_longer_running(what, message)
         }
         "LimitsExceeded" | "NoMemory" => Failure::Busy(format!("{what}: {message}; try again")),
         "Timeout" | "TimedOut" => Failure::Timeout(format!("{what}: {message}")),
@@ -313,7 +313,7 @@ fn undelivered(what: &str, name: &str, message: &str) -> Failure {
     }
 }
 
-fn gone(what: &str, message: &str) -> Failure {
+fn no_longer_running(what: &str, message: &str) -> Failure {
     Failure::Missing(format!(
         "{what}: the daemon went away ({message}); look at its journal, then start it with `systemctl start tactusd`"
     ))
@@ -333,10 +333,10 @@ mod tests {
             ("m20270116_1", Some("m20270116_1")),
             ("x", None),
         ] {
-            assert_eq!(meant(named, &ids).unwrap(), id, "{named}");
+            assert_eq!(resolve_id(named, &ids).unwrap(), id, "{named}");
         }
-        assert_eq!(meant("m1", &["m11", "m1"]).unwrap(), Some("m1"));
-        let refusal = meant("m2027", &ids).unwrap_err();
+        assert_eq!(resolve_id("m1", &["m11", "m1"]).unwrap(), Some("m1"));
+        let refusal = resolve_id("m2027", &ids).unwrap_err();
         assert_eq!(refusal.code(), 2);
         assert!(
             refusal.to_string().contains("m20270116_1, m20270115_1;"),

@@ -61,7 +61,7 @@ async fn converse(rig: SimulatedRig, mut stream: UnixStream) {
                     let rig = rig.clone();
                     let line = String::from_utf8_lossy(&line).into_owned();
                     // A fault or a press may need a solution of the sheet.
-                    let obeyed = tokio::task::spawn_blocking(move || obey(&rig, &line)).await;
+                    let obeyed = tokio::task::spawn_blocking(move || execute(&rig, &line)).await;
                     obeyed.unwrap_or_else(|fault| json!({ "error": fault.to_string() }))
                 }
                 Err(fault) => json!({ "error": fault.to_string() }),
@@ -78,7 +78,7 @@ async fn converse(rig: SimulatedRig, mut stream: UnixStream) {
 }
 
 /// Executes a command line.
-fn obey(rig: &SimulatedRig, line: &str) -> Value {
+fn execute(rig: &SimulatedRig, line: &str) -> Value {
     let done = match line.split_whitespace().collect::<Vec<_>>().as_slice() {
         ["status"] => return serde_json::to_value(rig.status()).unwrap_or_default(),
         ["release"] => match rig.release() {
@@ -132,7 +132,7 @@ pub(crate) fn own_folder() -> io::Result<tempfile::TempDir> {
 pub(crate) fn ask(path: Option<&Path>, line: &str) -> Result<Value, String> {
     let path = match path {
         Some(path) => path.to_owned(),
-        None => the_only_one()?,
+        None => only_socket()?,
     };
     let with_path = |fault: io::Error| {
         format!(
@@ -157,7 +157,7 @@ pub(crate) fn ask(path: Option<&Path>, line: &str) -> Result<Value, String> {
     }
 }
 
-fn the_only_one() -> Result<PathBuf, String> {
+fn only_socket() -> Result<PathBuf, String> {
     let entries = std::fs::read_dir(folder()).into_iter().flatten().flatten();
     let running: Vec<PathBuf> = entries
         .filter(|entry| entry.file_name().to_string_lossy().starts_with(PREFIX))

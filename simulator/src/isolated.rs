@@ -42,12 +42,12 @@ impl InstrumentSetup {
 
 /// The surroundings of an isolated instrument: one resistor, one voltage everywhere, unconnected poles.
 #[derive(Debug)]
-struct FixedSurroundings {
+struct FixedCircuit {
     resistor: Resistor,
     volts: Volts,
 }
 
-impl Load for FixedSurroundings {
+impl Load for FixedCircuit {
     fn resistance(&mut self, at: Duration) -> Ohms {
         self.resistor.resistance(at)
     }
@@ -57,7 +57,7 @@ impl Load for FixedSurroundings {
     }
 }
 
-impl Wires for FixedSurroundings {
+impl Wires for FixedCircuit {
     fn relays(&mut self, _: &BTreeSet<Relay>, _: Duration) {}
 
     fn measure(&mut self, _: Duration, _: MeterRequest) -> Volts {
@@ -65,7 +65,7 @@ impl Wires for FixedSurroundings {
     }
 }
 
-impl Poles for FixedSurroundings {
+impl Poles for FixedCircuit {
     fn poles(&mut self, _: [Option<Electrode>; 4], _: Duration) {}
 }
 
@@ -73,7 +73,7 @@ impl Poles for FixedSurroundings {
 #[derive(Debug)]
 pub(crate) struct IsolatedInstrument {
     instrument: Box<dyn SimulatedInstrument>,
-    surroundings: FixedSurroundings,
+    surroundings: FixedCircuit,
 }
 
 impl IsolatedInstrument {
@@ -94,7 +94,7 @@ impl IsolatedInstrument {
         };
         Self {
             instrument,
-            surroundings: FixedSurroundings {
+            surroundings: FixedCircuit {
                 resistor: Resistor::new(Ohms(setup.ohms)),
                 volts: Volts(setup.volts),
             },

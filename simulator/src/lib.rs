@@ -47,7 +47,7 @@ pub use crate::simulated_rig::status::{Client, SourceStatus, Status};
 pub use crate::simulated_rig::{RigError, SimulatedRig};
 pub use crate::transcripts::golden::{Expected, Golden, GoldenError, GoldenLine, Step};
 pub use crate::transcripts::playback::{
-    Comparison, Played, ReplayError, ReplayTarget, golden_of, replay,
+    Comparison, ReplayError, ReplayStatistics, ReplayTarget, golden_of, replay,
 };
 pub use fault::{Fault, FaultError, ReplyFault, TimedFault};
 pub use frame_times::{FrameTimeError, FrameTimes};

@@ -213,7 +213,7 @@ struct Document {
     #[serde(default = "real")]
     time: toml::Spanned<String>,
     speed: Option<toml::Spanned<f64>>,
-    #[serde(default = "fifty")]
+    #[serde(default = "default_line_hz")]
     line_hz: toml::Spanned<f64>,
     #[serde(default)]
     source: Source,
@@ -240,7 +240,7 @@ fn real() -> toml::Spanned<String> {
     toml::Spanned::new(0..0, "real".to_owned())
 }
 
-fn fifty() -> toml::Spanned<f64> {
+fn default_line_hz() -> toml::Spanned<f64> {
     toml::Spanned::new(0..0, 50.0)
 }
 

@@ -16,7 +16,7 @@ use crate::output::time::local;
 
 /// The line of `baseline show --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Shown {
+struct BaselineLine {
     id: String,
     wall: String,
     frames: u64,
@@ -92,14 +92,14 @@ pub(crate) async fn choose(
     let id = daemon.baseline_id(id).await?;
     let requested = daemon.manager.use_baseline(&id);
     let id = daemon.ask("the baseline", requested).await?;
-    printer.record(&Used { baseline: id }, |used| {
+    printer.record(&BaselineUsed { baseline: id }, |used| {
         format!("baseline {} is the current one", used.baseline)
     })
 }
 
 /// The line of `baseline use --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Used {
+struct BaselineUsed {
     baseline: String,
 }
 
@@ -115,7 +115,7 @@ pub(crate) async fn show(
     printer.record(&shown, |shown| for_a_person(shown, wall))
 }
 
-fn from_report(report: BaselineReport) -> (Shown, DateTime<chrono::Utc>) {
+fn from_report(report: BaselineReport) -> (BaselineLine, DateTime<chrono::Utc>) {
     let wall = DateTime::from_timestamp_nanos(report.wall_ns);
     let volts: Vec<Option<f64>> = report
         .volts
@@ -123,7 +123,7 @@ fn from_report(report: BaselineReport) -> (Shown, DateTime<chrono::Utc>) {
         .zip(&report.flags)
         .map(|(&volts, &flag)| Some(volts).filter(|volts| flag == 0 && volts.is_finite()))
         .collect();
-    let shown = Shown {
+    let shown = BaselineLine {
         id: report.id,
         wall: wall.to_rfc3339_opts(SecondsFormat::Nanos, true),
         frames: report.frames,
@@ -156,7 +156,7 @@ fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| (squares / count as f64).sqrt())
 }
 
-fn for_a_person(shown: &Shown, wall: DateTime<chrono::Utc>) -> String {
+fn for_a_person(shown: &BaselineLine, wall: DateTime<chrono::Utc>) -> String {
     let mut text = format!(
         "baseline   {}{}\n\
          recorded   {}, mean of {} frames\n\

@@ -10,12 +10,12 @@ use crate::output::time::{local, utc};
 #[derive(Debug, Default, Serialize)]
 pub(crate) struct Health {
     well: bool,
-    troubles: Vec<Trouble>,
+    troubles: Vec<ActiveAlarm>,
     last_frame: Option<LastFrame>,
     period_s: Option<f64>,
     backlog: Option<u64>,
     gaps: Gaps,
-    instruments: Vec<Answering>,
+    instruments: Vec<InstrumentState>,
     baseline_age_s: Option<f64>,
     disk_free_bytes: Option<u64>,
     disk_bytes_per_day: Option<f64>,
@@ -24,7 +24,7 @@ pub(crate) struct Health {
 }
 
 #[derive(Debug, Serialize)]
-struct Trouble {
+struct ActiveAlarm {
     kind: String,
     text: String,
 }
@@ -53,7 +53,7 @@ struct Gap {
 }
 
 #[derive(Debug, Serialize)]
-struct Answering {
+struct InstrumentState {
     role: String,
     fault: Option<String>,
 }
@@ -81,7 +81,7 @@ impl From<dbus::Health> for Health {
         Self {
             well: reported.well.unwrap_or(false),
             troubles: pairs(reported.troubles)
-                .map(|(kind, text)| Trouble { kind, text })
+                .map(|(kind, text)| ActiveAlarm { kind, text })
                 .collect(),
             last_frame: reported.last_frame_session.map(|session| LastFrame {
                 session,
@@ -101,7 +101,7 @@ impl From<dbus::Health> for Health {
                 }),
             },
             instruments: pairs(reported.instruments)
-                .map(|(role, state)| Answering {
+                .map(|(role, state)| InstrumentState {
                     role,
                     fault: state.strip_prefix("fault: ").map(str::to_owned),
                 })

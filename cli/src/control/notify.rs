@@ -10,7 +10,7 @@ use crate::output::Printer;
 
 /// The line of `notify test --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Fared {
+struct NotifyOutcome {
     event: &'static str,
     done: bool,
     code: Option<i64>,
@@ -19,7 +19,7 @@ struct Fared {
     took_s: f64,
 }
 
-impl Fared {
+impl NotifyOutcome {
     fn for_a_person(&self) -> String {
         let how = match (self.code, &self.trouble) {
             (Some(0), _) => format!("the command ran and said yes, in {:.2} s", self.took_s),
@@ -45,7 +45,7 @@ pub(crate) async fn test(
     let result = daemon
         .ask("the command", daemon.manager.notify_test())
         .await?;
-    let fared = Fared {
+    let fared = NotifyOutcome {
         event: "notified",
         done: result.done.unwrap_or(false),
         code: result.code,
@@ -53,7 +53,7 @@ pub(crate) async fn test(
         stderr: result.stderr.unwrap_or_default(),
         took_s: result.took_s.unwrap_or(0.0),
     };
-    printer.record(&fared, Fared::for_a_person)?;
+    printer.record(&fared, NotifyOutcome::for_a_person)?;
     if fared.done {
         return Ok(());
     }
@@ -68,7 +68,7 @@ mod tests {
 
     #[test]
     fn hook_output_is_shown() {
-        let fared = Fared {
+        let fared = NotifyOutcome {
             event: "notified",
             done: false,
             code: Some(75),
@@ -80,7 +80,7 @@ mod tests {
             fared.for_a_person(),
             "the command ended with exit code 75; it said:\nno route to host"
         );
-        let killed = Fared {
+        let killed = NotifyOutcome {
             code: None,
             trouble: Some("killed after 10.0 s".into()),
             stderr: String::new(),

@@ -15,12 +15,12 @@ use crate::output::Printer;
 use crate::output::progress::progress;
 
 /// Interval of the lines that report progress if no bar can be drawn.
-const SAYS_EVERY: Duration = Duration::from_secs(10);
+const PROGRESS_INTERVAL: Duration = Duration::from_secs(10);
 
 /// A line of `start`, `stop`, `step` and `baseline record` with `--json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
-pub(crate) enum Line {
+pub(crate) enum SessionLine {
     /// The daemon has started a session.
     Started {
         session: String,
@@ -77,7 +77,7 @@ fn start_options(start: &Start) -> Result<SessionOptions, Failure> {
     let model = start
         .model
         .as_deref()
-        .map(|model| as_the_daemon_sees_it(model).map(|path| path.to_string_lossy().into_owned()))
+        .map(|model| absolute_model_path(model).map(|path| path.to_string_lossy().into_owned()))
         .transpose()?;
     let options = SessionOptions {
         every_s: start.every.map(|every| every.as_secs_f64()),
@@ -94,7 +94,7 @@ fn start_options(start: &Start) -> Result<SessionOptions, Failure> {
 }
 
 /// A model file's absolute path, because the daemon has another working directory. `one-step` is not a file.
-fn as_the_daemon_sees_it(model: &Path) -> Result<PathBuf, Failure> {
+fn absolute_model_path(model: &Path) -> Result<PathBuf, Failure> {
     if model == Path::new("one-step") {
         return Ok(model.to_owned());
     }
@@ -130,12 +130,12 @@ pub(crate) async fn step(
         Ok(sequence) => sequence,
         Err(error) => {
             // A session that ends in a fault during the steps is an instrument fault.
-            judge(daemon, &session).await?;
+            check_end(daemon, &session).await?;
             return Err(fault("step", &error));
         }
     };
     printer.record(
-        &Line::Stepped {
+        &SessionLine::Stepped {
             session: id,
             sequence,
         },
@@ -158,14 +158,14 @@ pub(crate) async fn announce(
     session: &Session1Proxy<'_>,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let line = Line::Started {
+    let line = SessionLine::Started {
         session: daemon.ask("the session", session.id()).await?,
         kind: daemon.ask("the session", session.kind()).await?,
         path: daemon.ask("the session", session.path()).await?,
         simulated: daemon.ask("the session", session.simulated()).await?,
     };
     printer.record(&line, |line| match line {
-        Line::Started {
+        SessionLine::Started {
             session,
             kind,
             simulated,
@@ -184,12 +184,12 @@ pub(crate) fn warn(
     text: String,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let line = Line::Warning {
+    let line = SessionLine::Warning {
         session: session.to_owned(),
         text,
     };
     printer.record(&line, |line| match line {
-        Line::Warning { text, .. } => format!("warning: {text}"),
+        SessionLine::Warning { text, .. } => format!("warning: {text}"),
         _ => String::new(),
     })
 }
@@ -214,7 +214,7 @@ pub(crate) async fn follow(
     let done = async {
         let wait = session.wait();
         tokio::pin!(wait);
-        let mut now_and_then = tokio::time::interval(SAYS_EVERY);
+        let mut now_and_then = tokio::time::interval(PROGRESS_INTERVAL);
         now_and_then.reset();
         let mut taken = 0;
         loop {
@@ -249,7 +249,7 @@ pub(crate) async fn follow(
     bar.finish_and_clear();
     let reason = match reason {
         Err(failure @ Failure::Failed(_)) => {
-            judge(daemon, session).await?;
+            check_end(daemon, session).await?;
             return Err(failure);
         }
         other => other?,
@@ -268,14 +268,14 @@ async fn ended(
         Some(reason) => reason,
         None => daemon.ask("the session", session.end_reason()).await?,
     };
-    let line = Line::Ended {
+    let line = SessionLine::Ended {
         session: daemon.ask("the session", session.id()).await?,
         frames: daemon.ask("the session", session.frames_durable()).await?,
         path: daemon.ask("the session", session.path()).await?,
         reason,
     };
     printer.record(&line, |line| match line {
-        Line::Ended {
+        SessionLine::Ended {
             session,
             reason,
             frames,
@@ -283,11 +283,11 @@ async fn ended(
         } => format!("{session} ended: {reason}; {frames} frames in {path}"),
         _ => String::new(),
     })?;
-    judge(daemon, session).await
+    check_end(daemon, session).await
 }
 
 /// Returns a failure if the session ended in a fault.
-pub(crate) async fn judge(daemon: &Daemon, session: &Session1Proxy<'_>) -> Result<(), Failure> {
+pub(crate) async fn check_end(daemon: &Daemon, session: &Session1Proxy<'_>) -> Result<(), Failure> {
     if daemon.ask("the session", session.state()).await? != "faulted" {
         return Ok(());
     }
@@ -374,7 +374,7 @@ mod tests {
     fn the_golden_lines() {
         let line = |line| serde_json::to_string(&line).unwrap();
         assert_eq!(
-            line(Line::Started {
+            line(SessionLine::Started {
                 session: "m1".into(),
                 kind: "measurement".into(),
                 path: "/r/m1.tactus".into(),
@@ -383,7 +383,7 @@ mod tests {
             r#"{"event":"started","session":"m1","kind":"measurement","path":"/r/m1.tactus","simulated":true}"#
         );
         assert_eq!(
-            line(Line::Ended {
+            line(SessionLine::Ended {
                 session: "m1".into(),
                 reason: "count reached".into(),
                 frames: 3,
@@ -392,14 +392,14 @@ mod tests {
             r#"{"event":"ended","session":"m1","reason":"count reached","frames":3,"path":"/r/m1.tactus"}"#
         );
         assert_eq!(
-            line(Line::Stepped {
+            line(SessionLine::Stepped {
                 session: "m1".into(),
                 sequence: 2
             }),
             r#"{"event":"stepped","session":"m1","sequence":2}"#
         );
         assert_eq!(
-            line(Line::Warning {
+            line(SessionLine::Warning {
                 session: "b1".into(),
                 text: "noise".into()
             }),

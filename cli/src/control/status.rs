@@ -74,12 +74,12 @@ struct Running {
     frames_dropped: u64,
     frames_failed: u64,
     last_error: Option<String>,
-    map: Option<Shown>,
+    map: Option<MapSummary>,
 }
 
 /// The last map and its computing times.
 #[derive(Debug, Serialize)]
-struct Shown {
+struct MapSummary {
     sequence: u64,
     /// `kPa` with a calibration, otherwise relative.
     unit: &'static str,
@@ -95,7 +95,7 @@ struct Shown {
     durable_s: Option<f64>,
 }
 
-impl Shown {
+impl MapSummary {
     /// `None` before the first map, and for a baseline session.
     fn from(status: &dbus::SessionStatus) -> Option<Self> {
         let map = status.map.as_ref()?;
@@ -137,7 +137,7 @@ impl Shown {
 impl Running {
     fn from(status: dbus::SessionStatus) -> Self {
         Self {
-            map: Shown::from(&status),
+            map: MapSummary::from(&status),
             id: status.id.unwrap_or_default(),
             kind: status.kind.unwrap_or_default(),
             state: status.state.unwrap_or_default(),
@@ -244,7 +244,7 @@ mod tests {
                 frames_dropped: 0,
                 frames_failed: 0,
                 last_error: None,
-                map: Some(Shown {
+                map: Some(MapSummary {
                     sequence: 7,
                     unit: "relative loss of conductance",
                     largest_loss: Some(0.25),

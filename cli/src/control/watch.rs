@@ -22,9 +22,9 @@ use crate::output::screen::Screen;
 use crate::output::{Printer, complain};
 
 /// Interval of the queries whether a session has started.
-const LOOK_AGAIN: Duration = Duration::from_millis(200);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Time without a frame after which the reason is displayed.
-const WAITS: Duration = Duration::from_secs(2);
+const SILENCE: Duration = Duration::from_secs(2);
 
 /// Follows a session until it ends, or until `--count` or `--for` is reached.
 pub(crate) async fn run(
@@ -125,9 +125,9 @@ pub(crate) async fn run(
     let waiting = async {
         let mut before = None;
         loop {
-            tokio::time::sleep(LOOK_AGAIN.max(WAITS.saturating_sub(shown_at.get().elapsed())))
+            tokio::time::sleep(POLL_INTERVAL.max(SILENCE.saturating_sub(shown_at.get().elapsed())))
                 .await;
-            if shown_at.get().elapsed() < WAITS {
+            if shown_at.get().elapsed() < SILENCE {
                 continue;
             }
             let status = daemon.ask("the status", daemon.manager.status()).await?;
@@ -264,7 +264,7 @@ async fn first(
             printer.text("no session is running; waiting for one (`tactus start`)")?;
             announced = true;
         }
-        tokio::time::sleep(LOOK_AGAIN).await;
+        tokio::time::sleep(POLL_INTERVAL).await;
     }
 }
 

@@ -16,7 +16,7 @@ use machine::Machine;
 /// Result of one check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-enum Verdict {
+enum CheckResult {
     Ok,
     /// It works, but not for months.
     Warn,
@@ -28,7 +28,7 @@ enum Verdict {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 struct Finding {
     check: &'static str,
-    verdict: Verdict,
+    verdict: CheckResult,
     text: String,
     /// Advice.
     advice: Option<String>,
@@ -38,7 +38,7 @@ impl Finding {
     fn ok(check: &'static str, text: impl Into<String>) -> Self {
         Self {
             check,
-            verdict: Verdict::Ok,
+            verdict: CheckResult::Ok,
             text: text.into(),
             advice: None,
         }
@@ -46,7 +46,7 @@ impl Finding {
 
     fn warn(check: &'static str, text: impl Into<String>, advice: impl Into<String>) -> Self {
         Self {
-            verdict: Verdict::Warn,
+            verdict: CheckResult::Warn,
             advice: Some(advice.into()),
             ..Self::ok(check, text)
         }
@@ -54,16 +54,16 @@ impl Finding {
 
     fn bad(check: &'static str, text: impl Into<String>, advice: impl Into<String>) -> Self {
         Self {
-            verdict: Verdict::Bad,
+            verdict: CheckResult::Bad,
             ..Self::warn(check, text, advice)
         }
     }
 
     fn for_a_person(&self) -> String {
         let word = match self.verdict {
-            Verdict::Ok => "ok  ",
-            Verdict::Warn => "warn",
-            Verdict::Bad => "BAD ",
+            CheckResult::Ok => "ok  ",
+            CheckResult::Warn => "warn",
+            CheckResult::Bad => "BAD ",
         };
         match &self.advice {
             None => format!("{word}  {:14}  {}", self.check, self.text),
@@ -78,10 +78,10 @@ impl Finding {
 /// The part of the daemon's configuration that concerns the machine; `tactusd --check` checks the rest.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
-struct Wanted {
-    source: Place,
-    switch: Place,
-    voltmeter: Place,
+struct DoctorConfig {
+    source: InstrumentSection,
+    switch: InstrumentSection,
+    voltmeter: InstrumentSection,
     record: Record,
     bus: Bus,
     notify: Notify,
@@ -89,7 +89,7 @@ struct Wanted {
 
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
-struct Place {
+struct InstrumentSection {
     address: String,
 }
 
@@ -122,7 +122,7 @@ pub(crate) fn run(
     requested: &Doctor,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let machine = Machine::here();
+    let machine = Machine::this_machine();
     let file = requested.config.clone().unwrap_or_else(|| {
         let installed = PathBuf::from("/etc/tactus/config.toml");
         let local = PathBuf::from("config.toml");
@@ -137,10 +137,10 @@ pub(crate) fn run(
         Ok(wanted) => wanted,
         Err(finding) => {
             findings.push(finding);
-            Wanted::default()
+            DoctorConfig::default()
         }
     };
-    findings.extend(machine.people(&wanted));
+    findings.extend(machine.users(&wanted));
     findings.extend(machine.devices(&wanted));
     findings.extend(machine.installed(&wanted));
     findings.extend(machine.clock(chrono::Utc::now()));
@@ -156,7 +156,7 @@ pub(crate) fn run(
     findings.extend(machine.record(directory.as_deref()));
     findings.extend(running.findings);
     let count = |verdict| findings.iter().filter(|one| one.verdict == verdict).count();
-    let (bad, warned) = (count(Verdict::Bad), count(Verdict::Warn));
+    let (bad, warned) = (count(CheckResult::Bad), count(CheckResult::Warn));
     for finding in &findings {
         printer.record(finding, Finding::for_a_person)?;
     }

@@ -7,11 +7,11 @@ use std::time::Duration;
 use zbus::Connection;
 use zbus::fdo::DBusProxy;
 
-use super::{Finding, Wanted};
+use super::{DoctorConfig, Finding};
 use crate::args::Global;
 
 /// Timeout; what does not reply counts as absent.
-const PATIENCE: Duration = Duration::from_secs(3);
+const TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Results of the checks of running programs.
 #[derive(Debug, Default)]
@@ -61,12 +61,12 @@ fn judged(file: &Path, ran: std::io::Result<std::process::Output>) -> Finding {
 }
 
 /// Checks the unit, the buses and the daemon.
-pub(super) async fn check(global: &Global, wanted: &Wanted) -> Running {
+pub(super) async fn check(global: &Global, wanted: &DoctorConfig) -> Running {
     let mut running = Running::default();
     running.findings.push(unit());
     running.findings.extend(system_bus(wanted).await);
     let hurried = Global {
-        timeout: global.timeout.min(PATIENCE),
+        timeout: global.timeout.min(TIMEOUT),
         ..global.clone()
     };
     let answer = async {
@@ -108,7 +108,7 @@ pub(super) async fn check(global: &Global, wanted: &Wanted) -> Running {
 }
 
 /// Checks that the configured socket of the daemon exists and is accessible.
-fn peer_socket(wanted: &Wanted) -> Option<Finding> {
+fn peer_socket(wanted: &DoctorConfig) -> Option<Finding> {
     if wanted.bus.peer == Some(false) {
         return None;
     }
@@ -173,13 +173,13 @@ fn service(shown: &str) -> Finding {
 }
 
 /// Checks names on the system bus: ours, polkit's, and whether the clock is synchronised.
-async fn system_bus(wanted: &Wanted) -> Vec<Finding> {
+async fn system_bus(wanted: &DoctorConfig) -> Vec<Finding> {
     let reached = async {
         let connection = Connection::system().await.ok()?;
         let bus = DBusProxy::new(&connection).await.ok()?;
         Some((connection, bus))
     };
-    let reached = tokio::time::timeout(PATIENCE, reached).await.ok().flatten();
+    let reached = tokio::time::timeout(TIMEOUT, reached).await.ok().flatten();
     let Some((connection, bus)) = reached else {
         let text = "there is no system bus";
         return match wanted.bus.system {
@@ -199,7 +199,7 @@ async fn system_bus(wanted: &Wanted) -> Vec<Finding> {
         let bus = bus.clone();
         async move {
             let name = zbus::names::BusName::try_from(name).ok()?;
-            let answer = tokio::time::timeout(PATIENCE, bus.name_has_owner(name)).await;
+            let answer = tokio::time::timeout(TIMEOUT, bus.name_has_owner(name)).await;
             answer.ok()?.ok()
         }
     };
@@ -231,7 +231,7 @@ async fn system_bus(wanted: &Wanted) -> Vec<Finding> {
         .ok()?;
         clock.get_property::<bool>("NTPSynchronized").await.ok()
     };
-    let synchronised = tokio::time::timeout(PATIENCE, synchronised).await;
+    let synchronised = tokio::time::timeout(TIMEOUT, synchronised).await;
     findings.push(match synchronised.ok().flatten() {
         Some(true) => Finding::ok("clock", "synchronised by NTP"),
         Some(false) => Finding::warn(
@@ -250,7 +250,7 @@ async fn system_bus(wanted: &Wanted) -> Vec<Finding> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Verdict;
+    use super::super::CheckResult;
     use super::*;
 
     #[test]
@@ -263,32 +263,32 @@ mod tests {
         for (finding, verdict, word) in [
             (
                 of("loaded", "active", "running", "0", "success"),
-                Verdict::Ok,
+                CheckResult::Ok,
                 "running",
             ),
             (
                 of("loaded", "active", "running", "3", "success"),
-                Verdict::Warn,
+                CheckResult::Warn,
                 "restarted 3 times",
             ),
             (
                 of("loaded", "failed", "failed", "0", "exit-code"),
-                Verdict::Bad,
+                CheckResult::Bad,
                 "exit-code",
             ),
             (
                 of("loaded", "inactive", "dead", "0", "success"),
-                Verdict::Warn,
+                CheckResult::Warn,
                 "inactive",
             ),
             (
                 of("not-found", "inactive", "dead", "0", "success"),
-                Verdict::Warn,
+                CheckResult::Warn,
                 "not installed",
             ),
             (
                 of("masked", "inactive", "dead", "0", "success"),
-                Verdict::Bad,
+                CheckResult::Bad,
                 "masked",
             ),
         ] {
@@ -301,26 +301,26 @@ mod tests {
     fn the_check_of_the_configuration_is_passed_on() {
         let ran = |script: &str| Command::new("sh").args(["-c", script]).output();
         let file = Path::new("c.toml");
-        assert_eq!(judged(file, ran("exit 0")).verdict, Verdict::Ok);
+        assert_eq!(judged(file, ran("exit 0")).verdict, CheckResult::Ok);
         let bad = judged(file, ran("echo c.toml:2:8: unknown variant >&2; exit 78"));
         assert_eq!(
             (bad.verdict, bad.text.as_str()),
-            (Verdict::Bad, "c.toml:2:8: unknown variant")
+            (CheckResult::Bad, "c.toml:2:8: unknown variant")
         );
         let absent = Command::new("/nonexistent/tactusd").output();
-        assert_eq!(judged(file, absent).verdict, Verdict::Warn);
+        assert_eq!(judged(file, absent).verdict, CheckResult::Warn);
     }
 
     #[test]
     fn unserved_socket_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("peer");
-        let mut wanted = Wanted::default();
+        let mut wanted = DoctorConfig::default();
         assert_eq!(peer_socket(&wanted), None);
         wanted.bus.peer_path = Some(path.clone());
-        assert_eq!(peer_socket(&wanted).unwrap().verdict, Verdict::Warn);
+        assert_eq!(peer_socket(&wanted).unwrap().verdict, CheckResult::Warn);
         let _listener = std::os::unix::net::UnixListener::bind(&path).unwrap();
-        assert_eq!(peer_socket(&wanted).unwrap().verdict, Verdict::Ok);
+        assert_eq!(peer_socket(&wanted).unwrap().verdict, CheckResult::Ok);
         wanted.bus.peer = Some(false);
         assert_eq!(peer_socket(&wanted), None);
     }

@@ -17,7 +17,7 @@ use crate::output::table::columns;
 /// A line of `instruments discover --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
-enum Line {
+enum DiscoverLine {
     Instrument {
         address: Option<String>,
         identity: Option<String>,
@@ -61,7 +61,7 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
             printer.record(&line(seen), |_| String::new())?;
         }
         for text in found.notes {
-            printer.record(&Line::Note { text }, |_| String::new())?;
+            printer.record(&DiscoverLine::Note { text }, |_| String::new())?;
         }
         return Ok(());
     }
@@ -108,9 +108,9 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
     Ok(())
 }
 
-fn line(seen: SeenInstrument) -> Line {
+fn line(seen: SeenInstrument) -> DiscoverLine {
     let some = |text: String| Some(text).filter(|text| !text.is_empty());
-    Line::Instrument {
+    DiscoverLine::Instrument {
         address: some(seen.address),
         identity: some(seen.identity),
         found_by: seen.found_by,

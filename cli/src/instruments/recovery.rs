@@ -13,7 +13,7 @@ use crate::output::Printer;
 
 /// The line of `instruments open-all`, `instruments accept` and `reload` with `--json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Done {
+struct DoneLine {
     event: &'static str,
     text: String,
 }
@@ -23,7 +23,7 @@ fn done(
     text: String,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    printer.record(&Done { event, text }, |done| done.text.clone())
+    printer.record(&DoneLine { event, text }, |done| done.text.clone())
 }
 
 pub(crate) async fn open_all(

@@ -16,7 +16,7 @@ use crate::output::table::columns;
 /// A line of `instruments test --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
-enum Tested {
+enum SelfTestLine {
     Line {
         subject: String,
         check: String,
@@ -45,7 +45,7 @@ enum Tested {
 
 /// A line of `instruments relays --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Worn {
+struct WearLine {
     relay: u32,
     purpose: String,
     cycles: u64,
@@ -107,7 +107,7 @@ fn show(report: TestReport, all: bool, printer: &mut Printer<impl Write>) -> Res
     let simulated = report.more.simulated;
     if printer.is_json() {
         for line in report.lines {
-            let line = Tested::Line {
+            let line = SelfTestLine::Line {
                 measured: finite(line.measured),
                 expected: finite(line.expected),
                 subject: line.subject,
@@ -118,7 +118,7 @@ fn show(report: TestReport, all: bool, printer: &mut Printer<impl Write>) -> Res
             };
             printer.record(&line, |_| String::new())?;
         }
-        let whole = Tested::Report {
+        let whole = SelfTestLine::Report {
             passed: report.passed,
             findings: report.findings.clone(),
             at: report.more.at,
@@ -206,21 +206,21 @@ pub(crate) async fn relays(
     if printer.is_json() {
         return relays
             .into_iter()
-            .try_for_each(|wear| printer.record(&worn(wear), |_| String::new()));
+            .try_for_each(|wear| printer.record(&wear_line(wear), |_| String::new()));
     }
     let rows: Vec<[String; 6]> = relays
         .into_iter()
-        .map(worn)
-        .map(|worn| {
+        .map(wear_line)
+        .map(|wear| {
             [
-                worn.relay.to_string(),
-                worn.cycles.to_string(),
-                worn.rated
+                wear.relay.to_string(),
+                wear.cycles.to_string(),
+                wear.rated
                     .map_or_else(|| "does not wear".to_owned(), |rated| rated.to_string()),
-                worn.used
+                wear.used
                     .map_or_else(String::new, |used| format!("{:.3} %", 100.0 * used)),
-                worn.left_s.map_or_else(String::new, span),
-                worn.purpose,
+                wear.left_s.map_or_else(String::new, span),
+                wear.purpose,
             ]
         })
         .collect();
@@ -237,9 +237,9 @@ pub(crate) async fn relays(
     ))
 }
 
-fn worn(wear: RelayWear) -> Worn {
+fn wear_line(wear: RelayWear) -> WearLine {
     let finite = |value: f64| Some(value).filter(|value| value.is_finite());
-    Worn {
+    WearLine {
         relay: wear.relay,
         purpose: wear.purpose,
         cycles: wear.cycles,

@@ -11,7 +11,7 @@ use survey::{Map, Protocol, Reading};
 
 use crate::failure::Failure;
 use crate::maps::drawing::Field;
-use crate::maps::settings::Chosen;
+use crate::maps::settings::ChosenSettings;
 use crate::options::choices::{GeometryChoice, PresetName};
 
 /// A reconstructor with remarks for the user.
@@ -39,7 +39,7 @@ impl Reconstruction {
         recording: &Recording,
     ) -> Result<Self, Failure> {
         let (origin, protocol) = (&recording.origin, &recording.protocol);
-        let mut chosen = Chosen::new(method, origin)?;
+        let mut chosen = ChosenSettings::new(method, origin)?;
         let mut model = match &chosen.settings.file {
             Some(file) => {
                 // an ONNX file contains no mesh
@@ -124,7 +124,7 @@ impl Reconstruction {
 /// Prepares a method as in the session; for a recording without a configuration, conductance, current and noise that
 /// are not given are derived from the baseline.
 fn prepare(
-    chosen: &mut Chosen,
+    chosen: &mut ChosenSettings,
     geometry: Geometry,
     recording: &Recording,
 ) -> Result<Model, Failure> {

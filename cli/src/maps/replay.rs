@@ -23,7 +23,7 @@ use crate::output::time::utc;
 
 /// One line of `replay --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Line<'a> {
+struct ReplayLine<'a> {
     frame: u64,
     label: &'a str,
     wall: Option<String>,
@@ -74,7 +74,7 @@ pub(crate) fn run(
     };
     let progress = progress(count.map(|count| count as u64), printer.is_terminal());
     let draw = printer.is_terminal() && !replay.no_map;
-    let mut verdict = Verdict::default();
+    let mut summary = VerifySummary::default();
     for recorded in frames {
         let map = reconstruction
             .map(&recording.unloaded.readings, &recorded.readings)
@@ -86,7 +86,7 @@ pub(crate) fn run(
             })?;
         let noise = reconstruction.noise;
         let found = reconstruction.field.found(&map, noise);
-        verdict.take(&recorded, &map);
+        summary.take(&recorded, &map);
         let pressure = reconstruction.pressure(&map)?;
         let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));
         let shown = calibrated.as_ref().unwrap_or(&map);
@@ -120,7 +120,7 @@ pub(crate) fn run(
                 Some(path.display().to_string())
             }
         };
-        let line = Line {
+        let line = ReplayLine {
             frame: recorded.sequence,
             label: &recorded.label,
             wall: recorded.wall.map(utc),
@@ -155,8 +155,8 @@ pub(crate) fn run(
         printer.text(&format!("maps: {}", path.display()))?;
     }
     if replay.verify {
-        printer.record(&verdict, Verdict::sentence)?;
-        return verdict.judge(&recording.name);
+        printer.record(&summary, VerifySummary::sentence)?;
+        return summary.result(&recording.name);
     }
     Ok(())
 }
@@ -167,7 +167,7 @@ const TOLERANCE: f64 = 1e-4;
 
 /// The last line of `replay --verify`; see `docs/reference/json.md`.
 #[derive(Debug, Default, Serialize)]
-struct Verdict {
+struct VerifySummary {
     /// Number of maps with the recorded bits.
     same: u64,
     /// Frames whose map differs although it was made by this build on this processor, or is farther away than
@@ -185,7 +185,7 @@ struct Verdict {
     without: u64,
 }
 
-impl Verdict {
+impl VerifySummary {
     fn take(&mut self, recorded: &RecordedFrame, map: &Map) {
         let Some(kept) = &recorded.map else {
             self.without += 1;
@@ -238,7 +238,7 @@ impl Verdict {
         text
     }
 
-    fn judge(&self, session: &str) -> Result<(), Failure> {
+    fn result(&self, session: &str) -> Result<(), Failure> {
         let Some(first) = self.different.first() else {
             if self.same == 0 && self.near == 0 && self.elsewhere.is_empty() {
                 return Err(Failure::Failed(format!(
@@ -295,7 +295,7 @@ fn introduce(
     Ok(())
 }
 
-fn sentence(line: &Line<'_>) -> String {
+fn sentence(line: &ReplayLine<'_>) -> String {
     let mut text = format!(
         "frame {}{}: {}",
         line.frame,

@@ -10,7 +10,7 @@ use crate::failure::Failure;
 
 /// The part of a daemon's configuration that concerns maps.
 #[derive(Debug, Default)]
-pub(crate) struct Kept {
+pub(crate) struct StoredConfig {
     geometry: GeometrySettings,
     pub(crate) model: ReconstructionSettings,
 }
@@ -20,10 +20,10 @@ pub(crate) struct Kept {
 ///
 /// # Errors
 /// Text that is not a configuration of the daemon.
-pub(crate) fn kept(header: &SessionHeader) -> Result<Kept, Failure> {
-    let read = || -> Result<Kept, toml::de::Error> {
+pub(crate) fn stored_config(header: &SessionHeader) -> Result<StoredConfig, Failure> {
+    let read = || -> Result<StoredConfig, toml::de::Error> {
         let mut tables: toml::Table = toml::from_str(&header.config_toml)?;
-        Ok(Kept {
+        Ok(StoredConfig {
             geometry: known_keys(tables.remove("geometry"))?,
             model: known_keys(tables.remove("model"))?,
         })
@@ -31,7 +31,7 @@ pub(crate) fn kept(header: &SessionHeader) -> Result<Kept, Failure> {
     read().map_err(|error| {
         Failure::configuration(
             &format!(
-                "the configuration kept in session {} cannot be read; {NAME_IT}",
+                "the configuration kept in session {} cannot be read; {SETTINGS_HINT}",
                 header.id
             ),
             &error,
@@ -76,7 +76,7 @@ impl<'de> Deserializer<'de> for KnownKeys {
     }
 }
 
-const NAME_IT: &str =
+const SETTINGS_HINT: &str =
     "say --preset paper-sheet or disc-tank, --case DIR with a mesh, or --model FILE";
 
 /// The geometry of a session, from its stored configuration, verified by the stored hash.
@@ -84,7 +84,7 @@ const NAME_IT: &str =
 /// # Errors
 /// The named geometry is not the one that was used.
 pub(crate) fn geometry(header: &SessionHeader) -> Result<Geometry, Failure> {
-    let mut named = kept(header)?.geometry;
+    let mut named = stored_config(header)?.geometry;
     if named.case.is_some() {
         named.preset = None;
     }
@@ -97,7 +97,7 @@ pub(crate) fn geometry(header: &SessionHeader) -> Result<Geometry, Failure> {
     geometry.sigma0_known = true;
     match &header.geometry_hash {
         Some(hash) if hash != geometry.mesh.hash() => Err(Failure::Configuration(format!(
-            "session {} was recorded on geometry {}, its configuration gives {} here; {NAME_IT}",
+            "session {} was recorded on geometry {}, its configuration gives {} here; {SETTINGS_HINT}",
             header.id,
             short_hash(hash),
             short_hash(geometry.mesh.hash()),

@@ -9,7 +9,7 @@ use crate::failure::Failure;
 use crate::maps::session_settings;
 
 /// Settings of a reconstruction, with remarks and information on their origin.
-pub(crate) struct Chosen {
+pub(crate) struct ChosenSettings {
     pub(crate) settings: ReconstructionSettings,
     /// Whether the session stores how its daemon made the maps: noise is then at the current of its frames.
     pub(crate) as_recorded: bool,
@@ -22,7 +22,7 @@ pub(crate) struct Chosen {
     pub(crate) remarks: Vec<String>,
 }
 
-impl Chosen {
+impl ChosenSettings {
     /// Combines the options with the configuration stored in the session.
     ///
     /// # Errors
@@ -36,12 +36,12 @@ impl Chosen {
             Origin::Session(_) | Origin::Folder(_) => None,
         };
         let kept = match header.filter(|_| requested.file.is_none()) {
-            Some(header) => Some(session_settings::kept(header)?.model),
+            Some(header) => Some(session_settings::stored_config(header)?.model),
             None => None,
         };
         // maps of a model given by option are bounded like the session's
         let loss_only = requested.loss_only.or(header
-            .and_then(|header| session_settings::kept(header).ok())
+            .and_then(|header| session_settings::stored_config(header).ok())
             .and_then(|kept| kept.model.loss_only));
         let as_recorded = kept.is_some();
         let unchanged = as_recorded && requested.given().is_empty();

@@ -98,14 +98,14 @@ fn tables(
     };
     let existing = export.replacing.existing();
     // a device or a pipe has no companion files
-    let beside = (!outfile::is_stream(&export.out)).then(|| Beside::of(&export.out));
+    let companions = (!outfile::is_stream(&export.out)).then(|| CompanionFiles::of(&export.out));
     let mut file = OutFile::create(&export.out, existing)?;
     file.put(frames_heading(header.protocol.len()).as_bytes())?;
-    let mut case = match &beside {
-        Some(beside) => {
-            outfile::check(&beside.baseline, existing)?;
-            outfile::make_folder(&beside.case, existing)?;
-            let mut case = OutFile::create(&beside.case.join("frames.csv"), existing)?;
+    let mut case = match &companions {
+        Some(companions) => {
+            outfile::check(&companions.baseline, existing)?;
+            outfile::make_folder(&companions.case, existing)?;
+            let mut case = OutFile::create(&companions.case.join("frames.csv"), existing)?;
             case.put(case_folder::heading(&header.protocol).as_bytes())?;
             Some(case)
         }
@@ -135,22 +135,22 @@ fn tables(
     }
     bar.finish_and_clear();
     say(printer, "frames", &file.finish()?, written)?;
-    if let (Some(beside), Some(case)) = (&beside, case) {
+    if let (Some(companions), Some(case)) = (&companions, case) {
         if let Some(baseline) = &baseline {
             let table = baseline_table(&header.protocol, baseline);
-            outfile::write(&beside.baseline, existing, table.as_bytes())?;
-            say(printer, "baseline", &beside.baseline, baseline.frames)?;
+            outfile::write(&companions.baseline, existing, table.as_bytes())?;
+            say(printer, "baseline", &companions.baseline, baseline.frames)?;
         }
         case.finish()?;
         case_folder::write(
-            &beside.case,
+            &companions.case,
             header,
             current,
             baseline.as_ref(),
             &export.geometry,
             existing,
         )?;
-        say(printer, "case", &beside.case, written)?;
+        say(printer, "case", &companions.case, written)?;
     }
     if damaged > 0 {
         return Err(Failure::Failed(format!(
@@ -159,7 +159,7 @@ fn tables(
         )));
     }
     // output to a device or a pipe may not be stored, and `sessions prune --exported-only` relies on the mark
-    for part in session.each().iter().filter(|_| beside.is_some()) {
+    for part in session.each().iter().filter(|_| companions.is_some()) {
         let own = part.last_sequence()?;
         // frames that a running session has recorded since then were not exported
         crate::records::maintenance::mark(part, own.min(last), &export.out);
@@ -168,12 +168,12 @@ fn tables(
 }
 
 /// The companion files of a table of frames.
-struct Beside {
+struct CompanionFiles {
     baseline: PathBuf,
     case: PathBuf,
 }
 
-impl Beside {
+impl CompanionFiles {
     fn of(frames: &Path) -> Self {
         Self {
             baseline: frames.with_extension("baseline.csv"),

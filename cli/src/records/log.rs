@@ -20,7 +20,7 @@ use crate::session_files;
 
 /// A line of `log --json`; see `docs/reference/json.md`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-struct Line {
+struct LogLine {
     #[serde(serialize_with = "as_utc")]
     at: DateTime<Utc>,
     session: Option<String>,
@@ -32,7 +32,7 @@ fn as_utc<S: serde::Serializer>(at: &DateTime<Utc>, to: S) -> Result<S::Ok, S::E
     to.serialize_str(&utc(*at))
 }
 
-impl Line {
+impl LogLine {
     fn print(&self, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
         printer.record(self, |line| {
             format!(
@@ -108,7 +108,7 @@ pub(crate) async fn follow(
         .ask("the record", daemon.manager.record_directory())
         .await?;
     let since = since(log, Utc::now());
-    let lines: BTreeSet<Line> = recorded(Path::new(&directory), log, since).collect();
+    let lines: BTreeSet<LogLine> = recorded(Path::new(&directory), log, since).collect();
     for line in &lines {
         line.print(printer)?;
     }
@@ -116,7 +116,7 @@ pub(crate) async fn follow(
         let event = signal
             .args()
             .map_err(|error| fault("an event", &error.into()))?;
-        let line = Line {
+        let line = LogLine {
             at: DateTime::from_timestamp_nanos(event.wall_ns),
             session: event.details.session.clone(),
             kind: event.kind.to_string(),
@@ -145,11 +145,15 @@ fn with_session(log: &Log, last: Option<String>) -> Log {
 }
 
 /// Events of a folder; unreadable sessions are reported on standard error.
-fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Iterator<Item = Line> {
+fn recorded(
+    place: &Path,
+    log: &Log,
+    since: Option<DateTime<Utc>>,
+) -> impl Iterator<Item = LogLine> {
     let mut lines = Vec::new();
     if log.session.is_none() {
         match logbook::read_daemon_log(place) {
-            Ok(events) => lines.extend(events.into_iter().map(|event| Line {
+            Ok(events) => lines.extend(events.into_iter().map(|event| LogLine {
                 at: event.at,
                 session: None,
                 kind: event.kind,
@@ -164,7 +168,7 @@ fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Itera
         let asked = log.session.as_ref();
         let named = asked.is_none_or(|asked| id.is_some_and(|id| id.starts_with(asked.as_str())));
         let is_session = file.extension().is_some_and(|end| end == "tactus");
-        if !is_session || !named || untouched(&file, log.since) {
+        if !is_session || !named || last_written_before(&file, log.since) {
             continue;
         }
         match of_session(&file) {
@@ -180,7 +184,7 @@ fn recorded(place: &Path, log: &Log, since: Option<DateTime<Utc>>) -> impl Itera
 
 /// Whether a file was last written before the time span began: it need not be opened. The journal of a file that is
 /// being written is newer than the file.
-fn untouched(file: &Path, span: Option<Duration>) -> bool {
+fn last_written_before(file: &Path, span: Option<Duration>) -> bool {
     let Some(span) = span else { return false };
     let journal = file.with_extension("tactus-wal");
     let [file, journal] = [file, &journal].map(|path| path.metadata()?.modified());
@@ -191,10 +195,10 @@ fn untouched(file: &Path, span: Option<Duration>) -> bool {
 }
 
 /// Start, events and end of one session.
-fn of_session(file: &Path) -> Result<Vec<Line>, logbook::LogbookError> {
+fn of_session(file: &Path) -> Result<Vec<LogLine>, logbook::LogbookError> {
     let session = SessionReader::open(file)?;
     let header = session.header();
-    let line = |at, kind: &str, text: String| Line {
+    let line = |at, kind: &str, text: String| LogLine {
         at,
         session: Some(header.id.clone()),
         kind: kind.to_owned(),
@@ -252,7 +256,7 @@ mod tests {
     }
 
     fn shown(folder: &tempfile::TempDir, log: &Log, since: Option<DateTime<Utc>>) -> Vec<String> {
-        let lines: BTreeSet<Line> = recorded(folder.path(), log, since).collect();
+        let lines: BTreeSet<LogLine> = recorded(folder.path(), log, since).collect();
         let each = lines.iter();
         each.map(|line| {
             let session = line.session.as_deref().unwrap_or("-");
@@ -305,7 +309,7 @@ mod tests {
 
     #[test]
     fn a_line_is_a_line_of_json() {
-        let line = Line {
+        let line = LogLine {
             at: at(1),
             session: None,
             kind: "daily".into(),

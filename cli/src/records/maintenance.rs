@@ -28,7 +28,7 @@ pub(crate) fn run(
 
 /// A line of `sessions verify --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Checked {
+struct VerifyLine {
     whole: bool,
     #[serde(flatten)]
     found: Verified,
@@ -59,7 +59,7 @@ fn verify(
         bar.finish_and_clear();
         let found = found.map_err(|error| session_files::refused(&error))?;
         checked += 1;
-        let line = Checked {
+        let line = VerifyLine {
             whole: found.findings.is_empty(),
             found,
         };
@@ -96,7 +96,7 @@ fn all(global: &Global) -> Result<Vec<PathBuf>, Failure> {
     Ok(files)
 }
 
-fn describe(line: &Checked) -> String {
+fn describe(line: &VerifyLine) -> String {
     let found = &line.found;
     let explained = found.gaps.iter().filter(|gap| gap.explained.is_some());
     let mut text = format!(
@@ -169,7 +169,7 @@ fn repair(
 
 /// A line of `sessions prune --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Went<'a> {
+struct PrunedLine<'a> {
     what: &'static str,
     id: &'a str,
     bytes: Option<u64>,
@@ -197,7 +197,7 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
         for removed in &pruned.removed {
             count += 1;
             bytes += removed.bytes;
-            let line = Went {
+            let line = PrunedLine {
                 what: if asked.dry_run {
                     "would_remove"
                 } else {
@@ -213,7 +213,7 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
             })?;
         }
         for spared in &pruned.spared {
-            let line = Went {
+            let line = PrunedLine {
                 what: "spared",
                 id: &spared.id,
                 bytes: None,

@@ -17,7 +17,7 @@ use crate::session_files;
 
 /// The line of `sessions show --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
-struct Shown {
+struct SessionDetails {
     id: String,
     kind: &'static str,
     simulated: bool,
@@ -35,7 +35,7 @@ struct Shown {
     method: Option<String>,
     model_hash: Option<String>,
     calibration: Option<String>,
-    baseline: Option<Unloaded>,
+    baseline: Option<BaselineDetails>,
     about: About,
     note: String,
     instruments: Vec<Instrument>,
@@ -60,7 +60,7 @@ struct Measured {
 }
 
 #[derive(Debug, Serialize)]
-struct Unloaded {
+struct BaselineDetails {
     id: String,
     frames: usize,
     taken: String,
@@ -91,7 +91,7 @@ impl From<&Settings> for Measured {
     }
 }
 
-impl From<&Baseline> for Unloaded {
+impl From<&Baseline> for BaselineDetails {
     fn from(baseline: &Baseline) -> Self {
         Self {
             id: baseline.id.clone(),
@@ -114,7 +114,7 @@ pub(crate) fn run(
     let last = last_part.last()?;
     let baseline = session.baseline()?;
     let closed = last_part.closed();
-    let kept = session_settings::kept(header).ok();
+    let kept = session_settings::stored_config(header).ok();
     let settings = last
         .as_ref()
         .map(|record| &record.frame.settings)
@@ -122,7 +122,7 @@ pub(crate) fn run(
     let span = last
         .as_ref()
         .map(|record| (record.frame.wall - header.started).as_seconds_f64());
-    let shown = Shown {
+    let shown = SessionDetails {
         id: header.id.clone(),
         kind: header.kind.as_str(),
         simulated: header.simulated,
@@ -159,7 +159,7 @@ pub(crate) fn run(
         calibration: kept
             .and_then(|kept| kept.model.calibration)
             .map(|path| path.display().to_string()),
-        baseline: baseline.as_ref().map(Unloaded::from),
+        baseline: baseline.as_ref().map(BaselineDetails::from),
         about: header.about.clone(),
         note: header.note.clone(),
         instruments: header
@@ -183,7 +183,7 @@ pub(crate) fn run(
 }
 
 /// One entry per line: what is not known is left out, except where that matters.
-fn page(shown: &Shown, started: &str, ended: Option<&str>) -> String {
+fn page(shown: &SessionDetails, started: &str, ended: Option<&str>) -> String {
     let mut lines: Vec<(&str, String)> = Vec::new();
     let mut push = |name, text: String| {
         if !text.is_empty() {

@@ -130,7 +130,7 @@ impl Tree {
     }
 
     /// The resistors on the path from one node to another, and whether each is passed in its own direction.
-    fn way(&self, resistors: &[Resistor], from: usize, to: usize) -> Vec<(usize, bool)> {
+    fn path_between(&self, resistors: &[Resistor], from: usize, to: usize) -> Vec<(usize, bool)> {
         let (mut up, mut down) = (Vec::new(), Vec::new());
         let (mut here, mut there) = (from, to);
         let parent = |node: usize| {
@@ -168,7 +168,7 @@ impl Flow {
         let joined = tree.component[hi] == tree.component[lo];
         let mut currents = vec![0.0; resistors.len()];
         if joined {
-            for (index, forward) in tree.way(&resistors, hi, lo) {
+            for (index, forward) in tree.path_between(&resistors, hi, lo) {
                 currents[index] += if forward { 1.0 } else { -1.0 };
             }
             let loops = loops(&tree, &resistors);
@@ -231,7 +231,7 @@ impl Flow {
             return 0.0;
         }
         let (from, to) = (self.tree.node(hi), self.tree.node(lo));
-        let way = self.tree.way(&self.resistors, from, to);
+        let way = self.tree.path_between(&self.resistors, from, to);
         let drops = |&(index, forward): &(usize, bool)| {
             let drop = self.resistors[index].ohms * self.currents[index];
             if forward { drop } else { -drop }
@@ -304,7 +304,11 @@ fn loops(tree: &Tree, resistors: &[Resistor]) -> Vec<Vec<(usize, bool)>> {
         .map(|index| {
             let resistor = &resistors[index];
             let mut way = vec![(index, true)];
-            way.extend(tree.way(resistors, tree.node(resistor.to), tree.node(resistor.from)));
+            way.extend(tree.path_between(
+                resistors,
+                tree.node(resistor.to),
+                tree.node(resistor.from),
+            ));
             way
         })
         .collect()

@@ -144,7 +144,7 @@ impl Sheet {
     }
 
     /// Frees a stuck relay; replaces a worn one.
-    pub(crate) fn free(&mut self, relay: Relay) {
+    pub(crate) fn unstick(&mut self, relay: Relay) {
         self.stuck.remove(&relay);
         if self.worn.remove(&relay).is_some() {
             self.replaced.insert(relay);
@@ -169,7 +169,7 @@ impl Sheet {
         self.fixture.module(slot).is_some()
     }
 
-    pub(crate) fn free_all(&mut self) {
+    pub(crate) fn unstick_all(&mut self) {
         self.stuck.clear();
         self.replaced
             .extend(std::mem::take(&mut self.worn).into_keys());
@@ -177,13 +177,16 @@ impl Sheet {
 
     /// The mainframe's relays that are actually closed, without those of a scan.
     pub(crate) fn closed(&self) -> BTreeSet<Relay> {
-        self.really(self.closed.iter().copied())
+        self.actually_closed(self.closed.iter().copied())
             .filter(|relay| relay.0 >= FIRST_OF_MAINFRAME)
             .collect()
     }
 
     /// The relays that are actually closed: those of the commanded ones that can close, and those stuck closed.
-    fn really(&self, commanded: impl Iterator<Item = Relay>) -> impl Iterator<Item = Relay> {
+    fn actually_closed(
+        &self,
+        commanded: impl Iterator<Item = Relay>,
+    ) -> impl Iterator<Item = Relay> {
         // A fault takes precedence over wear.
         let worn = self.worn.iter();
         let worn = worn.filter(|(relay, _)| !self.stuck.contains_key(relay));
@@ -328,7 +331,7 @@ impl Sheet {
             .iter()
             .filter(|relay| !self.closed.contains(relay));
         let commanded = self.closed.iter().chain(scanned).copied();
-        let closed = self.really(commanded.chain(chips(self.poles)));
+        let closed = self.actually_closed(commanded.chain(chips(self.poles)));
         let wires: Vec<Resistor> = if self.phantom.bends_wires() {
             let closed: Vec<Relay> = closed.collect();
             let mut wires = Vec::new();

@@ -117,7 +117,7 @@ pub enum FaultError {
 
 impl Fault {
     /// The fault that ends this one; `None` if it has no duration.
-    pub fn mended(&self) -> Option<Self> {
+    pub fn ending(&self) -> Option<Self> {
         Some(match self {
             Self::Wire(instrument, Wire::Cut | Wire::Silent) => {
                 Self::Wire(*instrument, Wire::Sound)
@@ -161,13 +161,13 @@ impl TimedFault {
                 words: what.to_owned(),
                 why: why.to_owned(),
             };
-            let mended = fault
-                .mended()
+            let ending = fault
+                .ending()
                 .ok_or_else(|| words("it passes by itself, it takes no for_s"))?;
             let at = at
                 .checked_add(lasts)
                 .ok_or_else(|| words("it would last too long"))?;
-            timed.push(Self { at, fault: mended });
+            timed.push(Self { at, fault: ending });
         }
         timed.push(Self { at, fault });
         Ok(timed)

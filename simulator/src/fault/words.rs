@@ -38,7 +38,7 @@ terminal-block N open|shut          of the module in slot N
 pulse 6221 LINE                     on line 1 to 6 of its trigger link
 pulse 34980a                        at its external trigger
 serial unplug|plug                  the board's port is gone, or back
-none                                everything is mended
+none                                ends every fault
 INSTRUMENT is 6221, 34980a or board; RELAY is 1003, or on a board pole x 100 + electrode;
 MODULE is 34922A, or with its terminal block 34934A,4x128; a reading is a number with an exponent.";
 
@@ -271,9 +271,9 @@ mod tests {
         ] {
             let fault: Fault = words.parse().unwrap();
             assert_eq!(fault.to_string(), words);
-            if let Some(mended) = fault.mended() {
+            if let Some(mended) = fault.ending() {
                 assert_eq!(mended.to_string().parse::<Fault>().unwrap(), mended);
-                assert_eq!(mended.mended(), None);
+                assert_eq!(mended.ending(), None);
             }
         }
         assert_eq!(

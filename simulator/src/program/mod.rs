@@ -2,7 +2,7 @@
 
 pub(crate) mod list;
 pub(crate) mod panel;
-mod played;
+mod replay;
 
 use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
@@ -48,9 +48,9 @@ enum Command {
     /// Show who is connected to a rig that is served, the source's state, the closed relays, the last error.
     Status(Status),
     /// Make a golden of a transcript: a conversation that the simulator must hold from then on.
-    Golden(played::MakeGolden),
+    Golden(replay::MakeGolden),
     /// Play a transcript to the simulators and say where they first answer otherwise.
-    Replay(played::Replay),
+    Replay(replay::Replay),
     /// List modules, profiles, scenes, loads and faults.
     List {
         /// As one line of JSON.
@@ -161,16 +161,18 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
     let options = match arguments.command {
         Command::Serve(options) => options,
-        Command::Fault(Words { control, words }) => return tell(&control, &words.join(" ")),
-        Command::Press(Words { control, words }) => {
-            return tell(&control, &format!("press {}", words.join(" ")));
+        Command::Fault(Words { control, words }) => {
+            return send_command(&control, &words.join(" "));
         }
-        Command::Release(control) => return tell(&control, "release"),
+        Command::Press(Words { control, words }) => {
+            return send_command(&control, &format!("press {}", words.join(" ")));
+        }
+        Command::Release(control) => return send_command(&control, "release"),
         Command::Status(Status { control, json }) => return show(&control, json),
-        Command::Golden(options) => return played::make_golden(&options),
-        Command::Replay(options) => return played::play(&options),
+        Command::Golden(options) => return replay::make_golden(&options),
+        Command::Replay(options) => return replay::play(&options),
         Command::List { json } => {
-            return say(&if json {
+            return print_line(&if json {
                 list::json().to_string()
             } else {
                 list::text()
@@ -246,7 +248,7 @@ fn scene_named(name: Option<&str>) -> Result<Scene, Fault> {
 }
 
 /// Sends a command line to a served rig.
-fn tell(to: &Control, line: &str) -> ExitCode {
+fn send_command(to: &Control, line: &str) -> ExitCode {
     match crate::control::ask(to.control.as_deref(), line) {
         Ok(_) => ExitCode::SUCCESS,
         Err(refusal) => {
@@ -266,7 +268,7 @@ fn show(of: &Control, json: bool) -> ExitCode {
         Ok(status.to_string())
     });
     match reported {
-        Ok(text) => say(&text),
+        Ok(text) => print_line(&text),
         Err(refusal) => {
             eprintln!("tactus-sim: {}", survey::printable(&refusal));
             ExitCode::FAILURE
@@ -275,7 +277,7 @@ fn show(of: &Control, json: bool) -> ExitCode {
 }
 
 /// Prints; a closed pipe is not an error.
-fn say(text: &str) -> ExitCode {
+fn print_line(text: &str) -> ExitCode {
     match writeln!(std::io::stdout(), "{text}") {
         Err(fault) if fault.kind() != std::io::ErrorKind::BrokenPipe => fail(&fault, 1),
         _ => ExitCode::SUCCESS,

@@ -5,7 +5,7 @@ use std::time::Duration;
 use gpio_mux::{Settings, SimulatorGpioMux};
 use scpi::{ErrorEntry, ParseError};
 
-use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrument};
+use crate::simulated_instruments::instrument::{ExternalCircuit, Reply, SimulatedInstrument};
 
 /// A multiplexer board.
 #[derive(Debug)]
@@ -19,7 +19,13 @@ impl Board {
 }
 
 impl SimulatedInstrument for Board {
-    fn receive(&mut self, _: u32, line: &str, at: Duration, outside: &mut dyn Outside) -> Reply {
+    fn receive(
+        &mut self,
+        _: u32,
+        line: &str,
+        at: Duration,
+        outside: &mut dyn ExternalCircuit,
+    ) -> Reply {
         let reply = self.0.receive(line, at, outside);
         Reply {
             text: reply.text,
@@ -28,7 +34,7 @@ impl SimulatedInstrument for Board {
         }
     }
 
-    fn pass(&mut self, at: Duration, outside: &mut dyn Outside) {
+    fn pass(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) {
         self.0.pass(at, outside);
     }
 
@@ -41,12 +47,12 @@ impl SimulatedInstrument for Board {
         _: u32,
         _: ParseError,
         at: Duration,
-        outside: &mut dyn Outside,
+        outside: &mut dyn ExternalCircuit,
     ) -> Option<String> {
         self.0.receive_oversized(at, outside).text
     }
 
-    fn power_cycle(&mut self, at: Duration, outside: &mut dyn Outside) -> Option<String> {
+    fn power_cycle(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) -> Option<String> {
         Some(self.0.reset(at, outside))
     }
 }

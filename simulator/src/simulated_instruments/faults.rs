@@ -50,9 +50,9 @@ impl SimulatedInstruments {
     }
 
     /// Whether a module or the voltmeter is removed.
-    pub(crate) fn is_opened_up(&self) -> bool {
+    pub(crate) fn has_part_removed(&self) -> bool {
         let mut instruments = self.places.iter().map(|place| &place.instrument);
-        instruments.any(|instrument| instrument.is_opened_up())
+        instruments.any(|instrument| instrument.has_part_removed())
     }
 
     /// Applies a fault inside the instruments or between them and the sheet.
@@ -68,7 +68,7 @@ impl SimulatedInstruments {
             }
             Fault::StuckOpen(relay) => self.sheet.stick(*relay, false),
             Fault::StuckClosed(relay) => self.sheet.stick(*relay, true),
-            Fault::Free(relay) => self.sheet.free(*relay),
+            Fault::Free(relay) => self.sheet.unstick(*relay),
             Fault::Overload(on) => self.sheet.overload = *on,
             Fault::Interlock(_)
             | Fault::TerminalBlock(..)
@@ -77,7 +77,7 @@ impl SimulatedInstruments {
             | Fault::Module(..)
             | Fault::Voltmeter(_) => self.fault_of_instruments(fault, at),
             Fault::None => {
-                self.sheet.free_all();
+                self.sheet.unstick_all();
                 self.sheet.overload = false;
                 self.fault_of_instruments(fault, at);
                 self.time_line.clear();

@@ -12,9 +12,9 @@ use crate::fault::Fault;
 
 /// The circuit outside an instrument's terminals: the load of a source, the connections of relays and poles, and the
 /// voltages at a voltmeter. An instrument uses the part that it has terminals for.
-pub(crate) trait Outside: Load + Wires + Poles {}
+pub(crate) trait ExternalCircuit: Load + Wires + Poles {}
 
-impl<T: Load + Wires + Poles> Outside for T {}
+impl<T: Load + Wires + Poles> ExternalCircuit for T {}
 
 /// Result of a message.
 #[derive(Debug, Default)]
@@ -35,7 +35,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         session: u32,
         line: &str,
         at: Duration,
-        outside: &mut dyn Outside,
+        outside: &mut dyn ExternalCircuit,
     ) -> Reply;
 
     /// As [`SimulatedInstrument::receive`], but readings are taken at their own times, so the reply may come later.
@@ -44,7 +44,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         session: u32,
         line: &str,
         at: Duration,
-        outside: &mut dyn Outside,
+        outside: &mut dyn ExternalCircuit,
     ) -> Reply {
         self.receive(session, line, at, outside)
     }
@@ -54,7 +54,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         &mut self,
         _session: u32,
         _at: Duration,
-        _outside: &mut dyn Outside,
+        _outside: &mut dyn ExternalCircuit,
     ) -> Option<String> {
         None
     }
@@ -65,7 +65,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
     }
 
     /// Performs the actions that are due.
-    fn pass(&mut self, at: Duration, outside: &mut dyn Outside);
+    fn pass(&mut self, at: Duration, outside: &mut dyn ExternalCircuit);
 
     /// Notifies it that another instrument has changed the connections of its terminals.
     fn load_changed(&mut self, _at: Duration, _load: &mut dyn Load) {}
@@ -84,7 +84,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         session: u32,
         refusal: ParseError,
         at: Duration,
-        outside: &mut dyn Outside,
+        outside: &mut dyn ExternalCircuit,
     ) -> Option<String>;
 
     /// Registers a client under the name that the instrument uses for it.
@@ -94,7 +94,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
     fn end_session(&mut self, _session: u32) {}
 
     /// Device clear by a client.
-    fn clear_session(&mut self, _session: u32, _at: Duration, _outside: &mut dyn Outside) {}
+    fn clear_session(&mut self, _session: u32, _at: Duration, _outside: &mut dyn ExternalCircuit) {}
 
     /// The status byte of a serial poll, without message available.
     fn status_byte(&self) -> u8 {
@@ -102,7 +102,7 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
     }
 
     /// Power cycle; returns what the instrument then sends without a query.
-    fn power_cycle(&mut self, at: Duration, outside: &mut dyn Outside) -> Option<String>;
+    fn power_cycle(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) -> Option<String>;
 
     /// Fills the error queue until it overflows; false if only messages can do that.
     fn overflow_errors(&mut self) -> bool {
@@ -110,10 +110,10 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
     }
 
     /// Applies a fault inside the rig, if it concerns the instrument. [`Fault::None`] ends them all.
-    fn fault(&mut self, _fault: &Fault, _at: Duration, _outside: &mut dyn Outside) {}
+    fn fault(&mut self, _fault: &Fault, _at: Duration, _outside: &mut dyn ExternalCircuit) {}
 
     /// Whether a part of it is removed.
-    fn is_opened_up(&self) -> bool {
+    fn has_part_removed(&self) -> bool {
         false
     }
 }

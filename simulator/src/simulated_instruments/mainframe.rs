@@ -6,7 +6,7 @@ use keysight_34980a::{Module, Session, Settings34980a, Simulator34980a};
 use scpi::{ErrorEntry, ParseError};
 
 use crate::fault::Fault;
-use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrument};
+use crate::simulated_instruments::instrument::{ExternalCircuit, Reply, SimulatedInstrument};
 
 /// A 34980A whose modules can be removed and inserted by faults.
 #[derive(Debug)]
@@ -39,14 +39,14 @@ impl Mainframe {
         slot: u32,
         module: Option<Module>,
         at: Duration,
-        outside: &mut dyn Outside,
+        outside: &mut dyn ExternalCircuit,
     ) {
         self.changed[slot as usize - 1] = module != self.own(slot);
         self.simulator.power_cycle(at, outside);
         self.simulator.set_module(slot, module, at, outside);
     }
 
-    fn set_voltmeter(&mut self, present: bool, at: Duration, outside: &mut dyn Outside) {
+    fn set_voltmeter(&mut self, present: bool, at: Duration, outside: &mut dyn ExternalCircuit) {
         self.voltmeter_missing = !present;
         self.simulator.power_cycle(at, outside);
         self.simulator.set_voltmeter(present, at, outside);
@@ -59,7 +59,7 @@ impl SimulatedInstrument for Mainframe {
         session: u32,
         line: &str,
         at: Duration,
-        outside: &mut dyn Outside,
+        outside: &mut dyn ExternalCircuit,
     ) -> Reply {
         let reply = self
             .simulator
@@ -76,7 +76,7 @@ impl SimulatedInstrument for Mainframe {
         session: u32,
         line: &str,
         at: Duration,
-        outside: &mut dyn Outside,
+        outside: &mut dyn ExternalCircuit,
     ) -> Reply {
         let (reply, later) = self
             .simulator
@@ -88,7 +88,12 @@ impl SimulatedInstrument for Mainframe {
         }
     }
 
-    fn fetch(&mut self, session: u32, at: Duration, outside: &mut dyn Outside) -> Option<String> {
+    fn fetch(
+        &mut self,
+        session: u32,
+        at: Duration,
+        outside: &mut dyn ExternalCircuit,
+    ) -> Option<String> {
         self.simulator.fetch(Session(session), at, outside)
     }
 
@@ -96,7 +101,7 @@ impl SimulatedInstrument for Mainframe {
         self.simulator.due()
     }
 
-    fn pass(&mut self, at: Duration, outside: &mut dyn Outside) {
+    fn pass(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) {
         self.simulator.pass(at, outside);
     }
 
@@ -109,7 +114,7 @@ impl SimulatedInstrument for Mainframe {
         session: u32,
         refusal: ParseError,
         _: Duration,
-        _: &mut dyn Outside,
+        _: &mut dyn ExternalCircuit,
     ) -> Option<String> {
         self.simulator.fault_of_session(Session(session), refusal);
         None
@@ -123,7 +128,7 @@ impl SimulatedInstrument for Mainframe {
         self.simulator.end_session(Session(session));
     }
 
-    fn clear_session(&mut self, session: u32, at: Duration, outside: &mut dyn Outside) {
+    fn clear_session(&mut self, session: u32, at: Duration, outside: &mut dyn ExternalCircuit) {
         self.simulator.clear_session(Session(session), at, outside);
     }
 
@@ -131,7 +136,7 @@ impl SimulatedInstrument for Mainframe {
         self.simulator.status_byte()
     }
 
-    fn power_cycle(&mut self, at: Duration, outside: &mut dyn Outside) -> Option<String> {
+    fn power_cycle(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) -> Option<String> {
         self.simulator.power_cycle(at, outside);
         None
     }
@@ -141,7 +146,7 @@ impl SimulatedInstrument for Mainframe {
         true
     }
 
-    fn fault(&mut self, fault: &Fault, at: Duration, outside: &mut dyn Outside) {
+    fn fault(&mut self, fault: &Fault, at: Duration, outside: &mut dyn ExternalCircuit) {
         match fault {
             Fault::TerminalBlock(slot, shut) => {
                 self.simulator.set_interlock(*slot, !shut, at, outside);
@@ -168,7 +173,7 @@ impl SimulatedInstrument for Mainframe {
         }
     }
 
-    fn is_opened_up(&self) -> bool {
+    fn has_part_removed(&self) -> bool {
         self.voltmeter_missing || self.changed.contains(&true)
     }
 }

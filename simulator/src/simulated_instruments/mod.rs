@@ -24,7 +24,7 @@ use crate::fault::TimedFault;
 use crate::instrument::Instrument;
 use crate::profile::{Pace, Profile, milliseconds};
 pub(crate) use crate::simulated_instruments::board::Board;
-use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrument};
+use crate::simulated_instruments::instrument::{ExternalCircuit, Reply, SimulatedInstrument};
 pub(crate) use crate::simulated_instruments::mainframe::Mainframe;
 pub(crate) use crate::simulated_instruments::source::Source;
 
@@ -35,7 +35,7 @@ const YEAR_2000: u32 = 946_684_800;
 #[derive(Debug)]
 pub(crate) struct SimulatedInstruments {
     /// In the order in which they perform due actions: switches before sources.
-    places: Vec<Place>,
+    places: Vec<RoleEntry>,
     pub(crate) sheet: Sheet,
     pace: Pace,
     start: Instant,
@@ -54,7 +54,7 @@ pub(crate) struct SimulatedInstruments {
 
 /// An instrument in its role.
 #[derive(Debug)]
-struct Place {
+struct RoleEntry {
     role: Instrument,
     instrument: Box<dyn SimulatedInstrument>,
     messages: Messages,
@@ -151,7 +151,7 @@ impl SimulatedInstruments {
         let electrodes = phantom.electrodes();
         time_line.sort_by_key(|timed| timed.at);
         let places = of_profile(profile, electrodes).into_iter();
-        let places = places.map(|(role, instrument)| Place {
+        let places = places.map(|(role, instrument)| RoleEntry {
             role,
             instrument,
             messages: Messages::default(),
@@ -186,12 +186,12 @@ impl SimulatedInstruments {
         new
     }
 
-    fn place(&self, role: Instrument) -> &Place {
+    fn place(&self, role: Instrument) -> &RoleEntry {
         let place = self.places.iter().find(|place| place.role == role);
         place.expect("every role has its instrument")
     }
 
-    fn place_mut(&mut self, role: Instrument) -> &mut Place {
+    fn place_mut(&mut self, role: Instrument) -> &mut RoleEntry {
         let place = self.places.iter_mut().find(|place| place.role == role);
         place.expect("every role has its instrument")
     }
@@ -201,7 +201,7 @@ impl SimulatedInstruments {
     fn act<T>(
         &mut self,
         role: Instrument,
-        act: impl FnOnce(&mut dyn SimulatedInstrument, &mut dyn Outside) -> T,
+        act: impl FnOnce(&mut dyn SimulatedInstrument, &mut dyn ExternalCircuit) -> T,
     ) -> (T, u64) {
         let index = self.places.iter().position(|place| place.role == role);
         let (before, rest) = self
@@ -210,7 +210,7 @@ impl SimulatedInstruments {
         let (place, after) = rest
             .split_first_mut()
             .expect("the index is that of a place");
-        let mut outside = Surroundings {
+        let mut outside = SharedCircuit {
             others: [before, after],
             sheet: &mut self.sheet,
             readings: 0,
@@ -325,7 +325,8 @@ impl SimulatedInstruments {
     pub(crate) fn fetch(&mut self, session: u32) -> Option<String> {
         self.catch_up();
         let at = self.now();
-        let fetch = |instrument: &mut dyn SimulatedInstrument, outside: &mut dyn Outside| {
+        let fetch = |instrument: &mut dyn SimulatedInstrument,
+                     outside: &mut dyn ExternalCircuit| {
             instrument.fetch(session, at, outside)
         };
         let (text, _) = self.act(Instrument::Mainframe, fetch);
@@ -376,13 +377,13 @@ impl SimulatedInstruments {
 }
 
 /// The sheet and the other instruments, for the one that acts: they are notified of every change.
-struct Surroundings<'a> {
-    others: [&'a mut [Place]; 2],
+struct SharedCircuit<'a> {
+    others: [&'a mut [RoleEntry]; 2],
     sheet: &'a mut Sheet,
     readings: u64,
 }
 
-impl Surroundings<'_> {
+impl SharedCircuit<'_> {
     fn load_changed(&mut self, at: Duration) {
         for place in self.others.iter_mut().flat_map(|places| places.iter_mut()) {
             place.instrument.load_changed(at, self.sheet);
@@ -390,7 +391,7 @@ impl Surroundings<'_> {
     }
 }
 
-impl Load for Surroundings<'_> {
+impl Load for SharedCircuit<'_> {
     fn resistance(&mut self, at: Duration) -> Ohms {
         self.sheet.resistance(at)
     }
@@ -400,7 +401,7 @@ impl Load for Surroundings<'_> {
     }
 }
 
-impl Wires for Surroundings<'_> {
+impl Wires for SharedCircuit<'_> {
     fn relays(&mut self, closed: &BTreeSet<Relay>, at: Duration) {
         self.sheet.set_closed(closed, at);
         self.load_changed(at);
@@ -449,7 +450,7 @@ impl Wires for Surroundings<'_> {
     }
 }
 
-impl Poles for Surroundings<'_> {
+impl Poles for SharedCircuit<'_> {
     fn poles(&mut self, joined: [Option<Electrode>; 4], at: Duration) {
         self.sheet.set_poles(joined, at);
         self.load_changed(at);

@@ -7,7 +7,7 @@ use scpi::{ErrorEntry, ParseError};
 use survey::Amps;
 
 use crate::fault::Fault;
-use crate::simulated_instruments::instrument::{Outside, Reply, SimulatedInstrument};
+use crate::simulated_instruments::instrument::{ExternalCircuit, Reply, SimulatedInstrument};
 
 /// A 6221, with the settings that a power cycle restores.
 #[derive(Debug)]
@@ -27,7 +27,13 @@ impl Source {
 }
 
 impl SimulatedInstrument for Source {
-    fn receive(&mut self, _: u32, line: &str, at: Duration, outside: &mut dyn Outside) -> Reply {
+    fn receive(
+        &mut self,
+        _: u32,
+        line: &str,
+        at: Duration,
+        outside: &mut dyn ExternalCircuit,
+    ) -> Reply {
         let reply = self.simulator.receive(line, at, outside);
         Reply {
             text: reply.text,
@@ -36,7 +42,7 @@ impl SimulatedInstrument for Source {
         }
     }
 
-    fn pass(&mut self, at: Duration, outside: &mut dyn Outside) {
+    fn pass(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) {
         self.simulator.load_changed(at, outside);
     }
 
@@ -57,7 +63,7 @@ impl SimulatedInstrument for Source {
         _: u32,
         refusal: ParseError,
         _: Duration,
-        _: &mut dyn Outside,
+        _: &mut dyn ExternalCircuit,
     ) -> Option<String> {
         self.simulator.refuse(refusal);
         None
@@ -67,13 +73,13 @@ impl SimulatedInstrument for Source {
         self.simulator.forget_answer();
     }
 
-    fn power_cycle(&mut self, at: Duration, outside: &mut dyn Outside) -> Option<String> {
+    fn power_cycle(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) -> Option<String> {
         self.simulator = Simulator6221::new(self.settings.clone());
         outside.drive(Amps(0.0), self.simulator.range(), at);
         None
     }
 
-    fn fault(&mut self, fault: &Fault, at: Duration, outside: &mut dyn Outside) {
+    fn fault(&mut self, fault: &Fault, at: Duration, outside: &mut dyn ExternalCircuit) {
         match fault {
             Fault::Interlock(closed) => self.simulator.set_interlock(*closed, at, outside),
             Fault::Pulse(Some(line)) => {

@@ -66,7 +66,7 @@ impl SimulatedRig {
                         self.set_wire(instrument, Wire::Sound);
                     }
                 }
-                if self.instruments().is_opened_up() {
+                if self.instruments().has_part_removed() {
                     self.set_wire(Instrument::Mainframe, Wire::Cut);
                     self.set_wire(Instrument::Mainframe, Wire::Sound);
                 }

@@ -49,7 +49,7 @@ pub struct SourceStatus {
 }
 
 /// Maximum number of relays listed in a line.
-const NAMED: usize = 12;
+const MOST_LISTED: usize = 12;
 
 impl fmt::Display for Status {
     /// Four lines: clients, source, relays, last error; and a fifth once the source has sent pulses.
@@ -84,10 +84,15 @@ impl fmt::Display for Status {
         if !lines.is_empty() {
             writeln!(f, "pulses   {}", lines.join(", "))?;
         }
-        let named: Vec<String> = self.closed.iter().take(NAMED).map(u32::to_string).collect();
+        let named: Vec<String> = self
+            .closed
+            .iter()
+            .take(MOST_LISTED)
+            .map(u32::to_string)
+            .collect();
         write!(f, "closed   {}", or_none(&named.join(", ")))?;
-        if self.closed.len() > NAMED {
-            write!(f, " and {} more", self.closed.len() - NAMED)?;
+        if self.closed.len() > MOST_LISTED {
+            write!(f, " and {} more", self.closed.len() - MOST_LISTED)?;
         }
         if self.poles.iter().any(Option::is_some) {
             let poles = ["I+", "I-", "V+", "V-"].iter().zip(self.poles);

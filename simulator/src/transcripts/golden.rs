@@ -73,7 +73,7 @@ impl Expected {
     pub fn holds(&self, reply: &str) -> bool {
         match self {
             Self::Text(text) => text == reply,
-            Self::Shape(shape) => is_alike(shape, reply),
+            Self::Shape(shape) => differs_in_digits_only(shape, reply),
         }
     }
 }
@@ -82,7 +82,7 @@ impl Expected {
 const OVERLOAD: &str = "9.90000000E+37";
 
 /// Whether two replies differ in digits and signs only.
-fn is_alike(one: &str, other: &str) -> bool {
+fn differs_in_digits_only(one: &str, other: &str) -> bool {
     let overloads = |text: &str| -> Vec<usize> {
         let found = text.match_indices(OVERLOAD);
         found.map(|(at, _)| at).collect()

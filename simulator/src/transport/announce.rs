@@ -17,7 +17,7 @@ pub(crate) const SCPI_TELNET: &str = "_scpi-telnet._tcp.local.";
 pub(crate) const VXI_11: &str = "_vxi-11._tcp.local.";
 
 /// Timeout of the withdrawal.
-const GOODBYE: Duration = Duration::from_secs(2);
+const WITHDRAW_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// An announcement, until [`Announcement::withdraw`].
 pub(crate) struct Announcement {
@@ -57,11 +57,15 @@ impl Announcement {
     pub(crate) async fn withdraw(self) {
         for name in &self.names {
             if let Ok(gone) = self.daemon.unregister(name) {
-                tokio::time::timeout(GOODBYE, gone.recv_async()).await.ok();
+                tokio::time::timeout(WITHDRAW_TIMEOUT, gone.recv_async())
+                    .await
+                    .ok();
             }
         }
         if let Ok(ended) = self.daemon.shutdown() {
-            tokio::time::timeout(GOODBYE, ended.recv_async()).await.ok();
+            tokio::time::timeout(WITHDRAW_TIMEOUT, ended.recv_async())
+                .await
+                .ok();
         }
     }
 }

@@ -21,13 +21,13 @@ use crate::simulated_rig::SimulatedRig;
 pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
 
 /// How long to wait for a reply for a client that has closed its sending side.
-const GRACE: Duration = Duration::from_secs(10);
+const HALF_CLOSED_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Capacity of a pipe in memory, bytes.
 const PIPE: usize = 64 * 1024;
 
 /// A message this soon after the previous reply was due counts as sent immediately after it.
-const AT_ONCE: Duration = Duration::from_millis(3);
+const IMMEDIATELY: Duration = Duration::from_millis(3);
 
 /// Shortest interval for computing readings while a client waits for them.
 const SHORTEST_STEP: Duration = Duration::from_millis(5);
@@ -56,7 +56,7 @@ pub(crate) struct Delivery {
 
 impl ClientSession {
     /// Registers a client; `address` is for display.
-    pub(crate) fn enter(rig: &SimulatedRig, instrument: Instrument, address: &str) -> Self {
+    pub(crate) fn register(rig: &SimulatedRig, instrument: Instrument, address: &str) -> Self {
         let session = rig.shared.sessions.fetch_add(1, Ordering::Relaxed);
         let line = rig.shared.wires[instrument.index()].subscribe();
         let cuts = line.borrow().cuts;
@@ -145,7 +145,7 @@ impl ClientSession {
             return now + wait;
         }
         let mut due = self.due.lock().unwrap_or_else(PoisonError::into_inner);
-        let at_once = now.saturating_duration_since(*due) < AT_ONCE;
+        let at_once = now.saturating_duration_since(*due) < IMMEDIATELY;
         *due = if at_once { *due + wait } else { now + wait };
         *due
     }
@@ -245,7 +245,7 @@ impl ClientSession {
                 let mut ahead = Vec::new();
                 let delivery = {
                     let receiving = self.receive(message);
-                    attended(receiving, stream, &mut ahead, &mut half_closed).await?
+                    await_reply(receiving, stream, &mut ahead, &mut half_closed).await?
                 };
                 if !self.is_silent() {
                     self.received_as(&mut ahead);
@@ -282,9 +282,9 @@ impl ClientSession {
 }
 
 /// Waits for a reply and watches the client: bytes received meanwhile are kept, up to a limit; a client that breaks the
-/// connection is released immediately, one that closed its sending side after [`GRACE`], because it cannot be
+/// connection is released immediately, one that closed its sending side after [`HALF_CLOSED_TIMEOUT`], because it cannot be
 /// distinguished from one that has gone.
-async fn attended<S>(
+async fn await_reply<S>(
     receiving: impl Future<Output = io::Result<Delivery>>,
     stream: &mut S,
     ahead: &mut Vec<u8>,
@@ -295,7 +295,7 @@ where
 {
     let mut chunk = [0; 4096];
     tokio::pin!(receiving);
-    let grace = tokio::time::sleep(GRACE);
+    let grace = tokio::time::sleep(HALF_CLOSED_TIMEOUT);
     tokio::pin!(grace);
     loop {
         tokio::select! {
@@ -305,7 +305,7 @@ where
                 match count? {
                     0 => {
                         *half_closed = true;
-                        grace.as_mut().reset(Instant::now() + GRACE);
+                        grace.as_mut().reset(Instant::now() + HALF_CLOSED_TIMEOUT);
                     }
                     count => ahead.extend_from_slice(&chunk[..count]),
                 }
@@ -385,7 +385,7 @@ impl SimulatedRig {
     where
         S: AsyncRead + AsyncWrite + Unpin + Send,
     {
-        let client = ClientSession::enter(&self, instrument, &address);
+        let client = ClientSession::register(&self, instrument, &address);
         serve_client(client, address, stream).await
     }
 
@@ -399,7 +399,7 @@ impl SimulatedRig {
     where
         S: AsyncRead + AsyncWrite + Unpin + Send,
     {
-        let mut client = ClientSession::enter(&self, instrument, &address);
+        let mut client = ClientSession::register(&self, instrument, &address);
         client.serial = instrument == Instrument::Source;
         serve_client(client, address, stream).await
     }

@@ -46,7 +46,7 @@ pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener) {
 }
 
 async fn converse(rig: SimulatedRig, mut stream: impl Stream, address: String) {
-    let client = ClientSession::enter(&rig, Instrument::Mainframe, &format!("telnet {address}"));
+    let client = ClientSession::register(&rig, Instrument::Mainframe, &format!("telnet {address}"));
     tokio::select! {
         biased;
         () = client.cut() => {}

@@ -26,7 +26,7 @@ impl Device for Mainframe {
     type Session = ClientSession;
 
     fn open_session(&self, address: &str) -> ClientSession {
-        ClientSession::enter(&self.0, Instrument::Mainframe, address).named("VXI11")
+        ClientSession::register(&self.0, Instrument::Mainframe, address).named("VXI11")
     }
 
     fn until_cut(&self) -> impl Future<Output = ()> + Send + 'static {

@@ -23,20 +23,20 @@ use crate::output::Printer;
 use crate::output::screen::Screen;
 
 /// Maximum time to hold a frame for its map, which usually follows immediately.
-const MAP_FOLLOWS: Duration = Duration::from_secs(2);
+const MAP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// A line of `watch --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
-enum Line {
+enum WatchLine {
     /// A frame with its map's results.
-    Frame(Box<Seen>),
+    Frame(Box<FrameLine>),
     /// The session has ended.
     Ended { session: String, reason: String },
 }
 
 #[derive(Debug, Serialize)]
-struct Seen {
+struct FrameLine {
     session: String,
     sequence: u64,
     wall: String,
@@ -64,7 +64,7 @@ struct Seen {
 }
 
 /// A map converted by a calibration, and its frame.
-struct Pressed {
+struct PressureMap {
     sequence: u64,
     kpa: Vec<f64>,
     newtons: f64,
@@ -91,7 +91,7 @@ pub(crate) struct Viewer<'a, W> {
     /// A frame whose map may still arrive, and when to stop waiting for it.
     waiting: Option<(Record, Instant)>,
     /// It arrives before its map.
-    pressed: Option<Pressed>,
+    pressure: Option<PressureMap>,
     /// Likewise, with the sequence of its frame.
     quality: Option<(u64, MapQuality)>,
     screen: Option<&'a Screen>,
@@ -118,7 +118,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             shown: 0,
             last: None,
             waiting: None,
-            pressed: None,
+            pressure: None,
             quality: None,
             screen,
             picture: None,
@@ -135,7 +135,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         noise: Option<f64>,
     ) -> Result<(), Failure> {
         self.noise = (noise, true);
-        self.pressed = pressure.map(|pressure| Pressed {
+        self.pressure = pressure.map(|pressure| PressureMap {
             sequence: pressure.sequence,
             kpa: pressure.kpa,
             newtons: pressure.newtons,
@@ -252,7 +252,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             Body::Frame { .. } => {
                 self.flush()?;
                 if self.field.is_some() && !self.enough() {
-                    self.waiting = Some((record, Instant::now() + MAP_FOLLOWS));
+                    self.waiting = Some((record, Instant::now() + MAP_TIMEOUT));
                 } else {
                     self.show(&record, None)?;
                 }
@@ -301,7 +301,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                 Ok(None)
             }
             Body::Pressure { kpa, newtons } => {
-                self.pressed = Some(Pressed {
+                self.pressure = Some(PressureMap {
                     sequence: record.sequence,
                     kpa: kpa.clone(),
                     newtons: *newtons,
@@ -345,17 +345,17 @@ impl<'a, W: Write> Viewer<'a, W> {
             .zip(self.field.as_ref())
             .filter(|(map, field)| field.fits(map));
         let found = fits.and_then(|(map, field)| field.found(map, self.noise.0));
-        let pressed = self
-            .pressed
+        let converted = self
+            .pressure
             .take()
-            .filter(|pressed| pressed.sequence == frame.sequence);
-        let pressure = map.zip(pressed.as_ref()).map(|(map, pressed)| Map {
-            values: pressed.kpa.clone(),
+            .filter(|converted| converted.sequence == frame.sequence);
+        let pressure = map.zip(converted.as_ref()).map(|(map, converted)| Map {
+            values: converted.kpa.clone(),
             unit: MapUnit::Pressure,
             ..map.clone()
         });
         let wall = DateTime::from_timestamp_nanos(frame.wall_ns);
-        let line = Line::Frame(Box::new(Seen {
+        let line = WatchLine::Frame(Box::new(FrameLine {
             session: self.id.clone(),
             sequence: frame.sequence,
             wall: wall.to_rfc3339_opts(SecondsFormat::Nanos, true),
@@ -371,7 +371,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             noise: map.and(self.noise.0),
             found_mm: drawing::millimetres(found),
             unit: map.map(|map| drawing::unit(pressure.as_ref().unwrap_or(map))),
-            newtons: pressed.as_ref().map(|pressed| pressed.newtons),
+            newtons: converted.as_ref().map(|converted| converted.newtons),
             largest_kpa: pressure
                 .as_ref()
                 .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
@@ -434,12 +434,12 @@ pub(crate) async fn end(
     reason: String,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let line = Line::Ended {
+    let line = WatchLine::Ended {
         session: id,
         reason,
     };
     printer.record(&line, |line| sentence(line, DateTime::UNIX_EPOCH))?;
-    session::judge(daemon, session).await
+    session::check_end(daemon, session).await
 }
 
 /// As the bus has it: a word, and sentences.
@@ -455,10 +455,10 @@ fn quality(details: &dbus::MapDetails) -> Option<MapQuality> {
     })
 }
 
-fn sentence(line: &Line, wall: DateTime<chrono::Utc>) -> String {
+fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String {
     match line {
-        Line::Ended { session, reason } => format!("{session} ended: {reason}"),
-        Line::Frame(seen) => {
+        WatchLine::Ended { session, reason } => format!("{session} ended: {reason}"),
+        WatchLine::Frame(seen) => {
             let mut text = String::new();
             if seen.gap > 0 {
                 text.push_str(&format!(

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use chrono::{DateTime, Datelike, Utc};
 
-use super::{Finding, Wanted};
+use super::{DoctorConfig, Finding};
 use crate::failure::chain;
 
-/// File systems on other machines; `FLEETING` has those in memory.
-const REMOTE: [&str; 9] = [
+/// File systems on other machines; `IN_MEMORY` has those in memory.
+const NETWORK_FILE_SYSTEMS: [&str; 9] = [
     "nfs",
     "nfs4",
     "cifs",
@@ -20,12 +20,12 @@ const REMOTE: [&str; 9] = [
     "ceph",
     "afs",
 ];
-const FLEETING: [&str; 2] = ["tmpfs", "ramfs"];
+const IN_MEMORY: [&str; 2] = ["tmpfs", "ramfs"];
 
 /// Free space below this is a warning, bytes.
-const LITTLE: u64 = 2_000_000_000;
+const LOW_SPACE: u64 = 2_000_000_000;
 /// Free space below this is an error, bytes.
-const TOO_LITTLE: u64 = 200_000_000;
+const CRITICAL_SPACE: u64 = 200_000_000;
 
 /// A machine: its files below a root, the user, and the user's permissions.
 #[derive(Debug)]
@@ -37,13 +37,13 @@ pub(super) struct Machine {
 }
 
 /// The part of a configuration that concerns the machine.
-pub(super) fn wanted(file: &Path) -> Result<Wanted, Finding> {
+pub(super) fn wanted(file: &Path) -> Result<DoctorConfig, Finding> {
     let advice = "name the daemon's configuration with --config FILE";
     let text = std::fs::read_to_string(file).map_err(|cause| {
         let text = format!("{} cannot be read: {cause}", file.display());
         Finding::warn("configuration", text, advice)
     })?;
-    let mut wanted: Wanted = toml::from_str(&text).map_err(|error| {
+    let mut wanted: DoctorConfig = toml::from_str(&text).map_err(|error| {
         let text = format!("{} is no configuration: {}", file.display(), chain(&error));
         Finding::bad(
             "configuration",
@@ -62,7 +62,7 @@ pub(super) fn wanted(file: &Path) -> Result<Wanted, Finding> {
 }
 
 impl Machine {
-    pub(super) fn here() -> Self {
+    pub(super) fn this_machine() -> Self {
         let groups = rustix::process::getgroups().unwrap_or_default();
         let mut groups: Vec<u32> = groups.into_iter().map(|group| group.as_raw()).collect();
         groups.push(rustix::process::getegid().as_raw());
@@ -102,7 +102,7 @@ impl Machine {
     }
 
     /// Checks the current user, and the daemon's own user.
-    pub(super) fn people(&self, wanted: &Wanted) -> Vec<Finding> {
+    pub(super) fn users(&self, wanted: &DoctorConfig) -> Vec<Finding> {
         let me = self.name("etc/passwd", self.user);
         let mut findings = Vec::new();
         let member = |group: &str, user: &str| {
@@ -147,7 +147,7 @@ impl Machine {
     }
 
     /// Checks every device in the configuration.
-    pub(super) fn devices(&self, wanted: &Wanted) -> Vec<Finding> {
+    pub(super) fn devices(&self, wanted: &DoctorConfig) -> Vec<Finding> {
         let each = devices(wanted);
         each.iter()
             .map(|(kind, path)| self.device(kind, path))
@@ -217,7 +217,7 @@ impl Machine {
     }
 
     /// Checks the files of an installation besides the programs.
-    pub(super) fn installed(&self, wanted: &Wanted) -> Vec<Finding> {
+    pub(super) fn installed(&self, wanted: &DoctorConfig) -> Vec<Finding> {
         let mut findings = Vec::new();
         if wanted.bus.system {
             let places = [
@@ -341,12 +341,12 @@ impl Machine {
         }];
         let mounted = self.file_system(directory);
         findings.push(match mounted.as_deref() {
-            Some(kind) if REMOTE.contains(&kind) => Finding::bad(
+            Some(kind) if NETWORK_FILE_SYSTEMS.contains(&kind) => Finding::bad(
                 "disk",
                 format!("{shown} is on another machine ({kind})"),
                 "a frame that is acknowledged must be on a disk of this machine; export or copy closed sessions instead",
             ),
-            Some(kind) if FLEETING.contains(&kind) => Finding::warn(
+            Some(kind) if IN_MEMORY.contains(&kind) => Finding::warn(
                 "disk",
                 format!("{shown} is in memory ({kind}) and gone after a reboot"),
                 "choose a folder on a disk",
@@ -381,14 +381,14 @@ fn free_space(free: u64) -> Finding {
     let text = format!("{:.1} GB are free", free as f64 / 1e9);
     let advice = "free some, or name another folder in [record] directory; `tactus status` says how long it lasts";
     match free {
-        free if free < TOO_LITTLE => Finding::bad("disk", text, advice),
-        free if free < LITTLE => Finding::warn("disk", text, advice),
+        free if free < CRITICAL_SPACE => Finding::bad("disk", text, advice),
+        free if free < LOW_SPACE => Finding::warn("disk", text, advice),
         _ => Finding::ok("disk", text),
     }
 }
 
 /// Serial ports and GPIO chips in the configuration, without repetition.
-fn devices(wanted: &Wanted) -> Vec<(&'static str, String)> {
+fn devices(wanted: &DoctorConfig) -> Vec<(&'static str, String)> {
     let mut devices = Vec::new();
     for place in [&wanted.source, &wanted.switch, &wanted.voltmeter] {
         for kind in ["serial", "gpiochip"] {

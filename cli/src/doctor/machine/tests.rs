@@ -1,6 +1,6 @@
 use std::os::unix::fs::{PermissionsExt, symlink};
 
-use super::super::Verdict;
+use super::super::CheckResult;
 use super::*;
 
 /// A simulated machine: an ordinary user 1000 (ada) and the daemon's own.
@@ -29,11 +29,11 @@ fn machine(root: &Path, groups: &[u32]) -> Machine {
     }
 }
 
-fn wanting(toml: &str) -> Wanted {
+fn wanting(toml: &str) -> DoctorConfig {
     toml::from_str(toml).unwrap()
 }
 
-fn verdicts(findings: &[Finding]) -> Vec<(&'static str, Verdict)> {
+fn verdicts(findings: &[Finding]) -> Vec<(&'static str, CheckResult)> {
     findings
         .iter()
         .map(|finding| (finding.check, finding.verdict))
@@ -43,13 +43,16 @@ fn verdicts(findings: &[Finding]) -> Vec<(&'static str, Verdict)> {
 #[test]
 fn permitted_users_are_reported() {
     let folder = tempfile::tempdir().unwrap();
-    let of = |groups: &[u32]| machine(folder.path(), groups).people(&Wanted::default());
+    let of = |groups: &[u32]| machine(folder.path(), groups).users(&DoctorConfig::default());
     assert_eq!(
         verdicts(&of(&[1000, 991])),
-        [("user", Verdict::Ok), ("daemon's user", Verdict::Ok)]
+        [
+            ("user", CheckResult::Ok),
+            ("daemon's user", CheckResult::Ok)
+        ]
     );
     let outside = of(&[1000]);
-    assert_eq!(outside[0].verdict, Verdict::Bad);
+    assert_eq!(outside[0].verdict, CheckResult::Bad);
     assert!(
         outside[0]
             .advice
@@ -61,19 +64,22 @@ fn permitted_users_are_reported() {
         user: 0,
         ..machine(folder.path(), &[])
     };
-    assert_eq!(root.people(&Wanted::default())[0].verdict, Verdict::Ok);
+    assert_eq!(
+        root.users(&DoctorConfig::default())[0].verdict,
+        CheckResult::Ok
+    );
     let mut bob = machine(folder.path(), &[1001]);
     bob.user = 1001;
     let passwd = std::fs::read_to_string(folder.path().join("etc/passwd")).unwrap();
     let passwd = passwd + "bob:x:1001:1001::/b:/bin/sh\n";
     std::fs::write(folder.path().join("etc/passwd"), passwd).unwrap();
-    let findings = bob.people(&Wanted::default());
-    assert_eq!(findings[0].verdict, Verdict::Warn, "{findings:?}");
+    let findings = bob.users(&DoctorConfig::default());
+    assert_eq!(findings[0].verdict, CheckResult::Warn, "{findings:?}");
     assert!(findings[0].advice.as_ref().unwrap().contains("log out"));
     // a serial port needs the daemon in dialout
     let serial = wanting("[switch]\naddress = \"serial:/dev/ttyUSB0@9600\"\n");
-    let findings = bob.people(&serial);
-    assert_eq!(findings[1].verdict, Verdict::Bad, "{findings:?}");
+    let findings = bob.users(&serial);
+    assert_eq!(findings[1].verdict, CheckResult::Bad, "{findings:?}");
 }
 
 #[test]
@@ -87,7 +93,7 @@ fn devices_of_the_configuration_are_looked_at() {
          [voltmeter]\naddress = \"tcp:h:5025\"\n",
     );
     let found = machine.devices(&wanted);
-    assert_eq!(verdicts(&found), [("device", Verdict::Bad); 2]);
+    assert_eq!(verdicts(&found), [("device", CheckResult::Bad); 2]);
     assert!(found[0].text.contains("/dev/ttyUSB0 is not there"));
     std::fs::write(folder.path().join("dev/ttyUSB0"), "").unwrap();
     symlink("../../ttyUSB0", by_id.join("usb-Tactus_mux_1234")).unwrap();
@@ -106,7 +112,7 @@ fn devices_of_the_configuration_are_looked_at() {
         root: PathBuf::from("/"),
         ..machine
     };
-    assert_eq!(here.device("serial", "/dev/null").verdict, Verdict::Ok);
+    assert_eq!(here.device("serial", "/dev/null").verdict, CheckResult::Ok);
 }
 
 #[test]
@@ -116,12 +122,12 @@ fn folder_and_disk_of_the_record_are_judged() {
     assert!(machine.record(None).is_empty());
     let state = folder.path().join("var/lib/tactus");
     let look = || machine.record(Some(Path::new("/var/lib/tactus")));
-    assert_eq!(verdicts(&look()), [("record", Verdict::Warn)]);
+    assert_eq!(verdicts(&look()), [("record", CheckResult::Warn)]);
     std::fs::create_dir_all(&state).unwrap();
     for (mode, verdict) in [
-        (0o750, Verdict::Ok),
-        (0o777, Verdict::Bad),
-        (0o550, Verdict::Bad),
+        (0o750, CheckResult::Ok),
+        (0o777, CheckResult::Bad),
+        (0o550, CheckResult::Bad),
     ] {
         std::fs::set_permissions(&state, std::fs::Permissions::from_mode(mode)).unwrap();
         assert_eq!(look()[0].verdict, verdict, "{mode:o}");
@@ -140,17 +146,17 @@ fn folder_and_disk_of_the_record_are_judged() {
         );
     }
     for (place, verdict) in [
-        ("/run/tactus", Verdict::Warn),
-        ("/srv/lab one/x", Verdict::Bad),
+        ("/run/tactus", CheckResult::Warn),
+        ("/srv/lab one/x", CheckResult::Bad),
     ] {
         std::fs::create_dir_all(folder.path().join(place.trim_start_matches('/'))).unwrap();
         let found = machine.record(Some(Path::new(place)));
         assert_eq!(found[1].verdict, verdict, "{found:?}");
     }
     for (free, verdict) in [
-        (TOO_LITTLE - 1, Verdict::Bad),
-        (TOO_LITTLE, Verdict::Warn),
-        (LITTLE, Verdict::Ok),
+        (CRITICAL_SPACE - 1, CheckResult::Bad),
+        (CRITICAL_SPACE, CheckResult::Warn),
+        (LOW_SPACE, CheckResult::Ok),
     ] {
         assert_eq!(free_space(free).verdict, verdict);
     }
@@ -165,9 +171,9 @@ fn missing_parts_of_an_installation_are_reported() {
     assert_eq!(
         verdicts(&found),
         [
-            ("bus policy", Verdict::Bad),
-            ("polkit", Verdict::Warn),
-            ("notify", Verdict::Bad)
+            ("bus policy", CheckResult::Bad),
+            ("polkit", CheckResult::Warn),
+            ("notify", CheckResult::Bad)
         ]
     );
     for file in [
@@ -185,11 +191,11 @@ fn missing_parts_of_an_installation_are_reported() {
     std::fs::set_permissions(mail, std::fs::Permissions::from_mode(0o755)).unwrap();
     let found = machine.installed(&wanted);
     assert!(
-        found.iter().all(|one| one.verdict == Verdict::Ok),
+        found.iter().all(|one| one.verdict == CheckResult::Ok),
         "{found:?}"
     );
-    let found = machine.installed(&Wanted::default());
-    assert_eq!(verdicts(&found), [("notify", Verdict::Warn)]);
+    let found = machine.installed(&DoctorConfig::default());
+    assert_eq!(verdicts(&found), [("notify", CheckResult::Warn)]);
     assert!(found[0].text.contains("nobody is notified"), "{found:?}");
 }
 
@@ -201,7 +207,7 @@ fn a_clock_that_cannot_be_is_found() {
     assert!(machine.clock(at("2026-11-22T12:00:00Z")).is_empty());
     assert_eq!(
         machine.clock(at("1970-01-01T00:10:00Z"))[0].verdict,
-        Verdict::Bad
+        CheckResult::Bad
     );
     let now = at("2026-11-22T12:00:00Z");
     let booted = now.timestamp() - 1000;
@@ -213,16 +219,16 @@ fn a_clock_that_cannot_be_is_found() {
     std::fs::write(folder.path().join("proc/uptime"), "1000.50 1.0\n").unwrap();
     assert!(machine.clock(now).is_empty());
     let later = now + std::time::Duration::from_secs(600);
-    assert_eq!(machine.clock(later)[0].verdict, Verdict::Warn);
+    assert_eq!(machine.clock(later)[0].verdict, CheckResult::Warn);
 }
 
 #[test]
 fn a_configuration_is_read_for_what_concerns_the_machine() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("config.toml");
-    assert_eq!(wanted(&file).unwrap_err().verdict, Verdict::Warn);
+    assert_eq!(wanted(&file).unwrap_err().verdict, CheckResult::Warn);
     std::fs::write(&file, "[record\n").unwrap();
-    assert_eq!(wanted(&file).unwrap_err().verdict, Verdict::Bad);
+    assert_eq!(wanted(&file).unwrap_err().verdict, CheckResult::Bad);
     std::fs::write(
         &file,
         "[survey]\nnplc = 1.0\n[record]\ndirectory = \"state\"\n",

@@ -1,6 +1,6 @@
 //! Transcripts replayed to the simulators for comparison, or converted to goldens.
 
-mod made;
+mod conversion;
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -9,8 +9,8 @@ use rig::transcript::{Entry, EntryContent};
 
 use crate::isolated::{InstrumentSetup, IsolatedInstrument};
 use crate::transcripts::golden::Expected;
-pub use crate::transcripts::playback::made::golden_of;
-use crate::transcripts::playback::made::{setup_of_transcript, varies};
+pub use crate::transcripts::playback::conversion::golden_of;
+use crate::transcripts::playback::conversion::{setup_of_transcript, varies};
 use crate::{Instrument, SimulatedRig};
 
 /// Why a transcript cannot be replayed, or the first difference.
@@ -70,7 +70,7 @@ pub enum ReplayError {
 
 /// Statistics of a replay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Played {
+pub struct ReplayStatistics {
     /// Messages sent.
     pub messages: usize,
     /// Replies compared.
@@ -101,19 +101,19 @@ pub enum ReplayTarget {
 
 /// A message without its reply yet.
 #[derive(Debug)]
-struct Sent {
+struct PendingMessage {
     line: usize,
     message: String,
     reply: Option<String>,
 }
 
 /// State of one instrument's messages in a transcript.
-struct Wire {
+struct InstrumentProgress {
     name: String,
     instrument: Instrument,
     isolated: Option<IsolatedInstrument>,
     free_at: Duration,
-    under_way: VecDeque<Sent>,
+    under_way: VecDeque<PendingMessage>,
 }
 
 /// Replays a transcript (see [`rig::transcript`]): sends every message to its simulator at its time, and compares every
@@ -126,15 +126,17 @@ pub fn replay(
     entries: &[(usize, Entry)],
     target: &ReplayTarget,
     comparison: Comparison,
-) -> Result<Played, ReplayError> {
-    let mut played = Played::default();
-    let mut wires: Vec<Wire> = Vec::new();
+) -> Result<ReplayStatistics, ReplayError> {
+    let mut played = ReplayStatistics::default();
+    let mut wires: Vec<InstrumentProgress> = Vec::new();
     for (line, entry) in entries {
         let known = wires.iter().position(|wire| wire.name == entry.instrument);
         let index = match known {
             Some(index) => index,
             None => {
-                wires.push(Wire::new(place, *line, entry, entries, target)?);
+                wires.push(InstrumentProgress::new(
+                    place, *line, entry, entries, target,
+                )?);
                 wires.len() - 1
             }
         };
@@ -143,7 +145,7 @@ pub fn replay(
             EntryContent::Sent(message) => {
                 played.messages += 1;
                 let reply = wire.receive(message, entry.t_s, target);
-                wire.under_way.push_back(Sent {
+                wire.under_way.push_back(PendingMessage {
                     line: *line,
                     message: message.clone(),
                     reply,
@@ -164,7 +166,7 @@ pub fn replay(
     Ok(played)
 }
 
-impl Wire {
+impl InstrumentProgress {
     fn new(
         place: &str,
         line: usize,
@@ -226,7 +228,7 @@ impl Wire {
         };
         // Commands before the query have no reply on either side.
         let answered = self.under_way.iter().position(|sent| sent.reply.is_some());
-        let asks = |sent: &Sent| sent.message.contains('?');
+        let asks = |sent: &PendingMessage| sent.message.contains('?');
         let index = answered
             .or_else(|| self.under_way.iter().rposition(asks))
             .or(self.under_way.len().checked_sub(1))
@@ -249,14 +251,20 @@ impl Wire {
         Err(self.differs(place, line, &sent, format!("'{text}'")))
     }
 
-    fn unanswered(&self, place: &str, sent: &Sent) -> Result<(), ReplayError> {
+    fn unanswered(&self, place: &str, sent: &PendingMessage) -> Result<(), ReplayError> {
         match sent.reply {
             None => Ok(()),
             Some(_) => Err(self.differs(place, sent.line, sent, "nothing".to_owned())),
         }
     }
 
-    fn differs(&self, place: &str, line: usize, sent: &Sent, recorded: String) -> ReplayError {
+    fn differs(
+        &self,
+        place: &str,
+        line: usize,
+        sent: &PendingMessage,
+        recorded: String,
+    ) -> ReplayError {
         let simulated = sent.reply.as_ref();
         ReplayError::Differs {
             place: place.to_owned(),

@@ -7,7 +7,7 @@ use keysight_34980a::Module;
 use outfile::{Existing, OutPath};
 use rig::transcript::read_transcript;
 
-use super::{CONFIGURATION, Fault, fail, say, scene_named};
+use super::{CONFIGURATION, Fault, fail, print_line, scene_named};
 use crate::profile::slot;
 use crate::{
     Comparison, Golden, Instrument, InstrumentSetup, LoadNetwork, Pace, Profile, ReplayTarget,
@@ -104,7 +104,7 @@ pub(super) fn make_golden(options: &MakeGolden) -> ExitCode {
             }
             match &options.out {
                 Some(_) => ExitCode::SUCCESS,
-                None => say(golden.to_string().trim_end()),
+                None => print_line(golden.to_string().trim_end()),
             }
         }
         Err(fault) => fail(&*fault, CONFIGURATION),
@@ -152,7 +152,7 @@ pub(super) fn play(options: &Replay) -> ExitCode {
         &target,
         comparison,
     ) {
-        Ok(played) => say(&format!(
+        Ok(played) => print_line(&format!(
             "{} messages, {} replies: the simulators answer as recorded",
             played.messages, played.replies
         )),
