@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use crate::{Event, LogbookError};
 
 /// The current file, and the previous one.
-const FILES: [&str; 2] = ["daemon-events.jsonl", "daemon-events.1.jsonl"];
+const FILE_NAMES: [&str; 2] = ["daemon-events.jsonl", "daemon-events.1.jsonl"];
 /// Bytes of each file; some ten thousand events.
-const MOST: u64 = 2 << 20;
+const FILE_BYTES: u64 = 2 << 20;
 /// Bytes of an event's text; a longer one is cut.
 const LONGEST: usize = 4096;
 
@@ -28,11 +28,11 @@ impl DaemonLog {
     /// # Errors
     /// The disk refuses the write.
     pub fn open(directory: impl AsRef<Path>) -> Result<Self, LogbookError> {
-        Self::bounded(directory.as_ref(), MOST)
+        Self::bounded(directory.as_ref(), FILE_BYTES)
     }
 
     fn bounded(directory: &Path, most: u64) -> Result<Self, LogbookError> {
-        let path = directory.join(FILES[0]);
+        let path = directory.join(FILE_NAMES[0]);
         let begun = || -> std::io::Result<(File, u64)> {
             std::fs::create_dir_all(directory)?;
             let mut file = OpenOptions::new()
@@ -67,7 +67,7 @@ impl DaemonLog {
     /// The disk refuses the write.
     pub fn append(&mut self, event: &Event) -> Result<(), LogbookError> {
         if self.bytes >= self.most {
-            let [path, before] = FILES.map(|name| self.directory.join(name));
+            let [path, before] = FILE_NAMES.map(|name| self.directory.join(name));
             std::fs::rename(&path, before).map_err(|source| failed(&path, "rename", source))?;
             *self = Self::bounded(&self.directory, self.most)?;
         }
@@ -77,7 +77,7 @@ impl DaemonLog {
             text: kept.map(|(_, letter)| letter).collect(),
             ..event.clone()
         };
-        let path = self.directory.join(FILES[0]);
+        let path = self.directory.join(FILE_NAMES[0]);
         let mut written = || -> std::io::Result<usize> {
             let mut line = serde_json::to_vec(&short)?;
             line.push(b'\n');
@@ -97,7 +97,7 @@ impl DaemonLog {
 /// A file that exists and cannot be read.
 pub fn read_daemon_log(directory: impl AsRef<Path>) -> Result<Vec<Event>, LogbookError> {
     let mut events = Vec::new();
-    for name in FILES.into_iter().rev() {
+    for name in FILE_NAMES.into_iter().rev() {
         let path = directory.as_ref().join(name);
         let bytes = match std::fs::read(&path) {
             Ok(bytes) => bytes,
@@ -139,7 +139,7 @@ mod tests {
         let long = "\u{e9}".repeat(LONGEST);
         writer.append(&event(2, &long)).unwrap();
         drop(writer);
-        let path = folder.path().join(FILES[0]);
+        let path = folder.path().join(FILE_NAMES[0]);
         let mut bytes = std::fs::read(&path).unwrap();
         bytes.extend_from_slice(b"{\"at\":\"2026-");
         std::fs::write(&path, bytes).unwrap();

@@ -65,11 +65,12 @@ pub use crate::directory::{
     Listing, Unreadable, baselines, find, interrupted, latest_baseline, list,
 };
 pub use crate::error::{DiskFault, LogbookError};
-pub use crate::maintenance::leftovers::{Tidied, tidy};
+pub use crate::maintenance::leftovers::{TidyReport, tidy};
 pub use crate::maintenance::prune::{
-    Exported, Pruned, Removed, Retention, Spared, exported, folder_bytes, mark_exported, prune,
+    ExportMarker, KeptSession, Pruned, Removed, Retention, exported, folder_bytes, mark_exported,
+    prune,
 };
-pub use crate::maintenance::repair::{CUT, Cut, Repaired, repair};
+pub use crate::maintenance::repair::{CUT, LostFrames, Repaired, repair};
 pub use crate::maintenance::verify::{Finding, Gap, Verified, parts, verify};
 pub use crate::writer::size::{Volume, volume};
 pub use header::{

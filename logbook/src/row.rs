@@ -14,9 +14,9 @@ pub(crate) struct Digest8(Sha256);
 
 /// Checksum of a session's header. It is part of every other row's checksum, so a row of another session is detected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Seal([u8; 8]);
+pub(crate) struct HeaderChecksum([u8; 8]);
 
-impl Seal {
+impl HeaderChecksum {
     /// From a header; the same header always gives the same JSON.
     pub(crate) fn of(header: &SessionHeader) -> serde_json::Result<Self> {
         let text = serde_json::to_string(header)?;
@@ -108,8 +108,9 @@ pub(crate) struct FrameRow {
 }
 
 impl FrameRow {
-    pub(crate) fn checksum(&self, seal: Seal) -> i64 {
-        seal.row("frame")
+    pub(crate) fn checksum(&self, header_checksum: HeaderChecksum) -> i64 {
+        header_checksum
+            .row("frame")
             .number(self.sequence)
             .number(self.stretch)
             .number(self.tick)
@@ -129,7 +130,7 @@ impl FrameRow {
 /// Optional data of a frame, rarely present.
 #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub(crate) struct Remarks {
+pub(crate) struct FrameExtras {
     #[serde(skip_serializing_if = "is_none")]
     pub(crate) implausible: usize,
     /// Driving electrodes in compliance.
@@ -177,8 +178,9 @@ impl Stretch {
             .wrapping_mul(self.period)
     }
 
-    pub(crate) fn checksum(&self, seal: Seal) -> [u8; 8] {
-        seal.row("stretch")
+    pub(crate) fn checksum(&self, header_checksum: HeaderChecksum) -> [u8; 8] {
+        header_checksum
+            .row("stretch")
             .number(self.id)
             .number(self.settings)
             .number(self.mapper)
@@ -192,9 +194,14 @@ impl Stretch {
 }
 
 /// Checksum of settings as read from the file, including the frame's current.
-pub(crate) fn settings_checksum(seal: Seal, id: i64, settings: &Settings) -> [u8; 8] {
+pub(crate) fn settings_checksum(
+    header_checksum: HeaderChecksum,
+    id: i64,
+    settings: &Settings,
+) -> [u8; 8] {
     let precautions = serde_json::to_string(&settings.precautions).unwrap_or_default();
-    seal.row("settings")
+    header_checksum
+        .row("settings")
         .number(id)
         .text(settings.protocol_hash.as_str())
         .real(settings.current.0)
@@ -207,8 +214,13 @@ pub(crate) fn settings_checksum(seal: Seal, id: i64, settings: &Settings) -> [u8
 }
 
 /// Checksum of a map's origin: all of its record except hash and sum.
-pub(crate) fn mapper_checksum(seal: Seal, id: i64, map: &MapRecord) -> [u8; 8] {
-    seal.row("mapper")
+pub(crate) fn mapper_checksum(
+    header_checksum: HeaderChecksum,
+    id: i64,
+    map: &MapRecord,
+) -> [u8; 8] {
+    header_checksum
+        .row("mapper")
         .number(id)
         .text(map.method.as_str())
         .text(map.model_hash.as_deref())
@@ -218,13 +230,14 @@ pub(crate) fn mapper_checksum(seal: Seal, id: i64, map: &MapRecord) -> [u8; 8] {
 }
 
 pub(crate) fn late_map_checksum(
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     sequence: i64,
     number: i64,
     mapper: i64,
     trace: &Value,
 ) -> i64 {
-    seal.row("late_map")
+    header_checksum
+        .row("late_map")
         .number(sequence)
         .number(number)
         .number(mapper)
@@ -232,8 +245,15 @@ pub(crate) fn late_map_checksum(
         .finish4()
 }
 
-pub(crate) fn event_checksum(seal: Seal, id: i64, at: i64, kind: &str, text: &str) -> [u8; 8] {
-    seal.row("event")
+pub(crate) fn event_checksum(
+    header_checksum: HeaderChecksum,
+    id: i64,
+    at: i64,
+    kind: &str,
+    text: &str,
+) -> [u8; 8] {
+    header_checksum
+        .row("event")
         .number(id)
         .number(at)
         .text(kind)
@@ -242,14 +262,15 @@ pub(crate) fn event_checksum(seal: Seal, id: i64, at: i64, kind: &str, text: &st
 }
 
 pub(crate) fn baseline_checksum(
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     baseline: &Baseline,
     settings: i64,
     wall: i64,
     readings: &[u8],
     deviation: &[u8],
 ) -> [u8; 8] {
-    seal.row("baseline")
+    header_checksum
+        .row("baseline")
         .text(baseline.id.as_str())
         .number(wall)
         .number(baseline.frames as i64)
@@ -261,12 +282,13 @@ pub(crate) fn baseline_checksum(
 }
 
 pub(crate) fn reference_checksum(
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     id: i64,
     against_baseline: bool,
     readings: &[u8],
 ) -> [u8; 8] {
-    seal.row("reference")
+    header_checksum
+        .row("reference")
         .number(id)
         .number(i64::from(against_baseline))
         .bytes(readings)
@@ -277,7 +299,7 @@ pub(crate) fn reference_checksum(
 /// count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Tally {
+pub(crate) struct RowCounts {
     /// Sequence of the last frame; without frames, one less than the first sequence.
     pub(crate) last: u64,
     pub(crate) frames: u64,
@@ -290,8 +312,14 @@ pub(crate) struct Tally {
     pub(crate) late_maps: u64,
 }
 
-pub(crate) fn closing_checksum(seal: Seal, at: i64, reason: &str, tally: &str) -> [u8; 8] {
-    seal.row("closing")
+pub(crate) fn closing_checksum(
+    header_checksum: HeaderChecksum,
+    at: i64,
+    reason: &str,
+    tally: &str,
+) -> [u8; 8] {
+    header_checksum
+        .row("closing")
         .number(at)
         .text(reason)
         .text(tally)
@@ -332,7 +360,7 @@ impl StoredFrame {
 }
 
 /// Bytes of a map's hash kept if there is no sum.
-const KEPT: usize = 8;
+const HASH_BYTES: usize = 8;
 
 /// Packs a map record: a number with the first 4 bytes of its hash above its sum in single precision; 8 bytes of a hash
 /// without a sum; or, if the hash is no SHA-256, its text.
@@ -351,12 +379,14 @@ pub(crate) fn pack_trace(map: &MapRecord) -> Value {
         pairs.iter().map(|[high, low]| high << 4 | low).collect()
     });
     match (bytes.as_deref(), map.sum) {
-        (Some([a, b, c, d, rest @ ..]), Some(sum)) if [0, KEPT - 4, 28].contains(&rest.len()) => {
+        (Some([a, b, c, d, rest @ ..]), Some(sum))
+            if [0, HASH_BYTES - 4, 28].contains(&rest.len()) =>
+        {
             let [e, f, g, h] = sum.to_le_bytes();
             Value::Integer(i64::from_be_bytes([*a, *b, *c, *d, e, f, g, h]))
         }
-        (Some(bytes), None) if [KEPT, 32].contains(&bytes.len()) => {
-            Value::Blob(bytes[..KEPT].to_vec())
+        (Some(bytes), None) if [HASH_BYTES, 32].contains(&bytes.len()) => {
+            Value::Blob(bytes[..HASH_BYTES].to_vec())
         }
         _ => Value::Text(map.hash.clone()),
     }
@@ -392,12 +422,14 @@ impl From<rusqlite::Error> for HeaderFault {
 pub(crate) enum End {
     /// None: the session runs, or its writer was killed.
     Open,
-    Closed(Closing, Tally),
+    Closed(Closing, RowCounts),
     /// Present but fails its checksum: the session was closed, how is unknown.
     Damaged(Closing),
 }
 
-pub(crate) fn header_row(row: &Row<'_>) -> Result<(SessionHeader, Seal, End), HeaderFault> {
+pub(crate) fn header_row(
+    row: &Row<'_>,
+) -> Result<(SessionHeader, HeaderChecksum, End), HeaderFault> {
     let content = |what: &str, cause: &dyn std::fmt::Display| {
         HeaderFault::Content(format!("{what}: {cause}"))
     };
@@ -430,15 +462,16 @@ pub(crate) fn header_row(row: &Row<'_>) -> Result<(SessionHeader, Seal, End), He
         first_sequence: u64::try_from(row.get::<_, i64>("first_sequence")?)
             .map_err(|cause| content("first sequence", &cause))?,
     };
-    let seal = Seal::of(&header).map_err(|cause| content("checksum", &cause))?;
-    if row.get::<_, Vec<u8>>("checksum")? != seal.bytes() {
+    let header_checksum =
+        HeaderChecksum::of(&header).map_err(|cause| content("checksum", &cause))?;
+    if row.get::<_, Vec<u8>>("checksum")? != header_checksum.bytes() {
         return Err(HeaderFault::Content("its checksum does not agree".into()));
     }
-    let end = end(row, seal);
-    Ok((header, seal, end))
+    let end = end(row, header_checksum);
+    Ok((header, header_checksum, end))
 }
 
-fn end(row: &Row<'_>, seal: Seal) -> End {
+fn end(row: &Row<'_>, header_checksum: HeaderChecksum) -> End {
     let read = || -> rusqlite::Result<_> {
         let at: Option<i64> = row.get("closed_ns")?;
         let texts: [Option<String>; 2] = [row.get("closed_reason")?, row.get("closed_tally")?];
@@ -448,7 +481,7 @@ fn end(row: &Row<'_>, seal: Seal) -> End {
     let whole = match read() {
         Ok((None, [None, None], None)) => return End::Open,
         Ok((Some(at), [Some(reason), Some(tally)], Some(checksum))) => {
-            let agrees = checksum == closing_checksum(seal, at, &reason, &tally);
+            let agrees = checksum == closing_checksum(header_checksum, at, &reason, &tally);
             let tally = serde_json::from_str(&tally).ok().filter(|_| agrees);
             tally.map(|tally| {
                 let at = DateTime::from_timestamp_nanos(at);

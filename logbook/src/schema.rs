@@ -164,7 +164,7 @@ pub(crate) const PAGE: u32 = 512;
 /// Pages in the journal beyond which it is folded into the file: 2 MB, at a frame a second some 20 minutes.
 pub(crate) const JOURNAL: u32 = 4000;
 
-pub(crate) fn lay_out(connection: &Connection) -> rusqlite::Result<()> {
+pub(crate) fn create_tables(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch(TABLES)?;
     connection.pragma_update(None, "application_id", APPLICATION_ID)?;
     connection.pragma_update(None, "user_version", VERSION)
@@ -173,14 +173,14 @@ pub(crate) fn lay_out(connection: &Connection) -> rusqlite::Result<()> {
 /// An entry of `sqlite_schema`.
 type Entry = [String; 4];
 
-/// Describes how a file's tables differ from those of [`lay_out`]; `None` if they are equal.
+/// Describes how a file's tables differ from those of [`create_tables`]; `None` if they are equal.
 pub(crate) fn difference(connection: &Connection) -> rusqlite::Result<Option<String>> {
     static LAYOUT: OnceLock<Vec<Entry>> = OnceLock::new();
     let layout = match LAYOUT.get() {
         Some(layout) => layout,
         None => {
             let model = Connection::open_in_memory()?;
-            lay_out(&model)?;
+            create_tables(&model)?;
             let made = entries(&model, usize::MAX)?;
             LAYOUT.get_or_init(|| made)
         }

@@ -230,7 +230,7 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
 
 /// Marks a session as exported; an unwritable folder is reported, but is not a failure.
 pub(crate) fn mark(session: &logbook::SessionReader, last: u64, to: &std::path::Path) {
-    let exported = logbook::Exported {
+    let exported = logbook::ExportMarker {
         at: Utc::now(),
         last,
         format: "csv".to_owned(),

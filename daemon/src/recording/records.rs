@@ -46,7 +46,7 @@ impl Records {
     ///
     /// # Errors
     /// The folder cannot be read.
-    pub(crate) fn tidy(&self) -> Result<logbook::Tidied, LogbookError> {
+    pub(crate) fn tidy(&self) -> Result<logbook::TidyReport, LogbookError> {
         self.known().index.tidy()
     }
 

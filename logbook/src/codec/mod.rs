@@ -94,7 +94,7 @@ pub fn encode(frames: &[&[Reading]], reference: &Reference) -> Result<Vec<u8>, E
     if !(1..=MOST_FRAMES).contains(&frames.len()) || frames.iter().any(|f| f.len() != count) {
         return Err(EncodeError::Frames(frames.len()));
     }
-    let reference = reference.serves(count);
+    let reference = reference.if_same_length(count);
     let grid = grid(frames)?;
     let (mut notes, mut numbers) = (Vec::new(), Vec::new());
     for frame in frames {
@@ -191,7 +191,7 @@ pub fn decode(
     if notes.len() != numbers.len() || !whole {
         return Err(DecodeError::of("it holds another number of readings"));
     }
-    let reference = reference.serves(count);
+    let reference = reference.if_same_length(count);
     if count == 0 {
         return Ok(vec![Vec::new()]);
     }
@@ -260,7 +260,7 @@ impl Reference {
     }
 
     /// This reference, or none if its length differs from the frame's.
-    fn serves(&self, readings: usize) -> &Self {
+    fn if_same_length(&self, readings: usize) -> &Self {
         if self.0.len() == readings {
             self
         } else {

@@ -26,9 +26,9 @@ fn inode(of: &Metadata) -> Inode {
 
 /// Keeps a file in the list; dropped after the connection that writes it.
 #[derive(Debug)]
-pub(crate) struct InWriting(Inode);
+pub(crate) struct WriterGuard(Inode);
 
-impl InWriting {
+impl WriterGuard {
     /// Adds a file that is about to be opened for writing.
     pub(crate) fn new(path: &Path) -> std::io::Result<Self> {
         let mut list = written();
@@ -38,7 +38,7 @@ impl InWriting {
     }
 }
 
-impl Drop for InWriting {
+impl Drop for WriterGuard {
     fn drop(&mut self) {
         let mut list = written();
         if let Some(writers) = list.get_mut(&self.0) {
@@ -51,7 +51,7 @@ impl Drop for InWriting {
 }
 
 /// Runs `look` on a file unless this process writes it (then `None`). No writer of this process starts meanwhile.
-pub(crate) fn unless_in_writing<T>(of: &Metadata, look: impl FnOnce() -> T) -> Option<T> {
+pub(crate) fn unless_being_written<T>(of: &Metadata, look: impl FnOnce() -> T) -> Option<T> {
     let list = written();
     (!list.contains_key(&inode(of))).then(look)
 }

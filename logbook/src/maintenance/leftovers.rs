@@ -7,14 +7,14 @@ use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
 use crate::files::companion;
-use crate::files::open_files::InWriting;
+use crate::files::open_files::WriterGuard;
 use crate::reader::continued_by;
 use crate::writer::set_aside_journal;
 use crate::{Index, LogbookError, SessionReader, schema};
 
 /// What was done.
 #[derive(Debug, Default)]
-pub struct Tidied {
+pub struct TidyReport {
     /// Files without a session in them: their writer was killed before the header was on disk.
     pub removed: Vec<PathBuf>,
     /// Sessions whose journal was folded in.
@@ -27,7 +27,7 @@ pub struct Tidied {
 ///
 /// # Errors
 /// The folder cannot be read.
-pub fn tidy(dir: impl AsRef<Path>) -> Result<Tidied, LogbookError> {
+pub fn tidy(dir: impl AsRef<Path>) -> Result<TidyReport, LogbookError> {
     Index::load(dir).tidy()
 }
 
@@ -37,8 +37,8 @@ impl Index {
     ///
     /// # Errors
     /// The folder cannot be read.
-    pub fn tidy(&mut self) -> Result<Tidied, LogbookError> {
-        let mut tidied = Tidied::default();
+    pub fn tidy(&mut self) -> Result<TidyReport, LogbookError> {
+        let mut tidied = TidyReport::default();
         let names = self.names()?;
         for file in names.candidates(self.dir())? {
             let small = file.stamp.file.bytes <= u64::from(schema::PAGE);
@@ -100,7 +100,7 @@ fn fold(path: &Path) -> Result<bool, LogbookError> {
     let failed = |source| LogbookError::writing(path, "fold the journal into", source);
     set_aside_journal(path)?;
     let _in_writing =
-        InWriting::new(path).map_err(|source| LogbookError::disk(path, "open", source))?;
+        WriterGuard::new(path).map_err(|source| LogbookError::disk(path, "open", source))?;
     let connection = open(path).map_err(failed)?;
     connection
         .pragma_update(None, "synchronous", "EXTRA")

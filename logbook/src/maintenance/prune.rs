@@ -46,7 +46,7 @@ pub struct Removed {
 
 /// A session that was selected but kept.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Spared {
+pub struct KeptSession {
     /// Its id.
     pub id: String,
     /// Why it is kept.
@@ -59,14 +59,14 @@ pub struct Pruned {
     /// Oldest first.
     pub removed: Vec<Removed>,
     /// What age or size selected, but another rule kept.
-    pub spared: Vec<Spared>,
+    pub spared: Vec<KeptSession>,
     /// Remaining size of the folder's sessions, bytes.
     pub left: u64,
 }
 
 /// Marker of a completely exported session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Exported {
+pub struct ExportMarker {
     /// When.
     pub at: DateTime<Utc>,
     /// Sequence of the last frame that was exported.
@@ -81,7 +81,7 @@ pub struct Exported {
 ///
 /// # Errors
 /// The mark cannot be written.
-pub fn mark_exported(path: impl AsRef<Path>, exported: &Exported) -> Result<(), LogbookError> {
+pub fn mark_exported(path: impl AsRef<Path>, exported: &ExportMarker) -> Result<(), LogbookError> {
     let mark = path.as_ref().with_extension(EXPORTED);
     let text = serde_json::to_string(exported).unwrap_or_default() + "\n";
     // the folder's owner may have put a link there, and root may be exporting
@@ -90,10 +90,10 @@ pub fn mark_exported(path: impl AsRef<Path>, exported: &Exported) -> Result<(), 
 }
 
 /// When and how a session was completely exported, if it was.
-pub fn exported(path: impl AsRef<Path>) -> Option<Exported> {
+pub fn exported(path: impl AsRef<Path>) -> Option<ExportMarker> {
     let path = path.as_ref();
     let text = std::fs::read_to_string(path.with_extension(EXPORTED)).ok()?;
-    let mark: Exported = serde_json::from_str(&text).ok()?;
+    let mark: ExportMarker = serde_json::from_str(&text).ok()?;
     let last = SessionReader::open(path).ok()?.last_sequence().ok()?;
     (mark.last >= last).then_some(mark)
 }
@@ -173,7 +173,7 @@ pub fn prune(
             None
         };
         match spared {
-            Some(why) => pruned.spared.push(Spared {
+            Some(why) => pruned.spared.push(KeptSession {
                 id: session.id.clone(),
                 why: why.to_owned(),
             }),

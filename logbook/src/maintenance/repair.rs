@@ -19,7 +19,7 @@ const EVENTS: i64 = 100_000;
 
 /// Frames that could not be read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Cut {
+pub struct LostFrames {
     /// The first of them.
     pub first: u64,
     /// The last of them.
@@ -40,7 +40,7 @@ pub struct Repaired {
     /// Whether a baseline was kept.
     pub baseline: bool,
     /// Frames that were lost.
-    pub cut: Vec<Cut>,
+    pub cut: Vec<LostFrames>,
     /// Other losses, a sentence each.
     pub lost: Vec<String>,
 }
@@ -188,7 +188,7 @@ fn flush(
 fn cut(repaired: &mut Repaired, first: u64, last: u64, why: &str) {
     match repaired.cut.last_mut() {
         Some(before) if before.last + 1 >= first => before.last = before.last.max(last),
-        _ => repaired.cut.push(Cut {
+        _ => repaired.cut.push(LostFrames {
             first,
             last,
             why: why.to_owned(),

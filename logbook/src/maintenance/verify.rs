@@ -11,13 +11,13 @@ use crate::writer::CONTINUED_IN;
 use crate::{CUT, Event, LogbookError, RESUMED, Record, SessionReader};
 
 /// A gap in a scheduled session: frames further apart than this many periods.
-const PERIODS: f64 = 1.5;
+const GAP_PERIODS: f64 = 1.5;
 /// A gap in a session without a schedule: frames further apart than this many times the usual distance.
-const USUAL: f64 = 5.0;
+const GAP_FACTOR: f64 = 5.0;
 /// Distances below this are never a gap, s.
-const LEAST: f64 = 1.0;
+const MIN_GAP_S: f64 = 1.0;
 /// An event this long after a frame may still explain the gap.
-const LATER: TimeDelta = TimeDelta::try_seconds(5).unwrap();
+const EVENT_MAY_FOLLOW_S: TimeDelta = TimeDelta::try_seconds(5).unwrap();
 
 /// A defect of a session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -87,7 +87,7 @@ pub fn verify(
     mut progress: impl FnMut(u64),
 ) -> Result<Verified, LogbookError> {
     let path = path.as_ref();
-    let mut look = Look::default();
+    let mut look = VerifyState::default();
     let mut files = parts(path)?;
     if files.is_empty() {
         files.push(path.to_owned());
@@ -123,7 +123,7 @@ pub fn verify(
 
 /// The times of a frame.
 #[derive(Clone, Copy)]
-struct Moment {
+struct FrameTime {
     sequence: u64,
     monotonic: f64,
     wall: DateTime<Utc>,
@@ -131,7 +131,7 @@ struct Moment {
 
 /// Intermediate results.
 #[derive(Default)]
-struct Look {
+struct VerifyState {
     session: String,
     /// Ids, with the first sequence of each.
     parts: Vec<(String, u64)>,
@@ -145,8 +145,8 @@ struct Look {
     closed: bool,
     /// Distances of neighbouring frames that may be gaps, s.
     distances: Vec<f64>,
-    moments: Vec<(Moment, Moment, f64)>,
-    last: Option<Moment>,
+    moments: Vec<(FrameTime, FrameTime, f64)>,
+    last: Option<FrameTime>,
     events: Vec<Event>,
     period: Option<f64>,
     findings: Vec<Finding>,
@@ -154,7 +154,7 @@ struct Look {
     expected: Option<u64>,
 }
 
-impl Look {
+impl VerifyState {
     fn found(&mut self, part: &str, kind: &'static str, text: String) {
         self.findings.push(Finding {
             part: part.to_owned(),
@@ -333,7 +333,7 @@ impl Look {
         }
         self.expected = Some(sequence + 1);
         self.frames += 1;
-        let now = Moment {
+        let now = FrameTime {
             sequence,
             monotonic: record.frame.monotonic.as_secs_f64(),
             wall: record.frame.wall,
@@ -344,7 +344,7 @@ impl Look {
             // A monotonic clock that restarted belongs to another process: use the wall clock.
             let apart = if by_clock < 0.0 { by_wall } else { by_clock };
             self.distances.push(apart);
-            let least = self.period.map_or(LEAST, |period| PERIODS * period);
+            let least = self.period.map_or(MIN_GAP_S, |period| GAP_PERIODS * period);
             if apart > least || by_clock < 0.0 {
                 self.moments.push((last, now, apart));
             }
@@ -365,16 +365,16 @@ impl Look {
         };
         let most = match self.period {
             // A frame that takes longer than its period directly follows the previous one.
-            Some(period) => PERIODS * period.max(usual),
-            None => (USUAL * usual).max(LEAST),
+            Some(period) => GAP_PERIODS * period.max(usual),
+            None => (GAP_FACTOR * usual).max(MIN_GAP_S),
         };
-        let explains = |before: &Moment, after: &Moment| {
+        let explains = |before: &FrameTime, after: &FrameTime| {
             let (from, to) = match before.wall <= after.wall {
                 true => (before.wall, after.wall),
                 // The clock was set back.
                 false => (after.wall, before.wall),
             };
-            let within = |event: &&Event| (from..=to + LATER).contains(&event.at);
+            let within = |event: &&Event| (from..=to + EVENT_MAY_FOLLOW_S).contains(&event.at);
             let mut events = self.events.iter().filter(within);
             let restart = events.clone().find(|event| event.kind == RESUMED);
             restart.or_else(|| events.next())

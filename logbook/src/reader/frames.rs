@@ -6,9 +6,11 @@ use rusqlite::types::Value;
 use rusqlite::{OptionalExtension, params};
 use survey::{Checks, Frame, Quality, QualityFlag, Settings};
 
-use super::readings::KnownReadings;
+use super::readings::ReadingsCache;
 use super::{SessionReader, microseconds, wall};
-use crate::row::{Remarks, StoredFrame, Stretch, late_map_checksum, mapper_checksum, unpack_trace};
+use crate::row::{
+    FrameExtras, StoredFrame, Stretch, late_map_checksum, mapper_checksum, unpack_trace,
+};
 use crate::{LogbookError, MapRecord, Record};
 
 /// How many frames are fetched at a time while iterating.
@@ -29,15 +31,15 @@ impl SessionReader {
                 first: self.header.first_sequence,
             });
         };
-        self.unpack(row, &mut Known::default())
+        self.unpack(row, &mut RowCache::default())
     }
 
     /// A frame as far as it can be read, for a repair: its map record may be lost.
     pub(crate) fn kept(&self, sequence: u64) -> Result<Option<Record>, LogbookError> {
         let row = self.row(sequence)?;
-        let mut known = Known {
+        let mut known = RowCache {
             without_maps: true,
-            ..Known::default()
+            ..RowCache::default()
         };
         row.map(|row| self.unpack(row, &mut known)).transpose()
     }
@@ -75,7 +77,7 @@ impl SessionReader {
             session: self,
             next: sequence.max(1) as i64,
             page: VecDeque::new(),
-            known: Known::default(),
+            known: RowCache::default(),
             ended: false,
         }
     }
@@ -143,7 +145,7 @@ impl SessionReader {
         let Some((record, checksum)) = row else {
             return Err(self.damaged(place(), "it is not there"));
         };
-        if checksum != mapper_checksum(self.seal, id, &record) {
+        if checksum != mapper_checksum(self.header_checksum, id, &record) {
             return Err(self.damaged(place(), "its checksum does not agree"));
         }
         Ok(record)
@@ -167,24 +169,24 @@ impl SessionReader {
         let Some(([number, mapper, checksum], trace)) = late else {
             return Ok(None);
         };
-        if checksum != late_map_checksum(self.seal, sequence, number, mapper, &trace) {
+        if checksum != late_map_checksum(self.header_checksum, sequence, number, mapper, &trace) {
             let place = format!("the late map of frame {sequence}");
             return Err(self.damaged(place, "its checksum does not agree"));
         }
         self.map_record(mapper, &trace).map(Some)
     }
 
-    fn unpack(&self, stored: StoredFrame, known: &mut Known) -> Result<Record, LogbookError> {
+    fn unpack(&self, stored: StoredFrame, known: &mut RowCache) -> Result<Record, LogbookError> {
         let StoredFrame { row, checksum } = stored;
         let place = || format!("frame {}", row.sequence);
-        if checksum != row.checksum(self.seal) {
+        if checksum != row.checksum(self.header_checksum) {
             return Err(self.damaged(place(), "its checksum does not agree"));
         }
         let readings = self.readings(&row, &mut known.readings)?;
-        let remarks: Remarks = match &row.remarks {
+        let remarks: FrameExtras = match &row.remarks {
             Some(json) => serde_json::from_str(json)
                 .map_err(|cause| self.damaged(place(), cause.to_string()))?,
-            None => Remarks::default(),
+            None => FrameExtras::default(),
         };
         let (stretch, settings) = match known.stretches.entry(row.stretch) {
             std::collections::btree_map::Entry::Occupied(there) => there.into_mut(),
@@ -258,7 +260,7 @@ impl SessionReader {
         let Some((stretch, checksum)) = row else {
             return Err(self.damaged(place, "it is not there"));
         };
-        if checksum != stretch.checksum(self.seal) {
+        if checksum != stretch.checksum(self.header_checksum) {
             return Err(self.damaged(place, "its checksum does not agree"));
         }
         let settings = self.settings(stretch.settings)?;
@@ -272,7 +274,7 @@ pub struct Frames<'a> {
     session: &'a SessionReader,
     next: i64,
     page: VecDeque<StoredFrame>,
-    known: Known,
+    known: RowCache,
     ended: bool,
 }
 
@@ -307,8 +309,8 @@ impl Iterator for Frames<'_> {
 
 /// Cached lookups: consecutive frames mostly need the same rows.
 #[derive(Debug, Default)]
-struct Known {
-    readings: KnownReadings,
+struct RowCache {
+    readings: ReadingsCache,
     stretches: BTreeMap<i64, (Stretch, Settings)>,
     /// Whether an unreadable map record counts as missing.
     without_maps: bool,

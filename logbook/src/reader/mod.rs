@@ -18,11 +18,12 @@ use survey::{Amps, Baseline, Checks, Settings, Volts};
 use crate::codec::Reference;
 use crate::files::{self, folder_of, id_of, part_of};
 use crate::row::{
-    End, HeaderFault, Seal, baseline_checksum, event_checksum, header_row, settings_checksum,
+    End, HeaderChecksum, HeaderFault, baseline_checksum, event_checksum, header_row,
+    settings_checksum,
 };
 use crate::{Closing, Event, LogbookError, SessionHeader, SessionSummary, Taken, schema};
 use guard::Guard;
-use opening::Mode;
+use opening::JournalMode;
 
 pub use frames::Frames;
 pub(crate) use order::SMALLEST;
@@ -33,9 +34,9 @@ pub struct SessionReader {
     connection: Connection,
     guard: Guard,
     path: PathBuf,
-    mode: Mode,
+    mode: JournalMode,
     header: SessionHeader,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     end: End,
     /// Created when the first frame is read.
     checks: OnceCell<Checks>,
@@ -61,10 +62,14 @@ impl SessionReader {
 
     /// Reads the header through a writer's connection.
     pub(crate) fn of_writer(connection: Connection, path: PathBuf) -> Result<Self, LogbookError> {
-        Self::over(connection, path, Mode::Wal)
+        Self::over(connection, path, JournalMode::Wal)
     }
 
-    fn over(mut connection: Connection, path: PathBuf, mode: Mode) -> Result<Self, LogbookError> {
+    fn over(
+        mut connection: Connection,
+        path: PathBuf,
+        mode: JournalMode,
+    ) -> Result<Self, LogbookError> {
         let failed = |source| LogbookError::reading(&path, "read the header of", source);
         let mut guard = Guard::over(&mut connection).map_err(failed)?;
         let number = |name: &str| -> Result<i64, LogbookError> {
@@ -100,7 +105,7 @@ impl SessionReader {
             .query_row("SELECT * FROM session", [], |row| Ok(header_row(row)))
             .optional()
             .map_err(failed)?;
-        let (header, seal, end) = match row {
+        let (header, header_checksum, end) = match row {
             Some(Ok(read)) => read,
             Some(Err(HeaderFault::Store(source))) => return Err(failed(source)),
             Some(Err(HeaderFault::Content(why))) => return Err(damaged("its header", why)),
@@ -112,7 +117,7 @@ impl SessionReader {
             path,
             mode,
             header,
-            seal,
+            header_checksum,
             end,
             checks: OnceCell::new(),
         })
@@ -120,7 +125,7 @@ impl SessionReader {
 
     /// Whether no companion journal is part of the session.
     pub(crate) fn is_folded(&self) -> bool {
-        self.mode == Mode::Rollback
+        self.mode == JournalMode::Rollback
     }
 
     /// The connection for one query, with its own work limit.
@@ -148,10 +153,10 @@ impl SessionReader {
     }
 
     /// The connection without its work limit, and the seal of its rows' checksums.
-    pub(crate) fn into_connection(self) -> rusqlite::Result<(Connection, Seal)> {
+    pub(crate) fn into_connection(self) -> rusqlite::Result<(Connection, HeaderChecksum)> {
         let mut connection = self.connection;
         connection.progress_handler(0, None::<fn() -> bool>)?;
-        Ok((connection, self.seal))
+        Ok((connection, self.header_checksum))
     }
 
     /// Frames in the file now.
@@ -277,7 +282,14 @@ impl SessionReader {
             simulated,
         };
         let place = || "its baseline".to_owned();
-        let own = baseline_checksum(self.seal, &baseline, settings, wall, &readings, &deviation);
+        let own = baseline_checksum(
+            self.header_checksum,
+            &baseline,
+            settings,
+            wall,
+            &readings,
+            &deviation,
+        );
         if checksum != own {
             return Err(self.damaged(place(), "its checksum does not agree"));
         }
@@ -337,7 +349,8 @@ impl SessionReader {
                     kind,
                     text,
                 };
-                let own = event_checksum(self.seal, number, at, &event.kind, &event.text);
+                let own =
+                    event_checksum(self.header_checksum, number, at, &event.kind, &event.text);
                 if row.get::<_, Vec<u8>>(4)? == own {
                     events.push(event);
                 } else {
@@ -372,7 +385,7 @@ impl SessionReader {
         let Some((event, at, checksum)) = row else {
             return Ok(None);
         };
-        if checksum == event_checksum(self.seal, number, at, &event.kind, &event.text) {
+        if checksum == event_checksum(self.header_checksum, number, at, &event.kind, &event.text) {
             Ok(Some(event))
         } else {
             Err(self.damaged(format!("event {number}"), "its checksum does not agree"))
@@ -408,7 +421,7 @@ impl SessionReader {
         let Some((settings, checksum)) = row else {
             return Err(self.damaged(place(), "they are not there"));
         };
-        if checksum != settings_checksum(self.seal, id, &settings) {
+        if checksum != settings_checksum(self.header_checksum, id, &settings) {
             return Err(self.damaged(place(), "their checksum does not agree"));
         }
         Ok(settings)

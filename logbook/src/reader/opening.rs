@@ -23,7 +23,7 @@ use rustix::fs::OFlags;
 
 use crate::LogbookError;
 use crate::files::companion;
-use crate::files::open_files::unless_in_writing;
+use crate::files::open_files::unless_being_written;
 
 /// The beginning of every SQLite file.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
@@ -40,7 +40,7 @@ const SQL: i32 = 20_000;
 
 /// Journal mode according to the file's header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Mode {
+pub(crate) enum JournalMode {
     /// Folded: complete without a journal.
     Rollback,
     /// The journal beside it is part of it.
@@ -48,7 +48,7 @@ pub(crate) enum Mode {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Way {
+enum AccessMethod {
     Immutable,
     WithIndex,
     IndexInMemory,
@@ -57,7 +57,7 @@ enum Way {
 /// An opened file.
 pub(crate) struct Opened {
     pub(crate) connection: Connection,
-    pub(crate) mode: Mode,
+    pub(crate) mode: JournalMode,
 }
 
 /// Opens a file for reading.
@@ -77,12 +77,12 @@ pub(crate) fn open(
     let real = std::fs::canonicalize(path).map_err(io)?;
     let found = std::fs::metadata(&real).map_err(io)?;
     check_regular(path, &found)?;
-    let mode = match unless_in_writing(&found, || look(path, &real)) {
+    let mode = match unless_being_written(&found, || look(path, &real)) {
         Some(mode) => mode?,
-        None => Mode::Wal,
+        None => JournalMode::Wal,
     };
     let [journal, wal, index] = ["-journal", "-wal", "-shm"].map(|end| companion(&real, end));
-    if mode == Mode::Wal {
+    if mode == JournalMode::Wal {
         for beside in [&wal, &index] {
             if let Ok(found) = std::fs::metadata(beside) {
                 check_regular(beside, &found)?;
@@ -91,15 +91,15 @@ pub(crate) fn open(
     }
     let length = |path: &Path| std::fs::metadata(path).map_or(0, |found| found.len());
     let way = match mode {
-        Mode::Rollback => Way::Immutable,
-        Mode::Wal if length(&wal) == 0 => Way::Immutable,
-        Mode::Wal if index.exists() => Way::WithIndex,
-        Mode::Wal => Way::IndexInMemory,
+        JournalMode::Rollback => AccessMethod::Immutable,
+        JournalMode::Wal if length(&wal) == 0 => AccessMethod::Immutable,
+        JournalMode::Wal if index.exists() => AccessMethod::WithIndex,
+        JournalMode::Wal => AccessMethod::IndexInMemory,
     };
     let size = found.len() + length(&wal);
-    if way != Way::Immutable && journal.symlink_metadata().is_ok() {
+    if way != AccessMethod::Immutable && journal.symlink_metadata().is_ok() {
         // The power failed while a closed session was being folded: all of it is in the file.
-        let alone = connect(path, &real, Way::Immutable, size)?;
+        let alone = connect(path, &real, AccessMethod::Immutable, size)?;
         if is_closed(&alone) {
             return Ok(Opened {
                 connection: alone,
@@ -136,7 +136,7 @@ pub(crate) fn check_regular(path: &Path, found: &Metadata) -> Result<(), Logbook
     })
 }
 
-fn look(path: &Path, real: &Path) -> Result<Mode, LogbookError> {
+fn look(path: &Path, real: &Path) -> Result<JournalMode, LogbookError> {
     let io = |source| LogbookError::Io {
         path: path.to_owned(),
         attempt: "open",
@@ -171,25 +171,30 @@ fn look(path: &Path, real: &Path) -> Result<Mode, LogbookError> {
         return Err(refused("it is not an SQLite file"));
     }
     Ok(match head[READ_VERSION] {
-        1 => Mode::Rollback,
-        _ => Mode::Wal,
+        1 => JournalMode::Rollback,
+        _ => JournalMode::Wal,
     })
 }
 
-fn connect(path: &Path, real: &Path, way: Way, size: u64) -> Result<Connection, LogbookError> {
+fn connect(
+    path: &Path,
+    real: &Path,
+    way: AccessMethod,
+    size: u64,
+) -> Result<Connection, LogbookError> {
     let open = || -> rusqlite::Result<Connection> {
         let flags = OpenFlags::SQLITE_OPEN_READ_ONLY
             | OpenFlags::SQLITE_OPEN_NO_MUTEX
             | OpenFlags::SQLITE_OPEN_URI;
         let parameters = match way {
-            Way::Immutable => "immutable=1",
-            Way::WithIndex => "readonly_shm=1",
+            AccessMethod::Immutable => "immutable=1",
+            AccessMethod::WithIndex => "readonly_shm=1",
             // a VFS without locks: SQLite builds the index in memory only with exclusive access
-            Way::IndexInMemory => "vfs=unix-none",
+            AccessMethod::IndexInMemory => "vfs=unix-none",
         };
         let connection = Connection::open_with_flags(uri(real, parameters), flags)?;
         limit(&connection, size)?;
-        if way == Way::IndexInMemory {
+        if way == AccessMethod::IndexInMemory {
             connection.pragma_update(None, "locking_mode", "EXCLUSIVE")?;
         }
         Ok(connection)

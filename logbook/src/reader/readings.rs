@@ -10,7 +10,7 @@ use crate::row::{FrameRow, reference_checksum};
 
 /// Cache for the readings of the next frame.
 #[derive(Debug, Default)]
-pub(super) struct KnownReadings {
+pub(super) struct ReadingsCache {
     reference: Option<(i64, Reference)>,
     /// Frames of one blob, and the number of the row that holds it.
     block: Option<(i64, Vec<Vec<Reading>>)>,
@@ -21,7 +21,7 @@ impl SessionReader {
     pub(super) fn readings(
         &self,
         row: &FrameRow,
-        known: &mut KnownReadings,
+        known: &mut ReadingsCache,
     ) -> Result<Vec<Reading>, LogbookError> {
         let holder = row.sequence.wrapping_sub(row.place);
         let damaged = |why: &str| {
@@ -42,7 +42,7 @@ impl SessionReader {
                     .and_then(|holder| self.row(holder).transpose())
                     .transpose()?
                     .ok_or_else(|| damaged("that frame is not there"))?;
-                if stored.checksum != stored.row.checksum(self.seal) {
+                if stored.checksum != stored.row.checksum(self.header_checksum) {
                     return Err(damaged("the checksum of that frame does not agree"));
                 }
                 self.block(&stored.row, known)?
@@ -60,7 +60,7 @@ impl SessionReader {
     fn block(
         &self,
         row: &FrameRow,
-        known: &mut KnownReadings,
+        known: &mut ReadingsCache,
     ) -> Result<Vec<Vec<Reading>>, LogbookError> {
         let place = || format!("frame {}", row.sequence);
         let (0, Some(blob)) = (row.place, &row.blob) else {
@@ -120,7 +120,8 @@ impl SessionReader {
         let Some((against_baseline, blob, checksum)) = row else {
             return Err(self.damaged(place, "it is not there"));
         };
-        if checksum != reference_checksum(self.seal, reference, against_baseline, &blob) {
+        if checksum != reference_checksum(self.header_checksum, reference, against_baseline, &blob)
+        {
             return Err(self.damaged(place, "its checksum does not agree"));
         }
         let against = if against_baseline {

@@ -3,9 +3,9 @@
 use rusqlite::types::Value;
 
 use super::SessionReader;
-use super::opening::Mode;
+use super::opening::JournalMode;
 use crate::LogbookError;
-use crate::row::{End, Tally};
+use crate::row::{End, RowCounts};
 
 /// Most structural errors of SQLite reported.
 const MOST_REPORTED: u32 = 3;
@@ -42,7 +42,7 @@ impl SessionReader {
                 faults.push(("closing", text.to_owned()));
             }
             // Only closing changes a file to this mode.
-            End::Open if self.mode == Mode::Rollback => {
+            End::Open if self.mode == JournalMode::Rollback => {
                 let text = "it was closed, and what says how it ended is not there";
                 faults.push(("closing", text.to_owned()));
             }
@@ -75,12 +75,12 @@ impl SessionReader {
     }
 
     /// Number of rows of each table; missing numbers are a defect.
-    fn counts(&self, faults: &mut Vec<(&'static str, String)>) -> Result<Tally, LogbookError> {
-        let mut tally = Tally {
+    fn counts(&self, faults: &mut Vec<(&'static str, String)>) -> Result<RowCounts, LogbookError> {
+        let mut tally = RowCounts {
             last: self.last_sequence()?,
             frames: self.rows()?,
             baselines: self.count("baseline", "only")?.0,
-            ..Tally::default()
+            ..RowCounts::default()
         };
         for (table, number) in NUMBERED {
             let (rows, last) = self.count(table, number)?;
@@ -168,7 +168,7 @@ impl SessionReader {
     }
 }
 
-fn compare(closed_with: &Tally, counts: &Tally, faults: &mut Vec<(&'static str, String)>) {
+fn compare(closed_with: &RowCounts, counts: &RowCounts, faults: &mut Vec<(&'static str, String)>) {
     let kinds = [
         ("frames", closed_with.frames, counts.frames),
         ("baselines", closed_with.baselines, counts.baselines),

@@ -6,11 +6,11 @@ use super::rows::{self, Unwritten};
 use super::{SessionWriter, check_length, nanoseconds, span};
 use crate::codec::MOST_FRAMES;
 use crate::row::{FrameRow, pack_trace};
-use crate::writer::segments::Standing;
+use crate::writer::segments::StretchKey;
 use crate::{LogbookError, MapRecord, Record};
 
 /// A frame, its map record, and its quality if it comes from another file.
-type Handed<'a> = (&'a Frame, Option<&'a MapRecord>, Option<&'a Quality>);
+type FrameToWrite<'a> = (&'a Frame, Option<&'a MapRecord>, Option<&'a Quality>);
 
 impl SessionWriter {
     /// Writes a frame and returns its sequence, one more than the last one's; the frame's own number is ignored. When
@@ -50,7 +50,7 @@ impl SessionWriter {
 
     fn write_all<'a>(
         &mut self,
-        frames: impl Iterator<Item = Handed<'a>>,
+        frames: impl Iterator<Item = FrameToWrite<'a>>,
     ) -> Result<u64, LogbookError> {
         self.check_usable()?;
         let before = (
@@ -71,12 +71,12 @@ impl SessionWriter {
 
     fn write_frames<'a>(
         &mut self,
-        frames: impl Iterator<Item = Handed<'a>>,
+        frames: impl Iterator<Item = FrameToWrite<'a>>,
     ) -> Result<u64, LogbookError> {
         let wants = self.header.protocol.len();
         let mut sequence = self.sequence;
-        let seal = self.seal;
-        let frames: Vec<Handed<'a>> = frames.collect();
+        let header_checksum = self.header_checksum;
+        let frames: Vec<FrameToWrite<'a>> = frames.collect();
         let mut packed = None;
         let mut store = || -> Result<(), Unwritten> {
             let transaction = self.connection.transaction()?;
@@ -91,22 +91,26 @@ impl SessionWriter {
                         check_length(readings.len(), wants)?;
                     }
                     let new = self.references.pack(&readings)?;
-                    rows::write_reference(&transaction, seal, &new)?;
+                    rows::write_reference(&transaction, header_checksum, &new)?;
                     packed = Some(new);
                 }
                 let packed = packed.take();
-                let settings =
-                    rows::known_settings(&transaction, seal, &mut self.settings, &frame.settings)?;
+                let settings = rows::known_settings(
+                    &transaction,
+                    header_checksum,
+                    &mut self.settings,
+                    &frame.settings,
+                )?;
                 let mapper = match *map {
                     Some(map) => Some(rows::known_mapper(
                         &transaction,
-                        seal,
+                        header_checksum,
                         &mut self.mapper,
                         map,
                     )?),
                     None => None,
                 };
-                let standing = Standing {
+                let standing = StretchKey {
                     sequence: sequence as i64,
                     monotonic: span(frame.monotonic, "a frame's monotonic time")? / 1000,
                     wall: nanoseconds(frame.wall, "a frame's wall time")?.div_euclid(1000),
@@ -114,14 +118,16 @@ impl SessionWriter {
                     mapper,
                     simulated: frame.simulated,
                 };
-                let stands = self.stretches.place(&transaction, seal, &standing)?;
+                let stands = self
+                    .stretches
+                    .place(&transaction, header_checksum, &standing)?;
                 let quality = match quality {
                     Some(kept) => (*kept).clone(),
                     None => self.checks.of(frame),
                 };
                 rows::write_frame(
                     &transaction,
-                    seal,
+                    header_checksum,
                     &FrameRow {
                         sequence: sequence as i64,
                         stretch: stands.stretch,

@@ -82,7 +82,7 @@ impl SessionWriter {
         let beside = self.path.with_extension(COPY_EXTENSION);
         let _ = std::fs::remove_file(&beside);
         let copied = self.copy_to(&beside);
-        let placed = copied.and_then(|()| self.give_place(&beside));
+        let placed = copied.and_then(|()| self.move_copy(&beside));
         placed.inspect_err(|_| {
             let _ = std::fs::remove_file(&beside);
         })
@@ -114,7 +114,7 @@ impl SessionWriter {
         written.map_err(|source| LogbookError::disk(beside, "sync", source))
     }
 
-    fn give_place(&self, beside: &Path) -> Result<PathBuf, LogbookError> {
+    fn move_copy(&self, beside: &Path) -> Result<PathBuf, LogbookError> {
         let folder = folder_of(&self.path);
         let rescued = format!("{}_rescued.{EXTENSION}", self.header.id);
         for place in [self.path.clone(), folder.join(rescued)] {

@@ -24,12 +24,12 @@ impl SessionWriter {
             });
         }
         let before = self.mapper.clone();
-        let (seal, number) = (self.seal, self.late_maps as i64 + 1);
+        let (header_checksum, number) = (self.header_checksum, self.late_maps as i64 + 1);
         let mut store = || -> rusqlite::Result<()> {
             let transaction = self.connection.transaction()?;
-            let mapper = known_mapper(&transaction, seal, &mut self.mapper, map)?;
+            let mapper = known_mapper(&transaction, header_checksum, &mut self.mapper, map)?;
             let (sequence, trace) = (sequence as i64, pack_trace(map));
-            let checksum = late_map_checksum(seal, sequence, number, mapper, &trace);
+            let checksum = late_map_checksum(header_checksum, sequence, number, mapper, &trace);
             transaction.execute(
                 "INSERT INTO late_map (sequence, number, mapper, map_hash, checksum) VALUES (?1, ?2, ?3, ?4, ?5)",
                 params![sequence, number, mapper, trace, checksum],

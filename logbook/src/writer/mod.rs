@@ -19,8 +19,8 @@ use rusqlite::{Connection, OpenFlags, params};
 use survey::{Baseline, Checks, Settings};
 
 use crate::files::companion;
-use crate::files::open_files::InWriting;
-use crate::row::{Seal, Tally, closing_checksum};
+use crate::files::open_files::WriterGuard;
+use crate::row::{HeaderChecksum, RowCounts, closing_checksum};
 use crate::schema;
 use crate::{DiskFault, LogbookError, MapRecord, SessionHeader};
 
@@ -45,10 +45,10 @@ pub struct Storage {
 pub struct SessionWriter {
     connection: Connection,
     /// Dropped after the connection.
-    _in_writing: InWriting,
+    _in_writing: WriterGuard,
     path: PathBuf,
     header: SessionHeader,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     storage: Storage,
     protocol_hash: String,
     baseline: Option<Baseline>,
@@ -71,7 +71,7 @@ const LOCK_WAIT: Duration = Duration::from_millis(250);
 
 /// Content of a new file besides its header, in the same transaction.
 #[derive(Debug, Default)]
-struct Beginning<'a> {
+struct InitialContent<'a> {
     baseline: Option<&'a Baseline>,
     /// Time, kind and text.
     event: Option<(DateTime<Utc>, &'a str, &'a str)>,
@@ -95,14 +95,14 @@ impl SessionWriter {
         header: &SessionHeader,
         storage: Storage,
     ) -> Result<Self, LogbookError> {
-        Self::begin(dir.as_ref(), header, storage, &Beginning::default())
+        Self::begin(dir.as_ref(), header, storage, &InitialContent::default())
     }
 
     fn begin(
         dir: &Path,
         header: &SessionHeader,
         storage: Storage,
-        beginning: &Beginning<'_>,
+        beginning: &InitialContent<'_>,
     ) -> Result<Self, LogbookError> {
         check_id(&header.id)?;
         let path = crate::files::path_of(dir, &header.id);
@@ -122,18 +122,19 @@ impl SessionWriter {
             }
             Err(source) => return Err(LogbookError::disk(&path, "make", source)),
         }
-        let laid_out = Self::lay_out(&path, header, storage, beginning).and_then(|laid_out| {
-            File::open(dir)
-                .and_then(|folder| folder.sync_all())
-                .map_err(|source| LogbookError::disk(&path, "sync the folder of", source))?;
-            Ok(laid_out)
-        });
-        let (connection, in_writing, seal) = laid_out.inspect_err(|_| {
+        let laid_out =
+            Self::create_tables(&path, header, storage, beginning).and_then(|laid_out| {
+                File::open(dir)
+                    .and_then(|folder| folder.sync_all())
+                    .map_err(|source| LogbookError::disk(&path, "sync the folder of", source))?;
+                Ok(laid_out)
+            });
+        let (connection, in_writing, header_checksum) = laid_out.inspect_err(|_| {
             // A file without a header is no session; nothing was acknowledged, so nothing is lost.
             discard(&path);
         })?;
         let mut writer = Self::over(
-            (connection, in_writing, seal),
+            (connection, in_writing, header_checksum),
             path,
             header.clone(),
             storage,
@@ -146,7 +147,7 @@ impl SessionWriter {
 
     /// For a file with a header and no frame yet.
     fn over(
-        (connection, in_writing, seal): (Connection, InWriting, Seal),
+        (connection, in_writing, header_checksum): (Connection, WriterGuard, HeaderChecksum),
         path: PathBuf,
         header: SessionHeader,
         storage: Storage,
@@ -156,7 +157,7 @@ impl SessionWriter {
             _in_writing: in_writing,
             place: FilePlace::of(&path),
             path,
-            seal,
+            header_checksum,
             storage,
             protocol_hash: header.protocol.hash(),
             baseline: None,
@@ -173,33 +174,34 @@ impl SessionWriter {
         }
     }
 
-    fn lay_out(
+    fn create_tables(
         path: &Path,
         header: &SessionHeader,
         storage: Storage,
-        beginning: &Beginning<'_>,
-    ) -> Result<(Connection, InWriting, Seal), LogbookError> {
+        beginning: &InitialContent<'_>,
+    ) -> Result<(Connection, WriterGuard, HeaderChecksum), LogbookError> {
         let started = nanoseconds(header.started, "the start of the session")?;
         let (connection, in_writing) = open_for_writing(path, "write the header of")?;
-        let write = |mut connection: Connection| -> Result<(Connection, Seal), Unwritten> {
-            connection.pragma_update(None, "page_size", schema::PAGE)?;
-            adjust(&connection, storage)?;
-            connection.pragma_update(None, "journal_mode", "WAL")?;
-            let transaction = connection.transaction()?;
-            schema::lay_out(&transaction)?;
-            let seal = rows::write_header(&transaction, header, started)?;
-            if let Some(baseline) = beginning.baseline {
-                rows::write_baseline(&transaction, seal, baseline)?;
-            }
-            if let Some((at, kind, text)) = beginning.event {
-                let at = nanoseconds(at, "an event's time")?;
-                rows::write_event(&transaction, seal, at, kind, text)?;
-            }
-            transaction.commit()?;
-            Ok((connection, seal))
-        };
+        let write =
+            |mut connection: Connection| -> Result<(Connection, HeaderChecksum), Unwritten> {
+                connection.pragma_update(None, "page_size", schema::PAGE)?;
+                adjust(&connection, storage)?;
+                connection.pragma_update(None, "journal_mode", "WAL")?;
+                let transaction = connection.transaction()?;
+                schema::create_tables(&transaction)?;
+                let header_checksum = rows::write_header(&transaction, header, started)?;
+                if let Some(baseline) = beginning.baseline {
+                    rows::write_baseline(&transaction, header_checksum, baseline)?;
+                }
+                if let Some((at, kind, text)) = beginning.event {
+                    let at = nanoseconds(at, "an event's time")?;
+                    rows::write_event(&transaction, header_checksum, at, kind, text)?;
+                }
+                transaction.commit()?;
+                Ok((connection, header_checksum))
+            };
         match write(connection) {
-            Ok((connection, seal)) => Ok((connection, in_writing, seal)),
+            Ok((connection, header_checksum)) => Ok((connection, in_writing, header_checksum)),
             Err(unwritten) => Err(unwritten.into_error(path, "write the header of")),
         }
     }
@@ -240,10 +242,10 @@ impl SessionWriter {
         let wants = self.header.protocol.len();
         check_length(baseline.readings.len(), wants)?;
         check_length(baseline.deviation.len(), wants)?;
-        let seal = self.seal;
+        let header_checksum = self.header_checksum;
         let write = |connection: &mut Connection| -> Result<i64, Unwritten> {
             let transaction = connection.transaction()?;
-            let settings = rows::write_baseline(&transaction, seal, baseline)?;
+            let settings = rows::write_baseline(&transaction, header_checksum, baseline)?;
             transaction.commit()?;
             Ok(settings)
         };
@@ -272,7 +274,7 @@ impl SessionWriter {
     pub fn event(&mut self, at: DateTime<Utc>, kind: &str, text: &str) -> Result<(), LogbookError> {
         self.check_usable()?;
         let at = nanoseconds(at, "an event's time")?;
-        rows::write_event(&self.connection, self.seal, at, kind, text)
+        rows::write_event(&self.connection, self.header_checksum, at, kind, text)
             .map_err(|source| self.write_failed("write an event to", source))?;
         self.place.check(&self.path)
     }
@@ -298,13 +300,13 @@ impl SessionWriter {
         self.check_usable()?;
         self.place.check(&self.path)?;
         let at = nanoseconds(at, "the end of the session")?;
-        let tally = Tally {
+        let tally = RowCounts {
             last: self.sequence,
             frames: self.frames,
             late_maps: self.late_maps,
-            ..Tally::default()
+            ..RowCounts::default()
         };
-        write_closing(&self.connection, self.seal, at, reason, tally)
+        write_closing(&self.connection, self.header_checksum, at, reason, tally)
             .map_err(|source| self.write_failed("close", source))?;
         self.place.check(&self.path)
     }
@@ -363,10 +365,10 @@ impl SessionWriter {
 /// Writes how a session ended and the number of rows of each table.
 fn write_closing(
     connection: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     at: i64,
     reason: &str,
-    tally: Tally,
+    tally: RowCounts,
 ) -> rusqlite::Result<()> {
     let last = |table: &'static str| -> rusqlite::Result<u64> {
         let key = if table == "baseline" { "only" } else { "id" };
@@ -375,7 +377,7 @@ fn write_closing(
             .query_row(&sql, [], |row| row.get::<_, i64>(0))
             .map(i64::unsigned_abs)
     };
-    let tally = Tally {
+    let tally = RowCounts {
         baselines: last("baseline")?,
         events: last("event")?,
         references: last("reference")?,
@@ -387,7 +389,7 @@ fn write_closing(
     let tally = rows::json(serde_json::to_string(&tally))?;
     connection.execute(
         "UPDATE session SET closed_ns = ?1, closed_reason = ?2, closed_tally = ?3, closed_checksum = ?4",
-        params![at, reason, tally, closing_checksum(seal, at, reason, &tally)],
+        params![at, reason, tally, closing_checksum(header_checksum, at, reason, &tally)],
     )?;
     Ok(())
 }
@@ -395,9 +397,9 @@ fn write_closing(
 fn open_for_writing(
     path: &Path,
     attempt: &'static str,
-) -> Result<(Connection, InWriting), LogbookError> {
+) -> Result<(Connection, WriterGuard), LogbookError> {
     let in_writing =
-        InWriting::new(path).map_err(|source| LogbookError::disk(path, attempt, source))?;
+        WriterGuard::new(path).map_err(|source| LogbookError::disk(path, attempt, source))?;
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags)
         .map_err(|source| LogbookError::writing(path, attempt, source))?;

@@ -10,12 +10,12 @@ use chrono::{DateTime, Utc};
 use rusqlite::config::DbConfig;
 
 use super::{
-    Beginning, SessionWriter, Storage, adjust, discard, nanoseconds, open_for_writing,
+    InitialContent, SessionWriter, Storage, adjust, discard, nanoseconds, open_for_writing,
     write_closing,
 };
 use crate::files::{companion, folder_of, part_of, path_of};
 use crate::reader::continued_by;
-use crate::row::Tally;
+use crate::row::RowCounts;
 use crate::{LogbookError, SessionHeader, SessionReader, Taken};
 
 /// Kind of the first event after a session is resumed; [`Resumed::before`] counts them.
@@ -87,9 +87,9 @@ impl SessionWriter {
         let reference = session.last_number("reference")?;
         let stretch = session.last_number("stretch")?;
         let (frames, late_maps) = (session.rows()?, session.late_maps_written()?);
-        let (connection, seal) = session.into_connection().map_err(opening)?;
+        let (connection, header_checksum) = session.into_connection().map_err(opening)?;
         adjust(&connection, storage).map_err(opening)?;
-        let open = (connection, in_writing, seal);
+        let open = (connection, in_writing, header_checksum);
         let mut writer = Self::over(open, path.to_owned(), header, storage);
         writer.sequence = resumed.acknowledged;
         writer.frames = frames;
@@ -129,7 +129,7 @@ impl SessionWriter {
             resumed.acknowledged,
             at,
             Storage::default(),
-            &Beginning {
+            &InitialContent {
                 baseline: baseline.as_ref(),
                 event: Some((
                     at,
@@ -164,7 +164,7 @@ impl SessionWriter {
             // The closing entry in the journal counts, folded in or not.
             let _ = self.fold();
         }
-        Ok(self.leave_for(next))
+        Ok(self.switch_to(next))
     }
 
     /// Continues after an I/O error in a new part after the last acknowledged frame, without reading this file again:
@@ -179,7 +179,7 @@ impl SessionWriter {
         let _ = self
             .connection
             .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true);
-        Ok(self.leave_for(next))
+        Ok(self.switch_to(next))
     }
 
     fn next(&self, at: DateTime<Utc>, why: &str) -> Result<Self, LogbookError> {
@@ -189,14 +189,14 @@ impl SessionWriter {
             self.sequence,
             at,
             self.storage,
-            &Beginning {
+            &InitialContent {
                 baseline: self.baseline.as_ref(),
                 event: Some((at, CONTINUED, &behind(&self.header.id, self.sequence, why))),
             },
         )
     }
 
-    fn leave_for(&mut self, next: Self) -> PathBuf {
+    fn switch_to(&mut self, next: Self) -> PathBuf {
         std::mem::replace(self, next).path
     }
 
@@ -218,16 +218,22 @@ impl SessionWriter {
             }
             let (connection, _in_writing) = open_for_writing(&path, "close")?;
             let session = SessionReader::of_writer(connection, path.clone())?;
-            let tally = Tally {
+            let tally = RowCounts {
                 last: session.last_sequence()?,
                 frames: session.rows()?,
                 late_maps: session.late_maps_written()?,
-                ..Tally::default()
+                ..RowCounts::default()
             };
-            let (connection, seal) = session.into_connection().map_err(failed)?;
+            let (connection, header_checksum) = session.into_connection().map_err(failed)?;
             adjust(&connection, Storage::default()).map_err(failed)?;
-            write_closing(&connection, seal, at, &continued_in(&self.header.id), tally)
-                .map_err(failed)?;
+            write_closing(
+                &connection,
+                header_checksum,
+                at,
+                &continued_in(&self.header.id),
+                tally,
+            )
+            .map_err(failed)?;
             connection
                 .pragma_update(None, "journal_mode", "DELETE")
                 .map_err(failed)
@@ -242,7 +248,7 @@ fn next_part(
     acknowledged: u64,
     at: DateTime<Utc>,
     storage: Storage,
-    beginning: &Beginning<'_>,
+    beginning: &InitialContent<'_>,
 ) -> Result<SessionWriter, LogbookError> {
     let dir = folder_of(path);
     let (session, part) = part_of(&header.id);

@@ -9,8 +9,8 @@ use super::references::Packed;
 use super::{nanoseconds, span};
 use crate::codec::{EncodeError, Reference, encode};
 use crate::row::{
-    FrameRow, Remarks, Seal, Stretch, baseline_checksum, event_checksum, mapper_checksum,
-    reference_checksum, settings_checksum,
+    FrameExtras, FrameRow, HeaderChecksum, Stretch, baseline_checksum, event_checksum,
+    mapper_checksum, reference_checksum, settings_checksum,
 };
 use crate::{LogbookError, MapRecord, SessionHeader};
 
@@ -22,8 +22,8 @@ pub(super) fn write_header(
     transaction: &Connection,
     header: &SessionHeader,
     started: i64,
-) -> rusqlite::Result<Seal> {
-    let seal = json(Seal::of(header))?;
+) -> rusqlite::Result<HeaderChecksum> {
+    let header_checksum = json(HeaderChecksum::of(header))?;
     transaction.execute(
         "INSERT INTO session (only, id, kind, started_ns, simulated, build, seed, config_toml, config_hash,
             model_hash, geometry_hash, protocol, instruments, modules, note, about, asked, continues, first_sequence,
@@ -48,16 +48,16 @@ pub(super) fn write_header(
             header.asked,
             header.continues,
             header.first_sequence as i64,
-            seal.bytes(),
+            header_checksum.bytes(),
         ],
     )?;
-    Ok(seal)
+    Ok(header_checksum)
 }
 
 /// Writes a baseline and returns its settings' row.
 pub(super) fn write_baseline(
     transaction: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     baseline: &Baseline,
 ) -> Result<i64, Unwritten> {
     let readings = encode(&[&baseline.readings], &Reference::NONE)?;
@@ -69,8 +69,15 @@ pub(super) fn write_baseline(
     let deviation = encode(&[&deviation], &Reference::NONE)?;
     let wall = nanoseconds(baseline.wall, "the baseline's wall time")?;
     let settle = span(baseline.settings.settle, "the settling time")?;
-    let settings = settings_id(transaction, seal, &baseline.settings, settle)?;
-    let checksum = baseline_checksum(seal, baseline, settings, wall, &readings, &deviation);
+    let settings = settings_id(transaction, header_checksum, &baseline.settings, settle)?;
+    let checksum = baseline_checksum(
+        header_checksum,
+        baseline,
+        settings,
+        wall,
+        &readings,
+        &deviation,
+    );
     transaction.execute(
         "INSERT INTO baseline (only, id, wall_ns, frames, settings, simulated, readings, deviation, checksum)
          VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
@@ -97,13 +104,13 @@ fn next_id(connection: &Connection, table: &'static str) -> rusqlite::Result<i64
 
 pub(super) fn write_event(
     transaction: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     at: i64,
     kind: &str,
     text: &str,
 ) -> rusqlite::Result<()> {
     let id = next_id(transaction, "event")?;
-    let checksum = event_checksum(seal, id, at, kind, text);
+    let checksum = event_checksum(header_checksum, id, at, kind, text);
     transaction
         .prepare_cached(
             "INSERT INTO event (id, at_ns, kind, text, checksum) VALUES (?1, ?2, ?3, ?4, ?5)",
@@ -114,7 +121,7 @@ pub(super) fn write_event(
 
 pub(super) fn settings_id(
     connection: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     settings: &Settings,
     settle: i64,
 ) -> rusqlite::Result<i64> {
@@ -152,7 +159,7 @@ pub(super) fn settings_id(
             settle,
             settings.wiring,
             precautions,
-            settings_checksum(seal, id, settings),
+            settings_checksum(header_checksum, id, settings),
         ],
     )?;
     Ok(id)
@@ -160,7 +167,7 @@ pub(super) fn settings_id(
 
 pub(super) fn mapper_id(
     connection: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     map: &MapRecord,
 ) -> rusqlite::Result<i64> {
     let values = params![map.method, map.model_hash, map.build, map.cpu];
@@ -183,7 +190,7 @@ pub(super) fn mapper_id(
             map.model_hash,
             map.build,
             map.cpu,
-            mapper_checksum(seal, id, map),
+            mapper_checksum(header_checksum, id, map),
         ],
     )?;
     Ok(id)
@@ -225,7 +232,7 @@ impl From<EncodeError> for Unwritten {
 
 pub(super) fn known_settings(
     transaction: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     known: &mut Option<(i64, Settings)>,
     settings: &Settings,
 ) -> Result<i64, Unwritten> {
@@ -235,14 +242,14 @@ pub(super) fn known_settings(
         return Ok(*id);
     }
     let settle = span(settings.settle, "the settling time")?;
-    let id = settings_id(transaction, seal, settings, settle)?;
+    let id = settings_id(transaction, header_checksum, settings, settle)?;
     *known = Some((id, settings.clone()));
     Ok(id)
 }
 
 pub(super) fn known_mapper(
     transaction: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     known: &mut Option<(i64, MapRecord)>,
     map: &MapRecord,
 ) -> rusqlite::Result<i64> {
@@ -259,14 +266,14 @@ pub(super) fn known_mapper(
     {
         return Ok(*id);
     }
-    let id = mapper_id(transaction, seal, map)?;
+    let id = mapper_id(transaction, header_checksum, map)?;
     *known = Some((id, map.clone()));
     Ok(id)
 }
 
 pub(super) fn write_reference(
     transaction: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     packed: &Packed,
 ) -> rusqlite::Result<()> {
     let Some(new) = &packed.written else {
@@ -280,14 +287,14 @@ pub(super) fn write_reference(
             new.id,
             new.against_baseline,
             new.blob,
-            reference_checksum(seal, new.id, new.against_baseline, &new.blob),
+            reference_checksum(header_checksum, new.id, new.against_baseline, &new.blob),
         ])?;
     Ok(())
 }
 
 pub(super) fn write_stretch(
     transaction: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     stretch: &Stretch,
 ) -> rusqlite::Result<()> {
     transaction
@@ -304,14 +311,14 @@ pub(super) fn write_stretch(
             stretch.monotonic,
             stretch.wall,
             stretch.period,
-            stretch.checksum(seal),
+            stretch.checksum(header_checksum),
         ])?;
     Ok(())
 }
 
 pub(super) fn write_frame(
     transaction: &Connection,
-    seal: Seal,
+    header_checksum: HeaderChecksum,
     row: &FrameRow,
 ) -> rusqlite::Result<()> {
     transaction
@@ -333,7 +340,7 @@ pub(super) fn write_frame(
             row.map_hash,
             row.place,
             row.blob,
-            row.checksum(seal),
+            row.checksum(header_checksum),
         ])?;
     Ok(())
 }
@@ -350,11 +357,11 @@ pub(super) fn bits(quality: &Quality) -> i64 {
 
 /// Optional data as JSON; `None` if there is none.
 pub(super) fn remarks(quality: &Quality) -> rusqlite::Result<Option<String>> {
-    let remarks = Remarks {
+    let remarks = FrameExtras {
         implausible: quality.implausible,
         compliance: quality.compliance.clone(),
     };
-    match remarks == Remarks::default() {
+    match remarks == FrameExtras::default() {
         true => Ok(None),
         false => json(serde_json::to_string(&remarks)).map(Some),
     }

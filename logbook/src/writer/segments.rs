@@ -3,15 +3,15 @@
 
 use rusqlite::Connection;
 
-use crate::row::{Seal, Stretch};
+use crate::row::{HeaderChecksum, Stretch};
 use crate::writer::rows::write_stretch;
 
 /// Beyond this many microseconds a frame's times take more than three bytes: a clock was set, or the rate changed.
-const FAR: i64 = 1 << 23;
+const WIDE_US: i64 = 1 << 23;
 /// Frames after which a stretch is worth a row of its own.
-const SHORTEST: i64 = 64;
+const MIN_FRAMES: i64 = 64;
 /// Number of stretches remembered: frames with and without a map may alternate.
-const MOST: usize = 8;
+const REMEMBERED_STRETCHES: usize = 8;
 
 /// Cheap to copy: the old value is restored if a transaction fails.
 #[derive(Debug, Clone, Default)]
@@ -22,7 +22,7 @@ pub(super) struct Stretches {
 }
 
 /// What assigns a frame to a stretch; times in microseconds.
-pub(super) struct Standing {
+pub(super) struct StretchKey {
     pub(super) sequence: i64,
     pub(super) monotonic: i64,
     pub(super) wall: i64,
@@ -32,7 +32,7 @@ pub(super) struct Standing {
 }
 
 /// A frame's stretch, tick and skew.
-pub(super) struct Place {
+pub(super) struct StretchPosition {
     pub(super) stretch: i64,
     pub(super) tick: i64,
     pub(super) skew: i64,
@@ -48,16 +48,16 @@ impl Stretches {
     pub(super) fn place(
         &mut self,
         transaction: &Connection,
-        seal: Seal,
-        frame: &Standing,
-    ) -> rusqlite::Result<Place> {
+        header_checksum: HeaderChecksum,
+        frame: &StretchKey,
+    ) -> rusqlite::Result<StretchPosition> {
         let alike = self.known.iter().position(|known| {
             (known.settings, known.mapper, known.simulated)
                 == (frame.settings, frame.mapper, frame.simulated)
         });
         let apart = |stretch: &Stretch| {
             let (tick, skew) = stretch.apart(frame.sequence, frame.monotonic, frame.wall);
-            Place {
+            StretchPosition {
                 stretch: stretch.id,
                 tick,
                 skew,
@@ -67,8 +67,8 @@ impl Stretches {
             self.known[..=index].rotate_right(1);
             let known = &self.known[0];
             let place = apart(known);
-            let near = place.tick.abs() < FAR && place.skew.abs() < FAR;
-            if near || frame.sequence - known.sequence < SHORTEST {
+            let near = place.tick.abs() < WIDE_US && place.skew.abs() < WIDE_US;
+            if near || frame.sequence - known.sequence < MIN_FRAMES {
                 return Ok(place);
             }
         }
@@ -91,14 +91,14 @@ impl Stretches {
             wall: frame.wall,
             period,
         };
-        write_stretch(transaction, seal, &stretch)?;
+        write_stretch(transaction, header_checksum, &stretch)?;
         self.last_id = stretch.id;
         let place = apart(&stretch);
         if alike.is_some() {
             self.known.remove(0);
         }
         self.known.insert(0, stretch);
-        self.known.truncate(MOST);
+        self.known.truncate(REMEMBERED_STRETCHES);
         Ok(place)
     }
 }

@@ -156,7 +156,7 @@ fn scratch() -> tempfile::TempDir {
 }
 
 #[derive(Default)]
-struct Tally {
+struct RowCounts {
     mutations: usize,
     same: usize,
     reported: usize,
@@ -165,7 +165,7 @@ struct Tally {
     missed: Vec<String>,
 }
 
-impl Tally {
+impl RowCounts {
     fn judge(&mut self, path: &Path, original: &View, what: &str) {
         self.mutations += 1;
         let view = View::of(path);
@@ -211,7 +211,7 @@ fn no_mutation_that_changes_content_goes_unreported() {
         let findings = logbook::verify(&path, |_| {}).unwrap().findings;
         assert!(findings.is_empty(), "{findings:?}");
 
-        let mut by_bytes = Tally::default();
+        let mut by_bytes = RowCounts::default();
         let mut dice = Dice(0x5eed_0001);
         for _ in 0..count {
             let mut mutated = files.clone();
@@ -221,7 +221,7 @@ fn no_mutation_that_changes_content_goes_unreported() {
         }
         by_bytes.conclude(&format!("{of}, bytes"));
 
-        let mut by_sql = Tally::default();
+        let mut by_sql = RowCounts::default();
         lay(&path, &files);
         for what in sql::mutations(&path) {
             lay(&path, &files);

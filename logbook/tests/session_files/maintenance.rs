@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use crate::example_frames::taken::{at, taken};
 use logbook::{
-    Exported, RESUMED, Retention, SessionHeader, SessionKind, SessionReader, SessionWriter, prune,
-    repair, verify,
+    ExportMarker, RESUMED, Retention, SessionHeader, SessionKind, SessionReader, SessionWriter,
+    prune, repair, verify,
 };
 use survey::{Baseline, Frame, Protocol, Reading, Volts};
 
@@ -357,7 +357,7 @@ fn only_what_was_exported_to_its_last_frame_goes() {
     };
     let now = at(3600 * 5);
     let mark = |path: &Path, last: u64| {
-        let exported = Exported {
+        let exported = ExportMarker {
             at: now,
             last,
             format: "csv".into(),
