@@ -56,8 +56,8 @@ pub struct Config {
     pub bus: BusSection,
     /// `[schedule]`.
     pub schedule: ScheduleSection,
-    /// `[care]`.
-    pub care: CareSection,
+    /// `[relay_wear]`.
+    pub relay_wear: RelayWearSection,
     /// `[notify]`.
     pub notify: NotifySection,
     /// `[metrics]`.
@@ -397,10 +397,10 @@ pub struct ScheduleSection {
     pub for_s: Option<f64>,
 }
 
-/// Wear of relays.
+/// `[relay_wear]`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct CareSection {
+pub struct RelayWearSection {
     /// Rated closures of a relay.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relay_life_cycles: Option<u64>,

@@ -148,7 +148,10 @@ fn remove(table: &mut DeTable<'_>, fault: &Range<usize>) -> bool {
     false
 }
 
-/// Adds the most similar key to an unknown one.
+/// Keys that had another name, with the present one.
+const RENAMED: [(&str, &str); 1] = [("care", "relay_wear")];
+
+/// Adds the new name of a renamed key, or the most similar key to an unknown one.
 fn explain(message: &str) -> String {
     let message = message.lines().next().unwrap_or(message);
     let Some(rest) = message.strip_prefix("unknown field `") else {
@@ -158,6 +161,9 @@ fn explain(message: &str) -> String {
     let Some(unknown) = names.next() else {
         return message.to_owned();
     };
+    if let Some((_, renamed)) = RENAMED.iter().find(|(old, _)| *old == unknown) {
+        return format!("unknown key '{unknown}'; it is '{renamed}' now");
+    }
     let known: Vec<&str> = names.filter(|name| !name.is_empty()).collect();
     match survey::nearest(unknown, known.iter().copied()) {
         Some(nearest) => format!("unknown key '{unknown}'; did you mean '{nearest}'?"),
@@ -193,6 +199,13 @@ mod tests {
             joined.contains("c.toml:6:2: unknown key 'wirring'; did you mean 'wiring'?"),
             "{joined}"
         );
+    }
+
+    #[test]
+    fn a_renamed_key_is_answered_with_its_new_name() {
+        let found = problems("[care]\nrelay_life_cycles = 1000\n");
+        let expected = "c.toml:1:2: unknown key 'care'; it is 'relay_wear' now";
+        assert_eq!(found, [expected]);
     }
 
     #[test]

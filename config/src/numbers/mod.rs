@@ -105,7 +105,7 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("schedule.every_s", EVERY_S),
     ("schedule.count", COUNT),
     ("schedule.for_s", FOR_S),
-    ("care.relay_life_cycles", Within(1.0, 1e15)),
+    ("relay_wear.relay_life_cycles", Within(1.0, 1e15)),
     ("notify.disk_days", DAYS),
     ("notify.relay_life", Above(0.0, 1.0)),
     ("notify.baseline_days", DAYS),

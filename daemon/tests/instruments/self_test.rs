@@ -255,7 +255,7 @@ async fn a_stop_in_the_middle_leaves_the_source_off() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn closures_are_counted_and_projected() {
-    let stage = Stage::new(&format!("{SMALL}[care]\nrelay_life_cycles = 1000\n"));
+    let stage = Stage::new(&format!("{SMALL}[relay_wear]\nrelay_life_cycles = 1000\n"));
     let daemon = stage.start().await;
     daemon.baseline(3).await;
     let relays = within(daemon.manager.relays(&Options::new()))

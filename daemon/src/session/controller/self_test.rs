@@ -285,7 +285,7 @@ impl Controller {
             ));
         };
         let counts = counts.map_err(|error| lost(&chain(&error)))?;
-        let life = self.runtime().setup.config.care.relay_life_cycles;
+        let life = self.runtime().setup.config.relay_wear.relay_life_cycles;
         let frame = plan.plan.duration(&plan.timing);
         let period = frame
             .max(self.runtime().setup.schedule.every)
