@@ -3,7 +3,7 @@
 use clap::Args;
 use dbus::SessionOptions;
 
-/// Free words, kept with the record.
+/// Notes about the experiment, stored in the record.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "What is measured (default: as configured in [about])")]
 pub struct About {
@@ -16,7 +16,7 @@ pub struct About {
     /// The ink, with its batch
     #[arg(long, value_name = "TEXT")]
     pub ink: Option<String>,
-    /// Who measures
+    /// Operator
     #[arg(long, value_name = "NAME")]
     pub operator: Option<String>,
 }

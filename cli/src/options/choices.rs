@@ -9,14 +9,14 @@ use survey::MapUnit;
 
 use crate::options::numbers::{degrees, electrodes, millimetres};
 
-/// The sheet or tank, where neither the record nor a model file says it.
+/// The sheet or tank, if neither the record nor a model file specifies it.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Geometry")]
 pub struct GeometryChoice {
-    /// Built-in geometry (default: what the session or the folder says)
+    /// Built-in geometry (default: that of the session or folder)
     #[arg(long, value_enum, value_name = "NAME")]
     pub preset: Option<PresetName>,
-    /// Number of electrodes (default: what the protocol says)
+    /// Number of electrodes (default: that of the protocol)
     #[arg(long, value_name = "N", requires = "preset", value_parser = electrodes)]
     pub electrodes: Option<usize>,
     /// Diameter of a disc tank, mm [default: 300]
@@ -39,16 +39,16 @@ pub struct GeometryChoice {
     pub case: Option<PathBuf>,
 }
 
-/// What `export` writes.
+/// Formats of `export`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Format {
-    /// A row a frame, a column a reading.
+    /// One row per frame, one column per reading.
     Csv,
     /// A picture of one map.
     Png,
     /// A drawing of one map.
     Svg,
-    /// One map as pixels by GREIT's convention: CSV, a row of pixels a line, the top first, `nan` outside.
+    /// One map as pixels by GREIT's convention: CSV, one line per row of pixels, the top row first, `nan` outside.
     Raster,
 }
 

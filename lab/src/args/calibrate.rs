@@ -20,7 +20,7 @@ pub(crate) struct CalibrateOptions {
     /// folder]
     #[arg(long, value_name = "FILE")]
     pub(crate) presses: Option<PathBuf>,
-    /// The method, with its options, whose maps are to be calibrated; "model FILE" for a trained one
+    /// Method to calibrate, with its options; "model FILE" for a trained model
     #[arg(long, value_name = "TEXT", default_value = "one-step --loss-only")]
     pub(crate) method: String,
     /// White noise of one reading, V [default: as in `reconstruct`]
@@ -34,7 +34,7 @@ pub(crate) struct CalibrateOptions {
     pub(crate) out: OutPath,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// Print what was found as one JSON object
+    /// Print the result as one JSON object
     #[arg(long)]
     pub(crate) json: bool,
 }

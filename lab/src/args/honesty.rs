@@ -7,10 +7,10 @@ use super::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct HonestyOptions {
-    /// Healthy frames to judge at each noise
+    /// Number of healthy frames at each noise
     #[arg(long, value_name = "N", default_value_t = 2000, value_parser = super::numbers::cases)]
     pub(crate) count: usize,
-    /// Frames of each fault at each noise
+    /// Number of frames of each fault at each noise
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = super::numbers::cases)]
     pub(crate) faults: usize,
     /// Noise of one reading (standard deviation), uV (repeatable) [default: 2 and 20]
@@ -24,7 +24,7 @@ pub(crate) struct HonestyOptions {
     pub(crate) out: Option<OutFolder>,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// Print one JSON object a row
+    /// Print one JSON object per row
     #[arg(long)]
     pub(crate) json: bool,
 }

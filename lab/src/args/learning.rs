@@ -18,14 +18,14 @@ pub(crate) enum Network {
     Linear(LinearOptions),
 }
 
-/// How the weights of a network are kept.
+/// Number format of the weights of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum PrecisionName {
-    /// Four bytes a weight
+    /// Four bytes per weight
     F32,
-    /// Two bytes a weight
+    /// Two bytes per weight
     F16,
-    /// One byte a weight and a scale a row
+    /// One byte per weight, one scale per row
     Int8,
 }
 
@@ -61,10 +61,10 @@ pub(crate) struct DeepOptions {
     /// The same seed gives the same file [default: 1]
     #[arg(long, value_name = "S")]
     pub(crate) seed: Option<u64>,
-    /// How the weights are kept
+    /// Number format of the weights
     #[arg(long, value_enum, default_value_t = PrecisionName::F32)]
     pub(crate) precision: PrecisionName,
-    /// Where the training is kept after each epoch; the same command goes on from it [default: OUT with .checkpoint]
+    /// Checkpoint file, written after each epoch; the same command continues from it [default: OUT with .checkpoint]
     #[arg(long, value_name = "FILE")]
     pub(crate) checkpoint: Option<PathBuf>,
     /// Model file to write
@@ -72,17 +72,17 @@ pub(crate) struct DeepOptions {
     pub(crate) out: OutPath,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// Print what the training found as one JSON object
+    /// Print the results of the training as one JSON object
     #[arg(long)]
     pub(crate) json: bool,
 }
 
-/// Which noise a model is trained for.
+/// Noise that a model is trained for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Profile {
     /// The paper's jitter: gamma times the standard deviation of the normalised baseline
     Paper,
-    /// Jitter as the noise is, on baseline and frame: white, in volts, or as frames of the unloaded sheet show it
+    /// Jitter like the real noise, on baseline and frame: white, in volts, or the measured noise of unloaded frames
     Matched,
 }
 
@@ -96,10 +96,10 @@ impl Profile {
     }
 }
 
-/// What every training is given: the noise, the case, the set.
+/// Options of every training: noise, case, training set.
 #[derive(Debug, Args)]
 pub(crate) struct DataOptions {
-    /// Which jitter, and the settings that go with it
+    /// Kind of jitter, with its settings
     #[arg(long, value_enum)]
     pub(crate) profile: Profile,
     /// gamma of the profile `paper`, a number: share of the standard deviation of the normalised baseline
@@ -108,19 +108,19 @@ pub(crate) struct DataOptions {
     /// Noise of one reading for the profile `matched`, V, below the largest reading of the case, above 1 mV only with --yes; several levels, several times: copies of a case take them in turn
     #[arg(long, value_name = "SD", default_values_t = [2e-6], value_parser = noise_v)]
     pub(crate) noise_v: Vec<f64>,
-    /// Train for more than 1 mV of noise, too
+    /// Allow training for more than 1 mV of noise
     #[arg(long)]
     pub(crate) yes: bool,
-    /// Frames of the unloaded sheet: the profile `matched` takes their covariance in place of --noise-v
+    /// Frames of the unloaded sheet: the profile `matched` uses their covariance instead of --noise-v
     #[arg(long, value_name = "FILE")]
     pub(crate) noise_frames: Option<PathBuf>,
-    /// Every case through the sheet's mirrors too, where mesh and contacts have them
+    /// Add the mirror images of every case, if mesh and contacts are symmetric
     #[arg(long)]
     pub(crate) symmetric: bool,
-    /// A training set in files, made by `dataset`, in place of cases made for the purpose
+    /// Folder of a training set made by `dataset`, instead of newly simulated cases
     #[arg(long, value_name = "DIR", conflicts_with = "cases")]
     pub(crate) dataset: Option<PathBuf>,
-    /// Case folder to train for; the preset of the paper's sheet at 1 mA if none is given
+    /// Case folder to train for [default: the preset of the paper's sheet at 1 mA]
     #[arg(long, value_name = "DIR")]
     pub(crate) case: Option<PathBuf>,
 }
@@ -149,7 +149,7 @@ pub(crate) struct TrainOptions {
     pub(crate) out: OutPath,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// Print what the training found as one JSON object
+    /// Print the results of the training as one JSON object
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -169,7 +169,7 @@ pub(crate) struct LinearOptions {
         conflicts_with = "dataset"
     )]
     pub(crate) seed: u64,
-    /// How the weights are kept
+    /// Number format of the weights
     #[arg(long, value_enum, default_value_t = PrecisionName::F32)]
     pub(crate) precision: PrecisionName,
     /// Model file to write
@@ -177,7 +177,7 @@ pub(crate) struct LinearOptions {
     pub(crate) out: OutPath,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// Print what the training found as one JSON object
+    /// Print the results of the training as one JSON object
     #[arg(long)]
     pub(crate) json: bool,
 }

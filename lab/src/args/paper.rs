@@ -9,27 +9,27 @@ use super::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct PaperOptions {
-    /// Small networks and few frames, in about a minute: shows that all of it works, not what it finds [default]
+    /// Small networks and few frames, about a minute: tests that everything runs; the results mean little [default]
     #[arg(long, conflicts_with = "full")]
     pub(crate) quick: bool,
-    /// The paper's own sizes: 75,000 cases, 30 epochs; hours, and goes on where it was stopped
+    /// The paper's sizes: 75,000 cases, 30 epochs; takes hours, an interrupted run is continued
     #[arg(long)]
     pub(crate) full: bool,
     /// Only this figure of the paper: 3 to 7
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(3..=7))]
     pub(crate) figure: Option<u8>,
-    /// The same seed gives the same numbers, times apart
+    /// Seed of the random numbers; only times differ between runs
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
-    /// Folder of the page, its figures and tables [default: paper-quick or paper-full]
+    /// Folder for the page, its figures and tables [default: paper-quick or paper-full]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<GrowingFolder>,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// Print the table of claims as one JSON object a line
+    /// Print the table of claims, one JSON object per line
     #[arg(long)]
     pub(crate) json: bool,
-    /// Only print by how many bytes loading this model makes a process larger; what the table of claims asks
+    /// Only print by how many bytes the process grows when it loads this model; used for the table of claims
     #[arg(long, value_name = "MODEL", hide = true)]
     pub(crate) resident: Option<PathBuf>,
 }

@@ -25,7 +25,7 @@ pub(crate) struct ReconstructOptions {
     /// case folder, else the first frame]
     #[arg(long, value_name = "FILE|first:N")]
     pub(crate) baseline: Option<BaselineRule>,
-    /// Negate all readings: the instrument gives magnitudes
+    /// Negate all readings, for an instrument that returns magnitudes
     #[arg(long)]
     pub(crate) negate: bool,
     /// Maps: a row for each frame of the file, a column a triangle of the region, without a header; what the rows and columns are
@@ -37,10 +37,10 @@ pub(crate) struct ReconstructOptions {
     /// A calibration of this mesh and method, made by `calibrate`: maps in kPa, and each frame's load in newtons
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
-    /// Print 'frame N ms', the median, on standard error
+    /// Print 'frame N ms', the median time, on standard error
     #[arg(long)]
     pub(crate) timing: bool,
-    /// Print one JSON object a frame: frame, label, largest_loss, found_mm, masked, quality; with a calibration newtons and largest_kpa
+    /// Print one JSON object per frame: frame, label, largest_loss, found_mm, masked, quality; with a calibration newtons and largest_kpa
     #[arg(long)]
     pub(crate) json: bool,
 }

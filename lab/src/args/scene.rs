@@ -7,25 +7,25 @@ use super::Replacing;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum SceneCommand {
-    /// How large every effect is, named or not: in volts, in units of the noise and of the load's signal
+    /// Show the size of every effect, in the scene or not: in volts, relative to the noise and to the load's signal
     Explain(ExplainOptions),
-    /// Read scenes and start them: faults as file:line:column
+    /// Read and start scenes; errors are printed as file:line:column
     Check {
         /// Scene files, or names of `scene list`
         #[arg(required = true, value_name = "FILE|NAME")]
         scenes: Vec<String>,
     },
-    /// Take frames of a scene in virtual time, into a case folder with the truth or a session; the first is the baseline
+    /// Simulate frames of a scene and write a case folder with the truth, or a session; the first frame is the baseline
     Run(RunOptions),
-    /// List the scenes that come with the program
+    /// List the scenes of the program
     List {
-        /// Print one JSON object a scene
+        /// Print one JSON object per scene
         #[arg(long)]
         json: bool,
     },
 }
 
-/// How frames are taken; what is not said is as in a session of the daemon.
+/// Measuring settings; the defaults are those of the daemon.
 #[derive(Debug, Args)]
 pub(crate) struct SessionOptions {
     /// Injected current, uA
@@ -34,19 +34,19 @@ pub(crate) struct SessionOptions {
     /// Integration, power-line cycles
     #[arg(long, value_name = "N", default_value_t = 1.0)]
     pub(crate) nplc: f64,
-    /// The voltmeter's range, V
+    /// Range of the voltmeter, V
     #[arg(long, value_name = "V", default_value_t = 1.0)]
     pub(crate) range_v: f64,
     /// Frequency of the mains, Hz
     #[arg(long, value_name = "HZ", default_value_t = 50.0)]
     pub(crate) line_hz: f64,
-    /// Waited after the current has moved, ms
+    /// Wait after a change of the current, ms
     #[arg(long, value_name = "MS", default_value_t = 2.0)]
     pub(crate) settle_ms: f64,
-    /// From the start of a frame to the start of the next, s [default: one after the other]
+    /// Period from start to start of frames, s [default: back to back]
     #[arg(long = "every", value_name = "S")]
     pub(crate) every_s: Option<f64>,
-    /// Frames, the baseline included [default: until the scene's last load has come and gone, at least 2]
+    /// Number of frames including the baseline [default: until the end of the scene's last load, at least 2]
     #[arg(long, value_name = "N")]
     pub(crate) frames: Option<usize>,
 }
@@ -75,7 +75,7 @@ pub(crate) struct RunOptions {
     pub(crate) out: Option<OutFolder>,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// Folder of sessions to write one into, which `tactus` reads as the daemon's own
+    /// Folder of sessions for a new session, which `tactus` can read
     #[arg(long, value_name = "DIR")]
     pub(crate) logbook: Option<GrowingFolder>,
 }

@@ -15,21 +15,21 @@ pub(crate) struct ForwardOptions {
     /// Conductance: a name in the case (sigma_NAME.csv) or a file (repeatable)
     #[arg(long, value_name = "NAME|FILE", required_unless_present = "sigma_rows")]
     pub(crate) sigma: Vec<String>,
-    /// Many conductances in one file: a row each, a column a triangle
+    /// Conductances in one file: one row each, one column per triangle
     #[arg(long, value_name = "FILE", conflicts_with_all = ["sigma", "potentials"])]
     pub(crate) sigma_rows: Option<PathBuf>,
-    /// Readings, V, with 17 digits: one a line; of several conductances a row each
+    /// File for the readings, V, with 17 digits: one per line; for several conductances one row each
     #[arg(long, value_name = "FILE")]
     pub(crate) out: OutPath,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// Electrode voltages too, a row a drive, mean over the electrodes zero (one conductance)
+    /// File for the electrode voltages, one row per drive, with zero mean over the electrodes (one conductance only)
     #[arg(long, value_name = "FILE")]
     pub(crate) potentials: Option<OutPath>,
-    /// Leave out the refinement: some digits of fifteen for half the time
+    /// Omit the iterative refinement: a few digits less in half the time
     #[arg(long)]
     pub(crate) plain: bool,
-    /// Threads; the readings are the same on any number [default: all cores]
+    /// Number of threads; does not change the readings [default: all cores]
     #[arg(long, value_name = "N")]
     pub(crate) threads: Option<usize>,
     /// Print 'forward N ms', the median after set-up, on standard error
@@ -37,14 +37,14 @@ pub(crate) struct ForwardOptions {
     pub(crate) timing: bool,
 }
 
-/// What readings are sensitive to.
+/// Variables of the sensitivity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Of {
     /// Conductance: V per (S per square)
     Sigma,
     /// The logarithm of conductance: V
     LnSigma,
-    /// Contact impedance, a column an electrode: V per ohm m
+    /// Contact impedance, one column per electrode: V per ohm m
     Contact,
 }
 
@@ -56,19 +56,19 @@ pub(crate) struct JacobianOptions {
     /// Conductance: a name in the case (sigma_NAME.csv) or a file
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) sigma: String,
-    /// Derivative with respect to what
+    /// Variable of the derivative
     #[arg(long, value_enum, default_value_t = Of::Sigma)]
     pub(crate) of: Of,
     /// Only the triangles of the region of interest (roi.csv), in its order
     #[arg(long)]
     pub(crate) region: bool,
-    /// Squares of this pitch, mm, over the region in place of triangles [default: triangles]
+    /// Squares of this pitch, mm, over the region instead of triangles [default: triangles]
     #[arg(long, value_name = "MM", conflicts_with = "region")]
     pub(crate) cells_mm: Option<f64>,
-    /// Centres of the squares: x_m, y_m, a row a column of the sensitivity
+    /// File for the centres of the squares: x_m, y_m, one row per column of the sensitivity
     #[arg(long, value_name = "FILE", requires = "cells_mm")]
     pub(crate) centres: Option<OutPath>,
-    /// Sensitivity, a row a reading
+    /// File for the sensitivity, one row per reading
     #[arg(long, value_name = "FILE")]
     pub(crate) out: OutPath,
     #[command(flatten)]

@@ -15,7 +15,7 @@ pub(crate) struct StabilityOptions {
     pub(crate) out: Option<OutFolder>,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// Print one JSON object a line of the table
+    /// Print one JSON object per line of the table
     #[arg(long)]
     pub(crate) json: bool,
 }

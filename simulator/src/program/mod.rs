@@ -26,7 +26,7 @@ use crate::{LoadNetwork, Pace, Profile, ServeOptions, SimulatedRig, serve};
 /// Exit code of a profile or scene that cannot be used (EX_CONFIG).
 const CONFIGURATION: u8 = 78;
 
-/// Simulated instruments, joined to one simulated sheet, for any client that speaks SCPI.
+/// Simulated instruments, connected to one simulated sheet, for any SCPI client.
 #[derive(Debug, Parser)]
 #[command(name = "tactus-sim", version)]
 struct Arguments {
@@ -38,22 +38,22 @@ struct Arguments {
 enum Command {
     /// Serve the instruments until stopped; prints one line of JSON once clients can connect.
     Serve(Serve),
-    /// Let something go wrong in a rig that is served, or put it right.
+    /// Start or end a fault in a served rig.
     #[command(after_help = GRAMMAR)]
     Fault(Words),
-    /// Press a disc on the sheet of a rig that is served: X_MM Y_MM DIAMETER_MM LOSS_PERCENT.
+    /// Press a disc on the sheet of a served rig: X_MM Y_MM DIAMETER_MM LOSS_PERCENT.
     Press(Words),
-    /// Take off what was pressed.
+    /// Remove the pressed loads.
     Release(Control),
-    /// Show who is connected to a rig that is served, the source's state, the closed relays, the last error.
+    /// Show clients, state of the source, closed relays and last error of a served rig.
     Status(Status),
-    /// Make a golden of a transcript: a conversation that the simulator must hold from then on.
+    /// Convert a transcript to a golden: a conversation that the simulator must reproduce.
     Golden(replay::MakeGolden),
-    /// Play a transcript to the simulators and say where they first answer otherwise.
+    /// Play a transcript to the simulators and report the first reply that differs.
     Replay(replay::Replay),
     /// List modules, profiles, scenes, loads and faults.
     List {
-        /// As one line of JSON.
+        /// Print one line of JSON.
         #[arg(long)]
         json: bool,
     },
@@ -61,7 +61,7 @@ enum Command {
 
 #[derive(Debug, clap::Args)]
 struct Control {
-    /// The control socket that the ready line names; not needed where one rig is served.
+    /// Control socket, as in the ready line; not needed if only one rig is served.
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
 }
@@ -70,7 +70,7 @@ struct Control {
 struct Words {
     #[command(flatten)]
     control: Control,
-    /// What is to be done.
+    /// The words of the command.
     #[arg(required = true, allow_negative_numbers = true)]
     words: Vec<String>,
 }
@@ -79,52 +79,51 @@ struct Words {
 struct Status {
     #[command(flatten)]
     control: Control,
-    /// As one line of JSON.
+    /// Print one line of JSON.
     #[arg(long)]
     json: bool,
 }
 
 #[derive(Debug, clap::Args)]
 struct Serve {
-    /// The instruments: a file, or a name of `tactus-sim list`.
+    /// Profile of the instruments: a file, or a name of `tactus-sim list`.
     #[arg(long, value_name = "FILE|NAME")]
     profile: Option<String>,
-    /// The sheet, its loads and effects: a file, or a name of `tactus-sim list`. Without one an unloaded sheet.
+    /// Scene (sheet, loads and effects): a file, or a name of `tactus-sim list` [default: an unloaded sheet].
     #[arg(long, value_name = "FILE|NAME")]
     scene: Option<String>,
-    /// Port of the 6221; 0 takes a free one.
+    /// Port of the 6221; 0 for a free one.
     #[arg(long, value_name = "N", default_value_t = 1394)]
     port_6221: u16,
-    /// Port of the 34980A; 0 takes a free one.
+    /// Port of the 34980A; 0 for a free one.
     #[arg(long, value_name = "N", default_value_t = 5025)]
     port_34980a: u16,
-    /// Port of the 34980A's VXI-11 core channel; 0 takes a free one. Without it there is none.
+    /// Port of the 34980A's VXI-11 core channel; 0 for a free one [default: none].
     #[arg(long, value_name = "N")]
     port_vxi11: Option<u16>,
-    /// Port of the 34980A's telnet server (the instrument's own is 5024); 0 takes a free one. Without it there is none.
+    /// Port of the 34980A's telnet server (5024 on the instrument); 0 for a free one [default: none].
     #[arg(long, value_name = "N")]
     port_telnet: Option<u16>,
-    /// Port of the 34980A's LXI identification and its page; 0 takes a free one. Without it there are none, unless they
-    /// are announced.
+    /// Port of the 34980A's LXI identification and web page; 0 for a free one [default: none, or a free one with
+    /// --announce].
     #[arg(long, value_name = "N")]
     port_http: Option<u16>,
-    /// Give the 6221 its serial port too, as a pseudo-terminal.
+    /// Serve the 6221's serial port too, as a pseudo-terminal.
     #[arg(long)]
     serial_6221: bool,
-    /// Path of the control socket; without it one in a folder of its own.
+    /// Path of the control socket [default: in a temporary folder].
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
-    /// What hangs on the terminals in place of the profile's: sheet, nothing, "resistor FROM TO OHMS", "mesh OHMS".
+    /// Load on the terminals instead of the profile's: sheet, nothing, "resistor FROM TO OHMS", "mesh OHMS".
     #[arg(long, value_name = "WORDS")]
     load: Option<LoadNetwork>,
-    /// Put a module in a slot, in place of the profile's: 1=34924A, 3=34934A,4x128.
+    /// Module in a slot, instead of the profile's: 1=34924A, 3=34934A,4x128.
     #[arg(long, value_name = "N=MODEL[,TERMINAL]", value_parser = slot)]
     slot: Vec<(usize, Module)>,
-    /// Answer at once instead of taking the instruments' time.
+    /// Reply immediately, without the instruments' delays.
     #[arg(long)]
     instant: bool,
-    /// Write what is said to the instruments, and what they answer, to a new file: a transcript for `golden` and
-    /// `replay`.
+    /// New file for a transcript of all messages to the instruments and their replies, for `golden` and `replay`.
     #[arg(long, value_name = "FILE")]
     record: Option<OutPath>,
     /// Announce the instruments by mDNS.

@@ -18,16 +18,16 @@ use crate::{
 pub(super) struct MakeGolden {
     /// The transcript: lines of JSON, as `serve --record` and the daemon write them.
     file: PathBuf,
-    /// Which instrument's part of it: 6221, 34980a, gpio.
+    /// Instrument: 6221, 34980a, gpio.
     #[arg(long, value_name = "NAME", value_parser = instrument)]
     instrument: Instrument,
-    /// Where the golden is written; without it to standard output.
+    /// File for the golden [default: standard output].
     #[arg(long, short, value_name = "FILE")]
     out: Option<OutPath>,
     /// Replace a file that exists; recorded sessions are never replaced.
     #[arg(long)]
     force: bool,
-    /// What the golden is to cite beside the transcript: a section of a manual, the unit's serial number.
+    /// Source to cite in the golden besides the transcript: a section of a manual, the unit's serial number.
     #[arg(long, value_name = "WORDS")]
     cites: Vec<String>,
     #[command(flatten)]
@@ -38,17 +38,17 @@ pub(super) struct MakeGolden {
 pub(super) struct Replay {
     /// The transcript.
     file: PathBuf,
-    /// Play it to the instruments of one rig: a profile's file, or a name of `tactus-sim list`. Without one each
-    /// instrument is played to on its own.
+    /// Play it to the instruments of one rig: a profile's file, or a name of `tactus-sim list` [default: to each
+    /// instrument separately].
     #[arg(long, value_name = "FILE|NAME")]
     profile: Option<String>,
     /// With --profile: the sheet, its loads and effects.
     #[arg(long, value_name = "FILE|NAME", requires = "profile")]
     scene: Option<String>,
-    /// With --profile: what hangs on the terminals in place of the profile's.
+    /// With --profile: load on the terminals instead of the profile's.
     #[arg(long, value_name = "WORDS", requires = "profile")]
     load: Option<LoadNetwork>,
-    /// Compare readings, times and serial numbers to the byte too.
+    /// Compare readings, times and serial numbers byte by byte too.
     #[arg(long)]
     exact: bool,
     #[command(flatten)]
@@ -57,10 +57,10 @@ pub(super) struct Replay {
 
 #[derive(Debug, clap::Args)]
 struct SetupArguments {
-    /// A module of the mainframe that the transcript does not tell of: 1=34924A, 3=34934A,4x128.
+    /// Module of the mainframe that the transcript does not identify: 1=34924A, 3=34934A,4x128.
     #[arg(long, value_name = "N=MODEL[,TERMINAL]", value_parser = slot)]
     slot: Vec<(usize, Module)>,
-    /// What hangs on the source's terminals, ohm; without it nothing.
+    /// Resistance on the source's terminals, ohm [default: open].
     #[arg(long, value_name = "R")]
     ohms: Option<f64>,
     /// Voltage at the voltmeter, V [default: 0]

@@ -23,7 +23,7 @@ impl Instrument1 {
         path(self.role)
     }
 
-    /// What is known of it; `None` when a reload has taken it away.
+    /// The instrument with this role; `None` if a reload has removed it.
     fn found(&self) -> Option<Connected> {
         let identities = self.controller.identities();
         identities
@@ -48,13 +48,13 @@ impl Instrument1 {
         self.role
     }
 
-    /// The reply to `*IDN?` of the instrument that is known: found at the start, or agreed to by a person.
+    /// The reply to `*IDN?` of the expected instrument: found at the start, or accepted by the operator since.
     #[zbus(property)]
     fn identity(&self) -> String {
         self.found().map(|found| found.identity).unwrap_or_default()
     }
 
-    /// Where it is: `tcp:HOST:PORT`, `serial:PATH`, or `memory` for one simulated inside the daemon.
+    /// The address: `tcp:HOST:PORT`, `serial:PATH`, or `memory` for an instrument simulated inside the daemon.
     #[zbus(property)]
     fn address(&self) -> String {
         self.found().map(|found| found.address).unwrap_or_default()

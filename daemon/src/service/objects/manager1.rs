@@ -27,13 +27,14 @@ pub(crate) struct Manager1(pub(crate) Arc<Controller>, pub(crate) Arc<Gate>);
 /// The daemon itself.
 #[interface(name = "org.tactus.Tactus1.Manager1")]
 impl Manager1 {
-    /// Starts a measurement and returns its object at once. Options: `every_s` (d, from start to start of frames; 0 back
-    /// to back), `count` (t), `for_s` (d), `baseline` (s, id; else the current one), `model` (s, absolute path, or
-    /// `one-step`), `speed` (d, recordings: 1 own rate, 0 as fast as possible), `step` (b, a frame only when
-    /// Session1.Step asks), `note` (s). How it measures, where not as configured: `nplc` (d), `averages` (t), `autozero`
-    /// (b), `settle_ms` (d), `channel_delay_ms` (d), `reversal` (b), `zero_every` (t, 0 never), `ranges` (s, `fixed` or
-    /// `planned`), `skip` (t, electrodes between those of a pair), `half` (b, of two reciprocal readings only one); the
-    /// baseline must have been measured alike.
+    /// Starts a measurement and returns its session object at once. Options: `every_s` (d, period from start to start
+    /// of frames; 0: back to back), `count` (t, number of frames), `for_s` (d, duration), `baseline` (s, id; default:
+    /// the current one), `model` (s, absolute path, or `one-step`), `speed` (d, for recordings: 1 is the recorded rate,
+    /// 0 as fast as possible), `step` (b, a frame is taken only on a call of Session1.Step), `note` (s). Measuring
+    /// options, by default as configured: `nplc` (d), `averages` (t), `autozero` (b), `settle_ms` (d),
+    /// `channel_delay_ms` (d), `reversal` (b), `zero_every` (t, 0: never), `ranges` (s, `fixed` or `planned`), `skip`
+    /// (t, electrodes between those of a pair), `half` (b, only one of two reciprocal readings). The baseline must have
+    /// been measured with the same settings.
     #[zbus(out_args("session"))]
     async fn start_session(
         &self,
@@ -44,8 +45,8 @@ impl Manager1 {
         registered_path(server, &status, &self.1).await
     }
 
-    /// Records a baseline and returns its session at once; when it has ended it is the current baseline. Options:
-    /// `frames` (t, default 10), `note` (s), and those of StartSession that say how it measures.
+    /// Records a baseline and returns its session object at once. When the session has ended, it is the current
+    /// baseline. Options: `frames` (t, default 10), `note` (s), and the measuring options of StartSession.
     #[zbus(out_args("session"))]
     async fn record_baseline(
         &self,
@@ -56,9 +57,10 @@ impl Manager1 {
         registered_path(server, &status, &self.1).await
     }
 
-    /// What the logbook holds, newest first: id, kind, state (`open`, `closed`, `interrupted`), start in ns since 1970
-    /// UTC, frames, whether simulated, file, and `note`, `reason`, `ended_ns` where there are any. At most 1000 in one
-    /// answer. Options: `count` (t), fewer than that; `before` (s, an id), those that come after it in the list.
+    /// The sessions of the logbook, newest first, at most 1000 per reply: id, kind, state (`open`, `closed`,
+    /// `interrupted`), start in ns since 1970 UTC, number of frames, whether simulated, file, and `note`, `reason`,
+    /// `ended_ns` if present. Options: `count` (t, maximum number); `before` (s, an id: only the sessions after it in
+    /// the list).
     #[zbus(out_args("sessions"))]
     async fn list_sessions(&self, options: Options) -> Result<Vec<SessionSummary>, Fault> {
         let options: ListOptions = option_values::read(&options, |key| {
@@ -76,7 +78,7 @@ impl Manager1 {
             .collect())
     }
 
-    /// The plan of a frame, without moving anything.
+    /// The plan of a frame. Moves nothing.
     #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "steps",
@@ -111,8 +113,7 @@ impl Manager1 {
         Ok(planned(report::plan(&plan)))
     }
 
-    /// The plan of a frame of a session that would be started with these options (those that say how it measures),
-    /// without moving anything.
+    /// The plan of a frame of a session with these measuring options of StartSession. Moves nothing.
     #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "steps",
@@ -149,9 +150,9 @@ impl Manager1 {
         Ok(planned(report::plan(&plan)))
     }
 
-    /// What is needed to draw a map, in metres: mesh hash, corners (x, y, ...), triangles of the region in the order of a
-    /// map's values (three corners each), boundary loops one after the other (x, y, ...) with the points of each,
-    /// centres of the electrodes (x, y, ...).
+    /// The data for drawing a map, in metres: mesh hash, corners (x, y, ...), triangles of the region in the order of a
+    /// map's values (three indices of corners each), boundary loops one after the other (x, y, ...) with the number of
+    /// points of each, centres of the electrodes (x, y, ...).
     #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "mesh_hash",
@@ -190,10 +191,10 @@ impl Manager1 {
         ))
     }
 
-    /// Tests the rig and returns when that is done: every relay against the sheet's own resistances, the contact of every
-    /// electrode, reciprocity, noise. Refused while a session runs; the source is off and verified afterwards. Answers
-    /// whether nothing is to be mended, what is, the table (subject, check, `ok`, `failed` or `not-judged`, measured and
-    /// expected with NaN where there is none, unit, text), and what was found of the whole. No options.
+    /// Tests the rig and returns at the end of the test: every relay against the sheet's own resistances, the contact
+    /// of every electrode, reciprocity, noise. Refused while a session runs; afterwards the source is off, verified.
+    /// Returns whether nothing has to be repaired, what has to be repaired, the table (subject, check, `ok`, `failed`
+    /// or `not-judged`, measured and expected value or NaN, unit, text), and results for the whole rig. No options.
     #[allow(clippy::type_complexity)]
     #[zbus(out_args("passed", "findings", "lines", "more"))]
     async fn test_instruments(
@@ -205,9 +206,8 @@ impl Manager1 {
         Ok((report.passed, report.findings, report.lines, report.more))
     }
 
-    /// How often each relay has closed and how long that may go on: number, purpose, closures, those it is rated for (0
-    /// where nothing moves), the part of them, seconds of measuring that are left. Refused while a session runs. No
-    /// options.
+    /// The wear of every relay: number, purpose, closures so far, rated closures (0 for a switch without moving parts),
+    /// used fraction of the rating, remaining seconds of measuring. Refused while a session runs. No options.
     #[zbus(out_args("relays"))]
     async fn relays(&self, options: Options) -> Result<Vec<RelayWear>, Fault> {
         options.only(&[])?;
@@ -215,10 +215,10 @@ impl Manager1 {
         Ok(relays.into_iter().map(report::wear).collect())
     }
 
-    /// Looks for instruments: mDNS, VXI-11 broadcast, and these addresses. Nothing but `*IDN?` is said to them, and none is
-    /// used. Options: `within_s` (d, default 3), `mdns` (b), `broadcast` (b). Answers address (empty where the daemon
-    /// knows no way to it), identity, the ways it was found, the name it is announced under, whether the configuration
-    /// uses it, lines that a configuration could have, a remark; and what could not be looked for.
+    /// Searches for instruments: mDNS, VXI-11 broadcast, and these addresses. Sends them only `*IDN?` and uses none of
+    /// them. Options: `within_s` (d, default 3), `mdns` (b), `broadcast` (b). Returns for each instrument its address
+    /// (empty if the daemon cannot connect to it), identity, the methods that found it, its announced name, whether the
+    /// configuration uses it, proposed lines of configuration, a remark; and notes on methods that could not be used.
     #[zbus(out_args("seen", "notes"))]
     async fn discover(
         &self,
@@ -230,7 +230,7 @@ impl Manager1 {
         Ok((seen.collect(), found.notes))
     }
 
-    /// How far a self-test is: steps done, of how many, what is done now.
+    /// Progress of a self-test: steps done, number of steps, the present step.
     #[zbus(signal)]
     pub(crate) async fn test_progress(
         emitter: &SignalEmitter<'_>,
@@ -239,8 +239,8 @@ impl Manager1 {
         what: &str,
     ) -> zbus::Result<()>;
 
-    /// The current baseline: id, time of its last frame, frames averaged, mean voltages with their flags, standard
-    /// deviations (NaN where unknown), whether simulated, settings.
+    /// The current baseline: id, time of its last frame, number of frames averaged, mean voltages with their flags,
+    /// standard deviations (NaN if unknown), whether simulated, settings.
     #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "id",
@@ -281,35 +281,35 @@ impl Manager1 {
         ))
     }
 
-    /// Makes an earlier baseline the current one, for the sessions to come, until another is recorded or the daemon ends;
-    /// returns its id. It must have been measured as a session would be now.
+    /// Makes an earlier baseline the current one for later sessions, until another is recorded or the daemon ends;
+    /// returns its id. It must have been measured with the settings of such a session.
     #[zbus(out_args("baseline"))]
     async fn use_baseline(&self, id: &str) -> Result<String, Fault> {
         self.0.use_baseline(id)
     }
 
-    /// Switches the source off and opens every relay, verifies both, and says so. Lifts the refusal of relays that were
-    /// found closed at the start. Refused while a session runs.
+    /// Switches the source off and opens every relay, verifies both, and returns a report. Lifts the refusal to measure
+    /// after relays were found closed at the start. Refused while a session runs.
     #[zbus(out_args("done"))]
     async fn open_all(&self) -> Result<String, Fault> {
         self.0.open_all().await
     }
 
-    /// Agrees to the instruments or modules that were found in place of the known ones, and says which.
+    /// Accepts the instruments or modules that were found in place of the expected ones, and returns which.
     #[zbus(out_args("done"))]
     async fn accept_instruments(&self) -> Result<String, Fault> {
         self.0.accept().await
     }
 
-    /// Reads the configuration again; one that is bad changes nothing, and the error is a line a problem. During a
-    /// session it is taken at its end.
+    /// Reloads the configuration. An invalid one changes nothing; the error has a line for each problem. During a
+    /// session the new configuration is applied at the session's end.
     #[zbus(out_args("done"))]
     async fn reload(&self) -> Result<String, Fault> {
         self.0.reload().await
     }
 
-    /// What was said over the wires for the last frames, behind the opening of the conversation: a line of JSON each.
-    /// Option: `frames` (t, default 1).
+    /// The messages exchanged with the instruments for the last frames, after the opening messages of their connection:
+    /// a line of JSON each. Option: `frames` (t, default 1).
     #[zbus(out_args("lines"))]
     async fn transcript(&self, options: Options) -> Result<String, Fault> {
         let options: TranscriptOptions = option_values::read(&options, |key| {
@@ -321,17 +321,17 @@ impl Manager1 {
             .map_err(|error| Fault::Failed(error.to_string()))
     }
 
-    /// How the daemon is, all at once: whether it is well and what is not, the last frame, what waits for the disk, gaps,
-    /// instruments, age of the baseline, days until the disk is full, life left of the relay that will be worn out first.
-    /// Keys are documented in dbus/src/dictionaries.rs; what is not known is left out.
+    /// The daemon's health in one reply: whether all is well, active alarms, last frame, frames waiting for the disk,
+    /// gaps, instruments, age of the baseline, days until the disk is full, remaining life of the most worn relay. The
+    /// keys are documented in dbus/src/dictionaries.rs; unknown values are left out.
     #[zbus(out_args("health"))]
     async fn health(&self) -> Result<Health, Fault> {
         let health = self.0.health().await;
         Ok(health.report(&self.0.runtime().setup.config.notify))
     }
 
-    /// The daemon, its health, and the running session with its last map, at one moment. Keys are documented in
-    /// dbus/src/dictionaries.rs.
+    /// The daemon, its health, and the running session with its last map, read at one moment. The keys are documented
+    /// in dbus/src/dictionaries.rs.
     #[zbus(out_args("status"))]
     async fn status(&self) -> Result<Status, Fault> {
         // it waits for the disk; everything else is read at one moment after it
@@ -353,17 +353,17 @@ impl Manager1 {
         })
     }
 
-    /// Runs the command that tells people of troubles once, and says how it fared: `done` (b), `stderr` (s), `took_s` (d),
-    /// and `code` (x) or `trouble` (s, why there is none).
+    /// Runs the notification command once and returns its result: `done` (b), `stderr` (s), `took_s` (d), and `code`
+    /// (x) or `trouble` (s, why there is no exit code).
     #[zbus(out_args("fared"))]
     async fn notify_test(&self) -> Result<NotifyResult, Fault> {
         Ok(self.0.notify_test().await.report())
     }
 
-    /// Something happened to the rig, or to a session by it: each is an event of that session's record, too. Kinds:
-    /// `frame-failed`, `source-unknown`, `alarm` (neither source nor switch can be made safe), `suspended`,
-    /// `reconnecting`, `source-off`, `relays-open`, `others-found`, `accepted`, `reconnected`, `settings-verified`,
-    /// `resumed`, `transcript`, `relays-closed`, `opened`, `fault`, `reloaded`, `reload-refused`; of the daemon `started`,
+    /// An event of the rig or of a session; events of a session are in its record too. Kinds: `frame-failed`,
+    /// `source-unknown`, `alarm` (neither source nor switch can be made safe), `suspended`, `reconnecting`,
+    /// `source-off`, `relays-open`, `others-found`, `accepted`, `reconnected`, `settings-verified`, `resumed`,
+    /// `transcript`, `relays-closed`, `opened`, `fault`, `reloaded`, `reload-refused`; of the daemon `started`,
     /// `stopped`, `daily`, `trouble`, `trouble-over`, `notify-failed`. Details: `session` (s).
     #[zbus(signal)]
     async fn happened(
@@ -374,14 +374,15 @@ impl Manager1 {
         details: EventDetails,
     ) -> zbus::Result<()>;
 
-    /// What is known of the source: `off` (verified), `in use`, `unknown`.
+    /// State of the source: `off` (verified), `in use`, `unknown`.
     #[zbus(property)]
     fn source_state(&self) -> &str {
         self.0.source_state()
     }
 
-    /// A lost rig that is being looked for; empty when none is. `what` (s), `tries` (t), `next_s` (d, until the next try;
-    /// absent while one is under way), `since_ns` (x), `person` (b, whether a person must agree first).
+    /// Reconnection of a lost rig; empty if none is lost. `what` (s, what was lost), `tries` (t, attempts so far),
+    /// `next_s` (d, time until the next attempt; absent during one), `since_ns` (x), `person` (b, whether the operator
+    /// must act first).
     #[zbus(property)]
     fn recovery(&self) -> Recovery {
         report::recovery(self.0.recovery().as_ref())
@@ -415,7 +416,7 @@ impl Manager1 {
         }
     }
 
-    /// Their objects.
+    /// The objects of the instruments.
     #[zbus(property)]
     fn instruments(&self) -> Vec<ObjectPath<'static>> {
         let instruments = self.0.identities().instruments;
@@ -425,7 +426,7 @@ impl Manager1 {
             .collect()
     }
 
-    /// The running session, else an interrupted one that cannot be resumed yet; `/` when there is none.
+    /// The running session, otherwise an interrupted one that cannot be resumed yet; `/` if there is none.
     #[zbus(property)]
     fn active_session(&self) -> ObjectPath<'static> {
         self.0
@@ -434,7 +435,7 @@ impl Manager1 {
             .unwrap_or_else(|| ObjectPath::from_static_str_unchecked("/"))
     }
 
-    /// Id of the current baseline, empty when there is none.
+    /// Id of the current baseline, empty if there is none.
     #[zbus(property)]
     fn baseline_id(&self) -> String {
         self.0
@@ -443,14 +444,14 @@ impl Manager1 {
             .unwrap_or_default()
     }
 
-    /// The configured method as a person would name it.
+    /// Description of the configured method.
     #[zbus(property)]
     fn method(&self) -> String {
         let runtime = self.0.runtime();
         runtime.setup.model.reconstructor.method().to_owned()
     }
 
-    /// Where session files are written.
+    /// Directory of the session files.
     #[zbus(property(emits_changed_signal = "const"))]
     fn record_directory(&self) -> String {
         self.0
@@ -461,7 +462,7 @@ impl Manager1 {
             .to_string()
     }
 
-    /// Why the daemon is faulted, empty when it is not.
+    /// Why the daemon is faulted, empty if it is not.
     #[zbus(property)]
     fn last_error(&self) -> String {
         match self.0.state() {
@@ -471,7 +472,8 @@ impl Manager1 {
     }
 }
 
-/// The session's object, there on the caller's own connection before the caller hears of it.
+/// The path of the session's object, which is registered on the caller's connection before the caller receives the
+/// path.
 async fn registered_path(
     server: &ObjectServer,
     status: &Arc<SessionStatus>,

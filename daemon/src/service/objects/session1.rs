@@ -45,15 +45,15 @@ impl Session1 {
         Ok(())
     }
 
-    /// Goes on after Suspend.
+    /// Continues after Suspend.
     async fn resume(&self) -> Result<(), Fault> {
         self.running()?;
         self.0.suspend(false);
         Ok(())
     }
 
-    /// Takes so many frames now, in a session started with `step`; returns the sequence of the last durable one when
-    /// they are taken, or when a recording ends before.
+    /// Takes this number of frames now, in a session started with `step`. Returns the sequence of the last durable
+    /// frame when all are taken, or when a recording ends earlier.
     async fn step(&self, frames: u64) -> Result<u64, Fault> {
         self.running()?;
         checked("frames", frames as f64, config::numbers::COUNT)?;
@@ -74,7 +74,7 @@ impl Session1 {
         Ok(self.0.durable())
     }
 
-    /// Waits until the session has ended and returns why.
+    /// Waits until the session has ended and returns the reason.
     async fn wait(&self) -> Result<String, Fault> {
         let end = self.0.ended().await;
         if end.faulted {
@@ -117,7 +117,7 @@ impl Session1 {
         ))
     }
 
-    /// The map of the last durable frame that has one: a value a triangle of the region.
+    /// The map of the last durable frame with a map: one value for each triangle of the region.
     #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "sequence",
@@ -147,7 +147,7 @@ impl Session1 {
         ))
     }
 
-    /// The same map as pressure (kPa) and total load (N); an error where the configured method is not calibrated.
+    /// The same map as pressure (kPa) and total load (N); an error if the configured method is not calibrated.
     #[zbus(out_args("sequence", "wall_ns", "kpa", "newtons", "simulated"))]
     async fn latest_pressure(&self) -> Result<(u64, i64, Vec<f64>, f64, bool), Fault> {
         let nothing = || Fault::NoFrame("the session has no map yet".into());
@@ -168,8 +168,8 @@ impl Session1 {
         ))
     }
 
-    /// A descriptor from which every frame and map can be read. Options: `frames` (b), `maps` (b), both true by
-    /// default; `pressure` (b) and `quality` (b), both false by default; `ring` (t), records held for a slow reader, 64 by default.
+    /// A descriptor for reading every frame and map. Options: `frames` (b) and `maps` (b), true by default; `pressure`
+    /// (b) and `quality` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]
     async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
         let options: StreamOptions = option_values::read(&options, |key| {
@@ -192,7 +192,7 @@ impl Session1 {
         Ok(descriptor.into())
     }
 
-    /// At most five a second, and one for the last frame.
+    /// A durable frame. At most five signals a second, and one for the last frame.
     #[zbus(signal)]
     async fn frame_done(
         emitter: &SignalEmitter<'_>,
@@ -201,7 +201,7 @@ impl Session1 {
         summary: &FrameSummary,
     ) -> zbus::Result<()>;
 
-    /// Its id.
+    /// The session's id.
     #[zbus(property(emits_changed_signal = "const"))]
     fn id(&self) -> &str {
         &self.0.facts.id
@@ -225,7 +225,7 @@ impl Session1 {
         }
     }
 
-    /// Frames that the rig or recording gave.
+    /// Frames from the rig or recording.
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_acquired(&self) -> u64 {
         self.0.acquired()
@@ -237,25 +237,25 @@ impl Session1 {
         self.0.durable()
     }
 
-    /// Frames that the schedule asked for and the rig could not give in time, or the disk refused.
+    /// Scheduled frames that the rig could not measure in time, or that the disk refused.
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_dropped(&self) -> u64 {
         self.0.dropped()
     }
 
-    /// Frames that failed; they are no frames of the record, whose events say why.
+    /// Frames that failed. They are not in the record; its events have the reasons.
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_failed(&self) -> u64 {
         self.0.failures()
     }
 
-    /// Why it is faulted, or why the last frame has no map; empty otherwise.
+    /// Why the session is faulted, or why the last frame has no map; empty otherwise.
     #[zbus(property)]
     fn last_error(&self) -> String {
         self.0.progress().last_error
     }
 
-    /// Why it ended, empty while it runs.
+    /// Why the session ended; empty while it runs.
     #[zbus(property)]
     fn end_reason(&self) -> String {
         self.0
@@ -271,19 +271,19 @@ impl Session1 {
         self.0.facts.simulated
     }
 
-    /// Id of the baseline that it measures against, empty for a baseline session.
+    /// Id of the baseline of a measurement; empty for a baseline session.
     #[zbus(property(emits_changed_signal = "const"))]
     fn baseline_id(&self) -> &str {
         &self.0.facts.baseline_id
     }
 
-    /// The method of its maps, empty for a baseline session.
+    /// The method of the session's maps; empty for a baseline session.
     #[zbus(property(emits_changed_signal = "const"))]
     fn method(&self) -> &str {
         &self.0.facts.method
     }
 
-    /// The file that its frames go to; a session that rolls over goes on in another one.
+    /// The file of the session's frames; a session that rolls over continues in another file.
     #[zbus(property(emits_changed_signal = "false"))]
     fn path(&self) -> String {
         self.0.path().display().to_string()

@@ -13,12 +13,12 @@ use crate::session::option_values::checked;
 /// Only on the root object of a simulated rig.
 pub(crate) struct Simulation1(pub(crate) Arc<Controller>);
 
-/// A hand on the simulated sheet. There only when the rig is simulated: a real sheet is pressed by hand.
+/// Loads on the simulated sheet. The interface exists only if the rig is simulated.
 #[interface(name = "org.tactus.Tactus1.Simulation1")]
 impl Simulation1 {
-    /// Puts a load down in place of the last one: `disc` (size = diameter), `rectangle` (longer side), `triangle`
-    /// (side) or `figure-eight` (length). Place and size in metres, loss of conductance from 0 to 1. Acts on the next
-    /// frame.
+    /// Places a load, which replaces the previous one: `disc` (size: diameter), `rectangle` (longer side), `triangle`
+    /// (side) or `figure-eight` (length). Position and size in metres, loss of conductance from 0 to 1. Takes effect
+    /// with the next frame.
     async fn press(
         &self,
         shape: &str,
@@ -40,7 +40,7 @@ impl Simulation1 {
             .map_err(Fault::InvalidOption)
     }
 
-    /// Takes the load away.
+    /// Removes the load.
     async fn release(&self) -> Result<(), Fault> {
         simulation::release(&self.simulated_rig()?);
         Ok(())

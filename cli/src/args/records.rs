@@ -1,0 +1,184 @@
+//! Options of the commands that read recorded sessions.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use outfile::{OutFolder, OutPath};
+
+use super::{Replacing, span};
+use crate::options::choices::{BaselineRule, Format, GeometryChoice, MethodArguments, Scale};
+use crate::options::moment::Moment;
+use crate::options::numbers::pixels;
+
+/// Options of `log`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct Log {
+    /// Only events within this time before now: 2h, 1d [default: all]
+    #[arg(long, value_name = "SPAN", value_parser = span)]
+    pub since: Option<Duration>,
+    /// Only events of this session: an id, the beginning of one, or `last`
+    #[arg(long, value_name = "ID")]
+    pub session: Option<String>,
+    /// Only events of this kind: frame-failed, trouble, daily ...
+    #[arg(long, value_name = "KIND")]
+    pub kind: Option<String>,
+    /// Continue with new events; needs the daemon
+    #[arg(long)]
+    pub follow: bool,
+}
+
+/// Commands of `sessions`.
+#[derive(Debug, Subcommand)]
+pub enum SessionsCommand {
+    /// Show the details of a session: settings, sheet, operator, method, calibration, baseline, size, duration
+    Show {
+        /// Session: an id, the beginning of one, `last`, or a session file
+        session: String,
+    },
+    /// Verify records: checksums, sequence, parts, an event for every gap (exit code 1 if there is a defect)
+    Verify(Verify),
+    /// Copy the readable frames of a damaged session file to a new file and report what was lost; the old file is not changed
+    Repair(Repair),
+    /// Remove old sessions. Open sessions and the newest baseline are kept
+    Prune(Prune),
+}
+
+/// Options of `sessions verify`.
+#[derive(Debug, Args)]
+pub struct Verify {
+    /// Sessions: ids, beginnings of ids, `last`, or session files
+    #[arg(required_unless_present = "all")]
+    pub sessions: Vec<String>,
+    /// Every session that `tactus sessions` lists
+    #[arg(long, conflicts_with = "sessions")]
+    pub all: bool,
+}
+
+/// Options of `sessions repair`.
+#[derive(Debug, Args)]
+pub struct Repair {
+    /// Session: an id, the beginning of one, `last`, or a session file
+    pub session: String,
+    /// The new file, NAME.tactus (default: SESSION_repaired.tactus beside the old one)
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// Options of `sessions prune`.
+#[derive(Debug, Args)]
+#[group(id = "rule", required = true, multiple = true)]
+pub struct Prune {
+    /// Remove sessions whose last frame is older than this, e.g. 90d [default: any age]
+    #[arg(long, value_name = "SPAN", value_parser = span, group = "rule")]
+    pub older_than: Option<Duration>,
+    /// Remove the oldest sessions of each directory until the others take at most this many bytes, e.g. 20GB [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = crate::records::maintenance::parse_size, group = "rule")]
+    pub keep_bytes: Option<u64>,
+    /// Remove only sessions that `tactus export --format csv` has exported completely; without another rule: all of them
+    #[arg(long, group = "rule")]
+    pub exported_only: bool,
+    /// Only list what would be removed
+    #[arg(long)]
+    pub dry_run: bool,
+}
+
+/// Options of `export`.
+#[derive(Debug, Args)]
+pub struct Export {
+    /// Session: an id, the beginning of one, `last`, or a session file
+    pub session: String,
+    /// Format of the output
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub format: Format,
+    /// File to write (csv: also the baseline as NAME.baseline.csv, and for replay and tactus-lab a case folder NAME.case/ with mesh, protocol, frames, baseline and provenance)
+    #[arg(long, short, value_name = "PATH")]
+    pub out: OutPath,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub replacing: Replacing,
+    /// Frame of the map (default: the last one)
+    #[arg(long, value_name = "SEQUENCE")]
+    pub frame: Option<u64>,
+    /// Pixels along each side of a raster
+    #[arg(long, value_name = "N", default_value_t = 32, value_parser = pixels)]
+    pub raster: usize,
+    /// Scale of the map: `own`, or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a calibration)
+    #[arg(
+        long,
+        value_name = "SCALE",
+        default_value = "own",
+        allow_hyphen_values = true
+    )]
+    pub scale: Scale,
+    /// A calibration of this mesh and method (`tactus-lab calibrate`): maps in kPa, and each map's load in newtons [default: the
+    /// session's, unless another method is named]
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    #[command(flatten)]
+    pub method: MethodArguments,
+    #[command(flatten)]
+    pub geometry: GeometryChoice,
+}
+
+/// Options of `replay`.
+#[derive(Debug, Args)]
+pub struct Replay {
+    /// A case folder with protocol.csv (and a mesh if it has one), a session file, or a session's id, the beginning of one, or `last`
+    pub source: String,
+    /// Frames of a case folder, a row (or column) a frame; a bare name is looked for in the folder first, then in the current
+    /// directory [default: frames.csv in the folder]
+    #[arg(long, value_name = "FILE")]
+    pub frames: Option<PathBuf>,
+    /// What to subtract: FILE (its frames' mean) or first:N (mean of the first N frames) [default: a session's own; of a folder its
+    /// baseline.csv, else the first frame]
+    #[arg(long, value_name = "FILE|first:N")]
+    pub baseline: Option<BaselineRule>,
+    /// Check maps against the recorded checksums; exit code 1 if they differ
+    #[arg(long, conflicts_with_all = ["baseline", "negate", "frames"])]
+    pub verify: bool,
+    /// Negate all readings, for an instrument that returns magnitudes
+    #[arg(long)]
+    pub negate: bool,
+    /// Begin with this frame: its number, a time since the first frame (10m), or a time ('2026-11-22 14:00' local, 2026-11-22T14:00:00Z) [default: the first]
+    #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
+    pub from: Option<Moment>,
+    /// End with this frame, as --from names it [default: the last]
+    #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
+    pub to: Option<Moment>,
+    /// Only every Nth frame, from the first selected one
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    pub every: u64,
+    /// At most N of these frames [default: all]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// Write the maps as CSV, a row a frame, a column a triangle of the region: relative changes of conductance, losses negative.
+    /// Beside it times and places as NAME.frames.csv, centroids and areas as NAME.triangles.csv
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<OutPath>,
+    /// New or empty directory for a picture of each map
+    #[arg(long, value_name = "DIR")]
+    pub png: Option<OutFolder>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub replacing: Replacing,
+    /// Scale of the maps: `own`, or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a calibration)
+    #[arg(
+        long,
+        value_name = "SCALE",
+        default_value = "own",
+        allow_hyphen_values = true
+    )]
+    pub scale: Scale,
+    /// Print one line per frame, without a map
+    #[arg(long)]
+    pub no_map: bool,
+    /// A calibration of this mesh and method (`tactus-lab calibrate`): maps in kPa, and each map's load in newtons [default: the
+    /// session's, unless another method is named]
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    #[command(flatten)]
+    pub method: MethodArguments,
+    #[command(flatten)]
+    pub geometry: GeometryChoice,
+}
