@@ -323,7 +323,7 @@ impl Manager1 {
 
     /// The daemon's health in one reply: whether all is well, active alarms, last frame, frames waiting for the disk,
     /// gaps, instruments, age of the baseline, days until the disk is full, remaining life of the most worn relay. The
-    /// keys are documented in dbus/src/dictionaries.rs; unknown values are left out.
+    /// keys are documented in dbus/src/dictionaries/mod.rs; unknown values are left out.
     #[zbus(out_args("health"))]
     async fn health(&self) -> Result<Health, Fault> {
         let health = self.0.health().await;
@@ -331,7 +331,7 @@ impl Manager1 {
     }
 
     /// The daemon, its health, and the running session with its last map, read at one moment. The keys are documented
-    /// in dbus/src/dictionaries.rs.
+    /// in dbus/src/dictionaries/mod.rs.
     #[zbus(out_args("status"))]
     async fn status(&self) -> Result<Status, Fault> {
         // it waits for the disk; everything else is read at one moment after it
