@@ -21,6 +21,7 @@
 
 pub(crate) mod acquisition;
 mod args;
+mod commands;
 pub(crate) mod events;
 pub(crate) mod instruments;
 mod man;
@@ -32,7 +33,6 @@ mod service;
 pub(crate) mod session;
 
 use std::ffi::OsString;
-use std::io::Write;
 use std::process::ExitCode;
 
 use crate::events::kind::EventKind;
@@ -43,9 +43,12 @@ use rustix::process::umask;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
+use crate::commands::{
+    FAILED, USAGE, fail, print_config, print_found, print_line, print_plan, report_problems, safe_off,
+};
 pub use crate::events::kind::{EventRow, event_kinds};
 use crate::instruments::assembly::{
-    Assembled, AssemblyError, OnClosedRelays, assemble, make_safe_each,
+    Assembled, AssemblyError, OnClosedRelays, assemble,
 };
 use crate::instruments::identities::ExpectedIdentities;
 pub use crate::monitoring::metrics::{MetricRow, metrics};
@@ -53,17 +56,10 @@ use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::recording::records::Records;
 use crate::service::Listener;
 use crate::session::controller::Controller;
-use config::problems::Problem;
 use survey::error_chain as chain;
 
-/// `EX_CONFIG`: systemd does not start a broken configuration again.
-const CONFIGURATION: u8 = 78;
-const FAILED: u8 = 1;
-const USAGE: u8 = 2;
 /// Permissions removed from all files that the daemon creates: writing for the group, everything for others.
 const UMASK: Mode = Mode::WGRP.union(Mode::RWXO);
-/// An instrument does not reply, or could not be made safe.
-const INSTRUMENT: u8 = 5;
 
 /// Threads for blocking work: the session's disk, simulated instruments. Reading for clients has separate threads.
 /// Without a limit, a million frames beside compilers started 28 threads, with 2 MB of memory.
@@ -403,147 +399,4 @@ async fn reload(controller: &std::sync::Arc<Controller>) {
     // the outcome is reported by the controller
     let _ = controller.reload().await;
     let _ = sd_notify::notify(&[NotifyState::Ready]);
-}
-
-/// `--safe-off`.
-async fn safe_off(prepared: &Prepared) -> Result<(), (u8, String)> {
-    let FramesFrom::Rig(plan) = &prepared.frames else {
-        print_line("a recording has no source; there is nothing to switch off");
-        return Ok(());
-    };
-    let simulated_rig = prepared.simulated_rig().map_err(|text| (FAILED, text))?;
-    let mut failures = Vec::new();
-    for outcome in make_safe_each(plan, &simulated_rig).await {
-        match outcome {
-            Ok(line) => print_line(&line),
-            Err(error) => failures.push(chain(&error)),
-        }
-    }
-    if failures.is_empty() {
-        Ok(())
-    } else {
-        Err((INSTRUMENT, failures.join("\n")))
-    }
-}
-
-fn print_config(args: &Args) -> ExitCode {
-    match crate::preparation::load(&args.config) {
-        Err(problems) => report_problems(&problems),
-        Ok((_, config)) => match toml::to_string_pretty(&config) {
-            Ok(text) => {
-                print_line(text.trim_end());
-                ExitCode::SUCCESS
-            }
-            Err(cause) => fail(&cause.to_string()),
-        },
-    }
-}
-
-/// `--discover`: before there is a configuration.
-fn print_found(addresses: &[String], json: bool) -> ExitCode {
-    let places: Result<
-        Vec<crate::instruments::address::InstrumentAddress>,
-        crate::instruments::address::BadAddress,
-    > = addresses.iter().map(|address| address.parse()).collect();
-    let addresses = match places {
-        Ok(addresses) => addresses,
-        Err(error) => {
-            let _ = fail(&error.to_string());
-            return ExitCode::from(USAGE);
-        }
-    };
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build();
-    let runtime = match runtime {
-        Ok(runtime) => runtime,
-        Err(cause) => return fail(&format!("no threads to run on: {cause}")),
-    };
-    let search = crate::instruments::discovery::Search {
-        addresses,
-        ..crate::instruments::discovery::Search::default()
-    };
-    let found = runtime.block_on(crate::instruments::discovery::discover(&search));
-    // a thread still waiting for replies must not keep the process alive
-    runtime.shutdown_background();
-    for line in crate::service::objects::report::found_lines(&found, json) {
-        print_line(&line);
-    }
-    ExitCode::SUCCESS
-}
-
-fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
-    let FramesFrom::Rig(rig) = &prepared.frames else {
-        return fail("a recording has no plan: nothing is measured");
-    };
-    let plan = crate::service::objects::report::plan(rig);
-    if json {
-        let object = serde_json::json!({
-            "wiring": rig.plan.wiring.name,
-            "electrodes": rig.plan.protocol.electrodes(),
-            "steps": plan.steps,
-            "injections": plan.injections,
-            "readings": plan.readings,
-            "relay_moves": plan.relay_moves,
-            "reading_messages": plan.reading_messages,
-            "duration_s": plan.duration_s,
-            "current_a": plan.current_a,
-            "compliance_v": plan.compliance_v,
-            "limits": {
-                "source_current_a": rig.limits.source_current.0,
-                "relay_current_a": rig.limits.relay_current.0,
-                "relay_voltage_v": rig.limits.relay_voltage.0,
-            },
-            "simulated": prepared.is_simulated(),
-            "measuring": crate::service::objects::report::measuring(&plan.more),
-            "lines": plan.lines,
-        });
-        print_line(&object.to_string());
-        return ExitCode::SUCCESS;
-    }
-    print_line(rig.plan.to_string().trim_end());
-    print_line(&format!(
-        "{} steps, {} injections, {} relay moves, {} readings in {} messages, {:.2} s a frame",
-        plan.steps,
-        plan.injections,
-        plan.relay_moves,
-        plan.readings,
-        plan.reading_messages,
-        plan.duration_s
-    ));
-    for (name, words) in crate::service::objects::report::measuring_words(&plan.more) {
-        print_line(&format!("{name}: {}", words.join(", ")));
-    }
-    print_line(&format!(
-        "{} through {}, at most {}; limits: source {}, relays {} and {}; checked, nothing moved",
-        rig.plan.current,
-        rig.plan.wiring.name,
-        rig.plan.compliance,
-        rig.limits.source_current,
-        rig.limits.relay_current,
-        rig.limits.relay_voltage
-    ));
-    ExitCode::SUCCESS
-}
-
-fn report_problems(problems: &[Problem]) -> ExitCode {
-    for problem in problems {
-        let problem = problem.to_string();
-        let _ = writeln!(std::io::stderr(), "{}", survey::printable(&problem));
-    }
-    ExitCode::from(CONFIGURATION)
-}
-
-fn fail(text: &str) -> ExitCode {
-    let _ = writeln!(
-        std::io::stderr(),
-        "tactusd: {}",
-        survey::printable_lines(text)
-    );
-    ExitCode::FAILURE
-}
-
-/// Writes to standard output; a closed pipe is not an error.
-fn print_line(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{}", survey::printable_lines(text));
 }

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use dbus::ROOT_PATH;
+use dbus::{MANAGER_INTERFACE, ROOT_PATH};
 use zbus::connection::Builder;
 
 use super::super::caller::Caller;

@@ -1,5 +1,8 @@
 use std::collections::BTreeSet;
 
+use dbus::{MANAGER_INTERFACE, SESSION_INTERFACE, SIMULATION_INTERFACE};
+
+use super::table::{METHODS, SETTERS};
 use super::*;
 
 /// Values of an attribute of every element of a kind whose tag contains this text.

@@ -1,5 +1,8 @@
 //! A profile: the instruments of a simulated rig. The scene describes the sheet.
 
+#[cfg(test)]
+mod tests;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
@@ -184,23 +187,23 @@ pub enum ProfileError {
 const SHIPPED: [(&str, &str); 7] = [
     (
         "pairs-34924a",
-        include_str!("../profiles/pairs-34924a.toml"),
+        include_str!("../../profiles/pairs-34924a.toml"),
     ),
     (
         "pairs-34922a",
-        include_str!("../profiles/pairs-34922a.toml"),
+        include_str!("../../profiles/pairs-34922a.toml"),
     ),
     (
         "matrix-34932a",
-        include_str!("../profiles/matrix-34932a.toml"),
+        include_str!("../../profiles/matrix-34932a.toml"),
     ),
     (
         "matrix-34934a",
-        include_str!("../profiles/matrix-34934a.toml"),
+        include_str!("../../profiles/matrix-34934a.toml"),
     ),
-    ("fast-34925a", include_str!("../profiles/fast-34925a.toml")),
-    ("gpio-board", include_str!("../profiles/gpio-board.toml")),
-    ("showcase", include_str!("../profiles/showcase.toml")),
+    ("fast-34925a", include_str!("../../profiles/fast-34925a.toml")),
+    ("gpio-board", include_str!("../../profiles/gpio-board.toml")),
+    ("showcase", include_str!("../../profiles/showcase.toml")),
 ];
 
 fn shipped_names() -> String {
@@ -454,68 +457,4 @@ pub(crate) fn slot(text: &str) -> Result<(usize, Module), String> {
         .parse()
         .map_err(|fault: keysight_34980a::ModuleError| fault.to_string())?;
     Ok((number, module))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_shipped_profile_can_be_read() {
-        for name in Profile::names() {
-            assert!(Profile::shipped(name).is_some(), "{name}");
-        }
-        assert_eq!(Profile::default().slots[0], "34924A".parse().ok());
-        assert!(Profile::shipped("gpio-board").unwrap().board.is_some());
-        let older = Profile::parse("p.toml", "[mainframe]\nheaders = \"34970A\"").unwrap();
-        assert_eq!(older.mainframe.headers, Headers::Of34970A);
-        assert_eq!(Profile::default().mainframe.headers, Headers::Documented);
-    }
-
-    #[test]
-    fn what_is_wrong_is_named_with_its_place() {
-        for (text, reported) in [
-            ("time = \"soon\"", "p.toml:1:8: unknown time 'soon'"),
-            (
-                "time = \"scaled\"",
-                "p.toml:1:8: scaled time needs a 'speed'",
-            ),
-            ("[slots]\n9 = \"34924A\"", "p.toml:2:1: slots are 1 to 8"),
-            ("[slots]\n1 = \"34999A\"", "p.toml:2:5: no module '34999A'"),
-            ("colour = 3", "p.toml:1:1: unknown field `colour`"),
-            (
-                "[mainframe]\nheaders = \"2000\"",
-                "p.toml:2:11: unknown variant `2000`, expected `34980A` or `34970A`",
-            ),
-            ("line_hz = 400", "p.toml:1:11: line_hz is 50 or 60"),
-            ("speed = -1\ntime = \"scaled\"", "p.toml:1:9: speed must be"),
-            (
-                "[source]\ncommand_ms = -3",
-                "p.toml:2:1: command_ms of [source]",
-            ),
-            ("time = ", "p.toml:1:"),
-            ("load = \"mesh\"", "p.toml:1:8: 'mesh' is no load"),
-            (
-                "[source]\nslot_hold_s = -1",
-                "p.toml:2:1: slot_hold_s is 0 to 3600",
-            ),
-            (
-                "[[fault]]\nat_s = 1\nwhat = \"wire 6221\"",
-                "p.toml:3:8: 'wire 6221' is no fault: it is written wire INSTRUMENT",
-            ),
-            (
-                "[[fault]]\nat_s = -1\nwhat = \"none\"",
-                "p.toml:2:8: -1 is not a time",
-            ),
-            (
-                "[[fault]]\nat_s = 1\nfor_s = 2\nwhat = \"drop 6221\"",
-                "p.toml:4:8: 'drop 6221' is no fault: it passes by itself",
-            ),
-        ] {
-            let refusal = Profile::parse("p.toml", text).unwrap_err().to_string();
-            assert!(refusal.starts_with(reported), "{text}: {refusal}");
-        }
-        let missing = Profile::load("/nowhere/mine.toml").unwrap_err().to_string();
-        assert!(missing.contains("/nowhere/mine.toml"), "{missing}");
-    }
 }

@@ -1,8 +1,14 @@
 //! The dictionaries (`a{sv}`) that the daemon sends, one struct each. Every key is optional: the daemon leaves out
 //! unknown values, and a daemon of another version may send fewer keys or more.
 
+mod costs;
+#[cfg(test)]
+mod tests;
+
 use serde::{Deserialize, Serialize};
 use zbus::{DeserializeDict, SerializeDict, Type, as_variant};
+
+pub use costs::SettingCost;
 
 /// Structs whose fields are the keys of a dictionary.
 macro_rules! dictionaries {
@@ -378,95 +384,6 @@ dictionaries! {
     }
 }
 
-/// One cost of a plan: a setting compared with the plan without it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct SettingCost {
-    /// The name of the setting in options and configuration.
-    pub setting: &'static str,
-    /// Time added to a frame, s; negative if the setting saves time.
-    pub seconds: f64,
-    /// Noise of a reading without the setting divided by the noise with it.
-    pub gain: f64,
-}
-
-/// `averages 9.0 s (noise / 2.00)`.
-impl std::fmt::Display for SettingCost {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let name = self.setting.replace('_', " ");
-        let saves = if self.seconds < 0.0 { "saves " } else { "" };
-        write!(f, "{name} {saves}")?;
-        match self.seconds.abs() {
-            short if short < 1.0 => write!(f, "{:.0} ms", 1e3 * short)?,
-            seconds => write!(f, "{seconds:.1} s")?,
-        }
-        match self.gain {
-            gain if (gain - 1.0).abs() < 1e-9 => Ok(()),
-            gain if gain > 1.0 => write!(f, " (noise / {gain:.2})"),
-            gain => write!(f, " (noise x {:.2})", 1.0 / gain),
-        }
-    }
-}
-
-impl PlanDetails {
-    /// Setting, cost and gain of each setting that may add time to a frame.
-    fn cost_fields(&mut self) -> [(&'static str, &mut Option<f64>, &mut Option<f64>); 9] {
-        [
-            ("nplc", &mut self.cost_nplc_s, &mut self.gain_nplc),
-            (
-                "averages",
-                &mut self.cost_averages_s,
-                &mut self.gain_averages,
-            ),
-            (
-                "autozero",
-                &mut self.cost_autozero_s,
-                &mut self.gain_autozero,
-            ),
-            ("settle", &mut self.cost_settle_s, &mut self.gain_settle),
-            (
-                "channel_delay",
-                &mut self.cost_channel_delay_s,
-                &mut self.gain_channel_delay,
-            ),
-            (
-                "reversal",
-                &mut self.cost_reversal_s,
-                &mut self.gain_reversal,
-            ),
-            (
-                "zero_every",
-                &mut self.cost_zero_every_s,
-                &mut self.gain_zero_every,
-            ),
-            ("ranges", &mut self.cost_ranges_s, &mut self.gain_ranges),
-            ("half", &mut self.cost_half_s, &mut self.gain_half),
-        ]
-    }
-
-    /// The costs of all settings that are present.
-    pub fn costs(&self) -> Vec<SettingCost> {
-        let mut details = self.clone();
-        let fields = details.cost_fields().into_iter();
-        let costs = fields.filter_map(|(setting, seconds, gain)| {
-            Some(SettingCost {
-                setting,
-                seconds: (*seconds)?,
-                gain: (*gain)?,
-            })
-        });
-        costs.collect()
-    }
-
-    /// Adds the cost of a setting; an unknown name is ignored.
-    pub fn set_cost(&mut self, cost: SettingCost) {
-        for (setting, seconds, gain) in self.cost_fields() {
-            if setting == cost.setting {
-                (*seconds, *gain) = (Some(cost.seconds), Some(cost.gain));
-            }
-        }
-    }
-}
-
 /// Quality and map of a frame, and counts of its session (`Session1.FrameDone`).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, Type)]
 #[zbus(signature = "a{sv}")]
@@ -487,77 +404,4 @@ pub struct FrameSummary {
     /// The map, if there is one.
     #[serde(flatten)]
     pub map: MapDetails,
-}
-
-#[cfg(test)]
-mod tests {
-    use zbus::wire::serialized::Context;
-    use zbus::wire::{LE, to_bytes};
-
-    use crate::Options;
-    use crate::dictionaries::*;
-
-    fn context() -> Context {
-        Context::new(LE, 0)
-    }
-
-    #[test]
-    fn unknown_keys_are_ignored_and_missing_ones_are_none() {
-        let sent = Options::new()
-            .with("well", true)
-            .with("relay", 1001_u32)
-            .with("a_key_of_the_next_version", 7_u64);
-        let bytes = to_bytes(context(), &sent).unwrap();
-        let (health, _): (Health, _) = bytes.deserialize().unwrap();
-        let expected = Health {
-            well: Some(true),
-            relay: Some(1001),
-            ..Health::default()
-        };
-        assert_eq!(health, expected);
-        let wrong = to_bytes(context(), &Options::new().with("backlog", "two")).unwrap();
-        assert!(wrong.deserialize::<Health>().is_err());
-    }
-
-    #[test]
-    fn absent_values_are_no_keys_on_the_wire() {
-        let mut plan = PlanDetails {
-            wiring: Some("pairs".to_owned()),
-            ..PlanDetails::default()
-        };
-        plan.set_cost(SettingCost {
-            setting: "half",
-            seconds: -2.5,
-            gain: 0.5,
-        });
-        let bytes = to_bytes(context(), &plan).unwrap();
-        let (sent, _): (Options, _) = bytes.deserialize().unwrap();
-        let mut keys: Vec<_> = sent.0.keys().map(String::as_str).collect();
-        keys.sort_unstable();
-        assert_eq!(keys, ["cost_half_s", "gain_half", "wiring"]);
-        let (back, _): (PlanDetails, _) = bytes.deserialize().unwrap();
-        assert_eq!(back, plan);
-        assert_eq!(back.costs().len(), 1);
-    }
-
-    #[test]
-    fn a_frame_summary_is_one_flat_dictionary() {
-        let summary = FrameSummary {
-            frames_acquired: Some(8),
-            quality: FrameQuality {
-                flags: Some("loop_sum".to_owned()),
-                ..FrameQuality::default()
-            },
-            map: MapDetails {
-                newtons: Some(19.6),
-                ..MapDetails::default()
-            },
-            ..FrameSummary::default()
-        };
-        let bytes = to_bytes(context(), &summary).unwrap();
-        let (sent, _): (Options, _) = bytes.deserialize().unwrap();
-        assert_eq!(sent.0.len(), 3, "{sent:?}");
-        let (back, _): (FrameSummary, _) = bytes.deserialize().unwrap();
-        assert_eq!(back, summary);
-    }
 }

@@ -1,5 +1,8 @@
 //! A session from its first frame to its closed record.
 
+mod announcements;
+mod frames;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,15 +16,13 @@ use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, Sessio
 use rig::Clock;
 use survey::{Baseline, Checks};
 use tokio::sync::mpsc;
-use tracing::Instrument;
 
 use crate::acquisition::measuring::Measuring;
 use crate::acquisition::task::{
-    Acquisition, AcquisitionEnd, AcquisitionProgress, FrameSource, Pause,
+    Acquisition, AcquisitionEnd, AcquisitionProgress, FrameSource,
 };
 use crate::events::event::{BusEvent, Event};
 use crate::events::kind::EventKind;
-use crate::instruments::transcripts::{self, FailedFrame};
 use crate::monitoring::disk::free_bytes;
 use crate::panics::containment;
 use crate::preparation::Setup;
@@ -31,19 +32,14 @@ use crate::recording::recorder::{Recorder, Task};
 use crate::recording::recorder_message::{QUEUE, RecorderMessage};
 use crate::recording::records::disk_fault;
 use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
-use crate::session::controller::recovery::{MOST_FAILED, may_pass};
 use crate::session::controller::rig_events::ActiveSession;
 use crate::session::controller::session_options::{Assignment, protocol_of};
-use crate::session::controller::{Controller, Inner};
+use crate::session::controller::Controller;
 use crate::session::state::{Trigger, Work};
 use survey::error_chain as chain;
 
-/// Ended sessions kept on the bus, so that their clients can query the result.
-const ENDED_SESSIONS: usize = 16;
 /// Time between two checks that the file is still at its path.
 const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
-/// At most five summaries a second.
-const SUMMARY_INTERVAL: Duration = Duration::from_millis(200);
 
 impl Controller {
     pub(super) async fn begin(
@@ -327,95 +323,6 @@ impl Controller {
         self.finish(&status, &ended, recorded);
     }
 
-    /// Suspends and resumes the daemon's state with acquisition.
-    async fn follow_pauses(self: Arc<Self>, mut pauses: mpsc::Receiver<Pause>) {
-        while let Some(Pause { pauses, applied }) = pauses.recv().await {
-            let _ = self.change_state(match pauses {
-                true => Trigger::Suspend,
-                false => Trigger::Resume,
-            });
-            let _ = applied.send(());
-        }
-    }
-
-    /// Takes frames, and recovers the rig when it is lost.
-    async fn run_and_recover(
-        self: &Arc<Self>,
-        acquisition: &mut Acquisition,
-        orders: &mpsc::Sender<RecorderMessage>,
-    ) -> AcquisitionEnd {
-        let status = Arc::clone(&acquisition.status);
-        let session = ActiveSession {
-            status: &status,
-            record: orders,
-        };
-        let mut source = self.source.lock().await;
-        let (mut failed, mut acquired) = (0, status.acquired());
-        loop {
-            let ended = acquisition.run(&mut source).await;
-            let AcquisitionEnd::Rig(error) = &ended else {
-                return ended;
-            };
-            if status.acquired() > acquired {
-                (failed, acquired) = (0, status.acquired());
-            }
-            failed += 1;
-            self.frame_failed(session, error).await;
-            if status.stop_request().is_requested() || !may_pass(error) || failed >= MOST_FAILED {
-                if let FrameSource::Rig { rig, .. } = &mut *source {
-                    // its links may be out of step: it is reassembled
-                    *rig = None;
-                }
-                return ended;
-            }
-            if !self.recover(session, &mut source, error).await {
-                return match status.has_failed() || self.source_state() == "unknown" {
-                    true => ended,
-                    false => AcquisitionEnd::Done(status.stop_reason()),
-                };
-            }
-        }
-    }
-
-    /// Handles a failed frame: records the cause as an event, and stores its transcript.
-    async fn frame_failed(&self, session: ActiveSession<'_>, error: &rig::AcquireError) {
-        session.status.count_failure();
-        let number = session.status.acquired() + 1;
-        let failures = session.status.failures();
-        let text = format!(
-            "frame {number} failed: {}",
-            crate::acquisition::failed_frame::describe(error)
-        );
-        let at = self.runtime().clock.wall();
-        self.observed.counters.gap(at, &survey::printable(&text));
-        let instrument = error.cause().and_then(rig::RigError::instrument);
-        let journal = tracing::error_span!("frame", frame = number, instrument);
-        self.report(Some(session), EventKind::FrameFailed, &text)
-            .instrument(journal)
-            .await;
-        self.report_safety(Some(session), error).await;
-        let (transcript, id) = (self.transcript.clone(), session.status.facts.id.clone());
-        let folder = self.runtime().setup.record_directory.clone();
-        let written = tokio::task::spawn_blocking(move || {
-            transcripts::write_failed(&transcript, &folder, &id, failures)
-        })
-        .await;
-        let text = match written {
-            Ok(Ok(FailedFrame::Written(path))) => {
-                format!("what was said for frame {number} is in {}", path.display())
-            }
-            Ok(Ok(FailedFrame::LimitReached)) => format!(
-                "{} transcripts of failed frames are kept for this session; what was said for later ones is not",
-                transcripts::MOST_OF_A_SESSION
-            ),
-            Ok(Ok(FailedFrame::OverLimit)) => return,
-            Ok(Err(error)) => return tracing::warn!("{}", chain(&error)),
-            Err(_) => return tracing::warn!("the transcript could not be written"),
-        };
-        self.report(Some(session), EventKind::Transcript, &text)
-            .await;
-    }
-
     fn finish(
         self: &Arc<Self>,
         status: &Arc<SessionStatus>,
@@ -469,51 +376,6 @@ impl Controller {
             tokio::spawn(Arc::clone(self).look_for_rig());
         }
         self.take_waiting();
-    }
-
-    /// Keeps a session that has ended on the bus for a while.
-    pub(super) fn remember(&self, inner: &mut Inner, status: &Arc<SessionStatus>) {
-        inner.recent.push_back(Arc::clone(status));
-        while inner.recent.len() > ENDED_SESSIONS {
-            if let Some(old) = inner.recent.pop_front() {
-                self.events
-                    .publish(&BusEvent::SessionRemoved(old.facts.id.clone()));
-            }
-        }
-    }
-
-    /// Announces frames, at most five times a second, and every other change of a session.
-    pub(super) async fn announce_frames(self: Arc<Self>, status: Arc<SessionStatus>) {
-        let mut durable = status.follow_durable();
-        let mut progress = status.follow();
-        let mut reported = 0;
-        loop {
-            let over = tokio::select! {
-                changed = durable.changed() => changed.is_err(),
-                changed = progress.changed() => {
-                    let over = progress.borrow_and_update().ended.is_some();
-                    if !over {
-                        self.events.publish(&BusEvent::SessionChanged(status.facts.id.clone()));
-                    }
-                    over || changed.is_err()
-                }
-            };
-            if let Some(latest) = status.latest_frame()
-                && latest.frame.sequence > reported
-            {
-                reported = latest.frame.sequence;
-                self.events
-                    .publish(&BusEvent::FrameDone(Arc::new(status.summary(&latest))));
-                if !over {
-                    tokio::time::sleep(SUMMARY_INTERVAL).await;
-                }
-            }
-            if over {
-                self.events
-                    .publish(&BusEvent::SessionChanged(status.facts.id.clone()));
-                return;
-            }
-        }
     }
 }
 

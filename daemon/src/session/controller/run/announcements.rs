@@ -1,0 +1,60 @@
+//! What clients learn of a session: its frames, its changes, and its end for a while.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::events::event::BusEvent;
+use crate::recording::session_status::SessionStatus;
+use crate::session::controller::{Controller, Inner};
+
+/// Ended sessions kept on the bus, so that their clients can query the result.
+const ENDED_SESSIONS: usize = 16;
+/// At most five summaries a second.
+const SUMMARY_INTERVAL: Duration = Duration::from_millis(200);
+
+impl Controller {
+    /// Keeps a session that has ended on the bus for a while.
+    pub(in crate::session::controller) fn remember(&self, inner: &mut Inner, status: &Arc<SessionStatus>) {
+        inner.recent.push_back(Arc::clone(status));
+        while inner.recent.len() > ENDED_SESSIONS {
+            if let Some(old) = inner.recent.pop_front() {
+                self.events
+                    .publish(&BusEvent::SessionRemoved(old.facts.id.clone()));
+            }
+        }
+    }
+
+    /// Announces frames, at most five times a second, and every other change of a session.
+    pub(in crate::session::controller) async fn announce_frames(self: Arc<Self>, status: Arc<SessionStatus>) {
+        let mut durable = status.follow_durable();
+        let mut progress = status.follow();
+        let mut reported = 0;
+        loop {
+            let over = tokio::select! {
+                changed = durable.changed() => changed.is_err(),
+                changed = progress.changed() => {
+                    let over = progress.borrow_and_update().ended.is_some();
+                    if !over {
+                        self.events.publish(&BusEvent::SessionChanged(status.facts.id.clone()));
+                    }
+                    over || changed.is_err()
+                }
+            };
+            if let Some(latest) = status.latest_frame()
+                && latest.frame.sequence > reported
+            {
+                reported = latest.frame.sequence;
+                self.events
+                    .publish(&BusEvent::FrameDone(Arc::new(status.summary(&latest))));
+                if !over {
+                    tokio::time::sleep(SUMMARY_INTERVAL).await;
+                }
+            }
+            if over {
+                self.events
+                    .publish(&BusEvent::SessionChanged(status.facts.id.clone()));
+                return;
+            }
+        }
+    }
+}
