@@ -44,12 +44,11 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
 use crate::commands::{
-    FAILED, USAGE, fail, print_config, print_found, print_line, print_plan, report_problems, safe_off,
+    FAILED, USAGE, fail, print_config, print_found, print_line, print_plan, report_problems,
+    safe_off,
 };
 pub use crate::events::kind::{EventRow, event_kinds};
-use crate::instruments::assembly::{
-    Assembled, AssemblyError, OnClosedRelays, assemble,
-};
+use crate::instruments::assembly::{Assembled, AssemblyError, OnClosedRelays, assemble};
 use crate::instruments::identities::ExpectedIdentities;
 pub use crate::monitoring::metrics::{MetricRow, metrics};
 use crate::preparation::{FramesFrom, Prepared, prepare};

@@ -140,8 +140,7 @@ fn any_network_agrees_with_its_nodal_equations() {
         );
         let read = flow.across(&z, METER_HI, METER_LO);
         let connected = |point| flow.tree.component[flow.tree.node(point)];
-        if connected(METER_HI) == connected(METER_LO)
-            && connected(METER_HI) == connected(SOURCE_HI)
+        if connected(METER_HI) == connected(METER_LO) && connected(METER_HI) == connected(SOURCE_HI)
         {
             let expected = potentials[at(METER_HI)] - potentials[at(METER_LO)];
             assert!(

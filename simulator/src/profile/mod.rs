@@ -201,7 +201,10 @@ const SHIPPED: [(&str, &str); 7] = [
         "matrix-34934a",
         include_str!("../../profiles/matrix-34934a.toml"),
     ),
-    ("fast-34925a", include_str!("../../profiles/fast-34925a.toml")),
+    (
+        "fast-34925a",
+        include_str!("../../profiles/fast-34925a.toml"),
+    ),
     ("gpio-board", include_str!("../../profiles/gpio-board.toml")),
     ("showcase", include_str!("../../profiles/showcase.toml")),
 ];

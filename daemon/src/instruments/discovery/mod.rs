@@ -4,9 +4,9 @@
 //! Each method may fail: a machine without multicast still queries the given addresses, and reports the failure.
 
 mod mdns;
-mod vxi11;
 #[cfg(test)]
 mod tests;
+mod vxi11;
 
 use std::collections::BTreeSet;
 use std::net::SocketAddr;

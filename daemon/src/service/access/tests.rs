@@ -1,6 +1,6 @@
 use std::collections::BTreeSet;
 
-use dbus::{MANAGER_INTERFACE, SESSION_INTERFACE, SIMULATION_INTERFACE};
+use dbus::MANAGER_INTERFACE;
 
 use super::table::{METHODS, SETTERS};
 use super::*;

@@ -251,7 +251,7 @@ impl Simulator34980a {
         self.relays.lose_power();
         self.deferred = None;
         // Memory 0 holds the power-down state.
-        self.kept[0] = Some(self.meter.settings());
+        self.kept[0] = Some(self.meter.settings.clone());
         self.meter.as_new();
         self.sequences.abort();
         self.sessions = Sessions::default();

@@ -1,9 +1,9 @@
 //! Scenes: sheet, loads on a time line, effects, seed. Written in TOML; errors name file:line:column.
 
 mod load_text;
-mod unknown;
 #[cfg(test)]
 mod tests;
+mod unknown;
 
 use std::ops::Range;
 use std::time::Duration;

@@ -57,8 +57,7 @@ fn faults_have_a_place() {
     assert!(refuse(&text).starts_with("scene.toml:7:11: key `side_mm` does not belong"));
     assert!(refuse("\n[paper-sheet]\nwidth_cm = 2").starts_with("scene.toml:3:1:"));
     assert!(
-        refuse("[effects]\nnoise = 2")
-            .starts_with("scene.toml:2:1: there is no effect `noise`")
+        refuse("[effects]\nnoise = 2").starts_with("scene.toml:2:1: there is no effect `noise`")
     );
     assert_eq!(
         refuse("[effects.voltmeter-noise]\nuv = -2"),
@@ -66,9 +65,7 @@ fn faults_have_a_place() {
     );
     assert!(refuse("seed = \"x\"").starts_with("scene.toml:1:8:"));
     assert!(refuse("[paper-sheet]\n[disc-tank]\n").contains("not both"));
-    assert!(
-        refuse("[[fault]]\nat_s = -1\nwhat = \"x\"").starts_with("scene.toml:2:8: at_s is -1")
-    );
+    assert!(refuse("[[fault]]\nat_s = -1\nwhat = \"x\"").starts_with("scene.toml:2:8: at_s is -1"));
     assert!(refuse("[[fault]]\nat_s = 1").starts_with("scene.toml:1:1: missing field"));
     let scene = Scene::parse("s.toml", "[[fault]]\nat_s = 1\nwhat = \"lost 6221\"").unwrap();
     assert_eq!(scene.faults[0].place, "s.toml:3:8");

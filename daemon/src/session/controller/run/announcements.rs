@@ -14,7 +14,11 @@ const SUMMARY_INTERVAL: Duration = Duration::from_millis(200);
 
 impl Controller {
     /// Keeps a session that has ended on the bus for a while.
-    pub(in crate::session::controller) fn remember(&self, inner: &mut Inner, status: &Arc<SessionStatus>) {
+    pub(in crate::session::controller) fn remember(
+        &self,
+        inner: &mut Inner,
+        status: &Arc<SessionStatus>,
+    ) {
         inner.recent.push_back(Arc::clone(status));
         while inner.recent.len() > ENDED_SESSIONS {
             if let Some(old) = inner.recent.pop_front() {
@@ -25,7 +29,10 @@ impl Controller {
     }
 
     /// Announces frames, at most five times a second, and every other change of a session.
-    pub(in crate::session::controller) async fn announce_frames(self: Arc<Self>, status: Arc<SessionStatus>) {
+    pub(in crate::session::controller) async fn announce_frames(
+        self: Arc<Self>,
+        status: Arc<SessionStatus>,
+    ) {
         let mut durable = status.follow_durable();
         let mut progress = status.follow();
         let mut reported = 0;

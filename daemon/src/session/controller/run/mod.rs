@@ -18,9 +18,7 @@ use survey::{Baseline, Checks};
 use tokio::sync::mpsc;
 
 use crate::acquisition::measuring::Measuring;
-use crate::acquisition::task::{
-    Acquisition, AcquisitionEnd, AcquisitionProgress, FrameSource,
-};
+use crate::acquisition::task::{Acquisition, AcquisitionEnd, AcquisitionProgress};
 use crate::events::event::{BusEvent, Event};
 use crate::events::kind::EventKind;
 use crate::monitoring::disk::free_bytes;
@@ -32,9 +30,8 @@ use crate::recording::recorder::{Recorder, Task};
 use crate::recording::recorder_message::{QUEUE, RecorderMessage};
 use crate::recording::records::disk_fault;
 use crate::recording::session_status::{Facts, SessionEnd, SessionStatus};
-use crate::session::controller::rig_events::ActiveSession;
-use crate::session::controller::session_options::{Assignment, protocol_of};
 use crate::session::controller::Controller;
+use crate::session::controller::session_options::{Assignment, protocol_of};
 use crate::session::state::{Trigger, Work};
 use survey::error_chain as chain;
 

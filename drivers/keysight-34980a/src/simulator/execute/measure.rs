@@ -89,13 +89,15 @@ impl Simulator34980a {
                     return Err(ParseError::DataStale.into());
                 }
                 let readings = memory.read(execution.now);
-                return Ok(Some(self.meter.format.write(readings, &self.calendar)));
+                return Ok(Some(
+                    self.meter.settings.format.write(readings, &self.calendar),
+                ));
             }
             Measure::ReadAndErase(most) => {
                 let most = most.map_or(usize::MAX, |most| most as usize);
                 let taken = self.meter.memory_mut().take(most, execution.now);
                 return Ok(Some(block(
-                    &self.meter.format.write(&taken, &self.calendar),
+                    &self.meter.settings.format.write(&taken, &self.calendar),
                 )));
             }
             Measure::Remove(count) => {
@@ -104,7 +106,9 @@ impl Simulator34980a {
                     return Err(ParseError::OutOfRange.into());
                 }
                 let taken = self.meter.memory_mut().take(count, execution.now);
-                return Ok(Some(self.meter.format.write(&taken, &self.calendar)));
+                return Ok(Some(
+                    self.meter.settings.format.write(&taken, &self.calendar),
+                ));
             }
             Measure::Points => {
                 return Ok(Some(format!(
@@ -143,16 +147,20 @@ impl Simulator34980a {
             Measure::TriggerDelay(limit) => return Ok(Some(self.meter.trigger_delay(limit))),
             Measure::TriggerDelayAuto => return yes_no(self.meter.trigger_delay_is_auto()),
             Measure::SetField(field, on) => {
-                let fields = &mut self.meter.format.fields;
+                let fields = &mut self.meter.settings.format.fields;
                 if on {
                     fields.insert(field);
                 } else {
                     fields.remove(&field);
                 }
             }
-            Measure::Field(field) => return yes_no(self.meter.format.fields.contains(&field)),
-            Measure::SetAbsoluteTime(absolute) => self.meter.format.absolute = absolute,
-            Measure::AbsoluteTime => return Ok(Some(time_word(self.meter.format.absolute))),
+            Measure::Field(field) => {
+                return yes_no(self.meter.settings.format.fields.contains(&field));
+            }
+            Measure::SetAbsoluteTime(absolute) => self.meter.settings.format.absolute = absolute,
+            Measure::AbsoluteTime => {
+                return Ok(Some(time_word(self.meter.settings.format.absolute)));
+            }
         }
         Ok(None)
     }
@@ -240,6 +248,8 @@ impl Simulator34980a {
         self.meter
             .take_ahead(end, &mut self.relays, execution.wires);
         let readings = self.meter.memory().read(end);
-        Ok(Some(self.meter.format.write(readings, &self.calendar)))
+        Ok(Some(
+            self.meter.settings.format.write(readings, &self.calendar),
+        ))
     }
 }

@@ -67,7 +67,9 @@ impl Simulator34980a {
             System::ClearDisplay => self.display.clear(),
             System::Beep => {}
             System::Preset => self.reset(execution),
-            System::Save(place) => self.kept[usize::from(place)] = Some(self.meter.settings()),
+            System::Save(place) => {
+                self.kept[usize::from(place)] = Some(self.meter.settings.clone())
+            }
             System::Recall(place) => {
                 let kept = self.kept[usize::from(place)].clone();
                 let kept = kept.ok_or(QueuedError::NOTHING_KEPT)?;

@@ -81,7 +81,7 @@ impl Simulator34980a {
             && (over || !self.meter.is_at_work())
         {
             let readings = self.meter.memory().read(deferred.end);
-            deferred.readings = Some(self.meter.format.write(readings, &self.calendar));
+            deferred.readings = Some(self.meter.settings.format.write(readings, &self.calendar));
         }
     }
 

@@ -28,8 +28,7 @@ fn the_gradient_is_the_finite_difference() {
         };
         let mut stepped = Descent::new(&settings, 7, 6, 4);
         stepped.step(&batch(), 1e-3, 1e-5);
-        let gradients: Vec<Vec<f32>> =
-            stepped.trained().map(|part| part.first.clone()).collect();
+        let gradients: Vec<Vec<f32>> = stepped.trained().map(|part| part.first.clone()).collect();
         let mut probe = Descent::new(&settings, 7, 6, 4);
         let h = 4e-3;
         let mut compared = 0;

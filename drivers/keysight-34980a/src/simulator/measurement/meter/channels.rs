@@ -31,11 +31,11 @@ impl Meter {
             }
             // Removed first: `set_scan` would check sensing partners by the channels' old functions.
             for relay in &list {
-                self.channels.remove(relay);
+                self.settings.channels.remove(relay);
             }
             self.set_scan(relays, list)?;
         }
-        self.format.fields.clear();
+        self.settings.format.fields.clear();
         self.reset_samples();
         self.change(relays, channels, |target, _| {
             *target = setup;
@@ -130,7 +130,7 @@ impl Meter {
     fn channels_of(&self, quantity: Quantity, channels: &Channels) -> Channels {
         match (quantity, channels) {
             (Quantity::Delay | Quantity::DelayAuto, None) => {
-                let scan = self.scan.iter().map(|relay| relay.0);
+                let scan = self.settings.scan.iter().map(|relay| relay.0);
                 Some(ChannelList::of(scan))
             }
             _ => channels.clone(),

@@ -46,12 +46,14 @@ impl Meter {
             let list = new.iter().filter_map(|(target, _)| *target).collect();
             self.set_scan(relays, list)?;
         }
-        self.format.fields.clear();
+        self.settings.format.fields.clear();
         self.reset_samples();
         self.memory.clear();
         let count = new.len();
         for (target, settings) in new {
-            self.others.insert(key(target, request.function), settings);
+            self.settings
+                .others
+                .insert(key(target, request.function), settings);
             self.put(target, Setup::default().measuring(request.function));
         }
         Ok(count)
@@ -119,7 +121,7 @@ impl Meter {
         let count = new.len();
         let times = matches!(detail, Detail::Nplc | Detail::Aperture | Detail::Resolution);
         for (target, settings) in new {
-            self.others.insert(key(target, function), settings);
+            self.settings.others.insert(key(target, function), settings);
             let mut setup = self.setup(relays, target);
             if times && setup.without_zero_below_a_cycle(settings.cycles(self.line_hz)) {
                 self.put(target, setup);
@@ -170,7 +172,7 @@ impl Meter {
         target: Option<Relay>,
         function: Function,
     ) -> FunctionSettings {
-        let settings = self.others.get(&key(target, function)).copied();
+        let settings = self.settings.others.get(&key(target, function)).copied();
         settings
             .unwrap_or_else(|| FunctionSettings::new(function))
             .measuring(function)

@@ -2,15 +2,15 @@
 
 mod channels;
 mod functions;
-mod kept;
+mod settings;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use scpi::{Numeric, ParseError, format_nr3_signed};
 use survey::Relay;
 
-pub(crate) use crate::simulator::measurement::meter::kept::Settings;
+pub(crate) use crate::simulator::measurement::meter::settings::Settings;
 
 use crate::command::{
     Function, LONGEST_TIMER, LONGEST_TRIGGER_DELAY, MOST_SAMPLES, MOST_SWEEPS, TriggerSource,
@@ -18,8 +18,7 @@ use crate::command::{
 use crate::modules::Contact;
 use crate::simulator::Wires;
 use crate::simulator::errors::QueuedError;
-use crate::simulator::measurement::functions::FunctionSettings;
-use crate::simulator::measurement::memory::{Memory, ReadingFormat};
+use crate::simulator::measurement::memory::Memory;
 use crate::simulator::measurement::run::{Run, ScanEntry, StatusEvents, SweepStart};
 use crate::simulator::measurement::setup::Setup;
 use crate::simulator::relays::Relays;
@@ -29,23 +28,7 @@ pub(crate) struct Meter {
     line_hz: f64,
     installed: bool,
     enabled: bool,
-    bare: Setup,
-    channels: BTreeMap<Relay, Setup>,
-    /// Settings of functions other than DC volts, where they have been set.
-    others: BTreeMap<(Option<Relay>, Function), FunctionSettings>,
-    scan: Vec<Relay>,
-    ordered: bool,
-    source: TriggerSource,
-    /// s.
-    timer: f64,
-    /// `None`: until it is stopped.
-    count: Option<u32>,
-    /// Readings of a channel for each trigger.
-    samples: u32,
-    /// Delay of the voltmeter alone, s; `None`: automatic.
-    trigger_delay: Option<f64>,
-    pub(crate) format: ReadingFormat,
-    threshold: u32,
+    pub(crate) settings: Settings,
     memory: Memory,
     run: Option<Run>,
     /// Start of the last measurement.
@@ -61,18 +44,7 @@ impl Meter {
             line_hz,
             installed: true,
             enabled: true,
-            bare: Setup::default(),
-            channels: BTreeMap::new(),
-            others: BTreeMap::new(),
-            scan: Vec::new(),
-            ordered: true,
-            source: TriggerSource::Immediate,
-            timer: 10.0,
-            count: Some(1),
-            samples: 1,
-            trigger_delay: None,
-            format: ReadingFormat::default(),
-            threshold: 1,
+            settings: Settings::default(),
             memory: Memory::new(memory),
             run: None,
             began: Duration::ZERO,
@@ -115,11 +87,11 @@ impl Meter {
     }
 
     pub(crate) fn scan_list(&self) -> &[Relay] {
-        &self.scan
+        &self.settings.scan
     }
 
     pub(crate) fn ordered(&self) -> bool {
-        self.ordered
+        self.settings.ordered
     }
 
     pub(crate) fn memory(&self) -> &Memory {
@@ -139,11 +111,11 @@ impl Meter {
     }
 
     pub(crate) fn threshold(&self) -> u32 {
-        self.threshold
+        self.settings.threshold
     }
 
     pub(crate) fn set_threshold(&mut self, threshold: u32) {
-        self.threshold = threshold;
+        self.settings.threshold = threshold;
     }
 
     pub(crate) fn is_measuring(&self, now: Duration) -> bool {
@@ -185,7 +157,7 @@ impl Meter {
         let before = self.memory.points(to);
         let ended = run.advance(to, relays, wires, &mut self.memory, &mut self.noticed);
         let (before, after) = (before as u64, self.memory.points(to) as u64);
-        let threshold = u64::from(self.threshold);
+        let threshold = u64::from(self.settings.threshold);
         self.noticed.threshold |= before < threshold && threshold <= after;
         if ended {
             self.run = None;
@@ -200,7 +172,14 @@ impl Meter {
         wires: &mut dyn Wires,
     ) -> Result<(), QueuedError> {
         let pace = self.pace();
-        self.begin(&self.scan.clone(), pace, self.count, now, relays, wires)
+        self.begin(
+            &self.settings.scan.clone(),
+            pace,
+            self.settings.count,
+            now,
+            relays,
+            wires,
+        )
     }
 
     /// Starts a measurement, and returns its end.
@@ -211,8 +190,8 @@ impl Meter {
         relays: &mut Relays,
         wires: &mut dyn Wires,
     ) -> Result<Duration, QueuedError> {
-        let count = match self.count {
-            Some(count) if !self.source.waits() => count,
+        let count = match self.settings.count {
+            Some(count) if !self.settings.source.waits() => count,
             _ => return Err(QueuedError::DEADLOCK),
         };
         self.read_sweeps(list, self.pace(), count, now, relays, wires)
@@ -227,7 +206,7 @@ impl Meter {
         wires: &mut dyn Wires,
     ) -> Result<Duration, QueuedError> {
         let list = match scans {
-            true => self.scan.clone(),
+            true => self.settings.scan.clone(),
             false => Vec::new(),
         };
         self.read_sweeps(&list, SweepStart::Continuous, 1, now, relays, wires)
@@ -242,7 +221,8 @@ impl Meter {
         relays: &mut Relays,
         wires: &mut dyn Wires,
     ) -> Result<Duration, QueuedError> {
-        if list.len().max(1) * count as usize * self.samples as usize > self.memory.most() {
+        if list.len().max(1) * count as usize * self.settings.samples as usize > self.memory.most()
+        {
             return Err(QueuedError::MEMORY);
         }
         self.begin(list, pace, Some(count), now, relays, wires)?;
@@ -262,9 +242,9 @@ impl Meter {
     }
 
     fn pace(&self) -> SweepStart {
-        match self.source {
+        match self.settings.source {
             TriggerSource::Immediate => SweepStart::Continuous,
-            TriggerSource::Timer => SweepStart::Timer(survey::duration(self.timer)),
+            TriggerSource::Timer => SweepStart::Timer(survey::duration(self.settings.timer)),
             TriggerSource::Bus | TriggerSource::External | TriggerSource::Alarm(_) => {
                 SweepStart::Triggered
             }
@@ -298,12 +278,12 @@ impl Meter {
                 again: false,
             }
         };
-        if list.len().max(1) * self.samples as usize > self.memory.most() {
+        if list.len().max(1) * self.settings.samples as usize > self.memory.most() {
             return Err(QueuedError::MEMORY);
         }
         let first = if list.is_empty() {
             let mut bare = entry(None);
-            bare.period += survey::duration(self.trigger_delay.unwrap_or(0.0));
+            bare.period += survey::duration(self.settings.trigger_delay.unwrap_or(0.0));
             vec![bare]
         } else {
             list.iter().map(|relay| entry(Some(*relay))).collect()
@@ -319,7 +299,7 @@ impl Meter {
                     again: true,
                     ..entry
                 };
-                let more = std::iter::repeat_n(more, self.samples as usize - 1);
+                let more = std::iter::repeat_n(more, self.settings.samples as usize - 1);
                 std::iter::once(entry).chain(more)
             })
             .collect();
@@ -347,7 +327,8 @@ impl Meter {
         from: TriggerSource,
         now: Duration,
     ) -> Result<(), QueuedError> {
-        let taken = self.source == from && self.run.as_mut().is_some_and(|run| run.trigger(now));
+        let taken =
+            self.settings.source == from && self.run.as_mut().is_some_and(|run| run.trigger(now));
         if taken {
             Ok(())
         } else {
@@ -375,7 +356,7 @@ impl Meter {
                 return Err(QueuedError::CHANNEL_UNABLE);
             }
         }
-        Ok(if self.ordered {
+        Ok(if self.settings.ordered {
             let distinct: BTreeSet<Relay> = list.into_iter().collect();
             distinct.into_iter().collect()
         } else {
@@ -393,7 +374,7 @@ impl Meter {
         }
         let list = self.arranged(relays, list)?;
         self.check_pairs(relays, &list)?;
-        self.scan = list;
+        self.settings.scan = list;
         self.memory.clear();
         Ok(())
     }
@@ -403,31 +384,34 @@ impl Meter {
         relays: &Relays,
         ordered: bool,
     ) -> Result<(), QueuedError> {
-        self.ordered = ordered;
-        self.set_scan(relays, self.scan.clone())
+        self.settings.ordered = ordered;
+        self.set_scan(relays, self.settings.scan.clone())
     }
 
     /// Removes the channels of a slot from the scan list.
     pub(crate) fn forget_slot(&mut self, slot: u32) {
-        self.scan.retain(|relay| relay.0 / 1000 != slot);
-        self.channels.retain(|relay, _| relay.0 / 1000 != slot);
-        self.others
+        self.settings.scan.retain(|relay| relay.0 / 1000 != slot);
+        self.settings
+            .channels
+            .retain(|relay, _| relay.0 / 1000 != slot);
+        self.settings
+            .others
             .retain(|(relay, _), _| relay.is_none_or(|relay| relay.0 / 1000 != slot));
     }
 
     pub(crate) fn source(&self) -> TriggerSource {
-        self.source
+        self.settings.source
     }
 
     pub(crate) fn set_source(&mut self, source: TriggerSource) {
-        self.source = source;
+        self.settings.source = source;
         self.memory.clear();
     }
 
     /// Reply with the timer, or a limit of it.
     pub(crate) fn timer(&self, limit: Option<Numeric>) -> String {
         let value = match limit {
-            None => self.timer,
+            None => self.settings.timer,
             Some(Numeric::Min) => 0.0,
             Some(Numeric::Max) => LONGEST_TIMER,
             Some(_) => 10.0,
@@ -436,14 +420,14 @@ impl Meter {
     }
 
     pub(crate) fn set_timer(&mut self, timer: f64) {
-        self.timer = timer;
+        self.settings.timer = timer;
         self.memory.clear();
     }
 
     /// Reply with the number of sweeps, or a limit of it.
     pub(crate) fn sweeps(&self, limit: Option<Numeric>) -> String {
         let count = match limit {
-            None => self.count,
+            None => self.settings.count,
             Some(Numeric::Max) => Some(MOST_SWEEPS),
             Some(_) => Some(1),
         };
@@ -454,14 +438,14 @@ impl Meter {
     }
 
     pub(crate) fn set_count(&mut self, count: Option<u32>) {
-        self.count = count;
+        self.settings.count = count;
         self.memory.clear();
     }
 
     /// Reply with the number of samples, or a limit of it.
     pub(crate) fn samples(&self, limit: Option<Numeric>) -> String {
         let count = match limit {
-            None => self.samples,
+            None => self.settings.samples,
             Some(Numeric::Max) => MOST_SAMPLES,
             Some(_) => 1,
         };
@@ -469,14 +453,14 @@ impl Meter {
     }
 
     pub(crate) fn set_samples(&mut self, samples: u32) {
-        self.samples = samples;
+        self.settings.samples = samples;
         self.memory.clear();
     }
 
     /// Reply with the delay after a trigger, or a limit of it.
     pub(crate) fn trigger_delay(&self, limit: Option<Numeric>) -> String {
         let delay = match limit {
-            None => self.trigger_delay.unwrap_or(0.0),
+            None => self.settings.trigger_delay.unwrap_or(0.0),
             Some(Numeric::Max) => LONGEST_TRIGGER_DELAY,
             Some(_) => 0.0,
         };
@@ -484,37 +468,41 @@ impl Meter {
     }
 
     pub(crate) fn trigger_delay_is_auto(&self) -> bool {
-        self.trigger_delay.is_none()
+        self.settings.trigger_delay.is_none()
     }
 
     pub(crate) fn set_trigger_delay(&mut self, delay: Option<f64>) {
-        self.trigger_delay = delay;
+        self.settings.trigger_delay = delay;
         self.memory.clear();
     }
 
     /// CONF and MEAS? set one sample, and the delay after a trigger to automatic.
     fn reset_samples(&mut self) {
-        (self.samples, self.trigger_delay) = (1, None);
+        (self.settings.samples, self.settings.trigger_delay) = (1, None);
     }
 
     fn setup(&self, relays: &Relays, channel: Option<Relay>) -> Setup {
         let Some(relay) = channel else {
-            return self.bare;
+            return self.settings.bare;
         };
-        self.channels.get(&relay).copied().unwrap_or_else(|| {
-            let contact = relays.contact(relay).map(|(_, contact)| contact);
-            let function = match contact {
-                Ok(Contact::Current { .. }) => Function::DcCurrent,
-                _ => Function::DcVolts,
-            };
-            Setup::default().measuring(function)
-        })
+        self.settings
+            .channels
+            .get(&relay)
+            .copied()
+            .unwrap_or_else(|| {
+                let contact = relays.contact(relay).map(|(_, contact)| contact);
+                let function = match contact {
+                    Ok(Contact::Current { .. }) => Function::DcCurrent,
+                    _ => Function::DcVolts,
+                };
+                Setup::default().measuring(function)
+            })
     }
 
     fn put(&mut self, target: Option<Relay>, setup: Setup) {
         match target {
-            Some(relay) => drop(self.channels.insert(relay, setup)),
-            None => self.bare = setup,
+            Some(relay) => drop(self.settings.channels.insert(relay, setup)),
+            None => self.settings.bare = setup,
         }
     }
 }

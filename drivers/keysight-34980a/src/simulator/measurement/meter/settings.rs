@@ -1,0 +1,67 @@
+//! The settings of the voltmeter, which `*SAV` stores.
+
+use std::collections::BTreeMap;
+
+use survey::Relay;
+
+use crate::command::{Function, TriggerSource};
+use crate::simulator::measurement::functions::FunctionSettings;
+use crate::simulator::measurement::memory::ReadingFormat;
+use crate::simulator::measurement::meter::Meter;
+use crate::simulator::measurement::setup::Setup;
+use crate::simulator::relays::Relays;
+
+/// All settings of the voltmeter, its scan and its triggers; no readings.
+#[derive(Debug, Clone)]
+pub(crate) struct Settings {
+    pub(super) bare: Setup,
+    pub(super) channels: BTreeMap<Relay, Setup>,
+    /// Settings of functions other than DC volts, where they have been set.
+    pub(super) others: BTreeMap<(Option<Relay>, Function), FunctionSettings>,
+    pub(super) scan: Vec<Relay>,
+    pub(super) ordered: bool,
+    pub(super) source: TriggerSource,
+    /// s.
+    pub(super) timer: f64,
+    /// `None`: until it is stopped.
+    pub(super) count: Option<u32>,
+    /// Readings of a channel for each trigger.
+    pub(super) samples: u32,
+    /// Delay of the voltmeter alone, s; `None`: automatic.
+    pub(super) trigger_delay: Option<f64>,
+    pub(crate) format: ReadingFormat,
+    pub(super) threshold: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            bare: Setup::default(),
+            channels: BTreeMap::new(),
+            others: BTreeMap::new(),
+            scan: Vec::new(),
+            ordered: true,
+            source: TriggerSource::Immediate,
+            timer: 10.0,
+            count: Some(1),
+            samples: 1,
+            trigger_delay: None,
+            format: ReadingFormat::default(),
+            threshold: 1,
+        }
+    }
+}
+
+impl Meter {
+    /// Restores stored settings; channels of modules that are gone are left out. Clears the memory.
+    pub(crate) fn take_settings(&mut self, stored: Settings, relays: &Relays) {
+        let is_there = |relay: &Relay| relays.contact(*relay).is_ok();
+        self.settings = stored;
+        self.settings.channels.retain(|relay, _| is_there(relay));
+        self.settings
+            .others
+            .retain(|(relay, _), _| relay.as_ref().is_none_or(is_there));
+        self.settings.scan.retain(is_there);
+        self.memory.clear();
+    }
+}
