@@ -97,7 +97,7 @@ pub struct Export {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub replacing: Replacing,
-    /// Frame of the map (default: the last one)
+    /// Sequence number of the frame whose map is drawn (default: the last one)
     #[arg(long, value_name = "SEQUENCE")]
     pub frame: Option<u64>,
     /// Pixels along each side of a raster

@@ -133,7 +133,7 @@ pub(crate) struct TestSetOptions {
     /// White noise of one reading on baseline and frames, V; 0 for none
     #[arg(long, value_name = "SD", default_value_t = 2e-6)]
     pub(crate) noise_v: f64,
-    /// Seed of the random numbers; training uses other streams
+    /// Random seed; training uses other streams
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
     /// Frames [default: 32 presses, 100 polygon cases; 16, 9, 28 and 24 of the other sets]
@@ -160,7 +160,7 @@ pub(crate) struct DatasetOptions {
     /// Shard: I/N with I from 0 to N - 1
     #[arg(long, value_name = "I/N", default_value = "0/1")]
     pub(crate) shard: String,
-    /// Seed of the random numbers; the set does not depend on the shards
+    /// Random seed; the set does not depend on the shards
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
     /// Cases of the whole set [default: 15000, or that of the settings]

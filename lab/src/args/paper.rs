@@ -18,7 +18,7 @@ pub(crate) struct PaperOptions {
     /// Only this figure of the paper: 3 to 7
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(3..=7))]
     pub(crate) figure: Option<u8>,
-    /// Seed of the random numbers; only times differ between runs
+    /// Random seed; only times differ between runs
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
     /// Folder for the page, its figures and tables [default: paper-quick or paper-full]

@@ -19,7 +19,7 @@ pub(crate) struct TradeoffOptions {
     /// Only this diagram (repeatable)
     #[arg(long, value_enum, value_name = "NAME")]
     pub(crate) only: Vec<PanelName>,
-    /// Seed of the random numbers; only times differ between runs
+    /// Random seed; only times differ between runs
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
     /// Folder for the page, its figures and tables [default: tradeoff-quick or tradeoff-full]
