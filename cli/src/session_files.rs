@@ -64,7 +64,7 @@ pub(crate) fn baseline_in_use(global: &Global) -> Result<Option<String>, Failure
 /// One answer of a running daemon; `None` where none answers soon.
 fn ask_daemon<T>(
     global: &Global,
-    question: impl AsyncFnOnce(crate::connection::Daemon) -> Result<T, Failure>,
+    query: impl AsyncFnOnce(crate::connection::Daemon) -> Result<T, Failure>,
 ) -> Result<Option<T>, Failure> {
     let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -77,7 +77,7 @@ fn ask_daemon<T>(
         ..global.clone()
     };
     let answer =
-        runtime.block_on(async { question(crate::connection::open(&hurried).await?).await });
+        runtime.block_on(async { query(crate::connection::open(&hurried).await?).await });
     match answer {
         Ok(answer) => Ok(Some(answer)),
         Err(Failure::Usage(wrong)) => Err(Failure::Usage(wrong)),

@@ -127,9 +127,9 @@ fn serve(
 /// An instrument that answers each query of a line with one number, READ? with 26, and takes no time.
 fn answering() -> std::io::Result<SocketAddr> {
     serve(|line| {
-        let questions = line.split(';').filter(|piece| piece.contains('?'));
-        let answers: Vec<String> = questions
-            .map(|question| match question.contains("READ?") {
+        let queries = line.split(';').filter(|piece| piece.contains('?'));
+        let answers: Vec<String> = queries
+            .map(|query| match query.contains("READ?") {
                 true => vec!["+1.00000000E-03"; 26].join(","),
                 false => "0".to_owned(),
             })

@@ -51,9 +51,9 @@ pub fn skip(ring: usize, skip: usize) -> impl Iterator<Item = Measurement> + Clo
 /// Keeps the first measurement of each reciprocal pair: half the readings, the same information.
 pub fn half(pattern: impl Iterator<Item = Measurement>) -> impl Iterator<Item = Measurement> {
     let mut requested = BTreeSet::new();
-    pattern.filter(move |question| {
-        requested.insert(*question);
-        !requested.contains(&question.reciprocal())
+    pattern.filter(move |measurement| {
+        requested.insert(*measurement);
+        !requested.contains(&measurement.reciprocal())
     })
 }
 
@@ -110,8 +110,8 @@ impl Protocol {
         if measurements.is_empty() {
             return Err(ProtocolError::Empty);
         }
-        for (reading, question) in measurements.iter().enumerate() {
-            for pair in [question.drive, question.sense] {
+        for (reading, measurement) in measurements.iter().enumerate() {
+            for pair in [measurement.drive, measurement.sense] {
                 for electrode in [pair.plus, pair.minus] {
                     if electrode.0 >= electrodes {
                         return Err(ProtocolError::NoSuchElectrode {
@@ -171,7 +171,7 @@ impl Protocol {
         let mut seen = BTreeSet::new();
         self.measurements
             .iter()
-            .map(|question| question.drive)
+            .map(|measurement| measurement.drive)
             .filter(|drive| seen.insert(*drive))
             .collect()
     }
@@ -182,11 +182,11 @@ impl Protocol {
             .measurements
             .iter()
             .enumerate()
-            .map(|(reading, question)| (*question, reading))
+            .map(|(reading, measurement)| (*measurement, reading))
             .collect();
         self.measurements
             .iter()
-            .map(|question| index.get(&question.reciprocal()).copied())
+            .map(|measurement| index.get(&measurement.reciprocal()).copied())
             .collect()
     }
 
@@ -205,9 +205,9 @@ impl Protocol {
             .collect();
         self.measurements
             .iter()
-            .map(|question| {
-                let own = answers.get(question);
-                own.or_else(|| answers.get(&question.reciprocal()))
+            .map(|measurement| {
+                let own = answers.get(measurement);
+                own.or_else(|| answers.get(&measurement.reciprocal()))
                     .map(|reading| **reading)
             })
             .collect()
@@ -217,12 +217,12 @@ impl Protocol {
     pub fn hash(&self) -> String {
         let mut hasher = Sha256::new();
         hasher.update((self.electrodes as u64).to_le_bytes());
-        for question in &self.measurements {
+        for measurement in &self.measurements {
             for electrode in [
-                question.drive.plus,
-                question.drive.minus,
-                question.sense.plus,
-                question.sense.minus,
+                measurement.drive.plus,
+                measurement.drive.minus,
+                measurement.sense.plus,
+                measurement.sense.minus,
             ] {
                 hasher.update((electrode.0 as u64).to_le_bytes());
             }
@@ -286,16 +286,16 @@ mod tests {
     fn a_half_frame_answers_a_whole_one_by_reciprocity() {
         let whole = Protocol::sheffield(8).unwrap();
         let requested = Protocol::new(8, half(sheffield(8)).collect()).unwrap();
-        let reading_of = |question: &Measurement| {
-            let pairs = [question.drive.plus.0, question.sense.plus.0];
+        let reading_of = |measurement: &Measurement| {
+            let pairs = [measurement.drive.plus.0, measurement.sense.plus.0];
             let (low, high) = (pairs[0].min(pairs[1]), pairs[0].max(pairs[1]));
             Reading::Ok(crate::Volts((10 * low + high) as f64))
         };
         let readings: Vec<Reading> = requested.measurements().iter().map(reading_of).collect();
         let completed = whole.answered_by(&requested, &readings).unwrap();
         assert_eq!(completed.len(), 2 * readings.len());
-        for (question, reading) in whole.measurements().iter().zip(&completed) {
-            assert_eq!(*reading, reading_of(question));
+        for (measurement, reading) in whole.measurements().iter().zip(&completed) {
+            assert_eq!(*reading, reading_of(measurement));
         }
         assert_eq!(whole.answered_by(&requested, &readings[1..]), None);
         let skipped = Protocol::new(8, skip(8, 1).collect()).unwrap();
@@ -304,11 +304,11 @@ mod tests {
 
     #[test]
     fn a_stranger_electrode_is_refused_by_name() {
-        let question = Measurement {
+        let measurement = Measurement {
             drive: Dipole::adjacent(0, 30),
             sense: Dipole::adjacent(28, 30),
         };
-        let refusal = Protocol::new(26, vec![question]).unwrap_err();
+        let refusal = Protocol::new(26, vec![measurement]).unwrap_err();
         assert_eq!(
             refusal.to_string(),
             "reading 0 names electrode 29, but there are 26 electrodes"

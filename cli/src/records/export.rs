@@ -231,7 +231,7 @@ fn frame_row(record: &Record) -> String {
 
 fn baseline_table(protocol: &Protocol, baseline: &Baseline) -> String {
     let mut table = String::from("reading,source,sink,v_plus,v_minus,flag,mean_V,deviation_V\n");
-    for (index, (question, reading)) in protocol
+    for (index, (measurement, reading)) in protocol
         .measurements()
         .iter()
         .zip(&baseline.readings)
@@ -241,10 +241,10 @@ fn baseline_table(protocol: &Protocol, baseline: &Baseline) -> String {
         let _infallible = writeln!(
             table,
             "m{index},{},{},{},{},{},{},{}",
-            question.drive.plus.0,
-            question.drive.minus.0,
-            question.sense.plus.0,
-            question.sense.minus.0,
+            measurement.drive.plus.0,
+            measurement.drive.minus.0,
+            measurement.sense.plus.0,
+            measurement.sense.minus.0,
             reason(*reading).unwrap_or("ok"),
             cell(*reading),
             deviation

@@ -110,9 +110,9 @@ pub(crate) fn from_baseline(plan: Plan, rule: &RangeRule, baseline: &Baseline) -
         .iter()
         .copied()
         .zip(&baseline.readings)
-        .filter_map(|(question, reading)| Some((question, reading.volts()?)))
+        .filter_map(|(measurement, reading)| Some((measurement, reading.volts()?)))
         .collect();
-    plan.with_ranges(rule, |question| identities.get(&question).copied())
+    plan.with_ranges(rule, |measurement| identities.get(&measurement).copied())
 }
 
 fn reported(zero: &Frame) -> String {

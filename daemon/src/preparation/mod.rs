@@ -297,11 +297,11 @@ fn pattern(electrodes: usize, survey: &SurveySection) -> Result<Protocol, Protoc
         return Err(ProtocolError::Empty);
     }
     let pattern = survey::skip(electrodes, survey.skip);
-    let questions = match survey.half {
+    let measurements = match survey.half {
         true => survey::half(pattern).collect(),
         false => pattern.collect(),
     };
-    Protocol::new(electrodes, questions)
+    Protocol::new(electrodes, measurements)
 }
 
 impl Prepared {

@@ -120,7 +120,7 @@ pub(super) fn rig_plan(
         (Some(rule), Some(geometry)) => {
             let expected = expected(&plan, geometry);
             let expected = findings.value_or_problem("survey.ranges", expected)?;
-            plan.with_ranges(rule, |question| expected.get(&question).copied())
+            plan.with_ranges(rule, |measurement| expected.get(&measurement).copied())
         }
         _ => plan,
     };
@@ -155,7 +155,7 @@ pub(super) fn rig_plan(
 fn expected(plan: &Plan, geometry: &Geometry) -> Result<BTreeMap<Measurement, Volts>, String> {
     let drives = plan.protocol.drives();
     let senses = plan.wiring.measure.iter().map(|(sense, _)| *sense);
-    let questions: Vec<Measurement> = drives
+    let measurements: Vec<Measurement> = drives
         .into_iter()
         .flat_map(|drive| {
             senses
@@ -164,14 +164,14 @@ fn expected(plan: &Plan, geometry: &Geometry) -> Result<BTreeMap<Measurement, Vo
         })
         .collect();
     let all =
-        Protocol::new(plan.protocol.electrodes(), questions).map_err(|cause| chain(&cause))?;
+        Protocol::new(plan.protocol.electrodes(), measurements).map_err(|cause| chain(&cause))?;
     let forward = eit::Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)
         .map_err(|cause| chain(&cause))?;
     let at_one_amp = forward
         .readings(&geometry.sigma0, &all)
         .map_err(|cause| chain(&cause))?;
-    let questions = all.measurements().iter().copied();
-    Ok(questions
+    let measurements = all.measurements().iter().copied();
+    Ok(measurements
         .zip(at_one_amp.iter().map(|volts| Volts(volts * plan.current.0)))
         .collect())
 }

@@ -45,13 +45,13 @@ pub(super) async fn ask(
         true => (ASK_THE_USER, DIALOG_TIMEOUT),
         false => (0, REPLY_TIMEOUT),
     };
-    let question = (subject, action, details, flags, "");
+    let query = (subject, action, details, flags, "");
     let requested = connection.call_method(
         Some(SERVICE),
         PATH,
         Some(INTERFACE),
         "CheckAuthorization",
-        &question,
+        &query,
     );
     match tokio::time::timeout(wait, requested).await {
         Ok(Ok(reply)) => {

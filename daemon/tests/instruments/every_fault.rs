@@ -189,7 +189,7 @@ impl Play {
         assert!(of_source("OUTP 1") > other, "{words}");
     }
 
-    async fn suffer(&self, words: &'static str, course: Course) -> String {
+    async fn apply(&self, words: &'static str, course: Course) -> String {
         let source_is_gone =
             words.contains("6221") && !words.starts_with("queue") || words == "power-cut";
         self.next_frame().await;
@@ -352,7 +352,7 @@ async fn play(board: bool, faults: &'static [(&'static str, Course)]) {
     let mut recoveries = 0;
     for (words, course) in faults {
         recoveries += usize::from(matches!(course, Recovers(_)));
-        println!("{}", play.suffer(words, *course).await);
+        println!("{}", play.apply(words, *course).await);
     }
     play.end(recoveries).await;
 }

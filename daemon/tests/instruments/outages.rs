@@ -88,7 +88,7 @@ enum Cable {
 impl Cable {
     const ALL: [Self; 2] = [Self::Source, Self::Mainframe];
 
-    fn lay(self) {
+    fn connect_cable(self) {
         let number = self as u8;
         ip(&format!(
             "link add rig{number} type veth peer name daemon{number}"
@@ -98,7 +98,7 @@ impl Cable {
     }
 
     /// Packets under way are lost, and neither side is notified: no end of a connection, no refusal.
-    fn pull(self) {
+    fn unplug(self) {
         ip(&format!("link set rig{} down", self as u8));
     }
 
@@ -135,7 +135,7 @@ struct Cabled {
 impl Cabled {
     async fn begin() -> Self {
         for cable in Cable::ALL {
-            cable.lay();
+            cable.connect_cable();
         }
         let rig = instant(&Profile::default());
         let options = ServeOptions {
@@ -185,7 +185,7 @@ async fn a_session_goes_on_after_a_pulled_cable_is_back() {
         frames_go_on(&session, &mut frames, 2).await;
         rig.keep_transcript();
         for cable in cut {
-            cable.pull();
+            cable.unplug();
         }
         let mut kinds = Vec::new();
         let mut back = false;
@@ -375,7 +375,7 @@ async fn wall_clock_step_moves_no_frame_and_is_reported() {
 }
 
 /// Whether all threads of a process are stopped.
-fn stands_still(id: u32) -> bool {
+fn is_stopped(id: u32) -> bool {
     std::fs::read_dir(format!("/proc/{id}/task"))
         .unwrap()
         .all(|thread| {
@@ -405,7 +405,7 @@ async fn a_daemon_that_was_paused_goes_on_and_reports_what_it_missed() {
     .await;
     daemon.signal(Signal::STOP);
     within(async {
-        while !stands_still(id) {
+        while !is_stopped(id) {
             tokio::task::yield_now().await;
         }
     })
@@ -422,7 +422,7 @@ async fn a_daemon_that_was_paused_goes_on_and_reports_what_it_missed() {
         .with("count", MEANWHILE);
     within(measuring.start(options).await.wait()).await.unwrap();
     measuring.terminate().await;
-    assert!(stands_still(id));
+    assert!(is_stopped(id));
     daemon.signal(Signal::CONT);
 
     frames_go_on(&session, &mut frames, 3).await;

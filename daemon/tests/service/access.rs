@@ -328,13 +328,13 @@ async fn one_user_has_eight_questions_open_on_all_connections() {
         );
     };
     let mut requested = scene.requested.subscribe();
-    let mut questions = JoinSet::new();
+    let mut queries = JoinSet::new();
     for client in 1..=2 {
         let manager = Manager1Proxy::new(&scene.broker.connect().await)
             .await
             .unwrap();
         for _ in 0..4 {
-            questions.spawn(ask(manager.clone()));
+            queries.spawn(ask(manager.clone()));
         }
         within(requested.wait_for(|requested| requested.len() == client * 4))
             .await
@@ -346,7 +346,7 @@ async fn one_user_has_eight_questions_open_on_all_connections() {
     assert_eq!(scene.manager.state().await.unwrap(), "idle");
 
     say.send(true).unwrap();
-    while let Some(granted) = within(questions.join_next()).await {
+    while let Some(granted) = within(queries.join_next()).await {
         assert!(granted.unwrap().unwrap().is_some());
     }
     scene.manager.transcript(&Options::new()).await.unwrap();
@@ -387,13 +387,13 @@ async fn the_session_bus_and_the_peer_socket_are_our_own_users() {
         let path = scene.stage.path().join(path);
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
     }
-    let came = come_as_nobody(&scene.stage.path().join("run/peer"));
+    let came = connect_as_nobody(&scene.stage.path().join("run/peer"));
     let (_, log) = scene.daemon.terminate().await;
     assert_eq!(log.contains("was turned away"), came, "{log}");
 }
 
 /// Whether another user's process could connect to the daemon's peer socket.
-fn come_as_nobody(socket: &Path) -> bool {
+fn connect_as_nobody(socket: &Path) -> bool {
     let address = format!("--address=unix:path={}", socket.display());
     let came = as_nobody(Command::new("busctl").args([address.as_str(), "tree", BUS_NAME]));
     if let Some(output) = &came {

@@ -21,7 +21,7 @@ fn noise(length: u32) -> Vec<u8> {
 }
 
 /// Sends this and waits until the daemon has closed the connection.
-async fn greet(socket: &std::path::Path, words: &[u8], leaves: bool) {
+async fn send_and_await_close(socket: &std::path::Path, words: &[u8], leaves: bool) {
     let mut stream = within(UnixStream::connect(socket)).await.unwrap();
     // the daemon may have closed the connection before everything was sent
     let _ = within(stream.write_all(words)).await;
@@ -33,7 +33,7 @@ async fn greet(socket: &std::path::Path, words: &[u8], leaves: bool) {
 }
 
 /// The session takes another frame, and no fault was reported.
-async fn goes_on(measuring: &mut Measuring, end: &mut JoinHandle<String>, after: &str) {
+async fn assert_frames_continue(measuring: &mut Measuring, end: &mut JoinHandle<String>, after: &str) {
     // the first may have been queued already
     for _ in 0..2 {
         let frame = async {
@@ -104,8 +104,8 @@ async fn no_greeting_on_the_peer_socket_disturbs_the_session() {
         ("a message that ends", and(b"BEGIN\r\nl\x01\0\x01"), true),
     ];
     for (what, words, leaves) in &attacks {
-        greet(&socket, words, *leaves).await;
-        goes_on(&mut measuring, &mut end, what).await;
+        send_and_await_close(&socket, words, *leaves).await;
+        assert_frames_continue(&mut measuring, &mut end, what).await;
     }
     within(measuring.session.stop()).await.unwrap();
     let log = ended(measuring.daemon).await;
@@ -139,7 +139,7 @@ async fn who_connects_and_says_nothing_is_dropped_and_holds_nobody_up() {
         let mut answer = Vec::new();
         let _ = within(stream.read_to_end(&mut answer)).await;
     }
-    goes_on(&mut measuring, &mut end, "silence").await;
+    assert_frames_continue(&mut measuring, &mut end, "silence").await;
     // and their connection slots are free again
     let mut others = Vec::new();
     for _ in 0..30 {

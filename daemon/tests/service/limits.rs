@@ -9,7 +9,7 @@ use dbus::{Address, ConnectError, Fault, Manager1Proxy, Options, Session1Proxy};
 use tokio::task::JoinSet;
 use zbus::Connection;
 
-async fn come(stage: &Stage) -> Result<Connection, ConnectError> {
+async fn connect(stage: &Stage) -> Result<Connection, ConnectError> {
     let address = Address::Unix(stage.path().join("run/peer"));
     let (connection, _) = within(dbus::connect(Some(&address))).await?;
     Ok(connection)
@@ -47,10 +47,10 @@ async fn one_user_has_32_peer_connections_and_more_are_closed() {
     let mut connections = Vec::new();
     // the first is the connection of the test stage
     for _ in 1..32 {
-        connections.push(come(&stage).await.unwrap());
+        connections.push(connect(&stage).await.unwrap());
     }
     for _ in 0..3 {
-        let error = come(&stage).await.unwrap_err();
+        let error = connect(&stage).await.unwrap_err();
         assert!(
             matches!(&error, ConnectError::Busy { cause, .. } if cause.starts_with("you have 32")),
             "{error:?}"
@@ -59,7 +59,7 @@ async fn one_user_has_32_peer_connections_and_more_are_closed() {
     // existing clients are not affected
     assert_eq!(within(daemon.manager.state()).await.unwrap(), "idle");
     drop(connections.pop());
-    connections.push(at_last(async || come(&stage).await).await);
+    connections.push(at_last(async || connect(&stage).await).await);
     let (_, log) = daemon.terminate().await;
     let text = log
         .lines()
@@ -68,7 +68,7 @@ async fn one_user_has_32_peer_connections_and_more_are_closed() {
 }
 
 /// A session whose frames are taken on request, so that nothing is sent on its streams meanwhile.
-async fn quiet(daemon: &Running) -> Session1Proxy<'static> {
+async fn step_session(daemon: &Running) -> Session1Proxy<'static> {
     daemon.baseline(1).await;
     daemon.start(Options::new().with("step", true)).await
 }
@@ -77,8 +77,8 @@ async fn quiet(daemon: &Running) -> Session1Proxy<'static> {
 async fn one_user_has_sixteen_streams_on_all_connections() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
-    let session = quiet(&daemon).await;
-    let theirs = of_session(&session, &come(&stage).await.unwrap()).await;
+    let session = step_session(&daemon).await;
+    let theirs = of_session(&session, &connect(&stage).await.unwrap()).await;
     let mut streams = Vec::new();
     for _ in 0..8 {
         streams.push(open(&session).await.unwrap());
@@ -116,9 +116,9 @@ async fn one_user_has_sixteen_streams_on_all_connections() {
 async fn one_user_has_thirty_two_calls_that_wait() {
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
-    let session = quiet(&daemon).await;
+    let session = step_session(&daemon).await;
     let mut calls = JoinSet::new();
-    let other = come(&stage).await.unwrap();
+    let other = connect(&stage).await.unwrap();
     let theirs = of_session(&session, &other).await;
     for _ in 0..19 {
         for session in [session.clone(), theirs.clone()] {
@@ -154,7 +154,7 @@ async fn of_session(
 }
 
 /// Sends a call of Wait and disconnects without waiting for the reply.
-async fn wait_and_go(connection: Connection, session: &Session1Proxy<'_>) {
+async fn wait_and_disconnect(connection: Connection, session: &Session1Proxy<'_>) {
     let call = zbus::message::Message::method_call(session.inner().path(), "Wait")
         .destination(dbus::BUS_NAME)
         .interface(dbus::SESSION_INTERFACE)
@@ -188,17 +188,17 @@ async fn waiting_calls_end_when_their_callers_leave() {
         return;
     };
     let daemon = stage.start_on_bus(&broker.address).await;
-    let session = quiet(&daemon).await;
+    let session = step_session(&daemon).await;
     for _ in 0..1100 {
-        wait_and_go(broker.connect().await, &session).await;
+        wait_and_disconnect(broker.connect().await, &session).await;
     }
     for _ in 0..100 {
-        let connection = at_last(async || come(&stage).await).await;
-        wait_and_go(connection, &session).await;
+        let connection = at_last(async || connect(&stage).await).await;
+        wait_and_disconnect(connection, &session).await;
     }
     // the slots are free again on both connections, and stopping never needed one of them
     let on_bus = broker.connect().await;
-    for connection in [&on_bus, &come(&stage).await.unwrap()] {
+    for connection in [&on_bus, &connect(&stage).await.unwrap()] {
         let theirs = of_session(&session, connection).await;
         within(at_last(async || waits(&theirs).await)).await;
     }
@@ -226,7 +226,7 @@ async fn a_flood_of_looks_does_not_hold_up_a_stop() {
         let session = daemon.start(Options::new().with("every_s", 0.05)).await;
         let own = match on_bus {
             true => broker.connect().await,
-            false => come(&stage).await.unwrap(),
+            false => connect(&stage).await.unwrap(),
         };
         let own = of_session(&session, &own).await;
         let mut frames = own.receive_frame_done().await.unwrap();

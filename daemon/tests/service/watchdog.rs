@@ -12,7 +12,7 @@ async fn next(socket: &UnixDatagram) -> String {
     String::from_utf8(text[..length].to_vec()).unwrap()
 }
 
-async fn hears(socket: &UnixDatagram, word: &str) {
+async fn expect_notification(socket: &UnixDatagram, word: &str) {
     while !next(socket).await.lines().any(|line| line == word) {}
 }
 
@@ -20,24 +20,24 @@ async fn hears(socket: &UnixDatagram, word: &str) {
 async fn systemd_is_notified_of_readiness_life_and_end() {
     let stage = Stage::new(SMALL);
     let (daemon, socket) = stage.start_watched(Duration::from_millis(300)).await;
-    hears(&socket, "READY=1").await;
-    hears(&socket, "WATCHDOG=1").await;
+    expect_notification(&socket, "READY=1").await;
+    expect_notification(&socket, "WATCHDOG=1").await;
     daemon.baseline(1).await;
     // a session that takes frames, and one that waits for a user
     for options in [Options::new(), Options::new().with("step", true)] {
         let session = daemon.start(options).await;
-        hears(&socket, "STATUS=acquiring").await;
+        expect_notification(&socket, "STATUS=acquiring").await;
         for _ in 0..3 {
-            hears(&socket, "WATCHDOG=1").await;
+            expect_notification(&socket, "WATCHDOG=1").await;
         }
         session.stop().await.unwrap();
-        hears(&socket, "STATUS=idle").await;
+        expect_notification(&socket, "STATUS=idle").await;
     }
     daemon.hang_up();
-    hears(&socket, "RELOADING=1").await;
-    hears(&socket, "READY=1").await;
+    expect_notification(&socket, "RELOADING=1").await;
+    expect_notification(&socket, "READY=1").await;
     let (status, log) = daemon.terminate().await;
     assert!(status.success(), "{log}");
-    hears(&socket, "STOPPING=1").await;
+    expect_notification(&socket, "STOPPING=1").await;
     assert!(!log.contains("sign of life"), "{log}");
 }

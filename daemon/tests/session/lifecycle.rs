@@ -325,11 +325,11 @@ async fn a_bus_reader_that_freezes_is_dropped_and_the_others_go_on() {
     let socket = frozen.get_mut();
     socket.write_all(b"BEGIN\r\n").unwrap();
     for _ in 0..100 {
-        let question = zbus::Message::method_call(dbus::ROOT_PATH, "Geometry")
+        let query = zbus::Message::method_call(dbus::ROOT_PATH, "Geometry")
             .interface(dbus::MANAGER_INTERFACE)
             .build(&())
             .unwrap();
-        socket.write_all(question.data()).unwrap();
+        socket.write_all(query.data()).unwrap();
     }
     let session = daemon
         .start(Options::new().with("every_s", 0.1).with("count", 15_u64))

@@ -32,12 +32,12 @@ fn stage(config: &str, frames: usize) -> Stage {
     let protocol = Protocol::sheffield(16).unwrap();
     let mut text = String::from("meas,source,sink,v_plus,v_minus\n");
     let mut magnitudes = Vec::new();
-    for (reading, question) in protocol.measurements().iter().enumerate() {
+    for (reading, measurement) in protocol.measurements().iter().enumerate() {
         let [a, b, c, d] = [
-            question.drive.plus,
-            question.drive.minus,
-            question.sense.plus,
-            question.sense.minus,
+            measurement.drive.plus,
+            measurement.drive.minus,
+            measurement.sense.plus,
+            measurement.sense.minus,
         ];
         writeln!(text, "{reading},{},{},{},{}", a.0, b.0, c.0, d.0).unwrap();
         // potential of a dipole on the edge of a disc

@@ -47,8 +47,8 @@ async fn every_wiring_reads_every_question_in_its_place_and_ends_safe() {
             let stand_in = StandIn::new(&wiring);
             let plan = plan(&wiring, settle);
             let frame = run(&stand_in, &plan).await.unwrap();
-            for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
-                assert_eq!(*reading, StandIn::answer(*question), "{}", wiring.name);
+            for (measurement, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+                assert_eq!(*reading, StandIn::answer(*measurement), "{}", wiring.name);
             }
             assert_eq!(frame.settings.settle, settle);
             assert_eq!(frame.monotonic, Duration::from_secs(7));
@@ -214,11 +214,11 @@ async fn compliance_voids_readings_of_its_drive_and_names_electrode() {
         let plan = plan(&wiring, Duration::ZERO);
         let frame = run(&stand_in, &plan).await.unwrap();
         assert_eq!(frame.compliance, [Electrode(2)]);
-        for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
-            let expected = if question.drive.plus == Electrode(2) {
+        for (measurement, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+            let expected = if measurement.drive.plus == Electrode(2) {
                 Reading::NotMeasured
             } else {
-                StandIn::answer(*question)
+                StandIn::answer(*measurement)
             };
             assert_eq!(*reading, expected);
         }
@@ -239,9 +239,9 @@ async fn compliance_before_relays_are_confirmed_voids_both_drives() {
     });
     let frame = run(&stand_in, &plan).await.unwrap();
     assert_eq!(frame.compliance, [Electrode(1), Electrode(0)]);
-    for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
-        let voided = question.drive.plus.0 < 2;
-        assert_eq!(*reading == Reading::NotMeasured, voided, "{question:?}");
+    for (measurement, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+        let voided = measurement.drive.plus.0 < 2;
+        assert_eq!(*reading == Reading::NotMeasured, voided, "{measurement:?}");
     }
     stand_in.assert_safe();
 }
@@ -332,9 +332,9 @@ async fn current_reversal_cancels_a_constant_emf() {
         let plan = both_ways(&wiring);
         let stand_in = StandIn::new(&wiring).with_emf(50e-6);
         let frame = run(&stand_in, &plan).await.unwrap();
-        for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+        for (measurement, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
             let (Reading::Ok(read), Reading::Ok(true_volts)) =
-                (reading, StandIn::answer(*question))
+                (reading, StandIn::answer(*measurement))
             else {
                 panic!("{reading:?}");
             };
@@ -367,9 +367,9 @@ async fn a_zero_current_frame_reads_offsets_only_and_subtracts_them() {
         let mut frame = run(&stand_in, &plain).await.unwrap();
         frame.subtract(&zero).unwrap();
         assert!(frame.settings.precautions.zeroed);
-        for (question, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
+        for (measurement, reading) in plan.protocol.measurements().iter().zip(&frame.readings) {
             let (Reading::Ok(read), Reading::Ok(true_volts)) =
-                (reading, StandIn::answer(*question))
+                (reading, StandIn::answer(*measurement))
             else {
                 panic!("{reading:?}");
             };
@@ -392,7 +392,7 @@ async fn extra_readings_of_a_scan_are_kept_apart_and_fail_nothing() {
     let frame = run(&stand_in, &plan).await.unwrap();
     assert!(frame.readings.iter().all(|reading| reading.is_ok()));
     assert_eq!(frame.extra.len(), 6 * 3);
-    assert_eq!(frame.extra[0].question, own);
+    assert_eq!(frame.extra[0].measurement, own);
     assert_eq!(frame.extra[0].reading, Reading::Overload);
     let quality = survey::Checks::new(&plan.protocol).of(&frame);
     assert_eq!(quality.overloads, 0);

@@ -5,7 +5,7 @@ use serde::Serialize;
 /// The result of one check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum CheckOutcome {
     /// As it should be.
     Ok,
     /// At fault.
@@ -14,7 +14,7 @@ pub enum Verdict {
     NotJudged,
 }
 
-impl Verdict {
+impl CheckOutcome {
     /// The word for this verdict on D-Bus.
     pub fn word(self) -> &'static str {
         match self {
@@ -33,7 +33,7 @@ pub struct ReportLine {
     /// The property that was checked.
     pub check: &'static str,
     /// The result.
-    pub verdict: Verdict,
+    pub verdict: CheckOutcome,
     /// The measured value; `None` if there is none.
     pub measured: Option<f64>,
     /// The value of a sound rig.

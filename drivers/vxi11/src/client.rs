@@ -8,7 +8,7 @@ use tokio::net::UdpSocket;
 use tokio::time::Instant;
 
 use crate::procedure::*;
-use crate::rpc::{Call, Garbage, Reader, Writer, marked, read_record, results};
+use crate::rpc::{Call, MalformedArguments, Reader, Writer, marked, read_record, results};
 
 /// Longest record accepted from an instrument, bytes.
 const LARGEST_RECORD: usize = 64 * 1024;
@@ -99,7 +99,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Client<S> {
         &mut self,
         procedure: u32,
         arguments: Writer,
-        read: impl FnOnce(&mut Reader<'_>) -> Result<T, Garbage>,
+        read: impl FnOnce(&mut Reader<'_>) -> Result<T, MalformedArguments>,
     ) -> io::Result<T> {
         let invalid = |reason: String| io::Error::new(io::ErrorKind::InvalidData, reason);
         let xid = self.next_call;

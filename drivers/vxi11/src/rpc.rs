@@ -51,7 +51,7 @@ pub(crate) fn marked(record: &[u8]) -> Vec<u8> {
 
 /// Arguments that do not have the expected form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Garbage;
+pub(crate) struct MalformedArguments;
 
 /// XDR decoder (RFC 4506).
 #[derive(Debug)]
@@ -62,21 +62,21 @@ impl<'a> Reader<'a> {
         Self(bytes)
     }
 
-    pub(crate) fn word(&mut self) -> Result<u32, Garbage> {
-        let (word, rest) = self.0.split_first_chunk::<4>().ok_or(Garbage)?;
+    pub(crate) fn word(&mut self) -> Result<u32, MalformedArguments> {
+        let (word, rest) = self.0.split_first_chunk::<4>().ok_or(MalformedArguments)?;
         self.0 = rest;
         Ok(u32::from_be_bytes(*word))
     }
 
-    pub(crate) fn flag(&mut self) -> Result<bool, Garbage> {
+    pub(crate) fn flag(&mut self) -> Result<bool, MalformedArguments> {
         self.word().map(|word| word != 0)
     }
 
-    pub(crate) fn opaque(&mut self) -> Result<&'a [u8], Garbage> {
+    pub(crate) fn opaque(&mut self) -> Result<&'a [u8], MalformedArguments> {
         let length = self.word()? as usize;
-        let padded = length.checked_next_multiple_of(4).ok_or(Garbage)?;
+        let padded = length.checked_next_multiple_of(4).ok_or(MalformedArguments)?;
         if padded > self.0.len() {
-            return Err(Garbage);
+            return Err(MalformedArguments);
         }
         let (bytes, rest) = self.0.split_at(padded);
         self.0 = rest;
@@ -120,10 +120,10 @@ pub(crate) struct Call {
 
 impl Call {
     /// Reads the header of a call; the reader then holds its arguments.
-    pub(crate) fn read(reader: &mut Reader<'_>) -> Result<Self, Garbage> {
+    pub(crate) fn read(reader: &mut Reader<'_>) -> Result<Self, MalformedArguments> {
         let xid = reader.word()?;
         if reader.word()? != CALL {
-            return Err(Garbage);
+            return Err(MalformedArguments);
         }
         let call = Self {
             xid,
@@ -236,9 +236,9 @@ mod tests {
         let mut reader = Reader::new(&bytes);
         assert_eq!(reader.word(), Ok(7));
         assert_eq!(reader.opaque(), Ok(b"inst0".as_slice()));
-        assert_eq!(reader.word(), Err(Garbage));
+        assert_eq!(reader.word(), Err(MalformedArguments));
         let lie = [0xff, 0xff, 0xff, 0xff, 1, 2, 3, 4];
-        assert_eq!(Reader::new(&lie).opaque(), Err(Garbage));
+        assert_eq!(Reader::new(&lie).opaque(), Err(MalformedArguments));
     }
 
     #[test]

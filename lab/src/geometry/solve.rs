@@ -147,7 +147,7 @@ fn potentials(
         let measurements = case.protocol.measurements().iter();
         let current = measurements
             .zip(&case.currents)
-            .find(|(question, _)| question.drive == *drive)
+            .find(|(measurement, _)| measurement.drive == *drive)
             .map_or(1.0, |(_, current)| *current);
         row *= current;
     }

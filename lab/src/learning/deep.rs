@@ -8,7 +8,7 @@ use eit::{DeepReport, DeepSettings, Jitter, Model, Network, Report, TrainingSett
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use studies::{Failure, progress};
-use training::deep::{self, Moment, Recipe};
+use training::deep::{self, TrainingEvent, Recipe};
 use training::noise_figure::with_noise_figure;
 use training::samples::{Noise, Samples, TrainingSet};
 use training::symmetry::Symmetric;
@@ -269,17 +269,17 @@ struct Watch {
 }
 
 impl Watch {
-    fn show(&self, moment: Moment, settings: &DeepSettings) {
+    fn show(&self, moment: TrainingEvent, settings: &DeepSettings) {
         let mut bar = self.bar.borrow_mut();
         match moment {
-            Moment::Resumed { epochs } => eprintln!(
+            TrainingEvent::Resumed { epochs } => eprintln!(
                 "tactus-lab: going on from a checkpoint after epoch {epochs} of {}",
                 settings.epochs
             ),
-            Moment::Step { step, of, .. } => bar
+            TrainingEvent::Step { step, of, .. } => bar
                 .get_or_insert_with(|| progress::bar(of, "steps"))
                 .set_position(step as u64),
-            Moment::Epoch {
+            TrainingEvent::Epoch {
                 epoch,
                 training,
                 held_out,

@@ -17,7 +17,7 @@ const OF_SIGNAL: f64 = 1e-3;
 
 /// Assessment of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Verdict {
+enum EffectStatus {
     /// Named, and it matters; or neither.
     Fine,
     /// Not named, but it matters.
@@ -28,7 +28,7 @@ enum Verdict {
     Negligible,
 }
 
-impl Verdict {
+impl EffectStatus {
     fn of(prediction: &Prediction, noise: f64, signal: Option<f64>) -> Self {
         let matters = prediction.volts > OF_NOISE * noise
             || signal.is_some_and(|signal| prediction.volts > OF_SIGNAL * signal);
@@ -127,16 +127,16 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     let preview = Preview::new(&scene, scan)
         .map_err(|fault| Failure::of(&format!("scene {}", options.scene), &fault))?;
     let (noise, signal) = (preview.noise(), preview.signal());
-    let mut predictions: Vec<(Prediction, Verdict)> = preview
+    let mut predictions: Vec<(Prediction, EffectStatus)> = preview
         .predictions()
         .into_iter()
         .map(|prediction| {
-            let verdict = Verdict::of(&prediction, noise, signal);
+            let verdict = EffectStatus::of(&prediction, noise, signal);
             (prediction, verdict)
         })
         .collect();
     predictions.sort_by(|(a, _), (b, _)| b.volts.total_cmp(&a.volts));
-    let of = |wanted: Verdict| -> Vec<&str> {
+    let of = |wanted: EffectStatus| -> Vec<&str> {
         let those = predictions.iter().filter(|(_, verdict)| *verdict == wanted);
         those.map(|(prediction, _)| prediction.name).collect()
     };
@@ -172,8 +172,8 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
             "loads": time_line.loads,
             "faults": time_line.faults,
             "effects": effects,
-            "missing": of(Verdict::Missing),
-            "negligible": of(Verdict::Negligible),
+            "missing": of(EffectStatus::Missing),
+            "negligible": of(EffectStatus::Negligible),
         });
         print_line!("{line}");
         return Ok(());
@@ -209,11 +209,11 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
     print_line!("");
     for (verdict, text) in [
         (
-            Verdict::Missing,
+            EffectStatus::Missing,
             "left out, though more than 0.1 of the noise or 0.1 % of the signal",
         ),
         (
-            Verdict::Negligible,
+            EffectStatus::Negligible,
             "named, though negligible: the scene could do without",
         ),
     ] {
@@ -226,7 +226,7 @@ pub(crate) fn explain(options: &ExplainOptions) -> Result<(), Failure> {
 }
 
 /// A row of the table of effects.
-fn row(prediction: &Prediction, verdict: Verdict, noise: f64, signal: Option<f64>) -> String {
+fn row(prediction: &Prediction, verdict: EffectStatus, noise: f64, signal: Option<f64>) -> String {
     let share = |of: f64| format!("{:.1e}", prediction.volts / of);
     let assumed = prediction.assumes.as_ref().map(|text| format!(" [{text}]"));
     let line = format!(
@@ -257,11 +257,11 @@ enum Group {
 impl Group {
     const ALL: [Self; 3] = [Self::Named, Self::Missing, Self::Small];
 
-    fn of(prediction: &Prediction, verdict: Verdict) -> Self {
+    fn of(prediction: &Prediction, verdict: EffectStatus) -> Self {
         match verdict {
             _ if prediction.named => Self::Named,
-            Verdict::Missing | Verdict::Fault => Self::Missing,
-            Verdict::Fine | Verdict::Negligible => Self::Small,
+            EffectStatus::Missing | EffectStatus::Fault => Self::Missing,
+            EffectStatus::Fine | EffectStatus::Negligible => Self::Small,
         }
     }
 

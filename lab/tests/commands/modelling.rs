@@ -144,8 +144,8 @@ fn transfer_matrices_are_inverse_and_read_what_the_model_reads() {
     let (y, z) = (numbers(&tank.path("Y.csv")), numbers(&tank.path("Z.csv")));
     let readings = numbers(&tank.path("v.csv"));
     let protocol = numbers(&tank.path("tank/protocol.csv"));
-    for (question, reading) in protocol.iter().zip(&readings) {
-        let [_, source, sink, plus, minus, current] = question[..] else {
+    for (measurement, reading) in protocol.iter().zip(&readings) {
+        let [_, source, sink, plus, minus, current] = measurement[..] else {
             panic!("six columns");
         };
         let at = |to: f64, from: f64| z[to as usize][from as usize];

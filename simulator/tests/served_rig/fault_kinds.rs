@@ -106,8 +106,8 @@ impl Wire {
         (count > 0).then(|| line.trim_end().to_owned())
     }
 
-    async fn ask(&mut self, question: &str) -> Option<String> {
-        self.say(&format!("{question}\n")).await;
+    async fn ask(&mut self, query: &str) -> Option<String> {
+        self.say(&format!("{query}\n")).await;
         let line = self.line().await;
         if line.is_none() {
             self.stream = None;
@@ -116,13 +116,13 @@ impl Wire {
     }
 
     /// Repeats the query over a new connection if the old one is broken.
-    async fn insist(&mut self, question: &str) -> String {
+    async fn insist(&mut self, query: &str) -> String {
         let begun = Instant::now();
         loop {
-            if let Some(line) = self.ask(question).await {
+            if let Some(line) = self.ask(query).await {
                 return line;
             }
-            assert!(begun.elapsed() < DEADLINE, "{question} at {}", self.address);
+            assert!(begun.elapsed() < DEADLINE, "{query} at {}", self.address);
             tokio::task::yield_now().await;
         }
     }
@@ -212,8 +212,8 @@ impl FaultyRig {
                 self.source.insist(compliance).await == "0" && reads == "0"
             }
             kind @ ("lost" | "doubled" | "half-line") => {
-                let (wire, question, answer) = self.named(words);
-                let replies = wire.replies_to(&["*IDN?", question]).await;
+                let (wire, query, answer) = self.named(words);
+                let replies = wire.replies_to(&["*IDN?", query]).await;
                 let replies: Vec<&str> = replies.iter().map(String::as_str).collect();
                 match (kind, replies.as_slice()) {
                     ("lost", [only]) => *only == answer,
@@ -244,19 +244,19 @@ impl FaultyRig {
                 volts.abs() < 1e-3
             }
             "late" | "slow" => {
-                let (wire, question, _) = self.named(words);
+                let (wire, query, _) = self.named(words);
                 let begun = Instant::now();
-                wire.insist(question).await;
+                wire.insist(query).await;
                 begun.elapsed() >= LATE
             }
             "drop" => {
-                let (wire, question, _) = self.named(words);
-                wire.ask(question).await.is_none()
+                let (wire, query, _) = self.named(words);
+                wire.ask(query).await.is_none()
             }
             "wire" => {
-                let (wire, question, _) = self.named(words);
+                let (wire, query, _) = self.named(words);
                 wire.connect().await;
-                wire.ask(question).await.is_none()
+                wire.ask(query).await.is_none()
             }
             "power-cut" => {
                 // Of the connections the source's is the one that carries nothing meanwhile.
@@ -339,15 +339,15 @@ impl FaultyRig {
 }
 
 impl Wire {
-    async fn insist_if_there(&mut self, question: &str) {
+    async fn insist_if_there(&mut self, query: &str) {
         if !self.address.is_empty() {
-            self.insist(question).await;
+            self.insist(query).await;
         }
     }
 
     /// All replies to some queries and to a final error query.
-    async fn replies_to(&mut self, questions: &[&str]) -> Vec<String> {
-        self.say(&format!("{}\nSYST:ERR?\n", questions.join("\n")))
+    async fn replies_to(&mut self, queries: &[&str]) -> Vec<String> {
+        self.say(&format!("{}\nSYST:ERR?\n", queries.join("\n")))
             .await;
         let mut replies = Vec::new();
         loop {

@@ -17,8 +17,8 @@ fn simulated(profile: &str, load: LoadNetwork) -> SimulatedRig {
     SimulatedRig::new(&profile, Scene::quiet()).unwrap()
 }
 
-fn ask(rig: &SimulatedRig, instrument: Instrument, question: &str) -> String {
-    rig.receive(instrument, question).0.unwrap()
+fn ask(rig: &SimulatedRig, instrument: Instrument, query: &str) -> String {
+    rig.receive(instrument, query).0.unwrap()
 }
 
 /// The voltmeter's reading on a channel.

@@ -26,11 +26,11 @@ impl Client {
         self.0.get_mut().write_all(bytes).unwrap();
     }
 
-    fn ask(&mut self, question: &str) -> String {
-        self.send(format!("{question}\n").as_bytes());
+    fn ask(&mut self, query: &str) -> String {
+        self.send(format!("{query}\n").as_bytes());
         let mut line = String::new();
         self.0.read_line(&mut line).unwrap();
-        assert!(line.ends_with('\n'), "{question}: {line:?}");
+        assert!(line.ends_with('\n'), "{query}: {line:?}");
         line.trim_end().to_owned()
     }
 

@@ -24,15 +24,15 @@ impl Client {
     }
 
     /// A client with its first reply; retried until a connection is free.
-    fn insisting(served: &Served, question: &str) -> (Self, String, u32) {
+    fn insisting(served: &Served, query: &str) -> (Self, String, u32) {
         let begun = Instant::now();
         for tries in 1.. {
             assert!(begun.elapsed() < DEADLINE);
             let Some(mut client) = Self::taken(served, "6221") else {
                 continue;
             };
-            let question = format!("{question}\n");
-            client.0.get_mut().write_all(question.as_bytes()).ok();
+            let query = format!("{query}\n");
+            client.0.get_mut().write_all(query.as_bytes()).ok();
             let mut line = String::new();
             if matches!(client.0.read_line(&mut line), Ok(1..)) {
                 return (client, line.trim_end().to_owned(), tries);
@@ -52,8 +52,8 @@ impl Client {
         line.trim_end().to_owned()
     }
 
-    fn ask(&mut self, question: &str) -> String {
-        self.send(format!("{question}\n").as_bytes());
+    fn ask(&mut self, query: &str) -> String {
+        self.send(format!("{query}\n").as_bytes());
         self.line()
     }
 

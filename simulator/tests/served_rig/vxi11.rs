@@ -130,8 +130,8 @@ impl Client {
         (word(&read, 0), word(&read, 1), data)
     }
 
-    fn ask(&mut self, link: u32, question: &str) -> String {
-        assert_eq!(self.write(link, question.as_bytes(), END), 0);
+    fn ask(&mut self, link: u32, query: &str) -> String {
+        assert_eq!(self.write(link, query.as_bytes(), END), 0);
         let (error, reason, data) = self.read(link, 1 << 20, 5000, None);
         assert_eq!((error, reason), (0, 4), "{data}");
         data.trim_end().to_owned()

@@ -12,8 +12,8 @@ fn simulated(load: LoadNetwork) -> SimulatedRig {
     SimulatedRig::new(&profile.at_pace(Pace::Instant), Scene::quiet()).unwrap()
 }
 
-fn read(rig: &SimulatedRig, question: &str) -> f64 {
-    let answer = rig.receive(Instrument::Mainframe, question).0.unwrap();
+fn read(rig: &SimulatedRig, query: &str) -> f64 {
+    let answer = rig.receive(Instrument::Mainframe, query).0.unwrap();
     answer.parse().unwrap()
 }
 

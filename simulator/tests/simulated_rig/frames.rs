@@ -18,8 +18,8 @@ fn bare(simulated: &SimulatedRig, wiring: &Wiring) -> Vec<f64> {
         plan.protocol
             .measurements()
             .iter()
-            .map(|question| {
-                let (drive, sense) = (question.drive, question.sense);
+            .map(|measurement| {
+                let (drive, sense) = (measurement.drive, measurement.sense);
                 plan.current.0 * (difference(drive, sense.plus) - difference(drive, sense.minus))
             })
             .collect()
@@ -213,17 +213,17 @@ async fn one_wrong_relay_number_and_the_readings_go_wrong() {
     let exchanged = frame(&rig, &wrong).await.unwrap();
     let plan = plan(&right);
     let mut differing = 0;
-    for (question, (reading, bare)) in plan
+    for (measurement, (reading, bare)) in plan
         .protocol
         .measurements()
         .iter()
         .zip(exchanged.readings.iter().zip(&bare))
     {
-        let concerned = [2, 3].contains(&question.sense.plus.0);
+        let concerned = [2, 3].contains(&measurement.sense.plus.0);
         let differs = reading
             .volts()
             .is_none_or(|volts| (volts.0 - bare).abs() > 1e-6);
-        assert!(concerned || !differs, "{question:?}");
+        assert!(concerned || !differs, "{measurement:?}");
         differing += usize::from(differs);
     }
     println!("{differing} readings differ");

@@ -142,8 +142,8 @@ async fn skip_pattern_through_the_board_reads_forward_solution() {
             let z = phantom.transfer_impedance(Duration::ZERO).unwrap();
             let apart =
                 |from: Dipole, at: Electrode| z[(at.0, from.plus.0)] - z[(at.0, from.minus.0)];
-            let questions = protocol.measurements().iter();
-            questions
+            let measurements = protocol.measurements().iter();
+            measurements
                 .map(|requested| {
                     let (drive, sense) = (requested.drive, requested.sense);
                     CURRENT.0 * (apart(drive, sense.plus) - apart(drive, sense.minus))

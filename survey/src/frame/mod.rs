@@ -138,7 +138,7 @@ impl Settings {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Extra {
     /// The measurement.
-    pub question: Measurement,
+    pub measurement: Measurement,
     /// Its result.
     pub reading: Reading,
 }
@@ -193,7 +193,7 @@ impl Frame {
             let zero = zero
                 .extra
                 .iter()
-                .find(|zero| zero.question == extra.question);
+                .find(|zero| zero.measurement == extra.measurement);
             if let Some(zero) = zero {
                 extra.reading = less(extra.reading, zero.reading);
             }

@@ -179,8 +179,8 @@ fn read(
         .measurements()
         .iter()
         .enumerate()
-        .filter(|(_, question)| question.drive == drive)
-        .map(|(reading, question)| (reading, question.sense))
+        .filter(|(_, measurement)| measurement.drive == drive)
+        .map(|(reading, measurement)| (reading, measurement.sense))
         .collect();
     let relays = |sense| {
         wiring

@@ -193,9 +193,9 @@ mod tests {
     }
 
     /// 6.7 V over the driven pair, 0.5 V beside it, 2 mV elsewhere.
-    fn expected(question: Measurement) -> Option<Volts> {
-        Some(Volts(match question.drive.touches(question.sense) {
-            true if question.drive == question.sense => -6.5,
+    fn expected(measurement: Measurement) -> Option<Volts> {
+        Some(Volts(match measurement.drive.touches(measurement.sense) {
+            true if measurement.drive == measurement.sense => -6.5,
             true => 0.5,
             false => 2e-3,
         }))

@@ -216,18 +216,18 @@ impl Checks {
                         sums[sense.plus.0] = reading.volts().map(|volts| volts.0);
                     }
                 };
-                for (question, reading) in self.protocol.measurements().iter().zip(&frame.readings)
+                for (measurement, reading) in self.protocol.measurements().iter().zip(&frame.readings)
                 {
-                    if question.drive == drive {
-                        take(question.sense, *reading);
+                    if measurement.drive == drive {
+                        take(measurement.sense, *reading);
                     }
                 }
                 for extra in frame
                     .extra
                     .iter()
-                    .filter(|extra| extra.question.drive == drive)
+                    .filter(|extra| extra.measurement.drive == drive)
                 {
-                    take(extra.question.sense, extra.reading);
+                    take(extra.measurement.sense, extra.reading);
                 }
                 sums.into_iter().sum::<Option<f64>>().map(f64::abs)
             })
@@ -242,22 +242,22 @@ impl Checks {
             frame
                 .extra
                 .iter()
-                .find(|extra| extra.question.drive == drive && extra.question.sense == drive)
+                .find(|extra| extra.measurement.drive == drive && extra.measurement.sense == drive)
                 .and_then(|extra| extra.reading.volts())
         };
         let mut bound: Option<(Dipole, Option<f64>)> = None;
         let readings = self.protocol.measurements().iter().zip(&frame.readings);
         readings
             .enumerate()
-            .filter(|(index, (question, reading))| {
+            .filter(|(index, (measurement, reading))| {
                 let Some(volts) = reading.volts() else {
                     return false;
                 };
                 let most = match bound {
-                    Some((drive, most)) if drive == question.drive => most,
+                    Some((drive, most)) if drive == measurement.drive => most,
                     _ => {
-                        let most = driven(question.drive).map(|volts| volts.0.abs());
-                        bound = Some((question.drive, most));
+                        let most = driven(measurement.drive).map(|volts| volts.0.abs());
+                        bound = Some((measurement.drive, most));
                         most
                     }
                 };

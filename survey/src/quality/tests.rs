@@ -8,17 +8,17 @@ use crate::{Amps, Extra, Measurement, Precautions, Settings, Volts};
 const RING: usize = 8;
 
 /// What a passive sheet answers: the potential between any two electrodes is a Green's function of their distance.
-fn volts(question: Measurement) -> f64 {
+fn volts(measurement: Measurement) -> f64 {
     let green = |a: Electrode, b: Electrode| match a.0.abs_diff(b.0) {
         0 => 2.0,
         apart => -(2.0 * (std::f64::consts::PI * apart as f64 / RING as f64).sin()).ln(),
     };
-    let at = |sensed| green(sensed, question.drive.plus) - green(sensed, question.drive.minus);
-    at(question.sense.plus) - at(question.sense.minus)
+    let at = |sensed| green(sensed, measurement.drive.plus) - green(sensed, measurement.drive.minus);
+    at(measurement.sense.plus) - at(measurement.sense.minus)
 }
 
-fn answered(question: Measurement) -> Reading {
-    Reading::Ok(Volts(volts(question)))
+fn answered(measurement: Measurement) -> Reading {
+    Reading::Ok(Volts(volts(measurement)))
 }
 
 /// A sound frame with the whole ring read at each injection, 3 uV of noise in readings of 2.8 V at most.
@@ -39,10 +39,10 @@ fn sound() -> (Checks, Frame) {
             .map(answered)
             .collect(),
         extra: whole
-            .filter(|question| question.drive.touches(question.sense))
-            .map(|question| Extra {
-                question,
-                reading: answered(question),
+            .filter(|measurement| measurement.drive.touches(measurement.sense))
+            .map(|measurement| Extra {
+                measurement,
+                reading: answered(measurement),
             })
             .collect(),
         monotonic: Duration::ZERO,
@@ -124,13 +124,13 @@ fn a_contact_read_wrong_breaks_only_the_loop() {
 #[test]
 fn reading_above_the_drive_or_of_wrong_sign_is_implausible() {
     let (checks, mut frame) = sound();
-    let question = checks.protocol.measurements()[0];
+    let measurement = checks.protocol.measurements()[0];
     let twin = checks.twins[0].unwrap();
     for at in [0, twin] {
         scaled(&mut frame.readings[at], -1.0);
     }
     let quality = checks.of(&frame);
-    assert_eq!(quality.implausible, 2, "{question:?}: {quality:?}");
+    assert_eq!(quality.implausible, 2, "{measurement:?}: {quality:?}");
     assert!(quality.flags.contains(&QualityFlag::Plausibility));
     for at in [0, twin] {
         scaled(&mut frame.readings[at], -40.0);

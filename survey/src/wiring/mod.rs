@@ -77,9 +77,9 @@ impl Wiring {
         let measurements = protocol.measurements();
         let drives = protocol.drives();
         let mut senses: Vec<Dipole> = Vec::new();
-        for question in measurements {
-            if !senses.contains(&question.sense) {
-                senses.push(question.sense);
+        for measurement in measurements {
+            if !senses.contains(&measurement.sense) {
+                senses.push(measurement.sense);
             }
         }
         senses.sort_unstable();

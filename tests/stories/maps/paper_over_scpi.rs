@@ -148,8 +148,8 @@ fn ideal(loads: &[Load]) -> (Vec<f64>, Vec<Vec<f64>>) {
         protocol
             .measurements()
             .iter()
-            .map(|question| {
-                let (drive, sense) = (question.drive, question.sense);
+            .map(|measurement| {
+                let (drive, sense) = (measurement.drive, measurement.sense);
                 let between = |to: usize| z[(sense.plus.0, to)] - z[(sense.minus.0, to)];
                 CURRENT * (between(drive.plus.0) - between(drive.minus.0))
             })

@@ -120,8 +120,8 @@ fn first_frame_is_the_forward_solution_in_instrument_digits() {
                 .expect("it is solved")
                 .clone()
         });
-        for (question, measured) in plan.protocol.measurements().iter().zip(measured) {
-            let (drive, sense) = (question.drive, question.sense);
+        for (measurement, measured) in plan.protocol.measurements().iter().zip(measured) {
+            let (drive, sense) = (measurement.drive, measurement.sense);
             let between =
                 |to: usize| impedance[(sense.plus.0, to)] - impedance[(sense.minus.0, to)];
             let exact = CURRENT.0 * (between(drive.plus.0) - between(drive.minus.0));

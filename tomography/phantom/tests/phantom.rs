@@ -61,8 +61,8 @@ fn the_readings_of_the_matrix_are_those_of_the_forward_model() {
     let protocol = Protocol::sheffield(26).unwrap();
     let readings = forward.readings(&sigma, &protocol).unwrap();
     let z = phantom.transfer_impedance(Duration::ZERO).unwrap();
-    for (question, reading) in protocol.measurements().iter().zip(readings.iter()) {
-        let (d, s) = (question.drive, question.sense);
+    for (measurement, reading) in protocol.measurements().iter().zip(readings.iter()) {
+        let (d, s) = (measurement.drive, measurement.sense);
         let from_z = z[(s.plus.0, d.plus.0)] - z[(s.plus.0, d.minus.0)] - z[(s.minus.0, d.plus.0)]
             + z[(s.minus.0, d.minus.0)];
         assert!((from_z - reading).abs() < 1e-11 * readings.amax());

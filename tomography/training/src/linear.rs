@@ -23,7 +23,7 @@ use crate::symmetry::Symmetric;
 /// Samples read in parallel, and summed in order.
 const BLOCK: usize = 256;
 /// Inputs for the distribution of familiar inputs.
-const FAMILIAR: usize = 4000;
+const TRAINING_DISTRIBUTION: usize = 4000;
 
 /// The linear map of a case: from the cache if it was trained before with the same settings, otherwise trained and
 /// cached.
@@ -132,7 +132,7 @@ pub fn fit(
                     .column_mut(unknown as usize)
                     .axpy(f64::from(change), &columns.column(k), 1.0);
             }
-            if seen.len() < FAMILIAR * inputs {
+            if seen.len() < TRAINING_DISTRIBUTION * inputs {
                 let mut row = sample.input.clone();
                 let item = first * views + k;
                 noise.add(&mut row, item % noise.levels(), item, learnt * views);

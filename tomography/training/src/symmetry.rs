@@ -11,7 +11,7 @@ use crate::samples::{Sample, SampleError, Samples};
 const SAME: f64 = 1e-9;
 
 /// A symmetry as a permutation of readings and of triangles of the region.
-struct Turn {
+struct SymmetryPermutation {
     /// (reading, sign) for reading k.
     readings: Vec<(usize, f32)>,
     /// Triangle of the region for triangle k.
@@ -21,7 +21,7 @@ struct Turn {
 /// A set extended by every symmetry of its sheet.
 pub struct Symmetric<'s> {
     inner: &'s dyn Samples,
-    turns: Vec<Turn>,
+    turns: Vec<SymmetryPermutation>,
 }
 
 impl<'s> Symmetric<'s> {
@@ -77,7 +77,7 @@ impl Samples for Symmetric<'_> {
 }
 
 /// The symmetry with these signs of the coordinates about the middle of the bounding box, if the sheet has it.
-fn turn(case: &Case, sigma0: &[f64], signs: [f64; 2]) -> Option<Turn> {
+fn turn(case: &Case, sigma0: &[f64], signs: [f64; 2]) -> Option<SymmetryPermutation> {
     let mesh = &case.mesh;
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for node in mesh.nodes() {
@@ -155,7 +155,7 @@ fn turn(case: &Case, sigma0: &[f64], signs: [f64; 2]) -> Option<Turn> {
         .iter()
         .enumerate()
         .all(|(from, (to, _))| same(case.currents[from], case.currents[*to]));
-    currents.then_some(Turn { readings, region })
+    currents.then_some(SymmetryPermutation { readings, region })
 }
 
 /// The point at the image of each point; `None` if one has none.

@@ -102,8 +102,8 @@ static GRAMMAR: LazyLock<Vec<Row>> = LazyLock::new(|| {
             let value = parameter.kind().read(value)?;
             Ok(Command::SetParameter(parameter, value))
         });
-        let question = format!("{}?", parameter.notation());
-        row(&mut rows, &question, move |call| {
+        let query = format!("{}?", parameter.notation());
+        row(&mut rows, &query, move |call| {
             if parameter.kind().is_number() {
                 Ok(Command::Parameter(parameter, ask(call)?))
             } else {

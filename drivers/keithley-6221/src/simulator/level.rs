@@ -86,7 +86,7 @@ impl Simulator6221 {
     }
 
     /// The range in use.
-    pub(super) fn made_on(&self) -> Range {
+    pub(super) fn range_in_use(&self) -> Range {
         match &self.mode {
             Mode::Wave(wave) => wave.range,
             Mode::Source | Mode::Sweep(_) => self.panel.range,
@@ -136,7 +136,7 @@ impl Simulator6221 {
     }
 
     /// Records that a message has changed the current.
-    pub(super) fn note_step(&mut self, before: Amps) {
+    pub(super) fn record_step(&mut self, before: Amps) {
         if before == self.flowing {
             return;
         }
@@ -155,7 +155,7 @@ impl Simulator6221 {
             limited(level, load.resistance(self.now), self.panel.compliance)
         };
         self.status.measurement.set(COMPLIANCE_BIT, held_back);
-        let range = self.made_on();
+        let range = self.range_in_use();
         if flowing != self.flowing || range != self.reported_range {
             (self.flowing, self.reported_range) = (flowing, range);
             load.drive(flowing, range.full_scale, self.now);

@@ -31,7 +31,7 @@ pub use sweep::Trigger;
 use crate::command::{COMPLIANCE_BIT, Command, Element, error_numbers};
 use crate::{Load, Range};
 use lists::Lists;
-use state::{Mode, Outcome, Panel};
+use state::{Mode, Outcome, ResettableSettings};
 use values::Values;
 
 /// A 6221 that receives lines and returns replies. Output and settings do not depend on connections.
@@ -39,7 +39,7 @@ use values::Values;
 pub struct Simulator6221 {
     settings: Settings6221,
     now: Duration,
-    panel: Panel,
+    panel: ResettableSettings,
     values: Values,
     lists: Lists,
     elements: Vec<Element>,
@@ -47,7 +47,7 @@ pub struct Simulator6221 {
     /// Stored arbitrary waves.
     waves: [Vec<f64>; 4],
     /// Stored settings.
-    memories: [Option<Box<(Panel, Values)>>; 5],
+    memories: [Option<Box<(ResettableSettings, Values)>>; 5],
     mode: Mode,
     outcome: Outcome,
     /// `*OPC` was received and an operation is still pending.
@@ -140,7 +140,7 @@ impl Simulator6221 {
                     wait = left.unwrap_or_default();
                     Ok(left.map(|_| "1".to_owned()))
                 }
-                Ok(command) => self.carry_out(command, !replies.is_empty()),
+                Ok(command) => self.execute(command, !replies.is_empty()),
                 Err(refusal) => Err(*refusal),
             };
             match outcome {
@@ -153,7 +153,7 @@ impl Simulator6221 {
             self.pass(self.now, load);
             let before = self.flowing;
             self.flow(load);
-            self.note_step(before);
+            self.record_step(before);
             if self.answer_awaited
                 && let Some(left) = self.remaining()
             {
@@ -263,7 +263,7 @@ impl Simulator6221 {
 
     /// Full scale of the range.
     pub fn range(&self) -> Amps {
-        self.made_on().full_scale
+        self.range_in_use().full_scale
     }
 
     /// Whether the voltage limit reduces the current.
@@ -292,7 +292,7 @@ impl Simulator6221 {
         (self.errors.added(), self.errors.latest())
     }
 
-    fn carry_out(
+    fn execute(
         &mut self,
         command: &Command,
         replies_wait: bool,
@@ -300,7 +300,7 @@ impl Simulator6221 {
         let bit = |on: bool| Some(u8::from(on).to_string());
         let text = |value: &dyn ToString| Some(value.to_string());
         match command {
-            Command::Common(common) => return self.carry_out_common(*common, replies_wait),
+            Command::Common(common) => return self.execute_common(*common, replies_wait),
             Command::Save(place) => self.save(*place),
             Command::Recall(place) => self.recall(*place),
             // IEEE 488.2 section 10.20: the reply is 0 if there are no options.

@@ -76,8 +76,8 @@ impl Simulator6221 {
                 if self.values.is_on(Parameter::PhaseMarker) {
                     let marked = (self.values.get(Parameter::MarkedPhase) / 360.0).rem_euclid(1.0);
                     let marks = wave
-                        .marks(now, marked)
-                        .saturating_sub(wave.marks(before, marked));
+                        .marked_phases(now, marked)
+                        .saturating_sub(wave.marked_phases(before, marked));
                     // Lines are 1 to 6.
                     self.pulses[self.values.get(Parameter::MarkerLine) as usize - 1] += marks;
                 }

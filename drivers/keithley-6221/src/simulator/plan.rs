@@ -8,7 +8,7 @@ use survey::{Amps, Volts};
 
 use super::lists::Lists;
 use super::values::{LINEAR, LOGARITHMIC, Values};
-use super::wave::{Lasting, Shape, Wave};
+use super::wave::{WaveDuration, Shape, Wave};
 use crate::range::LARGEST_CURRENT;
 use crate::{List, Parameter, RANGES, Range};
 
@@ -158,9 +158,9 @@ pub(super) fn plan_wave(
     ]
     .map(|parameter| values.get(parameter));
     let lasting = if values.cycles_lead() {
-        Lasting::Cycles(values.get(Parameter::WaveCycles))
+        WaveDuration::Cycles(values.get(Parameter::WaveCycles))
     } else {
-        Lasting::Seconds(values.get(Parameter::WaveTime))
+        WaveDuration::Seconds(values.get(Parameter::WaveTime))
     };
     let [_, amplitude, offset] = settings;
     let peak = Amps(amplitude + offset.abs());

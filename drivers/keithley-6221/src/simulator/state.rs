@@ -12,7 +12,7 @@ use crate::range::{LARGEST_CURRENT, LARGEST_LIMIT, RANGES, SMALLEST_LIMIT};
 
 /// The settings that `*RST` resets (fact sheet, section 4; range and autorange assumed).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Panel {
+pub(super) struct ResettableSettings {
     pub(super) level: Amps,
     pub(super) range: Range,
     pub(super) autorange: bool,
@@ -24,7 +24,7 @@ pub(super) struct Panel {
     pub(super) speed: Speed,
 }
 
-pub(super) const RESET: Panel = Panel {
+pub(super) const RESET: ResettableSettings = ResettableSettings {
     level: Amps(0.0),
     range: RANGES[RANGES.len() - 1],
     autorange: false,
@@ -53,7 +53,7 @@ pub(super) fn limited(level: Amps, resistance: Ohms, limit: Volts) -> (Amps, boo
     }
 }
 
-impl Panel {
+impl ResettableSettings {
     pub(super) fn read_level(&self, ask: Ask) -> String {
         let most = LARGEST_CURRENT.0;
         in_limits(ask, [self.level.0, -most, most, RESET.level.0])

@@ -4,7 +4,7 @@ use scpi::{Common, ParseError, StandardEvent, StatusRegister};
 
 use super::Simulator6221;
 use super::lists::Lists;
-use super::state::{Outcome, Panel, RESET};
+use super::state::{Outcome, ResettableSettings, RESET};
 use super::sweep::Trigger;
 use super::values::Values;
 use crate::Parameter;
@@ -57,7 +57,7 @@ fn without(ranges: &[[i32; 2]], others: &[[i32; 2]]) -> Vec<[i32; 2]> {
 }
 
 impl Simulator6221 {
-    pub(super) fn carry_out_common(
+    pub(super) fn execute_common(
         &mut self,
         common: Common,
         replies_wait: bool,
@@ -189,13 +189,13 @@ impl Simulator6221 {
         }
     }
 
-    fn take_settings(&mut self, panel: Panel, values: &Values) {
+    fn take_settings(&mut self, panel: ResettableSettings, values: &Values) {
         self.stop_mode();
         self.outcome = Outcome::None;
-        self.panel = Panel {
+        self.panel = ResettableSettings {
             output: false,
             ..panel
         };
-        self.values.become_like(values);
+        self.values.copy_settings(values);
     }
 }

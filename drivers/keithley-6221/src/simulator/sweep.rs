@@ -368,7 +368,7 @@ impl Sweep {
                 Phase::AwaitTimer { until } if now < until => break,
                 Phase::AwaitTimer { until } => self.begin_pass(until),
                 Phase::Point { point, since } => {
-                    if self.look(point..point + 1, &is_limited, &mut progress) {
+                    if self.check_points(point..point + 1, &is_limited, &mut progress) {
                         break;
                     }
                     let end = since + self.points[point].delay.as_nanos();
@@ -388,7 +388,7 @@ impl Sweep {
                     let whole = self.unseen == 0;
                     // The present point is checked again: its load may have changed.
                     let from = self.unseen.min(reached);
-                    if self.look(from..reached + 1, &is_limited, &mut progress) {
+                    if self.check_points(from..reached + 1, &is_limited, &mut progress) {
                         break;
                     }
                     self.unseen = reached;
@@ -403,7 +403,7 @@ impl Sweep {
     }
 
     /// Checks points in turn; returns true if one of them ends the sweep.
-    fn look(
+    fn check_points(
         &mut self,
         points: std::ops::Range<usize>,
         is_limited: &impl Fn(&Point) -> bool,

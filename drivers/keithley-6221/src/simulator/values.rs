@@ -31,7 +31,7 @@ impl Values {
     }
 
     /// Takes the values of `other`, except the communication settings.
-    pub(super) fn become_like(&mut self, other: &Values) {
+    pub(super) fn copy_settings(&mut self, other: &Values) {
         for &parameter in Parameter::ALL {
             if parameter.subject() != Subject::Communication {
                 self.held[parameter as usize] = other.held[parameter as usize];

@@ -19,7 +19,7 @@ pub(super) enum Shape {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Lasting {
+pub(super) enum WaveDuration {
     Seconds(f64),
     Cycles(f64),
 }
@@ -60,7 +60,7 @@ pub(super) struct Wave {
     pub(super) hertz: f64,
     pub(super) amplitude: f64,
     pub(super) offset: f64,
-    pub(super) lasting: Lasting,
+    pub(super) lasting: WaveDuration,
     pub(super) range: Range,
     phase: Phase,
 }
@@ -70,7 +70,7 @@ impl Wave {
     pub(super) fn new(
         shape: Shape,
         [hertz, amplitude, offset]: [f64; 3],
-        lasting: Lasting,
+        lasting: WaveDuration,
         range: Range,
     ) -> Self {
         Self {
@@ -131,13 +131,13 @@ impl Wave {
         let start = turns + seconds(since, first) * self.hertz;
         let made = flows * self.hertz;
         let part = made.fract();
-        let sum = made.trunc() * self.mean_of_turns(0.0, 1.0, most)
-            + part * self.mean_of_turns(start, part, most);
+        let sum = made.trunc() * self.mean_of_period_part(0.0, 1.0, most)
+            + part * self.mean_of_period_part(start, part, most);
         Amps(sum / made * flows / whole)
     }
 
     /// Mean over a part of a period.
-    fn mean_of_turns(&self, start: f64, length: f64, most: Amps) -> f64 {
+    fn mean_of_period_part(&self, start: f64, length: f64, most: Amps) -> f64 {
         self.samples(start, length, most).sum::<f64>() / f64::from(STEPS)
     }
 
@@ -151,15 +151,15 @@ impl Wave {
     }
 
     /// How often the wave has passed the marked phase so far.
-    pub(super) fn marks(&self, now: Duration, marked: f64) -> u64 {
+    pub(super) fn marked_phases(&self, now: Duration, marked: f64) -> u64 {
         let Phase::Running { began, .. } = self.phase else {
             return 0;
         };
         let elapsed = now.saturating_sub(began).as_secs_f64();
         let turns = match self.lasting {
-            Lasting::Cycles(whole) => self.turns(now).min(whole),
-            Lasting::Seconds(whole) if elapsed > whole => whole * self.hertz,
-            Lasting::Seconds(_) => self.turns(now),
+            WaveDuration::Cycles(whole) => self.turns(now).min(whole),
+            WaveDuration::Seconds(whole) if elapsed > whole => whole * self.hertz,
+            WaveDuration::Seconds(_) => self.turns(now),
         };
         let past = turns - marked;
         if past < 0.0 { 0 } else { past as u64 + 1 }
@@ -198,8 +198,8 @@ impl Wave {
     /// Remaining time of a running wave, s; negative after its end.
     fn seconds_left(&self, began: Duration, now: Duration) -> f64 {
         match self.lasting {
-            Lasting::Seconds(whole) => whole - now.saturating_sub(began).as_secs_f64(),
-            Lasting::Cycles(whole) => (whole - self.turns(now)) / self.hertz,
+            WaveDuration::Seconds(whole) => whole - now.saturating_sub(began).as_secs_f64(),
+            WaveDuration::Cycles(whole) => (whole - self.turns(now)) / self.hertz,
         }
     }
 

@@ -31,11 +31,11 @@ struct TestInstrument {
 
 /// The reply to a message of several queries, with the faked replies to single ones inserted.
 fn bend(line: &str, answer: String, lies: &[(&str, &str)]) -> String {
-    let questions: Vec<&str> = line.split(";").filter(|one| one.contains('?')).collect();
+    let queries: Vec<&str> = line.split(";").filter(|one| one.contains('?')).collect();
     let mut answers: Vec<&str> = answer.split(';').collect();
-    if questions.len() == answers.len() {
-        for (question, answer) in questions.iter().zip(&mut answers) {
-            let lie = lies.iter().find(|(end, _)| question.ends_with(end));
+    if queries.len() == answers.len() {
+        for (query, answer) in queries.iter().zip(&mut answers) {
+            let lie = lies.iter().find(|(end, _)| query.ends_with(end));
             *answer = lie.map_or(*answer, |(_, lie)| lie);
         }
     }

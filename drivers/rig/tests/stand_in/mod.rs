@@ -103,9 +103,9 @@ impl StandIn {
         self.with(|world| world.bad_electrode = Some(electrode))
     }
 
-    pub fn answering(self, question: Measurement, reading: Reading) -> Self {
+    pub fn answering(self, measurement: Measurement, reading: Reading) -> Self {
         self.with(|world| {
-            world.answers.insert(question, reading);
+            world.answers.insert(measurement, reading);
         })
     }
 
@@ -148,10 +148,10 @@ impl StandIn {
     }
 
     /// The voltage of a measurement: a different one for each.
-    pub fn answer(question: Measurement) -> Reading {
+    pub fn answer(measurement: Measurement) -> Reading {
         let pair = |dipole: Dipole| dipole.plus.0 * 100 + dipole.minus.0;
         Reading::Ok(Volts(
-            (pair(question.drive) * 10_000 + pair(question.sense)) as f64,
+            (pair(measurement.drive) * 10_000 + pair(measurement.sense)) as f64,
         ))
     }
 
@@ -234,9 +234,9 @@ impl World {
         }
         assert!(self.on, "read with the source off");
         let drive = self.driven().expect("exactly one pair is driven");
-        let question = Measurement { drive, sense };
-        let answer = self.answers.get(&question).copied();
-        match answer.unwrap_or(StandIn::answer(question)) {
+        let measurement = Measurement { drive, sense };
+        let answer = self.answers.get(&measurement).copied();
+        match answer.unwrap_or(StandIn::answer(measurement)) {
             // the reading changes its sign with the direction of the current
             Reading::Ok(volts) => {
                 let way = if self.level.0 == 0.0 {

@@ -2,10 +2,10 @@
 
 use survey::Relay;
 
-use crate::assessment::{ALIKE, Judge};
-use crate::probe::Lone;
+use crate::assessment::{MIN_CORRELATION, Assessment};
+use crate::probe::PartlyClosed;
 
-impl Judge<'_> {
+impl Assessment<'_> {
     /// Relays that stay closed: a reading or current where there should be none. Returns whether there are any.
     pub(super) fn stay_closed(&self, findings: &mut Vec<String>) -> bool {
         let before = findings.len();
@@ -23,14 +23,14 @@ impl Judge<'_> {
                 findings.push(text);
             }
         };
-        for lone in self
+        for partly_closed in self
             .raw
             .lone_sources
             .iter()
-            .filter(|lone| !lone.row.compliance)
+            .filter(|partly_closed| !partly_closed.row.compliance)
         {
             say(
-                self.which(lone, &self.wiring.inject, |lone_pair, other, pair| {
+                self.which(partly_closed, &self.wiring.inject, |lone_pair, other, pair| {
                     Some(match lone_pair {
                         None => self.sheet.pair(other, pair),
                         Some(ends) => self.sheet.volts(ends(other), (pair, pair + 1)),
@@ -41,8 +41,8 @@ impl Judge<'_> {
         }
         // the largest reading of a pair from its own injection
         let typical = self.sheet.pair(0, 0).abs() * self.current;
-        for lone in &self.raw.lone_meters {
-            let seen = lone
+        for partly_closed in &self.raw.lone_meters {
+            let seen = partly_closed
                 .row
                 .volts
                 .iter()
@@ -50,7 +50,7 @@ impl Judge<'_> {
                 .fold(0.0_f64, |most, volts| most.max(volts.abs()));
             if seen > 1e-2 * typical {
                 say(
-                    self.which(lone, &self.wiring.measure, |lone_pair, other, pair| {
+                    self.which(partly_closed, &self.wiring.measure, |lone_pair, other, pair| {
                         Some(match lone_pair {
                             None => self.sheet.pair(pair, other),
                             Some(ends) => self.sheet.volts((pair, pair + 1), ends(other)),
@@ -67,13 +67,13 @@ impl Judge<'_> {
     /// voltage for a candidate (a pair, or the electrode opposite the lone one) and a position in the row.
     pub(super) fn which(
         &self,
-        lone: &Lone,
+        partly_closed: &PartlyClosed,
         pairs: &[(survey::Dipole, Vec<Relay>)],
         model: impl Fn(Option<&dyn Fn(usize) -> (usize, usize)>, usize, usize) -> Option<f64>,
     ) -> Option<Relay> {
-        let read = &lone.row.volts;
+        let read = &partly_closed.row.volts;
         // for a relay of one side only: its electrode, and whether it is the minus side
-        let side = lone.closed.first().and_then(|closed| {
+        let side = partly_closed.closed.first().and_then(|closed| {
             pairs.iter().find_map(|(pair, relays)| {
                 let place = relays.iter().position(|relay| relay == closed)?;
                 Some((
@@ -125,10 +125,10 @@ impl Judge<'_> {
             let (mut shared, mut a, mut b) = (0.0, 0.0, 0.0);
             for (place, volts) in read.iter().enumerate() {
                 let Some(volts) = volts else { continue };
-                let lone = ends
+                let partly_closed = ends
                     .as_ref()
                     .map(|ends| ends as &dyn Fn(usize) -> (usize, usize));
-                let expected = model(lone, candidate, place)?;
+                let expected = model(partly_closed, candidate, place)?;
                 shared += volts * expected;
                 a += volts * volts;
                 b += expected * expected;
@@ -138,7 +138,7 @@ impl Judge<'_> {
                 best = Some((alike, relay));
             }
         }
-        best.filter(|(alike, _)| *alike > ALIKE)
+        best.filter(|(alike, _)| *alike > MIN_CORRELATION)
             .map(|(_, relay)| relay)
     }
 }

@@ -1,9 +1,9 @@
 //! The contact of every electrode.
 
-use crate::assessment::{CONTACT_MORE, CONTACT_TIMES, Judge};
-use crate::report::{ReportLine, Verdict};
+use crate::assessment::{CONTACT_OFFSET_OHM, CONTACT_FACTOR, Assessment};
+use crate::report::{ReportLine, CheckOutcome};
 
-impl Judge<'_> {
+impl Assessment<'_> {
     /// An electrode is open if both pairs that drive it carry no current.
     pub(super) fn open_electrodes(&self) -> Vec<usize> {
         let fails = |electrode: &usize| {
@@ -15,7 +15,7 @@ impl Judge<'_> {
     pub(super) fn contacts(
         &self,
         sound: bool,
-        hopeless: bool,
+        unexplained: bool,
         findings: &mut Vec<String>,
         lines: &mut Vec<ReportLine>,
     ) {
@@ -40,23 +40,23 @@ impl Judge<'_> {
         let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
         for (electrode, ohms) in each.into_iter().enumerate() {
             let number = electrode + 1;
-            let (verdict, text) = if !hopeless && open.contains(&electrode) {
+            let (verdict, text) = if !unexplained && open.contains(&electrode) {
                 let text = format!(
                     "electrode {number}: open; look at its wire and its contact with the sheet"
                 );
                 findings.push(text.clone());
-                (Verdict::Failed, text)
+                (CheckOutcome::Failed, text)
             } else {
                 match ohms {
-                    Some(ohms) if ohms > CONTACT_TIMES * median.max(0.0) + CONTACT_MORE => {
+                    Some(ohms) if ohms > CONTACT_FACTOR * median.max(0.0) + CONTACT_OFFSET_OHM => {
                         let text = format!(
                             "electrode {number}: poor contact, {ohms:.0} ohm where the others have {median:.0}"
                         );
                         findings.push(text.clone());
-                        (Verdict::Failed, text)
+                        (CheckOutcome::Failed, text)
                     }
-                    Some(_) => (Verdict::Ok, String::new()),
-                    None => (Verdict::NotJudged, String::new()),
+                    Some(_) => (CheckOutcome::Ok, String::new()),
+                    None => (CheckOutcome::NotJudged, String::new()),
                 }
             };
             lines.push(ReportLine {

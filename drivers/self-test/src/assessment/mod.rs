@@ -13,27 +13,27 @@ mod readings;
 use survey::Wiring;
 
 use crate::probe::Measured;
-use crate::report::{Report, ReportLine, Verdict};
+use crate::report::{Report, ReportLine, CheckOutcome};
 use crate::uniform_sheet::{ExpectedSheet, Uniform};
 
 /// A row or column that differs from the uniform sheet by more is at fault; loads and uneven sheets stay below.
-const GAIN_OFF: f64 = 0.4;
+const GAIN_TOLERANCE: f64 = 0.4;
 /// A measuring pair whose readings are below this fraction of the expected ones is connected to nothing.
-const DEAD: f64 = 0.1;
+const DISCONNECTED: f64 = 0.1;
 /// From this unexplained part of the readings on, nothing is compared with the uniform sheet.
-const STRANGE: f64 = 0.7;
+const UNEXPLAINED: f64 = 0.7;
 /// Exchanging drive and sense changes the readings of a sound rig by less than this, rms.
 const RECIPROCITY: f64 = 0.01;
-/// A contact is poor if it has this many times the median, plus [`CONTACT_MORE`].
-const CONTACT_TIMES: f64 = 5.0;
-const CONTACT_MORE: f64 = 100.0;
+/// A contact is poor if it has this many times the median, plus [`CONTACT_OFFSET_OHM`].
+const CONTACT_FACTOR: f64 = 5.0;
+const CONTACT_OFFSET_OHM: f64 = 100.0;
 /// Noise is reported as high from this many times the configured value.
-const NOISE_TIMES: f64 = 10.0;
+const NOISE_FACTOR: f64 = 10.0;
 /// A channel is noisy from this many times the noise of the others and of the configured noise; over eight readings the
 /// deviation of a sound channel is less than three times.
-const NOISY_TIMES: f64 = 5.0;
+const NOISY_CHANNEL_FACTOR: f64 = 5.0;
 /// Smallest correlation of patterns at which a relay is named.
-const ALIKE: f64 = 0.8;
+const MIN_CORRELATION: f64 = 0.8;
 
 /// Assesses the readings: compares them with the expected sheet and names the electrode or relay at fault. `noise_v` is
 /// the configured noise of one reading, V; `at` is the wall time.
@@ -49,17 +49,17 @@ pub fn assess(
     at: String,
 ) -> Result<Report, eit::ForwardError> {
     let nominal = Uniform::new(expected, 1.0)?;
-    let first = Judge::new(raw, wiring, current, nominal);
+    let first = Assessment::new(raw, wiring, current, nominal);
     let sheet = match first.factor() {
         Some(factor) => Uniform::new(expected, factor)?,
         None => Uniform::new(expected, 1.0)?,
     };
     let fitted = first.factor().is_some();
-    let judge = Judge::new(raw, wiring, current, sheet);
-    Ok(judge.report(fitted, noise_v, at))
+    let assessment = Assessment::new(raw, wiring, current, sheet);
+    Ok(assessment.report(fitted, noise_v, at))
 }
 
-struct Judge<'a> {
+struct Assessment<'a> {
     raw: &'a Measured,
     wiring: &'a Wiring,
     sheet: Uniform,
@@ -69,7 +69,7 @@ struct Judge<'a> {
     current: f64,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> Assessment<'a> {
     fn new(raw: &'a Measured, wiring: &'a Wiring, current: f64, sheet: Uniform) -> Self {
         let ohms = |volts: &Option<f64>| volts.map(|volts| volts / current);
         let matrix = raw.rows.iter().map(|row| match row.compliance {
@@ -96,7 +96,7 @@ impl<'a> Judge<'a> {
                 "no pair carries current: is the source joined to the switch, and its interlock closed?".to_owned(),
             );
         }
-        let strange = self.misfit().is_none_or(|misfit| misfit > STRANGE);
+        let strange = self.misfit().is_none_or(|misfit| misfit > UNEXPLAINED);
         if strange && !closed && !nothing_flows {
             findings.push(
                 "the readings are not a uniform sheet's at all: is the voltmeter joined to the switch, the geometry \
@@ -117,12 +117,12 @@ impl<'a> Judge<'a> {
                           fails: bool,
                           text: String| {
             let verdict = match (measured, fails) {
-                (None, _) => Verdict::NotJudged,
-                (Some(_), true) => Verdict::Failed,
-                (Some(_), false) => Verdict::Ok,
+                (None, _) => CheckOutcome::NotJudged,
+                (Some(_), true) => CheckOutcome::Failed,
+                (Some(_), false) => CheckOutcome::Ok,
             };
             // consequences of a relay or electrode at fault are not reported again
-            if verdict == Verdict::Failed && findings.is_empty() {
+            if verdict == CheckOutcome::Failed && findings.is_empty() {
                 findings.push(format!("{subject}: {text}"));
             }
             lines.push(ReportLine {
@@ -152,7 +152,7 @@ impl<'a> Judge<'a> {
                 None => String::new(),
             },
         );
-        let pauw = self.pauw().filter(|_| sound);
+        let pauw = self.van_der_pauw().filter(|_| sound);
         number(
             "sheet",
             "van der Pauw",
@@ -185,7 +185,7 @@ impl<'a> Judge<'a> {
             noise,
             Some(noise_v),
             "V",
-            noise.is_some_and(|noise| noise > NOISE_TIMES * noise_v),
+            noise.is_some_and(|noise| noise > NOISE_FACTOR * noise_v),
             match noise {
                 Some(noise) => format!("{:.2} uV in one reading", 1e6 * noise),
                 None => String::new(),

@@ -1,8 +1,8 @@
 //! Noise of the voltmeter, and channels and wires with more noise than the others.
 
 use crate::assessment::pairs::named;
-use crate::assessment::{Judge, NOISY_TIMES};
-use crate::report::{ReportLine, Verdict};
+use crate::assessment::{Assessment, NOISY_CHANNEL_FACTOR};
+use crate::report::{ReportLine, CheckOutcome};
 
 /// Sum of squared deviations from the mean, and its degrees of freedom.
 type Spread = (f64, f64);
@@ -25,7 +25,7 @@ fn spread(rows: &[Vec<Option<f64>>], place: usize) -> Spread {
     (squares.sum(), read.len() as f64 - 1.0)
 }
 
-impl Judge<'_> {
+impl Assessment<'_> {
     /// Standard deviation of each measuring pair's reading at 0 A.
     fn at_zero(&self) -> Vec<Option<f64>> {
         (0..self.wiring.measure.len())
@@ -40,7 +40,7 @@ impl Judge<'_> {
         sorted.sort_by(f64::total_cmp);
         let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
         // a rig with less noise than configured has no noisy channel
-        let most = NOISY_TIMES * usual.max(noise_v);
+        let most = NOISY_CHANNEL_FACTOR * usual.max(noise_v);
         let noisy = (0..each.len()).filter(|pair| each[*pair].is_some_and(|noise| noise > most));
         (usual, noisy.collect())
     }
@@ -98,9 +98,9 @@ impl Judge<'_> {
                 subject: named(relays),
                 check: "noise",
                 verdict: match each[pair] {
-                    None => Verdict::NotJudged,
-                    Some(_) if is_noisy(pair) => Verdict::Failed,
-                    Some(_) => Verdict::Ok,
+                    None => CheckOutcome::NotJudged,
+                    Some(_) if is_noisy(pair) => CheckOutcome::Failed,
+                    Some(_) => CheckOutcome::Ok,
                 },
                 measured: each[pair],
                 expected: Some(usual.max(noise_v)),

@@ -2,11 +2,11 @@
 
 use survey::{Relay, Wiring};
 
-use crate::assessment::{DEAD, GAIN_OFF, Judge};
+use crate::assessment::{DISCONNECTED, GAIN_TOLERANCE, Assessment};
 use crate::probe::Retry;
-use crate::report::{ReportLine, Verdict};
+use crate::report::{ReportLine, CheckOutcome};
 
-impl Judge<'_> {
+impl Assessment<'_> {
     pub(super) fn fails_row(&self, pair: usize) -> bool {
         self.raw.rows[pair % self.n].compliance
     }
@@ -14,7 +14,7 @@ impl Judge<'_> {
     pub(super) fn injecting(
         &self,
         sound: bool,
-        hopeless: bool,
+        unexplained: bool,
         findings: &mut Vec<String>,
         lines: &mut Vec<ReportLine>,
     ) {
@@ -23,7 +23,7 @@ impl Judge<'_> {
         let dead: Vec<bool> = (0..self.wiring.measure.len())
             .map(|pair| {
                 self.sensed_gain(pair)
-                    .is_some_and(|(gain, _)| gain.abs() < DEAD)
+                    .is_some_and(|(gain, _)| gain.abs() < DISCONNECTED)
             })
             .collect();
         for (pair, (ends, relays)) in self.wiring.inject.iter().enumerate() {
@@ -33,18 +33,18 @@ impl Judge<'_> {
                     .filter(|(drive, sense, ..)| *drive == pair && !dead[*sense])
                     .map(|(.., read, model)| (read, model)),
             );
-            let (verdict, text) = if hopeless || (touches_open && self.fails_row(pair)) {
-                let why = if touches_open && !hopeless {
+            let (verdict, text) = if unexplained || (touches_open && self.fails_row(pair)) {
+                let why = if touches_open && !unexplained {
                     "its electrode is open"
                 } else {
                     ""
                 };
-                (Verdict::NotJudged, why.to_owned())
+                (CheckOutcome::NotJudged, why.to_owned())
             } else if self.fails_row(pair) {
                 let text = stays_open(self.wiring, &at_fault(&self.raw.retries, pair, relays));
                 findings.push(text.clone());
-                (Verdict::Failed, text)
-            } else if sound && gain.is_some_and(|(gain, _)| (gain - 1.0).abs() > GAIN_OFF) {
+                (CheckOutcome::Failed, text)
+            } else if sound && gain.is_some_and(|(gain, _)| (gain - 1.0).abs() > GAIN_TOLERANCE) {
                 let text = format!(
                     "injecting pair {}: its readings are not the sheet's; is it wired to electrodes {} and {}?",
                     pair + 1,
@@ -52,9 +52,9 @@ impl Judge<'_> {
                     ends.minus
                 );
                 findings.push(text.clone());
-                (Verdict::Failed, text)
+                (CheckOutcome::Failed, text)
             } else {
-                (Verdict::Ok, String::new())
+                (CheckOutcome::Ok, String::new())
             };
             lines.push(ReportLine {
                 subject: named(relays),
@@ -86,14 +86,14 @@ impl Judge<'_> {
         for (pair, (ends, relays)) in self.wiring.measure.iter().enumerate() {
             let gain = self.sensed_gain(pair);
             let (verdict, text) = match gain {
-                Some((gain, _)) if sound && gain.abs() < DEAD => {
+                Some((gain, _)) if sound && gain.abs() < DISCONNECTED => {
                     let at_fault = at_fault(&self.raw.meter_retries, pair, relays);
                     let text = stays_open(self.wiring, &at_fault);
                     findings.push(text.clone());
-                    (Verdict::Failed, text)
+                    (CheckOutcome::Failed, text)
                 }
                 Some((gain, rest))
-                    if sound && ((gain - 1.0).abs() > GAIN_OFF || rest > GAIN_OFF) =>
+                    if sound && ((gain - 1.0).abs() > GAIN_TOLERANCE || rest > GAIN_TOLERANCE) =>
                 {
                     let text = format!(
                         "measuring pair {}: its readings are not the sheet's; is it wired to electrodes {} and {}?",
@@ -102,10 +102,10 @@ impl Judge<'_> {
                         ends.minus
                     );
                     findings.push(text.clone());
-                    (Verdict::Failed, text)
+                    (CheckOutcome::Failed, text)
                 }
-                Some(_) if sound => (Verdict::Ok, String::new()),
-                _ => (Verdict::NotJudged, String::new()),
+                Some(_) if sound => (CheckOutcome::Ok, String::new()),
+                _ => (CheckOutcome::NotJudged, String::new()),
             };
             lines.push(ReportLine {
                 subject: named(relays),

@@ -1,11 +1,11 @@
 //! Results from the readings alone: the part of the sheet's pattern in them, reciprocity, van der Pauw.
 
-use crate::assessment::Judge;
+use crate::assessment::Assessment;
 use crate::van_der_pauw::sheet_resistance;
 
-impl Judge<'_> {
+impl Assessment<'_> {
     /// Whether two pairs share an electrode, or are the same.
-    pub(super) fn touch(&self, one: usize, other: usize) -> bool {
+    pub(super) fn share_electrode(&self, one: usize, other: usize) -> bool {
         let apart = (one + self.n - other) % self.n;
         apart <= 1 || apart == self.n - 1
     }
@@ -14,7 +14,7 @@ impl Judge<'_> {
     pub(super) fn readings(&self) -> impl Iterator<Item = (usize, usize, f64, f64)> + '_ {
         (0..self.n).flat_map(move |drive| {
             (0..self.n)
-                .filter(move |sense| !self.touch(drive, *sense))
+                .filter(move |sense| !self.share_electrode(drive, *sense))
                 .filter_map(move |sense| {
                     let read = self.matrix[drive][sense]?;
                     Some((drive, sense, read, self.sheet.pair(drive, sense)))
@@ -73,7 +73,7 @@ impl Judge<'_> {
     /// By superposition of neighbouring pairs on four electrodes a quarter ring apart: the raw value of the formula,
     /// and the value corrected by the formula's error on the model of a sheet of known resistance. Every placement of
     /// the four is tried until one has all readings; a missing one is taken from its reciprocal.
-    pub(super) fn pauw(&self) -> Option<(f64, f64)> {
+    pub(super) fn van_der_pauw(&self) -> Option<(f64, f64)> {
         let n = self.n;
         let quarter = |place: usize| (place * n + 2) / 4;
         let corners = [0, 1, 2, 3].map(quarter);

@@ -62,7 +62,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
                 let closed = [relay, with];
                 self.close(&closed).await?;
                 let driven = &wiring.inject[drive].1;
-                let follows = self.follows(driven).await?;
+                let follows = self.reading_of_current(driven).await?;
                 self.open(&closed).await?;
                 retries.push(Retry {
                     pair,
@@ -75,23 +75,23 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
     }
 
     /// The part of the voltmeter's reading that follows the current: a disconnected voltmeter may show any value.
-    async fn follows(&mut self, driven: &[Relay]) -> Result<Option<f64>, ProbeError> {
+    async fn reading_of_current(&mut self, driven: &[Relay]) -> Result<Option<f64>, ProbeError> {
         self.close(driven).await?;
-        let still = volts(self.guarded_read().await?);
+        let still = volts(self.interruptible_read().await?);
         self.drive(self.request.plan.current).await?;
         tokio::time::sleep(self.request.settle).await;
-        let read = volts(self.guarded_read().await?);
+        let read = volts(self.interruptible_read().await?);
         self.drive(Amps(0.0)).await?;
         self.open(driven).await?;
         Ok(read.zip(still).map(|(read, still)| read - still))
     }
 
     /// The voltmeter's reading of each injection with only these measuring relays closed.
-    pub(super) async fn lone_meter(&mut self, closed: &[Relay]) -> Result<Row, ProbeError> {
+    pub(super) async fn read_partly_closed(&mut self, closed: &[Relay]) -> Result<Row, ProbeError> {
         self.close(closed).await?;
         let mut row = Row::default();
         for (_, relays) in &self.request.plan.wiring.inject {
-            row.volts.push(self.follows(relays).await?);
+            row.volts.push(self.reading_of_current(relays).await?);
         }
         self.open(closed).await?;
         Ok(row)
@@ -100,7 +100,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
 
 /// The relay combinations for finding relays that should be open: none closed if a pair has one relay; if it has two,
 /// each side alone, on two electrodes far apart.
-pub(super) fn lone(pairs: &[(survey::Dipole, Vec<Relay>)]) -> Vec<Vec<Relay>> {
+pub(super) fn partly_closed(pairs: &[(survey::Dipole, Vec<Relay>)]) -> Vec<Vec<Relay>> {
     match pairs.first().map(|(_, relays)| relays.len()) {
         Some(2) => {
             let far = [0, pairs.len() / 2];

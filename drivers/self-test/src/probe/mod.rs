@@ -8,7 +8,7 @@ use survey::{Amps, Plan, Reading, Relay, Sensing, Volts};
 
 mod faults;
 
-use faults::lone;
+use faults::partly_closed;
 
 /// Scans or single readings for the noise.
 const REPEATS: usize = 8;
@@ -53,7 +53,7 @@ pub struct Row {
 
 /// Readings with some, not all, relays of a pair closed: no current or voltage is expected.
 #[derive(Debug, Clone)]
-pub struct Lone {
+pub struct PartlyClosed {
     /// The closed relays; none if a pair has one relay.
     pub closed: Vec<Relay>,
     /// The readings.
@@ -77,9 +77,9 @@ pub struct Measured {
     /// For each injecting pair.
     pub rows: Vec<Row>,
     /// For injecting relays that should be open.
-    pub lone_sources: Vec<Lone>,
+    pub lone_sources: Vec<PartlyClosed>,
     /// Voltages of each injection, minus those at 0 A.
-    pub lone_meters: Vec<Lone>,
+    pub lone_meters: Vec<PartlyClosed>,
     /// For pairs that carried no current.
     pub retries: Vec<Retry>,
     /// The same for pairs that read nothing: whether a voltage was read.
@@ -164,18 +164,18 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
                 *volts = volts.or(again);
             }
         }
-        for closed in lone(&wiring.inject) {
+        for closed in partly_closed(&wiring.inject) {
             self.report("injecting relays that should be open")?;
             let row = self.inject(&closed, None).await?;
-            raw.lone_sources.push(Lone { closed, row });
+            raw.lone_sources.push(PartlyClosed { closed, row });
         }
         raw.retries = self.retry(&raw).await?;
         self.rig.voltmeter.prepare(self.wide, &[]).await?;
         self.close(&self.request.meter_relays).await?;
-        for closed in lone(&wiring.measure) {
+        for closed in partly_closed(&wiring.measure) {
             self.report("measuring relays that should be open")?;
-            let row = self.lone_meter(&closed).await?;
-            raw.lone_meters.push(Lone { closed, row });
+            let row = self.read_partly_closed(&closed).await?;
+            raw.lone_meters.push(PartlyClosed { closed, row });
         }
         self.open(&self.request.meter_relays).await?;
         raw.meter_retries = self.retry_meter(&raw).await?;
@@ -255,7 +255,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
     async fn read_pairs(&mut self, only: Option<&[bool]>) -> Result<Vec<Option<f64>>, ProbeError> {
         let wiring = &self.request.plan.wiring;
         if wiring.sensing == Sensing::Scan {
-            let scanned = self.guarded_scan().await?;
+            let scanned = self.interruptible_scan().await?;
             return Ok(scanned.into_iter().map(volts).collect());
         }
         let mut read = Vec::new();
@@ -265,7 +265,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
                 continue;
             }
             self.close(relays).await?;
-            let reading = self.guarded_read().await?;
+            let reading = self.interruptible_read().await?;
             self.open(relays).await?;
             read.push(volts(reading));
         }
@@ -274,7 +274,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
 
     /// A scan that a stop can interrupt: a reading may take long, but the source has its own connection and is switched
     /// off at once.
-    async fn guarded_scan(&mut self) -> Result<Vec<Reading>, ProbeError> {
+    async fn interruptible_scan(&mut self) -> Result<Vec<Reading>, ProbeError> {
         let mut stop = self.request.stop.clone();
         let mut reading = pin!(self.rig.voltmeter.scan());
         tokio::select! {
@@ -287,7 +287,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         }
     }
 
-    async fn guarded_read(&mut self) -> Result<Reading, ProbeError> {
+    async fn interruptible_read(&mut self) -> Result<Reading, ProbeError> {
         let mut stop = self.request.stop.clone();
         let mut reading = pin!(self.rig.voltmeter.read());
         tokio::select! {

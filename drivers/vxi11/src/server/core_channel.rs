@@ -11,7 +11,7 @@ use tokio::task::JoinSet;
 use tokio::time::Instant;
 
 use crate::procedure::*;
-use crate::rpc::{Call, Garbage, Reader, Reply, Writer, marked, read_record};
+use crate::rpc::{Call, MalformedArguments, Reader, Reply, Writer, marked, read_record};
 use crate::server::device::{Device, Session};
 use crate::server::link::{Fault, Link, ReadRequest, within};
 use crate::server::port::Port;
@@ -147,7 +147,7 @@ impl<D: Device> Links<D> {
         match results {
             Ok(Some(results)) => Reply::Done(results),
             Ok(None) => Reply::NoProcedure,
-            Err(Garbage) => Reply::GarbageArguments,
+            Err(MalformedArguments) => Reply::GarbageArguments,
         }
     }
 
@@ -155,7 +155,7 @@ impl<D: Device> Links<D> {
         &self,
         procedure: u32,
         arguments: &mut Reader<'_>,
-    ) -> Result<Option<Vec<u8>>, Garbage> {
+    ) -> Result<Option<Vec<u8>>, MalformedArguments> {
         if procedure != DEVICE_ABORT {
             return Ok(None);
         }
@@ -174,7 +174,7 @@ impl<D: Device> Links<D> {
         &mut self,
         procedure: u32,
         arguments: &mut Reader<'_>,
-    ) -> Result<Option<Vec<u8>>, Garbage> {
+    ) -> Result<Option<Vec<u8>>, MalformedArguments> {
         Ok(Some(match procedure {
             CREATE_LINK => self.create(arguments).await?,
             DEVICE_WRITE => {
@@ -284,7 +284,7 @@ impl<D: Device> Links<D> {
         }))
     }
 
-    async fn create(&mut self, arguments: &mut Reader<'_>) -> Result<Vec<u8>, Garbage> {
+    async fn create(&mut self, arguments: &mut Reader<'_>) -> Result<Vec<u8>, MalformedArguments> {
         let _client = arguments.word()?;
         let lock = arguments.flag()?;
         let deadline = within(arguments.word()?);
@@ -324,7 +324,7 @@ impl<D: Device> Links<D> {
     async fn generic(
         &self,
         arguments: &mut Reader<'_>,
-    ) -> Result<Result<(u32, Instant), Fault>, Garbage> {
+    ) -> Result<Result<(u32, Instant), Fault>, MalformedArguments> {
         let link = arguments.word()?;
         let flags = arguments.word()?;
         let lock = within(arguments.word()?);

@@ -59,7 +59,7 @@ struct ElectrodePlacement {
 }
 
 /// Errors of one electrode.
-struct Misplaced {
+struct PlacementError {
     /// m
     off: [f64; 2],
     /// Relative error of its width.
@@ -68,12 +68,12 @@ struct Misplaced {
 
 impl OnMesh for ElectrodePlacement {
     fn displace(&self, sheet: &Preset, nodes: &mut [[f64; 2]]) {
-        let drawn: Vec<Misplaced> = (0..sheet.electrodes())
+        let drawn: Vec<PlacementError> = (0..sheet.electrodes())
             .map(|electrode| {
                 let mut stream = stream(self.seed, &format!("electrode-placement {electrode}"));
                 let mut draw = || 2.0 * stream.random::<f64>() - 1.0;
                 let [x, y, wider] = [draw(), draw(), draw()];
-                Misplaced {
+                PlacementError {
                     off: [x, y].map(|share| share * self.settings.off_mm * 1e-3),
                     wider: wider * self.settings.width_percent / 100.0,
                 }
@@ -104,7 +104,7 @@ fn weights(outside: &[f64], reach: f64) -> Vec<f64> {
 }
 
 /// Displacement of a point of a rectangular sheet, m.
-fn on_sheet(sheet: &eit::PaperSheet, drawn: &[Misplaced], place: [f64; 2]) -> [f64; 2] {
+fn on_sheet(sheet: &eit::PaperSheet, drawn: &[PlacementError], place: [f64; 2]) -> [f64; 2] {
     let size = [sheet.width_mm * 1e-3, sheet.height_mm * 1e-3];
     let each = [sheet.electrodes_per_width, sheet.electrodes_per_height];
     let half = 0.5e-3 * sheet.void_mm;
@@ -152,7 +152,7 @@ fn on_sheet(sheet: &eit::PaperSheet, drawn: &[Misplaced], place: [f64; 2]) -> [f
 }
 
 /// Displacement of a point of a tank, m: a rotation about the centre.
-fn on_tank(tank: &eit::DiscTank, drawn: &[Misplaced], place: [f64; 2]) -> [f64; 2] {
+fn on_tank(tank: &eit::DiscTank, drawn: &[PlacementError], place: [f64; 2]) -> [f64; 2] {
     let radius = tank.radius_mm * 1e-3;
     let pitch = std::f64::consts::TAU / tank.electrodes as f64;
     let half = 0.5 * tank.arc_deg.to_radians();

@@ -80,12 +80,12 @@ impl Effect for LongDriftSettings {
 pub(super) struct LongDrift {
     settings: LongDriftSettings,
     wander: Vec<Wander>,
-    walk: Walk,
+    walk: RandomWalk,
 }
 
 /// A random walk whose deviation grows with the square root of time; time must not decrease.
 #[derive(Debug)]
-struct Walk {
+struct RandomWalk {
     stream: ChaCha8Rng,
     at_s: f64,
     value: f64,
@@ -100,7 +100,7 @@ impl LongDrift {
         Self {
             settings: settings.clone(),
             wander: wander.into(),
-            walk: Walk {
+            walk: RandomWalk {
                 stream: stream(seed, "long-drift walk"),
                 at_s: 0.0,
                 value: 0.0,

@@ -109,7 +109,7 @@ pub(crate) trait Effect: fmt::Debug {
 }
 
 /// Name, description, whether the scene names it, and the effect.
-pub(crate) type Usual = (&'static str, &'static str, bool, Box<dyn Effect>);
+pub(crate) type EffectEntry = (&'static str, &'static str, bool, Box<dyn Effect>);
 
 /// Generates everything that depends on the list of effects, in the order in which they act.
 macro_rules! effects {
@@ -135,7 +135,7 @@ macro_rules! effects {
             pub const ALL: &[(&str, &str)] = &[$(($name, $what)),+];
 
             /// Every effect with name, description and whether it is named; with its usual parameters if it is not.
-            pub(crate) fn with_usual(&self) -> Vec<Usual> {
+            pub(crate) fn with_usual(&self) -> Vec<EffectEntry> {
                 vec![$((
                     $name,
                     $what.trim_ascii(),

@@ -56,7 +56,7 @@ impl Effect for SetSettings {
 
 /// Load history of a triangle.
 #[derive(Debug, Clone, Default)]
-struct Past {
+struct LoadHistory {
     largest: f64,
     cycles: f64,
     risen: bool,
@@ -65,14 +65,14 @@ struct Past {
 #[derive(Debug)]
 struct Set {
     settings: SetSettings,
-    places: Vec<Past>,
+    places: Vec<LoadHistory>,
 }
 
 impl OnLoss for Set {
     fn follow(&mut self, _past: f64, _places: &Places<'_>, losses: &mut [f64]) {
         let behind = self.settings.behind_cycles;
         let share = self.settings.percent_per_decade / 100.0;
-        self.places.resize(losses.len(), Past::default());
+        self.places.resize(losses.len(), LoadHistory::default());
         for (loss, past) in losses.iter_mut().zip(&mut self.places) {
             let size = loss.abs();
             past.largest = past.largest.max(size);

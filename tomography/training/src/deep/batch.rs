@@ -11,11 +11,11 @@ use crate::samples::{Noise, Sample, SampleError, Samples};
 /// Random stream for the order of an epoch.
 const ORDER: u64 = 201 << 48;
 /// Maximum number of inputs for the statistics.
-const DESCRIBED: usize = 20_000;
+const STATISTICS_INPUTS: usize = 20_000;
 
 /// A training set with its jitter: the last `held_out` cases are held out.
 #[derive(Clone, Copy)]
-pub(super) struct Feed<'a> {
+pub(super) struct JitteredSet<'a> {
     pub(super) samples: &'a dyn Samples,
     pub(super) noise: &'a Noise,
     pub(super) repeats: usize,
@@ -23,13 +23,13 @@ pub(super) struct Feed<'a> {
 }
 
 /// Statistics of the inputs of a training set.
-pub(super) struct Described {
+pub(super) struct InputStatistics {
     /// Mean and 1 / deviation of each reading.
     pub(super) statistics: [Vec<f32>; 2],
     pub(super) familiar: TrainingDistribution,
 }
 
-impl Feed<'_> {
+impl JitteredSet<'_> {
     /// Number of training cases.
     pub(super) fn cases(self) -> usize {
         self.samples.len() - self.held_out
@@ -99,8 +99,8 @@ impl Feed<'_> {
 
     /// Mean and 1 / deviation of each reading over the training inputs (`epsilon` added to the variance), and the
     /// distribution of the inputs.
-    pub(super) fn describe(self, epsilon: f64) -> Result<Option<Described>, SampleError> {
-        let rows = (0..self.cases().min(DESCRIBED))
+    pub(super) fn describe(self, epsilon: f64) -> Result<Option<InputStatistics>, SampleError> {
+        let rows = (0..self.cases().min(STATISTICS_INPUTS))
             .into_par_iter()
             .map(|case| {
                 let copy = case % self.noise.levels();
@@ -126,7 +126,7 @@ impl Feed<'_> {
             .collect();
         let mean = mean.into_iter().map(|value| value as f32).collect();
         let familiar = TrainingDistribution::learn(&rows.concat(), width);
-        Ok(familiar.map(|familiar| Described {
+        Ok(familiar.map(|familiar| InputStatistics {
             statistics: [mean, inverse],
             familiar,
         }))

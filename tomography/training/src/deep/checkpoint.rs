@@ -14,7 +14,7 @@ const KEY: &str = "tactus-training";
 
 /// State of a training after an epoch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Course {
+pub(super) struct TrainingState {
     /// Fingerprint of everything that determines the bits.
     pub(super) fingerprint: String,
     /// Completed epochs.
@@ -71,7 +71,7 @@ pub(super) fn write(
     path: &Path,
     descent: &Descent,
     best: &[Vec<f32>],
-    course: &Course,
+    course: &TrainingState,
 ) -> Result<(), CheckpointFault> {
     let failed = |cause| CheckpointFault::Unwritten {
         path: path.display().to_string(),
@@ -123,7 +123,7 @@ pub(super) fn read(
     descent: &mut Descent,
     best: &mut Vec<Vec<f32>>,
     fingerprint: &str,
-) -> Result<Option<Course>, CheckpointFault> {
+) -> Result<Option<TrainingState>, CheckpointFault> {
     let place = || path.display().to_string();
     let content = match std::fs::read(path) {
         Ok(content) => content,
@@ -143,7 +143,7 @@ pub(super) fn read(
         .as_ref()
         .and_then(|entries| entries.get(KEY))
         .ok_or_else(|| damaged("it is no checkpoint".to_owned()))?;
-    let course: Course = serde_json::from_str(text).map_err(|fault| damaged(fault.to_string()))?;
+    let course: TrainingState = serde_json::from_str(text).map_err(|fault| damaged(fault.to_string()))?;
     if course.fingerprint != fingerprint {
         return Err(CheckpointFault::Other { path: place() });
     }

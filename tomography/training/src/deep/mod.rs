@@ -16,4 +16,4 @@ mod epochs;
 mod product;
 
 pub use checkpoint::CheckpointFault;
-pub use epochs::{DeepFault, Moment, Recipe, train};
+pub use epochs::{DeepFault, TrainingEvent, Recipe, train};

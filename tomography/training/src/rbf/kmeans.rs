@@ -44,7 +44,7 @@ pub(crate) struct Clusters {
 
 /// Cluster of a sample, with bounds on its distances that avoid recomputing them (Hamerly, 2010).
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct Assignment {
     cluster: u32,
     /// Upper bound of the distance from its own centre.
     upper: f64,
@@ -52,7 +52,7 @@ struct Place {
     lower: f64,
 }
 
-impl Place {
+impl Assignment {
     /// Whether another centre may be nearer, allowing for rounding.
     fn doubtful(self) -> bool {
         self.upper * (1.0 + 1e-7) >= self.lower
@@ -69,7 +69,7 @@ pub(crate) fn cluster(
     progress: &(dyn Fn(usize) + Sync),
 ) -> Clusters {
     let mut centres = start(rows, count, seed);
-    let unknown = Place {
+    let unknown = Assignment {
         cluster: u32::MAX,
         upper: f64::INFINITY,
         lower: 0.0,
@@ -164,7 +164,7 @@ fn start(rows: Rows<'_>, count: usize, seed: u64) -> Vec<f64> {
 
 /// Finds the nearest and second nearest centre of every doubtful row, by |x|^2 - 2 x c + |c|^2 in double precision,
 /// clamped at 0. Returns whether any row has changed its cluster.
-fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Place]) -> bool {
+fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Assignment]) -> bool {
     let count = centres.len() / rows.width;
     let by_row = MatRef::from_row_major_slice(centres, count, rows.width);
     let squares: Vec<f64> = centres
@@ -215,7 +215,7 @@ fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Place]) -> bool {
                     }
                 }
                 changed |= places[index].cluster != nearest.0;
-                places[index] = Place {
+                places[index] = Assignment {
                     cluster: nearest.0,
                     upper: nearest.1.sqrt(),
                     lower: second.sqrt(),
@@ -228,7 +228,7 @@ fn assign(rows: Rows<'_>, centres: &[f64], places: &mut [Place]) -> bool {
 }
 
 /// Sum and number of the rows of each cluster.
-fn sums(rows: Rows<'_>, places: &[Place], count: usize) -> (Vec<f64>, Vec<usize>) {
+fn sums(rows: Rows<'_>, places: &[Assignment], count: usize) -> (Vec<f64>, Vec<usize>) {
     let parts: Vec<(Vec<f64>, Vec<usize>)> = rows
         .chunks()
         .zip(places.par_chunks(CHUNK))
@@ -258,7 +258,7 @@ fn sums(rows: Rows<'_>, places: &[Place], count: usize) -> (Vec<f64>, Vec<usize>
 }
 
 /// Samples with their squared distances from their centres, the farthest last.
-fn by_distance(rows: Rows<'_>, centres: &[f64], places: &[Place]) -> Vec<(usize, f64)> {
+fn by_distance(rows: Rows<'_>, centres: &[f64], places: &[Assignment]) -> Vec<(usize, f64)> {
     let mut order: Vec<(usize, f64)> = places
         .iter()
         .enumerate()
@@ -343,7 +343,7 @@ mod tests {
             values: &values,
             width: 6,
         };
-        let unknown = Place {
+        let unknown = Assignment {
             cluster: u32::MAX,
             upper: f64::INFINITY,
             lower: 0.0,

@@ -49,12 +49,12 @@ impl Run<'_> {
     }
 
     fn store_extra(&mut self, drive: Dipole, sense: Dipole, reading: Reading) {
-        let question = Measurement { drive, sense };
+        let measurement = Measurement { drive, sense };
         if !self.driven.reversed {
-            self.extra.push(Extra { question, reading });
+            self.extra.push(Extra { measurement, reading });
             return;
         }
-        let forward = self.extra.iter_mut().find(|one| one.question == question);
+        let forward = self.extra.iter_mut().find(|one| one.measurement == measurement);
         if let Some(forward) = forward {
             forward.reading = half_difference(forward.reading, reading);
         }
@@ -71,14 +71,14 @@ impl Run<'_> {
             if !self.compliance.contains(&drive.plus) {
                 self.compliance.push(drive.plus);
             }
-            let questions = self.plan.protocol.measurements().iter();
-            for (question, reading) in questions.zip(&mut self.readings) {
-                if question.drive == drive {
+            let measurements = self.plan.protocol.measurements().iter();
+            for (measurement, reading) in measurements.zip(&mut self.readings) {
+                if measurement.drive == drive {
                     *reading = Reading::NotMeasured;
                 }
             }
             for extra in &mut self.extra {
-                if extra.question.drive == drive {
+                if extra.measurement.drive == drive {
                     extra.reading = Reading::NotMeasured;
                 }
             }

@@ -6,8 +6,8 @@ use eit::inverse::learned::network::{Layer, Rounding, TrainingDistribution, Weig
 use eit::{DeepNetwork, DeepReport, DeepSettings, Precision};
 use rayon::prelude::*;
 
-use super::batch::{Described, Feed};
-use super::checkpoint::{self, CheckpointFault, Course};
+use super::batch::{InputStatistics, JitteredSet};
+use super::checkpoint::{self, CheckpointFault, TrainingState};
 use super::descent::{Batch, Descent};
 use crate::samples::{Noise, SampleError, Samples};
 
@@ -35,7 +35,7 @@ pub struct Recipe<'a> {
 
 /// Progress of a training.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Moment {
+pub enum TrainingEvent {
     /// Resumed from a checkpoint.
     Resumed {
         /// Completed epochs.
@@ -120,7 +120,7 @@ pub enum DeepFault {
 /// See [`DeepFault`].
 pub fn train(
     recipe: &Recipe<'_>,
-    progress: &dyn Fn(Moment),
+    progress: &dyn Fn(TrainingEvent),
 ) -> Result<(DeepNetwork, TrainingDistribution, DeepReport), DeepFault> {
     let Recipe {
         samples, settings, ..
@@ -128,7 +128,7 @@ pub fn train(
     if let Some((setting, must)) = settings.fault() {
         return Err(DeepFault::Setting { setting, must });
     }
-    let feed = Feed {
+    let feed = JitteredSet {
         samples: *samples,
         noise: recipe.noise,
         repeats: recipe.repeats,
@@ -150,13 +150,13 @@ pub fn train(
         });
     }
     let epsilon = settings.normalisation_epsilon;
-    let Described {
+    let InputStatistics {
         statistics,
         familiar,
     } = feed.describe(epsilon)?.ok_or(DeepFault::Alike)?;
     let mut descent = Descent::new(settings, samples.inputs(), samples.outputs(), recipe.seed);
     let mut best: Vec<Vec<f32>> = descent.trained().map(|part| part.values.clone()).collect();
-    let mut course = Course {
+    let mut course = TrainingState {
         fingerprint: String::new(),
         epochs: 0,
         steps: 0,
@@ -164,7 +164,7 @@ pub fn train(
     };
     if let Some((path, fingerprint)) = &recipe.checkpoint {
         if let Some(kept) = checkpoint::read(path, &mut descent, &mut best, fingerprint)? {
-            progress(Moment::Resumed {
+            progress(TrainingEvent::Resumed {
                 epochs: kept.epochs,
             });
             course = kept;
@@ -189,7 +189,7 @@ pub fn train(
                 });
             }
             sum += loss;
-            progress(Moment::Step {
+            progress(TrainingEvent::Step {
                 epoch,
                 step: step + 1,
                 of: batches,
@@ -209,7 +209,7 @@ pub fn train(
         if let Some((path, _)) = &recipe.checkpoint {
             checkpoint::write(path, &descent, &best, &course)?;
         }
-        progress(Moment::Epoch {
+        progress(TrainingEvent::Epoch {
             epoch,
             training,
             held_out,
@@ -237,14 +237,14 @@ pub fn train(
 }
 
 /// Whether the held-out loss has not improved for `patience` epochs.
-fn tired(course: &Course, settings: &DeepSettings) -> bool {
+fn tired(course: &TrainingState, settings: &DeepSettings) -> bool {
     let since = course.best.map_or(0, |(best, ..)| course.epochs - best);
     settings.patience > 0 && since >= settings.patience
 }
 
 fn held_out_loss(
     descent: &mut Descent,
-    feed: &Feed<'_>,
+    feed: &JitteredSet<'_>,
     settings: &DeepSettings,
     statistics: &[Vec<f32>; 2],
 ) -> Result<f64, SampleError> {
@@ -260,7 +260,7 @@ fn held_out_loss(
 }
 
 /// The loss of empty maps on the held-out cases.
-fn empty_loss(feed: &Feed<'_>) -> Result<f64, SampleError> {
+fn empty_loss(feed: &JitteredSet<'_>) -> Result<f64, SampleError> {
     let mut sum = 0.0;
     let kept_back = feed.kept_back();
     for (_, case) in &kept_back {
@@ -308,7 +308,7 @@ fn network(descent: &Descent, statistics: &[Vec<f32>; 2]) -> Result<DeepNetwork,
 fn rounding(
     exact: &DeepNetwork,
     kept: &DeepNetwork,
-    feed: &Feed<'_>,
+    feed: &JitteredSet<'_>,
 ) -> Result<Rounding, SampleError> {
     let (mut changed, mut all, mut loss) = (0.0, 0.0, 0.0);
     let kept_back = feed.kept_back();

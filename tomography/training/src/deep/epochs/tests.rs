@@ -98,7 +98,7 @@ fn a_toy_is_learnt_and_the_report_is_true() {
     assert_eq!(report.samples, 600);
     assert_eq!(report.epochs, 20);
     // the returned network gives the same outputs as the trained one
-    let feed = Feed {
+    let feed = JitteredSet {
         samples: &toy,
         noise: &noise,
         repeats: 2,
@@ -127,7 +127,7 @@ fn a_run_that_was_cut_short_goes_on_to_the_same_bits() {
         };
         let resumed = std::cell::Cell::new(None);
         let trained = train(&recipe, &|moment| {
-            if let Moment::Resumed { epochs } = moment {
+            if let TrainingEvent::Resumed { epochs } = moment {
                 resumed.set(Some(epochs));
             }
         });
