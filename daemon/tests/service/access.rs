@@ -340,7 +340,7 @@ async fn one_user_has_eight_questions_open_on_all_connections() {
             .await
             .unwrap();
     }
-    refused(&scene.manager, "you have 8 questions to polkit").await;
+    refused(&scene.manager, "you have 8 polkit queries").await;
     assert_eq!(scene.requested.borrow().len(), 8, "polkit is not asked");
     // reading needs no authorisation
     assert_eq!(scene.manager.state().await.unwrap(), "idle");

@@ -134,7 +134,7 @@ async fn what_cannot_go_on_is_closed_with_the_reason() {
     assert_eq!(daemon.manager.state().await.unwrap(), "idle");
     let reader = SessionReader::open(&whole).unwrap();
     let reason = &reader.closed().unwrap().reason;
-    assert!(reason.contains("other questions"), "{reason}");
+    assert!(reason.contains("another protocol"), "{reason}");
     daemon.terminate().await;
 }
 

@@ -237,7 +237,7 @@ impl Controller {
         let runtime = self.runtime();
         if header.protocol != *protocol {
             return Err(NotResumed::Closed(
-                "the configuration asks other questions of the sheet now".to_owned(),
+                "the configuration has another protocol now".to_owned(),
             ));
         }
         if header.simulated != runtime.simulated {
