@@ -494,7 +494,7 @@ fn end(row: &Row<'_>, header_checksum: HeaderChecksum) -> End {
         let at = row.get("closed_ns").unwrap_or_default();
         End::Damaged(Closing {
             at: DateTime::from_timestamp_nanos(at),
-            reason: "closed; the entry that says why is damaged".into(),
+            reason: "closed; the entry with the reason is damaged".into(),
         })
     })
 }

@@ -22,14 +22,14 @@ struct NotifyOutcome {
 impl NotifyOutcome {
     fn for_a_person(&self) -> String {
         let how = match (self.code, &self.trouble) {
-            (Some(0), _) => format!("the command ran and said yes, in {:.2} s", self.took_s),
+            (Some(0), _) => format!("the command succeeded in {:.2} s", self.took_s),
             (Some(code), _) => format!("the command ended with exit code {code}"),
             (None, Some(trouble)) => trouble.clone(),
             (None, None) => "the command was ended by a signal".to_owned(),
         };
         match self.stderr.trim() {
             "" => how,
-            message => format!("{how}; it said:\n{message}"),
+            message => format!("{how}; its output:\n{message}"),
         }
     }
 }
@@ -58,7 +58,7 @@ pub(crate) async fn test(
         return Ok(());
     }
     Err(Failure::Failed(
-        "nobody would be told; see [notify] command of the daemon's configuration".to_owned(),
+        "nobody would be notified; see [notify] command of the daemon's configuration".to_owned(),
     ))
 }
 
@@ -78,7 +78,7 @@ mod tests {
         };
         assert_eq!(
             fared.for_a_person(),
-            "the command ended with exit code 75; it said:\nno route to host"
+            "the command ended with exit code 75; its output:\nno route to host"
         );
         let killed = NotifyOutcome {
             code: None,

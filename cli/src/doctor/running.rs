@@ -241,7 +241,7 @@ async fn system_bus(wanted: &DoctorConfig) -> Vec<Finding> {
         ),
         None => Finding::warn(
             "clock",
-            "nobody says whether it is synchronised",
+            "it is unknown whether it is synchronised",
             "`timedatectl` or `chronyc tracking`",
         ),
     });

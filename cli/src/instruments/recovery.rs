@@ -67,7 +67,7 @@ pub(crate) async fn transcript(
         .await?;
     if lines.is_empty() {
         return Err(Failure::Missing(
-            "nothing has been said over the wires yet; a recording has none".to_owned(),
+            "no message has been exchanged with an instrument yet; a recording has none".to_owned(),
         ));
     }
     match &requested.out {

@@ -127,7 +127,7 @@ async fn serve_client(stream: UnixStream, controller: Arc<Controller>, acting: H
             let text = format!("a connection of user {user} to the peer socket was closed: {why}");
             return controller.events.journal(EventKind::Greetings, &text);
         }
-        Err(_) => return tracing::debug!("a client has connected and said nothing"),
+        Err(_) => return tracing::debug!("a client has connected and sent nothing"),
     };
     let claimed = match caller.is_ours() {
         true => None,

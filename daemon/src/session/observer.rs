@@ -131,7 +131,7 @@ impl Controller {
         let message = Message {
             kind: "test",
             phase: Phase::Test,
-            text: "tactus notify test: this is no trouble".to_owned(),
+            text: "tactus notify test: this is no alarm".to_owned(),
         };
         let health = self.health().await;
         run_command(self, &message, &health).await
@@ -232,7 +232,7 @@ impl Listening {
                 self.listener = Some(listener);
             }
             Err(cause) => {
-                let text = format!("nobody can scrape {address}: {cause}");
+                let text = format!("metrics cannot be served on {address}: {cause}");
                 controller.events.journal(EventKind::Metrics, &text);
             }
         }

@@ -38,12 +38,12 @@ impl SessionReader {
         match &self.end {
             End::Closed(_, tally) => compare(tally, &counts, &mut faults),
             End::Damaged(_) => {
-                let text = "what says how it ended does not agree with its checksum";
+                let text = "the entry of its end does not agree with its checksum";
                 faults.push(("closing", text.to_owned()));
             }
             // Only closing changes a file to this mode.
             End::Open if self.mode == JournalMode::Rollback => {
-                let text = "it was closed, and what says how it ended is not there";
+                let text = "it was closed, and the entry of its end is missing";
                 faults.push(("closing", text.to_owned()));
             }
             End::Open => {}

@@ -245,7 +245,7 @@ impl Machine {
         if wanted.notify.command.is_empty() {
             findings.push(Finding::warn(
                 "notify",
-                "nobody is notified of troubles: [notify] has no command",
+                "nobody is notified of alarms: [notify] has no command",
                 "set [notify] command to a program that reaches people, then `tactus notify test`",
             ));
         }
@@ -264,7 +264,7 @@ impl Machine {
                 Err(cause) => Finding::bad(
                     "notify",
                     format!("{program}: {cause}"),
-                    "nobody will be told of troubles; correct [notify] command",
+                    "nobody is notified of alarms; correct [notify] command",
                 ),
             });
         }

@@ -92,10 +92,10 @@ impl Controller {
         .await;
         let text = match written {
             Ok(Ok(FailedFrame::Written(path))) => {
-                format!("what was said for frame {number} is in {}", path.display())
+                format!("the transcript of frame {number} is in {}", path.display())
             }
             Ok(Ok(FailedFrame::LimitReached)) => format!(
-                "{} transcripts of failed frames are kept for this session; what was said for later ones is not",
+                "{} transcripts of failed frames are kept for this session; those of later frames are not",
                 transcripts::MOST_OF_A_SESSION
             ),
             Ok(Ok(FailedFrame::OverLimit)) => return,
