@@ -153,10 +153,11 @@ fn killed(folder: &Path, dice: &mut Dice) -> (u64, u64) {
     let (mut handed, mut kept) = (0, 0);
     let count = received.len();
     for (at, line) in received.into_iter().enumerate() {
-        match line.split_once(' ') {
-            Some((">", number)) => handed = number.parse().unwrap(),
-            Some(("=", number)) => kept = number.parse().unwrap(),
-            // the kill can cut the last line
+        let parsed = line.split_once(' ');
+        match parsed.map(|(mark, number)| (mark, number.parse())) {
+            Some((">", Ok(number))) => handed = number,
+            Some(("=", Ok(number))) => kept = number,
+            // the kill can cut the last line, also before its number
             _ => assert_eq!(at + 1, count, "{line}"),
         }
     }
