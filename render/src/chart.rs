@@ -332,7 +332,7 @@ pub(crate) fn caption(map: &Map, style: &Style) -> String {
         1 => format!("{}, 1 reading left out", map.method),
         several => format!("{}, {several} readings left out", map.method),
     };
-    let doubt = map.quality.as_ref().filter(|quality| !quality.is_sound());
+    let doubt = map.quality.as_ref().filter(|quality| !quality.is_silent());
     let nothing = style.nothing_above.map(nothing_above);
     let parts = [doubt.map(ToString::to_string), nothing, Some(method)];
     parts.into_iter().flatten().collect::<Vec<_>>().join("; ")

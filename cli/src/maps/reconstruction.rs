@@ -72,9 +72,8 @@ impl Reconstruction {
             .and_then(Noise::measured)
             .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv))
             .filter(|_| !model.slow);
-        let noise = measured.and_then(|noise| {
-            imaging::map_noise(model.reconstructor.as_ref(), &unloaded.readings, noise)
-        });
+        let noise =
+            measured.and_then(|noise| imaging::map_noise(&model, &unloaded.readings, noise));
         Ok(Self {
             noise,
             must_calibrate: calibration.is_some(),
@@ -129,21 +128,16 @@ fn prepare(
     recording: &Recording,
 ) -> Result<Model, Failure> {
     let protocol = &recording.protocol;
-    let sample = match chosen.unchanged {
-        true => recording.first_sample(&chosen.settings),
-        false => recording.sample()?,
-    };
     let model = if chosen.as_recorded {
         // the daemon's noise is at the frames' own current, and verification needs the same map
-        let mut conditions = Conditions::live(&geometry, protocol, recording.current);
-        conditions.sample = Some(&sample);
+        let conditions = Conditions::live(&geometry, protocol, recording.current);
         imaging::build(&chosen.settings, &conditions)
     } else {
         let currents = vec![recording.current.0; protocol.len()];
         let fitted =
             Fitted::new(geometry, protocol, &currents, &recording.unloaded).map_err(not_built)?;
         chosen.remarks.extend(fitted.notes.iter().cloned());
-        imaging::build(&chosen.settings, &fitted.conditions(protocol, &sample))
+        imaging::build(&chosen.settings, &fitted.conditions(protocol))
     };
     let model = model.map_err(not_built)?;
     chosen.remarks.extend(model.notes.iter().cloned());

@@ -316,7 +316,7 @@ fn sentence(line: &ReplayLine<'_>) -> String {
     if line.masked > 0 {
         text.push_str(&format!(", {} readings left out", line.masked));
     }
-    if let Some(quality) = line.quality.filter(|quality| !quality.is_sound()) {
+    if let Some(quality) = line.quality.filter(|quality| !quality.is_silent()) {
         text.push_str(&format!(", {quality}"));
     }
     match line.verified {

@@ -13,9 +13,6 @@ pub(crate) struct ChosenSettings {
     pub(crate) settings: ReconstructionSettings,
     /// Whether the session stores how its daemon made the maps: noise is then at the current of its frames.
     pub(crate) as_recorded: bool,
-    /// Whether the method is exactly the session's: its parameters are then chosen from the same frames as in the
-    /// session.
-    pub(crate) unchanged: bool,
     /// The session's calibration, where its method holds too.
     pub(crate) calibration: Option<PathBuf>,
     /// What a person should know about the choice, a sentence each.
@@ -65,7 +62,6 @@ impl ChosenSettings {
         Ok(Self {
             settings,
             as_recorded,
-            unchanged,
             calibration,
             remarks,
         })

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use eit::{DiscTank, Forward, Hyper, Mesh, OneStep, OneStepOptions, Prior, Reconstructor};
+use eit::{
+    DiscTank, Forward, Hyper, HyperRule, Mesh, OneStep, OneStepOptions, Prior, Reconstructor,
+};
 use logbook::{MapRecord, SessionHeader, SessionKind, SessionWriter};
 use serde_json::Value;
 use survey::{Amps, Baseline, Frame, Map, Protocol, Reading, Settings, Volts};
@@ -119,8 +121,9 @@ pub fn session_with(
     };
     let options = OneStepOptions {
         prior: Prior::noser(false, None),
-        hyper: Hyper::Noise {
-            volts: 3.0 * 1e-6,
+        hyper: Hyper::Frame {
+            rule: HyperRule::Evidence,
+            volts: Some(3.0 * 1e-6),
             current: 1000.0 * 1e-6,
         },
         ..OneStepOptions::default()

@@ -99,7 +99,6 @@ kinds! {
     Plausible "plausible", Warn, Session, "The first frame after a gap is like the last one before it", "Nothing";
     Implausible "implausible", Warn, Session, "The first frame after a gap differs from the last one before it", "Look at sheet and contacts; record a new baseline";
     MethodSuspended "method-suspended", Error, Session, "Reconstruction failed; frames are recorded without maps", "Report it; `tactus replay` makes the maps later";
-    MethodSettled "method-settled", Warn, Session, "The method has settled its strengths by the first frames of the session", "Nothing";
     MapsMissed "maps-missed", Warn, Session, "Maps were not made in time; their frames are in the record", "Choose a faster method, or a map for every n-th frame";
     DiskLow "disk-low", Warn, Session, "Little room is left for the record", "Make room";
     DiskEnough "disk-enough", Warn, Session, "There is enough room again", "Nothing";

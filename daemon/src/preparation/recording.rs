@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use eit::Forward;
 use imaging::Geometry;
-use imaging::noise::{self, DEFAULT_NOISE_UV, Noise};
+use imaging::noise::{self, Noise};
 use imaging::recorded::IndexedFrames;
 use survey::{Amps, Baseline, Protocol, error_chain as chain};
 
@@ -96,10 +96,8 @@ pub(super) fn complete(
         config.survey.current_ua = kept.survey.current_ua;
         if !reported {
             config.model.lambda = kept.model.lambda;
-            config.model.noise_uv = match kept.model.lambda {
-                Some(_) => None,
-                None => Some(kept.model.noise_uv.unwrap_or(DEFAULT_NOISE_UV)),
-            };
+            let measured = Noise::of(baseline).and_then(Noise::measured);
+            config.model.noise_uv = kept.model.noise_uv.or(measured.map(|volts| 1e6 * volts));
         }
         return;
     }
@@ -109,9 +107,11 @@ pub(super) fn complete(
     }
     match gain(baseline, geometry, protocol) {
         Some(gain) => {
-            let noise = Noise::of(baseline).map_or(DEFAULT_NOISE_UV * 1e-6, Noise::deviation);
-            tracing::info!("noise of one reading: {noise:.2e} in the recording's unit");
-            config.model.noise_uv = Some(noise / gain * current_ua);
+            let noise = Noise::of(baseline).and_then(Noise::measured);
+            if let Some(noise) = noise {
+                tracing::info!("noise of one reading: {noise:.2e} in the recording's unit");
+            }
+            config.model.noise_uv = noise.map(|noise| noise / gain * current_ua);
         }
         None => tracing::warn!(
             "the baseline does not look like this geometry, so its noise says nothing; if its readings are magnitudes, \

@@ -84,7 +84,7 @@ impl Published {
             doubts: map
                 .quality
                 .as_ref()
-                .filter(|found| !found.is_sound())
+                .filter(|found| !found.is_silent())
                 .map(MapQuality::text),
         }
     }

@@ -52,8 +52,6 @@ pub(crate) struct Mapped {
     pub record: MapRecord,
     /// Why there is no pressure, if the method is calibrated.
     pub refused: Option<String>,
-    /// How a method that adapts to its frames was fixed; with its first map.
-    pub decided: Option<String>,
 }
 
 /// Why there is no map.
@@ -98,19 +96,13 @@ impl ReconstructionWorker {
             .name("maps".to_owned())
             .spawn(move || {
                 // a method that fails here fails again with the first frame, where it is reported
-                let find_noise = || containment::run(|| context.noise()).ok().flatten();
-                // the frames of the noise estimate would settle a method that adapts to its first frames
-                let mut unsettled = context.model.looks_at_frames();
-                let mut noise = if unsettled { None } else { find_noise() };
+                let noise = containment::run(|| context.noise()).ok().flatten();
                 while let Ok(readings) = requested.recv() {
                     let begun = Instant::now();
                     // a failure costs maps, not the session
                     let outcome = containment::run(|| context.make(&readings, noise))
                         .unwrap_or_else(|panicked| Err(Failure::Broken(panicked.message)));
                     let broken = matches!(outcome, Err(Failure::Broken(_)));
-                    // the map that settles the method takes longer than the usual ones
-                    let usual =
-                        matches!(&outcome, Ok(mapped) if unsettled && mapped.decided.is_none());
                     let took = begun.elapsed();
                     let made = TimedOutcome { outcome, took };
                     if answer.send(made).is_err() {
@@ -122,10 +114,6 @@ impl ReconstructionWorker {
                     }
                     if broken {
                         return;
-                    }
-                    if usual {
-                        unsettled = false;
-                        noise = (took < BUSY_MAP_TIMEOUT).then(find_noise).flatten();
                     }
                 }
             })?;
@@ -207,8 +195,7 @@ fn map_timeout(busy: bool) -> Duration {
 impl ReconstructionContext {
     /// The largest loss that noise alone causes in a map.
     fn noise(&self) -> Option<f64> {
-        let reconstructor = self.model.reconstructor.as_ref();
-        imaging::map_noise(reconstructor, &self.baseline.readings, self.reading_noise?)
+        imaging::map_noise(&self.model, &self.baseline.readings, self.reading_noise?)
     }
 
     fn make(&self, readings: &[Reading], noise: Option<f64>) -> Result<Mapped, Failure> {
@@ -240,7 +227,6 @@ impl ReconstructionContext {
             pressure,
             record,
             refused,
-            decided: self.model.decided(),
         })
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use dbus::Fault;
-use imaging::{BuildError, FRAMES_LOOKED_AT, Model};
+use imaging::{BuildError, Model};
 use survey::{Baseline, Reading, error_chain as chain};
 
 use crate::acquisition::schedule::Schedule;
@@ -51,14 +51,7 @@ impl Controller {
 /// Measures the time of a map; no second attempt if it is `within` this time. Computes for a while: not for an async
 /// task.
 fn map_time(model: &Model, baseline: &[Reading], frame: &[Reading], within: Duration) -> Duration {
-    // a method that adapts to its first frames is trained on this one, for the trial only
-    let model = model.for_session();
     let map = || model.reconstruct(baseline, frame);
-    if model.looks_at_frames() {
-        for _ in 0..FRAMES_LOOKED_AT {
-            let _ = map();
-        }
-    }
     let mut least = Duration::MAX;
     for _ in 0..TRIES {
         let begun = Instant::now();

@@ -105,8 +105,12 @@ fn each_bad_input_is_named_at_its_place() {
             "model.noise_uv: -2 is not from 1e-6 to 1000000000",
         ),
         (
-            more("[model]\nnoise_uv = 2.0\nlambda = 1.0\n"),
-            "one of lambda, noise_figure, noise_uv and choose",
+            more("[model]\nchoose = \"noise\"\nlambda = 1.0\n"),
+            "one of lambda, noise_figure and choose",
+        ),
+        (
+            more("[model]\nchoose = \"evidence\"\nmap_error = 1e-3\n"),
+            "map_error needs one lambda for all frames",
         ),
         (
             more("[model]\nmethod = \"tv\"\nmap_error = 1e-3\n"),

@@ -38,13 +38,20 @@ async fn untouched(stage: &Stage) -> (f64, f64) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_method_is_set_by_the_noise_of_its_baseline() {
-    let (noise_uv, loss) = untouched(&noisy("")).await;
+    let alone = "[model]\nchoose = \"noise\"\n";
+    let (noise_uv, loss) = untouched(&noisy(alone)).await;
     assert!((50.0..200.0).contains(&noise_uv), "{noise_uv} uV");
-    let (stated, drawn) = untouched(&noisy("[model]\nnoise_uv = 2.0\n")).await;
+    let (stated, drawn) = untouched(&noisy(&format!("{alone}noise_uv = 2.0\n"))).await;
     assert_eq!(stated, 2.0, "the configuration overrides it");
     assert!(
         loss < 0.5 * drawn,
         "an untouched sheet: {loss} by its own noise, {drawn} by 2 uV"
+    );
+    // a frame of noise alone has a map of almost nothing
+    let (_, by_frame) = untouched(&noisy("")).await;
+    assert!(
+        by_frame < 0.5 * loss,
+        "{by_frame} with a strength for each frame, {loss} with one for all"
     );
 }
 

@@ -7,6 +7,11 @@ pub(crate) fn cases(text: &str) -> Result<usize, String> {
     Bounds::Within(1.0, 1e7).parse_count(text)
 }
 
+/// A count that may be zero.
+pub(crate) fn any_count(text: &str) -> Result<usize, String> {
+    Bounds::Within(0.0, 1e7).parse_count(text)
+}
+
 /// Jittered copies of each case.
 pub(crate) fn repeats(text: &str) -> Result<usize, String> {
     Bounds::Within(1.0, 1e3).parse_count(text)

@@ -108,7 +108,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             });
             print_line!("{}", survey::printable_json(line.to_string()));
         }
-        if let Some(quality) = map.quality.as_ref().filter(|quality| !quality.is_sound()) {
+        if let Some(quality) = map.quality.as_ref().filter(|quality| !quality.is_silent()) {
             eprintln!("tactus-lab: frame '{name}' is {quality}");
         }
         if map.method.ends_with(eit::CLIPPED) {

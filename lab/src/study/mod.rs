@@ -3,6 +3,7 @@
 mod advise;
 mod evaluate;
 
+use studies::honesty::{MapMethod, TargetKind};
 use studies::paper::Made;
 use studies::{
     Failure, honesty as honest_maps, paper as paper_study, stability as hard_cases,
@@ -105,6 +106,18 @@ pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
         healthy: options.count,
         faulty: options.faults,
         noises_uv,
+        maps: options.maps.map(|count| honest_maps::MapSettings {
+            count,
+            kinds: match options.load.is_empty() {
+                true => TargetKind::ALL.to_vec(),
+                false => options.load.clone(),
+            },
+            methods: match options.method.is_empty() {
+                true => MapMethod::ALL.to_vec(),
+                false => options.method.clone(),
+            },
+            unstated: options.unstated,
+        }),
     })?;
     if options.json {
         for line in report.lines() {

@@ -36,7 +36,7 @@ impl Verdict {
     }
 }
 
-/// Why a map is not sound. Shares are of the change of the readings, rms.
+/// What a person should know of a map, in most cases why it is not sound. Shares are of the change of the readings, rms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Doubt {
     /// Readings that use this electrode do not follow the model's (in the baseline) or the baseline's (in the frame).
@@ -78,6 +78,11 @@ pub enum Doubt {
         /// The electrode.
         electrode: Electrode,
     },
+    /// Most of the change comes from outside of the region that maps show. The map of the region is not wrong for that.
+    OutsideRegion {
+        /// The electrode nearest to it.
+        electrode: Electrode,
+    },
     /// The map shows more conductance lost than there is.
     LossAboveOne {
         /// The largest relative loss.
@@ -100,6 +105,7 @@ impl Doubt {
             Self::Gains { .. } => "gains",
             Self::Unexplained { .. } => "unexplained",
             Self::AtElectrode { .. } => "at_electrode",
+            Self::OutsideRegion { .. } => "outside_region",
             Self::LossAboveOne { .. } => "loss_above_one",
         }
     }
@@ -110,7 +116,8 @@ impl Doubt {
             Self::DeadElectrode { electrode, .. }
             | Self::NoisyPair { electrode, .. }
             | Self::Gains { electrode, .. }
-            | Self::AtElectrode { electrode } => Some(electrode),
+            | Self::AtElectrode { electrode }
+            | Self::OutsideRegion { electrode } => Some(electrode),
             Self::Noise { .. } | Self::Unexplained { .. } | Self::LossAboveOne { .. } => None,
         }
     }
@@ -118,6 +125,7 @@ impl Doubt {
     /// The verdict on a map for this reason alone.
     pub fn verdict(&self) -> Verdict {
         let unreliable = match *self {
+            Self::OutsideRegion { .. } => return Verdict::Sound,
             Self::DeadElectrode { .. } => true,
             Self::Gains { share, .. } => share > Self::UNRELIABLE_GAIN_SHARE,
             Self::Unexplained { share } => share > Self::UNRELIABLE_SHARE,
@@ -172,6 +180,10 @@ impl fmt::Display for Doubt {
                 f,
                 "at electrode {electrode}: its contact has changed, or a load lies over it"
             ),
+            Self::OutsideRegion { electrode } => write!(
+                f,
+                "a load lies outside the region, near electrode {electrode}"
+            ),
             Self::LossAboveOne { loss } => {
                 write!(f, "a loss of {:.0} % is impossible", 100.0 * loss)
             }
@@ -194,7 +206,7 @@ impl fmt::Display for Doubt {
 pub struct MapQuality {
     /// The worst verdict of all reasons.
     pub verdict: Verdict,
-    /// Why it is not sound; empty if it is.
+    /// Why it is not sound, and whether the load lies outside of the region; empty if there is nothing to say.
     pub reasons: Vec<Reason>,
 }
 
@@ -228,6 +240,11 @@ impl MapQuality {
     /// Whether there is no reason for doubt.
     pub fn is_sound(&self) -> bool {
         self.verdict == Verdict::Sound
+    }
+
+    /// Whether a person should be told nothing: sound, without a remark.
+    pub fn is_silent(&self) -> bool {
+        self.reasons.is_empty()
     }
 
     /// The reasons in one line, joined by semicolons; empty if there is none.

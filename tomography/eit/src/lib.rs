@@ -35,12 +35,11 @@ pub mod model;
 pub mod preset;
 
 pub use crate::inverse::error::OneStepError;
-pub use crate::inverse::hyper_parameter::{l_curve_lambda, probable_lambda};
 pub use crate::inverse::learned::network::{DeepNetwork, DeepReport, DeepSettings, Precision};
 pub use crate::inverse::learned::rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
 pub use crate::inverse::model_check::ModelCheck;
 pub use crate::inverse::one_step::{CLIPPED, EXPECTED_CHANGE, MODEL_SHARE, OneStep};
-pub use crate::inverse::options::{Hyper, OneStepOptions, Scale};
+pub use crate::inverse::options::{DEFAULT_NOISE_V, Hyper, HyperRule, OneStepOptions, Scale};
 pub use crate::inverse::prior::{OUTSIDE_WEIGHT, Prior, SMOOTH_LENGTH_M};
 pub use crate::inverse::reconstructor::{
     MOST_MISSING, Novelty, ReconstructError, Reconstructor, UNEXPLAINED,

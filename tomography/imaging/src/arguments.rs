@@ -6,7 +6,7 @@ use std::str::FromStr;
 use clap::Args;
 use survey::Bounds;
 
-use crate::settings::{HyperRule, Method, PriorName, ReconstructionSettings, Unknowns};
+use crate::settings::{HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns};
 
 /// How voltages become a map.
 #[derive(Debug, Clone, Default, Args)]
@@ -25,15 +25,15 @@ pub struct MethodArguments {
     /// Exponent of the NOSER prior, as in noser:P; a number from 0 to 1 [default: 0.5 with --prior noser, else 0.25]
     #[arg(long, value_name = "P", conflicts_with = "model", value_parser = exponent, allow_hyphen_values = true)]
     pub exponent: Option<f64>,
-    /// White noise of one reading (standard deviation), V [default: what the session used, else of the baseline, else by --choose]
-    #[arg(long, value_name = "SD", conflicts_with_all = ["model", "lambda"], value_parser = above_zero, allow_hyphen_values = true)]
+    /// White noise of one reading (standard deviation), V: the least errors of a frame, and the noise by which maps are judged [default: what the session used, else of the baseline]
+    #[arg(long, value_name = "SD", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub noise_v: Option<f64>,
-    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V); a number above 0 [default: from --noise-v or --choose]
+    /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V); a number above 0 [default: by --choose]
     #[arg(long, value_name = "X", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub lambda: Option<f64>,
-    /// How the hyper-parameter is chosen where neither --noise-v nor --lambda is given: evidence (the most probable one for the
-    /// frames, doubled), l-curve (the corner of the frames' own), noise-figure:X [default: what the session used, else evidence]
-    #[arg(long, value_name = "RULE", conflicts_with_all = ["model", "lambda", "noise_v"])]
+    /// How the hyper-parameter is chosen: evidence (the most probable one for each frame), l-curve (the corner of each frame's),
+    /// noise (one for all frames, by --noise-v), noise-figure:X [default: what the session used, else evidence; with --map-error noise]
+    #[arg(long, value_name = "RULE", conflicts_with_all = ["model", "lambda"])]
     pub choose: Option<ChooseArgument>,
     /// One-step: make frames quicker where a map is proved to be within this share of its largest value, e.g. 1e-3 [default: what the session used, else exact]
     #[arg(long, value_name = "X", conflicts_with_all = ["model", "loss_only"], value_parser = share, allow_hyphen_values = true)]
@@ -100,8 +100,8 @@ impl FromStr for PriorArgument {
 /// How the hyper-parameter is chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ChooseArgument {
-    /// By a rule applied to frames.
-    Rule(HyperRule),
+    /// By this rule.
+    Rule(HyperChoice),
     /// The value with this noise figure.
     NoiseFigure(f64),
 }
@@ -112,11 +112,13 @@ impl FromStr for ChooseArgument {
     fn from_str(text: &str) -> Result<Self, String> {
         let figure = text.strip_prefix("noise-figure:").map(above_zero);
         match (text, figure) {
-            ("evidence", _) => Ok(Self::Rule(HyperRule::Evidence)),
-            ("l-curve", _) => Ok(Self::Rule(HyperRule::LCurve)),
+            ("evidence", _) => Ok(Self::Rule(HyperChoice::Evidence)),
+            ("l-curve", _) => Ok(Self::Rule(HyperChoice::LCurve)),
+            ("noise", _) => Ok(Self::Rule(HyperChoice::Noise)),
             (_, Some(Ok(figure))) => Ok(Self::NoiseFigure(figure)),
             _ => Err(
-                "evidence, l-curve or noise-figure:X with a number above 0 is expected".to_owned(),
+                "evidence, l-curve, noise or noise-figure:X with a number above 0 is expected"
+                    .to_owned(),
             ),
         }
     }

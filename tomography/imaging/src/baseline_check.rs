@@ -7,7 +7,7 @@ use eit::{Forward, Reconstructor};
 use survey::{Baseline, Reading, Volts};
 
 use crate::noise::{against, factor};
-use crate::{Geometry, map_noise};
+use crate::{Geometry, Model, map_noise};
 
 /// Relative loss against the previous baseline below which creep and temperature explain it.
 const LEAST_CHANGE: f64 = 0.03;
@@ -17,7 +17,7 @@ const LEAST_UNEVEN: f64 = 0.1;
 /// Warnings about a baseline, a sentence each: where it differs from the previous baseline `before`, and from a uniform
 /// sheet. Empty if the method makes no map of it.
 pub fn baseline_remarks(
-    reconstructor: &dyn Reconstructor,
+    model: &Model,
     geometry: &Geometry,
     baseline: &Baseline,
     before: Option<&Baseline>,
@@ -27,20 +27,21 @@ pub fn baseline_remarks(
     if let Some(before) = before {
         let noise = against(baseline) * (per_frame(baseline) + per_frame(before)).sqrt();
         let change = (before.readings.as_slice(), baseline.readings.as_slice());
-        if let Some(seen) = loss_between(reconstructor, change, noise, LEAST_CHANGE) {
+        if let Some(seen) = loss_between(model, change, noise, LEAST_CHANGE) {
             remarks.push(format!("against baseline {} {seen}", before.id));
         }
         // loads that were removed since
-        if let Some(seen) = loss_between(reconstructor, (change.1, change.0), noise, LEAST_CHANGE) {
+        if let Some(seen) = loss_between(model, (change.1, change.0), noise, LEAST_CHANGE) {
             remarks.push(format!(
                 "baseline {} before it {seen}; it may have been taken with a load",
                 before.id
             ));
         }
     }
-    if let Some((uniform, scaled, gain)) = uniform(reconstructor, geometry, baseline) {
+    if let Some((uniform, scaled, gain)) = uniform(model.reconstructor.as_ref(), geometry, baseline)
+    {
         let noise = against(baseline) * per_frame(baseline).sqrt() / gain;
-        if let Some(seen) = loss_between(reconstructor, (&uniform, &scaled), noise, LEAST_UNEVEN) {
+        if let Some(seen) = loss_between(model, (&uniform, &scaled), noise, LEAST_UNEVEN) {
             remarks.push(format!("against a uniform sheet it {seen}"));
         }
     }
@@ -55,9 +56,12 @@ fn uniform(
 ) -> Option<(Vec<Reading>, Vec<Reading>, f64)> {
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).ok()?;
     let protocol = reconstructor.protocol();
-    let model = forward.readings(&geometry.sigma0, protocol).ok()?;
-    let gain = factor(model.iter().copied(), &baseline.readings)?;
-    let uniform = model.iter().map(|ohms| Reading::Ok(Volts(*ohms))).collect();
+    let uniform = forward.readings(&geometry.sigma0, protocol).ok()?;
+    let gain = factor(uniform.iter().copied(), &baseline.readings)?;
+    let uniform = uniform
+        .iter()
+        .map(|ohms| Reading::Ok(Volts(*ohms)))
+        .collect();
     let scaled = baseline.readings.iter().map(|reading| match reading {
         Reading::Ok(volts) => Reading::Ok(Volts(volts.0 / gain)),
         other => *other,
@@ -68,14 +72,15 @@ fn uniform(
 /// Where the second readings show a loss against the first, in words; `None` if the loss is within their noise
 /// (standard deviation of one reading) or below `least`.
 fn loss_between(
-    reconstructor: &dyn Reconstructor,
+    model: &Model,
     (before, now): (&[Reading], &[Reading]),
     noise: f64,
     least: f64,
 ) -> Option<String> {
+    let reconstructor = model.reconstructor.as_ref();
     let map = reconstructor.reconstruct(before, now).ok()?;
     let (_, loss) = map.largest_loss()?;
-    if loss <= least || loss <= map_noise(reconstructor, before, noise)? {
+    if loss <= least || loss <= map_noise(model, before, noise)? {
         return None;
     }
     let mesh = reconstructor.mesh();

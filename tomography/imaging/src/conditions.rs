@@ -1,4 +1,4 @@
-//! Conditions of the measurement, and the frames available for the choice of a method's parameters.
+//! Conditions of the measurement.
 
 use std::sync::Arc;
 
@@ -6,15 +6,6 @@ use eit::{Forward, ForwardError, Mesh, Scale};
 use survey::{Amps, Protocol, Reading, Volts};
 
 use crate::geometry::Geometry;
-
-/// Frames from which rules choose a method's parameters, with their baseline.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sample {
-    /// The baseline.
-    pub baseline: Vec<Reading>,
-    /// The frames.
-    pub frames: Vec<Vec<Reading>>,
-}
 
 /// Conditions of the measurement that a reconstruction needs.
 #[derive(Debug, Clone)]
@@ -32,15 +23,12 @@ pub struct Conditions<'a> {
     pub noise_assumed: bool,
     /// Scaling of the baseline to the model, for model-based methods.
     pub scale: Scale,
-    /// Available frames. Without them, a method whose rules need frames takes the first
-    /// [`FRAMES_LOOKED_AT`](crate::FRAMES_LOOKED_AT) frames that it receives.
-    pub sample: Option<&'a Sample>,
     /// The mesh whose region maps show, where `geometry` has the whole sheet as its region.
     pub(crate) shown: Option<&'a Arc<Mesh>>,
 }
 
 impl<'a> Conditions<'a> {
-    /// For a live measurement, without available frames.
+    /// For a live measurement.
     pub fn live(geometry: &'a Geometry, protocol: &'a Protocol, current: Amps) -> Self {
         Self {
             geometry,
@@ -49,7 +37,6 @@ impl<'a> Conditions<'a> {
             noise_v: None,
             noise_assumed: false,
             scale: Scale::default(),
-            sample: None,
             shown: None,
         }
     }

@@ -32,12 +32,11 @@ mod settings;
 #[cfg(feature = "arguments")]
 pub use arguments::MethodArguments;
 pub use baseline_check::baseline_remarks;
-pub use conditions::{Conditions, Sample, trial_frame};
+pub use conditions::{Conditions, trial_frame};
 pub use error::BuildError;
 pub use geometry::{Geometry, GeometryError, GeometrySettings, PresetName, has_mesh};
 pub use map_noise::map_noise;
-pub use methods::FRAMES_LOOKED_AT;
 pub use model::Model;
 pub use model_file::{find_model, find_model_in, load, short_hash};
 pub use reconstruction::{build, calibrate, check_live};
-pub use settings::{HyperRule, Method, PriorName, ReconstructionSettings, Unknowns};
+pub use settings::{HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns};

@@ -6,37 +6,56 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use survey::{Reading, Volts};
 
-/// Number of simulated frames of an unloaded sheet.
+use crate::model::Model;
+
+/// Number of simulated frames of an unloaded sheet, for maps whose strength does not depend on the frame.
 const DRAWS: usize = 8;
-/// Threshold over the mean of their largest losses: the draws are independent between readings, the noise of real
-/// instruments is not.
+/// The same for maps with a strength of their own for each frame: most of noise alone are empty, some are not.
+const DRAWS_PER_FRAME: usize = 64;
+/// Threshold over the mean of their largest losses, and over the largest where the strength depends on the frame: the draws
+/// are independent between readings, the noise of real instruments is not.
 const FACTOR: f64 = 2.0;
 
 /// Threshold of significance: twice the mean, over seeded draws, of the largest relative loss that noise of one reading
-/// (standard deviation, in the unit of the baseline) causes on an unloaded sheet. A map without a larger loss shows
-/// nothing. `None` if the method makes no map of an unloaded sheet.
-pub fn map_noise(
+/// (standard deviation, in the unit of the baseline) causes on an unloaded sheet. Where each frame has its own strength,
+/// that of the map with one strength for all, or twice the largest of all draws, whichever is more. A map without a larger
+/// loss shows nothing. `None` if the method makes no map of an unloaded sheet.
+pub fn map_noise(model: &Model, baseline: &[Reading], noise: f64) -> Option<f64> {
+    let mean = |losses: Vec<f64>| FACTOR * losses.iter().sum::<f64>() / losses.len() as f64;
+    let of =
+        |reconstructor: &dyn Reconstructor, draws| drawn(reconstructor, baseline, noise, draws);
+    let Some(fixed) = &model.fixed_strength else {
+        return Some(mean(of(model.reconstructor.as_ref(), DRAWS)?));
+    };
+    let own = of(model.reconstructor.as_ref(), DRAWS_PER_FRAME)?;
+    let most = own.into_iter().fold(0.0, f64::max);
+    Some(mean(of(fixed.as_ref(), DRAWS)?).max(FACTOR * most))
+}
+
+/// The largest loss of each map of noise alone.
+fn drawn(
     reconstructor: &dyn Reconstructor,
     baseline: &[Reading],
     noise: f64,
-) -> Option<f64> {
+    draws: usize,
+) -> Option<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    let mut sum = 0.0;
-    for _ in 0..DRAWS {
-        let frame: Vec<Reading> = baseline
-            .iter()
-            .map(|reading| match reading {
-                Reading::Ok(Volts(volts)) => {
-                    let draw: f64 = StandardNormal.sample(&mut random);
-                    Reading::Ok(Volts(volts + noise * draw))
-                }
-                other => *other,
-            })
-            .collect();
-        let map = reconstructor.reconstruct(baseline, &frame).ok()?;
-        sum += map.largest_loss().map_or(0.0, |(_, loss)| loss);
-    }
-    Some(FACTOR * sum / DRAWS as f64)
+    (0..draws)
+        .map(|_| {
+            let frame: Vec<Reading> = baseline
+                .iter()
+                .map(|reading| match reading {
+                    Reading::Ok(Volts(volts)) => {
+                        let draw: f64 = StandardNormal.sample(&mut random);
+                        Reading::Ok(Volts(volts + noise * draw))
+                    }
+                    other => *other,
+                })
+                .collect();
+            let map = reconstructor.reconstruct(baseline, &frame).ok()?;
+            Some(map.largest_loss().map_or(0.0, |(_, loss)| loss))
+        })
+        .collect()
 }
 
 #[cfg(test)]
@@ -80,7 +99,7 @@ mod tests {
         };
         let model = build(&ReconstructionSettings::default(), &conditions).unwrap();
         let reconstructor = model.reconstructor.as_ref();
-        let noise = map_noise(reconstructor, &baseline, noise_v).unwrap();
+        let noise = map_noise(&model, &baseline, noise_v).unwrap();
         assert!(noise > 0.0 && noise < 0.2, "{noise}");
         let mut random = ChaCha8Rng::seed_from_u64(7);
         let mut noisy = |volts: &[f64]| {

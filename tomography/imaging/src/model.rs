@@ -5,8 +5,6 @@ use std::sync::Arc;
 use eit::{Calibration, LossOnly, ModelCheck, ReconstructError, Reconstructor};
 use survey::{Map, Reading};
 
-use crate::methods::AfterFrames;
-
 /// A reconstructor with its origin.
 #[derive(Clone)]
 pub struct Model {
@@ -20,8 +18,10 @@ pub struct Model {
     pub notes: Vec<String>,
     /// Whether frames take so long that they should be reconstructed in parallel.
     pub slow: bool,
-    /// The same reconstructor, if its parameters are chosen from the first frames.
-    pub(crate) after_frames: Option<Arc<AfterFrames>>,
+    /// Whether its maps can be of another method than [`Reconstructor::method`], which each map names.
+    pub(crate) varies: bool,
+    /// The same method with one strength for all frames, if this one has a strength for each.
+    pub(crate) fixed_strength: Option<Arc<dyn Reconstructor>>,
     /// Judges its maps; `None` if they are not judged.
     pub(crate) check: Option<Arc<ModelCheck>>,
 }
@@ -35,7 +35,8 @@ impl Model {
             calibration: None,
             notes: Vec::new(),
             slow: false,
-            after_frames: None,
+            varies: false,
+            fixed_strength: None,
             check: None,
         }
     }
@@ -62,28 +63,5 @@ impl Model {
             true => Arc::new(LossOnly::new(trained)),
             false => Arc::from(trained),
         })
-    }
-
-    /// A copy for another run of frames: parameters chosen from the first frames are chosen again.
-    pub fn for_session(&self) -> Self {
-        let Some(after_frames) = &self.after_frames else {
-            return self.clone();
-        };
-        let fresh = Arc::new(after_frames.fresh());
-        Self {
-            reconstructor: Arc::clone(&fresh) as Arc<dyn Reconstructor>,
-            after_frames: Some(fresh),
-            ..self.clone()
-        }
-    }
-
-    /// Whether its parameters are chosen from the first frames.
-    pub fn looks_at_frames(&self) -> bool {
-        self.after_frames.is_some()
-    }
-
-    /// The decision made since the last call, in a sentence; `None` if there is none.
-    pub fn decided(&self) -> Option<String> {
-        self.after_frames.as_ref()?.decided()
     }
 }

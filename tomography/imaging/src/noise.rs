@@ -4,9 +4,8 @@
 use eit::{Forward, ForwardError};
 use survey::{Baseline, Protocol, Reading, Volts};
 
-/// Default standard deviation of one reading, uV, if neither settings nor frames give it: a 34980A on its 1 V range at
-/// 1 PLC.
-pub const DEFAULT_NOISE_UV: f64 = 2.0;
+/// Default standard deviation of one reading, uV, if neither settings nor frames give it.
+pub const DEFAULT_NOISE_UV: f64 = 1e6 * eit::DEFAULT_NOISE_V;
 /// Noise assumed for a baseline that shows none, as a share of its readings' rms: the typical repeatability of a
 /// laboratory instrument.
 pub const ASSUMED_SHARE: f64 = 1e-3;

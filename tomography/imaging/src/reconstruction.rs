@@ -3,15 +3,14 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use eit::{Calibration, ModelCheck, Scale};
+use eit::{Calibration, ModelCheck, Reconstructor, Scale};
 
 use crate::conditions::Conditions;
 use crate::error::BuildError;
 use crate::methods;
-use crate::methods::AfterFrames;
 use crate::model::Model;
 use crate::model_file::{load, short_hash};
-use crate::settings::{Method, PriorName, ReconstructionSettings};
+use crate::settings::{HyperChoice, Method, PriorName, ReconstructionSettings};
 
 /// Refuses settings for which a map would take longer than the frame period of a running instrument.
 ///
@@ -50,18 +49,13 @@ pub fn build(
             conditions.protocol,
             Some(conditions.geometry),
         )?,
-        None if conditions.sample.is_none() && settings.looks_at_frames() => {
-            let after_frames = Arc::new(AfterFrames::new(settings, conditions)?);
-            Model {
-                after_frames: Some(Arc::clone(&after_frames)),
-                ..Model::new(after_frames)
-            }
-        }
         None => {
             let prepared = methods::prepare(settings, conditions)?;
             Model {
                 notes: prepared.notes,
                 slow: prepared.slow,
+                varies: settings.method == Some(Method::Best),
+                fixed_strength: fixed_strength(settings, conditions)?,
                 ..Model::new(prepared.reconstructor)
             }
         }
@@ -73,14 +67,37 @@ pub fn build(
     Ok(model)
 }
 
+/// The linear method with one strength for all frames, by which a strength for each frame is measured; `None` for methods
+/// that have none.
+fn fixed_strength(
+    settings: &ReconstructionSettings,
+    conditions: &Conditions<'_>,
+) -> Result<Option<Arc<dyn Reconstructor>>, BuildError> {
+    let method = settings.method.unwrap_or_default();
+    let per_frame = matches!(method, Method::OneStep | Method::Best)
+        && settings.lambda.is_none()
+        && settings.noise_figure.is_none()
+        && settings.map_error.is_none()
+        && settings.choose != Some(HyperChoice::Noise);
+    if !per_frame {
+        return Ok(None);
+    }
+    let fixed = ReconstructionSettings {
+        method: Some(Method::OneStep),
+        choose: Some(HyperChoice::Noise),
+        loss_only: None,
+        ..settings.clone()
+    };
+    Ok(Some(methods::prepare(&fixed, conditions)?.reconstructor))
+}
+
 /// The check of frames against the model of the whole sheet.
 fn model_check(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,
 ) -> Result<ModelCheck, BuildError> {
     let geometry = conditions.geometry;
-    let measured = conditions.noise_v.filter(|_| !conditions.noise_assumed);
-    let noise_v = settings.noise_uv.map(|noise| noise * 1e-6).or(measured);
+    let noise_v = methods::known_noise_v(settings, conditions);
     let noise = match &conditions.scale {
         Scale::Currents(_) => noise_v,
         Scale::ByDistance | Scale::Uniform => noise_v.map(|volts| volts / conditions.current.0),
@@ -118,10 +135,7 @@ pub fn calibrate(model: &mut Model, path: &Path) -> Result<(), BuildError> {
             short_hash(mesh),
         )));
     }
-    let fits = match &model.after_frames {
-        Some(after_frames) => after_frames.may_make(&calibration.method),
-        None => calibration.method == model.reconstructor.method(),
-    };
+    let fits = model.varies || calibration.method == model.reconstructor.method();
     if !fits {
         return Err(refused(format!(
             "it was fitted to maps of '{}', this method is '{}'",

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use eit::{Prior, SMOOTH_LENGTH_M};
+use eit::{HyperRule, Prior, SMOOTH_LENGTH_M};
 use serde::{Deserialize, Serialize};
 
 /// How voltages become a map.
@@ -57,14 +57,27 @@ pub enum PriorName {
     Gaussian,
 }
 
-/// How the hyper-parameter follows from frames, where nobody says noise or lambda.
+/// How the hyper-parameter is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum HyperRule {
-    /// The one that makes the frames most probable, doubled.
+pub enum HyperChoice {
+    /// For each frame the most probable one; the noise is a lower limit of the frame's errors.
     Evidence,
-    /// At the corner of the frames' L-curve.
+    /// For each frame the one at the corner of its L-curve.
     LCurve,
+    /// One for all frames, from the noise alone.
+    Noise,
+}
+
+impl HyperChoice {
+    /// The rule for each frame; `None` if there is one for all frames.
+    pub(crate) fn of_frames(self) -> Option<HyperRule> {
+        match self {
+            Self::Evidence => Some(HyperRule::Evidence),
+            Self::LCurve => Some(HyperRule::LCurve),
+            Self::Noise => None,
+        }
+    }
 }
 
 /// Which conductances a method solves for.
@@ -97,7 +110,8 @@ pub struct ReconstructionSettings {
     /// Correlation length of the Gaussian prior, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub length_mm: Option<f64>,
-    /// Standard deviation of the noise of one reading, uV, in place of the baseline's.
+    /// Standard deviation of the noise of one reading, uV, in place of the baseline's: the least errors of a frame, and the
+    /// noise that the check of maps expects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_uv: Option<f64>,
     /// Hyper-parameter: lambda of the one-step method, alpha of total variation.
@@ -106,9 +120,9 @@ pub struct ReconstructionSettings {
     /// Noise figure that the one-step method's lambda is chosen for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_figure: Option<f64>,
-    /// The rule that finds the hyper-parameter from frames.
+    /// How the hyper-parameter is chosen; default by evidence, with `map_error` by the noise.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub choose: Option<HyperRule>,
+    pub choose: Option<HyperChoice>,
     /// Share of a map's largest value by which a quicker frame may differ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_error: Option<f64>,
@@ -148,10 +162,12 @@ const USED_BY: [(&str, &[Method]); 11] = {
 };
 
 impl ReconstructionSettings {
-    /// Whether the noise of the baseline determines the method's strength: no other setting does.
+    /// Whether the method uses the noise of the baseline: the settings give none, and the method asks for it.
     pub fn takes_noise_of_baseline(&self) -> bool {
         self.file.is_none()
-            && self.strengths() == 0
+            && self.noise_uv.is_none()
+            && self.lambda.is_none()
+            && self.noise_figure.is_none()
             && is_used("noise_uv", self.method.unwrap_or_default())
     }
 
@@ -167,32 +183,9 @@ impl ReconstructionSettings {
         }
     }
 
-    /// The number of keys that determine the strength of smoothing: at most one may be given.
-    pub(crate) fn strengths(&self) -> usize {
-        [
-            self.lambda.is_some(),
-            self.noise_figure.is_some(),
-            self.noise_uv.is_some(),
-            self.choose.is_some(),
-        ]
-        .into_iter()
-        .filter(|given| *given)
-        .count()
-    }
-
-    /// Whether the method's parameters are chosen from frames.
-    pub(crate) fn looks_at_frames(&self) -> bool {
-        self.file.is_none()
-            && (self.choose.is_some() || self.method.unwrap_or_default() == Method::Best)
-    }
-
-    /// Defaults for a recording without a configuration: the best method, with the hyper-parameter from the evidence of
-    /// the frames.
+    /// Defaults for a recording without a configuration: the best method.
     pub fn for_recording(mut self) -> Self {
-        let method = *self.method.get_or_insert(Method::Best);
-        if self.file.is_none() && self.strengths() == 0 && is_used("choose", method) {
-            self.choose = Some(HyperRule::Evidence);
-        }
+        self.method.get_or_insert(Method::Best);
         self
     }
 
@@ -201,7 +194,8 @@ impl ReconstructionSettings {
     pub fn over(self, kept: Self) -> Self {
         let one_step = self.prior.is_some() || self.exponent.is_some() || self.lambda.is_some();
         let method = self.method.or(kept.method.filter(|_| !one_step));
-        let strength = self.strengths() > 0;
+        let strength =
+            self.lambda.is_some() || self.noise_figure.is_some() || self.choose.is_some();
         let other = method.unwrap_or_default() != kept.method.unwrap_or_default();
         Self {
             file: self.file,
@@ -209,7 +203,7 @@ impl ReconstructionSettings {
             prior: self.prior.or(kept.prior),
             exponent: self.exponent.or(kept.exponent),
             length_mm: self.length_mm.or(kept.length_mm),
-            noise_uv: self.noise_uv.or(kept.noise_uv.filter(|_| !strength)),
+            noise_uv: self.noise_uv.or(kept.noise_uv),
             lambda: self.lambda.or(kept.lambda.filter(|_| !strength && !other)),
             noise_figure: self
                 .noise_figure

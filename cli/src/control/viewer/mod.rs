@@ -486,7 +486,7 @@ fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String {
                 }
                 None => text.push_str("  no map"),
             }
-            if let Some(quality) = seen.quality.as_ref().filter(|quality| !quality.is_sound()) {
+            if let Some(quality) = seen.quality.as_ref().filter(|quality| !quality.is_silent()) {
                 text.push_str(&format!("  {quality}"));
             }
             for (count, what) in [

@@ -42,10 +42,6 @@ impl Recorder {
                     self.status.map_noise.get_or_init(|| noise);
                 }
                 frame.noise = mapped.noise;
-                if let Some(decided) = &mapped.decided {
-                    self.logbook
-                        .write_event(EventKind::MethodSettled, decided)?;
-                }
                 frame.found = mapped.found;
                 frame.pressure = mapped.pressure;
                 frame.record = Some(mapped.record);

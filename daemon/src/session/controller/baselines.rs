@@ -51,8 +51,7 @@ impl Controller {
 
     fn remarks_on(&self, baseline: &Baseline) -> Vec<String> {
         let setup = &self.runtime().setup;
-        let reconstructor = setup.model.reconstructor.as_ref();
-        if baseline.settings.protocol_hash != reconstructor.protocol().hash() {
+        if baseline.settings.protocol_hash != setup.model.reconstructor.protocol().hash() {
             return Vec::new();
         }
         let before = self
@@ -62,6 +61,6 @@ impl Controller {
                 tracing::debug!("the baseline before cannot be read: {error}");
                 None
             });
-        imaging::baseline_remarks(reconstructor, &setup.geometry, baseline, before.as_ref())
+        imaging::baseline_remarks(&setup.model, &setup.geometry, baseline, before.as_ref())
     }
 }

@@ -368,7 +368,7 @@ impl Controller {
             None if protocol == runtime.setup.protocol
                 && (noise_uv.is_none() || !configured.takes_noise_of_baseline()) =>
             {
-                return Ok((runtime.setup.model.for_session(), None));
+                return Ok((runtime.setup.model.clone(), None));
             }
             Some(other) if other != "one-step" && !Path::new(other).is_absolute() => {
                 return Err(Fault::InvalidOption(format!(

@@ -47,6 +47,14 @@ pub enum OneStepError {
         "the prior cannot be inverted on this geometry: some part of the region is seen by no reading"
     )]
     Prior,
+    /// A property of one matrix for all frames was asked of a method that chooses lambda for each frame.
+    #[error("each frame has a lambda of its own; no matrix serves all frames")]
+    PerFrame,
+    /// A map error was given for a method that chooses lambda for each frame.
+    #[error(
+        "a map error can be allowed only where one matrix serves all frames, not with a lambda for each frame"
+    )]
+    MapErrorPerFrame,
     /// No lambda has the requested noise figure.
     #[error(
         "no lambda gives a noise figure of {wanted}; on this geometry it can be {least:.3} to {most:.3}"

@@ -22,12 +22,19 @@ pub(crate) struct Evidence {
 /// The best size of maps for one ratio.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Fit {
-    /// q, the variance of noise over that of maps.
+    /// q, the variance of errors over that of maps.
     pub(crate) ratio: f64,
     /// g^2.
     pub(crate) scale: f64,
     /// Minus twice the logarithm of the probability, up to a constant.
-    pub(crate) surprise: f64,
+    surprise: f64,
+}
+
+impl Fit {
+    /// Standard deviation of the errors.
+    pub(crate) fn error(&self) -> f64 {
+        (self.scale * self.ratio).sqrt()
+    }
 }
 
 impl Evidence {
@@ -63,33 +70,34 @@ impl Evidence {
         self.vectors.tr_mul(data)
     }
 
+    /// The eigenvectors, as columns.
+    pub(crate) fn vectors(&self) -> &DMatrix<f64> {
+        &self.vectors
+    }
+
     /// The ratios.
     pub(crate) fn ratios(&self) -> impl Iterator<Item = f64> + '_ {
         self.candidates.iter().map(|(ratio, _)| *ratio)
     }
 
-    /// The best fit for each ratio, of data with these squared components; `beside`: squared norm of the data in
-    /// `unseen` directions that no map changes.
-    pub(crate) fn fits(
-        &self,
-        squares: &DVector<f64>,
-        beside: f64,
-        unseen: usize,
-    ) -> impl Iterator<Item = Fit> {
-        let unseen = unseen as f64;
-        let count = squares.len() as f64 + unseen;
-        self.candidates.iter().map(move |&(ratio, logs)| {
-            let seen: f64 = squares
+    /// The most probable fit of data with these squared components, with errors of at least the standard deviation
+    /// `floor`; `None` without data.
+    pub(crate) fn best(&self, squares: &DVector<f64>, floor: f64) -> Option<Fit> {
+        let count = squares.len() as f64;
+        let fits = self.candidates.iter().map(|&(ratio, logs)| {
+            let sum: f64 = squares
                 .iter()
                 .zip(&self.values)
                 .map(|(square, value)| square / (value + ratio))
                 .sum();
-            let sum = seen + beside / ratio;
+            let scale = (sum / count).max(floor * floor / ratio);
             Fit {
                 ratio,
-                scale: sum / count,
-                surprise: count * sum.ln() + (logs + unseen * ratio.ln()),
+                scale,
+                surprise: count * scale.ln() + logs + sum / scale,
             }
-        })
+        });
+        fits.min_by(|a, b| a.surprise.total_cmp(&b.surprise))
+            .filter(|fit| fit.surprise.is_finite())
     }
 }

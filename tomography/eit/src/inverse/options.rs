@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::inverse::prior::{ONE_STEP_NOSER, Prior};
 
+/// Default standard deviation of one reading, V: a bench multimeter on its 1 V range at one power-line cycle.
+pub const DEFAULT_NOISE_V: f64 = 2e-6;
+
 /// Source of the hyper-parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -23,6 +26,29 @@ pub enum Hyper {
     /// The lambda at which the linear map has this noise figure, see
     /// [`Reconstructor::noise_figure`](crate::Reconstructor::noise_figure).
     NoiseFigure(f64),
+    /// A lambda for each frame, from the frame itself.
+    Frame {
+        /// How it follows from the frame.
+        rule: HyperRule,
+        /// Standard deviation of one reading, V, the same on baseline and frame, below which the errors of a frame are not
+        /// estimated; `None` if it is unknown.
+        volts: Option<f64>,
+        /// Injected current of that noise, A.
+        current: f64,
+    },
+}
+
+/// How lambda follows from a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HyperRule {
+    /// The most probable one: with x ~ N(0, g^2 R^-1) and white errors s, a change is N(0, g^2 J R^-1 J' + s^2 I), and
+    /// lambda = s / g. Errors are at least the noise and that of a linear model: 1 % of the change, and more for changes that
+    /// are not small compared with the readings.
+    #[default]
+    Evidence,
+    /// The corner of the frame's L-curve (P. C. Hansen, SIAM Review 34 (1992) 561); without a corner, as [`Self::Evidence`].
+    LCurve,
 }
 
 /// How the baseline is scaled to the model.
@@ -50,6 +76,9 @@ pub struct OneStepOptions {
     pub hyper: Hyper,
     /// Bounds the map to -1 <= x <= 0: loads only take conductance away.
     pub loss_only: bool,
+    /// With `loss_only`, the largest share of the squared change of a frame that the bounded map may leave unexplained beyond
+    /// what the unbounded one leaves: a frame with more shows gains, and its map is not bounded. `None`: every map is.
+    pub most_gain: Option<f64>,
     /// The baseline's scale.
     pub scale: Scale,
     /// Relative standard deviation of each reading (any common factor) if they differ; each reading is divided by its
@@ -71,10 +100,11 @@ impl Default for OneStepOptions {
         Self {
             prior: ONE_STEP_NOSER,
             hyper: Hyper::Noise {
-                volts: 2e-6,
+                volts: DEFAULT_NOISE_V,
                 current: 1e-3,
             },
             loss_only: false,
+            most_gain: None,
             scale: Scale::default(),
             deviations: None,
             map_error: None,

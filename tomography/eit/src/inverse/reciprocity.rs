@@ -77,11 +77,6 @@ impl Fold {
         self.first.len()
     }
 
-    /// Number of readings.
-    pub(crate) fn readings(&self) -> usize {
-        self.of.len()
-    }
-
     /// The measurement whose sensitivity each row has.
     pub(crate) fn questions(&self, protocol: &Protocol) -> Vec<Measurement> {
         self.first
@@ -158,6 +153,14 @@ impl Seen {
         self.left.is_none()
     }
 
+    /// The same with all data multiplied by a factor.
+    pub(crate) fn times(&self, factor: f64) -> Self {
+        Self {
+            data: &self.data * factor,
+            left: self.left.clone(),
+        }
+    }
+
     /// The rows of a folded matrix that correspond to the data.
     pub(crate) fn rows<'a>(&self, matrix: &'a DMatrix<f64>) -> Cow<'a, DMatrix<f64>> {
         match &self.left {
@@ -181,7 +184,7 @@ mod tests {
         let protocol = Protocol::sheffield(8).unwrap();
         let factors: Vec<f64> = (0..protocol.len()).map(|i| 0.5 + (i % 3) as f64).collect();
         let fold = Fold::new(&protocol, &factors);
-        assert_eq!((fold.rows(), fold.readings()), (20, 40));
+        assert_eq!((fold.rows(), fold.of.len()), (20, 40));
         let twins = protocol.reciprocal_twins();
         // a sensitivity with equal twins
         let plain = DMatrix::from_fn(40, 6, |i, k| {

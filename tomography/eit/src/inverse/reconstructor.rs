@@ -119,18 +119,6 @@ pub enum ReconstructError {
         /// The limit.
         limit: f64,
     },
-    /// The method derives its settings from the first frames, and there are not enough of them yet.
-    #[error(
-        "method {method} is settled by the first {wants} frames, of which {has} are there: no map yet"
-    )]
-    FramesAwaited {
-        /// The method.
-        method: String,
-        /// Frames so far.
-        has: usize,
-        /// Frames that are needed.
-        wants: usize,
-    },
     /// The computation failed numerically.
     #[error("the {method} reconstruction failed on these readings: {cause}")]
     Numerical {

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use eit::{
-    DiscTank, Forward, Hyper, Mesh, OneStep, OneStepOptions, Prior, Reconstructor, Scale,
-    l_curve_lambda, probable_lambda,
+    DiscTank, Forward, Hyper, HyperRule, Mesh, OneStep, OneStepError, OneStepOptions, Prior,
+    Reconstructor, Scale,
 };
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -35,6 +35,10 @@ impl Tank {
     }
 
     fn step(&self, options: OneStepOptions) -> OneStep {
+        self.try_step(options).unwrap()
+    }
+
+    fn try_step(&self, options: OneStepOptions) -> Result<OneStep, OneStepError> {
         OneStep::new(
             Arc::clone(&self.mesh),
             &self.contact,
@@ -42,7 +46,6 @@ impl Tank {
             &self.protocol,
             options,
         )
-        .unwrap()
     }
 
     /// Baseline, and frames of one disc each, at 1 mA with white noise.
@@ -120,7 +123,7 @@ fn the_gaussian_map_is_that_of_its_covariance() {
         system[(i, i)] += lambda * lambda;
     }
     let expected = spread * system.try_inverse().unwrap();
-    let error = (step.matrix() - &expected).amax() / expected.amax();
+    let error = (step.matrix().unwrap() - &expected).amax() / expected.amax();
     println!("gaussian: {error:.1e}");
     assert!(error < 1e-11, "{error:e}");
 }
@@ -136,26 +139,122 @@ fn lambda_follows_its_rules() {
         let has = step.noise_figure().unwrap();
         assert!((has / wanted - 1.0).abs() < 3e-3, "{has} for {wanted}");
     }
-    let options = OneStepOptions::default();
+    let refused = tank.try_step(OneStepOptions {
+        hyper: in_frame(HyperRule::Evidence, None),
+        map_error: Some(1e-3),
+        ..OneStepOptions::default()
+    });
+    assert_eq!(refused.err(), Some(OneStepError::MapErrorPerFrame));
+}
+
+fn in_frame(rule: HyperRule, volts: Option<f64>) -> Hyper {
+    Hyper::Frame {
+        rule,
+        volts,
+        current: 1e-3,
+    }
+}
+
+/// The map of a frame is that of one lambda, whatever the prior and with readings missing.
+#[test]
+fn a_frame_is_mapped_with_one_lambda() {
+    let tank = Tank::new(0.3);
+    let (baseline, frames) = tank.recording(2e-6, 1);
+    let mut holed = frames[0].clone();
+    holed[17] = Reading::Overload;
+    holed[100] = Reading::NotMeasured;
+    let gaussian = Prior::Gaussian { length_m: 0.03 };
+    for (prior, rule, frame) in [
+        (Prior::Noser { p: 0.25 }, HyperRule::Evidence, &frames[0]),
+        (Prior::Noser { p: 0.25 }, HyperRule::LCurve, &holed),
+        (Prior::Laplace, HyperRule::Evidence, &holed),
+        (gaussian, HyperRule::Evidence, &frames[0]),
+    ] {
+        let with = |hyper| {
+            tank.try_step(OneStepOptions {
+                prior,
+                hyper,
+                ..OneStepOptions::default()
+            })
+        };
+        let chosen = with(in_frame(rule, Some(2e-6))).unwrap();
+        assert_eq!(chosen.lambda(), None);
+        assert!(chosen.matrix().is_err() && chosen.noise_figure().is_none());
+        let map = DVector::from_vec(chosen.reconstruct(&baseline, frame).unwrap().values);
+        let far = |log: f64| {
+            let Ok(step) = with(Hyper::Lambda(10_f64.powf(log))) else {
+                return f64::INFINITY; // negligible relative to the sensitivities
+            };
+            let other = step.reconstruct(&baseline, frame).unwrap();
+            (DVector::from_vec(other.values) - &map).norm() / map.norm()
+        };
+        // a coarse search, then golden sections
+        let coarse = (-12..6)
+            .map(|step| f64::from(step) * 0.5)
+            .min_by(|a, b| far(*a).total_cmp(&far(*b)))
+            .unwrap();
+        let (mut low, mut high) = (coarse - 0.5, coarse + 0.5);
+        for _ in 0..25 {
+            let (a, b) = (low + 0.382 * (high - low), low + 0.618 * (high - low));
+            if far(a) < far(b) {
+                high = b;
+            } else {
+                low = a;
+            }
+        }
+        let least = far(0.5 * (low + high));
+        println!("{prior:?} {rule:?}: lambda 1e{low:.3}, {least:.1e}");
+        assert!(least < 1e-4, "{prior:?} {rule:?}: {least:e}");
+    }
+}
+
+/// Evidence finds the noise of a frame where it is not stated, and the corner agrees within the usual difference of the two.
+#[test]
+fn lambda_of_a_frame_follows_its_noise() {
+    let tank = Tank::new(0.6);
+    let size = |values: &[f64]| DVector::from_column_slice(values).norm();
     for noise_v in [1e-6, 1e-5, 1e-4] {
         let (baseline, frames) = tank.recording(noise_v, 6);
-        let frames: Vec<&[Reading]> = frames.iter().map(Vec::as_slice).collect();
-        let [probable, corner] = [probable_lambda, l_curve_lambda].map(|rule| {
-            let found = rule(
-                &tank.mesh,
-                &tank.contact,
-                &tank.sigma0,
-                &tank.protocol,
-                &options,
-                &baseline,
-                &frames,
-            );
-            found.unwrap().unwrap()
-        });
-        println!("noise {noise_v:e}: evidence {probable:.2e}, L-curve {corner:.2e}");
-        // corner and evidence agree within the usual difference of the two rules
-        assert!((0.3..3.0).contains(&(corner / probable)), "{noise_v:e}");
+        let mean = |hyper| {
+            let step = tank.step(OneStepOptions {
+                hyper,
+                ..OneStepOptions::default()
+            });
+            let maps = frames
+                .iter()
+                .map(|frame| size(&step.reconstruct(&baseline, frame).unwrap().values));
+            maps.sum::<f64>() / frames.len() as f64
+        };
+        let free = mean(in_frame(HyperRule::Evidence, None));
+        let stated = mean(in_frame(HyperRule::Evidence, Some(noise_v)));
+        let corner = mean(in_frame(HyperRule::LCurve, Some(noise_v)));
+        let doubtful = mean(in_frame(HyperRule::Evidence, Some(100.0 * noise_v)));
+        println!(
+            "{noise_v:e} V: free {free:.3}, stated {stated:.3}, corner {corner:.3}, 100 x {doubtful:.3}"
+        );
+        assert!((0.8..1.25).contains(&(free / stated)), "{free} {stated}");
+        assert!((0.5..2.0).contains(&(corner / stated)), "{corner} {stated}");
+        assert!(doubtful < 0.98 * stated, "{doubtful} {stated}");
     }
+}
+
+/// Gains are kept, ringing is not: the bound is decided for each frame.
+#[test]
+fn frames_with_gain_are_not_bounded() {
+    let tank = Tank::new(0.6);
+    let (baseline, frames) = tank.recording(1e-6, 1);
+    let step = tank.step(OneStepOptions {
+        hyper: in_frame(HyperRule::Evidence, Some(1e-6)),
+        loss_only: true,
+        most_gain: Some(0.2),
+        ..OneStepOptions::default()
+    });
+    let loss = step.reconstruct(&baseline, &frames[0]).unwrap();
+    let gain = step.reconstruct(&frames[0], &baseline).unwrap();
+    assert!(loss.method.ends_with(", loss only"), "{}", loss.method);
+    assert!(loss.values.iter().all(|value| (-1.0..=0.0).contains(value)));
+    assert!(!gain.method.contains("loss only"), "{}", gain.method);
+    assert!(gain.values.iter().any(|value| *value > 0.1));
 }
 
 #[test]

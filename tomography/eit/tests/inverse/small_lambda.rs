@@ -121,7 +121,7 @@ impl Tank {
     /// Error of a prior's map relative to the largest value of the reference.
     fn apart(&self, prior: Prior, penalty: &DMatrix<f64>, hyper: Hyper) -> f64 {
         let step = self.step(prior, hyper).unwrap();
-        let lambda = step.lambda();
+        let lambda = step.lambda().unwrap();
         let mut j = self
             .forward()
             .jacobian(&self.sigma0, &self.protocol)
@@ -143,7 +143,7 @@ impl Tank {
         let mut right = DVector::zeros(stacked.nrows());
         right.rows_mut(0, dv.len()).copy_from(&dv);
         let truth = least_squares(&stacked, &right);
-        (step.matrix() * dv - &truth).amax() / truth.amax()
+        (step.matrix().unwrap() * dv - &truth).amax() / truth.amax()
     }
 }
 

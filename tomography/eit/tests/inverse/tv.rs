@@ -198,7 +198,7 @@ fn settings_that_are_no_positive_numbers_are_refused() {
     let tank = tank();
     for wrong in [
         TvOptions {
-            noise_v: f64::NAN,
+            noise_v: Some(f64::NAN),
             ..TvOptions::default()
         },
         TvOptions {

@@ -1,7 +1,6 @@
 //! The methods that need no model file, each prepared from settings and [`Conditions`]. Not included: the mathematics
 //! (crate `eit`), model files, calibrations.
 
-mod after_frames;
 mod best;
 mod hyper_parameter;
 mod one_step;
@@ -11,8 +10,7 @@ use std::sync::Arc;
 
 use eit::{Reconstructor, WholeSheet};
 
-pub(crate) use after_frames::AfterFrames;
-pub use after_frames::FRAMES_LOOKED_AT;
+pub(crate) use hyper_parameter::known_noise_v;
 
 use crate::conditions::Conditions;
 use crate::error::BuildError;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eit::{Hyper, OneStep, OneStepOptions, Prior, Reconstructor};
+use eit::{OneStep, OneStepOptions, Reconstructor};
 
 use super::Prepared;
 use super::hyper_parameter::hyper;
@@ -14,33 +14,40 @@ pub(super) fn prepare(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,
 ) -> Result<Prepared, BuildError> {
-    let prior = settings.one_step_prior();
-    let (hyper, mut notes) = hyper(settings, conditions, prior)?;
-    let loss_only = settings.loss_only.unwrap_or(false);
-    let one_step = solver(conditions, prior, hyper, loss_only, settings.map_error)?;
-    notes.extend(raised(&one_step));
-    let figure = one_step.noise_figure();
-    notes.push(format!(
-        "{}, lambda {:.3e}{}",
-        one_step.method(),
-        one_step.lambda(),
-        figure.map_or(String::new(), |figure| format!(
-            ", noise figure {figure:.3}"
-        ))
-    ));
+    let (hyper, note) = hyper(settings, conditions)?;
+    let one_step = solver(
+        conditions,
+        OneStepOptions {
+            prior: settings.one_step_prior(),
+            hyper,
+            loss_only: settings.loss_only.unwrap_or(false),
+            map_error: settings.map_error,
+            ..OneStepOptions::default()
+        },
+    )?;
+    let mut notes: Vec<String> = note.into_iter().chain(raised(&one_step)).collect();
+    if let Some(lambda) = one_step.lambda() {
+        let figure = one_step.noise_figure();
+        notes.push(format!(
+            "{}, lambda {lambda:.3e}{}",
+            one_step.method(),
+            figure.map_or(String::new(), |figure| format!(
+                ", noise figure {figure:.3}"
+            ))
+        ));
+    } else {
+        notes.extend(one_step.assumptions().into_iter().next());
+    }
     if settings.map_error.is_some() {
         notes.extend(one_step.assumptions().pop());
     }
     Ok(Prepared::quick(one_step, notes, conditions))
 }
 
-/// The reconstructor for these conditions.
+/// The reconstructor for these conditions; scale and shown unknowns are theirs.
 pub(super) fn solver(
     conditions: &Conditions<'_>,
-    prior: Prior,
-    hyper: Hyper,
-    loss_only: bool,
-    map_error: Option<f64>,
+    options: OneStepOptions,
 ) -> Result<OneStep, BuildError> {
     let geometry = conditions.geometry;
     Ok(OneStep::new(
@@ -49,24 +56,18 @@ pub(super) fn solver(
         &geometry.sigma0,
         conditions.protocol,
         OneStepOptions {
-            prior,
-            hyper,
-            loss_only,
             scale: conditions.scale.clone(),
-            deviations: None,
-            map_error,
             shown: conditions.shown_unknowns(),
+            ..options
         },
     )?)
 }
 
 /// The remark for a noise that is too small to be plausible.
 pub(super) fn raised(one_step: &OneStep) -> Option<String> {
-    one_step.raised().then(|| {
-        format!(
-            "the noise asks for more than a linear model can give: lambda is raised to {:.3e}, {:e} of the model's size",
-            one_step.lambda(),
-            eit::MODEL_SHARE
-        )
-    })
+    let lambda = one_step.lambda().filter(|_| one_step.raised())?;
+    Some(format!(
+        "the noise asks for more than a linear model can give: lambda is raised to {lambda:.3e}, {:e} of the model's size",
+        eit::MODEL_SHARE
+    ))
 }

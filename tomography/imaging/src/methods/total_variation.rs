@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use eit::{Hyper, OneStepOptions, Prior, Reconstructor, Scale, Strength, Tv, TvOptions};
+use eit::{Hyper, OneStepOptions, Prior, Reconstructor, Strength, Tv, TvOptions};
 
 use super::Prepared;
 use super::hyper_parameter::hyper;
@@ -15,25 +15,18 @@ use crate::settings::ReconstructionSettings;
 /// The paper's alpha, for its single iteration.
 const PAPER_ALPHA: f64 = 1e-6;
 
-/// `lambda` is alpha of the formula with unscaled readings; otherwise alpha is derived from the noise or from frames,
-/// like the one-step method's lambda.
+/// `lambda` is alpha of the formula with unscaled readings; otherwise alpha follows from the errors of the frame, or from the
+/// noise, like the one-step method's lambda.
 pub(super) fn prepare(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,
 ) -> Result<Prepared, BuildError> {
     let usual = TvOptions::default();
-    let prior = OneStepOptions::default().prior;
-    let (hyper, mut notes) = hyper(settings, conditions, prior)?;
-    let (noise_v, current_a) = match hyper {
-        Hyper::Noise { volts, current } => (volts, current),
-        Hyper::Lambda(_) if settings.lambda.is_none() => {
-            let unit = match &conditions.scale {
-                Scale::Currents(currents) => currents.first().copied().unwrap_or(1.0),
-                _ => 1.0,
-            };
-            (solver(conditions, prior, hyper, false, None)?.noise(), unit)
-        }
-        _ => (usual.noise_v, usual.current_a),
+    let (hyper, note) = hyper(settings, conditions)?;
+    let (noise_v, frame_rule) = match hyper {
+        Hyper::Noise { volts, .. } => (Some(volts), None),
+        Hyper::Frame { rule, volts, .. } => (volts, Some(rule)),
+        _ => (usual.noise_v, None),
     };
     let geometry = conditions.geometry;
     let tv = Tv::new(
@@ -43,7 +36,8 @@ pub(super) fn prepare(
         conditions.protocol,
         TvOptions {
             noise_v,
-            current_a,
+            frame_rule,
+            current_a: conditions.current.0,
             strength: settings.lambda.map_or(usual.strength, Strength::Alpha),
             loss_only: settings.loss_only.unwrap_or(false),
             gap: settings.gap.unwrap_or(usual.gap),
@@ -52,7 +46,8 @@ pub(super) fn prepare(
             ..usual
         },
     )?;
-    notes.push(format!("{}: {}", tv.method(), tv.assumptions().join("; ")));
+    let about = format!("{}: {}", tv.method(), tv.assumptions().join("; "));
+    let notes = note.into_iter().chain([about]).collect();
     Ok(Prepared::quick(tv, notes, conditions))
 }
 
@@ -65,15 +60,16 @@ pub(super) fn paper(
     let alpha = settings.lambda.unwrap_or(PAPER_ALPHA);
     let one_step = solver(
         conditions,
-        Prior::Variation,
-        Hyper::Paper(alpha),
-        false,
-        None,
+        OneStepOptions {
+            prior: Prior::Variation,
+            hyper: Hyper::Paper(alpha),
+            ..OneStepOptions::default()
+        },
     )?;
     let notes = vec![format!(
         "total variation as the paper prints it (Eq. 4 and 5: quadratic), alpha {alpha:e}, one iteration; dv over the \
          largest reading and dsigma over sigma0 are our reading; lambda {:.3e}",
-        one_step.lambda()
+        one_step.lambda().unwrap_or_default()
     )];
     Ok(Prepared::quick(one_step, notes, conditions))
 }

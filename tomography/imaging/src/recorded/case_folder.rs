@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use super::readings::{BaselineRule, LabelledReadings, first, mean, read_frames};
 use super::{RecordedError, Unloaded};
-use crate::conditions::Sample;
 
 /// Default file of frames in a case folder.
 pub const FRAMES: &str = "frames.csv";
@@ -149,12 +148,6 @@ impl FrameTable {
             baseline_name: rule.to_string(),
             provenance,
         })
-    }
-
-    /// Evenly spaced frames, for a method's rules.
-    pub fn sample(&self) -> Sample {
-        let frames = self.frames.iter().map(|(_, frame)| frame.clone());
-        super::readings::sample(&self.unloaded.readings, self.frames.len(), frames)
     }
 }
 

@@ -6,7 +6,7 @@ use eit::{Forward, Scale};
 use survey::{Amps, Protocol};
 
 use super::Unloaded;
-use crate::conditions::{Conditions, Sample};
+use crate::conditions::Conditions;
 use crate::error::BuildError;
 use crate::geometry::Geometry;
 use crate::noise::{Noise, at_currents, factor, fitted_conductance};
@@ -74,13 +74,12 @@ impl Fitted {
         })
     }
 
-    /// The conditions for a method, with frames for its rules.
-    pub fn conditions<'a>(&'a self, protocol: &'a Protocol, sample: &'a Sample) -> Conditions<'a> {
+    /// The conditions for a method.
+    pub fn conditions<'a>(&'a self, protocol: &'a Protocol) -> Conditions<'a> {
         Conditions {
             noise_v: self.noise.map(Noise::deviation),
             noise_assumed: matches!(self.noise, Some(Noise::Assumed(_))),
             scale: self.scale.clone(),
-            sample: Some(sample),
             ..Conditions::live(&self.geometry, protocol, self.current)
         }
     }

@@ -7,7 +7,6 @@ use std::str::FromStr;
 use survey::{Reading, Volts};
 
 use super::RecordedError;
-use crate::conditions::Sample;
 use crate::noise::rms;
 
 /// A frame's label and its readings.
@@ -124,21 +123,6 @@ impl Unloaded {
             readings,
             noise: rms(deviations.into_iter()),
         }
-    }
-}
-
-/// Frames of a complete recording that a method's rules use.
-const LOOKED_AT: usize = 32;
-
-/// Evenly spaced frames out of `count`, for a method's rules.
-pub(super) fn sample(
-    baseline: &[Reading],
-    count: usize,
-    frames: impl Iterator<Item = Vec<Reading>>,
-) -> Sample {
-    Sample {
-        baseline: baseline.to_vec(),
-        frames: frames.step_by(count.div_ceil(LOOKED_AT).max(1)).collect(),
     }
 }
 

@@ -6,15 +6,12 @@ use chrono::{DateTime, Utc};
 use logbook::{LogbookError, MapRecord, SessionHeader};
 use survey::{Amps, Protocol, Reading};
 
-use super::readings::{change_signs, first, mean, sample};
+use super::readings::{change_signs, first, mean};
 use super::{
     BaselineRule, FrameTable, LabelledReadings, RecordedError, SessionParts, TableOptions,
     Unloaded, read_frames,
 };
-use crate::conditions::Sample;
-use crate::methods::FRAMES_LOOKED_AT;
 use crate::noise::rms_deviation;
-use crate::settings::ReconstructionSettings;
 
 /// One frame of a recording.
 #[derive(Debug, Clone)]
@@ -181,31 +178,6 @@ impl Recording {
     /// As [`Recording::len`].
     pub fn is_empty(&self) -> Result<bool, LogbookError> {
         Ok(self.len()? == 0)
-    }
-
-    /// Evenly spaced readable frames, for a method's rules.
-    ///
-    /// # Errors
-    /// A part that cannot be read.
-    pub fn sample(&self) -> Result<Sample, LogbookError> {
-        let frames = self
-            .frames()
-            .filter_map(Result::ok)
-            .map(|frame| frame.readings);
-        Ok(sample(&self.unloaded.readings, self.len()?, frames))
-    }
-
-    /// The frames from which the running session chose the method's parameters: the first that were to be mapped.
-    pub fn first_sample(&self, settings: &ReconstructionSettings) -> Sample {
-        let frames = self.frames().filter_map(Result::ok);
-        Sample {
-            baseline: self.unloaded.readings.clone(),
-            frames: frames
-                .filter(|frame| settings.has_map(frame.sequence))
-                .take(FRAMES_LOOKED_AT)
-                .map(|frame| frame.readings)
-                .collect(),
-        }
     }
 
     /// Its frames in order, with an error for each unreadable one.

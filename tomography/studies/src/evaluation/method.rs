@@ -76,9 +76,8 @@ impl MethodOptions {
             &recording.unloaded,
         )
         .map_err(not_built)?;
-        let sample = recording.sample();
-        let mut model = imaging::build(&settings, &fitted.conditions(&case.protocol, &sample))
-            .map_err(not_built)?;
+        let mut model =
+            imaging::build(&settings, &fitted.conditions(&case.protocol)).map_err(not_built)?;
         model.notes.splice(0..0, fitted.notes.iter().cloned());
         Ok(model)
     }

@@ -40,10 +40,10 @@ const MASSES_KG: [f64; 6] = [0.2, 0.5, 1.0, 2.0, 3.0, 4.0];
 const DIAMETERS_MM: [f64; 4] = [25.0, 30.0, 40.0, 50.0];
 
 /// The load of one frame.
-struct Pressed {
+pub(crate) struct Pressed {
     /// Mass, kg, if known.
     mass: Option<f64>,
-    loads: Vec<Load>,
+    pub(crate) loads: Vec<Load>,
     /// Centre and diameter, mm, if the load is one disc.
     disc: Option<([f64; 2], f64)>,
 }
@@ -313,7 +313,7 @@ pub fn true_map(case: &Case, loads: &[Load]) -> Result<Vec<f64>, Failure> {
 }
 
 /// Lowest and highest corner of the region's centroids, mm.
-fn bounds(mesh: &Mesh) -> [[f64; 2]; 2] {
+pub(crate) fn bounds(mesh: &Mesh) -> [[f64; 2]; 2] {
     let mut low = [f64::INFINITY; 2];
     let mut high = [f64::NEG_INFINITY; 2];
     for centroid in mesh.region_centroids() {
@@ -325,8 +325,8 @@ fn bounds(mesh: &Mesh) -> [[f64; 2]; 2] {
     [low, high]
 }
 
-/// A disc at a random position, completely inside the region.
-fn press(mesh: &Mesh, diameter: f64, random: &mut ChaCha8Rng) -> Pressed {
+/// A disc at a random position, completely inside the region; diameter in mm.
+pub(crate) fn press(mesh: &Mesh, diameter: f64, random: &mut ChaCha8Rng) -> Pressed {
     let [low, high] = bounds(mesh);
     let margin = 0.5 * diameter;
     let centre = [0, 1].map(|axis| {
@@ -356,7 +356,7 @@ fn mass(mesh: &Mesh, k: usize, random: &mut ChaCha8Rng) -> Pressed {
 
 /// A case of Algorithm 1 with a load: drawn again until it has one. The polygons are clipped at the region's border as
 /// in training.
-fn polygons(mesh: &Mesh, random: &mut ChaCha8Rng) -> Pressed {
+pub(crate) fn polygons(mesh: &Mesh, random: &mut ChaCha8Rng) -> Pressed {
     let [low, high] = bounds(mesh);
     loop {
         let mut loads = Vec::new();

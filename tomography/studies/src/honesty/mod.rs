@@ -1,9 +1,12 @@
-//! Whether maps say what they cannot know (`tactus-lab honesty`): the check of maps on healthy frames and on faults.
+//! Whether maps say what they cannot know (`tactus-lab honesty`): the check of maps on healthy frames and on faults, and maps of
+//! many kinds of load compared with the truth.
 //!
 //! All data come from a sheet with a finer, different mesh than the model's, with noise on baseline and frame.
 
+mod maps;
 mod quality;
 mod sheet;
+mod target;
 
 use std::path::Path;
 
@@ -13,8 +16,10 @@ use survey::Protocol;
 
 use crate::{Failure, write};
 
+pub use maps::{MapMethod, MapRow, Stated};
 pub use quality::QualityRow;
 pub use sheet::FineSheet;
+pub use target::TargetKind;
 
 /// How much is judged.
 #[derive(Debug, Clone)]
@@ -27,6 +32,21 @@ pub struct Settings {
     pub faulty: usize,
     /// Noise of a reading, uV.
     pub noises_uv: Vec<f64>,
+    /// Maps compared with the truth; `None`: only the check of maps.
+    pub maps: Option<MapSettings>,
+}
+
+/// Which maps are compared with the truth.
+#[derive(Debug, Clone)]
+pub struct MapSettings {
+    /// Frames of each kind of load at each noise.
+    pub count: usize,
+    /// Kinds of load.
+    pub kinds: Vec<TargetKind>,
+    /// The methods.
+    pub methods: Vec<MapMethod>,
+    /// Whether methods are also judged without a stated noise, and with a strength from the noise alone.
+    pub unstated: bool,
 }
 
 /// The results.
@@ -34,6 +54,8 @@ pub struct Settings {
 pub struct Report {
     /// The check of maps.
     pub quality: Vec<QualityRow>,
+    /// Maps and the truth.
+    pub maps: Vec<MapRow>,
 }
 
 /// Judges the frames.
@@ -46,7 +68,14 @@ pub fn run(settings: &Settings) -> Result<Report, Failure> {
     let geometry = Geometry::from_preset(&eit::Preset::default())
         .map_err(|fault| Failure::of("the model's sheet", &fault))?;
     Ok(Report {
-        quality: quality::rows(settings, &sheet, &geometry)?,
+        quality: match settings.healthy + settings.faulty {
+            0 => Vec::new(),
+            _ => quality::rows(settings, &sheet, &geometry)?,
+        },
+        maps: match &settings.maps {
+            Some(maps) => maps::rows(settings, maps, &sheet, &geometry)?,
+            None => Vec::new(),
+        },
     })
 }
 
@@ -76,13 +105,19 @@ impl Report {
                 reasons.join(", ")
             );
         }
+        if !self.maps.is_empty() {
+            text += &format!("\n{}", maps::text(&self.maps));
+        }
         text
     }
 
     /// The tables as JSON, one object a row.
     pub fn lines(&self) -> Vec<serde_json::Value> {
-        let rows = self.quality.iter();
-        rows.map(|row| serde_json::json!({ "table": "quality", "row": row }))
+        let quality = self.quality.iter();
+        let maps = self.maps.iter();
+        quality
+            .map(|row| serde_json::json!({ "table": "quality", "row": row }))
+            .chain(maps.map(|row| serde_json::json!({ "table": "maps", "row": row })))
             .collect()
     }
 

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use eit::{Forward, PaperSheet};
+use eit::{Forward, Mesh, PaperSheet};
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use survey::Protocol;
@@ -117,6 +117,11 @@ impl FineSheet {
         };
         fine.unloaded = fine.readings(&fine.factors(|_| 1.0))?;
         Ok(fine)
+    }
+
+    /// The finer mesh.
+    pub(super) fn mesh(&self) -> &Mesh {
+        self.forward.mesh()
     }
 
     /// The factor of the conductance of each triangle, from its centroid (m).
@@ -237,7 +242,7 @@ fn unsolved(fault: eit::ForwardError) -> Failure {
     Failure::of("the finer sheet", &fault)
 }
 
-fn away(a: [f64; 2], b: [f64; 2]) -> f64 {
+pub(super) fn away(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 

@@ -1,7 +1,7 @@
 //! The check of maps: silent on healthy frames, and faults are found and named. Data from a mesh that is finer than the
 //! model's.
 
-use studies::honesty::{self, QualityRow, Settings};
+use studies::honesty::{self, MapMethod, MapSettings, QualityRow, Settings, Stated, TargetKind};
 
 fn rows(noise_uv: f64) -> Vec<QualityRow> {
     let settings = Settings {
@@ -9,6 +9,7 @@ fn rows(noise_uv: f64) -> Vec<QualityRow> {
         healthy: 60,
         faulty: 6,
         noises_uv: vec![noise_uv],
+        maps: None,
     };
     let report = honesty::run(&settings).unwrap();
     println!("{}", report.text());
@@ -56,8 +57,51 @@ fn same_seed_gives_the_same_verdicts() {
             healthy: 12,
             faulty: 1,
             noises_uv: vec![2.0],
+            maps: None,
         };
         pool.install(|| honesty::run(&settings).unwrap().text())
     };
     assert_eq!(settings(1), settings(4));
+}
+
+/// Maps with the true noise stated are as near to the truth as those without, and nearer than those of one strength for all.
+#[test]
+fn a_stated_noise_does_not_harm() {
+    let settings = Settings {
+        seed: 5,
+        healthy: 0,
+        faulty: 0,
+        noises_uv: vec![20.0],
+        maps: Some(MapSettings {
+            count: 8,
+            kinds: vec![TargetKind::Press30, TargetKind::Ring],
+            methods: vec![
+                MapMethod::OneStep,
+                MapMethod::OneStepLossOnly,
+                MapMethod::Tv,
+            ],
+            unstated: true,
+        }),
+    };
+    let report = honesty::run(&settings).unwrap();
+    println!("{}", report.text());
+    assert_eq!(report.maps.len(), 18);
+    for rows in report.maps.chunks(3) {
+        let [stated, nothing, alone] = rows else {
+            unreachable!("chunks of three")
+        };
+        assert_eq!(
+            [stated.stated, nothing.stated, alone.stated],
+            [Stated::Noise, Stated::Nothing, Stated::NoiseAlone]
+        );
+        let allowed = f64::max(0.01, 2.0 * stated.error);
+        assert!(
+            stated.mean > nothing.mean - allowed,
+            "{stated:?} {nothing:?}"
+        );
+        if stated.method != MapMethod::Tv {
+            assert!(stated.mean > alone.mean, "{stated:?} {alone:?}");
+        }
+        assert!(stated.mean > 0.5, "{stated:?}");
+    }
 }

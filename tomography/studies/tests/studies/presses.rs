@@ -107,7 +107,7 @@ fn sixteen_presses_are_found_where_they_are() {
         let (mean, worst) = test.errors(&mesh, &one_step);
         println!(
             "{prior:?}, loss only {loss_only}, lambda {:.3e}: mean {mean:.2} mm, worst {worst:.2} mm",
-            one_step.lambda()
+            one_step.lambda().unwrap()
         );
         assert!(
             mean <= mean_mm && worst <= worst_mm,

@@ -85,7 +85,7 @@ const CASES: [MethodLimits; 4] = [
         method: Method::OneStep,
         loss_only: false,
         press_mm: [4.5, 3.0],
-        electrode: [0.8, 1.0],
+        electrode: [1.2, 1.0],
     },
     MethodLimits {
         method: Method::OneStep,
@@ -166,4 +166,39 @@ fn a_load_over_an_electrode_is_no_load_in_the_region() {
     let loaded = rig.frame(disc(maps.electrode(3), 8e-3, 0.5, 1.0));
     let largest = |map: &Map| map.largest_loss().map_or(0.0, |(_, loss)| loss);
     compare(&before, &loaded, &maps, largest, |case| case.electrode);
+}
+
+/// Loads between two electrodes lie outside of the region: the map says so, and near which electrode.
+#[test]
+fn a_load_outside_of_the_region_is_reported() {
+    let (maps, mut rig) = paper_sheet();
+    let mut conditions = Conditions::live(&maps.geometry, &maps.protocol, Amps(CURRENT));
+    conditions.noise_v = Some(NOISE);
+    let model = build(&ReconstructionSettings::default(), &conditions).unwrap();
+    let before = rig.frame(|_| 1.0);
+    let mut remark = |at: [f64; 2]| {
+        let loaded = rig.frame(disc(at, 5e-3, 0.5, 1.0));
+        let quality = model
+            .reconstruct(&before, &loaded)
+            .unwrap()
+            .quality
+            .unwrap();
+        let reasons = quality.reasons.into_iter();
+        let found = reasons.filter(|reason| reason.kind == "outside_region");
+        found.map(|reason| reason.electrode).next()
+    };
+    for first in [1, 7, 15, 20] {
+        let [a, b] = [first, first + 1].map(|index| maps.electrode(index));
+        let between = [0, 1].map(|axis| 0.5 * (a[axis] + b[axis]));
+        let electrode = remark(between).expect("it is outside").unwrap();
+        assert!(
+            [first + 1, first + 2].contains(&electrode),
+            "electrode {electrode} for a load between {} and {}",
+            first + 1,
+            first + 2
+        );
+    }
+    for inside in [[0.107, 0.115], [0.03, 0.03], [0.15, 0.05]] {
+        assert_eq!(remark(inside), None, "{inside:?}");
+    }
 }

@@ -3,15 +3,12 @@
 mod announcements;
 mod frames;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use dbus::Fault;
-use imaging::Model;
 use imaging::noise::Noise;
-use imaging::recorded::{RecordedError, Recording};
 use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, SessionWriter};
 use rig::Clock;
 use survey::{Baseline, Checks};
@@ -22,8 +19,6 @@ use crate::acquisition::task::{Acquisition, AcquisitionEnd, AcquisitionProgress}
 use crate::events::event::{BusEvent, Event};
 use crate::events::kind::EventKind;
 use crate::monitoring::disk::free_bytes;
-use crate::panics::containment;
-use crate::preparation::Setup;
 use crate::recording::logbook_sink::{DiskPolicy, LogbookSink};
 use crate::recording::reconstruction_worker::{ReconstructionContext, ReconstructionWorker};
 use crate::recording::recorder::{Recorder, Task};
@@ -227,9 +222,6 @@ impl Controller {
                 let measured = Noise::of(&baseline).and_then(Noise::measured);
                 let stated = order.noise_uv.or(runtime.setup.config.model.noise_uv);
                 let stated = stated.filter(|_| !self.is_recording());
-                if model.looks_at_frames() && status.acquired() > 0 {
-                    settle_again(&model, &baseline, status.path(), &runtime.setup).await;
-                }
                 let settings = runtime.setup.config.model.clone();
                 let context = ReconstructionContext {
                     reading_noise: measured.or(stated.map(|noise_uv| 1e-6 * noise_uv)),
@@ -373,24 +365,6 @@ impl Controller {
             tokio::spawn(Arc::clone(self).look_for_rig());
         }
         self.take_waiting();
-    }
-}
-
-/// Fixes the method of a resumed session by the same frames as before.
-async fn settle_again(model: &Model, baseline: &Arc<Baseline>, file: PathBuf, setup: &Setup) {
-    let (model, baseline) = (model.clone(), Arc::clone(baseline));
-    let settings = setup.config.model.clone();
-    let settled = containment::blocking(move || {
-        let recording = Recording::from_session(&file, None, false)?;
-        for frame in recording.first_sample(&settings).frames {
-            let _ = model.reconstructor.reconstruct(&baseline.readings, &frame);
-        }
-        Ok::<_, RecordedError>(())
-    });
-    match settled.await {
-        Ok(Ok(())) => {}
-        Ok(Err(error)) => tracing::warn!("the frames before: {}", chain(&error)),
-        Err(_) => tracing::warn!("the method could not be settled by the frames before"),
     }
 }
 

@@ -10,6 +10,8 @@
 
 mod smooth;
 
+use std::borrow::Cow;
+
 use nalgebra::{DMatrix, DVector};
 
 use crate::inverse::interior_point;
@@ -33,8 +35,8 @@ const ROUNDING: f64 = 1e-14;
 pub(crate) struct Bounded {
     sensitivity: DMatrix<f64>,
     penalty: Penalty,
-    lambda: f64,
-    /// Orthonormal directions of the data that matter (columns), the sensitivity along them, and the prior variance.
+    /// Orthonormal directions of the data, most important last (columns), the sensitivity along them, and the prior
+    /// variance.
     directions: DMatrix<f64>,
     along: DMatrix<f64>,
     variances: Vec<f64>,
@@ -50,7 +52,7 @@ struct Point {
 
 impl Bounded {
     /// `None` if a matrix cannot be factored.
-    pub(crate) fn new(sensitivity: DMatrix<f64>, penalty: Penalty, lambda: f64) -> Option<Self> {
+    pub(crate) fn new(sensitivity: DMatrix<f64>, penalty: Penalty) -> Option<Self> {
         let Penalty::Diagonal(entries) = &penalty else {
             return Some(Self {
                 directions: DMatrix::zeros(sensitivity.nrows(), 0),
@@ -58,14 +60,13 @@ impl Bounded {
                 variances: Vec::new(),
                 sensitivity,
                 penalty,
-                lambda,
             });
         };
         let gram = dense::gram(&sensitivity, |i| Some(1.0 / entries[i]));
         let (values, vectors) = dense::symmetric_eigen(&gram)?;
         let top = values.last().copied().unwrap_or_default();
         let kept: Vec<usize> = (0..values.len())
-            .filter(|&i| values[i] > (NEGLIGIBLE * lambda * lambda).max(ROUNDING * top))
+            .filter(|&i| values[i] > ROUNDING * top)
             .collect();
         let directions =
             DMatrix::from_fn(vectors.nrows(), kept.len(), |i, j| vectors[(i, kept[j])]);
@@ -77,7 +78,6 @@ impl Bounded {
         Some(Self {
             sensitivity,
             penalty,
-            lambda,
             directions,
             along,
             variances,
@@ -86,8 +86,8 @@ impl Bounded {
 
     /// The bounded map of folded data. `None` if no point was found that meets the conditions of optimality to
     /// [`ACCEPTED`].
-    pub(crate) fn solve(&self, seen: &Seen) -> Option<Vec<f64>> {
-        let square = self.lambda * self.lambda;
+    pub(crate) fn solve(&self, seen: &Seen, lambda: f64) -> Option<Vec<f64>> {
+        let square = lambda * lambda;
         let Penalty::Diagonal(entries) = &self.penalty else {
             let rows = seen.rows(&self.sensitivity);
             if seen.data.iter().all(|value| *value == 0.0) {
@@ -98,14 +98,25 @@ impl Bounded {
                 return found.good().then(|| found.x.as_slice().to_vec());
             }
             let x = interior_point::solve(&rows, &self.penalty, square, &seen.data)?;
-            return (self.violation(&rows, &seen.data, &x) <= ACCEPTED)
+            return (self.violation(square, &rows, &seen.data, &x) <= ACCEPTED)
                 .then(|| x.as_slice().to_vec());
         };
         if seen.complete() {
-            let data = self.directions.tr_mul(&seen.data);
+            let of = self.variances.len();
+            let negligible = self
+                .variances
+                .partition_point(|variance| *variance <= NEGLIGIBLE * square);
+            let rows = (negligible, of - negligible);
+            let data = self.directions.columns(rows.0, rows.1).tr_mul(&seen.data);
+            let along = match negligible {
+                0 => Cow::Borrowed(&self.along),
+                _ => Cow::Owned(self.along.rows(rows.0, rows.1).into_owned()),
+            };
             // start from the unbounded solution: at u = 0 every unknown would be on a bound
-            let start = DVector::from_fn(data.len(), |i, _| data[i] / (self.variances[i] + square));
-            return self.minimum(&self.along, entries, &data, start);
+            let start = DVector::from_fn(data.len(), |i, _| {
+                data[i] / (self.variances[negligible + i] + square)
+            });
+            return self.minimum(square, &along, entries, &data, start);
         }
         let (rows, data) = (seen.rows(&self.sensitivity), &seen.data);
         let mut hessian = dense::gram(&rows, |i| Some(1.0 / entries[i]));
@@ -114,11 +125,12 @@ impl Bounded {
         }
         let start = dense::solve_definite(&hessian, data.as_slice())
             .map_or_else(|| DVector::zeros(data.len()), DVector::from_vec);
-        self.minimum(&rows, entries, data, start)
+        self.minimum(square, &rows, entries, data, start)
     }
 
     fn minimum(
         &self,
+        square: f64,
         sensitivity: &DMatrix<f64>,
         entries: &[f64],
         data: &DVector<f64>,
@@ -128,40 +140,40 @@ impl Bounded {
             return Some(vec![0.0; entries.len()]);
         }
         let given = |x: DVector<f64>| Some(x.as_slice().to_vec());
-        let mut best = match self.newton(sensitivity, entries, data, start) {
+        let mut best = match self.newton(square, sensitivity, entries, data, start) {
             Ok(x) => return given(x),
             Err(x) => x,
         };
-        let square = self.lambda * self.lambda;
         if let Some(inner) = interior_point::solve(sensitivity, &self.penalty, square, data) {
             let u = (data - sensitivity * &inner) / square;
             let mut others = vec![inner];
-            match self.newton(sensitivity, entries, data, u) {
+            match self.newton(square, sensitivity, entries, data, u) {
                 Ok(x) => return given(x),
                 Err(x) => others.push(x),
             }
             for other in others {
-                if self.violation(sensitivity, data, &other)
-                    < self.violation(sensitivity, data, &best)
+                if self.violation(square, sensitivity, data, &other)
+                    < self.violation(square, sensitivity, data, &best)
                 {
                     best = other;
                 }
             }
         }
-        (self.violation(sensitivity, data, &best) <= ACCEPTED).then(|| best.as_slice().to_vec())
+        (self.violation(square, sensitivity, data, &best) <= ACCEPTED)
+            .then(|| best.as_slice().to_vec())
     }
 
     /// The solution, or the iterate with the smallest residual.
     fn newton(
         &self,
+        square: f64,
         sensitivity: &DMatrix<f64>,
         entries: &[f64],
         data: &DVector<f64>,
         start: DVector<f64>,
     ) -> Result<DVector<f64>, DVector<f64>> {
-        let square = self.lambda * self.lambda;
         let goal = TOLERANCE * data.norm();
-        let mut at = self.point(sensitivity, entries, data, start);
+        let mut at = self.point(square, sensitivity, entries, data, start);
         let mut best = (at.residual.norm(), at.x.clone());
         for _ in 0..MOST_STEPS {
             if best.0 <= goal {
@@ -182,7 +194,7 @@ impl Bounded {
             let rounding = 1e-14 * at.value.abs();
             let mut length = 1.0;
             let next = loop {
-                let next = self.point(sensitivity, entries, data, &at.u - &newton * length);
+                let next = self.point(square, sensitivity, entries, data, &at.u - &newton * length);
                 if next.value <= at.value + 1e-4 * length * slope + rounding {
                     break Some(next);
                 }
@@ -206,12 +218,12 @@ impl Bounded {
 
     fn point(
         &self,
+        square: f64,
         sensitivity: &DMatrix<f64>,
         entries: &[f64],
         data: &DVector<f64>,
         u: DVector<f64>,
     ) -> Point {
-        let square = self.lambda * self.lambda;
         let mut x = sensitivity.tr_mul(&u);
         let mut value = 0.5 * square * u.norm_squared() - data.dot(&u);
         for (s, &r) in x.iter_mut().zip(entries) {
@@ -229,8 +241,13 @@ impl Bounded {
     }
 
     /// Largest violation of the conditions of optimality by a map, see [`ACCEPTED`].
-    fn violation(&self, sensitivity: &DMatrix<f64>, data: &DVector<f64>, x: &DVector<f64>) -> f64 {
-        let square = self.lambda * self.lambda;
+    fn violation(
+        &self,
+        square: f64,
+        sensitivity: &DMatrix<f64>,
+        data: &DVector<f64>,
+        x: &DVector<f64>,
+    ) -> f64 {
         let pull = sensitivity.tr_mul(&(data - sensitivity * x));
         let size = sensitivity.tr_mul(data).amax();
         let held = self.penalty.times(x.as_slice());
@@ -282,21 +299,18 @@ mod tests {
                     .last()
                     .unwrap()
                     .sqrt();
-                    let problem = Bounded::new(
-                        sensitivity.clone(),
-                        Penalty::Diagonal(penalty),
-                        lambda * top,
-                    )
-                    .unwrap();
+                    let problem =
+                        Bounded::new(sensitivity.clone(), Penalty::Diagonal(penalty)).unwrap();
                     for missing in [vec![], vec![1, 3]] {
                         let seen = Fold::none(readings).seen(data.as_slice(), &missing);
-                        let x = problem.solve(&seen).unwrap_or_else(|| {
+                        let x = problem.solve(&seen, lambda * top).unwrap_or_else(|| {
                             panic!("{readings} x {unknowns}, decay {decay}, lambda {lambda:e}")
                         });
                         assert!(x.iter().all(|x| (-1.0..=0.0).contains(x)));
                         let kept: Vec<usize> =
                             (0..readings).filter(|i| !missing.contains(i)).collect();
                         let violation = problem.violation(
+                            (lambda * top).powi(2),
                             &sensitivity.select_rows(&kept),
                             &data.select_rows(&kept),
                             &DVector::from_vec(x),
@@ -311,8 +325,8 @@ mod tests {
     #[test]
     fn no_change_is_no_loss() {
         let penalty = Penalty::Diagonal(vec![1.0; 4]);
-        let problem = Bounded::new(DMatrix::from_element(3, 4, 1.0), penalty, 1e-3).unwrap();
+        let problem = Bounded::new(DMatrix::from_element(3, 4, 1.0), penalty).unwrap();
         let seen = Fold::none(3).seen(&[0.0; 3], &[]);
-        assert_eq!(problem.solve(&seen), Some(vec![0.0; 4]));
+        assert_eq!(problem.solve(&seen, 1e-3), Some(vec![0.0; 4]));
     }
 }

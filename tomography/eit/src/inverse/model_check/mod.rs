@@ -6,6 +6,7 @@
 //! proportion to the reading is the fault of a source or voltmeter. The sum is compared with the best map of the whole sheet: x ~ N(0, g^2 / area) for each triangle and
 //! white errors t, with g and t of the largest likelihood; t beyond the noise is what no map explains.
 
+mod outside;
 mod reciprocal;
 mod spectrum;
 
@@ -14,6 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use nalgebra::DMatrix;
 use survey::{Doubt, Electrode, Map, MapQuality, Protocol, Reading};
 
+use self::outside::Outside;
 use self::reciprocal::Reciprocal;
 use self::spectrum::Spectrum;
 use crate::inverse::error::OneStepError;
@@ -57,6 +59,8 @@ pub struct ModelCheck {
     gram: DMatrix<f64>,
     /// Change of the folded data by a relative change of each contact impedance.
     contacts: DMatrix<f64>,
+    /// The sheet outside of the region; `None` if maps show all of it.
+    outside: Option<Outside>,
     /// Standard deviation of one reading in the unit of the model's data; `None` if it is unknown.
     noise: Option<f64>,
     /// For the missing readings of the last frame: they seldom change.
@@ -68,6 +72,7 @@ struct Prepared {
     missing: Vec<usize>,
     reciprocal: Reciprocal,
     spectrum: Spectrum,
+    outside: Option<Outside>,
 }
 
 impl ModelCheck {
@@ -113,6 +118,7 @@ impl ModelCheck {
             areas: mesh.region_areas(),
             gram,
             contacts,
+            outside: Outside::new(mesh, &sensitivity),
             noise,
             prepared: Mutex::new(None),
         })
@@ -184,6 +190,12 @@ impl ModelCheck {
                 electrode: Electrode(electrode),
             });
         }
+        let explained = prepared.spectrum.explained(&fit);
+        if let Some(outside) = &prepared.outside
+            && let Some(electrode) = outside.load(&explained, noise)
+        {
+            doubts.push(Doubt::OutsideRegion { electrode });
+        }
         doubts
     }
 
@@ -202,6 +214,7 @@ impl ModelCheck {
         let prepared = Arc::new(Prepared {
             reciprocal: Reciprocal::new(&self.protocol, &self.linear.fold, &self.model, &missing),
             spectrum: Spectrum::new(gram.as_ref(), contacts.as_ref())?,
+            outside: self.outside.as_ref().map(|outside| outside.of(&rows)),
             missing,
         });
         *kept = Some(Arc::clone(&prepared));

@@ -26,6 +26,14 @@ pub(super) struct Fit {
     pub(super) error: f64,
 }
 
+/// What the best map explains.
+pub(super) struct Explained {
+    /// u: the map is x = J'u / area.
+    pub(super) dual: DVector<f64>,
+    /// Its data J x.
+    pub(super) data: DVector<f64>,
+}
+
 impl Spectrum {
     /// `None` if the decomposition fails.
     pub(super) fn new(gram: &DMatrix<f64>, contacts: &DMatrix<f64>) -> Option<Self> {
@@ -40,15 +48,25 @@ impl Spectrum {
     pub(super) fn fit(&self, data: &DVector<f64>) -> Option<Fit> {
         let along = self.evidence.along(data);
         let squares = along.map(|value| value * value);
-        let best = self
-            .evidence
-            .fits(&squares, 0.0, 0)
-            .min_by(|a, b| a.surprise.total_cmp(&b.surprise))?;
+        let best = self.evidence.best(&squares, 0.0)?;
         Some(Fit {
-            error: (best.scale * best.ratio).sqrt(),
+            error: best.error(),
             along,
             best,
         })
+    }
+
+    /// The best map's coefficients u (x = J'u / area), and the data that it explains.
+    pub(super) fn explained(&self, fit: &Fit) -> Explained {
+        let values = &self.evidence.values;
+        let weights = DVector::from_fn(values.len(), |k, _| {
+            fit.along[k] / (values[k] + fit.best.ratio)
+        });
+        let data = DVector::from_fn(values.len(), |k, _| values[k] * weights[k]);
+        Explained {
+            dual: self.evidence.vectors() * weights,
+            data: self.evidence.vectors() * data,
+        }
     }
 
     /// The electrode whose contact impedance improves the fit most, and the improvement in chi squared; `noise` is the

@@ -3,25 +3,32 @@
 //! x = argmin |W (J x - dv)|^2 + lambda^2 x'Rx  with x = dsigma / sigma0 on the triangles of the region, J the
 //! sensitivity to it, R the [`Prior`] and W optional weights of the readings. A frame costs one matrix-vector product.
 
+mod fixed;
 mod noise_figure;
 
 use std::sync::{Arc, OnceLock};
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use survey::{Map, MapUnit, Protocol, Reading};
 
+use self::fixed::Fixed;
 use crate::inverse::box_constrained::Bounded;
-use crate::inverse::data_space::DataSpace;
 use crate::inverse::error::OneStepError;
+use crate::inverse::frame_rule::FrameRule;
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::learned::novelty;
 use crate::inverse::low_rank::Quick;
 use crate::inverse::options::{Hyper, OneStepOptions, Scale};
+use crate::inverse::reciprocity::Seen;
+use crate::linear_algebra::dense;
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
 /// Suffix of the method's name if the bounded problem could not be solved and the map is the unbounded one clipped to
 /// -1 <= x <= 0.
 pub const CLIPPED: &str = " (unbounded map, clipped)";
+
+/// Suffix of the name of maps that are bounded to losses.
+const LOSS_ONLY: &str = ", loss only";
 
 /// Root mean square over the region of the relative change that a map is expected to have: a disc of 10 mm with half
 /// its conductance lost, anywhere on the region of the paper's sheet (0.5 sqrt(78.5 mm^2 / 33,870 mm^2)). It is the
@@ -44,20 +51,24 @@ pub struct OneStep {
     mesh: Arc<Mesh>,
     mesh_hash: String,
     protocol: Protocol,
+    /// Name of the method, and that of its unbounded maps.
     method: String,
+    unbounded_method: String,
     linear: Linear,
-    lambda: f64,
-    amplitude: f64,
-    raised: bool,
+    solver: Solver,
+    /// Standard deviation of a change by noise, if it is known.
     deviation: Option<f64>,
-    degrees: f64,
-    noise_figure: f64,
     sensitivity: DMatrix<f64>,
     /// Directions of the data that maps change; computed when novelty is first queried.
     directions: OnceLock<Option<DMatrix<f64>>>,
-    solution: DataSpace,
-    quick: Option<Quick>,
     bounded: Option<Bounded>,
+    most_gain: Option<f64>,
+}
+
+/// How a change becomes an unbounded map.
+enum Solver {
+    Fixed(Box<Fixed>),
+    Frame(Box<FrameRule>),
 }
 
 impl OneStep {
@@ -74,132 +85,162 @@ impl OneStep {
     ) -> Result<Self, OneStepError> {
         let (linear, sensitivity, penalty) =
             Linear::new(&mesh, contact_ohm_m, sigma0, protocol, &options)?;
-        let amplitude = penalty.amplitude(EXPECTED_CHANGE, options.shown.as_deref())?;
-        let (lambda, raised) = match options.hyper {
-            Hyper::Lambda(lambda) => (lambda, false),
-            Hyper::Paper(alpha) => (alpha.sqrt() * linear.largest(), false),
-            Hyper::Noise { volts, current } => {
-                for (what, value) in [("noise", volts), ("current", current)] {
-                    if !(value > 0.0 && value.is_finite()) {
-                        return Err(OneStepError::NotPositive { what, value });
-                    }
-                }
-                let at = match &options.scale {
-                    Scale::ByDistance | Scale::Uniform => volts / current,
-                    Scale::Currents(_) => volts,
-                };
-                let lambda = std::f64::consts::SQRT_2 * at / amplitude;
-                let least = MODEL_SHARE * penalty.size(&sensitivity).ok_or(OneStepError::Prior)?;
-                (lambda.max(least), lambda < least)
-            }
-            Hyper::NoiseFigure(wanted) => {
-                let size = penalty.size(&sensitivity).ok_or(OneStepError::Prior)?;
-                let at = |lambda| {
-                    let solution = DataSpace::new(&sensitivity, &penalty, lambda)?;
-                    Ok(noise_figure::of(
-                        &mesh,
-                        &linear.fold,
-                        &sensitivity,
-                        solution.matrix(),
-                        options.shown.as_deref(),
-                    ))
-                };
-                (noise_figure::lambda(wanted, size, at)?, false)
-            }
-        };
-        let solution = DataSpace::new(&sensitivity, &penalty, lambda)?;
-        let deviation = match (options.hyper, &options.scale) {
-            (Hyper::Noise { volts, .. }, Scale::Currents(_)) => Some(volts),
-            (Hyper::Noise { volts, current }, _) => Some(volts / current),
-            _ => None,
-        }
-        .map(|noise| std::f64::consts::SQRT_2 * noise);
-        let noise_figure = noise_figure::of(
-            &mesh,
-            &linear.fold,
-            &sensitivity,
-            solution.matrix(),
-            options.shown.as_deref(),
-        );
-        // the trace of the matrix from readings to the readings of their map
-        let degrees = sensitivity
-            .row_iter()
-            .zip(solution.matrix().column_iter())
-            .map(|(row, column)| {
-                row.iter()
-                    .zip(column.iter())
-                    .map(|(j, m)| j * m)
-                    .sum::<f64>()
-            })
-            .sum();
-        let quick = match options.map_error {
+        let deviation = deviation(options.hyper, &options.scale)?;
+        match options.map_error {
             Some(error) if !(error > 0.0 && error < 1.0) => {
                 return Err(OneStepError::MapError { error });
             }
-            Some(error) if !options.loss_only => {
-                let noise = lambda * amplitude;
-                let typical = typical(&mesh.region_areas(), &sensitivity, noise);
-                let quick = Quick::new(solution.matrix(), &typical, error);
-                Some(quick.ok_or(OneStepError::Prior)?)
+            Some(_) if matches!(options.hyper, Hyper::Frame { .. }) => {
+                return Err(OneStepError::MapErrorPerFrame);
             }
-            _ => None,
+            _ => {}
+        }
+        let solver = match options.hyper {
+            Hyper::Frame { rule, .. } => Solver::Frame(Box::new(FrameRule::new(
+                rule,
+                deviation,
+                &linear,
+                sensitivity.clone(),
+                &penalty,
+            )?)),
+            _ => Solver::Fixed(Box::new(Fixed::new(
+                &mesh,
+                &linear,
+                &sensitivity,
+                &penalty,
+                &options,
+                deviation,
+            )?)),
         };
-        let kept = sensitivity.clone();
         let bounded = match options.loss_only {
             false => None,
-            true => Some(Bounded::new(sensitivity, penalty, lambda).ok_or(OneStepError::Prior)?),
+            true => Some(Bounded::new(sensitivity.clone(), penalty).ok_or(OneStepError::Prior)?),
         };
-        let loss = if options.loss_only { ", loss only" } else { "" };
+        let unbounded_method = format!("one-step {}", options.prior.name());
+        let method = match (options.loss_only, options.most_gain) {
+            (false, _) => unbounded_method.clone(),
+            (true, None) => format!("{unbounded_method}{LOSS_ONLY}"),
+            (true, Some(_)) => format!("{unbounded_method}, loss only unless the frame shows gain"),
+        };
         Ok(Self {
-            method: format!("one-step {}{loss}", options.prior.name()),
+            method,
+            unbounded_method,
             mesh_hash: mesh.hash().to_owned(),
             mesh,
             protocol: protocol.clone(),
             linear,
-            lambda,
-            amplitude,
-            raised,
+            solver,
             deviation,
-            degrees,
-            noise_figure,
-            sensitivity: kept,
+            sensitivity,
             directions: OnceLock::new(),
-            solution,
-            quick,
             bounded,
+            most_gain: options.most_gain,
         })
     }
 
-    /// The hyper-parameter in use.
-    pub fn lambda(&self) -> f64 {
-        self.lambda
+    fn fixed(&self) -> Option<&Fixed> {
+        match &self.solver {
+            Solver::Fixed(fixed) => Some(fixed),
+            Solver::Frame(_) => None,
+        }
     }
 
-    /// The noise of one reading for which the rule of [`EXPECTED_CHANGE`] gives this hyper-parameter: V with
-    /// [`Scale::Currents`], otherwise V at 1 A.
-    pub fn noise(&self) -> f64 {
-        self.lambda * self.amplitude / std::f64::consts::SQRT_2
+    /// The hyper-parameter of all frames; `None` where each frame has its own.
+    pub fn lambda(&self) -> Option<f64> {
+        Some(self.fixed()?.lambda)
     }
 
     /// Effective degrees of freedom of the linear map: how many independent components of the readings it uses.
     /// Reciprocal twins count once.
-    pub fn degrees_of_freedom(&self) -> f64 {
-        self.degrees
+    ///
+    /// # Errors
+    /// [`OneStepError::PerFrame`].
+    pub fn degrees_of_freedom(&self) -> Result<f64, OneStepError> {
+        let fixed = self.fixed().ok_or(OneStepError::PerFrame)?;
+        Ok(fixed.degrees)
     }
 
     /// Whether the noise would give a smaller lambda than [`MODEL_SHARE`] allows.
     pub fn raised(&self) -> bool {
-        self.raised
+        self.fixed().is_some_and(|fixed| fixed.raised)
     }
 
     /// The reconstruction matrix: region x readings, from a difference at the model's scale to the map. The difference
     /// is in V at 1 A, or in V if currents are known, and multiplied by the reading's weight if readings are weighted.
-    pub fn matrix(&self) -> DMatrix<f64> {
-        self.linear
-            .fold
-            .unfold(&self.solution.matrix().transpose())
-            .transpose()
+    ///
+    /// # Errors
+    /// [`OneStepError::PerFrame`].
+    pub fn matrix(&self) -> Result<DMatrix<f64>, OneStepError> {
+        let fixed = self.fixed().ok_or(OneStepError::PerFrame)?;
+        let matrix = fixed.solution.matrix();
+        Ok(self.linear.fold.unfold(&matrix.transpose()).transpose())
     }
+
+    /// The map of a change, and the name of its method.
+    fn values(
+        &self,
+        change: &mut [f64],
+        missing: &[usize],
+    ) -> Result<(Vec<f64>, String), OneStepError> {
+        let fold = &self.linear.fold;
+        let seen = fold.seen(change, missing);
+        let (lambda, unbounded) = match &self.solver {
+            Solver::Fixed(fixed) => (fixed.lambda, fixed.map(&self.linear, change, missing)?),
+            Solver::Frame(rule) => rule.map(&seen, missing)?,
+        };
+        let Some(bounded) = &self.bounded else {
+            return Ok((unbounded, self.unbounded_method.clone()));
+        };
+        let mut method = format!("{}{LOSS_ONLY}", self.unbounded_method);
+        let values = bounded.solve(&seen, lambda).unwrap_or_else(|| {
+            method.push_str(CLIPPED);
+            let clipped = unbounded.iter().map(|value| value.clamp(-1.0, 0.0));
+            clipped.collect()
+        });
+        if let Some(most) = self.most_gain
+            && self.gain(&seen, &values, &unbounded) > most
+        {
+            return Ok((unbounded, self.unbounded_method.clone()));
+        }
+        Ok((values, method))
+    }
+
+    /// Share of the squared change that a bounded map leaves unexplained beyond what an unbounded one leaves.
+    fn gain(&self, seen: &Seen, bounded: &[f64], unbounded: &[f64]) -> f64 {
+        let rows = seen.rows(&self.sensitivity);
+        let left = |map: &[f64]| {
+            let explained = dense::times(&rows, &DVector::from_column_slice(map));
+            (DVector::from_vec(explained) - &seen.data).norm_squared()
+        };
+        let all = seen.data.norm_squared();
+        match all > 0.0 {
+            true => (left(bounded) - left(unbounded)) / all,
+            false => 0.0,
+        }
+    }
+}
+
+/// Standard deviation of a change by the noise that the hyper-parameter states, in the unit of the data.
+fn deviation(hyper: Hyper, scale: &Scale) -> Result<Option<f64>, OneStepError> {
+    let (volts, current) = match hyper {
+        Hyper::Noise { volts, current }
+        | Hyper::Frame {
+            volts: Some(volts),
+            current,
+            ..
+        } => (volts, current),
+        _ => return Ok(None),
+    };
+    for (what, value) in [("noise", volts), ("current", current)] {
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(OneStepError::NotPositive { what, value });
+        }
+    }
+    let at = match scale {
+        Scale::ByDistance | Scale::Uniform => volts / current,
+        Scale::Currents(_) => volts,
+    };
+    Ok(Some(std::f64::consts::SQRT_2 * at))
 }
 
 impl Reconstructor for OneStep {
@@ -216,44 +257,60 @@ impl Reconstructor for OneStep {
     }
 
     fn assumptions(&self) -> Vec<String> {
-        let mut notes = vec![
-            format!(
+        let mut notes = vec![match &self.solver {
+            Solver::Fixed(fixed) => format!(
                 "{}, lambda {:.3e}: linear in the change of conductance, one matrix",
-                self.method, self.lambda
+                self.method, fixed.lambda
             ),
-            match self.deviation {
-                Some(deviation) => format!(
-                    "white noise of {:.2e} (V, or V at 1 A) on each reading, on baseline and frame alike",
-                    deviation / std::f64::consts::SQRT_2
-                ),
-                None => "the hyper-parameter was given; what the noise is was not said".to_owned(),
-            },
-        ];
-        notes.push(format!(
-            "{:.1} degrees of freedom of {} different readings",
-            self.degrees,
-            self.sensitivity.nrows()
-        ));
-        if self.degrees < 1.0 {
-            notes.push(
-                "less than one degree of freedom: the hyper-parameter leaves a map of nothing, whatever is pressed".to_owned(),
-            );
+            Solver::Frame(rule) => format!(
+                "{}, lambda of each frame {}",
+                self.method,
+                rule.description()
+            ),
+        }];
+        notes.push(match self.deviation {
+            Some(deviation) => format!(
+                "white noise of {:.2e} (V, or V at 1 A) on each reading, on baseline and frame alike",
+                deviation / std::f64::consts::SQRT_2
+            ),
+            None => "the noise of the readings was not stated".to_owned(),
+        });
+        if let Some(fixed) = self.fixed() {
+            notes.push(format!(
+                "{:.1} degrees of freedom of {} different readings",
+                fixed.degrees,
+                self.sensitivity.nrows()
+            ));
+            if fixed.degrees < 1.0 {
+                notes.push(
+                    "less than one degree of freedom: the hyper-parameter leaves a map of nothing, whatever is pressed"
+                        .to_owned(),
+                );
+            }
         }
-        if self.raised {
+        if self.raised() {
             notes.push(format!(
                 "the noise asked for less: a linear model is not exact to more than {MODEL_SHARE:e} of its size"
             ));
         }
-        if self.bounded.is_some() {
+        if let (Some(_), Some(most)) = (&self.bounded, self.most_gain) {
+            notes.push(format!(
+                "loads only take conductance away (-1 <= dsigma/sigma0 <= 0), unless that leaves more than {:.0} % of a frame's \
+                 change unexplained",
+                100.0 * most
+            ));
+        } else if self.bounded.is_some() {
             notes.push("loads only take conductance away: -1 <= dsigma/sigma0 <= 0".to_owned());
         }
-        notes.extend(self.quick.as_ref().map(Quick::description));
+        let quick = self.fixed().and_then(|fixed| fixed.quick.as_ref());
+        notes.extend(quick.map(Quick::description));
         notes
     }
 
-    /// Of the linear map; `None` if maps are bounded to losses, which is not linear.
+    /// Of the linear map; `None` if maps are bounded to losses or have a lambda for each frame, which is not linear.
     fn noise_figure(&self) -> Option<f64> {
-        self.bounded.is_none().then_some(self.noise_figure)
+        let fixed = self.fixed()?;
+        self.bounded.is_none().then_some(fixed.noise_figure)
     }
 
     fn novelty(
@@ -287,31 +344,9 @@ impl Reconstructor for OneStep {
             method: self.method.clone(),
             cause: cause.to_owned(),
         };
-        let bounded = self
-            .bounded
-            .as_ref()
-            .and_then(|bounded| bounded.solve(&self.linear.fold.seen(&change, &missing)));
-        let mut method = self.method.clone();
-        let values = match bounded {
-            Some(values) => values,
-            None => {
-                let fold = &self.linear.fold;
-                self.solution
-                    .impute(fold, &mut change, &missing)
-                    .map_err(|fault| numerical(&fault.to_string()))?;
-                let data = fold.data(&change);
-                let quick = self.quick.as_ref().and_then(|quick| quick.map(&data));
-                let mut values =
-                    quick.map_or_else(|| self.solution.apply(&data), |(values, _)| values);
-                if self.bounded.is_some() {
-                    method.push_str(CLIPPED);
-                    for value in &mut values {
-                        *value = value.clamp(-1.0, 0.0);
-                    }
-                }
-                values
-            }
-        };
+        let (values, method) = self
+            .values(&mut change, &missing)
+            .map_err(|fault| numerical(&fault.to_string()))?;
         if values.iter().any(|value| !value.is_finite()) {
             return Err(numerical("the map is not finite"));
         }
@@ -324,18 +359,4 @@ impl Reconstructor for OneStep {
             quality: None,
         })
     }
-}
-
-/// Typical data for the choice of a rank: some single triangles, each as strong as a small disc with half its
-/// conductance lost, with the noise of a difference on every row.
-fn typical(areas: &[f64], sensitivity: &DMatrix<f64>, noise: f64) -> DMatrix<f64> {
-    const LOADS: usize = 48;
-    let area: f64 = areas.iter().sum();
-    let disc = (0.5 * noise_figure::LOAD).powi(2) * std::f64::consts::PI * area;
-    DMatrix::from_fn(sensitivity.nrows(), LOADS, |row, load| {
-        let unknown = (2 * load + 1) * areas.len() / (2 * LOADS);
-        // with root mean square 1
-        let shake = (1.7 * row as f64 + 2.3 * load as f64).sin() * std::f64::consts::SQRT_2;
-        -0.5 * disc / areas[unknown] * sensitivity[(row, unknown)] + noise * shake
-    })
 }

@@ -12,6 +12,7 @@ mod problem;
 mod pursuit;
 mod regions;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
@@ -19,6 +20,7 @@ use survey::{Map, MapUnit, Protocol, Reading};
 
 pub use crate::inverse::tv::options::{Strength, TV_STRENGTH, TvError, TvOptions};
 
+use crate::inverse::frame_rule::FrameRule;
 use crate::inverse::graph::Graph;
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::learned::novelty;
@@ -28,7 +30,10 @@ use crate::inverse::reciprocity::Seen;
 use crate::inverse::tv::problem::Problem;
 use crate::inverse::tv::pursuit::Outcome;
 use crate::linear_algebra::dense;
-use crate::{Mesh, Novelty, OneStepOptions, Prior, ReconstructError, Reconstructor, Scale};
+use crate::{
+    EXPECTED_CHANGE, MODEL_SHARE, Mesh, Novelty, OneStepError, OneStepOptions, ReconstructError,
+    Reconstructor, Scale,
+};
 
 /// If the noise is unknown, directions below this share of the largest are dropped.
 const ROUNDING: f64 = 1e-8;
@@ -45,12 +50,15 @@ pub struct Tv {
     graph: Graph,
     /// J over the noise of a difference, reciprocal twins folded.
     whitened: DMatrix<f64>,
+    /// Unit of the data: the standard deviation of a change by noise, or the least error of the linear model.
     deviation: f64,
     /// Orthonormal directions of the data that maps change (columns), and J along them.
     directions: DMatrix<f64>,
     along: DMatrix<f64>,
+    /// Weights of the borders, for errors of `deviation`.
     weights: Vec<f64>,
     alpha: f64,
+    frame_rule: Option<FrameRule>,
     options: TvOptions,
 }
 
@@ -84,17 +92,29 @@ impl Tv {
     ) -> Result<Self, TvError> {
         options.check()?;
         let shared = OneStepOptions {
-            prior: Prior::Tikhonov,
             scale: options.scale.clone(),
             deviations: options.deviations.clone(),
+            shown: options.shown.clone(),
             ..OneStepOptions::default()
         };
-        let (linear, sensitivity, _) =
+        let (linear, sensitivity, penalty) =
             Linear::new(&mesh, contact_ohm_m, sigma0, protocol, &shared)?;
-        let deviation = match (options.strength, &options.scale) {
-            (Strength::Alpha(_), _) => 1.0,
-            (_, Scale::Currents(_)) => std::f64::consts::SQRT_2 * options.noise_v,
-            _ => std::f64::consts::SQRT_2 * options.noise_v / options.current_a,
+        let noise = options.noise_v.map(|volts| match &options.scale {
+            Scale::Currents(_) => std::f64::consts::SQRT_2 * volts,
+            _ => std::f64::consts::SQRT_2 * volts / options.current_a,
+        });
+        let (deviation, frame_rule) = match (options.strength, options.frame_rule) {
+            (Strength::Alpha(_), _) => (1.0, None),
+            (_, None) => (noise.unwrap_or(1.0), None),
+            (_, Some(rule)) => {
+                let size = penalty.size(&sensitivity).ok_or(OneStepError::Prior)?;
+                let amplitude = penalty.amplitude(EXPECTED_CHANGE, options.shown.as_deref())?;
+                let frame_rule =
+                    FrameRule::new(rule, noise, &linear, sensitivity.clone(), &penalty)?;
+                // more exact than the linear model no frame is
+                let least = MODEL_SHARE * size * amplitude;
+                (noise.unwrap_or(0.0).max(least), Some(frame_rule))
+            }
         };
         let whitened = sensitivity / deviation;
         let graph = Graph::of_region(&mesh);
@@ -132,6 +152,7 @@ impl Tv {
             along,
             weights,
             alpha,
+            frame_rule,
             options,
         })
     }
@@ -157,12 +178,9 @@ impl Tv {
         frame: &[Reading],
     ) -> Result<(TvSolution, usize), ReconstructError> {
         let (data, missing) = self.data(baseline, frame)?;
-        let outcome = self
-            .minimum(&data, &missing)
-            .ok_or_else(|| ReconstructError::Numerical {
-                method: self.method.clone(),
-                cause: "the problem on the regions could not be solved".to_owned(),
-            })?;
+        let outcome = self.minimum(&data, &missing)?.ok_or_else(|| {
+            self.numerical("the problem on the regions could not be solved".to_owned())
+        })?;
         let solution = TvSolution {
             regions: outcome.label.iter().max().map_or(0, |top| top + 1),
             values: outcome.x,
@@ -195,7 +213,8 @@ impl Tv {
         let seen = self.linear.fold.seen(&data, &missing);
         let constant = self.beside(&data, &missing, &seen);
         let sensitivity = seen.rows(&self.whitened);
-        let problem = self.problem(&sensitivity, seen.data.clone(), constant);
+        let weights = self.weights(&seen, &missing)?;
+        let problem = self.problem(&sensitivity, seen.data.clone(), &weights, constant);
         Ok(problem.objective(values))
     }
 
@@ -213,12 +232,32 @@ impl Tv {
         let seen = self.linear.fold.seen(&data, &missing);
         let constant = self.beside(&data, &missing, &seen);
         let sensitivity = seen.rows(&self.whitened);
-        let problem = self.problem(&sensitivity, seen.data.clone(), constant);
+        let weights = self.weights(&seen, &missing)?;
+        let problem = self.problem(&sensitivity, seen.data.clone(), &weights, constant);
         let found = problem.minimum_offline(2e-9);
-        found.ok_or_else(|| ReconstructError::Numerical {
-            method: self.method.clone(),
-            cause: "the interior method over all triangles gave out".to_owned(),
+        found.ok_or_else(|| {
+            self.numerical("the interior method over all triangles gave out".to_owned())
         })
+    }
+
+    fn numerical(&self, cause: String) -> ReconstructError {
+        ReconstructError::Numerical {
+            method: self.method.clone(),
+            cause,
+        }
+    }
+
+    /// Weights of the borders for the errors of this frame: minimising |J x - d|^2 / 2 e^2 + (a / e) TV is the same as
+    /// with |J x - d|^2 / 2 + a e TV. `seen`: data in the unit of `deviation`.
+    fn weights(&self, seen: &Seen, missing: &[usize]) -> Result<Cow<'_, [f64]>, ReconstructError> {
+        let Some(rule) = &self.frame_rule else {
+            return Ok(Cow::Borrowed(&self.weights));
+        };
+        let error = rule
+            .error(&seen.times(self.deviation), missing)
+            .map_err(|fault| self.numerical(fault.to_string()))?;
+        let errors = (error / self.deviation).max(1.0);
+        Ok(self.weights.iter().map(|weight| errors * weight).collect())
     }
 
     /// The change in standard deviations, and the missing readings.
@@ -247,13 +286,14 @@ impl Tv {
         &'a self,
         sensitivity: &'a DMatrix<f64>,
         data: DVector<f64>,
+        weights: &'a [f64],
         constant: f64,
     ) -> Problem<'a> {
         Problem {
             sensitivity,
             data,
             graph: &self.graph,
-            weights: &self.weights,
+            weights,
             bounds: if self.options.loss_only {
                 [-1.0, 0.0]
             } else {
@@ -263,20 +303,24 @@ impl Tv {
         }
     }
 
-    fn minimum(&self, data: &[f64], missing: &[usize]) -> Option<Outcome> {
+    fn minimum(
+        &self,
+        data: &[f64],
+        missing: &[usize],
+    ) -> Result<Option<Outcome>, ReconstructError> {
         let goal = self.options.gap;
         let seen = self.linear.fold.seen(data, missing);
         let beside = self.beside(data, missing, &seen);
+        let weights = self.weights(&seen, missing)?;
         if seen.complete() {
             let along = self.directions.tr_mul(&seen.data);
             let constant = (0.5 * (seen.data.norm_squared() - along.norm_squared())).max(0.0);
-            return self
-                .problem(&self.along, along, beside + constant)
-                .minimise(goal);
+            let problem = self.problem(&self.along, along, &weights, beside + constant);
+            return Ok(problem.minimise(goal));
         }
         let sensitivity = seen.rows(&self.whitened);
-        self.problem(&sensitivity, seen.data.clone(), beside)
-            .minimise(goal)
+        let problem = self.problem(&sensitivity, seen.data.clone(), &weights, beside);
+        Ok(problem.minimise(goal))
     }
 }
 
@@ -300,10 +344,7 @@ impl Reconstructor for Tv {
     ) -> Result<Map, ReconstructError> {
         let (solution, masked) = self.solve(baseline, frame)?;
         if solution.values.iter().any(|value| !value.is_finite()) {
-            return Err(ReconstructError::Numerical {
-                method: self.method.clone(),
-                cause: "the map is not finite".to_owned(),
-            });
+            return Err(self.numerical("the map is not finite".to_owned()));
         }
         Ok(Map {
             mesh_hash: self.mesh_hash.clone(),
@@ -324,15 +365,28 @@ impl Reconstructor for Tv {
             ),
             "linear in the change of conductance".to_owned(),
         ];
-        match options.strength {
-            Strength::Alpha(_) => notes.push("alpha was given, readings count alike".to_owned()),
-            Strength::Relative(_) => notes.push(format!(
-                "white noise of {:.2e} V on each reading at {:.2e} A, on baseline and frame alike; {} of {} directions of \
-                 the data, on the others no map of root mean square 0.1 shows more than {UNSEEN:e} of the noise",
-                options.noise_v,
+        let rank = format!(
+            "{} of {} directions of the data, those in which a map of root mean square 0.1 shows more than {UNSEEN:e} of it",
+            self.rank(),
+            self.protocol.len()
+        );
+        match (options.strength, &self.frame_rule, options.noise_v) {
+            (Strength::Alpha(_), ..) => {
+                notes.push("alpha was given, readings count alike".to_owned());
+            }
+            (_, Some(rule), noise) => notes.push(format!(
+                "alpha is for errors of {:.2e} and grows with those of each frame, which follow {}; at least {}; {rank}",
+                self.deviation,
+                rule.description(),
+                noise.map_or("the linear model's".to_owned(), |volts| format!(
+                    "white noise of {volts:.2e} V on each reading at {:.2e} A",
+                    options.current_a
+                )),
+            )),
+            (_, None, noise) => notes.push(format!(
+                "white noise of {:.2e} V on each reading at {:.2e} A, on baseline and frame alike; {rank}",
+                noise.unwrap_or_default(),
                 options.current_a,
-                self.rank(),
-                self.protocol.len()
             )),
         }
         if options.loss_only {
@@ -347,7 +401,7 @@ impl Reconstructor for Tv {
         frame: &[Reading],
     ) -> Result<Option<Novelty>, ReconstructError> {
         let (data, missing) = self.data(baseline, frame)?;
-        if matches!(self.options.strength, Strength::Alpha(_)) {
+        if matches!(self.options.strength, Strength::Alpha(_)) || self.options.noise_v.is_none() {
             return Ok(None); // the noise is unknown
         }
         let directions = self.linear.fold.unfold(&self.directions);

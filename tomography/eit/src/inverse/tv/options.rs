@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::inverse::prior::shown_or_all;
-use crate::{Mesh, OneStepError, Scale};
+use crate::{DEFAULT_NOISE_V, HyperRule, Mesh, OneStepError, Scale};
 
 /// Strength of the penalty on borders.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -13,7 +13,7 @@ pub enum Strength {
     /// alpha of |J x - d|^2 / 2 + alpha sum L_e |x_i - x_j| with unscaled readings: in V with [`Scale::Currents`],
     /// otherwise in V at 1 A. The noise is ignored.
     Alpha(f64),
-    /// In units of the noise, see [`TV_STRENGTH`].
+    /// In units of the errors of a frame, see [`TV_STRENGTH`].
     Relative(f64),
 }
 
@@ -23,7 +23,7 @@ pub enum Strength {
 ///
 /// alpha = k |J 1_disc| / (length of its border), J in standard deviations of a difference.
 ///
-/// It depends on noise and geometry, never on a frame.
+/// It depends on noise and geometry. With [`TvOptions::frame_rule`] the errors of the frame take the place of the noise.
 pub const TV_STRENGTH: f64 = 0.5;
 
 /// Diameter of the small disc over the square root of the region's area.
@@ -34,8 +34,12 @@ const RAGGED: f64 = 1.3;
 /// Settings of a [`Tv`](crate::Tv).
 #[derive(Debug, Clone, PartialEq)]
 pub struct TvOptions {
-    /// Standard deviation of one reading, V, the same on baseline and frame.
-    pub noise_v: f64,
+    /// Standard deviation of one reading, V, the same on baseline and frame. `None` if it is unknown, which needs a
+    /// `frame_rule` or [`Strength::Alpha`].
+    pub noise_v: Option<f64>,
+    /// How the errors of a frame follow from the frame, in the place of the noise, which they have at least. With
+    /// [`HyperRule::LCurve`] those of the one-step map at the corner of its L-curve. `None`: the errors are the noise.
+    pub frame_rule: Option<HyperRule>,
     /// Injected current of that noise, A.
     pub current_a: f64,
     /// The penalty.
@@ -56,7 +60,8 @@ impl Default for TvOptions {
     /// 2 uV of noise at 1 mA, a gap of 1e-3, losses and gains.
     fn default() -> Self {
         Self {
-            noise_v: 2e-6,
+            noise_v: Some(DEFAULT_NOISE_V),
+            frame_rule: None,
             current_a: 1e-3,
             strength: Strength::Relative(TV_STRENGTH),
             loss_only: false,
@@ -74,8 +79,13 @@ impl TvOptions {
             Strength::Alpha(alpha) => ("alpha", alpha),
             Strength::Relative(share) => ("strength", share),
         };
+        let needs_noise =
+            matches!(self.strength, Strength::Relative(_)) && self.frame_rule.is_none();
         for (what, value) in [
-            ("noise", self.noise_v),
+            (
+                "noise",
+                self.noise_v.unwrap_or(if needs_noise { 0.0 } else { 1.0 }),
+            ),
             ("current", self.current_a),
             ("gap", self.gap),
             (what, value),

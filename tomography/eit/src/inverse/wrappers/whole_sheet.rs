@@ -4,7 +4,11 @@ use std::sync::Arc;
 
 use survey::{Map, Protocol, Reading};
 
+use crate::inverse::one_step::CLIPPED;
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
+
+/// Suffix of the method's name.
+const WHOLE_SHEET: &str = ", whole sheet";
 
 /// A reconstructor whose unknowns are all triangles of the sheet, and whose maps show those of the region.
 ///
@@ -28,7 +32,7 @@ impl WholeSheet {
             "the inner method covers every triangle of the mesh"
         );
         Self {
-            method: format!("{}, whole sheet", inner.method()),
+            method: format!("{}{WHOLE_SHEET}", inner.method()),
             inner,
             shown,
         }
@@ -78,8 +82,10 @@ impl Reconstructor for WholeSheet {
         let whole = self.inner.reconstruct(baseline, frame)?;
         let region = self.shown.region();
         let values = region.iter().map(|&triangle| whole.values[triangle]);
-        // The method of the map says too whether it was clipped.
-        let method = whole.method.replacen(self.inner.method(), &self.method, 1);
+        let method = match whole.method.strip_suffix(CLIPPED) {
+            Some(method) => format!("{method}{WHOLE_SHEET}{CLIPPED}"),
+            None => format!("{}{WHOLE_SHEET}", whole.method),
+        };
         Ok(Map {
             mesh_hash: self.shown.hash().to_owned(),
             values: values.collect(),

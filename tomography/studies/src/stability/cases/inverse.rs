@@ -126,7 +126,7 @@ pub(crate) fn without_rank() -> Result<Outcome, Failure> {
         let exact = v_t.tr_mul(&filtered);
         let map = |lambda| -> Result<DVector<f64>, Failure> {
             let step = loaded.tikhonov(lambda).map_err(unsolved)?;
-            Ok(step.matrix() * &loaded.change)
+            Ok(step.matrix().map_err(unsolved)? * &loaded.change)
         };
         let found = map(lambda)?;
         ours = worst(ours, far(&found, &exact));
@@ -178,8 +178,8 @@ pub(crate) fn ends_of_lambda() -> Result<Outcome, Failure> {
         let lambda = top * 10_f64.powi(decade);
         let degrees = loaded
             .tikhonov(lambda)
-            .map_err(unsolved)?
-            .degrees_of_freedom();
+            .and_then(|step| step.degrees_of_freedom())
+            .map_err(unsolved)?;
         let exact: f64 = svd
             .singular_values
             .iter()
@@ -199,7 +199,7 @@ pub(crate) fn ends_of_lambda() -> Result<Outcome, Failure> {
     let flat = loaded.tikhonov(1e4 * top).map_err(unsolved)?;
     let assumptions = flat.assumptions().join("\n");
     let flagged = assumptions.contains("less than one degree of freedom");
-    let map = flat.matrix() * &loaded.change;
+    let map = flat.matrix().map_err(unsolved)? * &loaded.change;
     Ok(Outcome::of([
         Check::at_most(
             "lambda of 1e-20 of the largest singular value, accepted",
@@ -245,7 +245,7 @@ pub(crate) fn total_variation() -> Result<Outcome, Failure> {
         .solve(&loaded.baseline, &loaded.baseline)
         .map_err(unsolved)?;
     let flat = flat.values.iter().fold(0.0_f64, |top, x| top.max(x.abs()));
-    let noise = std::f64::consts::SQRT_2 * TvOptions::default().noise_v;
+    let noise = std::f64::consts::SQRT_2 * eit::DEFAULT_NOISE_V;
     let problem = Smoothed {
         sensitivity: &loaded.sensitivity / noise,
         borders: borders(&loaded.tank.mesh),

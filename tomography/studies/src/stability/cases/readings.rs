@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use eit::{MOST_MISSING, OneStep, OneStepOptions, ReconstructError, Reconstructor, TvOptions};
-use nalgebra::DVector;
+use eit::{MOST_MISSING, OneStep, OneStepOptions, ReconstructError, Reconstructor};
+use nalgebra::{DMatrix, DVector};
 use survey::{Amps, Checks, Frame, Precautions, QualityFlag, Reading, Settings, Volts};
 
 use crate::failure::Failure;
@@ -59,7 +59,7 @@ impl Scene {
             OneStepOptions::default(),
         )
         .map_err(|fault| Failure::of("the one-step method", &fault))?;
-        let noise = spread(&step);
+        let noise = spread(&step)?;
         Ok(Self {
             baseline,
             frame,
@@ -83,10 +83,15 @@ impl Scene {
 }
 
 /// Root mean square over the map of the effect of the default noise.
-fn spread(step: &OneStep) -> f64 {
-    let deviation = std::f64::consts::SQRT_2 * TvOptions::default().noise_v / CURRENT;
-    let matrix = step.matrix();
-    deviation * matrix.norm() / (matrix.nrows() as f64).sqrt()
+fn spread(step: &OneStep) -> Result<f64, Failure> {
+    let deviation = std::f64::consts::SQRT_2 * eit::DEFAULT_NOISE_V / CURRENT;
+    let matrix = matrix(step)?;
+    Ok(deviation * matrix.norm() / (matrix.nrows() as f64).sqrt())
+}
+
+fn matrix(step: &OneStep) -> Result<DMatrix<f64>, Failure> {
+    step.matrix()
+        .map_err(|fault| Failure::of("the one-step method", &fault))
 }
 
 fn rms(map: &DVector<f64>) -> f64 {
@@ -98,7 +103,7 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
     let scene = Scene::tank()?;
     let (baseline, frame) = (measured(&scene.baseline), measured(&scene.frame));
     let (whole, _) = scene.map(&baseline, &frame)?;
-    let matrix = scene.step.matrix();
+    let matrix = matrix(&scene.step)?;
     let (mut ours, mut zeroed, mut miscounted) = (0.0, 0.0, 0);
     for k in 0..frame.len() {
         let mut holed = frame.clone();
@@ -165,7 +170,7 @@ pub(crate) fn tiny_baseline() -> Result<Outcome, Failure> {
     // what the noise of one reading changes in the map
     let shaken = |k: usize| -> Result<f64, Failure> {
         let mut noisy = scene.frame.clone();
-        noisy[k] += TvOptions::default().noise_v;
+        noisy[k] += eit::DEFAULT_NOISE_V;
         let (map, _) = scene.map(&measured(&scene.baseline), &measured(&noisy))?;
         Ok(rms(&(map - &whole)))
     };

@@ -1,0 +1,88 @@
+//! Loads outside of the region that maps show.
+
+use std::collections::BTreeMap;
+
+use nalgebra::DMatrix;
+use survey::Electrode;
+
+use super::spectrum::Explained;
+use crate::Mesh;
+use crate::inverse::reciprocity::Seen;
+use crate::linear_algebra::dense;
+
+/// Share of the explained change that comes from outside of the region above which the load is reported as there.
+const MOST: f64 = 0.5;
+/// Root mean square of that change, in units of the noise, below which it is noise.
+const ABOVE_NOISE: f64 = 3.0;
+
+/// The sheet outside of the region.
+pub(super) struct Outside {
+    /// Change of the folded data by each triangle of it.
+    sensitivity: DMatrix<f64>,
+    /// Covariance of the folded data of a white map of it, of size 1, per area.
+    gram: DMatrix<f64>,
+    /// The electrode nearest to each triangle.
+    nearest: Vec<Electrode>,
+}
+
+impl Outside {
+    /// `sensitivity`: rows of folded data, columns of all triangles. `None` if the region is the whole sheet.
+    pub(super) fn new(mesh: &Mesh, sensitivity: &DMatrix<f64>) -> Option<Self> {
+        let mut shown = vec![false; mesh.triangles().len()];
+        for &triangle in mesh.region() {
+            shown[triangle] = true;
+        }
+        let triangles: Vec<usize> = (0..shown.len()).filter(|&t| !shown[t]).collect();
+        if triangles.is_empty() {
+            return None;
+        }
+        let centres = mesh.electrode_centres();
+        let nearest = triangles.iter().map(|&triangle| {
+            let at = mesh.centroid(triangle);
+            let away = |e: &usize| (centres[*e][0] - at[0]).hypot(centres[*e][1] - at[1]);
+            let electrodes = 0..centres.len();
+            Electrode(
+                electrodes
+                    .min_by(|a, b| away(a).total_cmp(&away(b)))
+                    .unwrap_or(0),
+            )
+        });
+        let areas: Vec<f64> = triangles.iter().map(|&t| mesh.area(t)).collect();
+        let sensitivity = sensitivity.select_columns(&triangles);
+        Some(Self {
+            nearest: nearest.collect(),
+            gram: dense::gram(&sensitivity, |k| Some(1.0 / areas[k])),
+            sensitivity,
+        })
+    }
+
+    /// The same for the readings that are left.
+    pub(super) fn of(&self, rows: &Seen) -> Self {
+        let one_side = rows.rows(&self.gram).transpose();
+        Self {
+            gram: rows.rows(&one_side).into_owned(),
+            sensitivity: rows.rows(&self.sensitivity).into_owned(),
+            nearest: self.nearest.clone(),
+        }
+    }
+
+    /// The electrode nearest to the load, if most of the change comes from outside of the region; `noise`: standard
+    /// deviation of the data.
+    pub(super) fn load(&self, explained: &Explained, noise: f64) -> Option<Electrode> {
+        let from_here = &self.gram * &explained.dual;
+        let all = explained.data.norm_squared();
+        let share = from_here.dot(&explained.data) / all;
+        let size = (from_here.norm_squared() / from_here.len() as f64).sqrt();
+        if !(share > MOST && size > ABOVE_NOISE * noise) {
+            return None;
+        }
+        // by the area that is lost near each electrode
+        let map = self.sensitivity.tr_mul(&explained.dual);
+        let mut lost = BTreeMap::<usize, f64>::new();
+        for (change, electrode) in map.iter().zip(&self.nearest) {
+            *lost.entry(electrode.0).or_default() -= change; // x = change / area
+        }
+        let most = lost.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(Electrode(most.0))
+    }
+}

@@ -1,0 +1,341 @@
+//! How near maps are to the truth: methods against kinds of load, with and without a stated noise.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use clap::ValueEnum;
+use eit::metrics::likeness;
+use imaging::{Conditions, Geometry, HyperChoice, Method, Model, ReconstructionSettings, build};
+use rayon::prelude::*;
+use serde::Serialize;
+use survey::{Amps, MapQuality, Reading, Verdict};
+
+use super::sheet::{CURRENT, FineSheet, random};
+use super::target::{Target, TargetKind};
+use super::{MapSettings, Settings};
+use crate::evaluation::{average, median};
+use crate::{Failure, add_noise, measured, progress};
+
+/// What a method is stated of the noise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stated {
+    /// The true noise.
+    Noise,
+    /// Nothing.
+    Nothing,
+    /// The true noise, from which alone one strength for all frames follows.
+    NoiseAlone,
+}
+
+impl Stated {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Noise => "noise",
+            Self::Nothing => "nothing",
+            Self::NoiseAlone => "noise alone",
+        }
+    }
+}
+
+/// The methods that are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum MapMethod {
+    /// One step
+    OneStep,
+    /// One step, bounded to losses
+    OneStepLossOnly,
+    /// Total variation
+    Tv,
+    /// Total variation, bounded to losses
+    TvLossOnly,
+    /// The best of the methods
+    Best,
+}
+
+impl MapMethod {
+    /// All methods.
+    pub const ALL: [Self; 5] = [
+        Self::OneStep,
+        Self::OneStepLossOnly,
+        Self::Tv,
+        Self::TvLossOnly,
+        Self::Best,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::OneStep => "one-step",
+            Self::OneStepLossOnly => "one-step, loss only",
+            Self::Tv => "tv",
+            Self::TvLossOnly => "tv, loss only",
+            Self::Best => "best",
+        }
+    }
+
+    /// The method's settings.
+    fn settings(self) -> ReconstructionSettings {
+        let (method, loss_only) = match self {
+            Self::OneStep => (Method::OneStep, false),
+            Self::OneStepLossOnly => (Method::OneStep, true),
+            Self::Tv => (Method::Tv, false),
+            Self::TvLossOnly => (Method::Tv, true),
+            Self::Best => (Method::Best, false),
+        };
+        ReconstructionSettings {
+            method: Some(method),
+            loss_only: loss_only.then_some(true),
+            ..ReconstructionSettings::default()
+        }
+    }
+}
+
+/// Maps of one method of one kind of load.
+#[derive(Debug, Clone, Serialize)]
+pub struct MapRow {
+    /// The method.
+    pub method: MapMethod,
+    /// What it is stated of the noise.
+    pub stated: Stated,
+    /// The kind of load.
+    pub load: &'static str,
+    /// Noise of a reading, uV.
+    pub noise_uv: f64,
+    /// Frames.
+    pub frames: usize,
+    /// Mean correlation of map and truth over the region; without a load the largest loss of the maps.
+    pub mean: f64,
+    /// Its standard error.
+    pub error: f64,
+    /// The smallest correlation of a map that is called sound; without a load the largest loss of one.
+    pub worst_sound: Option<f64>,
+    /// Maps called sound.
+    pub sound: usize,
+    /// Maps by the method that they name.
+    pub methods: BTreeMap<String, usize>,
+    /// Median time of a frame, ms.
+    pub median_ms: f64,
+    /// 95th percentile of the time of a frame, ms.
+    pub p95_ms: f64,
+}
+
+/// A frame with the truth.
+struct Trial {
+    baseline: Vec<Reading>,
+    frame: Vec<Reading>,
+    truth: Vec<f64>,
+}
+
+/// One map, judged.
+struct Judged {
+    /// Correlation; without a load the largest loss.
+    value: f64,
+    sound: bool,
+    method: String,
+    ms: f64,
+}
+
+/// Maps of all methods.
+pub(super) fn rows(
+    settings: &Settings,
+    maps: &MapSettings,
+    sheet: &FineSheet,
+    geometry: &Geometry,
+) -> Result<Vec<MapRow>, Failure> {
+    let stated = match maps.unstated {
+        true => [Stated::Noise, Stated::Nothing, Stated::NoiseAlone].as_slice(),
+        false => &[Stated::Noise],
+    };
+    let groups = settings.noises_uv.len() * maps.kinds.len();
+    let bar = progress::bar(
+        groups * maps.count * maps.methods.len() * stated.len(),
+        "maps",
+    );
+    let mut rows = Vec::new();
+    for (level, &noise_uv) in settings.noises_uv.iter().enumerate() {
+        let models: Vec<(MapMethod, Stated, Model)> = maps
+            .methods
+            .iter()
+            .flat_map(|method| stated.iter().map(move |stated| (*method, *stated)))
+            .map(|(method, stated)| {
+                let model = prepared(method, stated, noise_uv, sheet, geometry)?;
+                Ok((method, stated, model))
+            })
+            .collect::<Result<_, Failure>>()?;
+        for &kind in &maps.kinds {
+            // after the series of the check of maps
+            let series = 1 << 16 | (level as u64) << 8 | kind as u64;
+            let trials: Vec<Trial> = (0..maps.count)
+                .into_par_iter()
+                .map(|k| {
+                    trial(
+                        settings.seed,
+                        series,
+                        k as u64,
+                        kind,
+                        noise_uv,
+                        sheet,
+                        geometry,
+                    )
+                })
+                .collect::<Result<_, Failure>>()?;
+            for (method, stated, model) in &models {
+                let judged: Vec<Judged> = trials
+                    .par_iter()
+                    .map(|trial| {
+                        let judged = judge(model, trial, kind, geometry);
+                        bar.inc(1);
+                        judged
+                    })
+                    .collect::<Result<_, Failure>>()?;
+                rows.push(row(*method, *stated, kind, noise_uv, &judged));
+            }
+        }
+    }
+    bar.finish_and_clear();
+    Ok(rows)
+}
+
+fn prepared(
+    method: MapMethod,
+    stated: Stated,
+    noise_uv: f64,
+    sheet: &FineSheet,
+    geometry: &Geometry,
+) -> Result<Model, Failure> {
+    let settings = ReconstructionSettings {
+        noise_uv: (stated != Stated::Nothing).then_some(noise_uv),
+        choose: (stated == Stated::NoiseAlone).then_some(HyperChoice::Noise),
+        ..method.settings()
+    };
+    let conditions = Conditions::live(geometry, &sheet.protocol, Amps(CURRENT));
+    build(&settings, &conditions).map_err(|fault| Failure::of(method.name(), &fault))
+}
+
+fn trial(
+    seed: u64,
+    series: u64,
+    number: u64,
+    kind: TargetKind,
+    noise_uv: f64,
+    sheet: &FineSheet,
+    geometry: &Geometry,
+) -> Result<Trial, Failure> {
+    let mut random = random(seed, series, number);
+    let mesh = &geometry.mesh;
+    let target = Target::draw(kind, mesh, &mut random);
+    let fine = sheet.mesh();
+    let factors: Vec<f64> = target
+        .change(fine, 0..fine.triangles().len())
+        .into_iter()
+        .map(|change| 1.0 + change)
+        .collect();
+    let mut at = |readings: &[f64]| -> Vec<Reading> {
+        let mut volts: Vec<f64> = readings.iter().map(|ohms| CURRENT * ohms).collect();
+        add_noise(&mut volts, 1e-6 * noise_uv, &mut random);
+        measured(&volts)
+    };
+    Ok(Trial {
+        baseline: at(&sheet.unloaded),
+        frame: at(&sheet.readings(&factors)?),
+        truth: target.change(mesh, mesh.region().iter().copied()),
+    })
+}
+
+fn judge(
+    model: &Model,
+    trial: &Trial,
+    kind: TargetKind,
+    geometry: &Geometry,
+) -> Result<Judged, Failure> {
+    let begun = Instant::now();
+    let map = model
+        .reconstruct(&trial.baseline, &trial.frame)
+        .map_err(|fault| Failure::of(model.reconstructor.method(), &fault))?;
+    let ms = 1e3 * begun.elapsed().as_secs_f64();
+    let sound = |quality: &MapQuality| quality.verdict == Verdict::Sound;
+    Ok(Judged {
+        value: match kind {
+            TargetKind::Nothing => map.largest_loss().map_or(0.0, |(_, loss)| loss),
+            _ => likeness(&map.values, &trial.truth, &geometry.mesh.region_areas()).correlation,
+        },
+        sound: map.quality.as_ref().is_some_and(sound),
+        method: map.method,
+        ms,
+    })
+}
+
+fn row(
+    method: MapMethod,
+    stated: Stated,
+    kind: TargetKind,
+    noise_uv: f64,
+    judged: &[Judged],
+) -> MapRow {
+    let mean = average(judged.iter().map(|one| one.value));
+    let square = average(judged.iter().map(|one| (one.value - mean).powi(2)));
+    let sound = || judged.iter().filter(|one| one.sound);
+    let worst = match kind {
+        TargetKind::Nothing => f64::max,
+        _ => f64::min,
+    };
+    let mut methods = BTreeMap::new();
+    for one in judged {
+        *methods.entry(one.method.clone()).or_default() += 1;
+    }
+    let mut times: Vec<f64> = judged.iter().map(|one| one.ms).collect();
+    let median_ms = median(&mut times);
+    let p95 = (0.95 * (times.len() - 1) as f64).round() as usize;
+    MapRow {
+        method,
+        stated,
+        load: kind.name(),
+        noise_uv,
+        frames: judged.len(),
+        mean,
+        error: (square / judged.len() as f64).sqrt(),
+        worst_sound: sound().map(|one| one.value).reduce(worst),
+        sound: sound().count(),
+        methods,
+        median_ms,
+        p95_ms: times.get(p95).copied().unwrap_or(f64::NAN),
+    }
+}
+
+/// The rows as text.
+pub(super) fn text(rows: &[MapRow]) -> String {
+    let mut text = format!(
+        "{:<20} {:<11} {:<26} {:>8} {:>6} {:>16} {:>6} {:>11} {:>9} {:>9}\n",
+        "method",
+        "stated",
+        "load",
+        "noise uV",
+        "frames",
+        "correlation",
+        "sound",
+        "worst sound",
+        "median ms",
+        "p95 ms"
+    );
+    for row in rows {
+        let worst = row
+            .worst_sound
+            .map_or("-".to_owned(), |worst| format!("{worst:.3}"));
+        text += &format!(
+            "{:<20} {:<11} {:<26} {:>8} {:>6} {:>7.3} +- {:.3} {:>6} {:>11} {:>9.1} {:>9.1}\n",
+            row.method.name(),
+            row.stated.name(),
+            row.load,
+            row.noise_uv,
+            row.frames,
+            row.mean,
+            row.error,
+            row.sound,
+            worst,
+            row.median_ms,
+            row.p95_ms
+        );
+    }
+    text
+}
