@@ -79,6 +79,7 @@ impl Manager1 {
     }
 
     /// The plan of a frame. Moves nothing.
+    #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "steps",
         "injections",
@@ -91,12 +92,29 @@ impl Manager1 {
         "lines",
         "more"
     ))]
-    async fn plan(&self) -> Result<Planned, Fault> {
+    async fn plan(
+        &self,
+    ) -> Result<
+        (
+            u64,
+            u64,
+            u64,
+            u64,
+            u64,
+            f64,
+            f64,
+            f64,
+            Vec<String>,
+            PlanDetails,
+        ),
+        Fault,
+    > {
         let plan = self.0.plan().ok_or_else(no_plan)?;
         Ok(planned(report::plan(&plan)))
     }
 
     /// The plan of a frame of a session with these measuring options of StartSession. Moves nothing.
+    #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "steps",
         "injections",
@@ -109,7 +127,24 @@ impl Manager1 {
         "lines",
         "more"
     ))]
-    async fn plan_with(&self, options: Options) -> Result<Planned, Fault> {
+    async fn plan_with(
+        &self,
+        options: Options,
+    ) -> Result<
+        (
+            u64,
+            u64,
+            u64,
+            u64,
+            u64,
+            f64,
+            f64,
+            f64,
+            Vec<String>,
+            PlanDetails,
+        ),
+        Fault,
+    > {
         let controller = Arc::clone(&self.0);
         let plan = read(move || controller.plan_with(&options)).await??;
         Ok(planned(report::plan(&plan)))
@@ -118,6 +153,7 @@ impl Manager1 {
     /// The data for drawing a map, in metres: mesh hash, corners (x, y, ...), triangles of the region in the order of a
     /// map's values (three indices of corners each), boundary loops one after the other (x, y, ...) with the number of
     /// points of each, centres of the electrodes (x, y, ...).
+    #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "mesh_hash",
         "nodes",
@@ -127,7 +163,20 @@ impl Manager1 {
         "electrodes",
         "more"
     ))]
-    async fn geometry(&self) -> Result<Drawn, Fault> {
+    async fn geometry(
+        &self,
+    ) -> Result<
+        (
+            String,
+            Vec<f64>,
+            Vec<u32>,
+            Vec<f64>,
+            Vec<u32>,
+            Vec<f64>,
+            GeometryDetails,
+        ),
+        Fault,
+    > {
         let runtime = self.0.runtime();
         let drawn = || report::geometry(&runtime.setup.geometry);
         let geometry = runtime.drawn.get_or_init(drawn);
@@ -146,6 +195,7 @@ impl Manager1 {
     /// of every electrode, reciprocity, noise. Refused while a session runs; afterwards the source is off, verified.
     /// Returns whether nothing has to be repaired, what has to be repaired, the table (subject, check, `ok`, `failed`
     /// or `not-judged`, measured and expected value or NaN, unit, text), and results for the whole rig. No options.
+    #[allow(clippy::type_complexity)]
     #[zbus(out_args("passed", "findings", "lines", "more"))]
     async fn test_instruments(
         &self,
@@ -191,6 +241,7 @@ impl Manager1 {
 
     /// The current baseline: id, time of its last frame, number of frames averaged, mean voltages with their flags,
     /// standard deviations (NaN if unknown), whether simulated, settings.
+    #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "id",
         "wall_ns",
@@ -201,7 +252,21 @@ impl Manager1 {
         "simulated",
         "more"
     ))]
-    async fn baseline(&self) -> Result<CurrentBaseline, Fault> {
+    async fn baseline(
+        &self,
+    ) -> Result<
+        (
+            String,
+            i64,
+            u64,
+            Vec<f64>,
+            Vec<u8>,
+            Vec<f64>,
+            bool,
+            BaselineDetails,
+        ),
+        Fault,
+    > {
         let baseline = self.0.baseline().ok_or_else(no_baseline)?;
         let report = report::baseline(&baseline, self.0.baseline_remarks(&baseline).await);
         Ok((
@@ -421,29 +486,6 @@ async fn registered_path(
         .or_else(|_| ObjectPath::try_from(ROOT_PATH))
         .map_err(|error| Fault::Failed(error.to_string()))
 }
-
-/// The data for drawing a map, as its method returns them.
-type Drawn = (
-    String,
-    Vec<f64>,
-    Vec<u32>,
-    Vec<f64>,
-    Vec<u32>,
-    Vec<f64>,
-    GeometryDetails,
-);
-
-/// A baseline as its method returns it.
-type CurrentBaseline = (
-    String,
-    i64,
-    u64,
-    Vec<f64>,
-    Vec<u8>,
-    Vec<f64>,
-    bool,
-    BaselineDetails,
-);
 
 /// A plan as its method returns it.
 type Planned = (

@@ -14,12 +14,6 @@ use crate::session::option_values;
 use crate::session::option_values::checked;
 use survey::nanoseconds;
 
-/// A frame as its method returns it.
-type Frame = (u64, i64, Vec<f64>, Vec<u8>, String, bool, FrameQuality);
-
-/// A map as its method returns it.
-type FrameMap = (u64, i64, Vec<f64>, String, String, String, bool, MapDetails);
-
 /// Records held for a slow reader by default.
 const RING: u64 = 64;
 
@@ -90,6 +84,7 @@ impl Session1 {
     }
 
     /// The last durable frame. Voltages are NaN where the flag is not 0: 0 ok, 1 overload, 2 timeout, 3 not measured.
+    #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "sequence",
         "wall_ns",
@@ -99,7 +94,9 @@ impl Session1 {
         "simulated",
         "quality"
     ))]
-    async fn latest_frame(&self) -> Result<Frame, Fault> {
+    async fn latest_frame(
+        &self,
+    ) -> Result<(u64, i64, Vec<f64>, Vec<u8>, String, bool, FrameQuality), Fault> {
         let latest = self
             .0
             .latest_frame()
@@ -121,6 +118,7 @@ impl Session1 {
     }
 
     /// The map of the last durable frame with a map: one value for each triangle of the region.
+    #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "sequence",
         "wall_ns",
@@ -131,7 +129,9 @@ impl Session1 {
         "simulated",
         "more"
     ))]
-    async fn latest_map(&self) -> Result<FrameMap, Fault> {
+    async fn latest_map(
+        &self,
+    ) -> Result<(u64, i64, Vec<f64>, String, String, String, bool, MapDetails), Fault> {
         let nothing = || Fault::NoFrame("the session has no map yet".into());
         let latest = self.0.latest_map().ok_or_else(nothing)?;
         let map = latest.map.as_ref().ok_or_else(nothing)?;

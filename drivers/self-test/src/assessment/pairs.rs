@@ -2,9 +2,9 @@
 
 use survey::{Relay, Wiring};
 
-use crate::assessment::{Assessment, DISCONNECTED, GAIN_TOLERANCE};
+use crate::assessment::{DISCONNECTED, GAIN_TOLERANCE, Assessment};
 use crate::probe::Retry;
-use crate::report::{CheckOutcome, ReportLine};
+use crate::report::{ReportLine, CheckOutcome};
 
 impl Assessment<'_> {
     pub(super) fn fails_row(&self, pair: usize) -> bool {
