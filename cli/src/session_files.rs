@@ -76,8 +76,7 @@ fn ask_daemon<T>(
         timeout: global.timeout.min(DAEMON_TIMEOUT),
         ..global.clone()
     };
-    let answer =
-        runtime.block_on(async { query(crate::connection::open(&hurried).await?).await });
+    let answer = runtime.block_on(async { query(crate::connection::open(&hurried).await?).await });
     match answer {
         Ok(answer) => Ok(Some(answer)),
         Err(Failure::Usage(wrong)) => Err(Failure::Usage(wrong)),

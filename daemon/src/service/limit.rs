@@ -27,8 +27,7 @@ pub(crate) static READ_JOBS: Limit = Limit::new("requests that read or compute",
 
 /// Pending polkit queries: a normal client has one at a time, and a user answers few dialogs. The total is small, so
 /// that polkit, which other services need too, is not flooded.
-pub(super) static POLKIT_QUERIES: Limit =
-    Limit::new("polkit queries without a reply", 8, 32);
+pub(super) static POLKIT_QUERIES: Limit = Limit::new("polkit queries without a reply", 8, 32);
 
 /// Connections to the peer socket; each program has one. A connection costs two descriptors and up to 256 queued
 /// events; the total stays well below a process's 1024 descriptors. In the unit's user namespace all users except root

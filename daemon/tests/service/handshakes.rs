@@ -33,7 +33,11 @@ async fn send_and_await_close(socket: &std::path::Path, words: &[u8], leaves: bo
 }
 
 /// The session takes another frame, and no fault was reported.
-async fn assert_frames_continue(measuring: &mut Measuring, end: &mut JoinHandle<String>, after: &str) {
+async fn assert_frames_continue(
+    measuring: &mut Measuring,
+    end: &mut JoinHandle<String>,
+    after: &str,
+) {
     // the first may have been queued already
     for _ in 0..2 {
         let frame = async {

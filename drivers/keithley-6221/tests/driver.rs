@@ -94,7 +94,7 @@ async fn connected(device: &Shared) -> Keithley6221<DuplexStream> {
 }
 
 fn simulator<T>(device: &Shared, look: impl FnOnce(&mut TestInstrument) -> T) -> T {
-    check_points(&mut device.lock().unwrap())
+    look(&mut device.lock().unwrap())
 }
 
 #[tokio::test]

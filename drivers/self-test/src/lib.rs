@@ -13,6 +13,6 @@ mod uniform_sheet;
 mod van_der_pauw;
 
 pub use assessment::assess;
-pub use probe::{PartlyClosed, Measured, ProbeError, Request, Retry, Row, probe};
-pub use report::{Report, ReportLine, CheckOutcome};
+pub use probe::{Measured, PartlyClosed, ProbeError, Request, Retry, Row, probe};
+pub use report::{CheckOutcome, Report, ReportLine};
 pub use uniform_sheet::ExpectedSheet;

@@ -74,7 +74,9 @@ impl<'a> Reader<'a> {
 
     pub(crate) fn opaque(&mut self) -> Result<&'a [u8], MalformedArguments> {
         let length = self.word()? as usize;
-        let padded = length.checked_next_multiple_of(4).ok_or(MalformedArguments)?;
+        let padded = length
+            .checked_next_multiple_of(4)
+            .ok_or(MalformedArguments)?;
         if padded > self.0.len() {
             return Err(MalformedArguments);
         }

@@ -8,7 +8,7 @@ use eit::{DeepReport, DeepSettings, Jitter, Model, Network, Report, TrainingSett
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use studies::{Failure, progress};
-use training::deep::{self, TrainingEvent, Recipe};
+use training::deep::{self, Recipe, TrainingEvent};
 use training::noise_figure::with_noise_figure;
 use training::samples::{Noise, Samples, TrainingSet};
 use training::symmetry::Symmetric;

@@ -216,7 +216,8 @@ impl Checks {
                         sums[sense.plus.0] = reading.volts().map(|volts| volts.0);
                     }
                 };
-                for (measurement, reading) in self.protocol.measurements().iter().zip(&frame.readings)
+                for (measurement, reading) in
+                    self.protocol.measurements().iter().zip(&frame.readings)
                 {
                     if measurement.drive == drive {
                         take(measurement.sense, *reading);

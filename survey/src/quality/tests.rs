@@ -13,7 +13,8 @@ fn volts(measurement: Measurement) -> f64 {
         0 => 2.0,
         apart => -(2.0 * (std::f64::consts::PI * apart as f64 / RING as f64).sin()).ln(),
     };
-    let at = |sensed| green(sensed, measurement.drive.plus) - green(sensed, measurement.drive.minus);
+    let at =
+        |sensed| green(sensed, measurement.drive.plus) - green(sensed, measurement.drive.minus);
     at(measurement.sense.plus) - at(measurement.sense.minus)
 }
 

@@ -8,7 +8,7 @@ use survey::{Amps, Volts};
 
 use super::lists::Lists;
 use super::values::{LINEAR, LOGARITHMIC, Values};
-use super::wave::{WaveDuration, Shape, Wave};
+use super::wave::{Shape, Wave, WaveDuration};
 use crate::range::LARGEST_CURRENT;
 use crate::{List, Parameter, RANGES, Range};
 

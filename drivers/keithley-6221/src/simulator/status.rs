@@ -4,7 +4,7 @@ use scpi::{Common, ParseError, StandardEvent, StatusRegister};
 
 use super::Simulator6221;
 use super::lists::Lists;
-use super::state::{Outcome, ResettableSettings, RESET};
+use super::state::{Outcome, RESET, ResettableSettings};
 use super::sweep::Trigger;
 use super::values::Values;
 use crate::Parameter;

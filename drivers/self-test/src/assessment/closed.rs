@@ -2,7 +2,7 @@
 
 use survey::Relay;
 
-use crate::assessment::{MIN_CORRELATION, Assessment};
+use crate::assessment::{Assessment, MIN_CORRELATION};
 use crate::probe::PartlyClosed;
 
 impl Assessment<'_> {
@@ -30,12 +30,16 @@ impl Assessment<'_> {
             .filter(|partly_closed| !partly_closed.row.compliance)
         {
             say(
-                self.which(partly_closed, &self.wiring.inject, |lone_pair, other, pair| {
-                    Some(match lone_pair {
-                        None => self.sheet.pair(other, pair),
-                        Some(ends) => self.sheet.volts(ends(other), (pair, pair + 1)),
-                    })
-                }),
+                self.which(
+                    partly_closed,
+                    &self.wiring.inject,
+                    |lone_pair, other, pair| {
+                        Some(match lone_pair {
+                            None => self.sheet.pair(other, pair),
+                            Some(ends) => self.sheet.volts(ends(other), (pair, pair + 1)),
+                        })
+                    },
+                ),
                 "joins an electrode to the source",
             );
         }
@@ -50,12 +54,16 @@ impl Assessment<'_> {
                 .fold(0.0_f64, |most, volts| most.max(volts.abs()));
             if seen > 1e-2 * typical {
                 say(
-                    self.which(partly_closed, &self.wiring.measure, |lone_pair, other, pair| {
-                        Some(match lone_pair {
-                            None => self.sheet.pair(pair, other),
-                            Some(ends) => self.sheet.volts((pair, pair + 1), ends(other)),
-                        })
-                    }),
+                    self.which(
+                        partly_closed,
+                        &self.wiring.measure,
+                        |lone_pair, other, pair| {
+                            Some(match lone_pair {
+                                None => self.sheet.pair(pair, other),
+                                Some(ends) => self.sheet.volts((pair, pair + 1), ends(other)),
+                            })
+                        },
+                    ),
                     "joins an electrode to the voltmeter",
                 );
             }

@@ -1,7 +1,7 @@
 //! The contact of every electrode.
 
-use crate::assessment::{CONTACT_OFFSET_OHM, CONTACT_FACTOR, Assessment};
-use crate::report::{ReportLine, CheckOutcome};
+use crate::assessment::{Assessment, CONTACT_FACTOR, CONTACT_OFFSET_OHM};
+use crate::report::{CheckOutcome, ReportLine};
 
 impl Assessment<'_> {
     /// An electrode is open if both pairs that drive it carry no current.

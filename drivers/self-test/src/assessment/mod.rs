@@ -13,7 +13,7 @@ mod readings;
 use survey::Wiring;
 
 use crate::probe::Measured;
-use crate::report::{Report, ReportLine, CheckOutcome};
+use crate::report::{CheckOutcome, Report, ReportLine};
 use crate::uniform_sheet::{ExpectedSheet, Uniform};
 
 /// A row or column that differs from the uniform sheet by more is at fault; loads and uneven sheets stay below.

@@ -2,7 +2,7 @@
 
 use crate::assessment::pairs::named;
 use crate::assessment::{Assessment, NOISY_CHANNEL_FACTOR};
-use crate::report::{ReportLine, CheckOutcome};
+use crate::report::{CheckOutcome, ReportLine};
 
 /// Sum of squared deviations from the mean, and its degrees of freedom.
 type Spread = (f64, f64);

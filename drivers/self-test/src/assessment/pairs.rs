@@ -2,9 +2,9 @@
 
 use survey::{Relay, Wiring};
 
-use crate::assessment::{DISCONNECTED, GAIN_TOLERANCE, Assessment};
+use crate::assessment::{Assessment, DISCONNECTED, GAIN_TOLERANCE};
 use crate::probe::Retry;
-use crate::report::{ReportLine, CheckOutcome};
+use crate::report::{CheckOutcome, ReportLine};
 
 impl Assessment<'_> {
     pub(super) fn fails_row(&self, pair: usize) -> bool {

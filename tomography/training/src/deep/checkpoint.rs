@@ -143,7 +143,8 @@ pub(super) fn read(
         .as_ref()
         .and_then(|entries| entries.get(KEY))
         .ok_or_else(|| damaged("it is no checkpoint".to_owned()))?;
-    let course: TrainingState = serde_json::from_str(text).map_err(|fault| damaged(fault.to_string()))?;
+    let course: TrainingState =
+        serde_json::from_str(text).map_err(|fault| damaged(fault.to_string()))?;
     if course.fingerprint != fingerprint {
         return Err(CheckpointFault::Other { path: place() });
     }

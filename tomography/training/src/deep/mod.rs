@@ -16,4 +16,4 @@ mod epochs;
 mod product;
 
 pub use checkpoint::CheckpointFault;
-pub use epochs::{DeepFault, TrainingEvent, Recipe, train};
+pub use epochs::{DeepFault, Recipe, TrainingEvent, train};

@@ -51,10 +51,16 @@ impl Run<'_> {
     fn store_extra(&mut self, drive: Dipole, sense: Dipole, reading: Reading) {
         let measurement = Measurement { drive, sense };
         if !self.driven.reversed {
-            self.extra.push(Extra { measurement, reading });
+            self.extra.push(Extra {
+                measurement,
+                reading,
+            });
             return;
         }
-        let forward = self.extra.iter_mut().find(|one| one.measurement == measurement);
+        let forward = self
+            .extra
+            .iter_mut()
+            .find(|one| one.measurement == measurement);
         if let Some(forward) = forward {
             forward.reading = half_difference(forward.reading, reading);
         }
