@@ -96,7 +96,7 @@ impl From<GeometryError> for Failure {
     fn from(error: GeometryError) -> Self {
         match &error {
             GeometryError::Case { .. } => Self::Failed(chain(&error)),
-            GeometryError::Preset(_) | GeometryError::PresetAndCase => {
+            GeometryError::Preset(_) | GeometryError::Depth(_) | GeometryError::PresetAndCase => {
                 Self::Configuration(chain(&error))
             }
         }

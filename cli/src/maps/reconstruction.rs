@@ -170,6 +170,9 @@ pub(crate) fn choose_geometry(
             Origin::Session(header) => crate::maps::session_settings::geometry(header)?,
         }
     };
+    let geometry = geometry
+        .with_depth(requested.depth.settings().as_ref())
+        .map_err(|fault| Failure::Usage(fault.to_string()))?;
     let (mesh, wants) = (geometry.electrodes(), protocol.electrodes());
     if mesh != wants {
         return Err(Failure::Configuration(format!(

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 pub use imaging::recorded::BaselineRule;
-pub use imaging::{MethodArguments, PresetName};
+pub use imaging::{DepthArguments, MethodArguments, PresetName};
 use survey::MapUnit;
 
 use crate::options::numbers::{degrees, electrodes, millimetres};
@@ -37,6 +37,8 @@ pub struct GeometryChoice {
     /// Case folder that holds the mesh
     #[arg(long, value_name = "DIR", conflicts_with = "preset")]
     pub case: Option<PathBuf>,
+    #[command(flatten)]
+    pub depth: DepthArguments,
 }
 
 /// Formats of `export`.

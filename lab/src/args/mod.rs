@@ -14,7 +14,7 @@ mod tradeoff;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
-use imaging::PresetName;
+use imaging::{DepthArguments, PresetName};
 use outfile::{Existing, GrowingFolder, OutFolder, OutPath};
 use studies::evaluation::test_set::TestSetName;
 
@@ -112,6 +112,8 @@ pub(crate) struct MeshOptions {
     /// Change a parameter of the preset, e.g. radius_mm=115, electrodes=16, fineness=1.5 (repeatable)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
+    #[command(flatten)]
+    pub(crate) depth: DepthArguments,
     /// Current of every reading in protocol.csv, mA
     #[arg(long, value_name = "mA", default_value_t = 1.0)]
     pub(crate) current_ma: f64,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use outfile::OutPath;
 
+use imaging::DepthArguments;
 use imaging::recorded::BaselineRule;
 use studies::evaluation::MethodOptions;
 
@@ -15,6 +16,8 @@ pub(crate) struct ReconstructOptions {
     /// Case folder
     #[arg(long, value_name = "DIR")]
     pub(crate) case: PathBuf,
+    #[command(flatten)]
+    pub(crate) depth: DepthArguments,
     #[command(flatten)]
     pub(crate) method: MethodOptions,
     /// Frames, a row or a column a frame; a bare name is looked for in the case folder first [default: frames.csv in the case

@@ -1,7 +1,9 @@
 //! `tactus-lab mesh`: a case folder from a preset.
 
+use std::sync::Arc;
+
 use eit::{Case, Preset};
-use imaging::{Geometry, PresetName};
+use imaging::{DepthArguments, Geometry, PresetName};
 use studies::Failure;
 use survey::Amps;
 
@@ -18,6 +20,7 @@ pub(crate) fn mesh(options: &MeshOptions) -> Result<(), Failure> {
         )));
     }
     let case = case(&preset, Amps(options.current_ma * 1e-3))?;
+    let case = with_depth(case, &options.depth)?;
     case.write(&options.out, options.replacing.existing())
         .map_err(|fault| Failure::of("cannot write the case", &fault))?;
     let mesh = &case.mesh;
@@ -61,6 +64,17 @@ pub(crate) fn case(preset: &Preset, current: Amps) -> Result<Case, Failure> {
         .map_err(|fault| Failure::because(survey::error_chain(&fault)))?
         .case(current)
         .map_err(|fault| Failure::of("no protocol for this ring", &fault))
+}
+
+/// The case as the cross-section of a tank, where the options give a depth.
+pub(crate) fn with_depth(mut case: Case, options: &DepthArguments) -> Result<Case, Failure> {
+    if let Some(settings) = options.settings() {
+        let depth = settings
+            .depth()
+            .map_err(|fault| Failure::usage(fault.to_string()))?;
+        case.mesh = Arc::new(case.mesh.with_depth(Some(depth)));
+    }
+    Ok(case)
 }
 
 /// A case folder, with a warning on standard error if its electrodes are coarse.

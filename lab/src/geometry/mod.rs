@@ -4,5 +4,5 @@
 mod mesh;
 mod solve;
 
-pub(crate) use mesh::{case, mesh, preset, read};
+pub(crate) use mesh::{case, mesh, preset, read, with_depth};
 pub(crate) use solve::{forward, jacobian, transfer};

@@ -20,7 +20,7 @@ use crate::output::print_line;
 
 /// Writes a row for each frame of the file. A frame that the method refuses is an error that names it.
 pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
-    let case = geometry::read(&options.case)?;
+    let case = geometry::with_depth(geometry::read(&options.case)?, &options.depth)?;
     // a device or a pipe has no companion files
     let beside = (!outfile::is_stream(&options.out)).then(|| MapCompanions::of(&options.out));
     for path in beside

@@ -128,3 +128,107 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
         }
     }
 }
+
+/// Distances between the balls found and their places (m) for the three states with balls, in the order of `BALLS`.
+fn ball_errors(mesh: &Mesh, maps: &[Vec<f64>]) -> Vec<f64> {
+    let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
+    BALLS
+        .iter()
+        .map(|(frame, ball, other)| {
+            // where there are two balls, the half of the tank that is nearer to this one
+            let near = |at: &[f64; 2]| {
+                let to = |ball: &[f64; 2]| (at[0] - ball[0]).hypot(at[1] - ball[1]);
+                other.is_none_or(|other| to(ball) < to(&other))
+            };
+            let values = maps[*frame].iter().zip(&centroids);
+            let map = survey::Map {
+                mesh_hash: mesh.hash().to_owned(),
+                values: values
+                    .map(|(value, at)| if near(at) { *value } else { 0.0 })
+                    .collect(),
+                unit: survey::MapUnit::RelativeConductance,
+                method: String::new(),
+                masked: 0,
+                quality: None,
+            };
+            let found = map.found(&centroids, &areas).unwrap();
+            (found[0] - ball[0]).hypot(found[1] - ball[1])
+        })
+        .collect()
+}
+
+/// Frame, place of a ball, and place of the other ball in the same frame, m (truth.csv).
+type Ball = (usize, [f64; 2], Option<[f64; 2]>);
+const BALLS: [Ball; 4] = [
+    (1, [0.0, 0.0], None),
+    (2, [0.0, 0.07], None),
+    (3, [0.0, 0.07], Some([0.07, 0.0])),
+    (3, [0.07, 0.0], Some([0.0, 0.07])),
+];
+
+/// The two percentages of the note on the depth: with it and without.
+fn misfits(message: &str) -> [f64; 2] {
+    let note = message
+        .lines()
+        .find(|line| line.contains("the baseline differs by"))
+        .unwrap_or_else(|| panic!("no note on the depth: {message}"));
+    let mut percent = note.split(" %").filter_map(|before| {
+        before
+            .rsplit(' ')
+            .next()
+            .and_then(|number| number.parse().ok())
+    });
+    [percent.next().unwrap(), percent.next().unwrap()]
+}
+
+#[test]
+fn ottawa_balls_are_nearer_to_their_places_with_the_depth() {
+    let Some(data) = needs::shared("data/uottawa2005") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (case, maps) = (folder.path().join("tank"), folder.path().join("maps.csv"));
+    done(&words(
+        "mesh --preset disc-tank --set radius_mm=150.0 --out {}",
+        &[&case],
+    ));
+    let mesh = Case::read(&case).unwrap().mesh;
+    // liquid and plane of the electrodes as the source states them; height and width of an electrode are assumed
+    let depth =
+        " --depth-mm 260 --electrode-height-mm 10 --electrode-centre-mm 130 --target-height-mm 40";
+    // The worst ball at most so far off, m. Missed (goal 0.01): the second of two balls at (7, 0) cm, and with a lambda for each
+    // frame and the exponent 0.25 the ball in the middle, whose frame no map explains.
+    for (how, worst) in [
+        ("--method one-step --prior noser --lambda 1", 0.01),
+        ("--method one-step --prior noser", 0.0125),
+        ("--method tv", 0.013),
+        ("--method best", 0.026),
+    ] {
+        let errors = |depth: &str| {
+            let line = format!(
+                "reconstruct --force --case {{}} {how}{depth} --negate --frames {{}} --out {{}} --timing"
+            );
+            let message = done(&words(&line, &[&case, &data.join("frames.csv"), &maps]));
+            (ball_errors(&mesh, &numbers(&maps)), message)
+        };
+        let (flat, _) = errors("");
+        let (deep, message) = errors(depth);
+        let cm = |errors: &[f64]| errors.iter().map(|m| 100.0 * m).collect::<Vec<_>>();
+        println!(
+            "{how}: flat {:.2?} cm, with depth {:.2?} cm\n{message}",
+            cm(&flat),
+            cm(&deep)
+        );
+        let [with, without] = misfits(&message);
+        assert!(with < 5.0 && without > 20.0, "{message}");
+        assert!(!message.contains("contradict"), "{message}");
+        assert!(deep.iter().all(|error| *error < worst), "{how}: {deep:?}");
+        // those away from the middle
+        let nearer = flat
+            .iter()
+            .zip(&deep)
+            .skip(1)
+            .all(|(flat, deep)| deep < flat);
+        assert!(nearer, "{how}: {flat:?} {deep:?}");
+    }
+}

@@ -38,6 +38,12 @@ pub fn baseline_remarks(
             ));
         }
     }
+    let depth = geometry.depth_remark(model.reconstructor.protocol(), &baseline.readings);
+    remarks.extend(
+        depth
+            .filter(|remark| remark.contradicted)
+            .map(|remark| remark.text),
+    );
     if let Some((uniform, scaled, gain)) = uniform(model.reconstructor.as_ref(), geometry, baseline)
     {
         let noise = against(baseline) * per_frame(baseline).sqrt() / gain;

@@ -34,7 +34,11 @@ pub use arguments::MethodArguments;
 pub use baseline_check::baseline_remarks;
 pub use conditions::{Conditions, trial_frame};
 pub use error::BuildError;
-pub use geometry::{Geometry, GeometryError, GeometrySettings, PresetName, has_mesh};
+#[cfg(feature = "arguments")]
+pub use geometry::DepthArguments;
+pub use geometry::{
+    DepthRemark, DepthSettings, Geometry, GeometryError, GeometrySettings, PresetName, has_mesh,
+};
 pub use map_noise::map_noise;
 pub use model::Model;
 pub use model_file::{find_model, find_model_in, load, short_hash};

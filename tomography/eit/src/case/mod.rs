@@ -17,12 +17,15 @@ use std::sync::Arc;
 
 use survey::{Electrode, Protocol};
 
-use crate::{Mesh, MeshError};
+use crate::{Depth, Mesh, MeshError};
 pub use error::CaseError;
 pub use frames::{NamedFrame, frames_text, read_frames, read_named_frames};
 pub use protocol::{protocol_text, read_protocol};
 pub use table::Table;
 pub use text::{digits, matrix_text};
+
+/// File of a tank's depth.
+const DEPTH: &str = "depth.csv";
 
 /// Conductance assumed where a case folder gives none, S per square.
 const ASSUMED_CONDUCTANCE: f64 = 1e-3;
@@ -45,8 +48,8 @@ pub struct Case {
 }
 
 impl Case {
-    /// Reads a folder: `nodes`, `elems`, `electrode_edges`, `electrodes`, `protocol` and, where present, `roi` and
-    /// every `sigma_<name>`, all `.csv`.
+    /// Reads a folder: `nodes`, `elems`, `electrode_edges`, `electrodes`, `protocol` and, where present, `roi`, `depth`
+    /// and every `sigma_<name>`, all `.csv`.
     ///
     /// # Errors
     /// The first fault found, naming file and line.
@@ -115,7 +118,9 @@ impl Case {
                     edge_line(&edge_table, *second, &[*node]),
                 ),
                 MeshError::Region { .. } => ("roi.csv", None),
-                MeshError::Empty | MeshError::Preset { .. } => ("elems.csv", None),
+                MeshError::Empty | MeshError::Preset { .. } | MeshError::Depth { .. } => {
+                    ("elems.csv", None)
+                }
             };
             CaseError::Mesh {
                 path: file(name),
@@ -123,6 +128,7 @@ impl Case {
                 cause,
             }
         })?;
+        let mesh = mesh.with_depth(read_depth(&file(DEPTH))?);
         let (protocol, currents) =
             read_protocol(&folder.join("protocol.csv"), Some(contact_ohm_m.len()))?;
         let mut case = Self {
@@ -230,6 +236,30 @@ fn sigma_files(folder: &Path) -> Result<BTreeMap<String, PathBuf>, CaseError> {
         }
     }
     Ok(files)
+}
+
+/// The depth of the tank; `None` without the file.
+fn read_depth(path: &Path) -> Result<Option<Depth>, CaseError> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let rows = Table::read(path)?.numbers(4, 5)?;
+    let [(line, row)] = &rows[..] else {
+        return Err(CaseError::Rows {
+            path: path.to_owned(),
+            has: rows.len(),
+            wants: "1".to_owned(),
+        });
+    };
+    // without the fifth, a change reaches from the bottom to the surface
+    let target = row.get(4).copied().unwrap_or(row[0]);
+    Depth::of_numbers([row[0], row[1], row[2], row[3], target])
+        .map(Some)
+        .map_err(|cause| CaseError::Mesh {
+            path: path.to_owned(),
+            line: Some(*line),
+            cause,
+        })
 }
 
 fn read_electrodes(path: &Path) -> Result<(Table, Vec<f64>), CaseError> {

@@ -5,7 +5,7 @@ use std::path::Path;
 use outfile::Existing;
 
 use super::text::{digits, line};
-use super::{Case, CaseError, protocol_text};
+use super::{Case, CaseError, DEPTH, protocol_text};
 
 impl Case {
     /// Writes the folder, and creates it if needed.
@@ -67,6 +67,13 @@ impl Case {
                 line(&mut text, &[element.to_string()]);
             }
             put("roi.csv", text)?;
+        }
+        if let Some(depth) = self.mesh.depth() {
+            let mut text = String::from(
+                "depth_m,electrode_height_m,electrode_centre_m,modes,target_height_m\n",
+            );
+            line(&mut text, &depth.numbers().map(digits));
+            put(DEPTH, text)?;
         }
         for (name, sigma) in &self.sigma {
             let mut text = String::from("sigma_S_per_sq\n");

@@ -63,6 +63,15 @@ pub enum ForwardError {
         /// Elements of this one.
         wants: usize,
     },
+    /// A method that solves for changed conductances, and changes that fill a layer of the depth.
+    #[error(
+        "targets are {height_mm} mm high, and this method solves for changes at every depth: use one-step or tv, or leave the \
+         height of the targets out"
+    )]
+    Layer {
+        /// Height of the layer, mm.
+        height_mm: f64,
+    },
     /// All conductances are zero.
     #[error("no element conducts")]
     NoConductance,

@@ -12,7 +12,10 @@
 //! The sheet is written as resistors along mesh edges, so that a constant potential drives exactly no current; the
 //! residuals of the refinement are sums of small currents, not differences of large ones. One mesh node away from the
 //! electrodes is grounded. All operations run in a fixed order on one thread.
+//!
+//! A mesh with a [`Depth`](crate::Depth) is solved for its mean over the depth as above; the other modes are in `depth`.
 
+mod depth;
 mod error;
 mod layout;
 mod ring;
@@ -30,6 +33,7 @@ use survey::{Dipole, Electrode, Protocol};
 
 use crate::Mesh;
 use crate::linear_algebra::sparse::{Analysis, Network};
+use depth::Modes;
 pub use error::ForwardError;
 use layout::{Contact, Layout, Plain, Special};
 pub(crate) use ring::arc;
@@ -49,7 +53,8 @@ pub struct Admitted<'a> {
     pub floored: usize,
 }
 
-/// Potentials for a set of drives; the mean over the electrodes is zero.
+/// Potentials for a set of drives; the mean over the electrodes is zero. In a tank with a depth, `potentials` are the mean
+/// over the depth, and `electrodes` the voltages of the electrodes where they are.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fields {
     /// Potential of each node (row) in each drive (column), V at 1 A.
@@ -90,6 +95,8 @@ pub struct Forward {
     grounds: Vec<usize>,
     /// Triangles at each node.
     around: Vec<Vec<usize>>,
+    /// Modes of the tank's depth, if the mesh has one.
+    modes: Option<Modes>,
     /// Memory of earlier solutions, for reuse; it never holds a result.
     scratch_pool: Mutex<Vec<Scratch>>,
 }
@@ -126,7 +133,7 @@ impl Forward {
             grounds,
             around,
         } = Layout::new(&mesh)?;
-        Ok(Self {
+        let mut forward = Self {
             contact: contact_ohm_m.to_vec(),
             edges,
             special,
@@ -137,9 +144,12 @@ impl Forward {
             analysis,
             grounds,
             around,
+            modes: None,
             scratch_pool: Mutex::new(Vec::new()),
             mesh,
-        })
+        };
+        forward.modes = Modes::new(&forward);
+        Ok(forward)
     }
 
     /// The mesh.
@@ -206,8 +216,7 @@ impl Forward {
     /// # Errors
     /// Conductances that are refused, or a drive that does not fit.
     pub fn solve(&self, sigma: &[f64], drives: &[Dipole]) -> Result<Fields, ForwardError> {
-        let currents = self.currents(drives)?;
-        self.with_solution(sigma, &currents, |solution| self.fields(&solution))
+        self.solve_currents(sigma, &self.currents(drives)?)
     }
 
     /// Potentials for any currents: one row per electrode, one column per pattern, A; each column sums to zero.
@@ -219,7 +228,21 @@ impl Forward {
         sigma: &[f64],
         currents: &DMatrix<f64>,
     ) -> Result<Fields, ForwardError> {
-        self.with_solution(sigma, currents, |solution| self.fields(&solution))
+        let fields = self.with_solution(sigma, currents, |solution| self.fields(&solution))?;
+        self.with_depth(fields, sigma, currents)
+    }
+
+    /// Adds the voltages of the modes of the depth, if there are any.
+    fn with_depth(
+        &self,
+        mut fields: Fields,
+        sigma: &[f64],
+        currents: &DMatrix<f64>,
+    ) -> Result<Fields, ForwardError> {
+        if let Some(voltages) = self.depth_voltages(sigma, currents)? {
+            fields.electrodes += voltages;
+        }
+        Ok(fields)
     }
 
     /// The readings of a protocol at 1 A, V. For many conductances see [`Forward::workspace`].

@@ -19,9 +19,9 @@ const SQUARED: f64 = 1e-8;
 /// Memory for solving one conductance after another.
 #[derive(Clone)]
 pub(super) struct Scratch {
-    system: System,
-    factor: Factor,
-    x: Block,
+    pub(super) system: System,
+    pub(super) factor: Factor,
+    pub(super) x: Block,
     rest: Block,
 }
 
@@ -115,7 +115,7 @@ impl Scratch {
     }
 
     /// Resizes the blocks as needed.
-    fn fit(&mut self, forward: &Forward, columns: usize) {
+    pub(super) fn fit(&mut self, forward: &Forward, columns: usize) {
         let fresh = Block::zeros(0, columns);
         let rows = forward.unknown.len();
         if self.x.width != fresh.width || self.x.values.len() != rows * fresh.width {
@@ -168,7 +168,8 @@ impl Scratch {
         self.system.right_side(forward, &currents, &mut self.x);
         if !refined {
             self.factor.halve(&forward.analysis, factor, &mut self.x);
-            return Ok(self.read(forward, gram(&self.x, &self.x, count)));
+            let volts = gram(&self.x, &self.x, count);
+            return self.read(forward, sigma, volts);
         }
         self.factor.solve(&forward.analysis, factor, &mut self.x);
         let mut volts = self.between(forward);
@@ -183,7 +184,7 @@ impl Scratch {
         } else {
             volts.iter_mut().zip(&correction).for_each(|(v, d)| *v += d);
         }
-        Ok(self.read(forward, volts))
+        self.read(forward, sigma, volts)
     }
 
     /// Voltages of neighbours (rows) in each column of x, without the drops over eliminated contacts.
@@ -206,7 +207,12 @@ impl Scratch {
         volts
     }
 
-    fn read(&self, forward: &Forward, volts: Vec<f64>) -> Ring {
+    fn read(
+        &mut self,
+        forward: &Forward,
+        sigma: &[f64],
+        mut volts: Vec<f64>,
+    ) -> Result<Ring, ForwardError> {
         let forms = self.system.forms.iter();
         let drops = forms
             .zip(forward.electrodes.iter().zip(&forward.contact))
@@ -215,7 +221,17 @@ impl Scratch {
                 Form::Difference | Form::Shunt => 0.0,
             })
             .collect();
-        Ring { volts, drops }
+        if let Some(added) = self.depth_impedance(forward, sigma)? {
+            let count = forward.electrodes.len();
+            let next = |electrode: usize| (electrode + 1) % count;
+            for (a, volts) in volts.chunks_exact_mut(count).enumerate() {
+                for (b, volts) in volts.iter_mut().enumerate() {
+                    *volts += (added[(a, b)] - added[(next(a), b)])
+                        - (added[(a, next(b))] - added[(next(a), next(b))]);
+                }
+            }
+        }
+        Ok(Ring { volts, drops })
     }
 }
 
@@ -235,7 +251,7 @@ fn largest(values: &[f64]) -> f64 {
         .fold(0.0, most)
 }
 
-fn refusal(forward: &Forward, fault: SparseError, sigma: &[f64]) -> ForwardError {
+pub(super) fn refusal(forward: &Forward, fault: SparseError, sigma: &[f64]) -> ForwardError {
     match fault {
         SparseError::Memory => ForwardError::Memory {
             unknowns: forward.unknown.len(),

@@ -17,7 +17,7 @@ pub(super) enum Form {
 #[derive(Clone, Default)]
 pub(super) struct System {
     /// Conductance of each edge.
-    weights: Vec<f64>,
+    pub(super) weights: Vec<f64>,
     pub(super) forms: Vec<Form>,
     /// Unknown held at zero.
     ground: usize,

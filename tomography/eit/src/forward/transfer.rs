@@ -19,8 +19,11 @@ impl Forward {
             count,
             |i, j| if i == j { 1.0 - share } else { -share },
         );
-        let voltages =
+        let mut voltages =
             self.with_solution(sigma, &currents, |solution| self.electrodes(&solution))?;
+        if let Some(added) = self.depth_voltages(sigma, &currents)? {
+            voltages += added;
+        }
         // reciprocity holds to rounding; made exact so that a frame does not depend on which triangle is read
         Ok(DMatrix::from_fn(count, count, |i, j| {
             0.5 * (voltages[(i, j)] + voltages[(j, i)])

@@ -103,6 +103,7 @@ impl Workspace<'_> {
         let solution = self
             .scratch
             .solution(self.forward, sigma, &currents, base, self.refined)?;
-        Ok(self.forward.fields(&solution))
+        let fields = self.forward.fields(&solution);
+        self.forward.with_depth(fields, sigma, &currents)
     }
 }

@@ -22,6 +22,8 @@ const LANES: usize = 8;
 impl Forward {
     /// dV/dsigma of each reading (row) with respect to each triangle (column) at 1 A, V per S:
     /// ∂V/∂σ = -A ∇u·∇w, u the field of the driving pair and w that of the sensing pair at 1 A (fact sheet, section 1).
+    /// With a [`Depth`](crate::Depth), the sum over its modes, with κ² u w for the mass term: the change reaches from the
+    /// bottom to the surface, or over the layer that the depth states.
     ///
     /// # Errors
     /// Conductances that are refused, or a protocol for another ring.
@@ -65,6 +67,7 @@ impl Forward {
         let fields = self.with_solution(sigma, &self.neighbours(), |solution| {
             self.potentials(&solution)
         })?;
+        let planes = self.planes(sigma, &fields)?;
         let mesh = self.mesh();
         let columns = parameters.columns(mesh)?;
         let scale = parameters.scale(sigma);
@@ -84,10 +87,50 @@ impl Forward {
                     pairs: &pairs,
                     gradients: Gradients::new(&fields, &pairs),
                     scale: scale.as_deref(),
+                    part: None,
                     columns,
                     values,
                 });
             });
+        if planes.is_some() {
+            // the mean over the depth is in each plane
+            jacobian.fill(0.0);
+        }
+        let mut add = |part: Part<'_>| {
+            jacobian
+                .as_mut_slice()
+                .par_chunks_mut(rows * COLUMNS)
+                .zip(columns.par_chunks(COLUMNS))
+                .for_each(|(values, columns)| {
+                    widest(Fill {
+                        mesh,
+                        pairs: &pairs,
+                        gradients: Gradients::new(part.fields, &pairs),
+                        scale: scale.as_deref(),
+                        part: Some(part),
+                        columns,
+                        values,
+                    });
+                });
+        };
+        let Some(planes) = planes else {
+            return self.each_mode(sigma, |mode, fields| {
+                add(Part {
+                    share: mode.share(),
+                    fields,
+                    vertical: fields,
+                    decay: mode.decay,
+                });
+            });
+        };
+        for plane in &planes {
+            add(Part {
+                share: plane.share,
+                fields: &plane.potentials,
+                vertical: &plane.vertical,
+                decay: 1.0,
+            });
+        }
         Ok(())
     }
 
@@ -181,12 +224,25 @@ struct Gradients<'a> {
     run: Vec<f64>,
 }
 
+/// A mode or a plane of the depth.
+#[derive(Clone, Copy)]
+struct Part<'a> {
+    share: f64,
+    fields: &'a Block,
+    /// Derivatives with the height, or what is proportional to them.
+    vertical: &'a Block,
+    /// Factor of the products of `vertical`.
+    decay: f64,
+}
+
 /// Computes some columns of the sensitivity.
 struct Fill<'a> {
     mesh: &'a Mesh,
     pairs: &'a Pairs,
     gradients: Gradients<'a>,
     scale: Option<&'a [f64]>,
+    /// A part of the depth, which is added to the values; otherwise they are replaced.
+    part: Option<Part<'a>>,
     columns: &'a [Vec<usize>],
     values: &'a mut [f64],
 }
@@ -202,8 +258,22 @@ impl Task for Fill<'_> {
                 let mesh = self.mesh;
                 self.gradients.take(mesh.triangles()[t], mesh.corners(t));
                 let factor = -mesh.area(t) * self.scale.map_or(1.0, |scale| scale[t]);
+                let Some(part) = self.part else {
+                    self.gradients
+                        .products::<M>(self.pairs, factor, k > 0, column);
+                    continue;
+                };
+                let factor = part.share * factor;
                 self.gradients
-                    .products::<M>(self.pairs, factor, k > 0, column);
+                    .products::<M>(self.pairs, factor, true, column);
+                // the lumped mass term: a third of the triangle at each corner
+                let factor = factor * part.decay / 3.0;
+                let [a, b, c] = mesh.triangles()[t].map(Some);
+                for corners in [[a, b], [c, None]] {
+                    self.gradients.take_values(part.vertical, corners);
+                    self.gradients
+                        .products::<M>(self.pairs, factor, true, column);
+                }
             }
         }
     }
@@ -239,6 +309,22 @@ impl<'a> Gradients<'a> {
             *x = up * q[1] - uq * p[1];
             *y = uq * p[0] - up * q[0];
         }
+        self.sum_arcs();
+    }
+
+    /// Takes values at two nodes in place of the two gradients; zero where there is no node.
+    fn take_values(&mut self, values: &Block, nodes: [Option<usize>; 2]) {
+        for (ring, node) in self.ring.iter_mut().zip(nodes) {
+            match node {
+                Some(node) => ring.copy_from_slice(values.row(node)),
+                None => ring.fill(0.0),
+            }
+        }
+        self.sum_arcs();
+    }
+
+    #[inline(always)]
+    fn sum_arcs(&mut self) {
         for (of, ring) in self.pairs.iter_mut().zip(&self.ring) {
             for (of, (arc, sign)) in of.iter_mut().zip(&self.arcs) {
                 *of = sign * arc.iter().map(|&pair| ring[pair]).sum::<f64>();

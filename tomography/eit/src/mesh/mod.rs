@@ -1,12 +1,16 @@
 //! A validated triangulated sheet with electrodes on its boundary.
 
 mod check;
+mod depth;
 pub(crate) mod generation;
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use sha2::{Digest, Sha256};
 use survey::Electrode;
+
+pub use depth::Depth;
+pub(crate) use depth::Mode;
 
 /// Area, as a share of the whole sheet, below which a triangle counts as degenerate.
 const SMALLEST_AREA: f64 = 1e-12;
@@ -25,6 +29,7 @@ pub struct Mesh {
     electrode_edges: Vec<Vec<[usize; 2]>>,
     region: Vec<usize>,
     areas: Vec<f64>,
+    depth: Option<Depth>,
     hash: String,
 }
 
@@ -139,6 +144,12 @@ pub enum MeshError {
         /// What is wrong with it.
         fault: String,
     },
+    /// The depth of the liquid or the heights of the electrodes are not consistent.
+    #[error("depth: {fault}")]
+    Depth {
+        /// What is wrong with them.
+        fault: String,
+    },
     /// The dimensions of a preset are not consistent.
     #[error("preset '{preset}': {fault}")]
     Preset {
@@ -186,13 +197,14 @@ impl Mesh {
         check::connected(&triangles, &sides)?;
         check::electrodes(&sides, &electrode_edges)?;
         let region = check::region(region, triangles.len())?;
-        let hash = hash(&nodes, &triangles, &electrode_edges, &region);
+        let hash = hash(&nodes, &triangles, &electrode_edges, &region, None);
         Ok(Self {
             nodes,
             triangles,
             electrode_edges,
             region,
             areas,
+            depth: None,
             hash,
         })
     }
@@ -213,10 +225,36 @@ impl Mesh {
 
     fn of_region(&self, region: Vec<usize>) -> Self {
         Self {
-            hash: hash(&self.nodes, &self.triangles, &self.electrode_edges, &region),
+            hash: hash(
+                &self.nodes,
+                &self.triangles,
+                &self.electrode_edges,
+                &region,
+                self.depth,
+            ),
             region,
             ..self.clone()
         }
+    }
+
+    /// The same mesh as the cross-section of a tank of this depth; `None`: a sheet.
+    pub fn with_depth(&self, depth: Option<Depth>) -> Self {
+        Self {
+            hash: hash(
+                &self.nodes,
+                &self.triangles,
+                &self.electrode_edges,
+                &self.region,
+                depth,
+            ),
+            depth,
+            ..self.clone()
+        }
+    }
+
+    /// The depth of the tank of which this is the cross-section; `None`: a sheet.
+    pub fn depth(&self) -> Option<Depth> {
+        self.depth
     }
 
     /// Positions, m.
@@ -332,7 +370,7 @@ impl Mesh {
         loops
     }
 
-    /// SHA-256, hex, over every bit of the geometry: nodes, triangles, electrodes and region.
+    /// SHA-256, hex, over every bit of the geometry: nodes, triangles, electrodes, region and, where there is one, depth.
     pub fn hash(&self) -> &str {
         &self.hash
     }
@@ -390,6 +428,7 @@ fn hash(
     triangles: &[[usize; 3]],
     electrode_edges: &[Vec<[usize; 2]>],
     region: &[usize],
+    depth: Option<Depth>,
 ) -> String {
     let mut hasher = Sha256::new();
     let count = |hasher: &mut Sha256, n: usize| hasher.update((n as u64).to_le_bytes());
@@ -411,6 +450,9 @@ fn hash(
     count(&mut hasher, region.len());
     for &element in region {
         count(&mut hasher, element);
+    }
+    for number in depth.iter().flat_map(Depth::numbers) {
+        hasher.update(number.to_bits().to_le_bytes());
     }
     hasher
         .finalize()

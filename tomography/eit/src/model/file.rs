@@ -12,7 +12,7 @@ use survey::{Dipole, Electrode, Measurement, Protocol};
 
 use super::{Kind, Metadata, Model, ModelError, Network, VERSION, fingerprint, fits, hex};
 use crate::inverse::learned::network::{DeepNetwork, Layer, TrainingDistribution, Weights};
-use crate::{Mesh, RbfNetwork};
+use crate::{Depth, Mesh, RbfNetwork};
 
 /// Name of the one metadata entry.
 const KEY: &str = "tactus";
@@ -58,6 +58,9 @@ pub(super) fn bytes(model: &Model) -> Result<(Vec<u8>, String), ModelError> {
             Tensor::u32(&questions, &[model.protocol.len(), 4]),
         ),
     ];
+    if let Some(depth) = mesh.depth() {
+        tensors.push(("depth".to_owned(), Tensor::f64(&depth.numbers(), &[5])));
+    }
     match &model.network {
         Network::Rbf(network) => tensors.extend(of_rbf(network)),
         Network::Deep(network, familiar) => tensors.extend(of_deep(network, familiar)),
@@ -297,6 +300,16 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         Some(index("region", 1)?),
     )
     .map_err(|fault| damaged(fault.to_string()))?;
+    let depth = match tensors.tensor("depth") {
+        Ok(_) => {
+            let numbers = f64s(&tensor("depth", Dtype::F64, 0)?);
+            let numbers = <[f64; 5]>::try_from(numbers)
+                .map_err(|_| damaged("tensor 'depth' has not 5 numbers".to_owned()))?;
+            Some(Depth::of_numbers(numbers).map_err(|fault| damaged(fault.to_string()))?)
+        }
+        Err(_) => None,
+    };
+    let mesh = mesh.with_depth(depth);
     let questions = index("protocol", 4)?
         .chunks(4)
         .map(|q| {

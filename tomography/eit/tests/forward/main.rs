@@ -1,5 +1,6 @@
 //! Meshes, presets and the forward problem: exact values, references, laws, derivatives.
 
+mod depth;
 mod exact;
 mod known_values;
 mod laws;

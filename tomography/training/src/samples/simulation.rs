@@ -42,6 +42,7 @@ impl Simulation {
     ) -> Result<Self, TrainError> {
         check(settings)?;
         let forward = Forward::new(Arc::clone(mesh), contact_ohm_m)?;
+        forward.check_changes()?;
         let baseline = forward.readings(sigma0, protocol)?.as_slice().to_vec();
         let top = baseline.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
         let unknowns = mesh.region();

@@ -68,7 +68,12 @@ impl Problem<'_> {
         Ok((solved, residual, misfit, misfit + prior))
     }
 
-    fn sensitivity(&self, data: &Data, shapes: &[Shape], solved: &Solved) -> DMatrix<f64> {
+    fn sensitivity(
+        &self,
+        data: &Data,
+        shapes: &[Shape],
+        solved: &Solved,
+    ) -> Result<DMatrix<f64>, ForwardError> {
         const STEP: f64 = 1e-3;
         let mut kept = vec![1.0; self.model.mesh.region().len()];
         let covers: Vec<Vec<(u32, f64)>> = shapes
@@ -120,11 +125,11 @@ impl Problem<'_> {
                 column += 1;
             }
         }
-        let mut j = self.model.along(solved, &directions, column);
+        let mut j = self.model.along(solved, &directions, column)?;
         for mut column in j.column_iter_mut() {
             column.component_mul_assign(&data.weights);
         }
-        j
+        Ok(j)
     }
 
     /// Takes at most `steps` steps from a start, including rejected ones.
@@ -151,7 +156,7 @@ impl Problem<'_> {
             (DVector::from_vec(weights), DVector::from_vec(pull))
         };
         let mut damping = 1e-2;
-        let mut j = self.sensitivity(data, &shapes, &solved);
+        let mut j = self.sensitivity(data, &shapes, &solved)?;
         let mut hessian = DMatrix::zeros(count, count);
         for _ in 0..steps {
             let (weights, pull) = priors(&shapes);
@@ -188,7 +193,7 @@ impl Problem<'_> {
             if o < objective {
                 let gain = objective - o;
                 (shapes, solved, residual, misfit, objective) = (next, s, r, m, o);
-                j = self.sensitivity(data, &shapes, &solved);
+                j = self.sensitivity(data, &shapes, &solved)?;
                 damping = (damping * 0.25).max(1e-6);
                 if gain < done {
                     break;

@@ -258,7 +258,18 @@ mod tests {
 
     #[test]
     fn derivatives_are_those_of_the_forward_model() {
-        let case = tank();
+        let flat = tank();
+        let depth = crate::Depth::new(0.2, 0.02, 0.07, 12).unwrap();
+        let deep = Arc::new(flat.mesh.with_depth(Some(depth)));
+        for mesh in [Arc::clone(&flat.mesh), deep] {
+            check_derivatives(&Case {
+                mesh,
+                ..flat.clone()
+            });
+        }
+    }
+
+    fn check_derivatives(case: &Case) {
         let model = SheetModel::new(
             &case.mesh,
             &case.contact_ohm_m,
@@ -278,7 +289,7 @@ mod tests {
             .enumerate()
             .map(|(k, d)| (k as u32, vec![(0, *d)]))
             .collect();
-        let along: DMatrix<f64> = model.along(&solved, &listed, 1);
+        let along: DMatrix<f64> = model.along(&solved, &listed, 1).unwrap();
         let moved = |step: f64| {
             let map: Vec<f64> = map
                 .iter()

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::{Forward, ForwardError, Mesh, Workspace};
+use crate::{Forward, ForwardError, Mesh, Parameters, Workspace};
 use nalgebra::DMatrix;
 use survey::{Dipole, Protocol};
 
@@ -28,6 +28,8 @@ pub(crate) struct Solved {
     /// Change of the readings, V.
     pub(crate) change: Vec<f64>,
     potentials: DMatrix<f64>,
+    /// Conductance of each triangle, S per square.
+    sigma: Vec<f64>,
 }
 
 /// Computes changes of readings for one map after another, without derivatives.
@@ -59,6 +61,7 @@ impl SheetModel {
         currents: &[f64],
     ) -> Result<Self, ForwardError> {
         let forward = Forward::new(Arc::clone(mesh), contact_ohm_m)?;
+        forward.check_changes()?;
         let mut index = BTreeMap::new();
         let mut dipoles = Vec::new();
         for q in protocol.measurements() {
@@ -136,6 +139,7 @@ impl SheetModel {
         Ok(Solved {
             change,
             potentials: fields.potentials,
+            sigma,
         })
     }
 
@@ -146,7 +150,10 @@ impl SheetModel {
         solved: &Solved,
         directions: &BTreeMap<u32, Vec<(usize, f64)>>,
         count: usize,
-    ) -> DMatrix<f64> {
+    ) -> Result<DMatrix<f64>, ForwardError> {
+        if self.mesh.depth().is_some() {
+            return self.along_in_depth(solved, directions, count);
+        }
         let m = self.dipoles.len();
         // lower triangle of the m x m products for each direction
         let mut sums = vec![0.0; count * m * m];
@@ -177,11 +184,42 @@ impl SheetModel {
                 }
             }
         }
-        DMatrix::from_fn(self.questions.len(), count, |reading, direction| {
-            let (a, b) = self.questions[reading];
-            let (a, b) = (a.max(b), a.min(b));
-            self.currents[reading] * sums[direction * m * m + a * m + b]
-        })
+        Ok(DMatrix::from_fn(
+            self.questions.len(),
+            count,
+            |reading, direction| {
+                let (a, b) = self.questions[reading];
+                let (a, b) = (a.max(b), a.min(b));
+                self.currents[reading] * sums[direction * m * m + a * m + b]
+            },
+        ))
+    }
+
+    /// The same in a tank with a depth, from the sensitivity of all triangles.
+    fn along_in_depth(
+        &self,
+        solved: &Solved,
+        directions: &BTreeMap<u32, Vec<(usize, f64)>>,
+        count: usize,
+    ) -> Result<DMatrix<f64>, ForwardError> {
+        let sensitivity =
+            self.forward
+                .sensitivity(&solved.sigma, &self.protocol, &Parameters::region())?;
+        let mut along = DMatrix::zeros(self.questions.len(), count);
+        for (&e, list) in directions {
+            let sigma0 = self.sigma0[self.mesh.region()[e as usize]];
+            for &(direction, amount) in list {
+                along.column_mut(direction).axpy(
+                    amount * sigma0,
+                    &sensitivity.column(e as usize),
+                    1.0,
+                );
+            }
+        }
+        for (mut row, current) in along.row_iter_mut().zip(&self.currents) {
+            row *= *current;
+        }
+        Ok(along)
     }
 
     fn potentials_at(&self, solved: &Solved, node: usize, k: usize) -> f64 {

@@ -1,4 +1,7 @@
-//! The geometry of the sheet or tank for the reconstruction.
+//! The geometry of the sheet or tank for the reconstruction: a mesh with contacts, conductance and, for a tank, depth.
+//! What a method makes of it is left to `methods`.
+
+mod depth;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,6 +10,10 @@ use std::sync::Arc;
 use eit::{Case, CaseError, DiscTank, Mesh, MeshError, PaperSheet, Preset};
 use serde::{Deserialize, Serialize};
 use survey::{Amps, Protocol, ProtocolError};
+
+#[cfg(feature = "arguments")]
+pub use depth::DepthArguments;
+pub use depth::{DepthRemark, DepthSettings};
 
 /// Built-in geometries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -36,6 +43,9 @@ pub struct GeometrySettings {
     /// Measures of the disc tank.
     #[serde(rename = "disc-tank", skip_serializing_if = "Option::is_none")]
     pub disc_tank: Option<DiscTank>,
+    /// Depth of a tank; default: what the case folder says, else a sheet.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth: Option<DepthSettings>,
 }
 
 /// Errors of geometries.
@@ -56,6 +66,9 @@ pub enum GeometryError {
     /// The dimensions of the preset are inconsistent.
     #[error("the preset makes no mesh")]
     Preset(#[source] MeshError),
+    /// The depth is inconsistent.
+    #[error("[geometry.depth]")]
+    Depth(#[source] MeshError),
 }
 
 impl GeometrySettings {
@@ -69,15 +82,20 @@ impl GeometrySettings {
             return Err(GeometryError::PresetAndCase);
         }
         let recorded = recorded.filter(|folder| self.preset.is_none() && has_mesh(folder));
-        if let Some(folder) = self.case.as_deref().or(recorded) {
-            return Geometry::from_case(folder);
-        }
-        Geometry::from_preset(&match self.preset.unwrap_or_default() {
-            PresetName::PaperSheet => {
-                Preset::PaperSheet(self.paper_sheet.clone().unwrap_or_default())
-            }
-            PresetName::DiscTank => Preset::DiscTank(self.disc_tank.clone().unwrap_or_default()),
-        })
+        let flat = if let Some(folder) = self.case.as_deref().or(recorded) {
+            Geometry::from_case(folder)?
+        } else {
+            Geometry::from_preset(&match self.preset.unwrap_or_default() {
+                PresetName::PaperSheet => {
+                    Preset::PaperSheet(self.paper_sheet.clone().unwrap_or_default())
+                }
+                PresetName::DiscTank => {
+                    Preset::DiscTank(self.disc_tank.clone().unwrap_or_default())
+                }
+            })?
+        };
+        flat.with_depth(self.depth.as_ref())
+            .map_err(GeometryError::Depth)
     }
 }
 
