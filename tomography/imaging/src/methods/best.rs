@@ -22,8 +22,8 @@ pub(super) fn prepare(
     conditions: &Conditions<'_>,
 ) -> Result<Prepared, BuildError> {
     let one_step = super::for_unknowns(settings, conditions, one_step)?;
-    // an explicit prior selects a linear method
-    if settings.noise_uv.is_none() || settings.prior.is_some() {
+    // an explicit prior or rule selects a linear method
+    if settings.noise_uv.is_none() || settings.prior.is_some() || settings.choose.is_some() {
         return Ok(one_step);
     }
     with_shapes(settings, conditions, one_step)

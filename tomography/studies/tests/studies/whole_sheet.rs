@@ -104,7 +104,7 @@ const CASES: [MethodLimits; 4] = [
         method: Method::Tv,
         loss_only: true,
         press_mm: [7.0, 40.0],
-        electrode: [0.1, 1.0],
+        electrode: [0.45, 1.0],
     },
 ];
 
