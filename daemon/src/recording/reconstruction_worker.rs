@@ -65,7 +65,7 @@ pub(crate) enum Failure {
 
 /// Result of an attempt.
 pub(crate) enum MapOutcome {
-    TimedOutcome(Box<TimedOutcome>),
+    Ready(Box<TimedOutcome>),
     /// Not ready; returned later by [`ReconstructionWorker::late`].
     Late,
     /// An earlier map is still being computed: this frame has none.
@@ -140,7 +140,7 @@ impl ReconstructionWorker {
         let begun = Instant::now();
         loop {
             match self.answers.recv_timeout(POLL_INTERVAL) {
-                Ok(made) => return MapOutcome::TimedOutcome(Box::new(self.arrived(made))),
+                Ok(made) => return MapOutcome::Ready(Box::new(self.arrived(made))),
                 Err(RecvTimeoutError::Timeout) if begun.elapsed() > map_timeout(busy()) => {
                     return MapOutcome::Late;
                 }

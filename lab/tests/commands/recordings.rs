@@ -1,6 +1,7 @@
 //! Recordings of real tanks: the Kuopio challenge and the Ottawa recordings, by command lines.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use crate::program::{done, numbers, words};
 use eit::{Case, Mesh};
@@ -35,6 +36,13 @@ fn correlation(mesh: &Mesh, radius: f64, map: &[f64], labels: &[f64]) -> f64 {
     cross / (own * other).sqrt()
 }
 
+/// Makes the case folder of a disc tank; its mesh.
+fn tank(settings: &str, case: &Path) -> Arc<Mesh> {
+    let line = format!("mesh --preset disc-tank {settings} --out {{}}");
+    done(&words(&line, &[case]));
+    Case::read(case).unwrap().mesh
+}
+
 fn labels(path: &Path) -> Vec<f64> {
     std::fs::read_to_string(path)
         .unwrap()
@@ -55,9 +63,8 @@ fn kuopio_four_targets_with_one_hyper_parameter() {
     };
     let folder = tempfile::tempdir().unwrap();
     let (case, maps) = (folder.path().join("tank"), folder.path().join("maps.csv"));
-    let tank = "mesh --preset disc-tank --set radius_mm=115.0 --set arc_deg=5.625 --set first_deg=84.375 --out {}";
-    done(&words(tank, &[&case]));
-    let mesh = Case::read(&case).unwrap().mesh;
+    let settings = "--set radius_mm=115.0 --set arc_deg=5.625 --set first_deg=84.375";
+    let mesh = tank(settings, &case);
     let mean = |how: &str| {
         let line = format!("reconstruct --force --case {{}} {how} --frames {{}} --out {{}}");
         let message = done(&words(
@@ -90,11 +97,7 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
     };
     let folder = tempfile::tempdir().unwrap();
     let (case, maps) = (folder.path().join("tank"), folder.path().join("maps.csv"));
-    done(&words(
-        "mesh --preset disc-tank --set radius_mm=150.0 --out {}",
-        &[&case],
-    ));
-    let mesh = Case::read(&case).unwrap().mesh;
+    let mesh = tank("--set radius_mm=150.0", &case);
     let (centroids, areas) = (mesh.region_centroids(), mesh.region_areas());
     for how in [
         "--method one-step --prior noser --lambda 1",
@@ -188,11 +191,7 @@ fn ottawa_balls_are_nearer_to_their_places_with_the_depth() {
     };
     let folder = tempfile::tempdir().unwrap();
     let (case, maps) = (folder.path().join("tank"), folder.path().join("maps.csv"));
-    done(&words(
-        "mesh --preset disc-tank --set radius_mm=150.0 --out {}",
-        &[&case],
-    ));
-    let mesh = Case::read(&case).unwrap().mesh;
+    let mesh = tank("--set radius_mm=150.0", &case);
     // liquid and plane of the electrodes as the source states them; height and width of an electrode are assumed
     let depth =
         " --depth-mm 260 --electrode-height-mm 10 --electrode-centre-mm 130 --target-height-mm 40";

@@ -74,12 +74,7 @@ fn fixed_strength(
     conditions: &Conditions<'_>,
 ) -> Result<Option<Arc<dyn Reconstructor>>, BuildError> {
     let method = settings.method.unwrap_or_default();
-    let per_frame = matches!(method, Method::OneStep | Method::Best)
-        && settings.lambda.is_none()
-        && settings.noise_figure.is_none()
-        && settings.map_error.is_none()
-        && settings.choose != Some(HyperChoice::Noise);
-    if !per_frame {
+    if !matches!(method, Method::OneStep | Method::Best) || settings.frame_rule().is_none() {
         return Ok(None);
     }
     let fixed = ReconstructionSettings {

@@ -71,7 +71,7 @@ pub enum HyperChoice {
 
 impl HyperChoice {
     /// The rule for each frame; `None` if there is one for all frames.
-    pub(crate) fn of_frames(self) -> Option<HyperRule> {
+    fn of_frames(self) -> Option<HyperRule> {
         match self {
             Self::Evidence => Some(HyperRule::Evidence),
             Self::LCurve => Some(HyperRule::LCurve),
@@ -169,6 +169,19 @@ impl ReconstructionSettings {
             && self.lambda.is_none()
             && self.noise_figure.is_none()
             && is_used("noise_uv", self.method.unwrap_or_default())
+    }
+
+    /// The rule by which each frame has a strength of its own; `None` if one strength serves all frames.
+    pub(crate) fn frame_rule(&self) -> Option<HyperRule> {
+        if self.lambda.is_some() || self.noise_figure.is_some() {
+            return None;
+        }
+        // a share of a map's largest value can be proved for a map that is one matrix
+        let usual = match self.map_error {
+            Some(_) => HyperChoice::Noise,
+            None => HyperChoice::Evidence,
+        };
+        self.choose.unwrap_or(usual).of_frames()
     }
 
     /// The prior of the one-step method with its parameters.

@@ -166,7 +166,7 @@ impl Recorder {
             match self.ask_for_map(&published.frame, || {
                 !patient && orders.len() + left >= BUSY_QUEUE
             }) {
-                Some(MapOutcome::TimedOutcome(made)) => self.made(*made, &mut published)?,
+                Some(MapOutcome::Ready(made)) => self.made(*made, &mut published)?,
                 Some(MapOutcome::Late) => late = Some(taken.len()),
                 Some(MapOutcome::Busy) => self.missed_a_map()?,
                 Some(MapOutcome::Suspended) | None => {}

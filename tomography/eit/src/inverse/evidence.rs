@@ -80,21 +80,27 @@ impl Evidence {
         self.candidates.iter().map(|(ratio, _)| *ratio)
     }
 
+    /// g^2 of the most probable maps for one ratio, of data with these squared components.
+    pub(crate) fn scale(&self, squares: &DVector<f64>, ratio: f64) -> f64 {
+        let sum: f64 = squares
+            .iter()
+            .zip(&self.values)
+            .map(|(square, value)| square / (value + ratio))
+            .sum();
+        sum / squares.len() as f64
+    }
+
     /// The most probable fit of data with these squared components, with errors of at least the standard deviation
     /// `floor`; `None` without data.
     pub(crate) fn best(&self, squares: &DVector<f64>, floor: f64) -> Option<Fit> {
         let count = squares.len() as f64;
         let fits = self.candidates.iter().map(|&(ratio, logs)| {
-            let sum: f64 = squares
-                .iter()
-                .zip(&self.values)
-                .map(|(square, value)| square / (value + ratio))
-                .sum();
-            let scale = (sum / count).max(floor * floor / ratio);
+            let free = self.scale(squares, ratio);
+            let scale = free.max(floor * floor / ratio);
             Fit {
                 ratio,
                 scale,
-                surprise: count * scale.ln() + logs + sum / scale,
+                surprise: count * (scale.ln() + free / scale) + logs,
             }
         });
         fits.min_by(|a, b| a.surprise.total_cmp(&b.surprise))

@@ -25,6 +25,7 @@ const DECADES: [i32; 2] = [-7, 2];
 /// part of every change, and the part that grows with the change as a share of the readings (root mean squares).
 const MODEL_ERROR: f64 = 0.01;
 const MODEL_ERROR_OF_CHANGE: f64 = 0.8;
+
 /// A one-step problem whose hyper-parameter follows from each frame.
 pub(crate) struct FrameRule {
     rule: HyperRule,
@@ -174,16 +175,11 @@ impl FrameRule {
 
     fn hyper(&self, prepared: &Prepared, along: &DVector<f64>, data: &DVector<f64>) -> FrameHyper {
         let squares = along.map(|value| value * value);
-        let beside = (data.norm_squared() - squares.sum()).max(0.0);
+        let beside = || (data.norm_squared() - squares.sum()).max(0.0);
         if self.rule == HyperRule::LCurve
-            && let Some(ratio) = corner_ratio(&prepared.evidence, &squares, beside)
+            && let Some(ratio) = corner_ratio(&prepared.evidence, &squares, beside())
         {
-            let scale = squares
-                .iter()
-                .zip(&prepared.evidence.values)
-                .map(|(square, value)| square / (value + ratio))
-                .sum::<f64>()
-                / squares.len() as f64;
+            let scale = prepared.evidence.scale(&squares, ratio);
             return FrameHyper {
                 lambda: ratio.sqrt(),
                 error: (scale * ratio).sqrt(),

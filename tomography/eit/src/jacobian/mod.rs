@@ -77,26 +77,10 @@ impl Forward {
             // not DMatrix::zeros: untouched memory is allocated by the threads that fill it
             *jacobian = DMatrix::from_vec(rows, columns.len(), vec![0.0; rows * columns.len()]);
         }
-        jacobian
-            .as_mut_slice()
-            .par_chunks_mut(rows * COLUMNS)
-            .zip(columns.par_chunks(COLUMNS))
-            .for_each(|(values, columns)| {
-                widest(Fill {
-                    mesh,
-                    pairs: &pairs,
-                    gradients: Gradients::new(&fields, &pairs),
-                    scale: scale.as_deref(),
-                    part: None,
-                    columns,
-                    values,
-                });
-            });
         if planes.is_some() {
-            // the mean over the depth is in each plane
-            jacobian.fill(0.0);
+            jacobian.fill(0.0); // a sum over the planes
         }
-        let mut add = |part: Part<'_>| {
+        let mut fill = |fields: &Block, part: Option<Part<'_>>| {
             jacobian
                 .as_mut_slice()
                 .par_chunks_mut(rows * COLUMNS)
@@ -105,31 +89,32 @@ impl Forward {
                     widest(Fill {
                         mesh,
                         pairs: &pairs,
-                        gradients: Gradients::new(part.fields, &pairs),
+                        gradients: Gradients::new(fields, &pairs),
                         scale: scale.as_deref(),
-                        part: Some(part),
+                        part,
                         columns,
                         values,
                     });
                 });
         };
         let Some(planes) = planes else {
+            fill(&fields, None);
             return self.each_mode(sigma, |mode, fields| {
-                add(Part {
+                let part = Part {
                     share: mode.share(),
-                    fields,
                     vertical: fields,
                     decay: mode.decay,
-                });
+                };
+                fill(fields, Some(part));
             });
         };
         for plane in &planes {
-            add(Part {
+            let part = Part {
                 share: plane.share,
-                fields: &plane.potentials,
                 vertical: &plane.vertical,
                 decay: 1.0,
-            });
+            };
+            fill(&plane.potentials, Some(part));
         }
         Ok(())
     }
@@ -228,7 +213,6 @@ struct Gradients<'a> {
 #[derive(Clone, Copy)]
 struct Part<'a> {
     share: f64,
-    fields: &'a Block,
     /// Derivatives with the height, or what is proportional to them.
     vertical: &'a Block,
     /// Factor of the products of `vertical`.

@@ -5,7 +5,7 @@ use eit::Hyper;
 use crate::conditions::Conditions;
 use crate::error::BuildError;
 use crate::noise::DEFAULT_NOISE_UV;
-use crate::settings::{HyperChoice, ReconstructionSettings};
+use crate::settings::ReconstructionSettings;
 
 /// Noise of one reading, V, if it is stated or measured.
 pub(crate) fn known_noise_v(
@@ -45,13 +45,8 @@ pub(super) fn hyper(
         let note = "lambda is the one with the noise figure asked for";
         return Ok((Hyper::NoiseFigure(figure), Some(note.to_owned())));
     }
-    // a share of a map's largest value can be proved for a map that is one matrix
-    let usual = match settings.map_error {
-        Some(_) => HyperChoice::Noise,
-        None => HyperChoice::Evidence,
-    };
     let current = conditions.current.0;
-    let Some(rule) = settings.choose.unwrap_or(usual).of_frames() else {
+    let Some(rule) = settings.frame_rule() else {
         let volts = noise_v(settings, conditions);
         let note = format!("lambda is for a noise of {volts:.2e} in the readings' unit");
         return Ok((Hyper::Noise { volts, current }, Some(note)));

@@ -190,9 +190,8 @@ impl ModelCheck {
                 electrode: Electrode(electrode),
             });
         }
-        let explained = prepared.spectrum.explained(&fit);
         if let Some(outside) = &prepared.outside
-            && let Some(electrode) = outside.load(&explained, noise)
+            && let Some(electrode) = outside.load(&prepared.spectrum.explained(&fit), noise)
         {
             doubts.push(Doubt::OutsideRegion { electrode });
         }
