@@ -19,6 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("render", &["outfile", "survey"]),
     ("logbook", &["outfile", "survey"]),
     ("eit", &["outfile", "survey"]),
+    ("drift", &["eit", "survey"]),
     ("phantom", &["eit", "outfile", "survey"]),
     ("imaging", &["eit", "logbook", "outfile", "survey"]),
     ("training", &["eit", "outfile", "phantom", "survey"]),
@@ -47,6 +48,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "studies",
         &[
+            "drift",
             "eit",
             "gpio-mux",
             "imaging",

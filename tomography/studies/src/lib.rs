@@ -6,7 +6,7 @@
 //!
 //! - **paper**: every experiment, figure and claim of the paper; **tradeoff**: error against time, as eight diagrams;
 //!   **stability**: the hard cases, each with a naive implementation that fails; **honesty**: whether maps say what they
-//!   cannot know
+//!   cannot know; **months**: maps while the sheet drifts
 //! - **evaluation**: test sets, methods given as command-line options, and figures of merit of their maps
 
 mod artifact_cache;
@@ -14,6 +14,7 @@ pub mod evaluation;
 mod failure;
 pub mod honesty;
 mod html;
+pub mod months;
 pub mod paper;
 pub mod progress;
 mod readings;

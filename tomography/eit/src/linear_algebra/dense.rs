@@ -11,8 +11,8 @@ use rayon::prelude::*;
 
 use crate::linear_algebra::sparse::{MulAdd, Task, widest};
 
-/// A faer view of the same matrix.
-pub(crate) fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
+/// A faer view of the same matrix, for [`product`].
+pub fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
     MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
 }
 
@@ -145,8 +145,9 @@ pub(crate) fn solve_definite(a: &DMatrix<f64>, b: &[f64]) -> Option<Vec<f64>> {
     Some((0..b.len()).map(|i| x[(i, 0)]).collect())
 }
 
-/// Eigenvalues (ascending) and orthonormal eigenvectors (columns) of a symmetric matrix.
-pub(crate) fn symmetric_eigen(a: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64>)> {
+/// Eigenvalues (ascending) and orthonormal eigenvectors (columns) of a symmetric matrix; `None` if it has entries that are
+/// not numbers.
+pub fn symmetric_eigen(a: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64>)> {
     let n = a.nrows();
     let eigen = view(a).self_adjoint_eigen(Side::Lower).ok()?;
     let (s, u) = (eigen.S(), eigen.U());
@@ -154,16 +155,54 @@ pub(crate) fn symmetric_eigen(a: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64
     Some((values, DMatrix::from_fn(n, n, |i, j| u[(i, j)])))
 }
 
-/// A factor of a symmetric positive definite matrix, for several right-hand sides.
-pub(crate) struct Definite(faer::linalg::solvers::Llt<f64>);
+/// The Cholesky factor L of a symmetric positive definite matrix A = L L', for several right-hand sides.
+#[derive(Debug, Clone)]
+pub struct Definite(faer::linalg::solvers::Llt<f64>);
 
 impl Definite {
     /// `None` if the matrix is not definite.
-    pub(crate) fn new(a: &DMatrix<f64>) -> Option<Self> {
+    pub fn new(a: &DMatrix<f64>) -> Option<Self> {
         view(a).llt(Side::Lower).ok().map(Self)
     }
 
-    pub(crate) fn solve(&self, b: &DVector<f64>) -> DVector<f64> {
+    /// ln det A.
+    pub fn log_determinant(&self) -> f64 {
+        let lower = self.0.L();
+        let logs = (0..lower.nrows()).map(|i| lower[(i, i)].ln());
+        2.0 * logs.sum::<f64>()
+    }
+
+    /// L^-1 B, in place: data with covariance A become white.
+    pub fn whiten(&self, b: &mut DMatrix<f64>) {
+        let (rows, columns) = b.shape();
+        let view = MatMut::from_column_major_slice_mut(b.as_mut_slice(), rows, columns);
+        self.0.L().solve_lower_triangular_in_place(view);
+    }
+
+    /// L'^-1 b.
+    pub fn unwhiten_transposed(&self, b: &DVector<f64>) -> DVector<f64> {
+        let mut x = b.clone();
+        let rows = x.len();
+        let view = MatMut::from_column_major_slice_mut(x.as_mut_slice(), rows, 1);
+        let upper = self.0.L().transpose();
+        upper.solve_upper_triangular_in_place(view);
+        x
+    }
+
+    /// A = L L', again.
+    pub fn matrix(&self) -> DMatrix<f64> {
+        square(self.0.L())
+    }
+
+    /// A^-1 B, in place.
+    pub fn solve_columns(&self, b: &mut DMatrix<f64>) {
+        let (rows, columns) = b.shape();
+        let view = MatMut::from_column_major_slice_mut(b.as_mut_slice(), rows, columns);
+        self.0.solve_in_place(view);
+    }
+
+    /// A^-1 b.
+    pub fn solve(&self, b: &DVector<f64>) -> DVector<f64> {
         let mut x = b.clone();
         let rows = x.len();
         self.0.solve_in_place(MatMut::from_column_major_slice_mut(

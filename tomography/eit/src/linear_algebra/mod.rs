@@ -6,5 +6,5 @@ pub(crate) mod processor;
 pub(crate) mod simd;
 pub(crate) mod sparse;
 
-pub use dense::product;
+pub use dense::{Definite, product, symmetric_eigen, view};
 pub use simd::squared_distance;

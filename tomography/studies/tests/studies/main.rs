@@ -1,6 +1,7 @@
 //! Results of the studies: presses of the paper's Test #1, the hard cases, and the check of maps.
 
 mod honesty;
+mod months;
 mod presses;
 mod stability;
 mod whole_sheet;

@@ -1,0 +1,197 @@
+//! A disc fitted in whitened space, with the covariance of its place and load.
+//!
+//! The model of the disc is linear (Born) about the fitted sheet, with the exact area that the disc covers of each triangle. A
+//! disc that loses the share l of its conductance changes the field as 2 l / (2 - l) of a linear one does: the fitted change is
+//! converted accordingly.
+
+use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
+
+use crate::DriftError;
+use crate::model::DriftModel;
+use crate::whitened::{LoadTest, Whitened};
+
+/// Error of the model as a share of the fitted signal.
+const MODEL_SHARE: f64 = 0.01;
+/// Factor of the covariance, and its floor, m: sheets that are even, and sheets uneven by more than `UNEVEN`.
+const INFLATION: f64 = 1.5;
+const FLOOR_M: [f64; 2] = [0.07e-3, 0.2e-3];
+const UNEVEN: f64 = 0.03;
+/// Chi squared per row after the fit above which the answer is refused.
+const REFUSED: f64 = 1.6;
+/// Diameters that are fitted, m.
+const DIAMETER_M: [f64; 2] = [4e-3, 0.15];
+/// Prior of ln diameter: its mean is that of the start, its deviation this.
+const LN_DIAMETER_SD: f64 = 1.0;
+const STEPS: usize = 30;
+
+/// A disc that lost conductance.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Disc {
+    /// Centre, m.
+    pub centre: [f64; 2],
+    /// Diameter, m.
+    pub diameter: f64,
+    /// Share of the conductance lost, 0 to 1; negative for a gain.
+    pub loss: f64,
+}
+
+/// A fitted disc with what is known of it.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct DiscFit {
+    /// The disc.
+    pub disc: Disc,
+    /// Linear change of conductance times the square of the diameter, m2: hardly depends on the diameter.
+    pub load: f64,
+    /// Covariance of the centre, m2.
+    pub covariance: [[f64; 2]; 2],
+    /// Standard deviation of the load as a share of it.
+    pub load_sd: f64,
+    /// Improvement of chi squared by the disc.
+    pub score: f64,
+    /// Chi squared per row after the fit, with 1 % of the disc's signal as an error of the model.
+    pub chi: f64,
+    /// Whether the fit is good enough for its covariance to hold.
+    pub accepted: bool,
+}
+
+impl Whitened {
+    /// Fits one disc of either sign, from the best places of the load test.
+    ///
+    /// # Errors
+    /// Data that are not finite.
+    pub fn fit_disc(&self, model: &DriftModel) -> Result<DiscFit, DriftError> {
+        let starts = self.load_tests(model, 3);
+        self.fit_disc_from(model, &starts)
+    }
+
+    pub(crate) fn fit_disc_from(
+        &self,
+        model: &DriftModel,
+        starts: &[LoadTest],
+    ) -> Result<DiscFit, DriftError> {
+        let fits = starts.iter().map(|start| self.descend(model, start));
+        let (theta, cost) = fits
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .filter(|(_, cost)| cost.is_finite())
+            .ok_or(DriftError::Covariance)?;
+        self.described(model, theta, cost)
+    }
+
+    /// Whitened data of a disc: theta is x, y (m), ln diameter (m), change.
+    fn of_disc(&self, model: &DriftModel, theta: &Vector4<f64>) -> DVector<f64> {
+        self.column(&(model.disc([theta[0], theta[1]], theta[2].exp()) * theta[3]))
+    }
+
+    /// Levenberg-Marquardt from a place of the load test.
+    fn descend(&self, model: &DriftModel, start: &LoadTest) -> (Vector4<f64>, f64) {
+        let [low, high] = model.bounds();
+        let mean = start.place.diameter.ln();
+        let clamp = |mut theta: Vector4<f64>| {
+            for axis in 0..2 {
+                theta[axis] = theta[axis].clamp(low[axis], high[axis]);
+            }
+            theta[2] = theta[2].clamp(DIAMETER_M[0].ln(), DIAMETER_M[1].ln());
+            // at most all of the conductance
+            theta[3] = theta[3].clamp(-2.0, 2.0);
+            theta
+        };
+        let residual = |theta: &Vector4<f64>| {
+            let left = self.data() - self.of_disc(model, theta);
+            let prior = (theta[2] - mean) / LN_DIAMETER_SD;
+            let cost = left.norm_squared() + prior * prior;
+            (left, cost)
+        };
+        let [x, y] = start.place.centre;
+        let mut theta = clamp(Vector4::new(x, y, mean, start.change));
+        let (mut left, mut cost) = residual(&theta);
+        let mut damping = 1e-2;
+        for _ in 0..STEPS {
+            let h = self.derivative(model, &theta);
+            let mut normal: Matrix4<f64> = Matrix4::from_fn(|i, j| h.column(i).dot(&h.column(j)));
+            let mut right = Vector4::from_fn(|i, _| h.column(i).dot(&left));
+            normal[(2, 2)] += LN_DIAMETER_SD.powi(-2);
+            right[2] -= (theta[2] - mean) * LN_DIAMETER_SD.powi(-2);
+            let mut gained = 0.0;
+            for _ in 0..8 {
+                let mut damped = normal;
+                for k in 0..4 {
+                    damped[(k, k)] *= 1.0 + damping;
+                }
+                let step = damped.cholesky().map(|factor| factor.solve(&right));
+                let next = clamp(theta + step.unwrap_or_default());
+                let (next_left, next_cost) = residual(&next);
+                if next_cost < cost {
+                    gained = cost - next_cost;
+                    (theta, left, cost) = (next, next_left, next_cost);
+                    damping = (damping * 0.1).max(1e-9);
+                    break;
+                }
+                damping *= 10.0;
+            }
+            if gained < 1e-4 {
+                break;
+            }
+        }
+        (theta, cost)
+    }
+
+    /// Central differences by the four parameters.
+    fn derivative(&self, model: &DriftModel, theta: &Vector4<f64>) -> DMatrix<f64> {
+        let steps = [0.2e-3, 0.2e-3, 0.02];
+        let columns: Vec<DVector<f64>> = (0..4)
+            .map(|k| {
+                if k == 3 {
+                    let one = Vector4::new(theta[0], theta[1], theta[2], 1.0);
+                    return self.of_disc(model, &one);
+                }
+                let (mut up, mut down) = (*theta, *theta);
+                up[k] += steps[k];
+                down[k] -= steps[k];
+                (self.of_disc(model, &up) - self.of_disc(model, &down)) / (2.0 * steps[k])
+            })
+            .collect();
+        DMatrix::from_columns(&columns)
+    }
+
+    /// The fit with its covariance, which contains an error of the model of 1 % of the signal.
+    fn described(
+        &self,
+        model: &DriftModel,
+        theta: Vector4<f64>,
+        cost: f64,
+    ) -> Result<DiscFit, DriftError> {
+        let signal = model.disc([theta[0], theta[1]], theta[2].exp()) * theta[3];
+        let wider = self.with_error(&(&signal * MODEL_SHARE))?;
+        let h = wider.derivative(model, &theta);
+        let mut information = Matrix4::from_fn(|i, j| h.column(i).dot(&h.column(j)));
+        information[(2, 2)] += LN_DIAMETER_SD.powi(-2);
+        let left = wider.data() - wider.column(&signal);
+        let chi = left.norm_squared() / self.rows().len() as f64;
+        let covariance = information.try_inverse().ok_or(DriftError::Covariance)?;
+        let covariance = covariance * (INFLATION * chi.max(1.0));
+        let floor = FLOOR_M[usize::from(model.fit().unevenness > UNEVEN)].powi(2);
+        let place = [
+            [covariance[(0, 0)] + floor, covariance[(0, 1)]],
+            [covariance[(1, 0)], covariance[(1, 1)] + floor],
+        ];
+        // ln load = ln |change| + 2 ln diameter
+        let change = theta[3];
+        let of_load = Vector4::new(0.0, 0.0, 2.0, 1.0 / change);
+        let load_sd = (of_load.transpose() * covariance * of_load)[(0, 0)]
+            .max(0.0)
+            .sqrt();
+        Ok(DiscFit {
+            disc: Disc {
+                centre: [theta[0], theta[1]],
+                diameter: theta[2].exp(),
+                loss: -2.0 * change / (2.0 + change.abs()),
+            },
+            load: -change * (2.0 * theta[2]).exp(),
+            covariance: place,
+            load_sd,
+            score: self.data().norm_squared() - cost,
+            chi,
+            accepted: chi <= REFUSED,
+        })
+    }
+}

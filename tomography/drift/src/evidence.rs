@@ -1,0 +1,138 @@
+//! How large each kind of change is, from one frame: the sizes that make its data most probable.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::DriftError;
+use crate::model::DriftModel;
+use crate::whitened::Whitened;
+
+/// Size of a change of the gain that one frame may have: free.
+const FREE_GAIN: f64 = 0.1;
+/// Points of the grid of each size, and its range.
+const CONTACT: (usize, [f64; 2]) = (9, [3e-3, 0.5]);
+const FIELD: (usize, [f64; 2]) = (9, [1e-5, 0.03]);
+const LOAD: (usize, [f64; 2]) = (7, [3e-3, 1.0]);
+/// Size that stands for an unknown one.
+const PROJECTED: f64 = 10.0;
+const LOG_2PI: f64 = 1.837_877_066_409_345_3;
+
+/// Standard deviations of the kinds of change.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Sizes {
+    /// ln gain.
+    pub gain: f64,
+    /// ln contact impedance of each electrode.
+    pub contact: f64,
+    /// A field of 80 mm in ln conductance.
+    pub field: f64,
+    /// Change of 8 mm in ln conductance.
+    pub local: f64,
+}
+
+/// What one frame says of the drift since the baseline.
+#[derive(Debug, Clone)]
+pub struct Assessed {
+    /// Most probable sizes; `local` is that of the load, which the covariance of the drift does not contain.
+    pub sizes: Sizes,
+    /// Data whitened by noise and drift.
+    pub whitened: Whitened,
+    /// Improvement of chi squared by the best disc of the load test.
+    pub score: f64,
+    /// Evaluations of the likelihood.
+    pub evaluations: usize,
+}
+
+fn grid((count, [low, high]): (usize, [f64; 2]), index: usize) -> f64 {
+    low * (high / low).powf(index as f64 / (count - 1) as f64)
+}
+
+impl DriftModel {
+    /// Finds the sizes of drift and load that make the data most probable, by steps along the axes of a logarithmic grid, and
+    /// whitens the data by noise and drift. Baseline and frame have independent noise.
+    ///
+    /// # Errors
+    /// Data that are not finite.
+    pub fn assess(&self, data: &DVector<f64>, rows: &[usize]) -> Result<Assessed, DriftError> {
+        let mut known = std::collections::BTreeMap::<[usize; 3], f64>::new();
+        let counts = [CONTACT.0, FIELD.0, LOAD.0];
+        let sizes = |[contact, field, load]: [usize; 3]| Sizes {
+            gain: FREE_GAIN,
+            contact: grid(CONTACT, contact),
+            field: grid(FIELD, field),
+            local: grid(LOAD, load),
+        };
+        let twice = &self.noise * 2.0;
+        let mut value = |at: [usize; 3]| -> Result<f64, DriftError> {
+            if let Some(value) = known.get(&at) {
+                return Ok(*value);
+            }
+            let covariance = &twice + self.drift(&sizes(at));
+            let found = log_likelihood(data, &covariance, rows)?;
+            known.insert(at, found);
+            Ok(found)
+        };
+        let mut best = [4, 3, 3];
+        let mut most = value(best)?;
+        loop {
+            let before = best;
+            for axis in 0..3 {
+                for step in [1_isize, -1] {
+                    loop {
+                        let mut next = best;
+                        let Some(moved) = best[axis].checked_add_signed(step) else {
+                            break;
+                        };
+                        next[axis] = moved;
+                        if moved >= counts[axis] {
+                            break;
+                        }
+                        let found = value(next)?;
+                        if found <= most {
+                            break;
+                        }
+                        (best, most) = (next, found);
+                    }
+                }
+            }
+            if best == before {
+                break;
+            }
+        }
+        let evaluations = known.len();
+        let sizes = sizes(best);
+        let drift = self.drift(&Sizes {
+            local: 0.0,
+            ..sizes
+        });
+        let whitened = Whitened::new(&(&twice + drift), data, rows)?;
+        let score = whitened.load_test(self).map_or(0.0, |found| found.score);
+        Ok(Assessed {
+            sizes,
+            whitened,
+            score,
+            evaluations,
+        })
+    }
+
+    /// Data whitened by noise alone, after gain and contacts are projected out: their size is taken as unknown.
+    ///
+    /// # Errors
+    /// Data that are not finite.
+    pub fn projected(&self, data: &DVector<f64>, rows: &[usize]) -> Result<Whitened, DriftError> {
+        let v = &self.fit().readings;
+        let contacts = &self.contact_gram * PROJECTED.powi(2);
+        let covariance = &self.noise * 2.0 + (v * v.transpose()) * PROJECTED.powi(2) + contacts;
+        Whitened::new(&covariance, data, rows)
+    }
+}
+
+/// ln N(data; 0, covariance) of these rows.
+pub(crate) fn log_likelihood(
+    data: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+    rows: &[usize],
+) -> Result<f64, DriftError> {
+    let white = Whitened::new(covariance, data, rows)?;
+    let terms = white.log_determinant() + white.data().norm_squared();
+    Ok(-0.5 * (terms + rows.len() as f64 * LOG_2PI))
+}

@@ -1,0 +1,29 @@
+//! Drift of a sheet over months: what separates a load from ageing, and what cannot.
+//!
+//! A map compares a frame with a baseline. Over days the sheet itself changes: its conductance as a whole, its contacts,
+//! slowly varying fields, and places. This crate gives a frame the covariance of these changes, separates them
+//! from loads. It computes from readings that it is given: no files, no clock, no instruments, no phantom.
+//!
+//! - **pairs**: a frame as 299 means of reciprocal readings, relative to a baseline, and 299 differences that no load and no
+//!   drift changes
+//! - **sheet**: gain, contacts and an uneven conductance fitted once to the first baseline
+//! - **model**: sensitivity at that sheet, and the covariance D(s) of gain, contacts, smooth field and local change
+//! - **evidence**: the sizes of these changes that make one frame most probable; **whitened**: data and sensitivity for
+//!   linear methods; **disc**: a disc with its covariance
+
+mod disc;
+mod error;
+mod evidence;
+mod model;
+mod overlap;
+mod pairs;
+mod sheet;
+mod whitened;
+
+pub use disc::{Disc, DiscFit};
+pub use error::DriftError;
+pub use evidence::{Assessed, Sizes};
+pub use model::{DriftModel, Noise};
+pub use pairs::{Pairs, Relative};
+pub use sheet::{FitOptions, SheetFit};
+pub use whitened::Whitened;

@@ -1,0 +1,416 @@
+//! The drift of one sheet as covariances of its relative data: noise, gain, contacts, smooth fields, local change.
+//!
+//! D(s) = gain^2 v v' + contact^2 C C' + (contact / 0.1)^4 N N' + field^2 F F' + local^2 X X'; C: first order of the contacts,
+//! N: what the first order leaves of contacts drawn at 10 %, F: Matern 80 mm, X: Matern 8 mm.
+
+use std::sync::Arc;
+
+use eit::linear_algebra::{product, view};
+use eit::{Forward, Mesh, Parameters};
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use survey::Reading;
+
+use crate::DriftError;
+use crate::evidence::Sizes;
+use crate::overlap::overlap;
+use crate::pairs::{Pairs, Relative, baseline_volts};
+use crate::sheet::{FitOptions, SheetFit};
+
+/// Side of the cells of fields and maps, m.
+const PITCH_M: f64 = 7e-3;
+/// Correlation lengths of smooth fields and of local change, m.
+const FIELD_M: f64 = 80e-3;
+const LOCAL_M: f64 = 8e-3;
+/// Deviation of ln contact at which the second order is drawn, and the number of draws.
+const SECOND_ORDER_SD: f64 = 0.1;
+const DRAWS: usize = 240;
+/// Distance of the load test's places, m, and its diameters, m.
+const PLACES_M: f64 = 10e-3;
+const DIAMETERS_M: [f64; 2] = [20e-3, 50e-3];
+/// Distance of the load test's places from the sheet's edge, m.
+const EDGE_M: f64 = 12e-3;
+
+/// Noise of the instruments.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    /// Standard deviation of one reading, V.
+    pub reading_v: f64,
+    /// Thermal voltage of a sensing pair, V.
+    pub emf_v: f64,
+}
+
+/// A disc of the load test.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Place {
+    pub(crate) centre: [f64; 2],
+    pub(crate) diameter: f64,
+}
+
+/// One sheet with its first baseline, prepared once.
+pub struct DriftModel {
+    pairs: Pairs,
+    fit: SheetFit,
+    mesh: Arc<Mesh>,
+    baseline: Vec<f64>,
+    ratios: Vec<f64>,
+    /// Derivative of the data by ln conductance of each triangle, V.
+    sensitivity: DMatrix<f64>,
+    cells: Cells,
+    /// The same by cell.
+    by_cell: DMatrix<f64>,
+    pub(crate) noise: DMatrix<f64>,
+    pub(crate) contact_gram: DMatrix<f64>,
+    pub(crate) second_gram: DMatrix<f64>,
+    pub(crate) field_gram: DMatrix<f64>,
+    pub(crate) local_gram: DMatrix<f64>,
+    /// Prior covariance of local change times sensitivity: a row per cell.
+    local_map: DMatrix<f64>,
+    pub(crate) places: Vec<Place>,
+    /// Data of a disc at each place with all of its conductance changed by one unit of ln.
+    pub(crate) atoms: DMatrix<f64>,
+}
+
+/// Triangles in squares.
+struct Cells {
+    /// The cell of each triangle.
+    of: Vec<usize>,
+    /// The triangles of each cell.
+    triangles: Vec<Vec<usize>>,
+    centres: Vec<[f64; 2]>,
+}
+
+impl DriftModel {
+    /// Fits the sheet to the baseline and prepares the covariances. The fit is of the whole mesh, local change is within its
+    /// region; `contact_ohm_m` and `sigma0`
+    /// (S per square, one for each triangle) are the nominal sheet.
+    ///
+    /// # Errors
+    /// A baseline with missing readings, or a sheet that cannot be solved.
+    pub fn new(
+        mesh: &Mesh,
+        contact_ohm_m: &[f64],
+        sigma0: &[f64],
+        protocol: &survey::Protocol,
+        baseline: &[Reading],
+        noise: Noise,
+        options: &FitOptions,
+    ) -> Result<Self, DriftError> {
+        let region = mesh.region();
+        let mesh = Arc::new(mesh.whole());
+        let pairs = Pairs::new(protocol);
+        let baseline = baseline_volts(&pairs, baseline)?;
+        let fit = SheetFit::new(&mesh, contact_ohm_m, sigma0, &pairs, &baseline, options)?;
+        let current_a = options.current_a;
+        let forward = Forward::new(Arc::clone(&mesh), &fit.contact_ohm_m)?;
+        let elements = Parameters::elements().logarithmic();
+        let mut sensitivity = forward.sensitivity(&fit.sigma, pairs.half(), &elements)?;
+        sensitivity *= current_a;
+        let mut contacts = forward.contact_jacobian(&fit.sigma, pairs.half())?;
+        for (mut column, contact) in contacts.column_iter_mut().zip(&fit.contact_ohm_m) {
+            column *= current_a * contact;
+        }
+        let second_gram = second_order(&mesh, &fit, &pairs, &contacts, current_a)?;
+        let cells = Cells::new(&mesh);
+        let by_cell = cells.sum(&sensitivity);
+        let mut within = by_cell.clone();
+        for (cell, within_region) in cells.within(region, &mesh).into_iter().enumerate() {
+            if !within_region {
+                within.column_mut(cell).fill(0.0);
+            }
+        }
+        let local_map = product(
+            view(&matern(&cells.centres, LOCAL_M)),
+            view(&within.transpose()),
+        );
+        let field = product(
+            view(&matern(&cells.centres, FIELD_M)),
+            view(&by_cell.transpose()),
+        );
+        let ratios = pairs.ratios(&fit.readings, &baseline);
+        let mut model = Self {
+            noise: noise_covariance(&pairs, &ratios, noise),
+            contact_gram: product(view(&contacts), view(&contacts.transpose())),
+            second_gram,
+            field_gram: product(view(&by_cell), view(&field)),
+            local_gram: product(view(&within), view(&local_map)),
+            local_map,
+            by_cell,
+            cells,
+            sensitivity,
+            ratios,
+            baseline,
+            places: Vec::new(),
+            atoms: DMatrix::zeros(0, 0),
+            pairs,
+            mesh,
+            fit,
+        };
+        model.places = model.load_places();
+        let atoms: Vec<DVector<f64>> = model
+            .places
+            .par_iter()
+            .map(|place| model.disc(place.centre, place.diameter))
+            .collect();
+        model.atoms = DMatrix::from_columns(&atoms);
+        Ok(model)
+    }
+
+    /// The fitted sheet.
+    pub fn fit(&self) -> &SheetFit {
+        &self.fit
+    }
+
+    /// The pairs of the protocol.
+    pub fn pairs(&self) -> &Pairs {
+        &self.pairs
+    }
+
+    /// The whole sheet.
+    pub fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// A frame relative to the first baseline.
+    ///
+    /// # Errors
+    /// Another number of readings, or too few with a value.
+    pub fn relative(&self, frame: &[Reading]) -> Result<Relative, DriftError> {
+        self.pairs.relative(&self.ratios, &self.baseline, frame)
+    }
+
+    /// Derivative of the data (row) by ln conductance of each triangle of [`DriftModel::mesh`] (column), V.
+    pub fn sensitivity(&self) -> &DMatrix<f64> {
+        &self.sensitivity
+    }
+
+    /// The cell of each triangle, for maps by cell.
+    pub fn cell_of_triangle(&self) -> &[usize] {
+        &self.cells.of
+    }
+
+    /// Derivative of the data (row) by ln conductance of each cell (column), V.
+    pub fn cell_sensitivity(&self) -> &DMatrix<f64> {
+        &self.by_cell
+    }
+
+    /// The covariance R of one frame's noise, V2.
+    pub fn noise(&self) -> &DMatrix<f64> {
+        &self.noise
+    }
+
+    /// D(s), V2; `sizes.local` is that of local change.
+    pub fn drift(&self, sizes: &Sizes) -> DMatrix<f64> {
+        let v = &self.fit.readings;
+        let mut out = (v * v.transpose()) * sizes.gain.powi(2);
+        for (gram, factor) in [
+            (&self.contact_gram, sizes.contact.powi(2)),
+            (&self.second_gram, (sizes.contact / SECOND_ORDER_SD).powi(4)),
+            (&self.field_gram, sizes.field.powi(2)),
+            (&self.local_gram, sizes.local.powi(2)),
+        ] {
+            if factor > 0.0 {
+                out.zip_apply(gram, |out, value| *out += factor * value);
+            }
+        }
+        out
+    }
+
+    /// Change of the data by a disc (centre and diameter, m) of unit change of ln conductance, linear (Born), V.
+    pub fn disc(&self, centre: [f64; 2], diameter: f64) -> DVector<f64> {
+        let mut out = DVector::zeros(self.pairs.len());
+        for (triangle, share) in self.covered(centre, 0.5 * diameter) {
+            out.axpy(share, &self.sensitivity.column(triangle), 1.0);
+        }
+        out
+    }
+
+    /// Share of each triangle that a disc covers, where it covers any.
+    fn covered(&self, centre: [f64; 2], radius: f64) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let reach = radius + 2.0 * PITCH_M;
+        self.cells
+            .near(centre, reach)
+            .flat_map(|cell| self.cells.triangles[cell].iter().copied())
+            .filter_map(move |triangle| {
+                let corners = self.mesh.corners(triangle);
+                let share = overlap(corners, centre, radius) / self.mesh.area(triangle);
+                (share > 1e-9).then_some((triangle, share))
+            })
+    }
+
+    /// The map whose data are the covariance of local change times these weights: a value of ln conductance per triangle.
+    pub(crate) fn local_map(&self, weights: &DVector<f64>) -> Vec<f64> {
+        let cells = &self.local_map * weights;
+        self.cells.of.iter().map(|&cell| cells[cell]).collect()
+    }
+
+    /// Lowest and highest corner of the sheet, m.
+    pub(crate) fn bounds(&self) -> [[f64; 2]; 2] {
+        let nodes = self.mesh.nodes().iter();
+        nodes.fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[a, b], p| {
+            [
+                [a[0].min(p[0]), a[1].min(p[1])],
+                [b[0].max(p[0]), b[1].max(p[1])],
+            ]
+        })
+    }
+
+    fn load_places(&self) -> Vec<Place> {
+        let [low, high] = self.bounds();
+        let along = |axis: usize| {
+            let (from, to) = (low[axis] + EDGE_M, high[axis] - EDGE_M);
+            let count = ((to - from) / PLACES_M).round().max(1.0) as usize;
+            (0..=count).map(move |k| from + (to - from) * k as f64 / count as f64)
+        };
+        let mut places = Vec::new();
+        for diameter in DIAMETERS_M {
+            for y in along(1) {
+                places.extend(along(0).map(|x| Place {
+                    centre: [x, y],
+                    diameter,
+                }));
+            }
+        }
+        places
+    }
+}
+
+/// R: independent noise of each reading, and one thermal voltage for each sensing pair.
+fn noise_covariance(pairs: &Pairs, ratios: &[f64], noise: Noise) -> DMatrix<f64> {
+    let rows = pairs.len();
+    let mut out = DMatrix::zeros(rows, rows);
+    let mut emf = DMatrix::zeros(rows, pairs.protocol().electrodes());
+    for row in 0..rows {
+        let [a, b] = pairs.readings(row);
+        let weight = if a == b { 1.0 } else { 0.5 };
+        let both = if a == b { vec![a] } else { vec![a, b] };
+        for reading in both {
+            let share = weight * ratios[reading];
+            out[(row, row)] += (share * noise.reading_v).powi(2);
+            let sense = pairs.protocol().measurements()[reading].sense;
+            emf[(row, sense.plus.0)] += share * noise.emf_v;
+        }
+    }
+    out + product(view(&emf), view(&emf.transpose()))
+}
+
+/// Covariance of what the first order of the contacts leaves, from nonlinear draws.
+fn second_order(
+    mesh: &Arc<Mesh>,
+    fit: &SheetFit,
+    pairs: &Pairs,
+    contacts: &DMatrix<f64>,
+    current_a: f64,
+) -> Result<DMatrix<f64>, DriftError> {
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let draws: Vec<DVector<f64>> = (0..DRAWS)
+        .map(|_| {
+            DVector::from_fn(fit.contact_ohm_m.len(), |_, _| {
+                let normal: f64 = StandardNormal.sample(&mut random);
+                SECOND_ORDER_SD * normal
+            })
+        })
+        .collect();
+    let left: Vec<Vec<DVector<f64>>> = draws
+        .par_chunks(DRAWS / 8)
+        .map(|draws| {
+            let mut forward = Forward::new(Arc::clone(mesh), &fit.contact_ohm_m)?;
+            draws
+                .iter()
+                .map(|draw| {
+                    let drawn: Vec<f64> = fit
+                        .contact_ohm_m
+                        .iter()
+                        .zip(draw)
+                        .map(|(contact, draw)| contact * draw.exp())
+                        .collect();
+                    forward.set_contact_ohm_m(&drawn)?;
+                    let volts = forward
+                        .workspace(pairs.half())?
+                        .plain()
+                        .readings(&fit.sigma)?;
+                    Ok(volts * current_a - &fit.readings - contacts * draw)
+                })
+                .collect::<Result<_, DriftError>>()
+        })
+        .collect::<Result<_, _>>()?;
+    let columns: Vec<DVector<f64>> = left.into_iter().flatten().collect();
+    let left = DMatrix::from_columns(&columns) / (DRAWS as f64).sqrt();
+    Ok(product(view(&left), view(&left.transpose())))
+}
+
+/// Correlation of a Matern field of smoothness 3/2.
+fn matern(places: &[[f64; 2]], length: f64) -> DMatrix<f64> {
+    DMatrix::from_fn(places.len(), places.len(), |i, j| {
+        let (p, q) = (places[i], places[j]);
+        let scaled = 3_f64.sqrt() * (p[0] - q[0]).hypot(p[1] - q[1]) / length;
+        (1.0 + scaled) * (-scaled).exp()
+    })
+}
+
+impl Cells {
+    fn new(mesh: &Mesh) -> Self {
+        let key = |triangle: usize| {
+            mesh.centroid(triangle)
+                .map(|at| (at / PITCH_M).floor() as i64)
+        };
+        let keys: std::collections::BTreeMap<[i64; 2], usize> = {
+            let all: std::collections::BTreeSet<[i64; 2]> =
+                (0..mesh.triangles().len()).map(key).collect();
+            all.into_iter().zip(0..).collect()
+        };
+        let of: Vec<usize> = (0..mesh.triangles().len())
+            .map(|triangle| keys[&key(triangle)])
+            .collect();
+        let mut sums = vec![[0.0; 3]; keys.len()];
+        let mut triangles = vec![Vec::new(); keys.len()];
+        for (triangle, &cell) in of.iter().enumerate() {
+            triangles[cell].push(triangle);
+            let (area, centre) = (mesh.area(triangle), mesh.centroid(triangle));
+            sums[cell][0] += area * centre[0];
+            sums[cell][1] += area * centre[1];
+            sums[cell][2] += area;
+        }
+        let centres = sums.iter().map(|[x, y, area]| [x / area, y / area]);
+        Self {
+            centres: centres.collect(),
+            triangles,
+            of,
+        }
+    }
+
+    /// Whether most of each cell's area is in a region: beside electrodes, local change is that of their contacts.
+    fn within(&self, region: &[usize], mesh: &Mesh) -> Vec<bool> {
+        let mut inside = vec![0.0; self.centres.len()];
+        for &triangle in region {
+            inside[self.of[triangle]] += mesh.area(triangle);
+        }
+        let areas = self.triangles.iter().map(|triangles| -> f64 {
+            triangles.iter().map(|&triangle| mesh.area(triangle)).sum()
+        });
+        let shares = inside.iter().zip(areas);
+        shares.map(|(inside, area)| *inside > 0.5 * area).collect()
+    }
+
+    /// Columns of triangles summed to columns of cells.
+    fn sum(&self, sensitivity: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut out = DMatrix::zeros(sensitivity.nrows(), self.centres.len());
+        for (column, &cell) in sensitivity.column_iter().zip(&self.of) {
+            let mut into = out.column_mut(cell);
+            into += column;
+        }
+        out
+    }
+
+    /// Cells within a distance of a place, ascending.
+    fn near(&self, place: [f64; 2], reach: f64) -> impl Iterator<Item = usize> + '_ {
+        let centres = self.centres.iter().enumerate();
+        centres.filter_map(move |(cell, at)| {
+            let away = (at[0] - place[0]).hypot(at[1] - place[1]);
+            (away < reach).then_some(cell)
+        })
+    }
+}

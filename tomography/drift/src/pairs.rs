@@ -1,0 +1,210 @@
+//! A frame as means of reciprocal readings, relative to a baseline.
+//!
+//! A reading and its reciprocal twin (drive and sense exchanged) are equal on any sheet. Their mean carries all the
+//! information; their difference shows instruments alone.
+
+use nalgebra::DVector;
+use survey::{Measurement, Protocol, Reading};
+
+use crate::DriftError;
+
+/// A ratio of model to baseline outside of this range is not used: the baseline's reading is then wrong.
+const RATIO: [f64; 2] = [0.5, 2.0];
+
+/// The reciprocal pairs of a protocol, in the order of their first reading. A reading without twin is a pair of its own.
+#[derive(Debug, Clone)]
+pub struct Pairs {
+    protocol: Protocol,
+    half: Protocol,
+    readings: Vec<[usize; 2]>,
+}
+
+/// A frame relative to a baseline.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Relative {
+    /// Change of the mean of each pair in the scale of the model's readings, V. Zero where a reading is missing.
+    pub data: DVector<f64>,
+    /// Half the difference of the changes of the two readings, V.
+    pub difference: DVector<f64>,
+    /// Pairs with both readings, ascending.
+    pub rows: Vec<usize>,
+}
+
+impl Pairs {
+    /// The pairs of a protocol.
+    ///
+    /// # Panics
+    /// Never: a part of a protocol's measurements is a protocol.
+    pub fn new(protocol: &Protocol) -> Self {
+        let twins = protocol.reciprocal_twins();
+        let readings: Vec<[usize; 2]> = (0..protocol.len())
+            .filter(|&reading| twins[reading].is_none_or(|twin| twin >= reading))
+            .map(|reading| [reading, twins[reading].unwrap_or(reading)])
+            .collect();
+        let first: Vec<Measurement> = readings
+            .iter()
+            .map(|pair| protocol.measurements()[pair[0]])
+            .collect();
+        let half = Protocol::new(protocol.electrodes(), first).expect("measurements of a protocol");
+        Self {
+            protocol: protocol.clone(),
+            half,
+            readings,
+        }
+    }
+
+    /// Number of pairs.
+    pub fn len(&self) -> usize {
+        self.readings.len()
+    }
+
+    /// Whether there is no pair.
+    pub fn is_empty(&self) -> bool {
+        self.readings.is_empty()
+    }
+
+    /// The protocol of the frames.
+    pub fn protocol(&self) -> &Protocol {
+        &self.protocol
+    }
+
+    /// The first measurement of each pair.
+    pub fn half(&self) -> &Protocol {
+        &self.half
+    }
+
+    /// The two readings of a pair; the same one twice without a twin.
+    pub fn readings(&self, row: usize) -> [usize; 2] {
+        self.readings[row]
+    }
+
+    /// The mean of each pair of values, one for each reading.
+    pub fn mean(&self, values: &[f64]) -> DVector<f64> {
+        self.each(|[a, b]| 0.5 * (values[a] + values[b]))
+    }
+
+    /// Half the difference of each pair of values.
+    pub fn difference(&self, values: &[f64]) -> DVector<f64> {
+        self.each(|[a, b]| 0.5 * (values[a] - values[b]))
+    }
+
+    fn each(&self, of: impl Fn([usize; 2]) -> f64) -> DVector<f64> {
+        DVector::from_iterator(self.len(), self.readings.iter().map(|&pair| of(pair)))
+    }
+
+    /// The factor of each reading: model over baseline, 1 where that is no plausible ratio. `model` has a value for each
+    /// pair, `baseline` for each reading, V.
+    pub fn ratios(&self, model: &DVector<f64>, baseline: &[f64]) -> Vec<f64> {
+        let mut ratios = vec![1.0; baseline.len()];
+        for (pair, model) in self.readings.iter().zip(model) {
+            for &reading in pair {
+                let ratio = model / baseline[reading];
+                if (RATIO[0]..=RATIO[1]).contains(&ratio) {
+                    ratios[reading] = ratio;
+                }
+            }
+        }
+        ratios
+    }
+
+    /// A frame relative to a baseline (V, all present), with [`Pairs::ratios`].
+    ///
+    /// # Errors
+    /// Another number of readings, or fewer than half of the pairs.
+    pub fn relative(
+        &self,
+        ratios: &[f64],
+        baseline: &[f64],
+        frame: &[Reading],
+    ) -> Result<Relative, DriftError> {
+        let wants = self.protocol.len();
+        for has in [frame.len(), baseline.len(), ratios.len()] {
+            if has != wants {
+                return Err(DriftError::Readings { has, wants });
+            }
+        }
+        let change: Vec<Option<f64>> = (0..wants)
+            .map(|reading| {
+                let volts = frame[reading].volts()?.0;
+                let change = ratios[reading] * (volts - baseline[reading]);
+                change.is_finite().then_some(change)
+            })
+            .collect();
+        let known: Vec<f64> = change.iter().map(|change| change.unwrap_or(0.0)).collect();
+        let (mut data, mut difference) = (self.mean(&known), self.difference(&known));
+        let mut rows = Vec::new();
+        for (row, pair) in self.readings.iter().enumerate() {
+            if pair.iter().all(|&reading| change[reading].is_some()) {
+                rows.push(row);
+            } else {
+                (data[row], difference[row]) = (0.0, 0.0);
+            }
+        }
+        if 2 * rows.len() < self.len() {
+            return Err(DriftError::TooFew {
+                rows: rows.len(),
+                wants: self.len(),
+            });
+        }
+        Ok(Relative {
+            data,
+            difference,
+            rows,
+        })
+    }
+}
+
+/// The values of a baseline, V.
+///
+/// # Errors
+/// A reading that is missing, zero or not a number.
+pub(crate) fn baseline_volts(pairs: &Pairs, baseline: &[Reading]) -> Result<Vec<f64>, DriftError> {
+    let wants = pairs.protocol.len();
+    if baseline.len() != wants {
+        return Err(DriftError::Readings {
+            has: baseline.len(),
+            wants,
+        });
+    }
+    baseline
+        .iter()
+        .enumerate()
+        .map(|(reading, value)| {
+            let volts = value.volts().map(|volts| volts.0);
+            volts
+                .filter(|volts| volts.is_finite() && *volts != 0.0)
+                .ok_or(DriftError::Baseline { reading })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use survey::Volts;
+
+    #[test]
+    fn half_of_the_readings_of_the_pattern_are_pairs() {
+        let pairs = Pairs::new(&Protocol::sheffield(26).unwrap());
+        assert_eq!((pairs.len(), pairs.half().len()), (299, 299));
+        let values: Vec<f64> = (0..598).map(f64::from).collect();
+        let [a, b] = pairs.readings(100);
+        assert_eq!(pairs.mean(&values)[100], 0.5 * (a + b) as f64);
+        assert_eq!(pairs.difference(&values)[100], 0.5 * (a as f64 - b as f64));
+    }
+
+    #[test]
+    fn missing_reading_takes_its_pair_and_no_other() {
+        let pairs = Pairs::new(&Protocol::sheffield(8).unwrap());
+        let baseline = vec![1.0; 40];
+        let mut frame = vec![Reading::Ok(Volts(1.1)); 40];
+        frame[3] = Reading::Ok(Volts(f64::NAN));
+        let found = pairs.relative(&baseline, &baseline, &frame).unwrap();
+        assert_eq!((found.rows.len(), found.data.len()), (19, 20));
+        let lost = (0..20).find(|row| !found.rows.contains(row)).unwrap();
+        assert!(pairs.readings(lost).contains(&3));
+        assert_eq!(found.data[lost], 0.0);
+        assert!((found.data[found.rows[0]] - 0.1).abs() < 1e-12);
+        assert!(pairs.relative(&baseline, &baseline, &frame[1..]).is_err());
+    }
+}

@@ -1,0 +1,206 @@
+//! Data and sensitivity whitened by a covariance: what linear methods take in place of raw changes.
+
+use eit::linear_algebra::{Definite, product, view};
+use nalgebra::{DMatrix, DVector};
+
+use crate::DriftError;
+use crate::model::{DriftModel, Place};
+
+/// Data d with covariance S = L L', as L^-1 d. Rows without a value are left out (marginalised).
+#[derive(Debug, Clone)]
+pub struct Whitened {
+    factor: Definite,
+    rows: Vec<usize>,
+    raw: DVector<f64>,
+    data: DVector<f64>,
+    of: usize,
+}
+
+/// The best disc of the load test.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LoadTest {
+    /// Improvement of chi squared.
+    pub(crate) score: f64,
+    /// Change of ln conductance in the disc.
+    pub(crate) change: f64,
+    pub(crate) place: Place,
+}
+
+impl Whitened {
+    /// Whitens data (V, one per pair) by a covariance (V2) of which only these rows count.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn new(
+        covariance: &DMatrix<f64>,
+        data: &DVector<f64>,
+        rows: &[usize],
+    ) -> Result<Self, DriftError> {
+        let factor = if rows.len() == covariance.nrows() {
+            Definite::new(covariance)
+        } else {
+            Definite::new(&covariance.select_rows(rows).select_columns(rows))
+        };
+        let factor = factor.ok_or(DriftError::Covariance)?;
+        Ok(Self::with(factor, data, rows))
+    }
+
+    pub(crate) fn with(factor: Definite, data: &DVector<f64>, rows: &[usize]) -> Self {
+        let mut white = Self {
+            factor,
+            rows: rows.to_vec(),
+            raw: DVector::zeros(0),
+            data: DVector::zeros(0),
+            of: data.len(),
+        };
+        white.set(data);
+        white
+    }
+
+    /// Other data with the same covariance.
+    pub(crate) fn set(&mut self, data: &DVector<f64>) {
+        self.raw = data.select_rows(&self.rows);
+        self.data = self.column(data);
+    }
+
+    /// L^-1 d.
+    pub fn data(&self) -> &DVector<f64> {
+        &self.data
+    }
+
+    /// Rows that count, ascending.
+    pub fn rows(&self) -> &[usize] {
+        &self.rows
+    }
+
+    /// Chi squared of the data over their number.
+    pub fn chi_per_row(&self) -> f64 {
+        self.data.norm_squared() / self.rows.len() as f64
+    }
+
+    /// ln det S.
+    pub(crate) fn log_determinant(&self) -> f64 {
+        self.factor.log_determinant()
+    }
+
+    /// L^-1 J of a sensitivity with a row for each pair.
+    pub fn sensitivity(&self, sensitivity: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut out = match self.rows.len() == self.of {
+            true => sensitivity.clone(),
+            false => sensitivity.select_rows(&self.rows),
+        };
+        self.factor.whiten(&mut out);
+        out
+    }
+
+    /// L^-1 a of one column.
+    pub(crate) fn column(&self, column: &DVector<f64>) -> DVector<f64> {
+        let kept = column.select_rows(&self.rows);
+        let mut out = DMatrix::from_column_slice(kept.len(), 1, kept.as_slice());
+        self.factor.whiten(&mut out);
+        DVector::from_column_slice(out.as_slice())
+    }
+
+    /// The one-step map of the whitened data: change of ln conductance of each triangle, with local change of this standard
+    /// deviation before the frame. Negative where conductance is lost.
+    ///
+    /// # Errors
+    /// Never with a positive size.
+    pub fn one_step(&self, model: &DriftModel, size: f64) -> Result<Vec<f64>, DriftError> {
+        // S + size^2 X X' is factored: cheaper than whitening the sensitivity
+        let n = self.rows.len();
+        let white = self.whitened_gram(model);
+        let system = DMatrix::identity(n, n) + white * size.powi(2);
+        let factor = Definite::new(&system).ok_or(DriftError::Covariance)?;
+        let inner = factor.solve(&self.data);
+        let mut weights = DVector::zeros(self.of);
+        let unwhitened = self.factor.unwhiten_transposed(&inner);
+        for (&row, value) in self.rows.iter().zip(&unwhitened) {
+            weights[row] = size.powi(2) * value;
+        }
+        Ok(model.local_map(&weights))
+    }
+
+    /// L^-1 X X' L^-T.
+    fn whitened_gram(&self, model: &DriftModel) -> DMatrix<f64> {
+        let once = self.sensitivity(&model.local_gram);
+        let mut turned = match self.rows.len() == self.of {
+            true => once.transpose(),
+            false => once.select_columns(&self.rows).transpose(),
+        };
+        self.factor.whiten(&mut turned);
+        turned.fill_upper_triangle_with_lower_triangle();
+        turned
+    }
+
+    /// The same data with independent errors of these standard deviations added to the covariance.
+    pub(crate) fn with_error(&self, deviations: &DVector<f64>) -> Result<Self, DriftError> {
+        let mut covariance = self.factor.matrix();
+        for (k, &row) in self.rows.iter().enumerate() {
+            covariance[(k, k)] += deviations[row].powi(2);
+        }
+        let factor = Definite::new(&covariance).ok_or(DriftError::Covariance)?;
+        let mut out = Self {
+            factor,
+            data: DVector::zeros(0),
+            ..self.clone()
+        };
+        let mut data = DMatrix::from_column_slice(self.raw.len(), 1, self.raw.as_slice());
+        out.factor.whiten(&mut data);
+        out.data = DVector::from_column_slice(data.as_slice());
+        Ok(out)
+    }
+
+    /// Compares the data with discs on a grid: the largest improvement of chi squared, and the change it has.
+    pub(crate) fn load_test(&self, model: &DriftModel) -> Option<LoadTest> {
+        self.load_tests(model, 1).into_iter().next()
+    }
+
+    /// The best discs that are at least 25 mm apart, best first.
+    pub(crate) fn load_tests(&self, model: &DriftModel, most: usize) -> Vec<LoadTest> {
+        let atoms = self.sensitivity(&model.atoms);
+        best_places(&atoms, &self.data, model, most)
+    }
+}
+
+/// The places of whitened atoms that explain whitened data best.
+pub(crate) fn best_places(
+    atoms: &DMatrix<f64>,
+    data: &DVector<f64>,
+    model: &DriftModel,
+    most: usize,
+) -> Vec<LoadTest> {
+    const APART_M: f64 = 25e-3;
+    let as_matrix = DMatrix::from_column_slice(data.len(), 1, data.as_slice());
+    let dots = product(view(&atoms.transpose()), view(&as_matrix));
+    let mut tests: Vec<LoadTest> = model
+        .places
+        .iter()
+        .zip(atoms.column_iter())
+        .zip(dots.iter())
+        .map(|((place, atom), dot)| {
+            let square = atom.norm_squared();
+            LoadTest {
+                score: dot * dot / square,
+                change: dot / square,
+                place: *place,
+            }
+        })
+        .filter(|test| test.score.is_finite())
+        .collect();
+    tests.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut found: Vec<LoadTest> = Vec::new();
+    for test in tests {
+        let away = |other: &LoadTest| {
+            let (p, q) = (test.place.centre, other.place.centre);
+            (p[0] - q[0]).hypot(p[1] - q[1])
+        };
+        if found.iter().all(|other| away(other) >= APART_M) {
+            found.push(test);
+            if found.len() == most {
+                break;
+            }
+        }
+    }
+    found
+}

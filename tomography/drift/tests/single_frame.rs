@@ -1,0 +1,182 @@
+//! Sheet fit and single frames, with data from a mesh that is finer than the model's.
+
+use std::sync::Arc;
+
+use drift::{DriftModel, FitOptions, Noise, Whitened};
+use eit::{Forward, PaperSheet};
+use nalgebra::DVector;
+use survey::{Protocol, Reading, Volts};
+
+const NOISE: Noise = Noise {
+    reading_v: 2e-6,
+    emf_v: 0.9e-6,
+};
+
+fn sheet(fineness: f64) -> PaperSheet {
+    PaperSheet {
+        fineness,
+        ..PaperSheet::default()
+    }
+}
+
+/// Readings at 1 mA of a finer sheet: contacts and conductance (by place, m) relative to nominal.
+fn readings(contacts: impl Fn(usize) -> f64, sigma: impl Fn([f64; 2]) -> f64) -> Vec<Reading> {
+    let sheet = sheet(1.2);
+    let mesh = Arc::new(sheet.mesh().unwrap());
+    let contact: Vec<f64> = sheet
+        .contact_ohm_m()
+        .iter()
+        .enumerate()
+        .map(|(electrode, value)| value * contacts(electrode))
+        .collect();
+    let sigma: Vec<f64> = (0..mesh.triangles().len())
+        .map(|triangle| sheet.conductance() * sigma(mesh.centroid(triangle)))
+        .collect();
+    let forward = Forward::new(mesh, &contact).unwrap();
+    let ohms = forward
+        .readings(&sigma, &Protocol::sheffield(26).unwrap())
+        .unwrap();
+    ohms.iter()
+        .map(|ohms| Reading::Ok(Volts(1e-3 * ohms)))
+        .collect()
+}
+
+fn model(baseline: &[Reading]) -> DriftModel {
+    let sheet = sheet(0.7);
+    let mesh = sheet.mesh().unwrap();
+    let sigma0 = vec![sheet.conductance(); mesh.triangles().len()];
+    DriftModel::new(
+        &mesh,
+        &sheet.contact_ohm_m(),
+        &sigma0,
+        &Protocol::sheffield(26).unwrap(),
+        baseline,
+        NOISE,
+        &FitOptions::default(),
+    )
+    .unwrap()
+}
+
+fn spread(electrode: usize) -> f64 {
+    (0.3 * (electrode as f64 * 2.3).sin()).exp()
+}
+
+fn sprayed([x, y]: [f64; 2]) -> f64 {
+    1.1 * (0.1 * (40.0 * x).sin() * (30.0 * y).cos()).exp()
+}
+
+#[test]
+fn uneven_sheet_is_fitted_to_its_baseline() {
+    let baseline = readings(spread, sprayed);
+    let model = model(&baseline);
+    let fit = model.fit();
+    assert!(
+        fit.misfit < 0.1 * fit.nominal_misfit,
+        "{} {}",
+        fit.misfit,
+        fit.nominal_misfit
+    );
+    assert!((0.03..0.08).contains(&fit.unevenness), "{}", fit.unevenness);
+    assert!((fit.gain * 1.1 - 1.0).abs() < 0.02, "{}", fit.gain);
+    assert_eq!(fit.implausible, [0; 0]);
+    let even = self::model(&readings(|_| 1.0, |_| 1.0));
+    assert!(even.fit().unevenness < 0.02, "{}", even.fit().unevenness);
+}
+
+#[test]
+fn contact_of_thirty_times_its_resistance_is_named() {
+    let far = |electrode: usize| if electrode == 7 { 30.0 } else { 1.0 };
+    let model = model(&readings(far, |_| 1.0));
+    assert_eq!(model.fit().implausible, [7], "{:?}", model.fit().contacts);
+}
+
+#[test]
+fn press_is_found_through_drift_with_an_error_that_holds() {
+    let baseline = readings(spread, sprayed);
+    let model = model(&baseline);
+    let drifted = |electrode: usize| spread(electrode) * (1.0 + 0.1 * (electrode as f64).cos());
+    let place = [0.080, 0.140];
+    let frame = readings(drifted, |at| {
+        let inside = (at[0] - place[0]).hypot(at[1] - place[1]) < 15e-3;
+        0.97 * sprayed(at) * if inside { 0.5 } else { 1.0 }
+    });
+    let relative = model.relative(&frame).unwrap();
+    assert_eq!(relative.rows.len(), 299);
+    let assessed = model.assess(&relative.data, &relative.rows).unwrap();
+    assert!(assessed.score > 1000.0);
+    assert!(
+        (0.03..0.25).contains(&assessed.sizes.contact),
+        "{:?}",
+        assessed.sizes
+    );
+    let fit = assessed.whitened.fit_disc(&model).unwrap();
+    let off = (fit.disc.centre[0] - place[0]).hypot(fit.disc.centre[1] - place[1]);
+    let sd = fit.covariance[0][0].max(fit.covariance[1][1]).sqrt();
+    assert!(off < 0.6e-3 && off < 3.5 * sd, "{off} {sd} {fit:?}");
+    assert!((fit.disc.diameter - 30e-3).abs() < 6e-3, "{fit:?}");
+    let map = assessed.whitened.one_step(&model, 0.05).unwrap();
+    let least = (0..map.len())
+        .min_by(|a, b| map[*a].total_cmp(&map[*b]))
+        .unwrap();
+    let at = model.mesh().centroid(least);
+    assert!((at[0] - place[0]).hypot(at[1] - place[1]) < 15e-3);
+    assert!(map[least] < -0.1);
+}
+
+#[test]
+fn empty_frame_with_drift_has_no_load() {
+    let baseline = readings(spread, |_| 1.0);
+    let model = model(&baseline);
+    let frame = readings(|e| spread(e) * (1.0 + 0.1 * (e as f64).sin()), |_| 0.95);
+    let relative = model.relative(&frame).unwrap();
+    let assessed = model.assess(&relative.data, &relative.rows).unwrap();
+    assert!(assessed.score < 45.0, "{}", assessed.score);
+}
+
+#[test]
+fn whitening_undoes_the_covariance_and_drops_rows() {
+    let baseline = readings(|_| 1.0, |_| 1.0);
+    let model = model(&baseline);
+    let sizes = drift::Sizes {
+        gain: 0.1,
+        contact: 0.1,
+        field: 1e-3,
+        local: 0.0,
+    };
+    let covariance = model.noise() + model.drift(&sizes);
+    let data = DVector::from_fn(299, |k, _| 1e-5 * (k as f64).sin());
+    let all: Vec<usize> = (0..299).collect();
+    let white = Whitened::new(&covariance, &data, &all).unwrap();
+    let identity = white.sensitivity(&covariance);
+    // L^-1 S = L': squared columns give the covariance again
+    let again = identity.tr_mul(&identity);
+    assert!((again - &covariance).amax() < 1e-9 * covariance.amax());
+    let rows: Vec<usize> = (0..299).filter(|row| row % 10 != 0).collect();
+    let fewer = Whitened::new(&covariance, &data, &rows).unwrap();
+    assert_eq!(fewer.data().len(), rows.len());
+    let inside = covariance.select_rows(&rows).select_columns(&rows);
+    let direct = inside.cholesky().unwrap().solve(&data.select_rows(&rows));
+    let chi = direct.dot(&data.select_rows(&rows));
+    assert!((fewer.data().norm_squared() - chi).abs() < 1e-6 * chi);
+}
+
+#[test]
+fn bits_do_not_depend_on_the_number_of_threads() {
+    let baseline = readings(spread, |_| 1.0);
+    let frame = readings(spread, |at| if at[0] < 0.05 { 0.9 } else { 1.0 });
+    let bits = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            let model = model(&baseline);
+            let relative = model.relative(&frame).unwrap();
+            let assessed = model.assess(&relative.data, &relative.rows).unwrap();
+            let fit = assessed.whitened.fit_disc(&model).unwrap();
+            [fit.disc.centre[0], fit.load, assessed.score].map(f64::to_bits)
+        })
+    };
+    let one = bits(1);
+    assert_eq!((one, one), (bits(2), bits(8)));
+}

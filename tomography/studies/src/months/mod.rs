@@ -1,0 +1,92 @@
+//! Maps over months (`tactus-lab months`): where a press is found while the sheet drifts, with the baseline of day 0.
+//!
+//! All data come from the phantom's finer mesh, with 2 uV of noise on baseline and frame. The methods know the nominal sheet
+//! and the size of the noise; of the drift they know the kinds of [`drift::Sizes`], not their sizes.
+
+mod simulated;
+mod single;
+
+use std::path::Path;
+
+use imaging::Geometry;
+use outfile::Existing;
+
+use crate::{Failure, write};
+
+pub use simulated::Family;
+pub use single::{Locator, SheetRow, SingleRow};
+
+/// How much is judged.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Seed of sheets, places and noise.
+    pub seed: u64,
+    /// Kinds of drift of the single frames.
+    pub families: Vec<Family>,
+    /// Sheets of each kind.
+    pub sheets: usize,
+    /// Presses of each diameter on each of eight days.
+    pub presses: usize,
+}
+
+/// The results.
+#[derive(Debug)]
+pub struct Report {
+    /// Presses in single frames.
+    pub single: Vec<SingleRow>,
+    /// Their sheets.
+    pub sheets: Vec<SheetRow>,
+}
+
+/// Runs the study.
+///
+/// # Errors
+/// A sheet that cannot be computed.
+pub fn run(settings: &Settings) -> Result<Report, Failure> {
+    let geometry = Geometry::from_preset(&eit::Preset::default())
+        .map_err(|fault| Failure::of("the model's sheet", &fault))?;
+    let (single, sheets) = match settings.sheets {
+        0 => Default::default(),
+        _ => single::rows(settings, &geometry)?,
+    };
+    Ok(Report { single, sheets })
+}
+
+impl Report {
+    /// The tables as text.
+    pub fn text(&self) -> String {
+        single::text(&self.single, &self.sheets)
+    }
+
+    /// The tables as JSON, one object a row.
+    pub fn lines(&self) -> Vec<serde_json::Value> {
+        let single = self.single.iter();
+        let sheets = self.sheets.iter();
+        single
+            .map(|row| serde_json::json!({ "table": "single", "row": row }))
+            .chain(sheets.map(|row| serde_json::json!({ "table": "sheets", "row": row })))
+            .collect()
+    }
+
+    /// Writes `months.txt` and `months.json`.
+    ///
+    /// # Errors
+    /// Files that exist and may not be replaced, or that cannot be written.
+    pub fn write(&self, folder: &Path, existing: Existing) -> Result<(), Failure> {
+        outfile::make_folder(folder, existing)?;
+        write(&folder.join("months.txt"), existing, self.text())?;
+        let lines = serde_json::Value::Array(self.lines());
+        write(
+            &folder.join("months.json"),
+            existing,
+            format!("{lines:#}\n"),
+        )
+    }
+}
+
+/// The value below which this share of the values lies; NaN without values.
+fn quantile(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let at = share * (values.len().max(1) - 1) as f64;
+    values.get(at.round() as usize).copied().unwrap_or(f64::NAN)
+}
