@@ -103,6 +103,7 @@ fn perform(command: &Command) -> Result<(), Failure> {
         Command::Advise(options) => study::advise(options),
         Command::Stability(options) => study::stability(options),
         Command::Honesty(options) => study::honesty(options),
+        Command::Months(options) => study::months(options),
         Command::Calibrate(options) => maps::calibrate(options),
         Command::Merit(options) => maps::merit(options),
         Command::Reconstruct(options) => maps::reconstruct(options),
@@ -144,6 +145,7 @@ mod outputs {
                 ("jacobian --out", "jacobian --case c --sigma s --out {}"),
                 ("judge --out", "judge --set presses-10 --out {}"),
                 ("mesh --out", "mesh --preset disc-tank --out {}"),
+                ("months --out", "months --quick --out {}"),
                 ("paper --out", "paper --quick --out {}"),
                 (
                     "reconstruct --out",

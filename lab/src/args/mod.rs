@@ -3,6 +3,7 @@
 mod calibrate;
 mod honesty;
 mod learning;
+mod months;
 mod numbers;
 mod paper;
 mod reconstruct;
@@ -25,6 +26,7 @@ pub(crate) use honesty::HonestyOptions;
 pub(crate) use learning::{
     DataOptions, DeepOptions, LinearOptions, Network, Profile, TrainOptions,
 };
+pub(crate) use months::MonthsOptions;
 pub(crate) use paper::PaperOptions;
 pub(crate) use reconstruct::ReconstructOptions;
 pub(crate) use scene::{ExplainOptions, RunOptions, SceneCommand, SessionOptions};
@@ -97,6 +99,8 @@ pub(crate) enum Command {
     Stability(StabilityOptions),
     /// Test the check of maps on healthy frames and on faults of the rig
     Honesty(HonestyOptions),
+    /// Measure where presses are found over months of drift, with the baseline of day 0 and with a tracked one
+    Months(MonthsOptions),
     /// Print the completion script of a shell
     Completions {
         /// Shell

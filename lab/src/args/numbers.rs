@@ -51,6 +51,11 @@ pub(crate) fn noise_uv(text: &str) -> Result<f64, String> {
     Bounds::Above(0.0, 1e6).parse(text)
 }
 
+/// Virtual days.
+pub(crate) fn days(text: &str) -> Result<f64, String> {
+    Bounds::Within(0.0, 3650.0).parse(text)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,13 +4,14 @@ mod advise;
 mod evaluate;
 
 use studies::honesty::{MapMethod, TargetKind};
+use studies::months::{Family, LongScene};
 use studies::paper::Made;
 use studies::{
-    Failure, honesty as honest_maps, paper as paper_study, stability as hard_cases,
-    tradeoff as diagrams,
+    Failure, honesty as honest_maps, months as long_maps, paper as paper_study,
+    stability as hard_cases, tradeoff as diagrams,
 };
 
-use crate::args::{HonestyOptions, PaperOptions, StabilityOptions, TradeoffOptions};
+use crate::args::{HonestyOptions, MonthsOptions, PaperOptions, StabilityOptions, TradeoffOptions};
 use crate::output::{print_line, print_text};
 use crate::program::TactusLab;
 pub(crate) use advise::advise;
@@ -118,6 +119,39 @@ pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
             },
             unstated: options.unstated,
         }),
+    })?;
+    if options.json {
+        for line in report.lines() {
+            print_line!("{line}");
+        }
+    } else {
+        print_text!("{}", report.text());
+    }
+    match &options.out {
+        Some(folder) => report.write(folder, options.replacing.existing()),
+        None => Ok(()),
+    }
+}
+
+/// `tactus-lab months`.
+pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
+    let (sheets, presses, days) = match options.quick {
+        true => (options.sheets.min(1), 1, options.days.min(2.0)),
+        false => (options.sheets, options.presses, options.days),
+    };
+    let report = long_maps::run(&long_maps::Settings {
+        seed: options.seed,
+        families: match options.drift.is_empty() {
+            true => Family::ALL.to_vec(),
+            false => options.drift.clone(),
+        },
+        sheets,
+        presses,
+        scenes: match options.scene.is_empty() {
+            true => LongScene::ALL.to_vec(),
+            false => options.scene.clone(),
+        },
+        days,
     })?;
     if options.json {
         for line in report.lines() {

@@ -35,6 +35,9 @@ pub enum DriftError {
     /// A covariance that is not positive definite.
     #[error("the covariance of the data is not positive definite")]
     Covariance,
+    /// A map before the first frame.
+    #[error("no usable frame has been followed yet")]
+    NoFrame,
     /// A stored state of another sheet, mesh or build.
     #[error("the stored state is of {has}, this sheet is {wants}")]
     State {

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::DriftError;
 use crate::model::DriftModel;
+use crate::sizes::Sizes;
 use crate::whitened::Whitened;
 
 /// Size of a change of the gain that one frame may have: free.
@@ -15,19 +16,6 @@ const LOAD: (usize, [f64; 2]) = (7, [3e-3, 1.0]);
 /// Size that stands for an unknown one.
 const PROJECTED: f64 = 10.0;
 const LOG_2PI: f64 = 1.837_877_066_409_345_3;
-
-/// Standard deviations of the kinds of change.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Sizes {
-    /// ln gain.
-    pub gain: f64,
-    /// ln contact impedance of each electrode.
-    pub contact: f64,
-    /// A field of 80 mm in ln conductance.
-    pub field: f64,
-    /// Change of 8 mm in ln conductance.
-    pub local: f64,
-}
 
 /// What one frame says of the drift since the baseline.
 #[derive(Debug, Clone)]

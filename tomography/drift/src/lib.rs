@@ -10,20 +10,28 @@
 //! - **model**: sensitivity at that sheet, and the covariance D(s) of gain, contacts, smooth field and local change
 //! - **evidence**: the sizes of these changes that make one frame most probable; **whitened**: data and sensitivity for
 //!   linear methods; **disc**: a disc with its covariance
+//! - **tracker**: the baseline followed through time, learnt only from frames without load; **electrodes**: which one is faulty
 
+mod basis;
 mod disc;
+mod electrodes;
 mod error;
 mod evidence;
 mod model;
 mod overlap;
 mod pairs;
 mod sheet;
+mod sizes;
+mod tracker;
 mod whitened;
 
 pub use disc::{Disc, DiscFit};
+pub use electrodes::{ElectrodeCheck, ElectrodeFault};
 pub use error::DriftError;
-pub use evidence::{Assessed, Sizes};
+pub use evidence::Assessed;
 pub use model::{DriftModel, Noise};
 pub use pairs::{Pairs, Relative};
 pub use sheet::{FitOptions, SheetFit};
+pub use sizes::Sizes;
+pub use tracker::{AnchorAlarm, Answer, Event, Judgement, Tracker, TrackerState};
 pub use whitened::Whitened;

@@ -12,13 +12,13 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-use survey::Reading;
+use survey::{Dipole, Electrode, Reading};
 
 use crate::DriftError;
-use crate::evidence::Sizes;
 use crate::overlap::overlap;
 use crate::pairs::{Pairs, Relative, baseline_volts};
 use crate::sheet::{FitOptions, SheetFit};
+use crate::sizes::Sizes;
 
 /// Side of the cells of fields and maps, m.
 const PITCH_M: f64 = 7e-3;
@@ -62,6 +62,8 @@ pub struct DriftModel {
     cells: Cells,
     /// The same by cell.
     by_cell: DMatrix<f64>,
+    /// Derivative of the data by ln contact impedance of each electrode, V.
+    pub(crate) contacts: DMatrix<f64>,
     pub(crate) noise: DMatrix<f64>,
     pub(crate) contact_gram: DMatrix<f64>,
     pub(crate) second_gram: DMatrix<f64>,
@@ -72,6 +74,8 @@ pub struct DriftModel {
     pub(crate) places: Vec<Place>,
     /// Data of a disc at each place with all of its conductance changed by one unit of ln.
     pub(crate) atoms: DMatrix<f64>,
+    /// Voltage of each electrode (row) at 1 A from electrode e to e + 1 (column), V.
+    pub(crate) potentials: DMatrix<f64>,
 }
 
 /// Triangles in squares.
@@ -131,6 +135,14 @@ impl DriftModel {
             view(&by_cell.transpose()),
         );
         let ratios = pairs.ratios(&fit.readings, &baseline);
+        let electrodes = mesh.electrodes();
+        let drives: Vec<Dipole> = (0..electrodes)
+            .map(|e| Dipole {
+                plus: Electrode(e),
+                minus: Electrode((e + 1) % electrodes),
+            })
+            .collect();
+        let potentials = forward.solve(&fit.sigma, &drives)?.electrodes;
         let mut model = Self {
             noise: noise_covariance(&pairs, &ratios, noise),
             contact_gram: product(view(&contacts), view(&contacts.transpose())),
@@ -138,6 +150,8 @@ impl DriftModel {
             field_gram: product(view(&by_cell), view(&field)),
             local_gram: product(view(&within), view(&local_map)),
             local_map,
+            contacts,
+            potentials,
             by_cell,
             cells,
             sensitivity,
@@ -180,6 +194,11 @@ impl DriftModel {
     /// Another number of readings, or too few with a value.
     pub fn relative(&self, frame: &[Reading]) -> Result<Relative, DriftError> {
         self.pairs.relative(&self.ratios, &self.baseline, frame)
+    }
+
+    /// Readings of the first baseline, V.
+    pub(crate) fn baseline(&self) -> &[f64] {
+        &self.baseline
     }
 
     /// Derivative of the data (row) by ln conductance of each triangle of [`DriftModel::mesh`] (column), V.

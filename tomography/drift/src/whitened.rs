@@ -1,6 +1,6 @@
 //! Data and sensitivity whitened by a covariance: what linear methods take in place of raw changes.
 
-use eit::linear_algebra::{Definite, product, view};
+use eit::linear_algebra::Definite;
 use nalgebra::{DMatrix, DVector};
 
 use crate::DriftError;
@@ -101,6 +101,15 @@ impl Whitened {
         DVector::from_column_slice(out.as_slice())
     }
 
+    /// S^-1 d, zero in rows that do not count.
+    pub(crate) fn weights(&self) -> DVector<f64> {
+        let mut out = DVector::zeros(self.of);
+        for (&row, value) in self.rows.iter().zip(&self.factor.solve(&self.raw)) {
+            out[row] = *value;
+        }
+        out
+    }
+
     /// The one-step map of the whitened data: change of ln conductance of each triangle, with local change of this standard
     /// deviation before the frame. Negative where conductance is lost.
     ///
@@ -170,21 +179,27 @@ pub(crate) fn best_places(
     model: &DriftModel,
     most: usize,
 ) -> Vec<LoadTest> {
+    let squares = DVector::from_fn(atoms.ncols(), |k, _| atoms.column(k).norm_squared());
+    places_by_score(model, &atoms.tr_mul(data), &squares, most)
+}
+
+/// The best places that are at least 25 mm apart, from products of atoms with data and with themselves.
+pub(crate) fn places_by_score(
+    model: &DriftModel,
+    dots: &DVector<f64>,
+    squares: &DVector<f64>,
+    most: usize,
+) -> Vec<LoadTest> {
     const APART_M: f64 = 25e-3;
-    let as_matrix = DMatrix::from_column_slice(data.len(), 1, data.as_slice());
-    let dots = product(view(&atoms.transpose()), view(&as_matrix));
     let mut tests: Vec<LoadTest> = model
         .places
         .iter()
-        .zip(atoms.column_iter())
-        .zip(dots.iter())
-        .map(|((place, atom), dot)| {
-            let square = atom.norm_squared();
-            LoadTest {
-                score: dot * dot / square,
-                change: dot / square,
-                place: *place,
-            }
+        .zip(dots)
+        .zip(squares)
+        .map(|((place, dot), square)| LoadTest {
+            score: dot * dot / square,
+            change: dot / square,
+            place: *place,
         })
         .filter(|test| test.score.is_finite())
         .collect();

@@ -1,10 +1,12 @@
-//! Maps over months (`tactus-lab months`): where a press is found while the sheet drifts, with the baseline of day 0.
+//! Maps over months (`tactus-lab months`): where a press is found while the sheet drifts, with the baseline of day 0
+//! and with a tracked one.
 //!
 //! All data come from the phantom's finer mesh, with 2 uV of noise on baseline and frame. The methods know the nominal sheet
 //! and the size of the noise; of the drift they know the kinds of [`drift::Sizes`], not their sizes.
 
 mod simulated;
 mod single;
+mod tracked;
 
 use std::path::Path;
 
@@ -15,6 +17,7 @@ use crate::{Failure, write};
 
 pub use simulated::Family;
 pub use single::{Locator, SheetRow, SingleRow};
+pub use tracked::{FrameRow, LongScene, PressRow};
 
 /// How much is judged.
 #[derive(Debug, Clone)]
@@ -27,6 +30,10 @@ pub struct Settings {
     pub sheets: usize,
     /// Presses of each diameter on each of eight days.
     pub presses: usize,
+    /// Scenes that are tracked.
+    pub scenes: Vec<LongScene>,
+    /// Their days, a frame every ten minutes.
+    pub days: f64,
 }
 
 /// The results.
@@ -36,6 +43,10 @@ pub struct Report {
     pub single: Vec<SingleRow>,
     /// Their sheets.
     pub sheets: Vec<SheetRow>,
+    /// Presses with a tracked baseline.
+    pub presses: Vec<PressRow>,
+    /// The other frames.
+    pub frames: Vec<FrameRow>,
 }
 
 /// Runs the study.
@@ -49,22 +60,40 @@ pub fn run(settings: &Settings) -> Result<Report, Failure> {
         0 => Default::default(),
         _ => single::rows(settings, &geometry)?,
     };
-    Ok(Report { single, sheets })
+    let (presses, frames) = tracked::rows(settings, &geometry)?;
+    Ok(Report {
+        single,
+        sheets,
+        presses,
+        frames,
+    })
 }
 
 impl Report {
     /// The tables as text.
     pub fn text(&self) -> String {
-        single::text(&self.single, &self.sheets)
+        let mut text = String::new();
+        if !self.single.is_empty() {
+            text += &single::text(&self.single, &self.sheets);
+            text.push('\n');
+        }
+        if !self.frames.is_empty() {
+            text += &tracked::text(&self.presses, &self.frames);
+        }
+        text
     }
 
     /// The tables as JSON, one object a row.
     pub fn lines(&self) -> Vec<serde_json::Value> {
         let single = self.single.iter();
         let sheets = self.sheets.iter();
+        let presses = self.presses.iter();
+        let frames = self.frames.iter();
         single
             .map(|row| serde_json::json!({ "table": "single", "row": row }))
             .chain(sheets.map(|row| serde_json::json!({ "table": "sheets", "row": row })))
+            .chain(presses.map(|row| serde_json::json!({ "table": "presses", "row": row })))
+            .chain(frames.map(|row| serde_json::json!({ "table": "frames", "row": row })))
             .collect()
     }
 

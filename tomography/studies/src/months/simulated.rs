@@ -72,7 +72,7 @@ impl Family {
     }
 
     /// The effects, as a scene's text.
-    fn effects(self) -> String {
+    pub(super) fn effects(self) -> String {
         let contacts = |percent: u32, hours: u32| {
             format!("[effects.contact-drift]\npercent = {percent}.0\ntau_h = {hours}.0\n")
         };
@@ -104,9 +104,8 @@ pub(super) struct Simulated {
 
 impl Simulated {
     /// A sheet of a family; the phantom's mesh is `FINER` times as fine as the sheet's.
-    pub(super) fn new(family: Family, loads: &str, seed: u64) -> Result<Self, Failure> {
-        let text = format!("{}{loads}", family.effects());
-        Self::of(family.name(), &text, seed)
+    pub(super) fn new(family: Family, seed: u64) -> Result<Self, Failure> {
+        Self::of(family.name(), &family.effects(), seed)
     }
 
     /// A sheet with effects and loads of a scene's text.

@@ -213,7 +213,7 @@ fn sheet(
     geometry: &Geometry,
     one_step: &Model,
 ) -> Result<OneSheet, Failure> {
-    let mut simulated = Simulated::new(family, "", seed)?;
+    let mut simulated = Simulated::new(family, seed)?;
     let baseline = simulated.frame(0.0, None)?;
     let model = model(geometry, &baseline)?;
     let failed = |fault| Failure::of("the frame", &fault);

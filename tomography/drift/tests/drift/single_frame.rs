@@ -1,60 +1,17 @@
 //! Sheet fit and single frames, with data from a mesh that is finer than the model's.
 
-use std::sync::Arc;
-
-use drift::{DriftModel, FitOptions, Noise, Whitened};
-use eit::{Forward, PaperSheet};
+use drift::{DriftModel, Whitened};
 use nalgebra::DVector;
-use survey::{Protocol, Reading, Volts};
+use survey::Reading;
 
-const NOISE: Noise = Noise {
-    reading_v: 2e-6,
-    emf_v: 0.9e-6,
-};
+use crate::sheet::Sheet;
 
-fn sheet(fineness: f64) -> PaperSheet {
-    PaperSheet {
-        fineness,
-        ..PaperSheet::default()
-    }
-}
-
-/// Readings at 1 mA of a finer sheet: contacts and conductance (by place, m) relative to nominal.
 fn readings(contacts: impl Fn(usize) -> f64, sigma: impl Fn([f64; 2]) -> f64) -> Vec<Reading> {
-    let sheet = sheet(1.2);
-    let mesh = Arc::new(sheet.mesh().unwrap());
-    let contact: Vec<f64> = sheet
-        .contact_ohm_m()
-        .iter()
-        .enumerate()
-        .map(|(electrode, value)| value * contacts(electrode))
-        .collect();
-    let sigma: Vec<f64> = (0..mesh.triangles().len())
-        .map(|triangle| sheet.conductance() * sigma(mesh.centroid(triangle)))
-        .collect();
-    let forward = Forward::new(mesh, &contact).unwrap();
-    let ohms = forward
-        .readings(&sigma, &Protocol::sheffield(26).unwrap())
-        .unwrap();
-    ohms.iter()
-        .map(|ohms| Reading::Ok(Volts(1e-3 * ohms)))
-        .collect()
+    Sheet::new().readings(contacts, sigma)
 }
 
 fn model(baseline: &[Reading]) -> DriftModel {
-    let sheet = sheet(0.7);
-    let mesh = sheet.mesh().unwrap();
-    let sigma0 = vec![sheet.conductance(); mesh.triangles().len()];
-    DriftModel::new(
-        &mesh,
-        &sheet.contact_ohm_m(),
-        &sigma0,
-        &Protocol::sheffield(26).unwrap(),
-        baseline,
-        NOISE,
-        &FitOptions::default(),
-    )
-    .unwrap()
+    Sheet::of(baseline.to_vec()).model()
 }
 
 fn spread(electrode: usize) -> f64 {

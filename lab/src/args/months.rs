@@ -1,0 +1,40 @@
+//! Options of `tactus-lab months`.
+
+use clap::Args;
+use outfile::OutFolder;
+use studies::months::{Family, LongScene};
+
+use super::Replacing;
+
+#[derive(Debug, Args)]
+pub(crate) struct MonthsOptions {
+    /// Sheets of each kind of drift for single frames against the baseline of day 0
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = super::numbers::any_count)]
+    pub(crate) sheets: usize,
+    /// Presses of each diameter on each of eight days of such a sheet
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = super::numbers::cases)]
+    pub(crate) presses: usize,
+    /// Kinds of drift (repeatable) [default: all]
+    #[arg(long, value_enum, value_name = "DRIFT")]
+    pub(crate) drift: Vec<Family>,
+    /// Virtual days with a tracked baseline, number of days; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 90.0, value_parser = super::numbers::days)]
+    pub(crate) days: f64,
+    /// Scenes that are tracked (repeatable) [default: all]
+    #[arg(long, value_enum, value_name = "SCENE")]
+    pub(crate) scene: Vec<LongScene>,
+    /// One sheet with one press, and two days: a short run
+    #[arg(long)]
+    pub(crate) quick: bool,
+    /// Seed of sheets, places and noise
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Write the tables (months.txt, months.json)
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<OutFolder>,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print one JSON object per row
+    #[arg(long)]
+    pub(crate) json: bool,
+}

@@ -1,0 +1,82 @@
+//! Coordinates in which noise and drift are both uncorrelated: R becomes the identity, D per day a diagonal.
+//!
+//! A sheet that drifts as a random walk is then 299 independent walks, so that covariances of any age need no factorisation.
+
+use eit::linear_algebra::{Definite, product, symmetric_eigen, view};
+use nalgebra::{DMatrix, DVector};
+
+use crate::DriftError;
+use crate::model::DriftModel;
+use crate::sizes::Sizes;
+use crate::whitened::{LoadTest, places_by_score};
+
+/// Growth of drift per square root of a day, at a pace of 1.
+pub(crate) const PER_DAY: Sizes = Sizes {
+    gain: 0.01,
+    contact: 0.08,
+    field: 2e-3,
+    local: 2e-3,
+};
+
+/// The coordinates, with the atoms of the load test in them.
+pub(crate) struct Basis {
+    transform: DMatrix<f64>,
+    /// Variance per day in units of the noise.
+    pub(crate) growth: DVector<f64>,
+    /// Variance of local change of standard deviation 1, without its correlations.
+    pub(crate) local: DVector<f64>,
+    atoms: DMatrix<f64>,
+    atoms_squared: DMatrix<f64>,
+}
+
+impl Basis {
+    pub(crate) fn new(model: &DriftModel) -> Result<Self, DriftError> {
+        let factor = Definite::new(&model.noise).ok_or(DriftError::Covariance)?;
+        let n = model.noise.nrows();
+        let whiten = |matrix: &DMatrix<f64>| {
+            let mut once = matrix.clone();
+            factor.whiten(&mut once);
+            let mut twice = once.transpose();
+            factor.whiten(&mut twice);
+            twice.fill_upper_triangle_with_lower_triangle();
+            twice
+        };
+        let (growth, vectors) =
+            symmetric_eigen(&whiten(&model.drift(&PER_DAY))).ok_or(DriftError::Covariance)?;
+        let mut transform = DMatrix::identity(n, n);
+        factor.whiten(&mut transform);
+        let transform = product(view(&vectors.transpose()), view(&transform));
+        let atoms = product(view(&transform), view(&model.atoms));
+        let local = {
+            let once = product(view(&transform), view(&model.local_gram));
+            let both = product(view(&once), view(&transform.transpose()));
+            both.diagonal()
+        };
+        Ok(Self {
+            atoms_squared: atoms.map(|value| value * value),
+            atoms,
+            local,
+            growth: DVector::from_vec(growth).map(|value| value.max(0.0)),
+            transform,
+        })
+    }
+
+    /// Data in these coordinates.
+    pub(crate) fn of(&self, data: &DVector<f64>) -> DVector<f64> {
+        &self.transform * data
+    }
+
+    /// The best discs for data with these variances, best first.
+    pub(crate) fn load_tests(
+        &self,
+        model: &DriftModel,
+        data: &DVector<f64>,
+        variances: &DVector<f64>,
+        most: usize,
+    ) -> Vec<LoadTest> {
+        let weights = variances.map(|variance| 1.0 / variance);
+        let dots = self.atoms.tr_mul(&data.component_mul(&weights));
+        let squares = self.atoms_squared.tr_mul(&weights);
+        places_by_score(model, &dots, &squares, most)
+    }
+}

@@ -1,0 +1,248 @@
+//! Which electrode a frame shows as faulty: shorted to its neighbour, open, floating, or shorted to a distant one.
+//!
+//! Judged on innovations (what changed since the tracked baseline), with local loads of 30 % allowed for, so that neither months
+//! of drift nor a load look like a contact.
+
+use eit::linear_algebra::{Definite, product, view};
+use nalgebra::{DMatrix, DVector};
+use survey::Reading;
+
+use crate::DriftError;
+use crate::model::DriftModel;
+use crate::whitened::Whitened;
+
+/// Readings of a shorted pair, as a share of its baseline, are below this.
+const SHORTED: f64 = 0.05;
+/// Standard deviation of local change that is allowed for.
+const LOAD: f64 = 0.3;
+/// Standard deviation of ln contact before the test, and the estimate above which a contact is called risen.
+const CONTACT_SD: f64 = 1.0;
+const RISEN: f64 = 1.0;
+/// Chi squared per row beyond which an electrode is looked for, and the share of it that may be left without the electrode.
+const UNEXPLAINED: f64 = 10.0;
+const LEFT: f64 = 0.05;
+/// Estimate beyond which the readings are no contact's: those of an open one saturate below.
+const NO_CONTACT: f64 = 3.0;
+
+/// A fault of electrodes, counted from 0.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ElectrodeFault {
+    /// The pair of an electrode and the next one reads almost nothing.
+    Shorted {
+        /// The first electrode of the pair.
+        electrode: usize,
+    },
+    /// The contact impedance has risen by a factor: open, or nearly.
+    Risen {
+        /// The electrode.
+        electrode: usize,
+        /// The estimate of the change of ln impedance; it saturates near 2.
+        by: f64,
+    },
+    /// Its readings follow nothing: all others agree with the model without it.
+    Floating {
+        /// The electrode.
+        electrode: usize,
+    },
+    /// Two electrodes are connected.
+    DistantShort {
+        /// The electrodes, ascending.
+        electrodes: [usize; 2],
+    },
+}
+
+impl ElectrodeFault {
+    /// The electrodes whose readings must not be used.
+    pub fn electrodes(&self, count: usize) -> Vec<usize> {
+        match *self {
+            Self::Shorted { electrode } => vec![electrode, (electrode + 1) % count],
+            Self::Risen { electrode, .. } | Self::Floating { electrode } => vec![electrode],
+            Self::DistantShort { electrodes } => electrodes.to_vec(),
+        }
+    }
+}
+
+/// The tests, prepared for a sheet.
+pub struct ElectrodeCheck {
+    /// Electrodes that each pair of readings uses.
+    uses: Vec<[usize; 4]>,
+    /// Change of the data by a connection of two electrodes, up to a factor; and the electrodes.
+    shorts: DMatrix<f64>,
+    of_short: Vec<[usize; 2]>,
+}
+
+impl ElectrodeCheck {
+    /// The tests for a sheet.
+    pub fn new(model: &DriftModel) -> Self {
+        let count = model.potentials.nrows();
+        let questions = model.pairs().half().measurements();
+        let uses: Vec<[usize; 4]> = questions
+            .iter()
+            .map(|q| {
+                [
+                    q.drive.plus.0,
+                    q.drive.minus.0,
+                    q.sense.plus.0,
+                    q.sense.minus.0,
+                ]
+            })
+            .collect();
+        // column p: potentials for the current e -> e + 1; a sum of them for any pair
+        let between = |a: usize, b: usize| -> DVector<f64> {
+            let mut out = DVector::zeros(count);
+            let (low, high, sign) = if a < b { (a, b, 1.0) } else { (b, a, -1.0) };
+            for e in low..high {
+                out.axpy(sign, &model.potentials.column(e), 1.0);
+            }
+            out
+        };
+        let of_short: Vec<[usize; 2]> = (0..count)
+            .flat_map(|a| (a + 1..count).map(move |b| [a, b]))
+            .collect();
+        let columns: Vec<DVector<f64>> = of_short
+            .iter()
+            .map(|&[a, b]| {
+                let field = between(a, b);
+                DVector::from_iterator(
+                    uses.len(),
+                    uses.iter()
+                        .map(|[p, q, r, s]| -(field[*p] - field[*q]) * (field[*r] - field[*s])),
+                )
+            })
+            .collect();
+        Self {
+            uses,
+            shorts: DMatrix::from_columns(&columns),
+            of_short,
+        }
+    }
+
+    /// Rows that use none of these electrodes.
+    pub fn without(&self, rows: &[usize], electrodes: &[usize]) -> Vec<usize> {
+        let healthy = |row: &&usize| self.uses[**row].iter().all(|e| !electrodes.contains(e));
+        rows.iter().filter(healthy).copied().collect()
+    }
+
+    /// The fault that a frame shows, if any. `innovation` is the data minus the tracked baseline, `covariance` that of the
+    /// innovation without load, V2; only `rows` count.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn fault(
+        &self,
+        model: &DriftModel,
+        frame: &[Reading],
+        innovation: &DVector<f64>,
+        covariance: &DMatrix<f64>,
+        rows: &[usize],
+    ) -> Result<Option<ElectrodeFault>, DriftError> {
+        if let Some(electrode) = self.shorted(model, frame) {
+            return Ok(Some(ElectrodeFault::Shorted { electrode }));
+        }
+        let wider = covariance + &model.local_gram * LOAD.powi(2);
+        let white = Whitened::new(&wider, innovation, rows)?;
+        let chi = white.data().norm_squared();
+        if white.chi_per_row() > UNEXPLAINED {
+            if let Some(electrodes) = self.short(&white, chi) {
+                return Ok(Some(ElectrodeFault::DistantShort { electrodes }));
+            }
+            let (electrode, by) = risen(model, &white)?;
+            if (RISEN..NO_CONTACT).contains(&by)
+                && self.left(&wider, innovation, rows, electrode)? < LEFT * chi
+            {
+                return Ok(Some(ElectrodeFault::Risen { electrode, by }));
+            }
+            let culprit = self.culprit(&wider, innovation, rows, chi)?;
+            return Ok(culprit.map(|electrode| ElectrodeFault::Floating { electrode }));
+        }
+        let (electrode, by) = risen(model, &white)?;
+        let is = (RISEN..NO_CONTACT).contains(&by);
+        Ok(is.then_some(ElectrodeFault::Risen { electrode, by }))
+    }
+
+    /// The first electrode of a pair whose readings, by drive or by sense, are almost nothing.
+    fn shorted(&self, model: &DriftModel, frame: &[Reading]) -> Option<usize> {
+        let count = model.potentials.nrows();
+        let questions = model.pairs().protocol().measurements();
+        (0..count).find(|&electrode| {
+            let next = (electrode + 1) % count;
+            let is = |pair: survey::Dipole| {
+                [pair.plus.0, pair.minus.0]
+                    .iter()
+                    .all(|e| [electrode, next].contains(e))
+            };
+            let mut shares: Vec<f64> = questions
+                .iter()
+                .enumerate()
+                .filter(|(_, q)| is(q.sense) || is(q.drive))
+                .filter_map(|(reading, _)| {
+                    let volts = frame[reading].volts()?.0;
+                    Some((volts / model.baseline()[reading]).abs())
+                })
+                .collect();
+            shares.sort_by(f64::total_cmp);
+            shares
+                .get(shares.len() / 2)
+                .is_some_and(|share| *share < SHORTED)
+        })
+    }
+
+    /// Two electrodes whose connection explains the data.
+    fn short(&self, white: &Whitened, chi: f64) -> Option<[usize; 2]> {
+        let signatures = white.sensitivity(&self.shorts);
+        let dots = signatures.tr_mul(white.data());
+        let explained = signatures
+            .column_iter()
+            .zip(dots.iter())
+            .map(|(column, dot)| dot * dot / column.norm_squared());
+        let (best, most) = explained.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        (chi - most < LEFT * chi).then(|| self.of_short[best])
+    }
+
+    /// Chi squared without an electrode's readings.
+    fn left(
+        &self,
+        covariance: &DMatrix<f64>,
+        innovation: &DVector<f64>,
+        rows: &[usize],
+        electrode: usize,
+    ) -> Result<f64, DriftError> {
+        let rows = self.without(rows, &[electrode]);
+        Ok(Whitened::new(covariance, innovation, &rows)?
+            .data()
+            .norm_squared())
+    }
+
+    /// The electrode without which the model explains the data.
+    fn culprit(
+        &self,
+        covariance: &DMatrix<f64>,
+        innovation: &DVector<f64>,
+        rows: &[usize],
+        chi: f64,
+    ) -> Result<Option<usize>, DriftError> {
+        let count = self.of_short.last().map_or(0, |[_, b]| b + 1);
+        let mut best = (0, f64::INFINITY);
+        for electrode in 0..count {
+            let left = self.left(covariance, innovation, rows, electrode)?;
+            if left < best.1 {
+                best = (electrode, left);
+            }
+        }
+        let (electrode, left) = best;
+        Ok((left < LEFT * chi).then_some(electrode))
+    }
+}
+
+/// The electrode whose ln contact impedance has risen most, and by how much.
+fn risen(model: &DriftModel, white: &Whitened) -> Result<(usize, f64), DriftError> {
+    let contacts = white.sensitivity(&model.contacts);
+    let mut normal = product(view(&contacts.transpose()), view(&contacts));
+    for k in 0..normal.nrows() {
+        normal[(k, k)] += CONTACT_SD.powi(-2);
+    }
+    let factor = Definite::new(&normal).ok_or(DriftError::Covariance)?;
+    let estimate = factor.solve(&contacts.tr_mul(white.data()));
+    Ok(estimate.argmax())
+}

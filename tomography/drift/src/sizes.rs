@@ -1,0 +1,14 @@
+//! How large each kind of change of a sheet is.
+
+/// Standard deviations of the kinds of change.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Sizes {
+    /// ln gain.
+    pub gain: f64,
+    /// ln contact impedance of each electrode.
+    pub contact: f64,
+    /// A field of 80 mm in ln conductance.
+    pub field: f64,
+    /// Change of 8 mm in ln conductance.
+    pub local: f64,
+}

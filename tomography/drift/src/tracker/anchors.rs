@@ -1,0 +1,102 @@
+//! Baselines kept from a day, a week and a month ago: what changed too slowly for the tracked baseline shows against them.
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+use super::bits;
+use super::load::LOADED;
+use crate::basis::Basis;
+use crate::model::DriftModel;
+
+/// Ages of the anchors that are compared, days.
+const AGES: [f64; 3] = [1.0, 7.0, 30.0];
+/// Age at which an anchor is dropped, days.
+const OLDEST: f64 = 31.0;
+const DAY_S: f64 = 86_400.0;
+
+/// A place that changed slowly: a load or age, which readings cannot tell apart.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AnchorAlarm {
+    /// Age of the baseline that shows it, days.
+    pub age_days: f64,
+    /// Centre of the best disc of 20 or 50 mm, m.
+    pub centre: [f64; 2],
+    /// Its diameter, m.
+    pub diameter: f64,
+    /// Change of ln conductance in it.
+    pub change: f64,
+    /// Improvement of chi squared.
+    pub score: f64,
+}
+
+/// The kept baselines, oldest first.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Anchors {
+    kept: Vec<Anchor>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Anchor {
+    #[serde(with = "bits::number")]
+    at_s: f64,
+    #[serde(with = "bits")]
+    baseline: Vec<f64>,
+}
+
+impl Anchors {
+    /// Keeps a baseline once a day.
+    pub(crate) fn keep(&mut self, baseline: &DVector<f64>, at_s: f64) {
+        if self
+            .kept
+            .last()
+            .is_some_and(|last| at_s - last.at_s < DAY_S)
+        {
+            return;
+        }
+        self.kept.push(Anchor {
+            at_s,
+            baseline: baseline.as_slice().to_vec(),
+        });
+        self.kept
+            .retain(|anchor| at_s - anchor.at_s <= OLDEST * DAY_S);
+    }
+
+    /// The strongest alarm of a frame without known load.
+    pub(crate) fn alarm(
+        &self,
+        model: &DriftModel,
+        basis: &Basis,
+        data: &DVector<f64>,
+        pace: f64,
+        at_s: f64,
+    ) -> Option<AnchorAlarm> {
+        let mut worst: Option<AnchorAlarm> = None;
+        for age in AGES {
+            let old = self
+                .kept
+                .iter()
+                .rev()
+                .find(|anchor| at_s - anchor.at_s >= age * DAY_S);
+            let Some(anchor) = old else {
+                continue;
+            };
+            let days = (at_s - anchor.at_s) / DAY_S;
+            let since = data - DVector::from_column_slice(&anchor.baseline);
+            let variances = basis.growth.map(|growth| 2.0 + pace * pace * growth * days);
+            let found = basis.load_tests(model, &basis.of(&since), &variances, 1);
+            let Some(test) = found.first().filter(|test| test.score > LOADED) else {
+                continue;
+            };
+            if worst.is_none_or(|alarm| test.score > alarm.score) {
+                worst = Some(AnchorAlarm {
+                    age_days: days,
+                    centre: test.place.centre,
+                    diameter: test.place.diameter,
+                    change: test.change,
+                    score: test.score,
+                });
+            }
+        }
+        worst
+    }
+}

@@ -1,0 +1,111 @@
+//! Whether the sheet is loaded: a ledger of what lay on it before each load came, and rules for its release.
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+use super::bits;
+
+/// Improvement of chi squared by a disc above which a frame is loaded, or a step is an event.
+pub(crate) const LOADED: f64 = 45.0;
+/// Share of the largest signal of a load below which its rest is set, creep and ageing, not a load.
+pub(crate) const REST: f64 = 0.02;
+
+/// What lies on the sheet.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Ledger {
+    /// Innovations before each load that lies there came; the lowest is that of the empty sheet. Empty without a load.
+    entries: Vec<Entry>,
+    /// Innovation of the largest load since the sheet was empty.
+    #[serde(with = "bits")]
+    peak: Vec<f64>,
+    /// Whether the present load came by a step, not by degrees.
+    pub(crate) by_event: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Entry(#[serde(with = "bits")] Vec<f64>);
+
+impl Ledger {
+    /// Whether something lies on the sheet.
+    pub(crate) fn loaded(&self) -> bool {
+        !self.entries.is_empty()
+    }
+
+    /// Loads that lie there.
+    pub(crate) fn loads(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// The sheet was empty and is loaded.
+    pub(crate) fn begin(&mut self, rows: usize, by_event: bool) {
+        self.entries = vec![Entry(vec![0.0; rows])];
+        self.peak = Vec::new();
+        self.by_event = by_event;
+    }
+
+    /// Another load came; `before` is the innovation of the frame before.
+    pub(crate) fn came(&mut self, before: &DVector<f64>) {
+        self.entries.push(Entry(before.as_slice().to_vec()));
+        self.by_event = true;
+    }
+
+    /// A load went: drops what lay above the entry that is nearest to the present innovation. True if that is the empty sheet's.
+    pub(crate) fn went(
+        &mut self,
+        now: &DVector<f64>,
+        distance: impl Fn(&DVector<f64>) -> f64,
+    ) -> bool {
+        let nearest = self
+            .entries
+            .iter()
+            .enumerate()
+            .map(|(k, entry)| (k, distance(&(now - DVector::from_column_slice(&entry.0)))))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or(0, |(k, _)| k);
+        // the state of entry k is the present one: what lay under it remains to be released
+        self.entries.truncate(nearest.max(1));
+        nearest == 0
+    }
+
+    /// Remembers the largest load.
+    pub(crate) fn follow(&mut self, now: &DVector<f64>) {
+        let size: f64 = self.peak.iter().map(|value| value * value).sum();
+        if now.norm_squared() > size {
+            self.peak = now.as_slice().to_vec();
+        }
+    }
+
+    /// Innovation of the largest load.
+    pub(crate) fn peak(&self) -> DVector<f64> {
+        DVector::from_column_slice(&self.peak)
+    }
+
+    /// The sheet is empty.
+    pub(crate) fn release(&mut self) {
+        *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn second_load_goes_and_the_first_remains() {
+        let mut ledger = Ledger::default();
+        let vector = |value: f64| DVector::from_element(3, value);
+        let distance = |off: &DVector<f64>| off.norm_squared();
+        ledger.begin(3, true);
+        ledger.came(&vector(1.0)); // a weight lay there when the night's load came
+        assert_eq!(ledger.loads(), 2);
+        assert!(!ledger.went(&vector(1.1), distance));
+        assert_eq!(ledger.loads(), 1);
+        assert!(ledger.went(&vector(0.01), distance));
+        assert!(
+            ledger.loaded(),
+            "released by its own rule, not by the step alone"
+        );
+        ledger.release();
+        assert!(!ledger.loaded());
+    }
+}

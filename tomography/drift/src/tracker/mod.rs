@@ -1,0 +1,583 @@
+//! The baseline followed through time: a state in data space (299 values and their covariance), learnt only from frames
+//! without load.
+//!
+//! Between frames the covariance grows by the drift; a frame without load corrects the state; a load stops the learning until it
+//! is taken away. Steps from one frame to the next tell when a load came or went, without any baseline.
+
+mod anchors;
+mod bits;
+mod load;
+mod pace;
+mod state;
+
+use std::sync::Arc;
+
+use eit::linear_algebra::{Definite, product, view};
+use nalgebra::{DMatrix, DVector};
+use survey::Reading;
+
+use crate::DriftError;
+use crate::basis::{Basis, PER_DAY};
+use crate::disc::DiscFit;
+use crate::electrodes::{ElectrodeCheck, ElectrodeFault};
+use crate::model::DriftModel;
+use crate::whitened::{LoadTest, Whitened, best_places};
+pub use anchors::AnchorAlarm;
+use load::{LOADED, REST};
+use pace::PACES;
+pub use state::TrackerState;
+
+const DAY_S: f64 = 86_400.0;
+/// Frames without load after which the covariance is kept, and frames after which it is renewed.
+const STEADY_AFTER: u32 = 12;
+const RENEWED_EVERY: u32 = 24;
+/// Relative difference of intervals that still have the same covariance.
+const SAME_INTERVAL: f64 = 0.02;
+/// Frames between tests whether a loaded sheet is empty again, and between comparisons with anchors.
+const TEST_EVERY: u32 = 6;
+/// Range of chi squared per row of frames without load that agrees with the assumed drift.
+const AGREES: [f64; 2] = [0.7, 1.5];
+/// Factor of the rest of a load whose local change is allowed for after its release.
+const REST_ALLOWED: f64 = 3.0;
+/// Seconds for which a faulty electrode must be healthy before it is used again.
+const HEALED_S: f64 = 3600.0;
+/// Electrodes that may be masked.
+const MOST_MASKED: usize = 3;
+
+/// What a frame is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Judgement {
+    /// Nothing lies on the sheet; the baseline learns from the frame.
+    Empty,
+    /// Something lies on the sheet.
+    Loaded,
+    /// Too few electrodes are left.
+    Unknown,
+}
+
+/// A step between two frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Event {
+    /// Whether conductance was lost (a load came), not regained.
+    pub came: bool,
+    /// The change, fitted by a disc.
+    pub fit: DiscFit,
+}
+
+/// What a frame says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Answer {
+    /// Empty, loaded or unknown.
+    pub judgement: Judgement,
+    /// Improvement of chi squared by the best disc; `None` where a loaded frame was not tested.
+    pub score: Option<f64>,
+    /// Chi squared per row of the innovation; `None` as above.
+    pub chi: Option<f64>,
+    /// What came or went with this frame.
+    pub event: Option<Event>,
+    /// Loads that lie on the sheet.
+    pub loads: usize,
+    /// A slow change that cannot be told from age.
+    pub anchor: Option<AnchorAlarm>,
+    /// A fault of electrodes that this frame shows.
+    pub fault: Option<ElectrodeFault>,
+    /// Electrodes that are not used.
+    pub masked: Vec<usize>,
+    /// Pace of the drift relative to the built-in rates.
+    pub pace: f64,
+    /// Whether the innovations agree with the assumed drift; `None` while loaded.
+    pub agrees: Option<bool>,
+    /// Seconds since the last frame without load.
+    pub since_empty_s: f64,
+    /// Whether the time of the frame was before that of the last.
+    pub clock_went_back: bool,
+}
+
+/// Follows one sheet.
+#[derive(Clone)]
+pub struct Tracker {
+    model: Arc<DriftModel>,
+    prepared: Arc<Prepared>,
+    state: TrackerState,
+    /// What follows from the state alone, while the covariance is kept.
+    steady: Option<Arc<Steady>>,
+}
+
+/// What depends on the sheet alone.
+struct Prepared {
+    basis: Basis,
+    check: ElectrodeCheck,
+    per_day: DMatrix<f64>,
+    rows: Vec<usize>,
+}
+
+/// A frame on its way.
+#[derive(Clone)]
+struct Frame {
+    /// Change since the first baseline, V.
+    data: DVector<f64>,
+    /// Change since the tracked baseline, V.
+    e: DVector<f64>,
+    /// Change since the last frame, V.
+    step: Option<DVector<f64>>,
+    /// Usable rows.
+    rows: Vec<usize>,
+    /// Days since the last frame.
+    days: f64,
+}
+
+/// Covariance of an innovation and what is computed from it.
+struct Steady {
+    days: f64,
+    pace: f64,
+    rows: Vec<usize>,
+    predicted: DMatrix<f64>,
+    covariance: DMatrix<f64>,
+    factor: Definite,
+    atoms: DMatrix<f64>,
+}
+
+impl Tracker {
+    /// Starts at the first baseline, recorded without load at a time, s.
+    ///
+    /// # Errors
+    /// A model without noise.
+    pub fn new(model: Arc<DriftModel>, at_s: f64) -> Result<Self, DriftError> {
+        let state = TrackerState::new(&model, at_s);
+        Self::restore(model, state)
+    }
+
+    /// Continues from a state of the same sheet: later answers have the same bits as without the interruption.
+    ///
+    /// # Errors
+    /// A state of another mesh, baseline or build.
+    pub fn restore(model: Arc<DriftModel>, state: TrackerState) -> Result<Self, DriftError> {
+        state.check(&model)?;
+        let prepared = Arc::new(Prepared {
+            basis: Basis::new(&model)?,
+            check: ElectrodeCheck::new(&model),
+            per_day: model.drift(&PER_DAY),
+            rows: (0..model.pairs().len()).collect(),
+        });
+        Ok(Self {
+            model,
+            prepared,
+            state,
+            steady: None,
+        })
+    }
+
+    /// The whole state.
+    pub fn state(&self) -> &TrackerState {
+        &self.state
+    }
+
+    /// The sheet.
+    pub fn model(&self) -> &Arc<DriftModel> {
+        &self.model
+    }
+
+    /// Change of the data since the first baseline, as it is tracked, V.
+    pub fn baseline(&self) -> DVector<f64> {
+        self.state.baseline()
+    }
+
+    /// Follows a frame.
+    ///
+    /// # Errors
+    /// Another number of readings, or fewer than half of them.
+    pub fn follow(&mut self, frame: &[Reading], at_s: f64) -> Result<Answer, DriftError> {
+        let relative = self.model.relative(frame)?;
+        let clock_went_back = at_s < self.state.at_s;
+        let mut days = (at_s - self.state.at_s).abs() / DAY_S;
+        if clock_went_back {
+            // how much time has passed is unknown: at least an interval, at most the jump
+            days = days.max(self.state.kept_days.unwrap_or(0.0));
+        }
+        self.state.at_s = at_s;
+        let mut frame_now = Frame {
+            e: &relative.data - self.state.baseline(),
+            step: (!self.state.last.is_empty())
+                .then(|| &relative.data - DVector::from_column_slice(&self.state.last)),
+            data: relative.data,
+            rows: self.usable(&relative.rows),
+            days,
+        };
+        let mut now = self.innovation(days, &frame_now.rows)?;
+        let fault = self.fault(frame, &frame_now, &now)?;
+        if let Some(fault) = fault {
+            self.state
+                .mask(&fault.electrodes(self.model.mesh().electrodes()));
+            frame_now.rows = self.usable(&relative.rows);
+        }
+        let masked = self.state.masked();
+        if fault.is_none() && !masked.is_empty() {
+            // an electrode stays masked while its own readings show the fault
+            let all = Frame {
+                rows: relative.rows.clone(),
+                ..frame_now.clone()
+            };
+            let whole = self.innovation(days, &all.rows)?;
+            let still = self.fault(frame, &all, &whole)?;
+            let of = still.map(|fault| fault.electrodes(self.model.mesh().electrodes()));
+            let of = of.unwrap_or_default();
+            if of.iter().all(|electrode| masked.contains(electrode)) {
+                self.state.mask(&of);
+            }
+        }
+        let mut answer = Answer {
+            judgement: Judgement::Unknown,
+            score: None,
+            chi: None,
+            event: None,
+            loads: self.state.ledger.loads(),
+            anchor: None,
+            fault,
+            masked: self.state.masked(),
+            pace: self.state.pace.pace,
+            agrees: None,
+            since_empty_s: at_s - self.state.empty_s,
+            clock_went_back,
+        };
+        if answer.masked.len() > MOST_MASKED || 2 * frame_now.rows.len() < self.prepared.rows.len()
+        {
+            self.predict(&now);
+            self.state.last = Vec::new(); // no step can be taken from such a frame
+            return Ok(answer);
+        }
+        if fault.is_some() {
+            now = self.innovation(days, &frame_now.rows)?;
+        }
+        let event = self.event(&frame_now)?;
+        self.state.last = frame_now.data.as_slice().to_vec();
+        self.state.last_rows.clone_from(&frame_now.rows);
+        if self.state.ledger.loaded() {
+            self.loaded(&mut answer, &frame_now, event, &now)?;
+        } else {
+            self.maybe_empty(&mut answer, &frame_now, event, &now)?;
+        }
+        answer.loads = self.state.ledger.loads();
+        answer.pace = self.state.pace.pace;
+        Ok(answer)
+    }
+
+    /// A frame of a sheet that was empty before.
+    fn maybe_empty(
+        &mut self,
+        answer: &mut Answer,
+        frame: &Frame,
+        event: Option<LoadTest>,
+        now: &Arc<Steady>,
+    ) -> Result<(), DriftError> {
+        let white = Whitened::with(now.factor.clone(), &frame.e, &frame.rows);
+        let found = best_places(&now.atoms, white.data(), &self.model, 3);
+        let best = found.first().copied();
+        answer.score = best.map(|test| test.score);
+        answer.chi = Some(white.chi_per_row());
+        let above = best.filter(|test| test.score > LOADED);
+        let came = event.is_some_and(|event| event.change < 0.0);
+        if came || above.is_some_and(|test| test.change < 0.0) {
+            self.state.ledger.begin(frame.data.len(), came);
+            self.state.ledger.follow(&frame.e);
+            self.state.loaded_frames = 0;
+            self.predict(now);
+            answer.judgement = Judgement::Loaded;
+            if self.leave_lock_out(answer, frame)? || !came {
+                return Ok(());
+            }
+            let fit = white.fit_disc_from(&self.model, &found)?;
+            answer.event = Some(Event { came, fit });
+            return Ok(());
+        }
+        answer.judgement = Judgement::Empty;
+        answer.agrees = answer.chi.map(|chi| (AGREES[0]..=AGREES[1]).contains(&chi));
+        if let Some(test) = above {
+            // conductance that was regained: something that had been learnt as the sheet was taken away
+            self.predict(now);
+            self.allow_local(test.change.abs());
+            let now = self.innovation(0.0, &frame.rows)?;
+            self.learn(answer, frame, &now);
+        } else {
+            self.learn(answer, frame, now);
+        }
+        Ok(())
+    }
+
+    /// Corrects the state by a frame without load.
+    fn learn(&mut self, answer: &mut Answer, frame: &Frame, now: &Arc<Steady>) {
+        let weights = Whitened::with(now.factor.clone(), &frame.e, &frame.rows).weights();
+        self.state.correct(&(&now.predicted * weights));
+        let complete = frame.rows.len() == self.prepared.rows.len();
+        let (run, at_s) = (self.state.run, self.state.at_s);
+        let renewed = run >= STEADY_AFTER && (run - STEADY_AFTER).is_multiple_of(RENEWED_EVERY);
+        if run >= STEADY_AFTER && !renewed && self.state.kept_days == Some(now.days) {
+            self.steady = Some(Arc::clone(now));
+        } else {
+            self.state
+                .set_covariance(&corrected(now, &frame.rows, complete));
+            self.state.kept_days = Some(now.days);
+            self.steady = None;
+        }
+        self.state.run += 1;
+        self.state.empty_s = at_s;
+        answer.since_empty_s = 0.0;
+        if complete {
+            let before = self.state.pace.pace;
+            let chosen = self
+                .state
+                .pace
+                .follow(&self.prepared.basis, &frame.data, at_s);
+            if chosen.is_some_and(|pace| pace != before) {
+                self.state.restart();
+                self.steady = None;
+            }
+            if self.state.run.is_multiple_of(TEST_EVERY) {
+                let pace = self.state.pace.pace;
+                let (anchors, basis) = (&self.state.anchors, &self.prepared.basis);
+                answer.anchor = anchors.alarm(&self.model, basis, &frame.data, pace, at_s);
+            }
+        }
+        let baseline = self.state.baseline();
+        self.state.anchors.keep(&baseline, at_s);
+    }
+
+    /// A frame of a sheet on which something lay.
+    fn loaded(
+        &mut self,
+        answer: &mut Answer,
+        frame: &Frame,
+        event: Option<LoadTest>,
+        now: &Arc<Steady>,
+    ) -> Result<(), DriftError> {
+        answer.judgement = Judgement::Loaded;
+        self.predict(now);
+        let white = Whitened::with(now.factor.clone(), &frame.e, &frame.rows);
+        let mut back_to_empty = false;
+        if let (Some(test), Some(step)) = (event, &frame.step) {
+            let came = test.change < 0.0;
+            let fit = Whitened::new(&self.of_step(frame.days), step, &frame.rows)?;
+            let fit = fit.fit_disc(&self.model)?;
+            if came {
+                self.state.ledger.came(&(&frame.e - step));
+            } else {
+                back_to_empty = self.state.ledger.went(&frame.e, |off| {
+                    let white = Whitened::with(now.factor.clone(), off, &frame.rows);
+                    white.data().norm_squared()
+                });
+            }
+            answer.event = Some(Event { came, fit });
+        }
+        self.state.ledger.follow(&frame.e);
+        self.state.loaded_frames += 1;
+        if !(back_to_empty || self.state.loaded_frames.is_multiple_of(TEST_EVERY)) {
+            return Ok(());
+        }
+        let found = best_places(&now.atoms, white.data(), &self.model, 1);
+        let Some(best) = found.first().copied() else {
+            return Ok(());
+        };
+        answer.score = Some(best.score);
+        answer.chi = Some(white.chi_per_row());
+        let mut peak = white;
+        peak.set(&self.state.ledger.peak());
+        let most = best_places(&now.atoms, peak.data(), &self.model, 1);
+        let rest = most
+            .first()
+            .is_none_or(|most| best.score < REST * REST * most.score);
+        let alone = self.state.ledger.loads() == 1;
+        if best.score < LOADED || (alone && back_to_empty && rest) {
+            self.state.ledger.release();
+            self.allow_local(REST_ALLOWED * best.change.abs());
+            let now = self.innovation(0.0, &frame.rows)?;
+            answer.judgement = Judgement::Empty;
+            self.learn(answer, frame, &now);
+        } else {
+            self.leave_lock_out(answer, frame)?;
+        }
+        Ok(())
+    }
+
+    /// A "load" may be drift that is faster than assumed: takes the lowest higher pace at which the frame agrees with an empty
+    /// sheet and is more probable than with a disc at the present pace, and learns. True if there is one.
+    fn leave_lock_out(&mut self, answer: &mut Answer, frame: &Frame) -> Result<bool, DriftError> {
+        let before = self.state.clone();
+        let now = self.innovation(0.0, &frame.rows)?;
+        let (found, white) = self.best_disc(frame, &now);
+        let Some(best) = found else {
+            return Ok(false);
+        };
+        let cost = |white: &Whitened| white.log_determinant() + white.data().norm_squared();
+        let as_load = cost(&white) - best.score;
+        for pace in PACES.into_iter().filter(|pace| *pace > before.pace()) {
+            self.state.raise_pace(pace);
+            self.steady = None;
+            let now = self.innovation(0.0, &frame.rows)?;
+            let (found, white) = self.best_disc(frame, &now);
+            if found.is_some_and(|best| best.score < LOADED) && cost(&white) < as_load {
+                self.state.ledger.release();
+                self.state.restart();
+                answer.judgement = Judgement::Empty;
+                self.learn(answer, frame, &now);
+                return Ok(true);
+            }
+        }
+        self.state = before;
+        self.steady = None;
+        Ok(false)
+    }
+
+    /// The best disc of the load test, and the innovation whitened.
+    fn best_disc(&self, frame: &Frame, now: &Steady) -> (Option<LoadTest>, Whitened) {
+        let white = Whitened::with(now.factor.clone(), &frame.e, &frame.rows);
+        let found = best_places(&now.atoms, white.data(), &self.model, 1);
+        (found.first().copied(), white)
+    }
+
+    /// Time has passed without learning.
+    fn predict(&mut self, now: &Steady) {
+        self.state.set_covariance(&now.predicted);
+        self.state.restart();
+        self.steady = None;
+    }
+
+    /// Local change of this standard deviation may have happened.
+    fn allow_local(&mut self, size: f64) {
+        self.state
+            .add_covariance(&self.model.local_gram, size * size);
+        self.state.pace.changed_locally(&self.prepared.basis, size);
+        self.state.restart();
+        self.steady = None;
+    }
+
+    /// Covariance of the step between two frames without load.
+    fn of_step(&self, days: f64) -> DMatrix<f64> {
+        let rate = self.state.pace.pace.powi(2) * days;
+        &self.model.noise * 2.0 + &self.prepared.per_day * rate
+    }
+
+    /// A step from the last frame, if it is larger than noise and drift.
+    fn event(&self, frame: &Frame) -> Result<Option<LoadTest>, DriftError> {
+        let Some(step) = &frame.step else {
+            return Ok(None);
+        };
+        let complete = |rows: &[usize]| rows.len() == self.prepared.rows.len();
+        let tests = if complete(&frame.rows) && complete(&self.state.last_rows) {
+            let basis = &self.prepared.basis;
+            let rate = self.state.pace.pace.powi(2) * frame.days;
+            let variances = basis.growth.map(|growth| 2.0 + rate * growth);
+            basis.load_tests(&self.model, &basis.of(step), &variances, 1)
+        } else {
+            let last = &self.state.last_rows;
+            let both = frame
+                .rows
+                .iter()
+                .filter(|row| last.binary_search(row).is_ok());
+            let both: Vec<usize> = both.copied().collect();
+            Whitened::new(&self.of_step(frame.days), step, &both)?.load_tests(&self.model, 1)
+        };
+        Ok(tests.into_iter().next().filter(|test| test.score > LOADED))
+    }
+
+    /// The covariance of the innovation after this time.
+    fn innovation(&self, days: f64, rows: &[usize]) -> Result<Arc<Steady>, DriftError> {
+        let pace = self.state.pace.pace;
+        // intervals that differ little share a covariance, so that it can be kept
+        let days = match self.state.kept_days {
+            Some(kept) if (days - kept).abs() <= SAME_INTERVAL * kept => kept,
+            _ => days,
+        };
+        if let Some(steady) = &self.steady
+            && steady.days == days
+            && steady.pace == pace
+            && steady.rows == rows
+        {
+            return Ok(Arc::clone(steady));
+        }
+        let predicted = self.state.covariance() + &self.prepared.per_day * (pace * pace * days);
+        let covariance = &predicted + &self.model.noise;
+        let factor = match rows.len() == self.prepared.rows.len() {
+            true => Definite::new(&covariance),
+            false => Definite::new(&covariance.select_rows(rows).select_columns(rows)),
+        };
+        let factor = factor.ok_or(DriftError::Covariance)?;
+        let mut atoms = match rows.len() == self.prepared.rows.len() {
+            true => self.model.atoms.clone(),
+            false => self.model.atoms.select_rows(rows),
+        };
+        factor.whiten(&mut atoms);
+        Ok(Arc::new(Steady {
+            days,
+            pace,
+            rows: rows.to_vec(),
+            predicted,
+            covariance,
+            factor,
+            atoms,
+        }))
+    }
+
+    /// Rows of healthy electrodes.
+    fn usable(&self, rows: &[usize]) -> Vec<usize> {
+        self.prepared.check.without(rows, &self.state.masked())
+    }
+
+    /// The fault that a frame shows: against the tracked baseline, or while loaded against the frame before.
+    fn fault(
+        &self,
+        readings: &[Reading],
+        frame: &Frame,
+        now: &Steady,
+    ) -> Result<Option<ElectrodeFault>, DriftError> {
+        let check = &self.prepared.check;
+        match (self.state.ledger.loaded(), &frame.step) {
+            (true, Some(step)) => {
+                let covariance = self.of_step(frame.days);
+                check.fault(&self.model, readings, step, &covariance, &frame.rows)
+            }
+            _ => check.fault(
+                &self.model,
+                readings,
+                &frame.e,
+                &now.covariance,
+                &frame.rows,
+            ),
+        }
+    }
+
+    /// The map of the last frame relative to the tracked baseline: change of ln conductance of each triangle of
+    /// [`DriftModel::mesh`], with local change of this standard deviation before the frame.
+    ///
+    /// # Errors
+    /// No frame yet.
+    pub fn map(&self, size: f64) -> Result<Vec<f64>, DriftError> {
+        self.whitened()?.one_step(&self.model, size)
+    }
+
+    /// The last frame relative to the tracked baseline, whitened by noise and drift.
+    ///
+    /// # Errors
+    /// No frame yet.
+    pub fn whitened(&self) -> Result<Whitened, DriftError> {
+        if self.state.last.is_empty() {
+            return Err(DriftError::NoFrame);
+        }
+        let e = DVector::from_column_slice(&self.state.last) - self.state.baseline();
+        let rows = &self.state.last_rows;
+        let covariance = self.state.covariance() + &self.model.noise;
+        Whitened::new(&covariance, &e, rows)
+    }
+}
+
+/// P - P S^-1 P of the rows that were measured.
+fn corrected(now: &Steady, rows: &[usize], complete: bool) -> DMatrix<f64> {
+    let mut half = match complete {
+        true => now.predicted.clone(),
+        false => now.predicted.select_rows(rows),
+    };
+    now.factor.whiten(&mut half);
+    let taken = product(view(&half.transpose()), view(&half));
+    let mut out = &now.predicted - taken;
+    out.fill_upper_triangle_with_lower_triangle();
+    out
+}

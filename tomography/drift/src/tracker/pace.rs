@@ -1,0 +1,111 @@
+//! How fast this sheet drifts, relative to the built-in rates: by the likelihood of the frames without load.
+//!
+//! For each pace of a grid a filter of its own follows the sheet, in coordinates in which drift and noise are uncorrelated.
+
+use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
+
+use super::bits;
+use crate::basis::Basis;
+
+/// The paces compared.
+pub(crate) const PACES: [f64; 6] = [0.3, 1.0, 2.0, 3.0, 5.0, 10.0];
+/// Days of frames before the first choice, and between choices.
+const FIRST_DAYS: f64 = 0.5;
+const EVERY_DAYS: f64 = 1.0;
+/// Weight of the past likelihood at each choice: a sheet may change its pace.
+const REMEMBERED: f64 = 0.5;
+const DAY_S: f64 = 86_400.0;
+
+/// A filter for each pace.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Pace {
+    filters: Vec<Filter>,
+    /// Time of the last frame, s.
+    #[serde(with = "bits::number")]
+    last_s: f64,
+    /// Time of the last choice, s; frames so far.
+    #[serde(with = "bits::number")]
+    chosen_s: f64,
+    frames: u32,
+    chosen_before: bool,
+    #[serde(with = "bits::number")]
+    pub(crate) pace: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Filter {
+    #[serde(with = "bits")]
+    mean: Vec<f64>,
+    #[serde(with = "bits")]
+    variance: Vec<f64>,
+    #[serde(with = "bits::number")]
+    likelihood: f64,
+}
+
+impl Pace {
+    /// From a baseline (data zero, with the noise of one frame) at a time, s.
+    pub(crate) fn new(rows: usize, at_s: f64) -> Self {
+        let filter = Filter {
+            mean: vec![0.0; rows],
+            variance: vec![1.0; rows],
+            likelihood: 0.0,
+        };
+        Self {
+            filters: vec![filter; PACES.len()],
+            last_s: at_s,
+            chosen_s: at_s,
+            frames: 0,
+            chosen_before: false,
+            pace: 1.0,
+        }
+    }
+
+    /// Follows a frame without load; the new pace if it has been chosen anew.
+    pub(crate) fn follow(&mut self, basis: &Basis, data: &DVector<f64>, at_s: f64) -> Option<f64> {
+        let days = ((at_s - self.last_s) / DAY_S).max(0.0);
+        self.last_s = at_s;
+        self.frames += 1;
+        let data = basis.of(data);
+        for (filter, pace) in self.filters.iter_mut().zip(PACES) {
+            let mut sum = 0.0;
+            for k in 0..data.len() {
+                let predicted = filter.variance[k] + pace * pace * basis.growth[k] * days;
+                let (variance, error) = (predicted + 1.0, data[k] - filter.mean[k]);
+                sum += variance.ln() + error * error / variance;
+                let gain = predicted / variance;
+                filter.mean[k] += gain * error;
+                filter.variance[k] = gain; // predicted (1 - gain), in units of the noise
+            }
+            filter.likelihood -= 0.5 * sum;
+        }
+        let wait = if self.chosen_before {
+            EVERY_DAYS
+        } else {
+            FIRST_DAYS
+        };
+        if at_s - self.chosen_s < wait * DAY_S || self.frames < 12 {
+            return None;
+        }
+        (self.chosen_s, self.chosen_before) = (at_s, true);
+        let (best, _) = self
+            .filters
+            .iter()
+            .enumerate()
+            .max_by(|a, b| a.1.likelihood.total_cmp(&b.1.likelihood))?;
+        for filter in &mut self.filters {
+            filter.likelihood *= REMEMBERED;
+        }
+        self.pace = PACES[best];
+        Some(self.pace)
+    }
+
+    /// Local change of this standard deviation may have happened: after a load.
+    pub(crate) fn changed_locally(&mut self, basis: &Basis, size: f64) {
+        for filter in &mut self.filters {
+            for (variance, local) in filter.variance.iter_mut().zip(&basis.local) {
+                *variance += size * size * local;
+            }
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! The whole state of a tracker: stored and restored to the same bits.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::anchors::Anchors;
+use super::load::Ledger;
+use super::pace::Pace;
+use super::{HEALED_S, bits};
+use crate::DriftError;
+use crate::model::DriftModel;
+
+/// Everything that later answers depend on, besides the sheet.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrackerState {
+    /// Mesh, baseline and build for which the state holds.
+    sheet: String,
+    /// Change of the data since the first baseline, V.
+    #[serde(with = "bits")]
+    baseline: Vec<f64>,
+    /// Lower triangle of its covariance, column by column, V2.
+    #[serde(with = "bits")]
+    covariance: Vec<f64>,
+    /// Data of the last frame, V.
+    #[serde(with = "bits")]
+    pub(super) last: Vec<f64>,
+    /// Rows of the last frame that were usable.
+    pub(super) last_rows: Vec<usize>,
+    /// Time of the last frame, and of the last one without load, s.
+    #[serde(with = "bits::number")]
+    pub(super) at_s: f64,
+    #[serde(with = "bits::number")]
+    pub(super) empty_s: f64,
+    /// Frames without load since the covariance changed by anything else.
+    pub(super) run: u32,
+    /// Interval for which the covariance is kept, days.
+    #[serde(with = "bits::option")]
+    pub(super) kept_days: Option<f64>,
+    /// Frames since the load came.
+    pub(super) loaded_frames: u32,
+    pub(super) ledger: Ledger,
+    pub(super) pace: Pace,
+    pub(super) anchors: Anchors,
+    faults: Vec<Fault>,
+}
+
+/// A faulty electrode.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Fault {
+    electrode: usize,
+    #[serde(with = "bits::number")]
+    last_s: f64,
+}
+
+impl TrackerState {
+    /// At the first baseline, whose noise is that of one frame.
+    pub(super) fn new(model: &DriftModel, at_s: f64) -> Self {
+        let rows = model.pairs().len();
+        let mut state = Self {
+            sheet: identity(model),
+            baseline: vec![0.0; rows],
+            covariance: Vec::new(),
+            last: Vec::new(),
+            last_rows: Vec::new(),
+            at_s,
+            empty_s: at_s,
+            run: 0,
+            kept_days: None,
+            loaded_frames: 0,
+            ledger: Ledger::default(),
+            pace: Pace::new(rows, at_s),
+            anchors: Anchors::default(),
+            faults: Vec::new(),
+        };
+        state.set_covariance(&model.noise);
+        state.anchors.keep(&DVector::zeros(rows), at_s);
+        state
+    }
+
+    /// Refuses a state of another sheet.
+    pub(super) fn check(&self, model: &DriftModel) -> Result<(), DriftError> {
+        let rows = model.pairs().len();
+        let wants = identity(model);
+        let sizes = self.baseline.len() == rows && self.covariance.len() == rows * (rows + 1) / 2;
+        if self.sheet != wants || !sizes {
+            return Err(DriftError::State {
+                has: self.sheet.clone(),
+                wants,
+            });
+        }
+        Ok(())
+    }
+
+    pub(super) fn baseline(&self) -> DVector<f64> {
+        DVector::from_column_slice(&self.baseline)
+    }
+
+    pub(super) fn correct(&mut self, by: &DVector<f64>) {
+        for (value, by) in self.baseline.iter_mut().zip(by) {
+            *value += by;
+        }
+    }
+
+    pub(super) fn covariance(&self) -> DMatrix<f64> {
+        let n = self.baseline.len();
+        let mut values = self.covariance.iter();
+        let mut out = DMatrix::zeros(n, n);
+        for column in 0..n {
+            for row in column..n {
+                let value = values.next().copied().unwrap_or_default();
+                out[(row, column)] = value;
+                out[(column, row)] = value;
+            }
+        }
+        out
+    }
+
+    pub(super) fn set_covariance(&mut self, covariance: &DMatrix<f64>) {
+        let n = self.baseline.len();
+        self.covariance = (0..n)
+            .flat_map(|column| (column..n).map(move |row| covariance[(row, column)]))
+            .collect();
+    }
+
+    pub(super) fn add_covariance(&mut self, gram: &DMatrix<f64>, factor: f64) {
+        let wider = self.covariance() + gram * factor;
+        self.set_covariance(&wider);
+    }
+
+    /// Another pace, as if it had been that of the past.
+    pub(super) fn raise_pace(&mut self, pace: f64) {
+        let factor = (pace / self.pace.pace).powi(2);
+        for value in &mut self.covariance {
+            *value *= factor;
+        }
+        self.pace.pace = pace;
+        self.restart();
+    }
+
+    /// The covariance is no longer the steady one.
+    pub(super) fn restart(&mut self) {
+        self.run = 0;
+        self.kept_days = None;
+    }
+
+    pub(super) fn mask(&mut self, electrodes: &[usize]) {
+        let last_s = self.at_s;
+        for &electrode in electrodes {
+            match self
+                .faults
+                .iter_mut()
+                .find(|fault| fault.electrode == electrode)
+            {
+                Some(fault) => fault.last_s = last_s,
+                None => self.faults.push(Fault { electrode, last_s }),
+            }
+        }
+    }
+
+    /// Electrodes that were faulty within the last hour, ascending.
+    pub(super) fn masked(&self) -> Vec<usize> {
+        let recent = |fault: &&Fault| (self.at_s - fault.last_s).abs() < HEALED_S;
+        let mut masked: Vec<usize> = self
+            .faults
+            .iter()
+            .filter(recent)
+            .map(|fault| fault.electrode)
+            .collect();
+        masked.sort_unstable();
+        masked
+    }
+
+    /// Root mean square over the data of the standard deviation of the tracked baseline, V.
+    pub fn deviation(&self) -> f64 {
+        let n = self.baseline.len();
+        let trace: f64 = (0..n)
+            .scan(0, |at, column| {
+                let value = self.covariance[*at];
+                *at += n - column;
+                Some(value)
+            })
+            .sum();
+        (trace / n as f64).sqrt()
+    }
+
+    /// Pace of the drift relative to the built-in rates.
+    pub fn pace(&self) -> f64 {
+        self.pace.pace
+    }
+}
+
+/// Mesh, baseline and build: FNV-1a of the numbers that the data depend on.
+fn identity(model: &DriftModel) -> String {
+    let numbers = model.baseline().iter().chain(model.fit().readings.iter());
+    let hash = numbers
+        .flat_map(|value| value.to_bits().to_le_bytes())
+        .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        });
+    let mesh = model.mesh().hash();
+    let version = env!("CARGO_PKG_VERSION");
+    format!("mesh {mesh}, baseline {hash:016x}, build {version}")
+}

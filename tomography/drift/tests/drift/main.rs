@@ -1,0 +1,5 @@
+//! Drift of a sheet: single frames and the tracked baseline, with readings of a finer mesh than the model's.
+
+mod sheet;
+mod single_frame;
+mod tracker;

@@ -1,0 +1,278 @@
+//! The tracked baseline, with data that are linear draws of the drift that it assumes, or not.
+
+use std::sync::Arc;
+
+use drift::{Answer, DriftModel, ElectrodeFault, Judgement, Sizes, Tracker, TrackerState};
+use nalgebra::DVector;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use survey::{Reading, Volts};
+
+use crate::sheet::Sheet;
+
+const EVERY_S: f64 = 600.0;
+
+/// A sheet whose data walk by the tracker's own rates times a pace.
+struct Walk {
+    sheet: Sheet,
+    model: Arc<DriftModel>,
+    drift: nalgebra::DMatrix<f64>,
+    at: DVector<f64>,
+    random: ChaCha8Rng,
+}
+
+impl Walk {
+    fn new(pace: f64) -> Self {
+        let sheet = Sheet::new();
+        let model = Arc::new(sheet.model());
+        let day = Sizes {
+            gain: 0.01,
+            contact: 0.08,
+            field: 2e-3,
+            local: 2e-3,
+        };
+        let step = model.drift(&day) * (pace * pace * EVERY_S / 86_400.0);
+        let step = step + model.noise() * 1e-9; // definite
+        Self {
+            drift: step.cholesky().unwrap().l(),
+            at: DVector::zeros(299),
+            random: ChaCha8Rng::seed_from_u64(5),
+            model,
+            sheet,
+        }
+    }
+
+    fn frame(&mut self, load: Option<(&DVector<f64>, f64)>) -> Vec<Reading> {
+        let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
+        let draw = DVector::from_fn(299, |_, _| normal());
+        self.at += &self.drift * draw;
+        let mut data = self.at.clone();
+        if let Some((change, by)) = load {
+            data += change * by;
+        }
+        let mut volts: Vec<f64> = self
+            .sheet
+            .baseline
+            .iter()
+            .map(|r| r.volts().unwrap().0)
+            .collect();
+        for row in 0..299 {
+            for reading in self.model.pairs().readings(row) {
+                volts[reading] += data[row] + 2e-6 * normal();
+            }
+        }
+        volts.into_iter().map(|v| Reading::Ok(Volts(v))).collect()
+    }
+}
+
+fn follow(
+    tracker: &mut Tracker,
+    walk: &mut Walk,
+    frame: usize,
+    load: Option<(&DVector<f64>, f64)>,
+) -> Answer {
+    let readings = walk.frame(load);
+    tracker.follow(&readings, EVERY_S * frame as f64).unwrap()
+}
+
+#[test]
+fn two_loads_come_and_go_and_nothing_is_learnt_of_them() {
+    let mut walk = Walk::new(1.0);
+    let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
+    let weight = walk.model.disc([0.06, 0.07], 0.06) * -0.3;
+    let night = walk.model.disc([0.12, 0.14], 0.05) * -0.4;
+    let both = &weight + &night;
+    let mut frame = 0;
+    for (count, load, expected) in [
+        (30, None, (Judgement::Empty, 0)),
+        (40, Some(&weight), (Judgement::Loaded, 1)),
+        (30, Some(&both), (Judgement::Loaded, 2)),
+        (40, Some(&weight), (Judgement::Loaded, 1)),
+        (20, None, (Judgement::Empty, 0)),
+    ] {
+        for step in 0..count {
+            frame += 1;
+            let answer = follow(&mut tracker, &mut walk, frame, load.map(|load| (load, 1.0)));
+            assert_eq!(
+                (answer.judgement, answer.loads),
+                expected,
+                "frame {frame}: {answer:?}"
+            );
+            assert_eq!(answer.fault, None, "frame {frame}");
+            if step == 0 && load.is_some() {
+                let event = answer.event.expect("a step");
+                assert_eq!(event.came, frame < 100);
+            }
+        }
+        if expected.1 == 1 {
+            // what lies there is still the weight: the tracked baseline has none of it
+            let found = tracker
+                .whitened()
+                .unwrap()
+                .fit_disc(&walk.model)
+                .unwrap()
+                .disc;
+            let off = (found.centre[0] - 0.06).hypot(found.centre[1] - 0.07);
+            assert!(
+                off < 1e-3 && (found.loss / 0.26 - 1.0).abs() < 0.1,
+                "{found:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn restored_state_goes_on_with_the_same_bits() {
+    let mut walk = Walk::new(1.0);
+    let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
+    for frame in 1..=45 {
+        follow(&mut tracker, &mut walk, frame, None);
+    }
+    let text = serde_json::to_string(tracker.state()).unwrap();
+    let state: TrackerState = serde_json::from_str(&text).unwrap();
+    let mut again = Tracker::restore(Arc::clone(&walk.model), state).unwrap();
+    for frame in 46..=80 {
+        let readings = walk.frame(None);
+        let at_s = EVERY_S * frame as f64;
+        let (one, two) = (
+            tracker.follow(&readings, at_s),
+            again.follow(&readings, at_s),
+        );
+        assert_eq!(one.unwrap(), two.unwrap());
+        assert_eq!(tracker.state(), again.state());
+    }
+    let other = Arc::new(Sheet::with_gain(1.01).model());
+    let refused = Tracker::restore(other, tracker.state().clone());
+    assert!(refused.is_err_and(|fault| fault.to_string().contains("baseline")));
+}
+
+#[test]
+fn faster_drift_is_learnt_and_locks_nothing_out() {
+    let mut walk = Walk::new(5.0);
+    let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
+    let mut loaded = 0;
+    for frame in 1..=144 {
+        let answer = follow(&mut tracker, &mut walk, frame, None);
+        loaded += usize::from(answer.judgement == Judgement::Loaded);
+    }
+    assert!(
+        loaded <= 6,
+        "{loaded} of 144 frames of an empty sheet are called loaded"
+    );
+    assert_eq!(tracker.state().pace(), 5.0);
+}
+
+#[test]
+fn slow_load_is_absorbed_and_an_anchor_says_so() {
+    let mut walk = Walk::new(1.0);
+    let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
+    let load = walk.model.disc([0.06, 0.15], 0.03);
+    let mut said = None;
+    for frame in 1..=144 * 9 {
+        let loss = -0.02 * (frame as f64 / 144.0 - 1.0).max(0.0); // 2 % a day after the first
+        let answer = follow(&mut tracker, &mut walk, frame, Some((&load, loss)));
+        if answer.judgement == Judgement::Loaded || answer.anchor.is_some() {
+            said = Some((loss, answer));
+            break;
+        }
+    }
+    let (loss, answer) = said.expect("a loss of 16 % is reported");
+    let place = match &answer.anchor {
+        Some(alarm) => alarm.centre,
+        None => {
+            tracker
+                .whitened()
+                .unwrap()
+                .fit_disc(&walk.model)
+                .unwrap()
+                .disc
+                .centre
+        }
+    };
+    let off = (place[0] - 0.06).hypot(place[1] - 0.15);
+    assert!(off < 15e-3 && loss > -0.12, "{loss} {off}");
+}
+
+#[test]
+fn gap_and_clock_that_goes_back_are_survived() {
+    let mut walk = Walk::new(1.0);
+    let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
+    for frame in 1..=20 {
+        follow(&mut tracker, &mut walk, frame, None);
+    }
+    let before = tracker.state().deviation();
+    let mut away = tracker.clone();
+    let open = walk.frame(Some((&walk.model.disc([0.06, 0.15], 0.03), -0.3)));
+    away.follow(&open, EVERY_S * 600.0).unwrap();
+    assert!(
+        away.state().deviation() > 5.0 * before,
+        "the covariance grows in a gap"
+    );
+    for _ in 0..144 * 3 {
+        walk.frame(None);
+    }
+    let after = follow(&mut tracker, &mut walk, 20 + 144 * 3, None);
+    assert_eq!(after.judgement, Judgement::Empty, "{after:?}");
+    let back = follow(&mut tracker, &mut walk, 10, None);
+    assert!(back.clock_went_back);
+    assert_eq!(back.judgement, Judgement::Empty, "{back:?}");
+    // NaN and missing readings: the pairs are left out
+    let mut readings = walk.frame(None);
+    readings[7] = Reading::Ok(Volts(f64::NAN));
+    readings[100] = Reading::Timeout;
+    let answer = tracker.follow(&readings, EVERY_S * 500.0).unwrap();
+    assert_eq!(answer.judgement, Judgement::Empty, "{answer:?}");
+    assert!(tracker.follow(&readings[1..], EVERY_S * 501.0).is_err());
+}
+
+/// Every electrode: open, floating; every neighbouring and some distant pairs: shorted. Nonlinear data of a finer mesh.
+#[test]
+fn faulty_electrode_is_named_in_one_frame() {
+    let walk = Walk::new(1.0);
+    let started = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
+    let mut wrong = Vec::new();
+    for electrode in 0..26 {
+        let open = walk
+            .sheet
+            .readings(|e| if e == electrode { 1e7 } else { 1.0 }, |_| 1.0);
+        let mut floating = walk.sheet.baseline.clone();
+        let questions = walk.model.pairs().protocol().measurements().to_vec();
+        for (k, (reading, q)) in floating.iter_mut().zip(questions).enumerate() {
+            let on = [
+                q.drive.plus.0,
+                q.drive.minus.0,
+                q.sense.plus.0,
+                q.sense.minus.0,
+            ];
+            if on.contains(&electrode) {
+                let volts = reading.volts().unwrap().0;
+                *reading = Reading::Ok(Volts(volts + 1e-3 * (k as f64).sin()));
+            }
+        }
+        let next = (electrode + 1) % 26;
+        let far = (electrode + 9) % 26;
+        for (what, frame) in [
+            ("open", open),
+            ("floating", floating),
+            ("neighbours", walk.sheet.shorted([electrode, next])),
+            ("distant", walk.sheet.shorted([electrode, far])),
+        ] {
+            let mut tracker = started.clone();
+            let found = tracker.follow(&frame, EVERY_S).unwrap().fault;
+            let right = match (what, found) {
+                ("open", Some(ElectrodeFault::Risen { electrode: e, .. })) => e == electrode,
+                ("floating", Some(ElectrodeFault::Floating { electrode: e })) => e == electrode,
+                ("neighbours", Some(ElectrodeFault::Shorted { electrode: e })) => e == electrode,
+                ("distant", Some(ElectrodeFault::DistantShort { electrodes })) => {
+                    electrodes == [electrode.min(far), electrode.max(far)]
+                }
+                _ => false,
+            };
+            if !right {
+                wrong.push(format!("{what} {electrode}: {found:?}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
