@@ -168,16 +168,16 @@ fn slow_load_is_absorbed_and_an_anchor_says_so() {
     let mut walk = Walk::new(1.0);
     let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
     let load = walk.model.disc([0.06, 0.15], 0.03);
-    let mut said = None;
+    let mut reported = None;
     for frame in 1..=144 * 9 {
         let loss = -0.02 * (frame as f64 / 144.0 - 1.0).max(0.0); // 2 % a day after the first
         let answer = follow(&mut tracker, &mut walk, frame, Some((&load, loss)));
         if answer.judgement == Judgement::Loaded || answer.anchor.is_some() {
-            said = Some((loss, answer));
+            reported = Some((loss, answer));
             break;
         }
     }
-    let (loss, answer) = said.expect("a loss of 16 % is reported");
+    let (loss, answer) = reported.expect("a loss of 16 % is reported");
     let place = match &answer.anchor {
         Some(alarm) => alarm.centre,
         None => {
@@ -226,7 +226,8 @@ fn gap_and_clock_that_goes_back_are_survived() {
     assert!(tracker.follow(&readings[1..], EVERY_S * 501.0).is_err());
 }
 
-/// Every electrode: open, floating; every neighbouring and some distant pairs: shorted. Nonlinear data of a finer mesh.
+/// Every electrode open and shorted to its neighbour, every third floating and shorted to a distant one. Nonlinear data of a
+/// finer mesh.
 #[test]
 fn faulty_electrode_is_named_in_one_frame() {
     let walk = Walk::new(1.0);
@@ -258,6 +259,9 @@ fn faulty_electrode_is_named_in_one_frame() {
             ("neighbours", walk.sheet.shorted([electrode, next])),
             ("distant", walk.sheet.shorted([electrode, far])),
         ] {
+            if electrode % 3 > 0 && ["floating", "distant"].contains(&what) {
+                continue; // slow: the readings without each electrode are tried
+            }
             let mut tracker = started.clone();
             let found = tracker.follow(&frame, EVERY_S).unwrap().fault;
             let right = match (what, found) {
