@@ -370,9 +370,9 @@ mod tests {
     use crate::error::*;
 
     /// Words that an attempt may begin with.
-    const VERBS: [&str; 14] = [
-        "close", "copy", "count", "fold", "list", "lock", "make", "mark", "open", "read", "remove",
-        "rename", "sync", "tell",
+    const VERBS: [&str; 15] = [
+        "close", "confirm", "copy", "count", "fold", "list", "lock", "make", "mark", "open",
+        "read", "remove", "rename", "sync", "tell",
     ];
 
     /// Every attempt that the sources of this crate name: a literal before the cause of an error.

@@ -149,7 +149,7 @@ impl SessionWriter {
         };
         match store() {
             // checked before anything is acknowledged: frames in a deleted file would be lost
-            Ok(()) => self.place.check(&self.path).map(|()| sequence),
+            Ok(()) => self.check_written().map(|()| sequence),
             Err(Unwritten::Refused(refusal)) => Err(refusal),
             Err(Unwritten::Store(source)) => Err(self.write_failed("write a frame to", source)),
         }

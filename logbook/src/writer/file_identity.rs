@@ -1,4 +1,5 @@
-//! Checks that the open file is still the one at its path: writes to a deleted or moved file succeed, but are lost.
+//! Checks after a write: that the open file is still the one at its path, because writes to a deleted or moved file
+//! succeed and are lost, and that its filesystem still accepts changes.
 
 use std::fs::File;
 use std::os::unix::fs::MetadataExt;
@@ -6,7 +7,9 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, params};
 
-use crate::LogbookError;
+use rustix::io::Errno;
+
+use crate::error::{DiskFault, LogbookError};
 use crate::files::{COPY_EXTENSION, EXTENSION, companion, folder_of};
 use crate::writer::SessionWriter;
 
@@ -52,7 +55,31 @@ impl FilePlace {
     }
 }
 
+/// Checks that the filesystem of a file still accepts changes. `fdatasync` is not enough: when ext4 aborts its journal
+/// after an error, a sync that is under way may return success although its transaction was never committed. The
+/// request to remove an attribute that no file has begins a transaction, which an aborted journal refuses; it changes
+/// nothing.
+fn check_filesystem(path: &Path) -> Result<(), LogbookError> {
+    let refused = match rustix::fs::removexattr(path, "user.tactus.absent") {
+        Err(refused @ (Errno::ROFS | Errno::IO | Errno::UCLEAN | Errno::SHUTDOWN)) => refused,
+        // usually `NODATA`; `OPNOTSUPP` and others say nothing about the last sync
+        _ => return Ok(()),
+    };
+    Err(LogbookError::DiskRefused {
+        path: path.to_owned(),
+        attempt: "confirm the sync of",
+        fault: DiskFault::Broken,
+        source: Box::new(std::io::Error::from(refused)),
+    })
+}
+
 impl SessionWriter {
+    /// Checks what was just written before it is acknowledged.
+    pub(super) fn check_written(&mut self) -> Result<(), LogbookError> {
+        self.place.check(&self.path)?;
+        check_filesystem(&self.path).inspect_err(|_| self.broken = true)
+    }
+
     /// Checks that the open file is still the one at its path; also checked after each write.
     ///
     /// # Errors

@@ -256,7 +256,7 @@ impl SessionWriter {
                 return Err(self.write_failed("write the baseline to", source));
             }
         }
-        self.place.check(&self.path)?;
+        self.check_written()?;
         self.take_baseline(baseline.clone());
         Ok(())
     }
@@ -276,7 +276,7 @@ impl SessionWriter {
         let at = nanoseconds(at, "an event's time")?;
         rows::write_event(&self.connection, self.header_checksum, at, kind, text)
             .map_err(|source| self.write_failed("write an event to", source))?;
-        self.place.check(&self.path)
+        self.check_written()
     }
 
     /// Records how the session ended and leaves a single file, without companions.
@@ -308,7 +308,7 @@ impl SessionWriter {
         };
         write_closing(&self.connection, self.header_checksum, at, reason, tally)
             .map_err(|source| self.write_failed("close", source))?;
-        self.place.check(&self.path)
+        self.check_written()
     }
 
     /// Folds the journal into the file, so that a closed session is one file.

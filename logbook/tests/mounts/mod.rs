@@ -1,5 +1,7 @@
 //! File systems that only a test sees. The daemon's tests include this file.
 
+pub mod loop_disk;
+
 use std::path::Path;
 use std::process::Command;
 
