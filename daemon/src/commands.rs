@@ -20,8 +20,11 @@ pub(crate) const USAGE: u8 = 2;
 /// An instrument does not reply, or could not be made safe.
 const INSTRUMENT: u8 = 5;
 
+/// Why the program fails: its exit code and a text.
+pub(crate) type Failure = (u8, String);
+
 /// `--safe-off`.
-pub(crate) async fn safe_off(prepared: &Prepared) -> Result<(), (u8, String)> {
+pub(crate) async fn safe_off(prepared: &Prepared) -> Result<(), Failure> {
     let FramesFrom::Rig(plan) = &prepared.frames else {
         print_line("a recording has no source; there is nothing to switch off");
         return Ok(());
@@ -41,37 +44,22 @@ pub(crate) async fn safe_off(prepared: &Prepared) -> Result<(), (u8, String)> {
     }
 }
 
-pub(crate) fn print_config(args: &Args) -> ExitCode {
-    match crate::preparation::load(&args.config) {
-        Err(problems) => report_problems(&problems),
-        Ok((_, config)) => match toml::to_string_pretty(&config) {
-            Ok(text) => {
-                print_line(text.trim_end());
-                ExitCode::SUCCESS
-            }
-            Err(cause) => fail(&cause.to_string()),
-        },
-    }
+pub(crate) fn print_config(args: &Args) -> Result<(), Failure> {
+    let (_, config) = crate::preparation::load(&args.config).map_err(|all| of_problems(&all))?;
+    let text = toml::to_string_pretty(&config).map_err(|cause| (FAILED, cause.to_string()))?;
+    print_line(text.trim_end());
+    Ok(())
 }
 
 /// `--discover`: before there is a configuration.
-pub(crate) fn print_found(addresses: &[String], json: bool) -> ExitCode {
-    let parsed: Result<Vec<InstrumentAddress>, BadAddress> =
+pub(crate) fn print_found(addresses: &[String], json: bool) -> Result<(), Failure> {
+    let addresses: Result<Vec<InstrumentAddress>, BadAddress> =
         addresses.iter().map(|address| address.parse()).collect();
-    let addresses = match parsed {
-        Ok(addresses) => addresses,
-        Err(error) => {
-            let _ = fail(&error.to_string());
-            return ExitCode::from(USAGE);
-        }
-    };
+    let addresses = addresses.map_err(|error| (USAGE, error.to_string()))?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
-        .build();
-    let runtime = match runtime {
-        Ok(runtime) => runtime,
-        Err(cause) => return fail(&format!("no threads to run on: {cause}")),
-    };
+        .build()
+        .map_err(|cause| (FAILED, format!("no threads to run on: {cause}")))?;
     let search = Search {
         addresses,
         ..Search::default()
@@ -82,12 +70,13 @@ pub(crate) fn print_found(addresses: &[String], json: bool) -> ExitCode {
     for line in report::found_lines(&found, json) {
         print_line(&line);
     }
-    ExitCode::SUCCESS
+    Ok(())
 }
 
-pub(crate) fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
+pub(crate) fn print_plan(prepared: &Prepared, json: bool) -> Result<(), Failure> {
     let FramesFrom::Rig(rig) = &prepared.frames else {
-        return fail("a recording has no plan: nothing is measured");
+        let text = "a recording has no plan: nothing is measured";
+        return Err((FAILED, text.to_owned()));
     };
     let plan = report::plan(rig);
     if json {
@@ -112,7 +101,7 @@ pub(crate) fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
             "lines": plan.lines,
         });
         print_line(&object.to_string());
-        return ExitCode::SUCCESS;
+        return Ok(());
     }
     print_line(rig.plan.to_string().trim_end());
     print_line(&format!(
@@ -136,24 +125,34 @@ pub(crate) fn print_plan(prepared: &Prepared, json: bool) -> ExitCode {
         rig.limits.relay_current,
         rig.limits.relay_voltage
     ));
-    ExitCode::SUCCESS
+    Ok(())
 }
 
-pub(crate) fn report_problems(problems: &[Problem]) -> ExitCode {
-    for problem in problems {
-        let problem = problem.to_string();
-        let _ = writeln!(std::io::stderr(), "{}", survey::printable(&problem));
-    }
-    ExitCode::from(CONFIGURATION)
+/// Problems of a configuration, one a line.
+pub(crate) fn of_problems(problems: &[Problem]) -> Failure {
+    let lines = problems.iter().map(ToString::to_string);
+    let lines: Vec<String> = lines
+        .map(|line| survey::printable(&line).into_owned())
+        .collect();
+    (CONFIGURATION, lines.join("\n"))
 }
 
-pub(crate) fn fail(text: &str) -> ExitCode {
-    let _ = writeln!(
-        std::io::stderr(),
-        "tactusd: {}",
-        survey::printable_lines(text)
-    );
-    ExitCode::FAILURE
+/// Prints on standard error why the program fails, as text or as one JSON object in the form of `tactus --json`.
+pub(crate) fn report_failure((code, text): &Failure, json: bool) -> ExitCode {
+    let kind = match *code {
+        USAGE => "usage",
+        INSTRUMENT => "instrument",
+        CONFIGURATION => "configuration",
+        _ => "failed",
+    };
+    let line = match json {
+        true => survey::error_line(kind, *code, text),
+        // each problem begins with its file
+        false if *code == CONFIGURATION => text.clone(),
+        false => format!("tactusd: {}", survey::printable_lines(text)),
+    };
+    let _ = writeln!(std::io::stderr(), "{line}");
+    ExitCode::from(*code)
 }
 
 /// Writes to standard output; a closed pipe is not an error.

@@ -44,8 +44,8 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
 use crate::commands::{
-    FAILED, USAGE, fail, print_config, print_found, print_line, print_plan, report_problems,
-    safe_off,
+    FAILED, Failure, USAGE, of_problems, print_config, print_found, print_line, print_plan,
+    report_failure, safe_off,
 };
 pub use crate::events::kind::{EventRow, event_kinds};
 use crate::instruments::assembly::{Assembled, AssemblyError, OnClosedRelays, assemble};
@@ -74,9 +74,15 @@ pub fn command() -> clap::Command {
 ///
 /// Exit codes: 0 done or stopped cleanly, 1 failed, 2 usage, 5 an instrument fault at `--safe-off`, 78 configuration.
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
-    let parsed = command().try_get_matches_from(args);
+    let args: Vec<OsString> = args.collect();
+    let mut options = args.iter().take_while(|word| *word != "--");
+    let json = options.any(|word| word == "--json");
+    let parsed = command().try_get_matches_from(&args);
     let args = match parsed.and_then(|matches| Args::from_arg_matches(&matches)) {
         Ok(args) => args,
+        Err(error) if json && error.use_stderr() => {
+            return report_failure(&(USAGE, error.render().to_string()), json);
+        }
         Err(error) => {
             let _ = error.print();
             return match error.use_stderr() {
@@ -86,22 +92,30 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         }
     };
     crate::events::journal::begin();
+    match perform(&args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => report_failure(&failure, json),
+    }
+}
+
+/// Does what the command line requests: one of the commands, or serves.
+fn perform(args: &Args) -> Result<(), Failure> {
     if let Some(folder) = &args.man {
-        return match man::write(folder) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(cause) => fail(&format!("the manual pages cannot be written: {cause}")),
-        };
+        let written = man::write(folder);
+        return written.map_err(|cause| {
+            (
+                FAILED,
+                format!("the manual pages cannot be written: {cause}"),
+            )
+        });
     }
     if args.print_config {
-        return print_config(&args);
+        return print_config(args);
     }
     if let Some(addresses) = &args.discover {
         return print_found(addresses, args.json);
     }
-    let prepared = match prepare(&args.config) {
-        Ok(prepared) => prepared,
-        Err(problems) => return report_problems(&problems),
-    };
+    let prepared = prepare(&args.config).map_err(|problems| of_problems(&problems))?;
     if args.check {
         let mut warnings = prepared.warnings();
         warnings.extend(prepared.machine_warnings());
@@ -113,7 +127,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
             false => "no error found",
         };
         print_line(&format!("{}: {found}", args.config.display()));
-        return ExitCode::SUCCESS;
+        return Ok(());
     }
     if args.plan {
         return print_plan(&prepared, args.json);
@@ -126,14 +140,11 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         FramesFrom::Rig(plan) if plan.simulation.is_none() => Some(std::sync::Arc::clone(plan)),
         _ => None,
     };
-    let runtime = match tokio::runtime::Builder::new_multi_thread()
+    let runtime = tokio::runtime::Builder::new_multi_thread()
         .max_blocking_threads(BLOCKING)
         .enable_all()
         .build()
-    {
-        Ok(runtime) => runtime,
-        Err(cause) => return fail(&format!("no threads to run on: {cause}")),
-    };
+        .map_err(|cause| (FAILED, format!("no threads to run on: {cause}")))?;
     let life = async {
         if args.safe_off {
             safe_off(&prepared).await
@@ -141,16 +152,11 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
             serve(prepared).await.map_err(|text| (FAILED, text))
         }
     };
-    let Some(outcome) = crate::instruments::last_resort::run(runtime, rig.as_deref(), life) else {
-        return fail("the daemon's own code failed; its log says where, please report it");
-    };
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err((code, text)) => {
-            let _ = fail(&text);
-            ExitCode::from(code)
-        }
-    }
+    let outcome = crate::instruments::last_resort::run(runtime, rig.as_deref(), life);
+    outcome.unwrap_or_else(|| {
+        let text = "the daemon's own code failed; its log says where, please report it";
+        Err((FAILED, text.to_owned()))
+    })
 }
 
 /// Runs the daemon.

@@ -76,12 +76,7 @@ fn report(failure: &Failure, json: bool) -> ExitCode {
         false => ("failed", 1),
     };
     match json {
-        true => {
-            let line = serde_json::json!({
-                "event": "error", "kind": kind, "code": code, "text": text.trim_end(),
-            });
-            eprintln!("{}", survey::printable_json(line.to_string()));
-        }
+        true => eprintln!("{}", survey::error_line(kind, code, &text)),
         false => eprintln!("tactus-lab: {}", survey::printable_lines(&text)),
     }
     ExitCode::from(code)

@@ -40,7 +40,9 @@ pub use plan::{
     Channel, Counts, Injection, Limits, Plan, PlanError, RangeRule, RelayLimits, Resolution,
     Routed, SourceLimits, Step, Timing,
 };
-pub use printable::{error_chain, printable, printable_json, printable_lines, printable_within};
+pub use printable::{
+    error_chain, error_line, printable, printable_json, printable_lines, printable_within,
+};
 pub use quality::{Checks, Quality, QualityFlag};
 pub use reading::{Reading, relative_changes};
 pub use ring::{Dipole, Electrode};

@@ -76,6 +76,26 @@ pub fn printable_json(json: String) -> String {
     shown
 }
 
+/// The line of JSON that every program prints on standard error when it fails with `--json`; the fields are described in
+/// `docs/reference/json.md`.
+///
+/// ```
+/// assert_eq!(
+///     survey::error_line("failed", 1, "no \"a\"\nand no b"),
+///     r#"{"event":"error","kind":"failed","code":1,"text":"no \"a\"\nand no b"}"#
+/// );
+/// ```
+pub fn error_line(kind: &str, code: u8, text: &str) -> String {
+    let quoted = |text: &str| {
+        let text = text.replace('\\', "\\\\").replace('"', "\\\"");
+        text.replace('\n', "\\n")
+    };
+    let (kind, text) = (quoted(kind), quoted(text.trim_end()));
+    printable_json(format!(
+        r#"{{"event":"error","kind":"{kind}","code":{code},"text":"{text}"}}"#
+    ))
+}
+
 fn escaped(text: &str, stays: impl Fn(char) -> bool) -> Cow<'_, str> {
     if text.chars().all(&stays) {
         return Cow::Borrowed(text);

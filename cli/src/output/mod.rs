@@ -160,31 +160,15 @@ fn terminal_size() -> Option<(usize, usize)> {
         .filter(|&(columns, rows)| columns > 0 && rows > 0)
 }
 
-/// The last line on standard error if a command fails with `--json`; see `docs/reference/json.md`.
-#[derive(Serialize)]
-struct ErrorLine<'a> {
-    event: &'static str,
-    kind: &'static str,
-    code: u8,
-    text: &'a str,
-}
-
 /// Prints on standard error why the command failed, as text or as one JSON object.
 pub(crate) fn report(failure: &Failure, json: bool) {
     let text = failure.to_string();
     if !json {
         return complain(&format!("tactus: {text}"));
     }
-    let line = ErrorLine {
-        event: "error",
-        kind: failure.kind(),
-        code: failure.code(),
-        text: &text,
-    };
-    // a struct of texts and numbers always becomes JSON
     eprintln!(
         "{}",
-        printable_json(serde_json::to_string(&line).unwrap_or_default())
+        survey::error_line(failure.kind(), failure.code(), &text)
     );
 }
 

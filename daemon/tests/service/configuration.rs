@@ -325,3 +325,54 @@ fn usage_errors_have_their_own_exit_code() {
         .unwrap();
     assert_eq!(output.status.code(), Some(2));
 }
+
+/// The last line of standard error with `--json`.
+fn error_line(stage: &Stage, args: &[&str], code: i32) -> serde_json::Value {
+    let output = stage.run(args);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "{args:?}: {message}");
+    assert!(output.stdout.is_empty(), "{args:?}");
+    let line = message.lines().last().unwrap_or_default();
+    serde_json::from_str(line).unwrap_or_else(|_| panic!("{args:?}: {message}"))
+}
+
+#[test]
+fn with_json_errors_are_objects() {
+    let (sound, bad) = (Stage::new(SMALL), Stage::new("[rig]\nkinds = 1\n"));
+    for (stage, args, code, kind, says) in [
+        (
+            &bad,
+            &["--plan", "--json"][..],
+            78,
+            "configuration",
+            "config.toml:2:1: unknown key 'kinds'",
+        ),
+        (
+            &sound,
+            &["--frobnicate", "--json"][..],
+            2,
+            "usage",
+            "--frobnicate",
+        ),
+        (
+            &sound,
+            &["--discover", "nowhere", "--json"][..],
+            2,
+            "usage",
+            "nowhere",
+        ),
+    ] {
+        let error = error_line(stage, args, code);
+        assert_eq!(error["event"], "error", "{error}");
+        assert_eq!(error["kind"], kind, "{error}");
+        assert_eq!(error["code"], code, "{error}");
+        assert!(error["text"].as_str().unwrap().contains(says), "{error}");
+    }
+    // without it as before, each problem with its place
+    let output = bad.run(&["--plan"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        message.contains("config.toml:2:1:") && !message.contains('{'),
+        "{message}"
+    );
+}

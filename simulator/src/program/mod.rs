@@ -25,6 +25,8 @@ use crate::{LoadNetwork, Pace, Profile, ServeOptions, SimulatedRig, serve};
 
 /// Exit code of a profile or scene that cannot be used (EX_CONFIG).
 const CONFIGURATION: u8 = 78;
+/// Exit code of a wrong command line.
+const USAGE: u8 = 2;
 
 /// Simulated instruments, connected to one simulated sheet, for any SCPI client.
 #[derive(Debug, Parser)]
@@ -142,17 +144,27 @@ pub fn command() -> clap::Command {
 
 /// Runs `tactus-sim`; the first argument is the program's name.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let words: Vec<OsString> = arguments.into_iter().collect();
+    let mut options = words.iter().take_while(|word| *word != "--");
+    let json = options.any(|word| word == "--json");
     let command = command();
-    let parsed = command.clone().try_get_matches_from(arguments);
+    let parsed = command.clone().try_get_matches_from(&words);
     let (matches, arguments) = match parsed.and_then(|matches| {
         let arguments = Arguments::from_arg_matches(&matches)?;
         Ok((matches, arguments))
     }) {
         Ok(parsed) => parsed,
+        Err(refusal) if json && refusal.use_stderr() => {
+            eprintln!(
+                "{}",
+                survey::error_line("usage", USAGE, &refusal.render().to_string())
+            );
+            return ExitCode::from(USAGE);
+        }
         Err(refusal) => {
             // An error that cannot be printed cannot be reported.
             refusal.print().ok();
-            return ExitCode::from(u8::try_from(refusal.exit_code()).unwrap_or(2));
+            return ExitCode::from(u8::try_from(refusal.exit_code()).unwrap_or(USAGE));
         }
     };
     if let Err(refused) = outfile::check_arguments(&command, &matches) {
@@ -268,6 +280,10 @@ fn show(of: &Control, json: bool) -> ExitCode {
     });
     match reported {
         Ok(text) => print_line(&text),
+        Err(refusal) if json => {
+            eprintln!("{}", survey::error_line("failed", 1, &refusal));
+            ExitCode::FAILURE
+        }
         Err(refusal) => {
             eprintln!("tactus-sim: {}", survey::printable(&refusal));
             ExitCode::FAILURE

@@ -152,3 +152,34 @@ fn what_cannot_be_served_is_refused_with_the_right_code() {
         "{reported}"
     );
 }
+
+#[test]
+fn with_json_errors_are_objects() {
+    for (words, code, kind, says) in [
+        (
+            &["status", "--control", "/nowhere", "--json"][..],
+            1,
+            "failed",
+            "/nowhere",
+        ),
+        (
+            &["list", "--frobnicate", "--json"][..],
+            2,
+            "usage",
+            "--frobnicate",
+        ),
+    ] {
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_tactus-sim"))
+            .args(words)
+            .output()
+            .unwrap();
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(code), "{message}");
+        let error: serde_json::Value =
+            serde_json::from_str(&message).unwrap_or_else(|_| panic!("{message}"));
+        assert_eq!(error["event"], "error", "{message}");
+        assert_eq!(error["kind"], kind, "{message}");
+        assert_eq!(error["code"], code, "{message}");
+        assert!(error["text"].as_str().unwrap().contains(says), "{message}");
+    }
+}
