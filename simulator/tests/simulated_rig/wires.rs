@@ -213,3 +213,29 @@ async fn source_answers_at_the_rate_of_its_command_time() {
     assert!(took + Duration::from_millis(1) >= expected, "{took:?}");
     assert!(took <= expected + Duration::from_millis(5), "{took:?}");
 }
+
+/// Every example of the table of the chapter is refused as an undefined header.
+#[test]
+fn commands_named_as_refused_are_undefined() {
+    let chapter = include_str!("../../README.md");
+    let (_, table) = chapter
+        .split_once("## What the simulated instruments refuse")
+        .unwrap();
+    let (table, _) = table.split_once("\n## ").unwrap();
+    let profile = Profile::shipped("pairs-34924a").unwrap();
+    let rig = SimulatedRig::new(&profile.at_pace(Pace::Instant), Scene::quiet()).unwrap();
+    let mut rows = 0;
+    for row in table.lines().filter(|line| line.contains("` |")) {
+        let cells: Vec<&str> = row.trim_matches(['|', ' ']).split(" | ").collect();
+        let instrument = match cells[0] {
+            "6221" => Instrument::Source,
+            _ => Instrument::Mainframe,
+        };
+        let command = cells[2].trim_matches('`');
+        rig.receive(instrument, command);
+        let error = rig.receive(instrument, "SYST:ERR?").0.unwrap();
+        assert!(error.starts_with("-113,"), "{command}: {error}");
+        rows += 1;
+    }
+    assert!(rows >= 5, "{rows} rows");
+}
