@@ -130,6 +130,20 @@ pub(crate) mod tests {
         std::thread::spawn(|| panic!("a test of the panic handler"))
             .join()
             .unwrap_err();
+        let panicked = Instant::now();
+        let off = async {
+            while sheet.source_output().0 {
+                tokio::task::yield_now().await;
+            }
+            panicked.elapsed()
+        };
+        let took = tokio::time::timeout(DEADLINE, off).await.unwrap();
+        println!(
+            "source off {:.1} ms after a panic",
+            1e3 * took.as_secs_f64()
+        );
+        // ten times the 100 ms that are promised
+        assert!(took < Duration::from_secs(1), "{took:?}");
         let end = within(status.ended()).await.unwrap();
         assert!(end.faulted && end.reason.contains(file!()), "{end:?}");
         assert!(!sheet.source_output().0);
@@ -194,10 +208,13 @@ pub(crate) mod tests {
             failed_at = Some(Instant::now());
             panic!("a test of the last resort");
         });
+        let took = failed_at.unwrap().elapsed();
         println!(
             "off, verified, and relays open over new connections {:.1} ms after the head failed",
-            1e3 * failed_at.unwrap().elapsed().as_secs_f64()
+            1e3 * took.as_secs_f64()
         );
+        // ten times the 100 ms of a fault that the controller itself handles
+        assert!(took < Duration::from_secs(1), "{took:?}");
         assert!(ended.is_none());
         assert!(!sheet.source_output().0 && sheet.closed().is_empty());
         let transcript = sheet.transcript();

@@ -1,6 +1,7 @@
 //! The daemon on a bus with a broker: a private one for each test.
 
 use std::process::Command;
+use std::time::Duration;
 
 use crate::stage::broker::Broker;
 use crate::stage::{SMALL, Stage, within};
@@ -95,6 +96,7 @@ async fn a_restarted_bus_has_the_daemon_again_and_no_frame_is_lost() {
         .sequence;
 
     let broker = Broker::start(stage.path()).unwrap();
+    let back = std::time::Instant::now();
     let connection = broker.connect().await;
     let broker_itself = DBusProxy::new(&connection).await.unwrap();
     let mut owners = broker_itself
@@ -108,6 +110,10 @@ async fn a_restarted_bus_has_the_daemon_again_and_no_frame_is_lost() {
     {
         within(dbus::next(&mut owners)).await.unwrap();
     }
+    let took = back.elapsed();
+    println!("the name is owned again {took:?} after the bus is back");
+    // ten times the longest time between two attempts
+    assert!(took < Duration::from_secs(50), "{took:?}");
     let again = dbus::Manager1Proxy::builder(&connection)
         .path(ROOT_PATH)
         .build()

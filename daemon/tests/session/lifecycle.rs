@@ -336,6 +336,15 @@ async fn a_bus_reader_that_freezes_is_dropped_and_the_others_go_on() {
         .await;
     within(session.wait()).await.unwrap();
     assert_eq!(session.frames_durable().await.unwrap(), 15);
+    let record = logbook::SessionReader::open(session.path().await.unwrap()).unwrap();
+    let times: Vec<std::time::Duration> = record
+        .frames()
+        .map(|record| record.unwrap().frame.monotonic)
+        .collect();
+    let gap = times.windows(2).map(|two| two[1] - two[0]).max().unwrap();
+    println!("largest gap beside a frozen client: {gap:?}");
+    // ten times the schedule
+    assert!(gap < std::time::Duration::from_secs(1), "{gap:?}");
     assert_eq!(session.frames_dropped().await.unwrap(), 0);
     let (status, log) = daemon.terminate().await;
     assert!(status.success() && log.contains("does not listen"), "{log}");

@@ -90,8 +90,9 @@ fn two_announced_simulators_are_each_listed_once() {
         );
     }
     let took: u64 = read("took_ms").trim().parse().expect("milliseconds");
-    // the goal is five seconds; a busy machine may need another try
     println!("both listed {took} ms after the start of tactusd --discover");
+    // ten times the five seconds that are promised: a busy machine may need another try
+    assert!(took <= 50_000, "{took} ms");
 }
 
 #[test]
