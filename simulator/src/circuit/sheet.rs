@@ -48,6 +48,8 @@ pub(crate) struct Sheet {
     closed: BTreeSet<Relay>,
     /// The channel closed by the voltmeter's scan for the reading in progress, with its bank's bus relay.
     scanned: Vec<Relay>,
+    /// Slots whose terminal block is open: a scan does not reach a bus there.
+    open_blocks: BTreeSet<u32>,
     poles: [Option<Electrode>; 4],
     /// Relays stuck closed or open by a fault, whatever their instrument reports.
     stuck: BTreeMap<Relay, bool>,
@@ -82,6 +84,7 @@ impl Sheet {
             fixture,
             closed: BTreeSet::new(),
             scanned: Vec::new(),
+            open_blocks: BTreeSet::new(),
             poles: [None; 4],
             stuck: BTreeMap::new(),
             worn: BTreeMap::new(),
@@ -134,8 +137,23 @@ impl Sheet {
         self.scanned.clear();
         if let Some(channel) = channel {
             self.scanned.push(channel);
-            self.scanned.extend(self.fixture.scanned_by(channel));
+            let bus = self.fixture.scanned_by(channel);
+            let closes = |bus: &Relay| !self.open_blocks.contains(&(bus.0 / 1000));
+            self.scanned.extend(bus.filter(closes));
         }
+    }
+
+    /// Opens or shuts the terminal block of a slot.
+    pub(crate) fn set_block(&mut self, slot: u32, shut: bool) {
+        match shut {
+            true => self.open_blocks.remove(&slot),
+            false => self.open_blocks.insert(slot),
+        };
+    }
+
+    /// Shuts all terminal blocks.
+    pub(crate) fn shut_blocks(&mut self) {
+        self.open_blocks.clear();
     }
 
     /// Makes a relay stick, closed or open.

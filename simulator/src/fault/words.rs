@@ -21,6 +21,7 @@ late INSTRUMENT SECONDS [COUNT]     the next replies come so much later
 lost INSTRUMENT [COUNT]             the next replies never come
 doubled INSTRUMENT [COUNT]          the next replies come twice
 half-line INSTRUMENT [COUNT]        the next replies break off in the middle
+rubbish INSTRUMENT [COUNT]          the next replies are a line without meaning, with bytes that are not ASCII
 nan 6221|34980a [COUNT]             the next replies with readings have the text NAN in their place
 stale 6221|34980a [COUNT]           the next replies with readings repeat those of the reply before
 slow INSTRUMENT SECONDS             every answer takes so much longer; 0 ends it
@@ -63,6 +64,7 @@ impl fmt::Display for Fault {
                     ReplyFault::Lost => write!(f, "lost {at} {count}"),
                     ReplyFault::Doubled => write!(f, "doubled {at} {count}"),
                     ReplyFault::HalfLine => write!(f, "half-line {at} {count}"),
+                    ReplyFault::Rubbish => write!(f, "rubbish {at} {count}"),
                     ReplyFault::NotANumber => write!(f, "nan {at} {count}"),
                     ReplyFault::Stale => write!(f, "stale {at} {count}"),
                 }
@@ -172,7 +174,7 @@ impl FromStr for Fault {
                 ))
             }),
             [
-                kind @ ("lost" | "doubled" | "half-line" | "nan" | "stale"),
+                kind @ ("lost" | "doubled" | "half-line" | "rubbish" | "nan" | "stale"),
                 at,
                 rest @ ..,
             ] if rest.len() < 2 => instrument(at).and_then(|at| {
@@ -180,6 +182,7 @@ impl FromStr for Fault {
                     "lost" => ReplyFault::Lost,
                     "doubled" => ReplyFault::Doubled,
                     "half-line" => ReplyFault::HalfLine,
+                    "rubbish" => ReplyFault::Rubbish,
                     "nan" => ReplyFault::NotANumber,
                     _ => ReplyFault::Stale,
                 };
@@ -248,6 +251,7 @@ mod tests {
             "lost 34980a 3",
             "doubled 6221 1",
             "half-line board 2",
+            "rubbish board 1",
             "nan 34980a 1",
             "stale 6221 2",
             "power-cut",

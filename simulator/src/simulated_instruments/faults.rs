@@ -70,8 +70,11 @@ impl SimulatedInstruments {
             Fault::StuckClosed(relay) => self.sheet.stick(*relay, true),
             Fault::Free(relay) => self.sheet.unstick(*relay),
             Fault::Overload(on) => self.sheet.overload = *on,
+            Fault::TerminalBlock(slot, shut) => {
+                self.sheet.set_block(*slot, *shut);
+                self.fault_of_instruments(fault, at);
+            }
             Fault::Interlock(_)
-            | Fault::TerminalBlock(..)
             | Fault::Pulse(_)
             | Fault::Slot(..)
             | Fault::Module(..)
@@ -79,6 +82,7 @@ impl SimulatedInstruments {
             Fault::None => {
                 self.sheet.unstick_all();
                 self.sheet.overload = false;
+                self.sheet.shut_blocks();
                 self.fault_of_instruments(fault, at);
                 self.time_line.clear();
             }

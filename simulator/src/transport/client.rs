@@ -23,6 +23,9 @@ pub(crate) const LONGEST_MESSAGE: usize = 64 * 1024;
 /// How long to wait for a reply for a client that has closed its sending side.
 const HALF_CLOSED_TIMEOUT: Duration = Duration::from_secs(10);
 
+/// A line that is no reply of any instrument, as of a wrong baud rate.
+const RUBBISH: &[u8] = b"\x8f\xfe?%x\xc3(\xb2;,\x07\n";
+
 /// Capacity of a pipe in memory, bytes.
 const PIPE: usize = 64 * 1024;
 
@@ -187,6 +190,7 @@ impl ClientSession {
         match fault {
             None | Some(ReplyFault::NotANumber | ReplyFault::Stale) => bytes.push(b'\n'),
             Some(ReplyFault::Lost) => bytes.clear(),
+            Some(ReplyFault::Rubbish) => bytes = RUBBISH.to_vec(),
             Some(ReplyFault::HalfLine) => bytes.truncate(bytes.len() / 2),
             Some(ReplyFault::Late(by)) => {
                 tokio::time::sleep(by).await;

@@ -308,7 +308,10 @@ impl Relays {
     pub(crate) fn join_to_bus(&mut self, channel: Relay, four_wire: bool) -> ScanRelays {
         let partner = self.partner(channel).filter(|_| four_wire);
         let sense = partner.and_then(|partner| self.bus_relay_to(partner, 2));
-        let joined = [Some(channel), self.bus_relay(channel), partner, sense];
+        // the relays to the buses stay open while the terminal block is
+        let closes = |bus: &Relay| !self.slots[bus.0 as usize / 1000 - 1].interlocked;
+        let bus = self.bus_relay(channel).filter(closes);
+        let joined = [Some(channel), bus, partner, sense.filter(closes)];
         let mut after = self.closed.clone();
         after.extend(joined.into_iter().flatten());
         self.become_closed(after);
