@@ -12,7 +12,8 @@ pub enum Reading {
     Ok(Volts),
     /// The voltmeter was over its range, or returned something that is not a number.
     Overload,
-    /// No reply in time.
+    /// No reply in time. The drivers of this workspace do not return it, because a late reply fails the whole frame; another
+    /// voltmeter or an imported frame may have it.
     Timeout,
     /// The plan was stopped before this reading, or the source was in compliance.
     NotMeasured,
