@@ -3,6 +3,8 @@
 //! Judged on innovations (what changed since the tracked baseline), with local loads of 30 % allowed for, so that neither months
 //! of drift nor a load look like a contact.
 
+use std::sync::Arc;
+
 use eit::linear_algebra::{Definite, product, view};
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
@@ -61,6 +63,15 @@ impl ElectrodeFault {
             Self::DistantShort { electrodes } => electrodes.to_vec(),
         }
     }
+}
+
+/// Covariance of innovations with loads allowed for, and the estimate of ln contact impedances from whitened ones.
+#[derive(Debug)]
+pub struct Allowed {
+    covariance: DMatrix<f64>,
+    factor: Arc<Definite>,
+    rows: Vec<usize>,
+    estimate: DMatrix<f64>,
 }
 
 /// The tests, prepared for a sheet.
@@ -124,8 +135,42 @@ impl ElectrodeCheck {
         rows.iter().filter(healthy).copied().collect()
     }
 
-    /// The fault that a frame shows, if any. `innovation` is the data minus the tracked baseline, `covariance` that of the
-    /// innovation without load, V2; only `rows` count.
+    /// Prepares the test of innovations with this covariance (without load, V2), of which only `rows` count.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn allow(
+        &self,
+        model: &DriftModel,
+        covariance: &DMatrix<f64>,
+        rows: &[usize],
+    ) -> Result<Allowed, DriftError> {
+        let covariance = covariance + &model.local_gram * LOAD.powi(2);
+        let factor = match rows.len() == covariance.nrows() {
+            true => Definite::new(&covariance),
+            false => Definite::new(&covariance.select_rows(rows).select_columns(rows)),
+        };
+        let factor = Arc::new(factor.ok_or(DriftError::Covariance)?);
+        let none = DVector::zeros(covariance.nrows());
+        let contacts =
+            Whitened::with(Arc::clone(&factor), &none, rows).sensitivity(&model.contacts);
+        let mut normal = product(view(&contacts.transpose()), view(&contacts));
+        for k in 0..normal.nrows() {
+            normal[(k, k)] += CONTACT_SD.powi(-2);
+        }
+        let mut estimate = contacts.transpose();
+        Definite::new(&normal)
+            .ok_or(DriftError::Covariance)?
+            .solve_columns(&mut estimate);
+        Ok(Allowed {
+            covariance,
+            factor,
+            rows: rows.to_vec(),
+            estimate,
+        })
+    }
+
+    /// The fault that a frame shows, if any. `innovation` is the data minus the tracked baseline, V.
     ///
     /// # Errors
     /// A covariance that is not positive definite.
@@ -134,31 +179,27 @@ impl ElectrodeCheck {
         model: &DriftModel,
         frame: &[Reading],
         innovation: &DVector<f64>,
-        covariance: &DMatrix<f64>,
-        rows: &[usize],
+        allowed: &Allowed,
     ) -> Result<Option<ElectrodeFault>, DriftError> {
         if let Some(electrode) = self.shorted(model, frame) {
             return Ok(Some(ElectrodeFault::Shorted { electrode }));
         }
-        let wider = covariance + &model.local_gram * LOAD.powi(2);
-        let white = Whitened::new(&wider, innovation, rows)?;
+        let (wider, rows) = (&allowed.covariance, &allowed.rows);
+        let white = Whitened::with(Arc::clone(&allowed.factor), innovation, rows);
         let chi = white.data().norm_squared();
+        let (electrode, by) = (&allowed.estimate * white.data()).argmax();
+        let risen = (RISEN..NO_CONTACT).contains(&by);
         if white.chi_per_row() > UNEXPLAINED {
             if let Some(electrodes) = self.short(&white, chi) {
                 return Ok(Some(ElectrodeFault::DistantShort { electrodes }));
             }
-            let (electrode, by) = risen(model, &white)?;
-            if (RISEN..NO_CONTACT).contains(&by)
-                && self.left(&wider, innovation, rows, electrode)? < LEFT * chi
-            {
+            if risen && self.left(wider, innovation, rows, electrode)? < LEFT * chi {
                 return Ok(Some(ElectrodeFault::Risen { electrode, by }));
             }
-            let culprit = self.culprit(&wider, innovation, rows, chi)?;
+            let culprit = self.culprit(wider, innovation, rows, chi)?;
             return Ok(culprit.map(|electrode| ElectrodeFault::Floating { electrode }));
         }
-        let (electrode, by) = risen(model, &white)?;
-        let is = (RISEN..NO_CONTACT).contains(&by);
-        Ok(is.then_some(ElectrodeFault::Risen { electrode, by }))
+        Ok(risen.then_some(ElectrodeFault::Risen { electrode, by }))
     }
 
     /// The first electrode of a pair whose readings, by drive or by sense, are almost nothing.
@@ -233,16 +274,4 @@ impl ElectrodeCheck {
         let (electrode, left) = best;
         Ok((left < LEFT * chi).then_some(electrode))
     }
-}
-
-/// The electrode whose ln contact impedance has risen most, and by how much.
-fn risen(model: &DriftModel, white: &Whitened) -> Result<(usize, f64), DriftError> {
-    let contacts = white.sensitivity(&model.contacts);
-    let mut normal = product(view(&contacts.transpose()), view(&contacts));
-    for k in 0..normal.nrows() {
-        normal[(k, k)] += CONTACT_SD.powi(-2);
-    }
-    let factor = Definite::new(&normal).ok_or(DriftError::Covariance)?;
-    let estimate = factor.solve(&contacts.tr_mul(white.data()));
-    Ok(estimate.argmax())
 }

@@ -1,8 +1,8 @@
 //! Drift of a sheet over months: what separates a load from ageing, and what cannot.
 //!
 //! A map compares a frame with a baseline. Over days the sheet itself changes: its conductance as a whole, its contacts,
-//! slowly varying fields, and places. This crate gives a frame the covariance of these changes, separates them
-//! from loads. It computes from readings that it is given: no files, no clock, no instruments, no phantom.
+//! slowly varying fields, and places. This crate gives a frame the covariance of these changes, and follows them through
+//! time where frames of the past are known. It computes from readings that it is given: no files, no clock, no instruments, no phantom.
 //!
 //! - **pairs**: a frame as 299 means of reciprocal readings, relative to a baseline, and 299 differences that no load and no
 //!   drift changes
@@ -26,7 +26,7 @@ mod tracker;
 mod whitened;
 
 pub use disc::{Disc, DiscFit};
-pub use electrodes::{ElectrodeCheck, ElectrodeFault};
+pub use electrodes::{Allowed, ElectrodeCheck, ElectrodeFault};
 pub use error::DriftError;
 pub use evidence::Assessed;
 pub use model::{DriftModel, Noise};

@@ -1,5 +1,7 @@
 //! Data and sensitivity whitened by a covariance: what linear methods take in place of raw changes.
 
+use std::sync::Arc;
+
 use eit::linear_algebra::Definite;
 use nalgebra::{DMatrix, DVector};
 
@@ -9,7 +11,7 @@ use crate::model::{DriftModel, Place};
 /// Data d with covariance S = L L', as L^-1 d. Rows without a value are left out (marginalised).
 #[derive(Debug, Clone)]
 pub struct Whitened {
-    factor: Definite,
+    factor: Arc<Definite>,
     rows: Vec<usize>,
     raw: DVector<f64>,
     data: DVector<f64>,
@@ -42,10 +44,10 @@ impl Whitened {
             Definite::new(&covariance.select_rows(rows).select_columns(rows))
         };
         let factor = factor.ok_or(DriftError::Covariance)?;
-        Ok(Self::with(factor, data, rows))
+        Ok(Self::with(Arc::new(factor), data, rows))
     }
 
-    pub(crate) fn with(factor: Definite, data: &DVector<f64>, rows: &[usize]) -> Self {
+    pub(crate) fn with(factor: Arc<Definite>, data: &DVector<f64>, rows: &[usize]) -> Self {
         let mut white = Self {
             factor,
             rows: rows.to_vec(),
@@ -150,7 +152,7 @@ impl Whitened {
         }
         let factor = Definite::new(&covariance).ok_or(DriftError::Covariance)?;
         let mut out = Self {
-            factor,
+            factor: Arc::new(factor),
             data: DVector::zeros(0),
             ..self.clone()
         };

@@ -10,7 +10,7 @@ mod load;
 mod pace;
 mod state;
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use eit::linear_algebra::{Definite, product, view};
 use nalgebra::{DMatrix, DVector};
@@ -19,7 +19,7 @@ use survey::Reading;
 use crate::DriftError;
 use crate::basis::{Basis, PER_DAY};
 use crate::disc::DiscFit;
-use crate::electrodes::{ElectrodeCheck, ElectrodeFault};
+use crate::electrodes::{Allowed, ElectrodeCheck, ElectrodeFault};
 use crate::model::DriftModel;
 use crate::whitened::{LoadTest, Whitened, best_places};
 pub use anchors::AnchorAlarm;
@@ -134,8 +134,10 @@ struct Steady {
     rows: Vec<usize>,
     predicted: DMatrix<f64>,
     covariance: DMatrix<f64>,
-    factor: Definite,
+    factor: Arc<Definite>,
     atoms: DMatrix<f64>,
+    /// For the test of electrodes, once it is needed.
+    allowed: OnceLock<Allowed>,
 }
 
 impl Tracker {
@@ -270,7 +272,7 @@ impl Tracker {
         event: Option<LoadTest>,
         now: &Arc<Steady>,
     ) -> Result<(), DriftError> {
-        let white = Whitened::with(now.factor.clone(), &frame.e, &frame.rows);
+        let white = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows);
         let found = best_places(&now.atoms, white.data(), &self.model, 3);
         let best = found.first().copied();
         answer.score = best.map(|test| test.score);
@@ -306,7 +308,7 @@ impl Tracker {
 
     /// Corrects the state by a frame without load.
     fn learn(&mut self, answer: &mut Answer, frame: &Frame, now: &Arc<Steady>) {
-        let weights = Whitened::with(now.factor.clone(), &frame.e, &frame.rows).weights();
+        let weights = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows).weights();
         self.state.correct(&(&now.predicted * weights));
         let complete = frame.rows.len() == self.prepared.rows.len();
         let (run, at_s) = (self.state.run, self.state.at_s);
@@ -352,7 +354,7 @@ impl Tracker {
     ) -> Result<(), DriftError> {
         answer.judgement = Judgement::Loaded;
         self.predict(now);
-        let white = Whitened::with(now.factor.clone(), &frame.e, &frame.rows);
+        let white = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows);
         let mut back_to_empty = false;
         if let (Some(test), Some(step)) = (event, &frame.step) {
             let came = test.change < 0.0;
@@ -362,7 +364,7 @@ impl Tracker {
                 self.state.ledger.came(&(&frame.e - step));
             } else {
                 back_to_empty = self.state.ledger.went(&frame.e, |off| {
-                    let white = Whitened::with(now.factor.clone(), off, &frame.rows);
+                    let white = Whitened::with(Arc::clone(&now.factor), off, &frame.rows);
                     white.data().norm_squared()
                 });
             }
@@ -429,7 +431,7 @@ impl Tracker {
 
     /// The best disc of the load test, and the innovation whitened.
     fn best_disc(&self, frame: &Frame, now: &Steady) -> (Option<LoadTest>, Whitened) {
-        let white = Whitened::with(now.factor.clone(), &frame.e, &frame.rows);
+        let white = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows);
         let found = best_places(&now.atoms, white.data(), &self.model, 1);
         (found.first().copied(), white)
     }
@@ -507,12 +509,13 @@ impl Tracker {
         };
         factor.whiten(&mut atoms);
         Ok(Arc::new(Steady {
+            allowed: OnceLock::new(),
             days,
             pace,
             rows: rows.to_vec(),
             predicted,
             covariance,
-            factor,
+            factor: Arc::new(factor),
             atoms,
         }))
     }
@@ -530,19 +533,19 @@ impl Tracker {
         now: &Steady,
     ) -> Result<Option<ElectrodeFault>, DriftError> {
         let check = &self.prepared.check;
-        match (self.state.ledger.loaded(), &frame.step) {
-            (true, Some(step)) => {
-                let covariance = self.of_step(frame.days);
-                check.fault(&self.model, readings, step, &covariance, &frame.rows)
-            }
-            _ => check.fault(
-                &self.model,
-                readings,
-                &frame.e,
-                &now.covariance,
-                &frame.rows,
-            ),
+        if let (true, Some(step)) = (self.state.ledger.loaded(), &frame.step) {
+            let covariance = self.of_step(frame.days);
+            let allowed = check.allow(&self.model, &covariance, &frame.rows)?;
+            return check.fault(&self.model, readings, step, &allowed);
         }
+        let allowed = match now.allowed.get() {
+            Some(allowed) => allowed,
+            None => {
+                let allowed = check.allow(&self.model, &now.covariance, &frame.rows)?;
+                now.allowed.get_or_init(|| allowed)
+            }
+        };
+        check.fault(&self.model, readings, &frame.e, allowed)
     }
 
     /// The map of the last frame relative to the tracked baseline: change of ln conductance of each triangle of

@@ -1,0 +1,98 @@
+//! Computing times of the sheet's fit, the model and the frames of a tracker, on one core:
+//! `cargo run --release -p tactus-drift --example times`. Linux counts the time on the processor; elsewhere it is elapsed time.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use drift::{DriftModel, FitOptions, Noise, Pairs, SheetFit, Tracker};
+use eit::{Forward, PaperSheet};
+use survey::{Protocol, Reading, Volts};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .use_current_thread()
+        .build_global()?;
+    let start = Instant::now();
+    let clock = || processor_time().unwrap_or_else(|| start.elapsed());
+    let protocol = Protocol::sheffield(26)?;
+    let fine = PaperSheet {
+        fineness: 1.5,
+        ..PaperSheet::default()
+    };
+    let mesh = Arc::new(fine.mesh()?);
+    let sigma = vec![fine.conductance(); mesh.triangles().len()];
+    let forward = Forward::new(Arc::clone(&mesh), &fine.contact_ohm_m())?;
+    let volts = forward.readings(&sigma, &protocol)? * 1e-3;
+    let baseline: Vec<Reading> = volts.iter().map(|v| Reading::Ok(Volts(*v))).collect();
+
+    let sheet = PaperSheet::default();
+    let mesh = Arc::new(sheet.mesh()?);
+    let sigma0 = vec![sheet.conductance(); mesh.triangles().len()];
+    let contact = sheet.contact_ohm_m();
+    let (options, pairs) = (FitOptions::default(), Pairs::new(&protocol));
+    let begun = clock();
+    let fit = SheetFit::new(&mesh, &contact, &sigma0, &pairs, volts.as_slice(), &options)?;
+    let seconds = (clock() - begun).as_secs_f64();
+    println!(
+        "fit of the sheet  {seconds:.2} s, misfit {:.2} %",
+        100.0 * fit.misfit
+    );
+    let noise = Noise {
+        reading_v: 2e-6,
+        emf_v: 0.9e-6,
+    };
+    let begun = clock();
+    let model = DriftModel::new(
+        &mesh, &contact, &sigma0, &protocol, &baseline, noise, &options,
+    )?;
+    println!("model with fit    {:.2} s", (clock() - begun).as_secs_f64());
+    let model = Arc::new(model);
+    let disc = model.disc([0.06, 0.15], 0.03) * -0.5;
+    let relative = model.relative(&baseline)?;
+    let begun = clock();
+    let assessed = model.assess(&disc, &relative.rows)?;
+    let steps = assessed.evaluations;
+    println!(
+        "evidence          {:.0} ms, {steps} likelihoods",
+        ms(clock() - begun)
+    );
+    let begun = clock();
+    assessed.whitened.fit_disc(&model)?;
+    println!("one disc          {:.0} ms", ms(clock() - begun));
+    let mut tracker = Tracker::new(Arc::clone(&model), 0.0)?;
+    for k in 1..=14 {
+        tracker.follow(&baseline, 600.0 * f64::from(k))?;
+    }
+    let begun = clock();
+    for k in 15..=34 {
+        tracker.follow(&baseline, 600.0 * f64::from(k))?;
+    }
+    println!("empty frame       {:.2} ms", ms(clock() - begun) / 20.0);
+    let mut pressed = volts.as_slice().to_vec();
+    for (row, change) in disc.iter().enumerate() {
+        for reading in model.pairs().readings(row) {
+            pressed[reading] += change;
+        }
+    }
+    let pressed: Vec<Reading> = pressed.iter().map(|v| Reading::Ok(Volts(*v))).collect();
+    let begun = clock();
+    let answer = tracker.follow(&pressed, 600.0 * 35.0)?;
+    let loads = answer.loads;
+    println!(
+        "event             {:.0} ms, {loads} load",
+        ms(clock() - begun)
+    );
+    Ok(())
+}
+
+fn ms(time: Duration) -> f64 {
+    1e3 * time.as_secs_f64()
+}
+
+/// Time of this thread on a processor.
+fn processor_time() -> Option<Duration> {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    let nanoseconds = text.split_whitespace().next()?.parse().ok()?;
+    Some(Duration::from_nanos(nanoseconds))
+}
