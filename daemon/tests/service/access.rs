@@ -184,7 +184,7 @@ async fn polkit_decides_each_action_of_a_sender_but_not_queries() {
     let baseline = Options::new().with("frames", 1_u64);
     let path = scene.manager.record_baseline(&baseline).await.unwrap();
     let session = scene.daemon.session(&path).await;
-    within(session.wait()).await.unwrap();
+    crate::stage::ended(&session).await.unwrap();
     let step = Options::new().with("step", true);
     let path = scene.manager.start_session(&step).await.unwrap();
     let session = dbus::Session1Proxy::builder(&scene.client)

@@ -298,7 +298,7 @@ async fn a_command_that_hangs_holds_no_frame_back() {
     daemon.baseline(1).await;
     reported(&mut happened, "trouble").await;
     let session = daemon.start(Options::new().with("count", 200_u64)).await;
-    within(session.wait()).await.unwrap();
+    crate::stage::ended(&session).await.unwrap();
     assert_eq!(session.frames_durable().await.unwrap(), 200);
     let begun = std::time::Instant::now();
     let (status, log) = daemon.terminate().await;

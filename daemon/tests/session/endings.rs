@@ -233,9 +233,9 @@ async fn session_waiting_for_disk_space_can_be_stopped() {
 /// Locks a session's file as another program does, until the returned value is dropped.
 fn lock(path: &str, of_index: bool) -> Box<dyn std::any::Any> {
     if of_index {
-        // every process with read access to the index of the journal can do this
+        // every process with read access to the index of the journal can do this; waits for the end of a write
         let index = std::fs::File::open(format!("{path}-shm")).unwrap();
-        let shared = FlockOperation::NonBlockingLockShared;
+        let shared = FlockOperation::LockShared;
         rustix::fs::fcntl_lock(&index, shared).unwrap();
         return Box::new(index);
     }

@@ -197,7 +197,7 @@ async fn a_zero_current_frame_is_reported_and_its_baseline_kept() {
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     daemon.baseline(3).await;
     let session = daemon.start(Options::new().with("count", 1_u64)).await;
-    within(session.wait()).await.unwrap();
+    crate::stage::ended(&session).await.unwrap();
     // one before the first frame of each session, one after the second
     for _ in 0..3 {
         let signal = within(dbus::next(&mut happened)).await.unwrap();

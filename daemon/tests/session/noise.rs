@@ -21,7 +21,7 @@ async fn untouched(stage: &Stage) -> (f64, f64) {
     let daemon = stage.start().await;
     within(daemon.baseline(10).await.wait()).await.unwrap();
     let session = daemon.start(Options::new().with("count", 1_u64)).await;
-    within(session.wait()).await.unwrap();
+    crate::stage::ended(&session).await.unwrap();
     let map = session.latest_map().await.unwrap();
     // whatever noise sets the method, an unloaded sheet shows nothing
     assert_eq!(map.more.significant, Some(false));

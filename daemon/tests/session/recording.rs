@@ -75,7 +75,7 @@ async fn a_played_recording_is_recorded_and_can_be_played_again() {
     let refused = daemon.manager.plan().await.unwrap_err();
     assert!(matches!(refused, Fault::Unsupported(_)), "{refused:?}");
     let session = daemon.start(Options::new()).await;
-    let reason = within(session.wait()).await.unwrap();
+    let reason = crate::stage::ended(&session).await.unwrap();
     assert_eq!(reason, "the recording is over");
     assert_eq!(session.frames_durable().await.unwrap(), 12);
     let frame = session.latest_frame().await.unwrap();

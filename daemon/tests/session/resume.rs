@@ -60,7 +60,7 @@ async fn a_killed_session_resumes_with_its_id_schedule_and_a_gap() {
     let session = active(&daemon).await;
     assert_eq!(session.id().await.unwrap(), id);
     assert!(session.frames_durable().await.unwrap() >= kept);
-    within(session.wait()).await.unwrap();
+    crate::stage::ended(&session).await.unwrap();
     let reader = SessionReader::open(&file).unwrap();
     let sequences = reader.frames().map(|record| record.unwrap().frame.sequence);
     assert!(sequences.eq(1..=60), "{} frames", reader.len().unwrap());

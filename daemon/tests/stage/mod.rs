@@ -211,7 +211,7 @@ impl Running {
         let options = Options::new().with("frames", frames);
         let path = self.manager.record_baseline(&options).await.unwrap();
         let session = self.session(&path).await;
-        within(session.wait()).await.unwrap();
+        ended(&session).await.unwrap();
         session
     }
 
@@ -255,6 +255,19 @@ pub async fn within<T>(future: impl Future<Output = T>) -> T {
     tokio::time::timeout(DEADLINE, future)
         .await
         .expect("nothing takes that long")
+}
+
+/// Waits for the end of a session; the common timeout holds from frame to frame, because a busy machine is slow.
+pub async fn ended(session: &Session1Proxy<'_>) -> Result<String, dbus::Fault> {
+    let mut frames = session.frames_durable().await.unwrap();
+    loop {
+        if let Ok(ended) = tokio::time::timeout(DEADLINE, session.wait()).await {
+            return ended;
+        }
+        let now = session.frames_durable().await.unwrap();
+        assert!(now > frames, "no frame after {frames} in {DEADLINE:?}");
+        frames = now;
+    }
 }
 
 /// A rig on TCP for faults by a test, and a configuration for it.
