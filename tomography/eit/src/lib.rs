@@ -38,13 +38,13 @@ pub use crate::inverse::error::OneStepError;
 pub use crate::inverse::learned::network::{DeepNetwork, DeepReport, DeepSettings, Precision};
 pub use crate::inverse::learned::rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
 pub use crate::inverse::model_check::ModelCheck;
+pub use crate::inverse::nonlinear::{NonlinearTv, NonlinearTvOptions};
 pub use crate::inverse::one_step::{CLIPPED, EXPECTED_CHANGE, MODEL_SHARE, OneStep};
 pub use crate::inverse::options::{DEFAULT_NOISE_V, Hyper, HyperRule, OneStepOptions, Scale};
 pub use crate::inverse::prior::{OUTSIDE_WEIGHT, Prior, SMOOTH_LENGTH_M};
 pub use crate::inverse::reconstructor::{
     MOST_MISSING, Novelty, ReconstructError, Reconstructor, UNEXPLAINED,
 };
-pub use crate::inverse::shapes::Shapes;
 pub use crate::inverse::tv::{Strength, TV_STRENGTH, Tv, TvError, TvOptions, TvSolution};
 pub use crate::inverse::wrappers::loss_only::LossOnly;
 pub use crate::inverse::wrappers::whole_sheet::WholeSheet;

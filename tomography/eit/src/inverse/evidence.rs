@@ -90,6 +90,14 @@ impl Evidence {
         sum / squares.len() as f64
     }
 
+    /// Twice the logarithm of how much more probable the data are with a map of the most probable fit than with errors of
+    /// the standard deviation `error` alone.
+    pub(crate) fn preference(&self, squares: &DVector<f64>, error: f64, fit: &Fit) -> f64 {
+        let variance = error * error;
+        let nothing = squares.len() as f64 * variance.ln() + squares.sum() / variance;
+        nothing - fit.surprise
+    }
+
     /// The most probable fit of data with these squared components, with errors of at least the standard deviation
     /// `floor`; `None` without data.
     pub(crate) fn best(&self, squares: &DVector<f64>, floor: f64) -> Option<Fit> {

@@ -26,6 +26,10 @@ const DECADES: [i32; 2] = [-7, 2];
 const MODEL_ERROR: f64 = 0.01;
 const MODEL_ERROR_OF_CHANGE: f64 = 0.8;
 
+/// Twice the logarithm of the probability ratio from which a change is more than noise: noise alone exceeds it less than once
+/// in a thousand frames.
+const SIGNIFICANT: f64 = 12.0;
+
 /// A one-step problem whose hyper-parameter follows from each frame.
 pub(crate) struct FrameRule {
     rule: HyperRule,
@@ -146,6 +150,35 @@ impl FrameRule {
         })
     }
 
+    /// Standard deviation of noise and errors of the model in a frame, and whether its change is more than noise: `None` if
+    /// a map explains it no better than noise does.
+    ///
+    /// # Errors
+    /// As [`FrameRule::map`].
+    pub(crate) fn significant_error(
+        &self,
+        seen: &Seen,
+        missing: &[usize],
+    ) -> Result<Option<f64>, OneStepError> {
+        self.with(seen, missing, |prepared| {
+            let along = prepared.along(&seen.data);
+            let squares = along.map(|value| value * value);
+            let floor = self.least(&seen.data);
+            let fit = prepared.evidence.best(&squares, floor)?;
+            let mean = (squares.sum() / squares.len() as f64).sqrt();
+            let alone = if self.noise > 0.0 { floor } else { mean };
+            let preference = prepared.evidence.preference(&squares, alone, &fit);
+            (preference > SIGNIFICANT).then_some(fit.error())
+        })
+    }
+
+    /// Standard deviation of the errors that a frame has at least.
+    fn least(&self, data: &DVector<f64>) -> f64 {
+        let size = rms(data);
+        let model = size * (MODEL_ERROR + MODEL_ERROR_OF_CHANGE * size / self.readings);
+        self.noise.hypot(model)
+    }
+
     fn with<T>(
         &self,
         seen: &Seen,
@@ -185,10 +218,8 @@ impl FrameRule {
                 error: (scale * ratio).sqrt(),
             };
         }
-        let size = rms(data);
-        let model = size * (MODEL_ERROR + MODEL_ERROR_OF_CHANGE * size / self.readings);
-        let floor = self.noise * self.noise + model * model;
-        match prepared.evidence.best(&squares, floor.sqrt()) {
+        let floor = self.least(data);
+        match prepared.evidence.best(&squares, floor) {
             Some(fit) => FrameHyper {
                 lambda: fit.ratio.sqrt(),
                 error: fit.error(),
@@ -196,7 +227,7 @@ impl FrameRule {
             // no change at all: any lambda gives the same map
             None => FrameHyper {
                 lambda: prepared.evidence.values.iter().sum::<f64>().sqrt(),
-                error: floor.sqrt(),
+                error: floor,
             },
         }
     }

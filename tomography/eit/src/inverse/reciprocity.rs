@@ -161,6 +161,30 @@ impl Seen {
         }
     }
 
+    /// The data with a row for each folded reading, 0 for those that are missing.
+    pub(crate) fn spread(&self, rows: usize) -> DVector<f64> {
+        let Some(left) = &self.left else {
+            return self.data.clone();
+        };
+        let mut all = DVector::zeros(rows);
+        for (value, &(row, _)) in self.data.iter().zip(left) {
+            all[row] = *value;
+        }
+        all
+    }
+
+    /// The share of each folded reading that is not missing.
+    pub(crate) fn shares(&self, rows: usize) -> DVector<f64> {
+        let Some(left) = &self.left else {
+            return DVector::from_element(rows, 1.0);
+        };
+        let mut all = DVector::zeros(rows);
+        for &(row, share) in left {
+            all[row] = share;
+        }
+        all
+    }
+
     /// The rows of a folded matrix that correspond to the data.
     pub(crate) fn rows<'a>(&self, matrix: &'a DMatrix<f64>) -> Cow<'a, DMatrix<f64>> {
         match &self.left {

@@ -82,6 +82,11 @@ impl Parameters {
         (Self::of(Columns::Cells(of, cells)), centres)
     }
 
+    /// Groups of triangles of a mesh.
+    pub(crate) fn cells(mesh: &Mesh, cells: Vec<Vec<usize>>) -> Self {
+        Self::of(Columns::Cells(mesh.triangles().len(), cells))
+    }
+
     fn of(columns: Columns) -> Self {
         Self {
             columns,

@@ -225,12 +225,7 @@ fn trial(
     let mut random = random(seed, series, number);
     let mesh = &geometry.mesh;
     let target = Target::draw(kind, mesh, &mut random);
-    let fine = sheet.mesh();
-    let factors: Vec<f64> = target
-        .change(fine, 0..fine.triangles().len())
-        .into_iter()
-        .map(|change| 1.0 + change)
-        .collect();
+    let factors = target.factors(sheet.mesh());
     let mut at = |readings: &[f64]| -> Vec<Reading> {
         let mut volts: Vec<f64> = readings.iter().map(|ohms| CURRENT * ohms).collect();
         add_noise(&mut volts, 1e-6 * noise_uv, &mut random);

@@ -218,22 +218,28 @@ impl Target {
 
     /// The relative change of each of these triangles of a mesh: the mean over 16 places in it.
     pub(super) fn change(&self, mesh: &Mesh, triangles: impl Iterator<Item = usize>) -> Vec<f64> {
-        triangles
-            .map(|triangle| {
-                let corners = mesh.triangles()[triangle].map(|node| mesh.nodes()[node]);
-                let places = sixteenths();
-                let sum: f64 =
-                    places
-                        .iter()
-                        .map(|shares| {
-                            (self.loss)([0, 1].map(|axis| {
-                                (0..3).map(|k| shares[k] * corners[k][axis]).sum::<f64>()
-                            }))
-                        })
-                        .sum();
-                -sum / places.len() as f64
-            })
-            .collect()
+        let mean = |losses: [f64; 16]| -losses.iter().sum::<f64>() / losses.len() as f64;
+        triangles.map(|t| mean(self.losses(mesh, t))).collect()
+    }
+
+    /// The factor of the conductance of each triangle of a mesh, for its readings: the geometric mean over 16 places in it.
+    /// Current crosses the border of a load in all directions; the arithmetic mean is that of current along it.
+    pub(super) fn factors(&self, mesh: &Mesh) -> Vec<f64> {
+        let mean = |losses: [f64; 16]| {
+            let logs = losses.iter().map(|loss| (1.0 - loss).max(1e-9).ln());
+            (logs.sum::<f64>() / losses.len() as f64).exp()
+        };
+        let triangles = 0..mesh.triangles().len();
+        triangles.map(|t| mean(self.losses(mesh, t))).collect()
+    }
+
+    /// The losses at 16 places in a triangle.
+    fn losses(&self, mesh: &Mesh, triangle: usize) -> [f64; 16] {
+        let corners = mesh.triangles()[triangle].map(|node| mesh.nodes()[node]);
+        sixteenths().map(|shares| {
+            let place = [0, 1].map(|axis| (0..3).map(|k| shares[k] * corners[k][axis]).sum());
+            (self.loss)(place)
+        })
     }
 }
 

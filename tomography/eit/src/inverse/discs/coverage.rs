@@ -45,11 +45,6 @@ impl Cover {
         }
     }
 
-    /// Lowest and highest point of the region, m.
-    pub(crate) fn bounds(&self) -> [[f64; 2]; 2] {
-        bounds(self.corners.iter().flatten().copied())
-    }
-
     /// (triangle of the region, share covered), ascending; the outline is convex and counter-clockwise.
     pub(crate) fn of(&self, outline: &[[f64; 2]]) -> Vec<(u32, f64)> {
         if outline.len() < 3 {

@@ -1,4 +1,4 @@
-//! Fits shapes to a frame: Levenberg-Marquardt with the full forward model.
+//! Fits discs to a frame: Levenberg-Marquardt with the full forward model.
 
 use std::collections::BTreeMap;
 
@@ -7,24 +7,21 @@ use nalgebra::{DMatrix, DVector};
 
 use super::coverage::Cover;
 use super::model::{SheetModel, Solved};
-use super::shape::Shape;
+use super::disc::{Disc, PARAMETERS};
 
-/// A frame's change, weighted by the deviation of each reading.
+/// The change of a frame in deviations of a reading; missing readings are 0.
 pub(crate) struct Data {
-    /// change / deviation.
     pub(crate) white: DVector<f64>,
-    /// 1 / deviation.
+    /// 1 / deviation; 0 for missing readings.
     pub(crate) weights: DVector<f64>,
 }
 
-/// A fit of shapes at a local minimum.
+/// A fit of discs at a local minimum.
 #[derive(Clone)]
 pub(crate) struct Fit {
-    pub(crate) shapes: Vec<Shape>,
-    /// Half the sum of squares of the whitened residual, and the same with the prior's penalty.
+    pub(crate) discs: Vec<Disc>,
+    /// Half the sum of squares of the whitened residual.
     pub(crate) misfit: f64,
-    pub(crate) objective: f64,
-    pub(crate) residual: DVector<f64>,
     /// J'J plus prior at the minimum.
     pub(crate) hessian: DMatrix<f64>,
 }
@@ -35,13 +32,13 @@ pub(crate) struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// The relative change of each triangle of the region.
-    pub(crate) fn map(&self, shapes: &[Shape]) -> Vec<f64> {
+    /// The relative change of each triangle of the region. A triangle that is covered in part has the geometric mean of both
+    /// conductances: current crosses borders in all directions, and the arithmetic mean would leave four times the error.
+    pub(crate) fn map(&self, discs: &[Disc]) -> Vec<f64> {
         let mut kept = vec![1.0; self.model.mesh.region().len()];
-        for shape in shapes {
-            let loss = shape.loss();
-            for (t, share) in self.cover.of(&shape.outline()) {
-                kept[t as usize] *= 1.0 - loss * share;
+        for disc in discs {
+            for (t, share) in self.cover.of(&disc.outline()) {
+                kept[t as usize] *= (1.0 - disc.loss()).powf(share);
             }
         }
         kept.iter().map(|kept| kept - 1.0).collect()
@@ -50,17 +47,17 @@ impl Problem<'_> {
     fn evaluate(
         &self,
         data: &Data,
-        shapes: &[Shape],
+        discs: &[Disc],
     ) -> Result<(Solved, DVector<f64>, f64, f64), ForwardError> {
-        let solved = self.model.solve(&self.map(shapes))?;
+        let solved = self.model.solve(&self.map(discs))?;
         let seen = DVector::from_column_slice(&solved.change).component_mul(&data.weights);
         let residual = &data.white - seen;
         let misfit = 0.5 * residual.norm_squared();
-        let prior: f64 = shapes
+        let prior: f64 = discs
             .iter()
-            .flat_map(|shape| {
-                shape.theta.iter().enumerate().map(|(p, value)| {
-                    let (w, c) = shape.prior(p);
+            .flat_map(|disc| {
+                disc.theta.iter().enumerate().map(|(p, value)| {
+                    let (w, c) = Disc::prior(p);
                     0.5 * w * (value - c).powi(2)
                 })
             })
@@ -71,43 +68,35 @@ impl Problem<'_> {
     fn sensitivity(
         &self,
         data: &Data,
-        shapes: &[Shape],
+        discs: &[Disc],
         solved: &Solved,
     ) -> Result<DMatrix<f64>, ForwardError> {
         const STEP: f64 = 1e-3;
         let mut kept = vec![1.0; self.model.mesh.region().len()];
-        let covers: Vec<Vec<(u32, f64)>> = shapes
+        let covers: Vec<Vec<(u32, f64)>> = discs
             .iter()
-            .map(|shape| {
-                let covered = self.cover.of(&shape.outline());
+            .map(|disc| {
+                let covered = self.cover.of(&disc.outline());
                 for &(t, share) in &covered {
-                    kept[t as usize] *= 1.0 - shape.loss() * share;
+                    kept[t as usize] *= (1.0 - disc.loss()).powf(share);
                 }
                 covered
             })
             .collect();
         let mut directions: BTreeMap<u32, Vec<(usize, f64)>> = BTreeMap::new();
         let mut column = 0;
-        for (shape, covered) in shapes.iter().zip(&covers) {
-            let loss = shape.loss();
-            let here: BTreeMap<u32, f64> = covered.iter().copied().collect();
-            let others = |t: u32| {
-                let own = 1.0 - loss * here.get(&t).copied().unwrap_or(0.0);
-                kept[t as usize] / own
-            };
-            for parameter in 0..shape.theta.len() {
-                if parameter + 1 == shape.theta.len() {
-                    let slope = loss * (1.0 - loss);
+        for (disc, covered) in discs.iter().zip(&covers) {
+            let log = (1.0 - disc.loss()).ln();
+            for parameter in 0..PARAMETERS {
+                if parameter + 1 == PARAMETERS {
                     for &(t, share) in covered {
-                        directions
-                            .entry(t)
-                            .or_default()
-                            .push((column, -others(t) * share * slope));
+                        let slope = -kept[t as usize] * share * disc.loss();
+                        directions.entry(t).or_default().push((column, slope));
                     }
                 } else {
                     let mut change: BTreeMap<u32, f64> = BTreeMap::new();
                     for sign in [1.0, -1.0] {
-                        let mut moved = shape.clone();
+                        let mut moved = disc.clone();
                         moved.theta[parameter] += sign * STEP;
                         for (t, share) in self.cover.of(&moved.outline()) {
                             *change.entry(t).or_default() += sign * share / (2.0 * STEP);
@@ -115,10 +104,8 @@ impl Problem<'_> {
                     }
                     for (t, slope) in change {
                         if slope.abs() > 1e-12 {
-                            directions
-                                .entry(t)
-                                .or_default()
-                                .push((column, -others(t) * loss * slope));
+                            let slope = kept[t as usize] * log * slope;
+                            directions.entry(t).or_default().push((column, slope));
                         }
                     }
                 }
@@ -136,19 +123,19 @@ impl Problem<'_> {
     pub(crate) fn fit(
         &self,
         data: &Data,
-        start: &[Shape],
+        start: &[Disc],
         steps: usize,
         done: f64,
     ) -> Result<Fit, ForwardError> {
-        let mut shapes = start.to_vec();
-        let (mut solved, mut residual, mut misfit, mut objective) = self.evaluate(data, &shapes)?;
-        let count: usize = shapes.iter().map(|shape| shape.theta.len()).sum();
-        let priors = |shapes: &[Shape]| -> (DVector<f64>, DVector<f64>) {
+        let mut discs = start.to_vec();
+        let (mut solved, mut residual, mut misfit, mut objective) = self.evaluate(data, &discs)?;
+        let count = PARAMETERS * discs.len();
+        let priors = |discs: &[Disc]| -> (DVector<f64>, DVector<f64>) {
             let mut weights = Vec::with_capacity(count);
             let mut pull = Vec::with_capacity(count);
-            for shape in shapes {
-                for (p, value) in shape.theta.iter().enumerate() {
-                    let (w, c) = shape.prior(p);
+            for disc in discs {
+                for (p, value) in disc.theta.iter().enumerate() {
+                    let (w, c) = Disc::prior(p);
                     weights.push(w);
                     pull.push(w * (value - c));
                 }
@@ -156,10 +143,10 @@ impl Problem<'_> {
             (DVector::from_vec(weights), DVector::from_vec(pull))
         };
         let mut damping = 1e-2;
-        let mut j = self.sensitivity(data, &shapes, &solved)?;
+        let mut j = self.sensitivity(data, &discs, &solved)?;
         let mut hessian = DMatrix::zeros(count, count);
         for _ in 0..steps {
-            let (weights, pull) = priors(&shapes);
+            let (weights, pull) = priors(&discs);
             hessian = j.tr_mul(&j);
             for p in 0..count {
                 hessian[(p, p)] += weights[p];
@@ -178,22 +165,21 @@ impl Problem<'_> {
             if largest > 1.5 {
                 step *= 1.5 / largest;
             }
-            let mut next = shapes.clone();
+            let mut next = discs.clone();
             let mut at = 0;
-            for shape in &mut next {
-                let last = shape.theta.len() - 1;
-                for value in &mut shape.theta {
+            for disc in &mut next {
+                for value in &mut disc.theta {
                     *value += step[at];
                     at += 1;
                 }
-                shape.theta[2] = shape.theta[2].clamp(-4.5, 6.0);
-                shape.theta[last] = shape.theta[last].clamp(-5.0, 7.0);
+                disc.theta[2] = disc.theta[2].clamp(-4.5, 6.0);
+                disc.theta[3] = disc.theta[3].clamp(-5.0, 7.0);
             }
             let (s, r, m, o) = self.evaluate(data, &next)?;
             if o < objective {
                 let gain = objective - o;
-                (shapes, solved, residual, misfit, objective) = (next, s, r, m, o);
-                j = self.sensitivity(data, &shapes, &solved)?;
+                (discs, solved, residual, misfit, objective) = (next, s, r, m, o);
+                j = self.sensitivity(data, &discs, &solved)?;
                 damping = (damping * 0.25).max(1e-6);
                 if gain < done {
                     break;
@@ -206,10 +192,8 @@ impl Problem<'_> {
             }
         }
         Ok(Fit {
-            shapes,
+            discs,
             misfit,
-            objective,
-            residual,
             hessian,
         })
     }

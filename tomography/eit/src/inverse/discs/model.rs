@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::{Forward, ForwardError, Mesh, Parameters, Workspace};
+use crate::{Forward, ForwardError, Mesh, Parameters};
 use nalgebra::DMatrix;
 use survey::{Dipole, Protocol};
 
@@ -30,25 +30,6 @@ pub(crate) struct Solved {
     potentials: DMatrix<f64>,
     /// Conductance of each triangle, S per square.
     sigma: Vec<f64>,
-}
-
-/// Computes changes of readings for one map after another, without derivatives.
-pub(crate) struct Quick<'m> {
-    model: &'m SheetModel,
-    workspace: Workspace<'m>,
-}
-
-impl Quick<'_> {
-    /// Change of the readings for a map, V.
-    pub(crate) fn change(&mut self, map: &[f64]) -> Result<Vec<f64>, ForwardError> {
-        let readings = self.workspace.readings(&self.model.sigma(map))?;
-        Ok(readings
-            .iter()
-            .zip(&self.model.currents)
-            .zip(&self.model.baseline)
-            .map(|((volts, current), zero)| volts * current - zero)
-            .collect())
-    }
 }
 
 impl SheetModel {
@@ -109,15 +90,6 @@ impl SheetModel {
             sigma[t] *= 1.0 + x;
         }
         sigma
-    }
-
-    /// Prepares the calculation of changes for many maps, without fields.
-    pub(crate) fn quick(&self) -> Result<Quick<'_>, ForwardError> {
-        let workspace = self.forward.workspace(&self.protocol)?;
-        Ok(Quick {
-            model: self,
-            workspace: workspace.about(&self.sigma0)?.plain(),
-        })
     }
 
     /// `map`: relative change of each triangle of the region.

@@ -1,0 +1,41 @@
+//! The posterior mean over discs, given the frame.
+
+use nalgebra::DVector;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::fit::{Fit, Problem};
+
+/// Draws of the posterior.
+const DRAWS: usize = 100;
+/// The likelihood is raised to 1 / this: errors of the model are correlated between readings.
+const TEMPER: f64 = 4.0;
+/// Precision that every parameter has at least.
+const LEAST_PRECISION: f64 = 4.0;
+
+/// Mean map over the uncertainty of a fit.
+pub(crate) fn mean(problem: &Problem<'_>, fit: &Fit) -> Vec<f64> {
+    let mut map = vec![0.0; problem.model.mesh.region().len()];
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let mut hessian = fit.hessian.clone() / TEMPER;
+    for p in 0..hessian.nrows() {
+        hessian[(p, p)] += LEAST_PRECISION;
+    }
+    let root = hessian.cholesky().map(|factor| factor.l().transpose());
+    for _ in 0..DRAWS {
+        let mut discs = fit.discs.clone();
+        if let Some(root) = &root {
+            let z = DVector::from_fn(root.nrows(), |_, _| StandardNormal.sample(&mut random));
+            let step = root.solve_upper_triangular(&z).unwrap_or(z);
+            let parameters = discs.iter_mut().flat_map(|disc| &mut disc.theta);
+            for (value, step) in parameters.zip(&step) {
+                *value += step;
+            }
+        }
+        for (sum, value) in map.iter_mut().zip(problem.map(&discs)) {
+            *sum += value / DRAWS as f64;
+        }
+    }
+    map
+}

@@ -1,0 +1,145 @@
+//! The unknowns of the nonlinear problem: the triangles of the region one by one, those outside of it in larger cells.
+
+use std::collections::BTreeMap;
+
+use crate::inverse::prior::Laplacian;
+use crate::{Mesh, Parameters};
+
+/// Edge of the square cells outside of the region, in mean edges of the region's triangles.
+const OUTSIDE_EDGE: f64 = 2.5;
+
+/// Cells of a mesh: the first are the triangles of its region, in their order.
+pub(super) struct Cells {
+    /// The triangles of each cell.
+    pub(super) triangles: Vec<Vec<usize>>,
+    /// Area of each cell over the mean area of a triangle of the region.
+    pub(super) sizes: Vec<f64>,
+    /// Length of the border between neighbours, m, for each edge of `neighbours`.
+    pub(super) lengths: Vec<f64>,
+    /// The pattern of the penalty on differences between neighbours.
+    pub(super) neighbours: Laplacian,
+}
+
+impl Cells {
+    pub(super) fn new(mesh: &Mesh) -> Self {
+        let mut triangles: Vec<Vec<usize>> = mesh.region().iter().map(|&t| vec![t]).collect();
+        let shown = triangles.len();
+        let area: f64 = mesh.region_areas().iter().sum();
+        let mean = area / shown as f64;
+        let mut of = vec![usize::MAX; mesh.triangles().len()];
+        for (cell, members) in triangles.iter().enumerate() {
+            of[members[0]] = cell;
+        }
+        let pitch = OUTSIDE_EDGE * mean.sqrt();
+        let mut squares = BTreeMap::<[i64; 2], usize>::new();
+        for triangle in 0..of.len() {
+            if of[triangle] != usize::MAX {
+                continue;
+            }
+            let place = mesh.centroid(triangle).map(|x| (x / pitch).floor() as i64);
+            let cell = *squares.entry(place).or_insert_with(|| {
+                triangles.push(Vec::new());
+                triangles.len() - 1
+            });
+            triangles[cell].push(triangle);
+            of[triangle] = cell;
+        }
+        let mut borders = BTreeMap::<[usize; 2], f64>::new();
+        let mut open = BTreeMap::new();
+        for (triangle, &[a, b, c]) in mesh.triangles().iter().enumerate() {
+            for (p, q) in [(a, b), (b, c), (c, a)] {
+                let edge = [p.min(q), p.max(q)];
+                let Some(other) = open.insert(edge, of[triangle]) else {
+                    continue;
+                };
+                let cell = of[triangle];
+                if cell != other {
+                    let pair = [cell.min(other), cell.max(other)];
+                    *borders.entry(pair).or_default() += mesh.edge_length(edge);
+                }
+            }
+        }
+        let areas: Vec<f64> = triangles
+            .iter()
+            .map(|members| members.iter().map(|&t| mesh.area(t)).sum())
+            .collect();
+        let centres = triangles.iter().zip(&areas).map(|(members, area)| {
+            [0, 1].map(|axis| {
+                let moment = members
+                    .iter()
+                    .map(|&t| mesh.area(t) * mesh.centroid(t)[axis]);
+                moment.sum::<f64>() / area
+            })
+        });
+        let lengths: Vec<f64> = borders.values().copied().collect();
+        Self {
+            neighbours: Laplacian::new(
+                centres.collect(),
+                borders.into_keys().collect(),
+                lengths.clone(),
+            ),
+            sizes: areas.into_iter().map(|area| area / mean).collect(),
+            lengths,
+            triangles,
+        }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// The columns of a sensitivity to the logarithm of each cell's conductance.
+    pub(super) fn parameters(&self, mesh: &Mesh) -> Parameters {
+        Parameters::cells(mesh, self.triangles.clone()).logarithmic()
+    }
+
+    /// The conductance of each triangle, for the change of the logarithm of each cell's.
+    pub(super) fn conductances(&self, sigma0: &[f64], change: &[f64]) -> Vec<f64> {
+        let mut sigma = sigma0.to_vec();
+        for (members, change) in self.triangles.iter().zip(change) {
+            let factor = change.exp();
+            for &triangle in members {
+                sigma[triangle] *= factor;
+            }
+        }
+        sigma
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::PaperSheet;
+
+    #[test]
+    fn cells_cover_the_sheet_once_and_the_region_first() {
+        let sheet = PaperSheet {
+            fineness: 0.5,
+            ..PaperSheet::default()
+        };
+        let mesh = sheet.mesh().unwrap();
+        let cells = Cells::new(&mesh);
+        let mut all: Vec<usize> = cells.triangles.iter().flatten().copied().collect();
+        all.sort_unstable();
+        assert_eq!(all, (0..mesh.triangles().len()).collect::<Vec<_>>());
+        for (cell, &triangle) in cells.triangles.iter().zip(mesh.region()) {
+            assert_eq!(cell, &[triangle]);
+        }
+        assert!(cells.count() < mesh.triangles().len());
+        // the border of one cell with its neighbours is its outline, up to the sheet's edge
+        let own: f64 = cells
+            .neighbours
+            .edges
+            .iter()
+            .zip(&cells.lengths)
+            .filter(|(edge, _)| edge.contains(&0))
+            .map(|(_, length)| length)
+            .sum();
+        let [a, b, c] = mesh.triangles()[mesh.region()[0]];
+        let outline: f64 = [[a, b], [b, c], [c, a]]
+            .map(|edge| mesh.edge_length(edge))
+            .iter()
+            .sum();
+        assert!((own - outline).abs() < 1e-12, "{own} {outline}");
+    }
+}

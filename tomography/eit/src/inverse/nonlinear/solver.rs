@@ -1,0 +1,353 @@
+//! Gauss and Newton's method for total variation in the logarithm of conductance, with a penalty on gains.
+//!
+//! f(u) = |d - c(u)|^2 / 2 s^2 + alpha sum L_e sqrt((u_a - u_b)^2 + b^2) + k sum A_i max(u_i, 0)^2 / 2 + r |u|^2 / 2
+//!
+//! with u the change of ln sigma of each cell, c(u) the change of the readings by the forward model, s the deviation of a
+//! reading, L_e the length of a border and A_i the size of a cell. The square root is replaced by its tangent parabola at
+//! each step (lagged diffusivity: C. Vogel, M. Oman, SIAM J. Sci. Comput. 17 (1996) 227), so that a step solves a
+//! least-squares problem with a sparse penalty, in the space of the readings.
+
+use std::borrow::Cow;
+
+use nalgebra::{DMatrix, DVector};
+use survey::Protocol;
+
+use super::cells::Cells;
+use crate::inverse::prior::{Half, Laplacian, block_of_columns};
+use crate::inverse::reciprocity::Seen;
+use crate::linear_algebra::dense;
+use crate::linear_algebra::sparse::{Block, gram};
+use crate::{Forward, ForwardError};
+
+/// b: differences of ln sigma below this are penalised as squares.
+const SMOOTH: f64 = 0.02;
+/// k: a gain of ln sigma in one triangle of the region costs what this many squared deviations of a reading cost.
+const GAIN_PENALTY: f64 = 1e3;
+/// r: determines the mean level where readings do not.
+const LEVEL: f64 = 1e-4;
+/// Most steps.
+const STEPS: usize = 12;
+/// Most solutions of a step, each with the gains of the one before penalised.
+const SOLUTIONS: usize = 1;
+/// Share of cells that may still change between gain and loss.
+const CHANGING: f64 = 1e-3;
+/// Largest change of ln sigma in a step.
+const LONGEST: f64 = 1.5;
+/// Lowest ln sigma: below it a cell insulates.
+const LOWEST: f64 = -6.0;
+/// The search ends when a step improves the objective by less than this share.
+const DONE: f64 = 0.02;
+/// Most halvings of a step.
+const HALVINGS: usize = 4;
+/// Steps after which the deviation is estimated from what the map leaves unexplained.
+const ESTIMATED_AFTER: [usize; 2] = [2, 4];
+
+/// The sheet and the penalties.
+pub(super) struct Sheet {
+    pub(super) forward: Forward,
+    /// Questions of the folded readings, and the factor of each.
+    pub(super) questions: Protocol,
+    pub(super) factors: Vec<f64>,
+    pub(super) sigma0: Vec<f64>,
+    pub(super) cells: Cells,
+    /// Folded readings of the unloaded sheet, and their sensitivity to ln sigma of the cells.
+    pub(super) unloaded: DVector<f64>,
+    pub(super) sensitivity: DMatrix<f64>,
+    /// alpha, 1/m.
+    pub(super) alpha: f64,
+}
+
+/// The errors of a frame's readings, in the unit of the data.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Errors {
+    /// What the search starts with.
+    pub(super) first: f64,
+    /// What they have at least.
+    pub(super) least: f64,
+}
+
+/// A minimum.
+pub(super) struct Found {
+    /// Change of ln sigma of each cell.
+    pub(super) change: Vec<f64>,
+    /// Share of the squared change of the readings that is left.
+    pub(super) left: f64,
+    /// Standard deviation of the errors of a reading, from what is left.
+    pub(super) error: f64,
+}
+
+/// A point of the search.
+struct Point {
+    change: Vec<f64>,
+    /// d - c(u)
+    residual: DVector<f64>,
+    sigma: Vec<f64>,
+}
+
+impl Point {
+    /// Standard deviation of the errors of a reading, from what is left by a map with so many degrees of freedom.
+    fn error(&self, degrees: f64) -> f64 {
+        (self.residual.norm_squared() / (self.residual.len() as f64 - degrees)).sqrt()
+    }
+}
+
+impl Sheet {
+    pub(super) fn new(
+        forward: Forward,
+        questions: Protocol,
+        factors: Vec<f64>,
+        sigma0: &[f64],
+        alpha: f64,
+    ) -> Result<Self, ForwardError> {
+        let mut sheet = Self {
+            cells: Cells::new(forward.mesh()),
+            unloaded: DVector::zeros(questions.len()),
+            sensitivity: DMatrix::zeros(0, 0),
+            sigma0: sigma0.to_vec(),
+            forward,
+            questions,
+            factors,
+            alpha,
+        };
+        sheet.unloaded = sheet.readings(sigma0)?;
+        sheet.sensitivity = sheet.sensitivity(sigma0)?;
+        Ok(sheet)
+    }
+
+    fn readings(&self, sigma: &[f64]) -> Result<DVector<f64>, ForwardError> {
+        let mut readings = self.forward.readings(sigma, &self.questions)?;
+        for (value, factor) in readings.iter_mut().zip(&self.factors) {
+            *value *= factor;
+        }
+        Ok(readings)
+    }
+
+    fn sensitivity(&self, sigma: &[f64]) -> Result<DMatrix<f64>, ForwardError> {
+        let parameters = self.cells.parameters(self.forward.mesh());
+        let mut sensitivity = self
+            .forward
+            .sensitivity(sigma, &self.questions, &parameters)?;
+        for mut column in sensitivity.column_iter_mut() {
+            for (value, factor) in column.iter_mut().zip(&self.factors) {
+                *value *= factor;
+            }
+        }
+        Ok(sensitivity)
+    }
+
+    /// The minimum for the change of the readings. `bounded`: gains are penalised. `None` if a step cannot be solved.
+    pub(super) fn minimum(
+        &self,
+        seen: &Seen,
+        errors: Errors,
+        bounded: bool,
+    ) -> Result<Option<Found>, ForwardError> {
+        let count = self.cells.count();
+        let Some(mut penalty) = Penalty::new(self, bounded) else {
+            return Ok(None);
+        };
+        let mut at = Point {
+            change: vec![0.0; count],
+            residual: seen.data.clone(),
+            sigma: self.sigma0.clone(),
+        };
+        let mut deviation = errors.first;
+        let mut value = self.value(&at, deviation, bounded);
+        let mut degrees = 0.0;
+        for step in 1..=STEPS {
+            let t0 = std::time::Instant::now();
+            let sensitivity = match step {
+                1 => Cow::Borrowed(&self.sensitivity),
+                _ => Cow::Owned(self.sensitivity(&at.sigma)?),
+            };
+            let problem = Linearised::new(&seen.rows(&sensitivity), &at, deviation);
+            let t1 = t0.elapsed();
+            let Some(solution) = penalty.minimum(&problem, &at.change) else {
+                return Ok(None);
+            };
+            let t2 = t0.elapsed();
+            let Some(next) = self.towards(seen, &at, &solution.change, value, deviation, bounded)?
+            else {
+                break; // no step improves it further
+            };
+            at = next;
+            if std::env::var("NLT").is_ok() { eprintln!("step {step} jac {t1:?} solve {:?} towards {:?} value {value:.1} left {:.2e}", t2 - t1, t0.elapsed() - t2, at.residual.norm()); }
+            degrees = solution.degrees;
+            let before = value;
+            value = self.value(&at, deviation, bounded);
+            if ESTIMATED_AFTER.contains(&step) {
+                deviation = at.error(degrees).max(errors.least);
+                value = self.value(&at, deviation, bounded);
+            } else if step > ESTIMATED_AFTER[0] && before - value < DONE * value {
+                break;
+            }
+        }
+        Ok(Some(Found {
+            error: at.error(degrees),
+            left: at.residual.norm_squared() / seen.data.norm_squared(),
+            change: at.change,
+        }))
+    }
+
+    /// The objective.
+    fn value(&self, at: &Point, deviation: f64, bounded: bool) -> f64 {
+        let edges = self.cells.neighbours.edges.iter();
+        let variation: f64 = edges
+            .zip(&self.cells.lengths)
+            .map(|(&[a, b], length)| length * (at.change[a] - at.change[b]).hypot(SMOOTH))
+            .sum();
+        let sizes = self.cells.sizes.iter().zip(&at.change);
+        let gains: f64 = match bounded {
+            true => sizes.map(|(size, u)| size * u.max(0.0).powi(2)).sum(),
+            false => 0.0,
+        };
+        let level: f64 = at.change.iter().map(|u| u * u).sum();
+        0.5 * (at.residual.norm_squared() / (deviation * deviation)
+            + GAIN_PENALTY * gains
+            + LEVEL * level)
+            + self.alpha * variation
+    }
+
+    /// A point on the way to a solution with a smaller objective; `None` if none was found.
+    fn towards(
+        &self,
+        seen: &Seen,
+        from: &Point,
+        to: &[f64],
+        value: f64,
+        deviation: f64,
+        bounded: bool,
+    ) -> Result<Option<Point>, ForwardError> {
+        let both = || from.change.iter().zip(to);
+        let longest = both().map(|(from, to)| (to - from).abs()).fold(0.0, f64::max);
+        let mut share = (LONGEST / longest).min(1.0);
+        for _ in 0..=HALVINGS {
+            let change: Vec<f64> = both()
+                .map(|(from, to)| (from + share * (to - from)).max(LOWEST))
+                .collect();
+            let sigma = self.cells.conductances(&self.sigma0, &change);
+            let shift = self.readings(&sigma)? - &self.unloaded;
+            let shift = seen.rows(&DMatrix::from_column_slice(shift.len(), 1, shift.as_slice()))
+                .column(0)
+                .into_owned();
+            let point = Point {
+                change,
+                residual: &seen.data - shift,
+                sigma,
+            };
+            if self.value(&point, deviation, bounded) < value {
+                return Ok(Some(point));
+            }
+            share *= 0.5;
+        }
+        Ok(None)
+    }
+}
+
+/// The least-squares problem of a step, in deviations of a reading.
+struct Linearised {
+    /// A row for each cell, a column for each reading.
+    sensitivity: Block,
+    /// d - c(u) + J u
+    data: DVector<f64>,
+}
+
+impl Linearised {
+    fn new(sensitivity: &DMatrix<f64>, at: &Point, deviation: f64) -> Self {
+        let change = DVector::from_column_slice(&at.change);
+        let predicted = DVector::from_vec(dense::times(sensitivity, &change));
+        let mut block = block_of_columns(sensitivity);
+        for value in &mut block.values {
+            *value /= deviation;
+        }
+        Self {
+            sensitivity: block,
+            data: (&at.residual + predicted) / deviation,
+        }
+    }
+}
+
+/// The quadratic penalty of a step.
+struct Penalty<'a> {
+    sheet: &'a Sheet,
+    laplacian: Laplacian,
+    half: Half,
+    /// The cells with gains, which are penalised; `None` if gains are free.
+    gains: Option<Vec<bool>>,
+}
+
+/// The solution of a step.
+struct Solution {
+    change: Vec<f64>,
+    /// Degrees of freedom of the data that it uses.
+    degrees: f64,
+}
+
+impl<'a> Penalty<'a> {
+    fn new(sheet: &'a Sheet, bounded: bool) -> Option<Self> {
+        Some(Self {
+            laplacian: sheet.cells.neighbours.clone(),
+            half: sheet.cells.neighbours.pattern()?,
+            gains: bounded.then(|| vec![false; sheet.cells.count()]),
+            sheet,
+        })
+    }
+
+    /// The minimum with the penalty's tangent parabola at `at`; `None` if a matrix cannot be factored.
+    fn minimum(&mut self, problem: &Linearised, at: &[f64]) -> Option<Solution> {
+        let cells = &self.sheet.cells;
+        for ((weight, length), &[a, b]) in self
+            .laplacian
+            .weights
+            .iter_mut()
+            .zip(&cells.lengths)
+            .zip(&cells.neighbours.edges)
+        {
+            *weight = length / (at[a] - at[b]).hypot(SMOOTH);
+        }
+        let mut solution = self.solved(problem)?;
+        for solutions in 1.. {
+            let Some(gains) = &mut self.gains else { break };
+            let mut changing = 0;
+            for (gain, u) in gains.iter_mut().zip(&solution.change) {
+                changing += usize::from(*gain != (*u > 0.0));
+                *gain = *u > 0.0;
+            }
+            if solutions == SOLUTIONS || changing as f64 <= CHANGING * cells.count() as f64 {
+                break;
+            }
+            solution = self.solved(problem)?;
+        }
+        Some(solution)
+    }
+
+    fn solved(&mut self, problem: &Linearised) -> Option<Solution> {
+        let sizes = &self.sheet.cells.sizes;
+        let gains = self.gains.as_ref();
+        self.half
+            .factor_again(&self.laplacian, self.sheet.alpha, |cell| {
+                match gains.is_some_and(|gains| gains[cell]) {
+                    true => LEVEL + GAIN_PENALTY * sizes[cell],
+                    false => LEVEL,
+                }
+            })?;
+        let halved = self.half.down(&problem.sensitivity);
+        let count = problem.data.len();
+        let mut matrix = DMatrix::from_vec(count, count, gram(&halved, &halved, count));
+        for k in 0..count {
+            matrix[(k, k)] += 1.0;
+        }
+        let inverse = dense::inverse_of_definite(&matrix)?;
+        let weights = &inverse * &problem.data;
+        let mut along = Block::zeros(sizes.len(), 1);
+        for row in 0..sizes.len() {
+            let sum = halved.row(row).iter().zip(&weights).map(|(h, w)| h * w);
+            along.row_mut(row)[0] = sum.sum();
+        }
+        let change = self.half.up(along, sizes.len());
+        Some(Solution {
+            change: (0..sizes.len()).map(|cell| change.row(cell)[0]).collect(),
+            degrees: count as f64 - inverse.trace(),
+        })
+    }
+}
