@@ -83,6 +83,11 @@ pub enum Doubt {
         /// The electrode nearest to it.
         electrode: Electrode,
     },
+    /// The noise leaves open which load it is.
+    NoiseLimit {
+        /// The correlation with the load that the map is expected to have.
+        correlation: f64,
+    },
     /// The map shows more conductance lost than there is.
     LossAboveOne {
         /// The largest relative loss.
@@ -106,6 +111,7 @@ impl Doubt {
             Self::Unexplained { .. } => "unexplained",
             Self::AtElectrode { .. } => "at_electrode",
             Self::OutsideRegion { .. } => "outside_region",
+            Self::NoiseLimit { .. } => "noise_limit",
             Self::LossAboveOne { .. } => "loss_above_one",
         }
     }
@@ -118,7 +124,10 @@ impl Doubt {
             | Self::Gains { electrode, .. }
             | Self::AtElectrode { electrode }
             | Self::OutsideRegion { electrode } => Some(electrode),
-            Self::Noise { .. } | Self::Unexplained { .. } | Self::LossAboveOne { .. } => None,
+            Self::Noise { .. }
+            | Self::Unexplained { .. }
+            | Self::NoiseLimit { .. }
+            | Self::LossAboveOne { .. } => None,
         }
     }
 
@@ -132,6 +141,7 @@ impl Doubt {
             Self::Noise { .. }
             | Self::NoisyPair { .. }
             | Self::AtElectrode { .. }
+            | Self::NoiseLimit { .. }
             | Self::LossAboveOne { .. } => false,
         };
         match unreliable {
@@ -184,6 +194,10 @@ impl fmt::Display for Doubt {
                 f,
                 "a load lies outside the region, near electrode {electrode}"
             ),
+            Self::NoiseLimit { correlation } => write!(
+                f,
+                "the noise leaves the load uncertain: the map is expected to agree with it to a correlation of {correlation:.2}"
+            ),
             Self::LossAboveOne { loss } => {
                 write!(f, "a loss of {:.0} % is impossible", 100.0 * loss)
             }
@@ -235,6 +249,14 @@ impl MapQuality {
             verdict: verdicts.max().unwrap_or(Verdict::Sound),
             reasons: doubts.iter().map(reason).collect(),
         }
+    }
+
+    /// With the reasons of another judgement.
+    #[must_use]
+    pub fn and(mut self, other: Self) -> Self {
+        self.verdict = self.verdict.max(other.verdict);
+        self.reasons.extend(other.reasons);
+        self
     }
 
     /// Whether there is no reason for doubt.

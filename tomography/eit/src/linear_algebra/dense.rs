@@ -9,7 +9,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::linear_algebra::sparse::{MulAdd, Task, widest};
+use crate::linear_algebra::sparse::{Block, MulAdd, Task, widest};
 
 /// A faer view of the same matrix, for [`product`].
 pub fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
@@ -67,6 +67,16 @@ fn square(a: MatRef<'_, f64>) -> DMatrix<f64> {
     });
     out.fill_upper_triangle_with_lower_triangle();
     out
+}
+
+/// The products of all pairs of right sides of a block.
+pub(crate) fn gram_of_block(block: &Block) -> DMatrix<f64> {
+    let unknowns = block.values.len() / block.width;
+    square(MatRef::from_column_major_slice(
+        &block.values,
+        block.width,
+        unknowns,
+    ))
 }
 
 /// a x, at memory bandwidth.

@@ -1,5 +1,6 @@
-//! The best of the methods: one step with NOSER p = 0.25, bounded to losses unless the frame shows gains, and shapes if
-//! the noise is stated. Networks of the paper's size blur presses of 10 mm at any noise, so they are never chosen.
+//! The best of the methods: total variation with the full forward model on the whole sheet, and discs where these explain a
+//! frame as well. An explicit prior or rule selects the one-step method with NOSER p = 0.25, bounded to losses unless the
+//! frame shows gains. Networks of the paper's size blur presses of 10 mm at any noise, so they are never chosen.
 
 use std::sync::Arc;
 
@@ -10,7 +11,7 @@ use super::hyper_parameter::{hyper, known_noise_v};
 use super::one_step::{raised, solver};
 use crate::conditions::Conditions;
 use crate::error::BuildError;
-use crate::settings::ReconstructionSettings;
+use crate::settings::{ReconstructionSettings, Unknowns};
 
 /// Largest share of the squared change that losses alone may leave unexplained. Frames of losses of many shapes leave up to
 /// 0.12, those of a tank with one conducting object (Kuopio) 0.32 or more.
@@ -20,11 +21,17 @@ pub(super) fn prepare(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,
 ) -> Result<Prepared, BuildError> {
-    // an explicit prior or rule selects a linear method
-    if settings.prior.is_some() || settings.choose.is_some() || settings.lambda.is_some() {
+    let geometry = conditions.geometry;
+    let layer = geometry.mesh.depth().is_some_and(|depth| depth.has_layer());
+    // an explicit prior or rule selects a linear method, and changes that fill a layer have a linear model only
+    let linear = settings.prior.is_some()
+        || settings.choose.is_some()
+        || settings.lambda.is_some()
+        || settings.noise_figure.is_some()
+        || settings.map_error.is_some();
+    if linear || layer || settings.unknowns == Some(Unknowns::Region) {
         return super::for_unknowns(settings, conditions, one_step);
     }
-    let geometry = conditions.geometry;
     let nonlinear = NonlinearTv::new(
         Arc::clone(&geometry.mesh),
         &geometry.contact_ohm_m,

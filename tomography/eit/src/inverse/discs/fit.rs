@@ -6,8 +6,8 @@ use crate::ForwardError;
 use nalgebra::{DMatrix, DVector};
 
 use super::coverage::Cover;
-use super::model::{SheetModel, Solved};
 use super::disc::{Disc, PARAMETERS};
+use super::model::{SheetModel, Solved};
 
 /// The change of a frame in deviations of a reading; missing readings are 0.
 pub(crate) struct Data {

@@ -40,11 +40,9 @@ pub(crate) struct Discs {
 
 /// A frame as discs.
 pub(crate) struct Explained {
-    /// Relative change of each triangle of the region: the mean over what the discs may be.
-    pub(crate) values: Vec<f64>,
+    /// Maps of the region of what the discs may be.
+    pub(crate) maps: Vec<Vec<f64>>,
     pub(crate) discs: usize,
-    /// Mean square of what is left, in the unit of the data.
-    pub(crate) left: f64,
 }
 
 impl Discs {
@@ -65,18 +63,15 @@ impl Discs {
         })
     }
 
-    /// Fits discs that start at the peaks of a map (relative changes of the region); `deviation`: of a reading. `None` if the
-    /// map has no peak.
+    /// Fits discs that start at the largest peaks of a map (relative changes of the region), one more until they leave a mean
+    /// square of at most `most`; `deviation`: of a reading. `None` if they leave more.
     pub(crate) fn explain(
         &self,
         seen: &Seen,
         deviation: f64,
+        most: f64,
         map: &[f64],
     ) -> Result<Option<Explained>, ForwardError> {
-        let start = self.peaks.discs(map);
-        if start.is_empty() {
-            return Ok(None);
-        }
         let rows = self.model.baseline.len();
         let problem = Problem {
             model: &self.model,
@@ -86,25 +81,32 @@ impl Discs {
             white: seen.spread(rows) / deviation,
             weights: seen.shares(rows) / deviation,
         };
-        let fit = problem.fit(&data, &start, STEPS, DONE)?;
-        let values = posterior::mean(&problem, &fit);
-        Ok(Some(Explained {
-            values: self.shown.iter().map(|&t| values[t]).collect(),
-            discs: fit.discs.len(),
-            left: 2.0 * fit.misfit * deviation * deviation / seen.data.len() as f64,
-        }))
+        let start = self.peaks.discs(map);
+        for count in 1..=start.len() {
+            let fit = problem.fit(&data, &start[..count], STEPS, DONE)?;
+            let left = 2.0 * fit.misfit * deviation * deviation / seen.data.len() as f64;
+            if left <= most {
+                let shown = |map: Vec<f64>| self.shown.iter().map(|&t| map[t]).collect();
+                let maps = posterior::maps(&problem, &fit);
+                return Ok(Some(Explained {
+                    maps: maps.into_iter().map(shown).collect(),
+                    discs: count,
+                }));
+            }
+        }
+        Ok(None)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::DiscTank;
     use crate::Case;
+    use crate::DiscTank;
+    use disc::Disc;
     use nalgebra::DMatrix;
     use rand::{RngExt as _, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-    use disc::Disc;
 
     fn tank() -> Case {
         let tank = DiscTank {

@@ -14,16 +14,15 @@ const TEMPER: f64 = 4.0;
 /// Precision that every parameter has at least.
 const LEAST_PRECISION: f64 = 4.0;
 
-/// Mean map over the uncertainty of a fit.
-pub(crate) fn mean(problem: &Problem<'_>, fit: &Fit) -> Vec<f64> {
-    let mut map = vec![0.0; problem.model.mesh.region().len()];
+/// Maps of what the discs of a fit may be.
+pub(crate) fn maps(problem: &Problem<'_>, fit: &Fit) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut hessian = fit.hessian.clone() / TEMPER;
     for p in 0..hessian.nrows() {
         hessian[(p, p)] += LEAST_PRECISION;
     }
     let root = hessian.cholesky().map(|factor| factor.l().transpose());
-    for _ in 0..DRAWS {
+    let draw = |_| {
         let mut discs = fit.discs.clone();
         if let Some(root) = &root {
             let z = DVector::from_fn(root.nrows(), |_, _| StandardNormal.sample(&mut random));
@@ -33,9 +32,7 @@ pub(crate) fn mean(problem: &Problem<'_>, fit: &Fit) -> Vec<f64> {
                 *value += step;
             }
         }
-        for (sum, value) in map.iter_mut().zip(problem.map(&discs)) {
-            *sum += value / DRAWS as f64;
-        }
-    }
-    map
+        problem.map(&discs)
+    };
+    (0..DRAWS).map(draw).collect()
 }

@@ -68,7 +68,8 @@ impl Peaks {
     /// Clears the slopes of a peak: what can be reached from it without going up.
     fn remove(&self, losses: &mut [f64], peak: usize) {
         let slopes = self.grown(peak, |from, next| {
-            losses[next] > 0.0 && losses[next] <= losses[from] || losses[next] >= CORE * losses[peak]
+            losses[next] > 0.0 && losses[next] <= losses[from]
+                || losses[next] >= CORE * losses[peak]
         });
         for triangle in slopes {
             losses[triangle] = 0.0;

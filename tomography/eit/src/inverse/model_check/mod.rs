@@ -124,12 +124,16 @@ impl ModelCheck {
         })
     }
 
-    /// The map that a method made of these readings, with its quality.
+    /// The map that a method made of these readings, with its quality: what the method itself says of it, too.
     pub fn judged(&self, baseline: &[Reading], frame: &[Reading], map: Map) -> Map {
         let mut doubts = self.of_readings(baseline, frame);
         doubts.extend(impossible(&map.values, &self.areas));
+        let quality = MapQuality::of(&doubts);
         Map {
-            quality: Some(MapQuality::of(&doubts)),
+            quality: Some(match map.quality {
+                Some(own) => quality.and(own),
+                None => quality,
+            }),
             ..map
         }
     }

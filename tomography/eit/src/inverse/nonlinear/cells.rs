@@ -32,17 +32,16 @@ impl Cells {
         }
         let pitch = OUTSIDE_EDGE * mean.sqrt();
         let mut squares = BTreeMap::<[i64; 2], usize>::new();
-        for triangle in 0..of.len() {
-            if of[triangle] != usize::MAX {
+        for (triangle, of) in of.iter_mut().enumerate() {
+            if *of != usize::MAX {
                 continue;
             }
             let place = mesh.centroid(triangle).map(|x| (x / pitch).floor() as i64);
-            let cell = *squares.entry(place).or_insert_with(|| {
+            *of = *squares.entry(place).or_insert_with(|| {
                 triangles.push(Vec::new());
                 triangles.len() - 1
             });
-            triangles[cell].push(triangle);
-            of[triangle] = cell;
+            triangles[*of].push(triangle);
         }
         let mut borders = BTreeMap::<[usize; 2], f64>::new();
         let mut open = BTreeMap::new();

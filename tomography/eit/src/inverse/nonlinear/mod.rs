@@ -9,7 +9,7 @@ mod solver;
 
 use std::sync::Arc;
 
-use survey::{Map, MapUnit, Protocol, Reading};
+use survey::{Doubt, Map, MapQuality, MapUnit, Protocol, Reading};
 
 use self::solver::{Errors, Found, Sheet};
 use crate::inverse::discs::Discs;
@@ -17,6 +17,7 @@ use crate::inverse::frame_rule::FrameRule;
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::prior::Penalty;
 use crate::inverse::reciprocity::Seen;
+use crate::metrics::likeness;
 use crate::{
     DEFAULT_NOISE_V, Forward, HyperRule, Mesh, OneStepError, OneStepOptions, ReconstructError,
     Reconstructor, Scale,
@@ -31,6 +32,8 @@ const STRENGTH: f64 = 11.0;
 const MODEL_ERROR: f64 = 0.004;
 /// Discs explain a frame if the mean square that they leave is at most this many times the variance of the errors.
 const ACCEPTED: f64 = 1.5;
+/// Expected correlation with the load below which a map is doubtful.
+const LEAST_CORRELATION: f64 = 0.6;
 /// Power of the sensitivity in the linear prior by which errors are estimated where no noise is stated.
 const NOSER_POWER: f64 = 0.25;
 
@@ -76,6 +79,13 @@ pub struct NonlinearTv {
     most_gain: Option<f64>,
 }
 
+/// A map, its method, and the correlation with the load that it is expected to have; `None` if it shows nothing.
+struct Likely {
+    values: Vec<f64>,
+    method: String,
+    correlation: Option<f64>,
+}
+
 const METHOD: &str = "nonlinear total variation";
 
 impl NonlinearTv {
@@ -112,13 +122,7 @@ impl NonlinearTv {
             Scale::Currents(_) => volts,
             Scale::ByDistance | Scale::Uniform => volts / options.current_a,
         };
-        let discs = Discs::new(
-            &mesh,
-            contact_ohm_m,
-            sigma0,
-            &questions,
-            linear.fold.norm(),
-        )?;
+        let discs = Discs::new(&mesh, contact_ohm_m, sigma0, &questions, linear.fold.norm())?;
         let sheet = Sheet::new(
             Forward::new(mesh, contact_ohm_m)?,
             questions,
@@ -146,19 +150,27 @@ impl NonlinearTv {
         })
     }
 
-    /// The map of a change, and the name of its method.
-    fn values(&self, seen: &Seen, missing: &[usize]) -> Result<(Vec<f64>, String), String> {
+    /// The map of a change.
+    fn map(&self, seen: &Seen, missing: &[usize]) -> Result<Likely, String> {
         let text = |fault: OneStepError| fault.to_string();
         let significant = self.rule.significant_error(seen, missing).map_err(text)?;
         let Some(error) = significant else {
             let (_, mut map) = self.rule.map(seen, missing).map_err(text)?;
             map.truncate(self.mesh().region().len());
-            return Ok((map, "noise alone".to_owned()));
+            return Ok(Likely {
+                values: map,
+                method: "nothing but noise".to_owned(),
+                correlation: None,
+            });
         };
         let count = seen.data.len() as f64;
         let model = MODEL_ERROR * (seen.data.norm_squared() / count).sqrt();
         let least = self.noise.max(model);
-        let first = if self.noise > 0.0 { least } else { error.max(least) };
+        let first = if self.noise > 0.0 {
+            least
+        } else {
+            error.max(least)
+        };
         let errors = Errors { first, least };
         let minimum = |bounded: bool| -> Result<Found, String> {
             let found = self.sheet.minimum(seen, errors, bounded);
@@ -170,28 +182,62 @@ impl NonlinearTv {
         if let Some(most) = self.most_gain.filter(|most| found.left > *most) {
             let free = minimum(false)?;
             if found.left - free.left > most {
-                return Ok((self.shown(&free, f64::INFINITY), METHOD.to_owned()));
+                return Ok(self.likely(&free, f64::INFINITY, METHOD.to_owned()));
             }
         }
-        let map = self.shown(&found, 0.0);
+        let map = self.likely(&found, 0.0, format!("{METHOD}, loss only"));
         let explained = self
             .discs
-            .explain(seen, found.error.max(least), &map)
+            .explain(
+                seen,
+                found.error.max(least),
+                ACCEPTED * found.error * found.error,
+                &map.values,
+            )
             .map_err(|fault| fault.to_string())?;
-        if let Some(discs) = explained {
-            let ratio = discs.left / (found.error * found.error);
-            if ratio < ACCEPTED {
-                return Ok((discs.values, format!("discs ({}, {ratio:.2})", discs.discs)));
+        Ok(match explained {
+            Some(discs) => {
+                let mut values = vec![0.0; map.values.len()];
+                for possible in &discs.maps {
+                    for (sum, value) in values.iter_mut().zip(possible) {
+                        *sum += value / discs.maps.len() as f64;
+                    }
+                }
+                Likely {
+                    correlation: Some(self.expected(&values, &discs.maps)),
+                    values,
+                    method: format!("discs ({})", discs.discs),
+                }
             }
-            return Ok((map, format!("{METHOD}, loss only ({ratio:.2})")));
+            None => map,
+        })
+    }
+
+    /// The map of a minimum.
+    fn likely(&self, found: &Found, most: f64, method: String) -> Likely {
+        let values = self.shown(&found.change, most);
+        let possible = found.possible.iter();
+        let possible: Vec<Vec<f64>> = possible.map(|change| self.shown(change, most)).collect();
+        Likely {
+            correlation: Some(self.expected(&values, &possible)),
+            values,
+            method,
         }
-        Ok((map, format!("{METHOD}, loss only")))
+    }
+
+    /// The correlation with the load that a map is expected to have: the mean over maps that are possible.
+    fn expected(&self, map: &[f64], possible: &[Vec<f64>]) -> f64 {
+        let areas = self.mesh().region_areas();
+        let all = possible
+            .iter()
+            .map(|other| likeness(map, other, &areas).correlation);
+        all.sum::<f64>() / possible.len().max(1) as f64
     }
 
     /// The relative changes of the region, at most `most`.
-    fn shown(&self, found: &Found, most: f64) -> Vec<f64> {
+    fn shown(&self, change: &[f64], most: f64) -> Vec<f64> {
         let region = self.mesh().region().len();
-        let changes = found.change[..region].iter();
+        let changes = change[..region].iter();
         changes.map(|change| change.exp_m1().min(most)).collect()
     }
 }
@@ -243,20 +289,26 @@ impl Reconstructor for NonlinearTv {
     ) -> Result<Map, ReconstructError> {
         let (change, missing) = self.linear.change(baseline, frame, METHOD)?;
         let seen = self.linear.fold.seen(&change, &missing);
-        let (values, method) = match seen.data.norm_squared() > 0.0 {
-            false => (vec![0.0; self.mesh().region().len()], METHOD.to_owned()),
-            true => self.values(&seen, &missing).map_err(|cause| {
+        let map = match seen.data.norm_squared() > 0.0 {
+            false => Likely {
+                values: vec![0.0; self.mesh().region().len()],
+                method: METHOD.to_owned(),
+                correlation: None,
+            },
+            true => self.map(&seen, &missing).map_err(|cause| {
                 let method = METHOD.to_owned();
                 ReconstructError::Numerical { method, cause }
             })?,
         };
+        let unlikely = map.correlation.filter(|it| *it < LEAST_CORRELATION);
+        let doubt = unlikely.map(|correlation| Doubt::NoiseLimit { correlation });
         Ok(Map {
             mesh_hash: self.mesh().hash().to_owned(),
-            values,
+            values: map.values,
             unit: MapUnit::RelativeConductance,
-            method,
+            method: map.method,
             masked: missing.len(),
-            quality: None,
+            quality: doubt.map(|doubt| MapQuality::of(&[doubt])),
         })
     }
 }

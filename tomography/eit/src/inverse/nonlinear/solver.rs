@@ -10,13 +10,16 @@
 use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use survey::Protocol;
 
 use super::cells::Cells;
 use crate::inverse::prior::{Half, Laplacian, block_of_columns};
 use crate::inverse::reciprocity::Seen;
 use crate::linear_algebra::dense;
-use crate::linear_algebra::sparse::{Block, gram};
+use crate::linear_algebra::sparse::Block;
 use crate::{Forward, ForwardError};
 
 /// b: differences of ln sigma below this are penalised as squares.
@@ -28,7 +31,7 @@ const LEVEL: f64 = 1e-4;
 /// Most steps.
 const STEPS: usize = 12;
 /// Most solutions of a step, each with the gains of the one before penalised.
-const SOLUTIONS: usize = 1;
+const SOLUTIONS: usize = 2;
 /// Share of cells that may still change between gain and loss.
 const CHANGING: f64 = 1e-3;
 /// Largest change of ln sigma in a step.
@@ -36,9 +39,12 @@ const LONGEST: f64 = 1.5;
 /// Lowest ln sigma: below it a cell insulates.
 const LOWEST: f64 = -6.0;
 /// The search ends when a step improves the objective by less than this share.
-const DONE: f64 = 0.02;
+const DONE: f64 = 0.01;
 /// Most halvings of a step.
 const HALVINGS: usize = 4;
+/// Draws of the posterior: a whole number of lanes.
+const DRAWS: usize = 16;
+const SEED: u64 = 3;
 /// Steps after which the deviation is estimated from what the map leaves unexplained.
 const ESTIMATED_AFTER: [usize; 2] = [2, 4];
 
@@ -74,6 +80,8 @@ pub(super) struct Found {
     pub(super) left: f64,
     /// Standard deviation of the errors of a reading, from what is left.
     pub(super) error: f64,
+    /// Changes of ln sigma of each cell that errors and penalty leave possible, in the linearised problem of the last step.
+    pub(super) possible: Vec<Vec<f64>>,
 }
 
 /// A point of the search.
@@ -153,26 +161,24 @@ impl Sheet {
         };
         let mut deviation = errors.first;
         let mut value = self.value(&at, deviation, bounded);
-        let mut degrees = 0.0;
+        let (mut degrees, mut last) = (0.0, None);
         for step in 1..=STEPS {
-            let t0 = std::time::Instant::now();
             let sensitivity = match step {
                 1 => Cow::Borrowed(&self.sensitivity),
                 _ => Cow::Owned(self.sensitivity(&at.sigma)?),
             };
             let problem = Linearised::new(&seen.rows(&sensitivity), &at, deviation);
-            let t1 = t0.elapsed();
             let Some(solution) = penalty.minimum(&problem, &at.change) else {
                 return Ok(None);
             };
-            let t2 = t0.elapsed();
-            let Some(next) = self.towards(seen, &at, &solution.change, value, deviation, bounded)?
+            let Some(next) =
+                self.towards(seen, &at, &solution.change, value, deviation, bounded)?
             else {
                 break; // no step improves it further
             };
             at = next;
-            if std::env::var("NLT").is_ok() { eprintln!("step {step} jac {t1:?} solve {:?} towards {:?} value {value:.1} left {:.2e}", t2 - t1, t0.elapsed() - t2, at.residual.norm()); }
             degrees = solution.degrees;
+            last = Some(solution);
             let before = value;
             value = self.value(&at, deviation, bounded);
             if ESTIMATED_AFTER.contains(&step) {
@@ -184,6 +190,10 @@ impl Sheet {
         }
         Ok(Some(Found {
             error: at.error(degrees),
+            possible: match last {
+                Some(solution) => penalty.possible(&solution, &at.change),
+                None => Vec::new(),
+            },
             left: at.residual.norm_squared() / seen.data.norm_squared(),
             change: at.change,
         }))
@@ -219,7 +229,9 @@ impl Sheet {
         bounded: bool,
     ) -> Result<Option<Point>, ForwardError> {
         let both = || from.change.iter().zip(to);
-        let longest = both().map(|(from, to)| (to - from).abs()).fold(0.0, f64::max);
+        let longest = both()
+            .map(|(from, to)| (to - from).abs())
+            .fold(0.0, f64::max);
         let mut share = (LONGEST / longest).min(1.0);
         for _ in 0..=HALVINGS {
             let change: Vec<f64> = both()
@@ -227,7 +239,12 @@ impl Sheet {
                 .collect();
             let sigma = self.cells.conductances(&self.sigma0, &change);
             let shift = self.readings(&sigma)? - &self.unloaded;
-            let shift = seen.rows(&DMatrix::from_column_slice(shift.len(), 1, shift.as_slice()))
+            let shift = seen
+                .rows(&DMatrix::from_column_slice(
+                    shift.len(),
+                    1,
+                    shift.as_slice(),
+                ))
                 .column(0)
                 .into_owned();
             let point = Point {
@@ -281,6 +298,9 @@ struct Solution {
     change: Vec<f64>,
     /// Degrees of freedom of the data that it uses.
     degrees: f64,
+    /// H = L^-1 J', with L L' the penalty, and (H'H + 1)^-1.
+    halved: Block,
+    inverse: DMatrix<f64>,
 }
 
 impl<'a> Penalty<'a> {
@@ -333,7 +353,8 @@ impl<'a> Penalty<'a> {
             })?;
         let halved = self.half.down(&problem.sensitivity);
         let count = problem.data.len();
-        let mut matrix = DMatrix::from_vec(count, count, gram(&halved, &halved, count));
+        let all = dense::gram_of_block(&halved);
+        let mut matrix = all.view((0, 0), (count, count)).into_owned();
         for k in 0..count {
             matrix[(k, k)] += 1.0;
         }
@@ -348,6 +369,44 @@ impl<'a> Penalty<'a> {
         Some(Solution {
             change: (0..sizes.len()).map(|cell| change.row(cell)[0]).collect(),
             degrees: count as f64 - inverse.trace(),
+            halved,
+            inverse,
         })
+    }
+
+    /// Draws of the posterior round `at`, whose deviations are x = L^-T (p + H (H'H + 1)^-1 (e - H'p)) with white p and e.
+    fn possible(&self, solution: &Solution, at: &[f64]) -> Vec<Vec<f64>> {
+        let mut random = ChaCha8Rng::seed_from_u64(SEED);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        let cells = at.len();
+        let readings = solution.inverse.nrows();
+        let mut white = Block::zeros(cells, DRAWS);
+        for value in &mut white.values {
+            *value = normal();
+        }
+        let mut errors = DMatrix::from_fn(readings, white.width, |_, _| normal());
+        for cell in 0..cells {
+            for (reading, h) in solution.halved.row(cell)[..readings].iter().enumerate() {
+                for (draw, p) in white.row(cell).iter().enumerate() {
+                    errors[(reading, draw)] -= h * p;
+                }
+            }
+        }
+        let weights = &solution.inverse * errors;
+        for cell in 0..cells {
+            let halved = &solution.halved.row(cell)[..readings];
+            for draw in 0..DRAWS {
+                let weights = weights.column(draw);
+                let sum: f64 = halved.iter().zip(&weights).map(|(h, w)| h * w).sum();
+                white.row_mut(cell)[draw] += sum;
+            }
+        }
+        let deviations = self.half.up(white, cells);
+        (0..DRAWS)
+            .map(|draw| {
+                let moved = |cell: usize| at[cell] + deviations.row(cell)[draw];
+                (0..cells).map(moved).collect()
+            })
+            .collect()
     }
 }
