@@ -31,7 +31,7 @@ const STRENGTH: f64 = 11.0;
 /// and rings leave unexplained when the data come from a finer mesh.
 const MODEL_ERROR: f64 = 0.004;
 /// Discs explain a frame if the mean square that they leave is at most this many times the variance of the errors.
-const ACCEPTED: f64 = 1.5;
+const ACCEPTED: f64 = 2.0;
 /// Expected correlation with the load below which a map is doubtful.
 const LEAST_CORRELATION: f64 = 0.6;
 /// Power of the sensitivity in the linear prior by which errors are estimated where no noise is stated.
