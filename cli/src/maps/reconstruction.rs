@@ -70,8 +70,7 @@ impl Reconstruction {
         let unloaded = &recording.unloaded;
         let measured = Noise::of_baseline(unloaded.noise, &unloaded.readings)
             .and_then(Noise::measured)
-            .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv))
-            .filter(|_| !model.slow);
+            .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv));
         let noise =
             measured.and_then(|noise| imaging::map_noise(&model, &unloaded.readings, noise));
         Ok(Self {

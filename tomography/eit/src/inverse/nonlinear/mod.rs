@@ -30,8 +30,9 @@ const STRENGTH: f64 = 11.0;
 /// Standard deviation of the model's error as a share of the root mean square of a change: what the true outlines of discs
 /// and rings leave unexplained when the data come from a finer mesh.
 const MODEL_ERROR: f64 = 0.004;
-/// Discs explain a frame if the mean square that they leave is at most this many times the variance of the errors.
-const ACCEPTED: f64 = 2.0;
+/// Discs explain a frame if the mean square that they leave is at most this many times the variance of the errors, and that
+/// of the model's error.
+const ACCEPTED: f64 = 1.25;
 /// Expected correlation with the load below which a map is doubtful.
 const LEAST_CORRELATION: f64 = 0.6;
 /// Power of the sensitivity in the linear prior by which errors are estimated where no noise is stated.
@@ -191,7 +192,7 @@ impl NonlinearTv {
             .explain(
                 seen,
                 found.error.max(least),
-                ACCEPTED * found.error * found.error,
+                ACCEPTED * found.error.clamp(self.noise, 2.0 * least).powi(2) + model * model,
                 &map.values,
             )
             .map_err(|fault| fault.to_string())?;
@@ -310,5 +311,155 @@ impl Reconstructor for NonlinearTv {
             masked: missing.len(),
             quality: doubt.map(|doubt| MapQuality::of(&[doubt])),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::DiscTank;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, Normal};
+    use survey::Volts;
+
+    const NOISE_V: f64 = 2e-5;
+
+    struct Stage {
+        method: NonlinearTv,
+        sigma0: Vec<f64>,
+    }
+
+    fn stage() -> Stage {
+        let tank = DiscTank {
+            radius_mm: 100.0,
+            fineness: 0.7,
+            ..DiscTank::default()
+        };
+        let mesh = Arc::new(tank.mesh().unwrap());
+        let sigma0 = vec![tank.conductance(); mesh.triangles().len()];
+        let protocol = Protocol::sheffield(16).unwrap();
+        let options = NonlinearTvOptions {
+            noise_v: Some(NOISE_V),
+            most_gain: Some(0.2),
+            ..NonlinearTvOptions::default()
+        };
+        let contacts = tank.contact_ohm_m();
+        let method = NonlinearTv::new(mesh, &contacts, &sigma0, &protocol, options).unwrap();
+        Stage { method, sigma0 }
+    }
+
+    impl Stage {
+        /// Readings with the changes of conductance at each place, m.
+        fn readings(&self, change: impl Fn([f64; 2]) -> f64, seed: u64) -> Vec<Reading> {
+            let mesh = self.method.mesh();
+            // the geometric mean over places in each triangle
+            let mean = |t: usize| {
+                let [a, b, c] = mesh.corners(t);
+                let places = (0..100).map(|k| {
+                    let (u, v) = (f64::from(k % 10) + 0.5, f64::from(k / 10) + 0.5);
+                    let (u, v) = (0.1 * u, 0.1 * v);
+                    let (u, v) = if u + v > 1.0 {
+                        (1.0 - u, 1.0 - v)
+                    } else {
+                        (u, v)
+                    };
+                    [0, 1].map(|i| a[i] + u * (b[i] - a[i]) + v * (c[i] - a[i]))
+                });
+                (places.map(|at| (1.0 + change(at)).ln()).sum::<f64>() / 100.0).exp()
+            };
+            let triangles = 0..self.sigma0.len();
+            let sigma: Vec<f64> = triangles.map(|t| self.sigma0[t] * mean(t)).collect();
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let noise = Normal::new(0.0, NOISE_V).unwrap();
+            let ohms = self
+                .method
+                .sheet
+                .forward
+                .readings(&sigma, &self.method.protocol);
+            let volts = ohms
+                .unwrap()
+                .iter()
+                .map(|ohms| 1e-3 * ohms)
+                .collect::<Vec<f64>>();
+            let noisy = volts.iter().map(|volts| volts + noise.sample(&mut random));
+            noisy.map(|volts| Reading::Ok(Volts(volts))).collect()
+        }
+
+        fn map(&self, change: impl Fn([f64; 2]) -> f64) -> (Map, f64) {
+            let mesh = self.method.mesh();
+            let truth: Vec<f64> = mesh.region_centroids().into_iter().map(&change).collect();
+            let baseline = self.readings(|_| 0.0, 1);
+            let map = self
+                .method
+                .reconstruct(&baseline, &self.readings(change, 2))
+                .unwrap();
+            let correlation = likeness(&map.values, &truth, &mesh.region_areas()).correlation;
+            (map, correlation)
+        }
+    }
+
+    fn within([x, y]: [f64; 2], centre: [f64; 2], radius: f64) -> bool {
+        (x - centre[0]).hypot(y - centre[1]) < radius
+    }
+
+    #[test]
+    fn a_disc_a_ring_and_gains_are_found_by_different_methods() {
+        let stage = stage();
+        let disc = |at| {
+            if within(at, [0.03, -0.01], 0.025) {
+                -0.6
+            } else {
+                0.0
+            }
+        };
+        let (map, correlation) = stage.map(disc);
+        assert_eq!(map.method, "discs (1)");
+        assert!(correlation > 0.95, "{correlation}");
+        let ring = |at| match within(at, [0.02, 0.0], 0.06) && !within(at, [0.02, 0.0], 0.04) {
+            true => -0.6,
+            false => 0.0,
+        };
+        let (map, correlation) = stage.map(ring);
+        assert_eq!(map.method, "nonlinear total variation, loss only");
+        assert!(correlation > 0.8, "{correlation}");
+        assert!(map.values.iter().all(|value| *value <= 0.0));
+        let (map, correlation) = stage.map(|at| -disc(at));
+        assert_eq!(map.method, METHOD);
+        assert!(correlation > 0.8, "{correlation}");
+    }
+
+    #[test]
+    fn noise_alone_gives_a_map_of_nothing() {
+        let stage = stage();
+        let (map, _) = stage.map(|_| 0.0);
+        assert_eq!(map.method, "nothing but noise");
+        assert!(map.values.iter().all(|value| value.abs() < 1e-3));
+        let baseline = stage.readings(|_| 0.0, 1);
+        let same = stage.method.reconstruct(&baseline, &baseline).unwrap();
+        assert!(same.values.iter().all(|value| *value == 0.0));
+    }
+
+    #[test]
+    fn one_thread_and_two_give_the_same_map() {
+        let stage = stage();
+        let made = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| {
+                stage
+                    .map(|at| {
+                        if within(at, [0.0, 0.04], 0.02) {
+                            -0.5
+                        } else {
+                            0.0
+                        }
+                    })
+                    .0
+            })
+        };
+        assert_eq!(made(1), made(2));
     }
 }
