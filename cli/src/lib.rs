@@ -57,8 +57,7 @@ pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
         Ok(parsed) => parsed,
         Err(refusal) => {
             let code = u8::try_from(refusal.exit_code()).unwrap_or(2);
-            let mut options = args.iter().take_while(|word| *word != "--");
-            if refusal.use_stderr() && options.any(|word| word == "--json") {
+            if refusal.use_stderr() && survey::asks_for_json(&args) {
                 let text = refusal.render().to_string();
                 output::report(&Failure::Usage(text.trim_end().to_owned()), true);
                 return ExitCode::from(code);

@@ -75,8 +75,7 @@ pub fn command() -> clap::Command {
 /// Exit codes: 0 done or stopped cleanly, 1 failed, 2 usage, 5 an instrument fault at `--safe-off`, 78 configuration.
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     let args: Vec<OsString> = args.collect();
-    let mut options = args.iter().take_while(|word| *word != "--");
-    let json = options.any(|word| word == "--json");
+    let json = survey::asks_for_json(&args);
     let parsed = command().try_get_matches_from(&args);
     let args = match parsed.and_then(|matches| Args::from_arg_matches(&matches)) {
         Ok(args) => args,

@@ -43,8 +43,7 @@ pub fn command() -> clap::Command {
 /// Runs the program; `words` are the arguments, starting with the program's name. Exit code 0 done, 1 failed, 2 usage.
 pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     let words: Vec<OsString> = words.into_iter().collect();
-    let mut options = words.iter().take_while(|word| *word != "--");
-    let json = options.any(|word| word == "--json");
+    let json = survey::asks_for_json(&words);
     let command = command();
     let parsed = command.clone().try_get_matches_from(&words);
     let (matches, arguments) = match parsed.and_then(|matches| {

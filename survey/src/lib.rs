@@ -41,7 +41,8 @@ pub use plan::{
     Routed, SourceLimits, Step, Timing,
 };
 pub use printable::{
-    error_chain, error_line, printable, printable_json, printable_lines, printable_within,
+    asks_for_json, error_chain, error_line, printable, printable_json, printable_lines,
+    printable_within,
 };
 pub use quality::{Checks, Quality, QualityFlag};
 pub use reading::{Reading, relative_changes};

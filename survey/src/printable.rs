@@ -86,14 +86,32 @@ pub fn printable_json(json: String) -> String {
 /// );
 /// ```
 pub fn error_line(kind: &str, code: u8, text: &str) -> String {
-    let quoted = |text: &str| {
-        let text = text.replace('\\', "\\\\").replace('"', "\\\"");
-        text.replace('\n', "\\n")
+    #[derive(serde::Serialize)]
+    struct Line<'a> {
+        event: &'static str,
+        kind: &'a str,
+        code: u8,
+        text: &'a str,
+    }
+    let line = Line {
+        event: "error",
+        kind,
+        code,
+        text: text.trim_end(),
     };
-    let (kind, text) = (quoted(kind), quoted(text.trim_end()));
-    printable_json(format!(
-        r#"{{"event":"error","kind":"{kind}","code":{code},"text":"{text}"}}"#
-    ))
+    // texts and numbers always become JSON
+    printable_json(serde_json::to_string(&line).unwrap_or_default())
+}
+
+/// Whether a command line, of which not all may be valid, asks for JSON: for errors of the command line itself.
+///
+/// ```
+/// assert!(survey::asks_for_json(&["tactus".into(), "--json".into()]));
+/// assert!(!survey::asks_for_json(&["tactus".into(), "--".into(), "--json".into()]));
+/// ```
+pub fn asks_for_json(words: &[std::ffi::OsString]) -> bool {
+    let mut options = words.iter().take_while(|word| *word != "--");
+    options.any(|word| word == "--json")
 }
 
 fn escaped(text: &str, stays: impl Fn(char) -> bool) -> Cow<'_, str> {

@@ -66,7 +66,7 @@ impl Reconstruction {
                 survey::error_chain(&error)
             ));
         }
-        // an assumed noise has no significance for a map; for a slow method, the draws would take longer than the maps
+        // an assumed noise has no significance for a map
         let unloaded = &recording.unloaded;
         let measured = Noise::of_baseline(unloaded.noise, &unloaded.readings)
             .and_then(Noise::measured)

@@ -75,13 +75,7 @@ pub(crate) fn tradeoff(options: &TradeoffOptions) -> Result<(), Failure> {
 /// `tactus-lab stability`: a violated bound is an error.
 pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
     let table = hard_cases::run(&options.only)?;
-    if options.json {
-        for line in table.lines() {
-            print_line!("{line}");
-        }
-    } else {
-        print_text!("{}", table.text());
-    }
+    print_tables(options.json, || table.lines(), || table.text());
     if let Some(folder) = &options.out {
         table.write(folder, options.replacing.existing())?;
     }
@@ -98,10 +92,7 @@ pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
 
 /// `tactus-lab honesty`.
 pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
-    let noises_uv = match options.noise_uv.is_empty() {
-        true => vec![2.0, 20.0],
-        false => options.noise_uv.clone(),
-    };
+    let noises_uv = chosen_or(&options.noise_uv, &[2.0, 20.0]);
     let report = honest_maps::run(&honest_maps::Settings {
         seed: options.seed,
         healthy: options.count,
@@ -109,24 +100,12 @@ pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
         noises_uv,
         maps: options.maps.map(|count| honest_maps::MapSettings {
             count,
-            kinds: match options.load.is_empty() {
-                true => TargetKind::ALL.to_vec(),
-                false => options.load.clone(),
-            },
-            methods: match options.method.is_empty() {
-                true => MapMethod::ALL.to_vec(),
-                false => options.method.clone(),
-            },
+            kinds: chosen_or(&options.load, &TargetKind::ALL),
+            methods: chosen_or(&options.method, &MapMethod::ALL),
             unstated: options.unstated,
         }),
     })?;
-    if options.json {
-        for line in report.lines() {
-            print_line!("{line}");
-        }
-    } else {
-        print_text!("{}", report.text());
-    }
+    print_tables(options.json, || report.lines(), || report.text());
     match &options.out {
         Some(folder) => report.write(folder, options.replacing.existing()),
         None => Ok(()),
@@ -141,27 +120,38 @@ pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
     };
     let report = long_maps::run(&long_maps::Settings {
         seed: options.seed,
-        families: match options.drift.is_empty() {
-            true => Family::ALL.to_vec(),
-            false => options.drift.clone(),
-        },
+        families: chosen_or(&options.drift, &Family::ALL),
         sheets,
         presses,
-        scenes: match options.scene.is_empty() {
-            true => LongScene::ALL.to_vec(),
-            false => options.scene.clone(),
-        },
+        scenes: chosen_or(&options.scene, &LongScene::ALL),
         days,
     })?;
-    if options.json {
-        for line in report.lines() {
-            print_line!("{line}");
-        }
-    } else {
-        print_text!("{}", report.text());
-    }
+    print_tables(options.json, || report.lines(), || report.text());
     match &options.out {
         Some(folder) => report.write(folder, options.replacing.existing()),
         None => Ok(()),
+    }
+}
+
+/// What was chosen, or if nothing was, the default.
+fn chosen_or<T: Clone>(chosen: &[T], default: &[T]) -> Vec<T> {
+    match chosen.is_empty() {
+        true => default.to_vec(),
+        false => chosen.to_vec(),
+    }
+}
+
+/// Prints the tables of a study, with `json` as one object for each row.
+fn print_tables(
+    json: bool,
+    lines: impl FnOnce() -> Vec<serde_json::Value>,
+    text: impl FnOnce() -> String,
+) {
+    if json {
+        for line in lines() {
+            print_line!("{line}");
+        }
+    } else {
+        print_text!("{}", text());
     }
 }

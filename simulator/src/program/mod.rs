@@ -145,8 +145,7 @@ pub fn command() -> clap::Command {
 /// Runs `tactus-sim`; the first argument is the program's name.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let words: Vec<OsString> = arguments.into_iter().collect();
-    let mut options = words.iter().take_while(|word| *word != "--");
-    let json = options.any(|word| word == "--json");
+    let json = survey::asks_for_json(&words);
     let command = command();
     let parsed = command.clone().try_get_matches_from(&words);
     let (matches, arguments) = match parsed.and_then(|matches| {

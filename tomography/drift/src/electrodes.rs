@@ -11,7 +11,7 @@ use survey::Reading;
 
 use crate::DriftError;
 use crate::model::DriftModel;
-use crate::whitened::Whitened;
+use crate::whitened::{Whitened, factor};
 
 /// Readings of a shorted pair, as a share of its baseline, are below this.
 const SHORTED: f64 = 0.05;
@@ -146,11 +146,7 @@ impl ElectrodeCheck {
         rows: &[usize],
     ) -> Result<Allowed, DriftError> {
         let covariance = covariance + &model.local_gram * LOAD.powi(2);
-        let factor = match rows.len() == covariance.nrows() {
-            true => Definite::new(&covariance),
-            false => Definite::new(&covariance.select_rows(rows).select_columns(rows)),
-        };
-        let factor = Arc::new(factor.ok_or(DriftError::Covariance)?);
+        let factor = Arc::new(factor(&covariance, rows)?);
         let none = DVector::zeros(covariance.nrows());
         let contacts =
             Whitened::with(Arc::clone(&factor), &none, rows).sensitivity(&model.contacts);

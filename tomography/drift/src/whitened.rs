@@ -38,13 +38,7 @@ impl Whitened {
         data: &DVector<f64>,
         rows: &[usize],
     ) -> Result<Self, DriftError> {
-        let factor = if rows.len() == covariance.nrows() {
-            Definite::new(covariance)
-        } else {
-            Definite::new(&covariance.select_rows(rows).select_columns(rows))
-        };
-        let factor = factor.ok_or(DriftError::Covariance)?;
-        Ok(Self::with(Arc::new(factor), data, rows))
+        Ok(Self::with(Arc::new(factor(covariance, rows)?), data, rows))
     }
 
     pub(crate) fn with(factor: Arc<Definite>, data: &DVector<f64>, rows: &[usize]) -> Self {
@@ -220,4 +214,13 @@ pub(crate) fn places_by_score(
         }
     }
     found
+}
+
+/// The factor of a covariance of which only these rows count.
+pub(crate) fn factor(covariance: &DMatrix<f64>, rows: &[usize]) -> Result<Definite, DriftError> {
+    let factor = match rows.len() == covariance.nrows() {
+        true => Definite::new(covariance),
+        false => Definite::new(&covariance.select_rows(rows).select_columns(rows)),
+    };
+    factor.ok_or(DriftError::Covariance)
 }

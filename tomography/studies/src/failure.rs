@@ -91,3 +91,21 @@ impl From<OutFileError> for Failure {
 pub fn write(path: &Path, existing: Existing, text: String) -> Result<(), Failure> {
     Ok(outfile::write(path, existing, text.as_bytes())?)
 }
+
+/// Writes the tables of a study into a folder: `NAME.txt`, and `NAME.json` with an object for each row.
+pub(crate) fn write_tables(
+    folder: &Path,
+    name: &str,
+    existing: Existing,
+    text: String,
+    lines: Vec<serde_json::Value>,
+) -> Result<(), Failure> {
+    outfile::make_folder(folder, existing)?;
+    write(&folder.join(format!("{name}.txt")), existing, text)?;
+    let lines = serde_json::Value::Array(lines);
+    write(
+        &folder.join(format!("{name}.json")),
+        existing,
+        format!("{lines:#}\n"),
+    )
+}

@@ -22,5 +22,6 @@ pub mod stability;
 pub mod tradeoff;
 
 pub use artifact_cache::Program;
+pub(crate) use failure::write_tables;
 pub use failure::{Failure, write};
 pub use readings::{add_noise, measured};

@@ -6,23 +6,25 @@
 
 mod anchors;
 mod bits;
+mod innovation;
 mod load;
 mod pace;
 mod state;
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
-use eit::linear_algebra::{Definite, product, view};
+use eit::linear_algebra::{product, view};
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
 
 use crate::DriftError;
 use crate::basis::{Basis, PER_DAY};
 use crate::disc::DiscFit;
-use crate::electrodes::{Allowed, ElectrodeCheck, ElectrodeFault};
+use crate::electrodes::{ElectrodeCheck, ElectrodeFault};
 use crate::model::DriftModel;
 use crate::whitened::{LoadTest, Whitened, best_places};
 pub use anchors::AnchorAlarm;
+use innovation::{Frame, Steady};
 use load::{LOADED, REST};
 use pace::PACES;
 pub use state::TrackerState;
@@ -110,34 +112,6 @@ struct Prepared {
     check: ElectrodeCheck,
     per_day: DMatrix<f64>,
     rows: Vec<usize>,
-}
-
-/// A frame on its way.
-#[derive(Clone)]
-struct Frame {
-    /// Change since the first baseline, V.
-    data: DVector<f64>,
-    /// Change since the tracked baseline, V.
-    e: DVector<f64>,
-    /// Change since the last frame, V.
-    step: Option<DVector<f64>>,
-    /// Usable rows.
-    rows: Vec<usize>,
-    /// Days since the last frame.
-    days: f64,
-}
-
-/// Covariance of an innovation and what is computed from it.
-struct Steady {
-    days: f64,
-    pace: f64,
-    rows: Vec<usize>,
-    predicted: DMatrix<f64>,
-    covariance: DMatrix<f64>,
-    factor: Arc<Definite>,
-    atoms: DMatrix<f64>,
-    /// For the test of electrodes, once it is needed.
-    allowed: OnceLock<Allowed>,
 }
 
 impl Tracker {
@@ -450,102 +424,6 @@ impl Tracker {
         self.state.pace.changed_locally(&self.prepared.basis, size);
         self.state.restart();
         self.steady = None;
-    }
-
-    /// Covariance of the step between two frames without load.
-    fn of_step(&self, days: f64) -> DMatrix<f64> {
-        let rate = self.state.pace.pace.powi(2) * days;
-        &self.model.noise * 2.0 + &self.prepared.per_day * rate
-    }
-
-    /// A step from the last frame, if it is larger than noise and drift.
-    fn event(&self, frame: &Frame) -> Result<Option<LoadTest>, DriftError> {
-        let Some(step) = &frame.step else {
-            return Ok(None);
-        };
-        let complete = |rows: &[usize]| rows.len() == self.prepared.rows.len();
-        let tests = if complete(&frame.rows) && complete(&self.state.last_rows) {
-            let basis = &self.prepared.basis;
-            let rate = self.state.pace.pace.powi(2) * frame.days;
-            let variances = basis.growth.map(|growth| 2.0 + rate * growth);
-            basis.load_tests(&self.model, &basis.of(step), &variances, 1)
-        } else {
-            let last = &self.state.last_rows;
-            let both = frame
-                .rows
-                .iter()
-                .filter(|row| last.binary_search(row).is_ok());
-            let both: Vec<usize> = both.copied().collect();
-            Whitened::new(&self.of_step(frame.days), step, &both)?.load_tests(&self.model, 1)
-        };
-        Ok(tests.into_iter().next().filter(|test| test.score > LOADED))
-    }
-
-    /// The covariance of the innovation after this time.
-    fn innovation(&self, days: f64, rows: &[usize]) -> Result<Arc<Steady>, DriftError> {
-        let pace = self.state.pace.pace;
-        // intervals that differ little share a covariance, so that it can be kept
-        let days = match self.state.kept_days {
-            Some(kept) if (days - kept).abs() <= SAME_INTERVAL * kept => kept,
-            _ => days,
-        };
-        if let Some(steady) = &self.steady
-            && steady.days == days
-            && steady.pace == pace
-            && steady.rows == rows
-        {
-            return Ok(Arc::clone(steady));
-        }
-        let predicted = self.state.covariance() + &self.prepared.per_day * (pace * pace * days);
-        let covariance = &predicted + &self.model.noise;
-        let factor = match rows.len() == self.prepared.rows.len() {
-            true => Definite::new(&covariance),
-            false => Definite::new(&covariance.select_rows(rows).select_columns(rows)),
-        };
-        let factor = factor.ok_or(DriftError::Covariance)?;
-        let mut atoms = match rows.len() == self.prepared.rows.len() {
-            true => self.model.atoms.clone(),
-            false => self.model.atoms.select_rows(rows),
-        };
-        factor.whiten(&mut atoms);
-        Ok(Arc::new(Steady {
-            allowed: OnceLock::new(),
-            days,
-            pace,
-            rows: rows.to_vec(),
-            predicted,
-            covariance,
-            factor: Arc::new(factor),
-            atoms,
-        }))
-    }
-
-    /// Rows of healthy electrodes.
-    fn usable(&self, rows: &[usize]) -> Vec<usize> {
-        self.prepared.check.without(rows, &self.state.masked())
-    }
-
-    /// The fault that a frame shows: against the tracked baseline, or while loaded against the frame before.
-    fn fault(
-        &self,
-        readings: &[Reading],
-        frame: &Frame,
-        now: &Steady,
-    ) -> Result<Option<ElectrodeFault>, DriftError> {
-        let check = &self.prepared.check;
-        if let (true, Some(step)) = (self.state.ledger.loaded(), &frame.step) {
-            let covariance = self.of_step(frame.days);
-            let allowed = check.allow(&self.model, &covariance, &frame.rows)?;
-            return check.fault(&self.model, readings, step, &allowed);
-        }
-        let allowed = match now.allowed.get() {
-            Some(allowed) => allowed,
-            None => {
-                let allowed = check.allow(&self.model, &now.covariance, &frame.rows)?;
-                now.allowed.get_or_init(|| allowed)
-            }
-        };
-        check.fault(&self.model, readings, &frame.e, allowed)
     }
 
     /// The map of the last frame relative to the tracked baseline: change of ln conductance of each triangle of

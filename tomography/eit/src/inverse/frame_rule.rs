@@ -150,25 +150,20 @@ impl FrameRule {
         })
     }
 
-    /// Standard deviation of noise and errors of the model in a frame, and whether its change is more than noise: `None` if
-    /// a map explains it no better than noise does.
+    /// Whether the change of a frame is more than noise: whether a map explains it better than noise does.
     ///
     /// # Errors
     /// As [`FrameRule::map`].
-    pub(crate) fn significant_error(
+    pub(crate) fn is_significant(
         &self,
         seen: &Seen,
         missing: &[usize],
-    ) -> Result<Option<f64>, OneStepError> {
+    ) -> Result<bool, OneStepError> {
         self.with(seen, missing, |prepared| {
-            let along = prepared.along(&seen.data);
-            let squares = along.map(|value| value * value);
+            let squares = prepared.along(&seen.data).map(|value| value * value);
             let floor = self.least(&seen.data);
-            let fit = prepared.evidence.best(&squares, floor)?;
-            let mean = (squares.sum() / squares.len() as f64).sqrt();
-            let alone = if self.noise > 0.0 { floor } else { mean };
-            let preference = prepared.evidence.preference(&squares, alone, &fit);
-            (preference > SIGNIFICANT).then_some(fit.error())
+            let fit = prepared.evidence.best(&squares, floor);
+            fit.is_some_and(|fit| prepared.evidence.preference(&squares, floor, &fit) > SIGNIFICANT)
         })
     }
 

@@ -67,6 +67,17 @@ pub enum Scale {
     Currents(Vec<f64>),
 }
 
+impl Scale {
+    /// Standard deviation of the change of a reading, in the unit of the data, for that of one reading (V) at a current (A).
+    pub(crate) fn deviation(&self, volts: f64, current: f64) -> f64 {
+        std::f64::consts::SQRT_2
+            * match self {
+                Self::ByDistance | Self::Uniform => volts / current,
+                Self::Currents(_) => volts,
+            }
+    }
+}
+
 /// Settings of a [`OneStep`](crate::OneStep).
 #[derive(Debug, Clone, PartialEq)]
 pub struct OneStepOptions {

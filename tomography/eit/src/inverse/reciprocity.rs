@@ -8,7 +8,9 @@
 use std::borrow::Cow;
 
 use nalgebra::{DMatrix, DVector};
-use survey::{Measurement, Protocol};
+use survey::Protocol;
+
+use crate::OneStepError;
 
 /// Maps readings to folded rows.
 #[derive(Debug, Clone)]
@@ -77,12 +79,19 @@ impl Fold {
         self.first.len()
     }
 
-    /// The measurement whose sensitivity each row has.
-    pub(crate) fn questions(&self, protocol: &Protocol) -> Vec<Measurement> {
-        self.first
-            .iter()
-            .map(|&reading| protocol.measurements()[reading])
-            .collect()
+    /// The measurements whose sensitivity the rows have.
+    ///
+    /// # Errors
+    /// None: they are the protocol's own.
+    pub(crate) fn half(&self, protocol: &Protocol) -> Result<Protocol, OneStepError> {
+        let questions = self.first.iter();
+        Protocol::new(
+            protocol.electrodes(),
+            questions
+                .map(|&reading| protocol.measurements()[reading])
+                .collect(),
+        )
+        .map_err(|_| OneStepError::Prior)
     }
 
     /// The factor of that sensitivity.

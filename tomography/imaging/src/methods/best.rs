@@ -27,15 +27,15 @@ pub(super) fn prepare(
     // an explicit prior or rule selects a linear method, changes that fill a layer have a linear model only, and where no
     // noise is known the linear map of the Kuopio tank is nearer to its targets (mean correlation 0.80, else 0.75)
     let noise_v = known_noise_v(settings, conditions);
-    let linear = noise_v.is_none()
-        || settings.prior.is_some()
+    let linear = settings.prior.is_some()
         || settings.choose.is_some()
         || settings.lambda.is_some()
         || settings.noise_figure.is_some()
         || settings.map_error.is_some();
-    if linear || layer || settings.unknowns == Some(Unknowns::Region) {
+    let nonlinear = !linear && !layer && settings.unknowns != Some(Unknowns::Region);
+    let Some(noise_v) = noise_v.filter(|_| nonlinear) else {
         return super::for_unknowns(settings, conditions, one_step);
-    }
+    };
     let nonlinear = NonlinearTv::new(
         Arc::clone(&geometry.mesh),
         &geometry.contact_ohm_m,

@@ -12,4 +12,5 @@ pub mod test_set;
 pub use figures::{Figures, OfFrame, figures, of_frames};
 pub use maps::{Frame, Judged, maps, maps_not_refused};
 pub use method::MethodOptions;
+pub(crate) use statistics::quantile;
 pub use statistics::{average, mean_and_deviation, median};

@@ -22,3 +22,10 @@ pub fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or_default()
 }
+
+/// The value below which this share of the values lies; NaN without values.
+pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let at = share * (values.len().max(1) - 1) as f64;
+    values.get(at.round() as usize).copied().unwrap_or(f64::NAN)
+}

@@ -13,7 +13,7 @@ use survey::{Amps, MapQuality, Reading, Verdict};
 use super::sheet::{CURRENT, FineSheet, random};
 use super::target::{Target, TargetKind};
 use super::{MapSettings, Settings};
-use crate::evaluation::{average, median};
+use crate::evaluation::{average, median, quantile};
 use crate::{Failure, add_noise, measured, progress};
 
 /// What a method is stated of the noise.
@@ -281,7 +281,6 @@ fn row(
     }
     let mut times: Vec<f64> = judged.iter().map(|one| one.ms).collect();
     let median_ms = median(&mut times);
-    let p95 = (0.95 * (times.len() - 1) as f64).round() as usize;
     MapRow {
         method,
         stated,
@@ -294,7 +293,7 @@ fn row(
         sound: sound().count(),
         methods,
         median_ms,
-        p95_ms: times.get(p95).copied().unwrap_or(f64::NAN),
+        p95_ms: quantile(&mut times, 0.95),
     }
 }
 

@@ -14,7 +14,7 @@ use imaging::Geometry;
 use outfile::Existing;
 use survey::Protocol;
 
-use crate::{Failure, write};
+use crate::{Failure, write_tables};
 
 pub use maps::{MapMethod, MapRow, Stated};
 pub use quality::QualityRow;
@@ -126,13 +126,6 @@ impl Report {
     /// # Errors
     /// Files that exist and may not be replaced, or that cannot be written.
     pub fn write(&self, folder: &Path, existing: Existing) -> Result<(), Failure> {
-        outfile::make_folder(folder, existing)?;
-        write(&folder.join("honesty.txt"), existing, self.text())?;
-        let lines = serde_json::Value::Array(self.lines());
-        write(
-            &folder.join("honesty.json"),
-            existing,
-            format!("{lines:#}\n"),
-        )
+        write_tables(folder, "honesty", existing, self.text(), self.lines())
     }
 }

@@ -13,7 +13,7 @@ use std::path::Path;
 use imaging::Geometry;
 use outfile::Existing;
 
-use crate::{Failure, write};
+use crate::{Failure, write_tables};
 
 pub use simulated::Family;
 pub use single::{Locator, SheetRow, SingleRow};
@@ -102,20 +102,6 @@ impl Report {
     /// # Errors
     /// Files that exist and may not be replaced, or that cannot be written.
     pub fn write(&self, folder: &Path, existing: Existing) -> Result<(), Failure> {
-        outfile::make_folder(folder, existing)?;
-        write(&folder.join("months.txt"), existing, self.text())?;
-        let lines = serde_json::Value::Array(self.lines());
-        write(
-            &folder.join("months.json"),
-            existing,
-            format!("{lines:#}\n"),
-        )
+        write_tables(folder, "months", existing, self.text(), self.lines())
     }
-}
-
-/// The value below which this share of the values lies; NaN without values.
-fn quantile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let at = share * (values.len().max(1) - 1) as f64;
-    values.get(at.round() as usize).copied().unwrap_or(f64::NAN)
 }

@@ -7,8 +7,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 use survey::{Amps, Map, MapUnit, Reading};
 
+use super::Settings;
 use super::simulated::{CURRENT_A, Family, NOISE_V, Simulated, away_mm, model, protocol};
-use super::{Settings, quantile};
+use crate::evaluation::{average, quantile};
 use crate::{Failure, progress};
 
 /// Days of the frames, and the spans of the table.
@@ -132,9 +133,7 @@ pub(super) fn rows(
                 done
             })
             .collect::<Result<_, _>>()?;
-        let mean = |of: &dyn Fn(&OneSheet) -> f64| {
-            100.0 * done.iter().map(of).sum::<f64>() / done.len() as f64
-        };
+        let mean = |of: &dyn Fn(&OneSheet) -> f64| 100.0 * average(done.iter().map(of));
         let empty: Vec<f64> = done.iter().flat_map(|one| one.empty.clone()).collect();
         sheets.push(SheetRow {
             family,

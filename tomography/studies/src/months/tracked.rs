@@ -8,9 +8,10 @@ use phantom::Load;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::Settings;
 use super::simulated::{Family, Simulated, away_mm, model};
 use super::single::covers;
-use super::{Settings, quantile};
+use crate::evaluation::{average, quantile};
 use crate::{Failure, progress};
 
 /// Interval of the frames, s.
@@ -284,7 +285,7 @@ fn press_row(
         diameter_mm,
         presses: presses.len(),
         missed: presses.len() - presses.iter().filter(loaded).count(),
-        mean_mm: errors.iter().sum::<f64>() / errors.len() as f64,
+        mean_mm: average(errors.iter().copied()),
         p95_mm: quantile(&mut errors, 0.95),
         most_mm: errors.last().copied().unwrap_or(f64::NAN),
         accepted: found.iter().filter(|(_, accepted, _)| *accepted).count(),
@@ -303,10 +304,7 @@ fn frame_row(scene: LongScene, days: &'static str, of: &[&Judged]) -> FrameRow {
             .count()
     };
     let zeros: Vec<f64> = of.iter().filter_map(|one| one.zero).collect();
-    let chis: Vec<f64> = with(Truth::Empty)
-        .filter_map(|one| one.answer.chi)
-        .collect();
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let chis = with(Truth::Empty).filter_map(|one| one.answer.chi);
     FrameRow {
         scene,
         days,
@@ -314,13 +312,13 @@ fn frame_row(scene: LongScene, days: &'static str, of: &[&Judged]) -> FrameRow {
         false_loads: judged(Truth::Empty, Judgement::Loaded),
         night: with(Truth::Night).count(),
         missed_nights: judged(Truth::Night, Judgement::Empty),
-        zero_percent: 100.0 * mean(&zeros),
+        zero_percent: 100.0 * average(zeros.iter().copied()),
         zero_most_percent: 100.0 * zeros.iter().copied().fold(0.0, f64::max),
-        chi: mean(&chis),
+        chi: average(chis),
         anchor_alarms: of.iter().filter(|one| one.answer.anchor.is_some()).count(),
         faults: of.iter().filter(|one| one.answer.fault.is_some()).count(),
         pace: of.last().map_or(f64::NAN, |one| one.answer.pace),
-        frame_ms: of.iter().map(|one| one.ms).sum::<f64>() / of.len() as f64,
+        frame_ms: average(of.iter().map(|one| one.ms)),
     }
 }
 

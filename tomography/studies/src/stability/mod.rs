@@ -13,7 +13,7 @@ use std::path::Path;
 
 use outfile::Existing;
 
-use crate::failure::{Failure, write};
+use crate::failure::{Failure, write_tables};
 use crate::progress;
 use cases::{contacts, contrast, creep, inverse, layers, meshes, order, radial, readings};
 use outcome::{Case, Check, Naive, Outcome, Side};
@@ -108,10 +108,7 @@ impl Table {
     /// # Errors
     /// Files that exist and may not be replaced, or that cannot be written.
     pub fn write(&self, folder: &Path, existing: Existing) -> Result<(), Failure> {
-        outfile::make_folder(folder, existing)?;
-        write(&folder.join("table.txt"), existing, self.text())?;
-        let lines = serde_json::Value::Array(self.lines());
-        write(&folder.join("table.json"), existing, format!("{lines:#}\n"))?;
+        write_tables(folder, "table", existing, self.text(), self.lines())?;
         plots::draw(folder, existing)
     }
 

@@ -5,7 +5,7 @@
 //!
 //! - [`disc`]: a disc as free parameters with a prior; [`starts`]: discs at the peaks of a map
 //! - [`coverage`]: the share of each triangle that an outline covers; [`model`]: readings and their derivatives
-//! - [`fit`]: Levenberg and Marquardt; [`posterior`]: the mean over what is probable
+//! - [`fit`]: Levenberg and Marquardt; [`posterior`]: draws of what they may be
 
 mod coverage;
 mod disc;

@@ -1,4 +1,4 @@
-//! The posterior mean over discs, given the frame.
+//! What the discs of a frame may be: draws of the posterior.
 
 use nalgebra::DVector;
 use rand::SeedableRng;

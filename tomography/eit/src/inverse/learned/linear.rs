@@ -38,6 +38,29 @@ impl Linear {
         options: &OneStepOptions,
     ) -> Result<(Self, DMatrix<f64>, Penalty), OneStepError> {
         let forward = Forward::new(Arc::clone(mesh), contact_ohm_m)?;
+        let linear = Self::without_sensitivity(&forward, sigma0, protocol, options)?;
+        let half = linear.fold.half(protocol)?;
+        let relative = Parameters::region().logarithmic();
+        let mut sensitivity = forward.sensitivity(sigma0, &half, &relative)?;
+        scale_rows(&mut sensitivity, linear.fold.norm());
+        let mut penalty = match options.prior {
+            Prior::Tikhonov => Penalty::identity(sensitivity.ncols()),
+            Prior::Noser { p } => Penalty::noser(&sensitivity, p),
+            Prior::Laplace => Penalty::laplacian(mesh),
+            Prior::Variation => Penalty::variation(mesh),
+            Prior::Gaussian { length_m } => Penalty::smooth(mesh, length_m)?,
+        };
+        penalty.weigh(&outside(options.shown.as_deref(), sensitivity.ncols()));
+        Ok((linear, sensitivity, penalty))
+    }
+
+    /// Solves the forward model at `sigma0`, for the readings alone.
+    pub(crate) fn without_sensitivity(
+        forward: &Forward,
+        sigma0: &[f64],
+        protocol: &Protocol,
+        options: &OneStepOptions,
+    ) -> Result<Self, OneStepError> {
         let model = forward.readings(sigma0, protocol)?;
         let counted = |what, has: usize| {
             if has == protocol.len() {
@@ -66,29 +89,14 @@ impl Linear {
         for (factor, weight) in factors.iter_mut().zip(weights.iter().flatten()) {
             *factor *= weight;
         }
-        let fold = Fold::new(protocol, &factors);
-        let half = Protocol::new(protocol.electrodes(), fold.questions(protocol))
-            .map_err(|_| OneStepError::Prior)?; // cannot happen: they are the protocol's own
-        let relative = Parameters::region().logarithmic();
-        let mut sensitivity = forward.sensitivity(sigma0, &half, &relative)?;
-        scale_rows(&mut sensitivity, fold.norm());
-        let mut penalty = match options.prior {
-            Prior::Tikhonov => Penalty::identity(sensitivity.ncols()),
-            Prior::Noser { p } => Penalty::noser(&sensitivity, p),
-            Prior::Laplace => Penalty::laplacian(mesh),
-            Prior::Variation => Penalty::variation(mesh),
-            Prior::Gaussian { length_m } => Penalty::smooth(mesh, length_m)?,
-        };
-        penalty.weigh(&outside(options.shown.as_deref(), sensitivity.ncols()));
-        let linear = Self {
+        Ok(Self {
             scale: options.scale.clone(),
             model: model.as_slice().to_vec(),
             distances: distances(protocol),
             twins,
             weights,
-            fold,
-        };
-        Ok((linear, sensitivity, penalty))
+            fold: Fold::new(protocol, &factors),
+        })
     }
 
     /// The model's readings in the scale of the data.
@@ -189,7 +197,7 @@ fn weights(deviations: &[f64]) -> Result<Vec<f64>, OneStepError> {
 }
 
 /// Multiplies row i by factor i.
-fn scale_rows(matrix: &mut DMatrix<f64>, factors: &[f64]) {
+pub(crate) fn scale_rows(matrix: &mut DMatrix<f64>, factors: &[f64]) {
     for mut column in matrix.column_iter_mut() {
         for (value, factor) in column.iter_mut().zip(factors) {
             *value *= factor;

@@ -100,8 +100,7 @@ impl ModelCheck {
         let areas = whole.region_areas();
         let gram = dense::gram(&sensitivity, |triangle| Some(1.0 / areas[triangle]));
         let forward = Forward::new(Arc::clone(&whole), contact_ohm_m)?;
-        let half = Protocol::new(protocol.electrodes(), linear.fold.questions(protocol))
-            .map_err(|_| OneStepError::Prior)?; // cannot happen: they are the protocol's own
+        let half = linear.fold.half(protocol)?;
         let mut contacts = forward.contact_jacobian(sigma0, &half)?;
         for (electrode, mut column) in contacts.column_iter_mut().enumerate() {
             for (value, norm) in column.iter_mut().zip(linear.fold.norm()) {

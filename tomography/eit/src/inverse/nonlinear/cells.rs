@@ -14,9 +14,7 @@ pub(super) struct Cells {
     pub(super) triangles: Vec<Vec<usize>>,
     /// Area of each cell over the mean area of a triangle of the region.
     pub(super) sizes: Vec<f64>,
-    /// Length of the border between neighbours, m, for each edge of `neighbours`.
-    pub(super) lengths: Vec<f64>,
-    /// The pattern of the penalty on differences between neighbours.
+    /// Neighbours, with the length of their border, m, as weight.
     pub(super) neighbours: Laplacian,
 }
 
@@ -70,15 +68,10 @@ impl Cells {
                 moment.sum::<f64>() / area
             })
         });
-        let lengths: Vec<f64> = borders.values().copied().collect();
+        let (edges, lengths) = borders.into_iter().unzip();
         Self {
-            neighbours: Laplacian::new(
-                centres.collect(),
-                borders.into_keys().collect(),
-                lengths.clone(),
-            ),
+            neighbours: Laplacian::new(centres.collect(), edges, lengths),
             sizes: areas.into_iter().map(|area| area / mean).collect(),
-            lengths,
             triangles,
         }
     }
@@ -130,7 +123,7 @@ mod tests {
             .neighbours
             .edges
             .iter()
-            .zip(&cells.lengths)
+            .zip(&cells.neighbours.weights)
             .filter(|(edge, _)| edge.contains(&0))
             .map(|(_, length)| length)
             .sum();

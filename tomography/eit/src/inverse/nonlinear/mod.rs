@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use survey::{Doubt, Map, MapQuality, MapUnit, Protocol, Reading};
 
-use self::solver::{Errors, Found, Sheet};
+use self::solver::{Found, Sheet};
 use crate::inverse::discs::Discs;
 use crate::inverse::frame_rule::FrameRule;
 use crate::inverse::learned::linear::Linear;
@@ -35,14 +35,14 @@ const MODEL_ERROR: f64 = 0.004;
 const ACCEPTED: f64 = 1.25;
 /// Expected correlation with the load below which a map is doubtful.
 const LEAST_CORRELATION: f64 = 0.6;
-/// Power of the sensitivity in the linear prior by which errors are estimated where no noise is stated.
+/// Power of the sensitivity in the linear prior by which a frame is told from noise.
 const NOSER_POWER: f64 = 0.25;
 
 /// Settings of a [`NonlinearTv`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct NonlinearTvOptions {
-    /// Standard deviation of one reading, V, the same on baseline and frame; `None` if it is unknown.
-    pub noise_v: Option<f64>,
+    /// Standard deviation of one reading, V, the same on baseline and frame.
+    pub noise_v: f64,
     /// Injected current of that noise, A.
     pub current_a: f64,
     /// Largest share of the squared change of a frame that losses alone may leave unexplained: a frame with more shows gains,
@@ -56,7 +56,7 @@ impl Default for NonlinearTvOptions {
     /// 2 uV of noise at 1 mA, no gains.
     fn default() -> Self {
         Self {
-            noise_v: Some(DEFAULT_NOISE_V),
+            noise_v: DEFAULT_NOISE_V,
             current_a: 1e-3,
             most_gain: None,
             scale: Scale::default(),
@@ -67,11 +67,11 @@ impl Default for NonlinearTvOptions {
 /// Reconstructs maps by total variation of the logarithm of conductance on the whole sheet, with the full forward model.
 ///
 /// Errors of a reading are the noise, or [`MODEL_ERROR`] of the change where that is larger; they are raised to what the map
-/// leaves unexplained. Without a noise they are first estimated from a linear model.
+/// leaves unexplained.
 pub struct NonlinearTv {
     linear: Linear,
     sheet: Sheet,
-    /// Judges whether a frame shows more than noise, and estimates its errors where no noise is stated.
+    /// Judges whether a frame shows more than noise.
     rule: FrameRule,
     discs: Discs,
     /// Standard deviation of a change by noise, in the unit of the data.
@@ -101,10 +101,7 @@ impl NonlinearTv {
         protocol: &Protocol,
         options: NonlinearTvOptions,
     ) -> Result<Self, OneStepError> {
-        let positive = [
-            ("noise", options.noise_v.unwrap_or(1.0)),
-            ("current", options.current_a),
-        ];
+        let positive = [("noise", options.noise_v), ("current", options.current_a)];
         for (what, value) in positive {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(OneStepError::NotPositive { what, value });
@@ -114,20 +111,16 @@ impl NonlinearTv {
             scale: options.scale.clone(),
             ..OneStepOptions::default()
         };
-        let (linear, ..) = Linear::new(&mesh, contact_ohm_m, sigma0, protocol, &shared)?;
-        let questions = Protocol::new(protocol.electrodes(), linear.fold.questions(protocol))
-            .map_err(|_| OneStepError::Prior)?; // cannot happen: they are the protocol's own
+        let forward = Forward::new(Arc::clone(&mesh), contact_ohm_m)?;
+        let linear = Linear::without_sensitivity(&forward, sigma0, protocol, &shared)?;
+        let questions = linear.fold.half(protocol)?;
         let area: f64 = mesh.region_areas().iter().sum();
-        let volts = std::f64::consts::SQRT_2 * options.noise_v.unwrap_or_default();
-        let noise = match options.scale {
-            Scale::Currents(_) => volts,
-            Scale::ByDistance | Scale::Uniform => volts / options.current_a,
-        };
+        let noise = options.scale.deviation(options.noise_v, options.current_a);
         let discs = Discs::new(&mesh, contact_ohm_m, sigma0, &questions, linear.fold.norm())?;
         let sheet = Sheet::new(
-            Forward::new(mesh, contact_ohm_m)?,
+            forward,
             questions,
-            linear.fold.norm().to_vec(),
+            linear.fold.norm(),
             sigma0,
             STRENGTH / area.sqrt(),
         )?;
@@ -135,7 +128,7 @@ impl NonlinearTv {
         let penalty = Penalty::noser(&sensitivity, NOSER_POWER);
         let rule = FrameRule::new(
             HyperRule::Evidence,
-            options.noise_v.map(|_| noise),
+            Some(noise),
             &linear,
             sensitivity,
             &penalty,
@@ -154,8 +147,7 @@ impl NonlinearTv {
     /// The map of a change.
     fn map(&self, seen: &Seen, missing: &[usize]) -> Result<Likely, String> {
         let text = |fault: OneStepError| fault.to_string();
-        let significant = self.rule.significant_error(seen, missing).map_err(text)?;
-        let Some(error) = significant else {
+        if !self.rule.is_significant(seen, missing).map_err(text)? {
             let (_, mut map) = self.rule.map(seen, missing).map_err(text)?;
             map.truncate(self.mesh().region().len());
             return Ok(Likely {
@@ -163,18 +155,12 @@ impl NonlinearTv {
                 method: "nothing but noise".to_owned(),
                 correlation: None,
             });
-        };
+        }
         let count = seen.data.len() as f64;
         let model = MODEL_ERROR * (seen.data.norm_squared() / count).sqrt();
         let least = self.noise.max(model);
-        let first = if self.noise > 0.0 {
-            least
-        } else {
-            error.max(least)
-        };
-        let errors = Errors { first, least };
-        let minimum = |bounded: bool| -> Result<Found, String> {
-            let found = self.sheet.minimum(seen, errors, bounded);
+        let minimum = |bounded: bool| -> Result<Found<'_>, String> {
+            let found = self.sheet.minimum(seen, least, bounded);
             found
                 .map_err(|fault| fault.to_string())?
                 .ok_or_else(|| "a step could not be solved".to_owned())
@@ -186,19 +172,19 @@ impl NonlinearTv {
                 return Ok(self.likely(&free, f64::INFINITY, METHOD.to_owned()));
             }
         }
-        let map = self.likely(&found, 0.0, format!("{METHOD}, loss only"));
+        let map = self.shown(&found.change, 0.0);
         let explained = self
             .discs
             .explain(
                 seen,
                 found.error.max(least),
                 ACCEPTED * found.error.clamp(self.noise, 2.0 * least).powi(2) + model * model,
-                &map.values,
+                &map,
             )
             .map_err(|fault| fault.to_string())?;
         Ok(match explained {
             Some(discs) => {
-                let mut values = vec![0.0; map.values.len()];
+                let mut values = vec![0.0; map.len()];
                 for possible in &discs.maps {
                     for (sum, value) in values.iter_mut().zip(possible) {
                         *sum += value / discs.maps.len() as f64;
@@ -210,15 +196,15 @@ impl NonlinearTv {
                     method: format!("discs ({})", discs.discs),
                 }
             }
-            None => map,
+            None => self.likely(&found, 0.0, format!("{METHOD}, loss only")),
         })
     }
 
     /// The map of a minimum.
-    fn likely(&self, found: &Found, most: f64, method: String) -> Likely {
+    fn likely(&self, found: &Found<'_>, most: f64, method: String) -> Likely {
         let values = self.shown(&found.change, most);
-        let possible = found.possible.iter();
-        let possible: Vec<Vec<f64>> = possible.map(|change| self.shown(change, most)).collect();
+        let possible = found.possible();
+        let possible: Vec<Vec<f64>> = possible.iter().map(|u| self.shown(u, most)).collect();
         Likely {
             correlation: Some(self.expected(&values, &possible)),
             values,
@@ -265,14 +251,11 @@ impl Reconstructor for NonlinearTv {
                 self.sheet.cells.count(),
                 mesh.region().len()
             ),
-            match self.noise > 0.0 {
-                true => format!(
-                    "white noise with a deviation of {:.2e} on each change, and an error of the model of {:.1} % of the change",
-                    self.noise,
-                    100.0 * MODEL_ERROR
-                ),
-                false => format!("errors of each frame {}", self.rule.description()),
-            },
+            format!(
+                "white noise with a deviation of {:.2e} on each change, and an error of the model of {:.1} % of the change",
+                self.noise,
+                100.0 * MODEL_ERROR
+            ),
             match self.most_gain {
                 None => "loads only take conductance away".to_owned(),
                 Some(most) => format!(
@@ -340,7 +323,7 @@ mod tests {
         let sigma0 = vec![tank.conductance(); mesh.triangles().len()];
         let protocol = Protocol::sheffield(16).unwrap();
         let options = NonlinearTvOptions {
-            noise_v: Some(NOISE_V),
+            noise_v: NOISE_V,
             most_gain: Some(0.2),
             ..NonlinearTvOptions::default()
         };

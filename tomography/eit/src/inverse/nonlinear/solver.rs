@@ -16,11 +16,12 @@ use rand_distr::{Distribution, StandardNormal};
 use survey::Protocol;
 
 use super::cells::Cells;
+use crate::inverse::learned::linear::scale_rows;
 use crate::inverse::prior::{Half, Laplacian, block_of_columns};
 use crate::inverse::reciprocity::Seen;
 use crate::linear_algebra::dense;
 use crate::linear_algebra::sparse::Block;
-use crate::{Forward, ForwardError};
+use crate::{Forward, ForwardError, OneStepError, Parameters};
 
 /// b: differences of ln sigma below this are penalised as squares.
 const SMOOTH: f64 = 0.02;
@@ -53,9 +54,12 @@ pub(super) struct Sheet {
     pub(super) forward: Forward,
     /// Questions of the folded readings, and the factor of each.
     pub(super) questions: Protocol,
-    pub(super) factors: Vec<f64>,
+    pub(super) factors: DVector<f64>,
     pub(super) sigma0: Vec<f64>,
     pub(super) cells: Cells,
+    parameters: Parameters,
+    /// The pattern of the penalty's factor.
+    pattern: Half,
     /// Folded readings of the unloaded sheet, and their sensitivity to ln sigma of the cells.
     pub(super) unloaded: DVector<f64>,
     pub(super) sensitivity: DMatrix<f64>,
@@ -63,25 +67,24 @@ pub(super) struct Sheet {
     pub(super) alpha: f64,
 }
 
-/// The errors of a frame's readings, in the unit of the data.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Errors {
-    /// What the search starts with.
-    pub(super) first: f64,
-    /// What they have at least.
-    pub(super) least: f64,
-}
-
 /// A minimum.
-pub(super) struct Found {
+pub(super) struct Found<'a> {
     /// Change of ln sigma of each cell.
     pub(super) change: Vec<f64>,
     /// Share of the squared change of the readings that is left.
     pub(super) left: f64,
     /// Standard deviation of the errors of a reading, from what is left.
     pub(super) error: f64,
+    /// The last step, for the draws of the posterior.
+    penalty: Penalty<'a>,
+    last: Solution,
+}
+
+impl Found<'_> {
     /// Changes of ln sigma of each cell that errors and penalty leave possible, in the linearised problem of the last step.
-    pub(super) possible: Vec<Vec<f64>>,
+    pub(super) fn possible(&self) -> Vec<Vec<f64>> {
+        self.penalty.possible(&self.last, &self.change)
+    }
 }
 
 /// A point of the search.
@@ -103,18 +106,21 @@ impl Sheet {
     pub(super) fn new(
         forward: Forward,
         questions: Protocol,
-        factors: Vec<f64>,
+        factors: &[f64],
         sigma0: &[f64],
         alpha: f64,
-    ) -> Result<Self, ForwardError> {
+    ) -> Result<Self, OneStepError> {
+        let cells = Cells::new(forward.mesh());
         let mut sheet = Self {
-            cells: Cells::new(forward.mesh()),
+            parameters: cells.parameters(forward.mesh()),
+            pattern: cells.neighbours.pattern().ok_or(OneStepError::Prior)?,
+            cells,
             unloaded: DVector::zeros(questions.len()),
             sensitivity: DMatrix::zeros(0, 0),
             sigma0: sigma0.to_vec(),
             forward,
             questions,
-            factors,
+            factors: DVector::from_column_slice(factors),
             alpha,
         };
         sheet.unloaded = sheet.readings(sigma0)?;
@@ -123,45 +129,34 @@ impl Sheet {
     }
 
     fn readings(&self, sigma: &[f64]) -> Result<DVector<f64>, ForwardError> {
-        let mut readings = self.forward.readings(sigma, &self.questions)?;
-        for (value, factor) in readings.iter_mut().zip(&self.factors) {
-            *value *= factor;
-        }
-        Ok(readings)
+        let readings = self.forward.readings(sigma, &self.questions)?;
+        Ok(readings.zip_map(&self.factors, |value, factor| value * factor))
     }
 
     fn sensitivity(&self, sigma: &[f64]) -> Result<DMatrix<f64>, ForwardError> {
-        let parameters = self.cells.parameters(self.forward.mesh());
-        let mut sensitivity = self
-            .forward
-            .sensitivity(sigma, &self.questions, &parameters)?;
-        for mut column in sensitivity.column_iter_mut() {
-            for (value, factor) in column.iter_mut().zip(&self.factors) {
-                *value *= factor;
-            }
-        }
+        let (forward, questions) = (&self.forward, &self.questions);
+        let mut sensitivity = forward.sensitivity(sigma, questions, &self.parameters)?;
+        scale_rows(&mut sensitivity, self.factors.as_slice());
         Ok(sensitivity)
     }
 
-    /// The minimum for the change of the readings. `bounded`: gains are penalised. `None` if a step cannot be solved.
+    /// The minimum for the change of the readings, with errors of at least the standard deviation `least`. `bounded`: gains are
+    /// penalised. `None` if a step cannot be solved.
     pub(super) fn minimum(
         &self,
         seen: &Seen,
-        errors: Errors,
+        least: f64,
         bounded: bool,
-    ) -> Result<Option<Found>, ForwardError> {
-        let count = self.cells.count();
-        let Some(mut penalty) = Penalty::new(self, bounded) else {
-            return Ok(None);
-        };
+    ) -> Result<Option<Found<'_>>, ForwardError> {
+        let mut penalty = Penalty::new(self, bounded);
         let mut at = Point {
-            change: vec![0.0; count],
+            change: vec![0.0; self.cells.count()],
             residual: seen.data.clone(),
             sigma: self.sigma0.clone(),
         };
-        let mut deviation = errors.first;
+        let mut deviation = least;
         let mut value = self.value(&at, deviation, bounded);
-        let (mut degrees, mut last) = (0.0, None);
+        let mut last = None;
         for step in 1..=STEPS {
             let sensitivity = match step {
                 1 => Cow::Borrowed(&self.sensitivity),
@@ -171,31 +166,28 @@ impl Sheet {
             let Some(solution) = penalty.minimum(&problem, &at.change) else {
                 return Ok(None);
             };
+            let solution = last.insert(solution);
             let Some(next) =
                 self.towards(seen, &at, &solution.change, value, deviation, bounded)?
             else {
                 break; // no step improves it further
             };
             at = next;
-            degrees = solution.degrees;
-            last = Some(solution);
             let before = value;
             value = self.value(&at, deviation, bounded);
             if ESTIMATED_AFTER.contains(&step) {
-                deviation = at.error(degrees).max(errors.least);
+                deviation = at.error(solution.degrees).max(least);
                 value = self.value(&at, deviation, bounded);
             } else if step > ESTIMATED_AFTER[0] && before - value < DONE * value {
                 break;
             }
         }
-        Ok(Some(Found {
-            error: at.error(degrees),
-            possible: match last {
-                Some(solution) => penalty.possible(&solution, &at.change),
-                None => Vec::new(),
-            },
+        Ok(last.map(|last| Found {
+            error: at.error(last.degrees),
             left: at.residual.norm_squared() / seen.data.norm_squared(),
             change: at.change,
+            penalty,
+            last,
         }))
     }
 
@@ -203,7 +195,7 @@ impl Sheet {
     fn value(&self, at: &Point, deviation: f64, bounded: bool) -> f64 {
         let edges = self.cells.neighbours.edges.iter();
         let variation: f64 = edges
-            .zip(&self.cells.lengths)
+            .zip(&self.cells.neighbours.weights)
             .map(|(&[a, b], length)| length * (at.change[a] - at.change[b]).hypot(SMOOTH))
             .sum();
         let sizes = self.cells.sizes.iter().zip(&at.change);
@@ -304,13 +296,13 @@ struct Solution {
 }
 
 impl<'a> Penalty<'a> {
-    fn new(sheet: &'a Sheet, bounded: bool) -> Option<Self> {
-        Some(Self {
+    fn new(sheet: &'a Sheet, bounded: bool) -> Self {
+        Self {
             laplacian: sheet.cells.neighbours.clone(),
-            half: sheet.cells.neighbours.pattern()?,
+            half: sheet.pattern.clone(),
             gains: bounded.then(|| vec![false; sheet.cells.count()]),
             sheet,
-        })
+        }
     }
 
     /// The minimum with the penalty's tangent parabola at `at`; `None` if a matrix cannot be factored.
@@ -320,7 +312,7 @@ impl<'a> Penalty<'a> {
             .laplacian
             .weights
             .iter_mut()
-            .zip(&cells.lengths)
+            .zip(&cells.neighbours.weights)
             .zip(&cells.neighbours.edges)
         {
             *weight = length / (at[a] - at[b]).hypot(SMOOTH);

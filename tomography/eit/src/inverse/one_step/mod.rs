@@ -236,11 +236,7 @@ fn deviation(hyper: Hyper, scale: &Scale) -> Result<Option<f64>, OneStepError> {
             return Err(OneStepError::NotPositive { what, value });
         }
     }
-    let at = match scale {
-        Scale::ByDistance | Scale::Uniform => volts / current,
-        Scale::Currents(_) => volts,
-    };
-    Ok(Some(std::f64::consts::SQRT_2 * at))
+    Ok(Some(scale.deviation(volts, current)))
 }
 
 impl Reconstructor for OneStep {

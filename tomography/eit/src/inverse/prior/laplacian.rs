@@ -21,6 +21,7 @@ pub(crate) struct Laplacian {
 }
 
 /// The factor of R plus a diagonal, on the unknowns that are not held at zero.
+#[derive(Clone)]
 pub(crate) struct Half {
     analysis: Analysis,
     factor: Factor,

@@ -32,7 +32,7 @@ use crate::inverse::tv::pursuit::Outcome;
 use crate::linear_algebra::dense;
 use crate::{
     EXPECTED_CHANGE, MODEL_SHARE, Mesh, Novelty, OneStepError, OneStepOptions, ReconstructError,
-    Reconstructor, Scale,
+    Reconstructor,
 };
 
 /// If the noise is unknown, directions below this share of the largest are dropped.
@@ -99,10 +99,10 @@ impl Tv {
         };
         let (linear, sensitivity, penalty) =
             Linear::new(&mesh, contact_ohm_m, sigma0, protocol, &shared)?;
-        let noise = options.noise_v.map(|volts| match &options.scale {
-            Scale::Currents(_) => std::f64::consts::SQRT_2 * volts,
-            _ => std::f64::consts::SQRT_2 * volts / options.current_a,
-        });
+        let scale = &options.scale;
+        let noise = options
+            .noise_v
+            .map(|volts| scale.deviation(volts, options.current_a));
         let (deviation, frame_rule) = match (options.strength, options.frame_rule) {
             (Strength::Alpha(_), _) => (1.0, None),
             (_, None) => (noise.unwrap_or(1.0), None),

@@ -12,6 +12,7 @@ const MOST_PIVOTS: usize = 96;
 /// Unknowns that are eliminated together.
 ///
 /// Its columns are stored with `leading` rows each: the pivots (padded to [`LANES`]), then the border (padded too).
+#[derive(Clone)]
 pub(super) struct Front {
     /// First unknown; the pivots are consecutive.
     pub(super) first: usize,
@@ -55,6 +56,7 @@ impl Front {
 }
 
 /// The non-zero pattern of a symmetric matrix (lower triangle by columns), and the structure of its factor.
+#[derive(Clone)]
 pub(crate) struct Analysis {
     pub(super) size: usize,
     pub(super) fronts: Vec<Front>,

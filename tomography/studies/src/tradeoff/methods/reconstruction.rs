@@ -267,7 +267,7 @@ fn methods(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Fa
         plain("TV, losses only", &format!("gap {gap}"), &words, false);
     }
     if effort.full {
-        plain("best", "at most four shapes", "best", true);
+        plain("best", "full model", "best", true);
     }
     let seed = effort.seed.to_string();
     let cases = precision::cases(effort);

@@ -1,0 +1,135 @@
+//! The covariance of an innovation, and what one frame shows against it: events, and faults of electrodes.
+
+use std::sync::{Arc, OnceLock};
+
+use eit::linear_algebra::Definite;
+use nalgebra::{DMatrix, DVector};
+use survey::Reading;
+
+use super::load::LOADED;
+use super::{SAME_INTERVAL, Tracker};
+use crate::DriftError;
+use crate::electrodes::{Allowed, ElectrodeFault};
+use crate::whitened::{LoadTest, Whitened, factor};
+
+/// A frame on its way.
+#[derive(Clone)]
+pub(super) struct Frame {
+    /// Change since the first baseline, V.
+    pub(super) data: DVector<f64>,
+    /// Change since the tracked baseline, V.
+    pub(super) e: DVector<f64>,
+    /// Change since the last frame, V.
+    pub(super) step: Option<DVector<f64>>,
+    /// Usable rows.
+    pub(super) rows: Vec<usize>,
+    /// Days since the last frame.
+    pub(super) days: f64,
+}
+
+/// Covariance of an innovation and what is computed from it.
+pub(super) struct Steady {
+    pub(super) days: f64,
+    pub(super) pace: f64,
+    pub(super) rows: Vec<usize>,
+    pub(super) predicted: DMatrix<f64>,
+    pub(super) covariance: DMatrix<f64>,
+    pub(super) factor: Arc<Definite>,
+    pub(super) atoms: DMatrix<f64>,
+    /// For the test of electrodes, once it is needed.
+    allowed: OnceLock<Allowed>,
+}
+
+impl Tracker {
+    /// Covariance of the step between two frames without load.
+    pub(super) fn of_step(&self, days: f64) -> DMatrix<f64> {
+        let rate = self.state.pace.pace.powi(2) * days;
+        &self.model.noise * 2.0 + &self.prepared.per_day * rate
+    }
+
+    /// A step from the last frame, if it is larger than noise and drift.
+    pub(super) fn event(&self, frame: &Frame) -> Result<Option<LoadTest>, DriftError> {
+        let Some(step) = &frame.step else {
+            return Ok(None);
+        };
+        let complete = |rows: &[usize]| rows.len() == self.prepared.rows.len();
+        let tests = if complete(&frame.rows) && complete(&self.state.last_rows) {
+            let basis = &self.prepared.basis;
+            let rate = self.state.pace.pace.powi(2) * frame.days;
+            let variances = basis.growth.map(|growth| 2.0 + rate * growth);
+            basis.load_tests(&self.model, &basis.of(step), &variances, 1)
+        } else {
+            let last = &self.state.last_rows;
+            let both = frame
+                .rows
+                .iter()
+                .filter(|row| last.binary_search(row).is_ok());
+            let both: Vec<usize> = both.copied().collect();
+            Whitened::new(&self.of_step(frame.days), step, &both)?.load_tests(&self.model, 1)
+        };
+        Ok(tests.into_iter().next().filter(|test| test.score > LOADED))
+    }
+
+    /// The covariance of the innovation after this time.
+    pub(super) fn innovation(&self, days: f64, rows: &[usize]) -> Result<Arc<Steady>, DriftError> {
+        let pace = self.state.pace.pace;
+        // intervals that differ little share a covariance, so that it can be kept
+        let days = match self.state.kept_days {
+            Some(kept) if (days - kept).abs() <= SAME_INTERVAL * kept => kept,
+            _ => days,
+        };
+        if let Some(steady) = &self.steady
+            && steady.days == days
+            && steady.pace == pace
+            && steady.rows == rows
+        {
+            return Ok(Arc::clone(steady));
+        }
+        let predicted = self.state.covariance() + &self.prepared.per_day * (pace * pace * days);
+        let covariance = &predicted + &self.model.noise;
+        let factor = factor(&covariance, rows)?;
+        let mut atoms = match rows.len() == self.prepared.rows.len() {
+            true => self.model.atoms.clone(),
+            false => self.model.atoms.select_rows(rows),
+        };
+        factor.whiten(&mut atoms);
+        Ok(Arc::new(Steady {
+            allowed: OnceLock::new(),
+            days,
+            pace,
+            rows: rows.to_vec(),
+            predicted,
+            covariance,
+            factor: Arc::new(factor),
+            atoms,
+        }))
+    }
+
+    /// Rows of healthy electrodes.
+    pub(super) fn usable(&self, rows: &[usize]) -> Vec<usize> {
+        self.prepared.check.without(rows, &self.state.masked())
+    }
+
+    /// The fault that a frame shows: against the tracked baseline, or while loaded against the frame before.
+    pub(super) fn fault(
+        &self,
+        readings: &[Reading],
+        frame: &Frame,
+        now: &Steady,
+    ) -> Result<Option<ElectrodeFault>, DriftError> {
+        let check = &self.prepared.check;
+        if let (true, Some(step)) = (self.state.ledger.loaded(), &frame.step) {
+            let covariance = self.of_step(frame.days);
+            let allowed = check.allow(&self.model, &covariance, &frame.rows)?;
+            return check.fault(&self.model, readings, step, &allowed);
+        }
+        let allowed = match now.allowed.get() {
+            Some(allowed) => allowed,
+            None => {
+                let allowed = check.allow(&self.model, &now.covariance, &frame.rows)?;
+                now.allowed.get_or_init(|| allowed)
+            }
+        };
+        check.fault(&self.model, readings, &frame.e, allowed)
+    }
+}
