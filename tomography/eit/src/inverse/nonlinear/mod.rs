@@ -66,8 +66,8 @@ impl Default for NonlinearTvOptions {
 
 /// Reconstructs maps by total variation of the logarithm of conductance on the whole sheet, with the full forward model.
 ///
-/// Errors of a reading are the noise, or [`MODEL_ERROR`] of the change where that is larger; they are raised to what the map
-/// leaves unexplained.
+/// Errors of a reading are the noise, or 0.4 % of the change where that is larger; they are raised to what the map leaves
+/// unexplained.
 pub struct NonlinearTv {
     linear: Linear,
     sheet: Sheet,
