@@ -7,7 +7,9 @@ use clap::{Args, Subcommand};
 use outfile::{OutFolder, OutPath};
 
 use super::{Replacing, span};
-use crate::options::choices::{BaselineRule, Format, GeometryChoice, MethodArguments, Scale};
+use crate::options::choices::{
+    BaselineRule, Format, GeometryChoice, MethodArguments, Scale, TrackedArguments,
+};
 use crate::options::moment::Moment;
 use crate::options::numbers::pixels;
 
@@ -118,6 +120,8 @@ pub struct Export {
     #[command(flatten)]
     pub method: MethodArguments,
     #[command(flatten)]
+    pub tracked: TrackedArguments,
+    #[command(flatten)]
     pub geometry: GeometryChoice,
 }
 
@@ -179,6 +183,9 @@ pub struct Replay {
     pub calibration: Option<PathBuf>,
     #[command(flatten)]
     pub method: MethodArguments,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub tracked: TrackedArguments,
     #[command(flatten)]
     pub geometry: GeometryChoice,
 }

@@ -2,6 +2,7 @@
 //! crate `eit`.
 
 pub(crate) mod drawing;
+pub(crate) mod follower;
 pub(crate) mod reconstruction;
 pub(crate) mod recording;
 pub(crate) mod replay;

@@ -6,7 +6,10 @@ use eit::inverse::learned::network::is_onnx;
 use eit::{DiscTank, Mesh, PaperSheet, Preset, Pressure};
 use imaging::noise::Noise;
 use imaging::recorded::{Fitted, Origin, Recording};
-use imaging::{BuildError, Conditions, Geometry, MethodArguments, Model, has_mesh, short_hash};
+use imaging::{
+    BuildError, Conditions, Geometry, MethodArguments, Model, TrackedArguments, Tracking, has_mesh,
+    short_hash,
+};
 use survey::{Map, Protocol, Reading};
 
 use crate::failure::Failure;
@@ -23,6 +26,8 @@ pub(crate) struct Reconstruction {
     pub(crate) remarks: Vec<String>,
     /// The largest loss by noise alone; `None` if the noise of a reading is unknown.
     pub(crate) noise: Option<f64>,
+    /// Follows the baseline; `None` where that is not asked for.
+    pub(crate) tracking: Option<Tracking>,
     /// Whether a map that the calibration refuses is an error: the calibration was named.
     must_calibrate: bool,
 }
@@ -36,9 +41,11 @@ impl Reconstruction {
         method: &MethodArguments,
         geometry: &GeometryChoice,
         calibration: Option<&Path>,
+        tracked: &TrackedArguments,
         recording: &Recording,
     ) -> Result<Self, Failure> {
         let (origin, protocol) = (&recording.origin, &recording.protocol);
+        let requested_geometry = geometry;
         let mut chosen = ChosenSettings::new(method, origin)?;
         let mut model = match &chosen.settings.file {
             Some(file) => {
@@ -71,10 +78,16 @@ impl Reconstruction {
         let measured = Noise::of_baseline(unloaded.noise, &unloaded.readings)
             .and_then(Noise::measured)
             .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv));
+        let tracked = tracked.tracked.or(chosen.settings.tracking);
+        let tracking = match tracked {
+            Some(true) => Some(tracking(&chosen, requested_geometry, recording, measured)?),
+            Some(false) | None => None,
+        };
         let noise =
             measured.and_then(|noise| imaging::map_noise(&model, &unloaded.readings, noise));
         Ok(Self {
             noise,
+            tracking,
             must_calibrate: calibration.is_some(),
             field: Field::from_mesh(model.reconstructor.mesh()),
             model,
@@ -141,6 +154,32 @@ fn prepare(
     let model = model.map_err(not_built)?;
     chosen.remarks.extend(model.notes.iter().cloned());
     Ok(model)
+}
+
+/// The baseline of a recording, to be followed; `noise_v`: of one reading, if it is known.
+fn tracking(
+    chosen: &ChosenSettings,
+    geometry: &GeometryChoice,
+    recording: &Recording,
+    noise_v: Option<f64>,
+) -> Result<Tracking, Failure> {
+    let noise_v = noise_v.ok_or_else(|| {
+        Failure::Usage(
+            "--tracked needs the noise of a reading, which this baseline does not show; say --noise-v SD".to_owned(),
+        )
+    })?;
+    let (protocol, unloaded) = (&recording.protocol, &recording.unloaded);
+    let (geometry, _) = choose_geometry(geometry, &recording.origin, protocol)?;
+    let at_s = recording.baseline_s();
+    let tracking = if chosen.as_recorded {
+        let conditions = Conditions::live(&geometry, protocol, recording.current);
+        Tracking::new(&conditions, &unloaded.readings, noise_v, at_s)
+    } else {
+        let currents = vec![recording.current.0; protocol.len()];
+        let fitted = Fitted::new(geometry, protocol, &currents, unloaded).map_err(not_built)?;
+        Tracking::new(&fitted.conditions(protocol), &unloaded.readings, noise_v, at_s)
+    };
+    tracking.map_err(|error| Failure::failed("the baseline cannot be followed", &error))
 }
 
 /// The geometry given by options, folder or session, in this order, and the assumptions about it.

@@ -34,14 +34,16 @@ pub(crate) fn count(recording: &Recording, replay: &Replay) -> Result<Option<usi
     Ok(Some(recording.len()?.div_ceil(every).min(most(replay))))
 }
 
-/// The frames that are asked for, in order; those that cannot be read are named on the error stream.
+/// The frames in order, each with whether it is asked for; without `all` only those. Those that cannot be read are named on the
+/// error stream.
 ///
 /// # Errors
 /// `--from` or `--to` is a time, and the frames have none; no frame lies between them.
 pub(crate) fn frames<'a>(
     recording: &'a Recording,
     replay: &'a Replay,
-) -> Result<impl Iterator<Item = RecordedFrame> + 'a, Failure> {
+    all: bool,
+) -> Result<impl Iterator<Item = (RecordedFrame, bool)> + 'a, Failure> {
     let readable = || recording.frames().filter_map(Result::ok);
     let first = has_places(replay)
         .then(|| readable().next()?.wall)
@@ -79,7 +81,19 @@ pub(crate) fn frames<'a>(
         }
     });
     let every = usize::try_from(replay.every).unwrap_or(usize::MAX);
-    Ok(readable.filter(chosen).step_by(every).take(most(replay)))
+    let (mut within, mut shown) = (0_usize, 0_usize);
+    Ok(readable
+        .map(move |frame| {
+            let is_within = chosen(&frame);
+            let asked = is_within && within.is_multiple_of(every);
+            within += usize::from(is_within);
+            (frame, asked)
+        })
+        .filter(move |(_, asked)| all || *asked)
+        .map_while(move |(frame, asked)| {
+            shown += usize::from(asked);
+            (shown <= most(replay)).then_some((frame, asked))
+        }))
 }
 
 /// Whether `--from` or `--to` is given.

@@ -8,6 +8,7 @@ use eit::{Mesh, Pressure};
 use imaging::recorded::{
     FRAMES_HEADING, MapCompanions, MapRow, RecordedFrame, Recording, maps_heading, triangles_text,
 };
+use imaging::Tracked;
 use outfile::{Existing, OutFile};
 use serde::Serialize;
 use survey::{Map, MapQuality};
@@ -15,6 +16,7 @@ use survey::{Map, MapQuality};
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
 use crate::maps::drawing::{self, unit};
+use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording;
 use crate::output::Printer;
@@ -40,6 +42,8 @@ struct ReplayLine<'a> {
     largest_kpa: Option<f64>,
     masked: usize,
     quality: Option<&'a MapQuality>,
+    /// What is known of the frame; `None` without a tracked baseline.
+    tracked: Option<&'a Tracked>,
     map_hash: String,
     /// Whether the recorded map had the same bits; `None` if none was recorded.
     verified: Option<bool>,
@@ -55,13 +59,15 @@ pub(crate) fn run(
 ) -> Result<(), Failure> {
     let recording = recording::open(global, replay)?;
     let count = recording::count(&recording, replay)?;
-    let frames = recording::frames(&recording, replay)?;
     let reconstruction = Reconstruction::new(
         &replay.method,
         &replay.geometry,
         replay.calibration.as_deref(),
+        &replay.tracked,
         &recording,
     )?;
+    let mut follower = Follower::of(&reconstruction, &replay.tracked, &recording)?;
+    let frames = recording::frames(&recording, replay, follower.is_some())?;
     introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();
     if let Some(directory) = &replay.png {
@@ -75,9 +81,20 @@ pub(crate) fn run(
     let progress = progress(count.map(|count| count as u64), printer.is_terminal());
     let draw = printer.is_terminal() && !replay.no_map;
     let mut summary = VerifySummary::default();
-    for recorded in frames {
+    for (recorded, asked) in frames {
+        let of_frame = follower
+            .as_mut()
+            .map(|follower| follower.follow(&recorded))
+            .transpose()?;
+        if !asked {
+            continue;
+        }
+        let (baseline, readings) = match &of_frame {
+            Some(frame) => (&frame.baseline, &frame.readings),
+            None => (&recording.unloaded.readings, &recorded.readings),
+        };
         let map = reconstruction
-            .map(&recording.unloaded.readings, &recorded.readings)
+            .map(baseline, readings)
             .map_err(|failure| match failure {
                 Failure::Failed(text) => {
                     Failure::Failed(format!("frame {}: {text}", recorded.sequence))
@@ -134,6 +151,7 @@ pub(crate) fn run(
             largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
             masked: map.masked,
             quality: map.quality.as_ref(),
+            tracked: of_frame.as_ref().map(|frame| &frame.tracked),
             map_hash: map.hash(),
             verified: recorded.map.as_ref().map(|kept| kept.is_of(&map.hash())),
             simulated: recording.simulated,
@@ -318,6 +336,9 @@ fn sentence(line: &ReplayLine<'_>) -> String {
     }
     if let Some(quality) = line.quality.filter(|quality| !quality.is_silent()) {
         text.push_str(&format!(", {quality}"));
+    }
+    if let Some(tracked) = line.tracked {
+        let _ = write!(text, "; {tracked}");
     }
     match line.verified {
         Some(true) => text.push_str(", same bits as recorded"),

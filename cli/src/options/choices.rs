@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 pub use imaging::recorded::BaselineRule;
-pub use imaging::{DepthArguments, MethodArguments, PresetName};
+pub use imaging::{DepthArguments, MethodArguments, PresetName, TrackedArguments};
 use survey::MapUnit;
 
 use crate::options::numbers::{degrees, electrodes, millimetres};

@@ -14,6 +14,7 @@ use survey::{Baseline, MapQuality, Protocol, Reading};
 use crate::args::{Export, Global};
 use crate::failure::Failure;
 use crate::maps::drawing;
+use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::left_out;
 use crate::options::choices::Format;
@@ -287,9 +288,17 @@ fn picture(
         &export.method,
         &export.geometry,
         export.calibration.as_deref(),
+        &export.tracked,
         &recording,
     )?;
-    let map = reconstruction.map(&recording.unloaded.readings, &record.frame.readings)?;
+    let of_frame = Follower::of(&reconstruction, &export.tracked, &recording)?
+        .map(|follower| follower.up_to(&recording, sequence))
+        .transpose()?;
+    let (baseline, readings) = match &of_frame {
+        Some(frame) => (&frame.baseline, &frame.readings),
+        None => (&recording.unloaded.readings, &record.frame.readings),
+    };
+    let map = reconstruction.map(baseline, readings)?;
     let found = reconstruction.field.found(&map, reconstruction.noise);
     let pressure = reconstruction.pressure(&map)?;
     let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));

@@ -21,7 +21,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("eit", &["outfile", "survey"]),
     ("drift", &["eit", "survey"]),
     ("phantom", &["eit", "outfile", "survey"]),
-    ("imaging", &["eit", "logbook", "outfile", "survey"]),
+    ("imaging", &["drift", "eit", "logbook", "outfile", "survey"]),
     ("training", &["eit", "outfile", "phantom", "survey"]),
     ("rig", &["outfile", "scpi", "survey"]),
     ("keithley-6221", &["rig", "scpi", "survey"]),

@@ -12,7 +12,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-use survey::{Dipole, Electrode, Reading};
+use survey::{Dipole, Electrode, Reading, Volts};
 
 use crate::DriftError;
 use crate::overlap::overlap;
@@ -171,6 +171,19 @@ impl DriftModel {
             .collect();
         model.atoms = DMatrix::from_columns(&atoms);
         Ok(model)
+    }
+
+    /// The readings of the baseline after a change of the data, V (one for each pair): what a frame of a sheet that drifted so
+    /// is compared with.
+    pub fn baseline_with(&self, change: &DVector<f64>) -> Vec<Reading> {
+        let mut volts = self.baseline.clone();
+        for (row, change) in change.iter().enumerate() {
+            let [first, second] = self.pairs.readings(row);
+            for reading in [first, second] {
+                volts[reading] = self.baseline[reading] + change / self.ratios[reading];
+            }
+        }
+        volts.into_iter().map(|volts| Reading::Ok(Volts(volts))).collect()
     }
 
     /// The fitted sheet.

@@ -49,6 +49,26 @@ pub struct MethodArguments {
     pub unknowns: Option<Unknowns>,
 }
 
+/// Whether and how a recording's baseline is followed.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Reconstruction")]
+pub struct TrackedArguments {
+    /// Follow the baseline through all frames, so that maps stay true while the sheet drifts, and say what is known of each frame; --tracked=off: compare with the baseline as it was recorded [default: as the session did; of a recording without a configuration off]
+    #[arg(long, value_name = "on|off", num_args = 0..=1, require_equals = true, default_missing_value = "on", value_parser = on_or_off)]
+    pub tracked: Option<bool>,
+    /// With --tracked, for frames without times: time from one frame to the next, s
+    #[arg(long, value_name = "S", value_parser = above_zero, allow_hyphen_values = true)]
+    pub period_s: Option<f64>,
+}
+
+fn on_or_off(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("on or off is expected".to_owned()),
+    }
+}
+
 /// A prior with its parameter: `noser:0.25`, `gaussian:15`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PriorArgument {
@@ -156,6 +176,7 @@ impl MethodArguments {
             gap: self.gap,
             unknowns: self.unknowns,
             map_every: None,
+            tracking: None,
             calibration: None,
         })
     }

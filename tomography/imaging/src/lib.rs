@@ -28,9 +28,10 @@ pub mod noise;
 mod reconstruction;
 pub mod recorded;
 mod settings;
+pub mod tracking;
 
 #[cfg(feature = "arguments")]
-pub use arguments::MethodArguments;
+pub use arguments::{MethodArguments, TrackedArguments};
 pub use baseline_check::baseline_remarks;
 pub use conditions::{Conditions, trial_frame};
 pub use error::BuildError;
@@ -44,3 +45,4 @@ pub use model::Model;
 pub use model_file::{find_model, find_model_in, load, short_hash};
 pub use reconstruction::{build, calibrate, check_live};
 pub use settings::{HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns};
+pub use tracking::{Tracked, TrackedFrame, Tracking};

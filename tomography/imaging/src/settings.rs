@@ -138,6 +138,9 @@ pub struct ReconstructionSettings {
     /// A running rig makes a map of every so many frames; default 1, all of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_every: Option<u64>,
+    /// Follows the baseline through the frames, so that maps stay true while the sheet drifts; default false.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<bool>,
     /// A calibration from maps to pressure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<PathBuf>,
@@ -227,6 +230,7 @@ impl ReconstructionSettings {
             gap: self.gap.or(kept.gap),
             unknowns: self.unknowns.or(kept.unknowns),
             map_every: kept.map_every,
+            tracking: self.tracking.or(kept.tracking),
             calibration: self.calibration,
         }
     }

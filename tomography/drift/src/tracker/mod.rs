@@ -82,6 +82,8 @@ pub struct Answer {
     pub loads: usize,
     /// A slow change that cannot be told from age.
     pub anchor: Option<AnchorAlarm>,
+    /// Whether this frame was compared with baselines of the past, as every sixth one without load is.
+    pub compared: bool,
     /// A fault of electrodes that this frame shows.
     pub fault: Option<ElectrodeFault>,
     /// Electrodes that are not used.
@@ -209,6 +211,7 @@ impl Tracker {
             event: None,
             loads: self.state.ledger.loads(),
             anchor: None,
+            compared: false,
             fault,
             masked: self.state.masked(),
             pace: self.state.pace.pace,
@@ -311,6 +314,7 @@ impl Tracker {
             if self.state.run.is_multiple_of(TEST_EVERY) {
                 let pace = self.state.pace.pace;
                 let (anchors, basis) = (&self.state.anchors, &self.prepared.basis);
+                answer.compared = true;
                 answer.anchor = anchors.alarm(&self.model, basis, &frame.data, pace, at_s);
             }
         }

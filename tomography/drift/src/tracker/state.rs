@@ -158,8 +158,8 @@ impl TrackerState {
         }
     }
 
-    /// Electrodes that were faulty within the last hour, ascending.
-    pub(super) fn masked(&self) -> Vec<usize> {
+    /// Electrodes that were faulty within the last hour, from 0, ascending.
+    pub fn masked(&self) -> Vec<usize> {
         let recent = |fault: &&Fault| (self.at_s - fault.last_s).abs() < HEALED_S;
         let mut masked: Vec<usize> = self
             .faults
@@ -182,6 +182,16 @@ impl TrackerState {
             })
             .sum();
         (trace / n as f64).sqrt()
+    }
+
+    /// Loads that lie on the sheet.
+    pub fn loads(&self) -> usize {
+        self.ledger.loads()
+    }
+
+    /// Seconds at a time since the last frame without load.
+    pub fn since_empty_s(&self, at_s: f64) -> f64 {
+        at_s - self.empty_s
     }
 
     /// Pace of the drift relative to the built-in rates.

@@ -12,6 +12,7 @@ use super::{
     Unloaded, read_frames,
 };
 use crate::noise::rms_deviation;
+use crate::tracking::seconds;
 
 /// One frame of a recording.
 #[derive(Debug, Clone)]
@@ -58,6 +59,8 @@ pub struct Recording {
     pub unloaded: Unloaded,
     /// Description of the frames averaged for the baseline, or the id of the session's own.
     pub baseline_name: String,
+    /// Time of the baseline that a session has; `None` for one that was named, and for a folder.
+    pub baseline_at: Option<DateTime<Utc>>,
     /// Current of the frames.
     pub current: Amps,
     /// `None` if unknown.
@@ -99,6 +102,7 @@ impl Recording {
             source: Source::Table(frames),
             unloaded: table.unloaded,
             baseline_name: table.baseline_name,
+            baseline_at: None,
             current,
             simulated: table.provenance.map(|from| from.simulated),
             origin: Origin::Folder(folder.to_owned()),
@@ -123,6 +127,7 @@ impl Recording {
             .map(|record| record.frame.settings.current)
             .or(own.as_ref().map(|baseline| baseline.settings.current))
             .unwrap_or(Amps(1.0));
+        let baseline_at = own.as_ref().filter(|_| baseline.is_none()).map(|own| own.wall);
         let (unloaded, baseline_name) = match baseline {
             None => {
                 let mut own = own.ok_or_else(|| RecordedError::NoBaseline(header.id.clone()))?;
@@ -155,6 +160,7 @@ impl Recording {
             source: Source::Session { parts, negate },
             unloaded,
             baseline_name,
+            baseline_at,
             current,
             simulated: Some(header.simulated),
             origin: Origin::Session(Box::new(header)),
@@ -178,6 +184,22 @@ impl Recording {
     /// As [`Recording::len`].
     pub fn is_empty(&self) -> Result<bool, LogbookError> {
         Ok(self.len()? == 0)
+    }
+
+    /// Whether its frames have times.
+    pub fn has_times(&self) -> bool {
+        self.first_time().is_some()
+    }
+
+    /// When the baseline was recorded, s, for [`Tracking`](crate::Tracking): its own time, or that of the first frame; 0
+    /// without times.
+    pub fn baseline_s(&self) -> f64 {
+        let time = self.baseline_at.or_else(|| self.first_time());
+        time.map_or(0.0, seconds)
+    }
+
+    fn first_time(&self) -> Option<DateTime<Utc>> {
+        self.frames().find_map(Result::ok)?.wall
     }
 
     /// Its frames in order, with an error for each unreadable one.

@@ -1,0 +1,168 @@
+//! Maps against a baseline that follows the sheet: drift is removed before the map, faulty electrodes are left out, and what
+//! nobody can know is said.
+
+mod tracked;
+
+use std::sync::Arc;
+
+use drift::{AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, FitOptions, Judgement, Noise, Tracker, TrackerState};
+use serde::{Deserialize, Serialize};
+use survey::Reading;
+
+use crate::conditions::Conditions;
+pub use tracked::{Doubtful, PlaceRegion, Tracked};
+
+/// Thermal voltage of a sensing pair that is assumed, V: copper against carbon at some tenths of a degree.
+const EMF_V: f64 = 0.9e-6;
+
+/// The time of a frame as [`Tracking`] takes it, s: to the microsecond, as sessions keep it.
+pub fn seconds(wall: chrono::DateTime<chrono::Utc>) -> f64 {
+    1e-6 * wall.timestamp_micros() as f64
+}
+
+/// Follows one sheet through a series of frames, from its first baseline on.
+#[derive(Clone)]
+pub struct Tracking {
+    tracker: Tracker,
+    began_s: f64,
+    alarm: Option<AnchorAlarm>,
+}
+
+/// What [`Tracking`] remembers: stored with a session, and restored to the same bits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrackingState {
+    /// Time of the first baseline, s.
+    began_s: f64,
+    /// The slow change that the last comparison with baselines of the past showed.
+    alarm: Option<AnchorAlarm>,
+    tracker: TrackerState,
+}
+
+/// A frame with the baseline to compare it with.
+#[derive(Debug, Clone)]
+pub struct TrackedFrame {
+    /// The first baseline with the drift that was tracked since.
+    pub baseline: Vec<Reading>,
+    /// The frame without the readings of faulty electrodes.
+    pub readings: Vec<Reading>,
+    /// What is known of the frame.
+    pub tracked: Tracked,
+}
+
+impl Tracking {
+    /// Fits the sheet to its first baseline, recorded without load at `at_s` (s, on any clock that frames have too). `noise_v`:
+    /// standard deviation of one reading, in the unit of the baseline.
+    ///
+    /// # Errors
+    /// A baseline with missing readings, or a sheet that cannot be solved.
+    pub fn new(
+        conditions: &Conditions<'_>,
+        baseline: &[Reading],
+        noise_v: f64,
+        at_s: f64,
+    ) -> Result<Self, DriftError> {
+        let noise = Noise {
+            reading_v: noise_v,
+            emf_v: EMF_V,
+        };
+        let options = FitOptions {
+            current_a: conditions.current.0,
+            ..FitOptions::default()
+        };
+        let geometry = conditions.geometry;
+        let model = DriftModel::new(
+            &geometry.mesh,
+            &geometry.contact_ohm_m,
+            &geometry.sigma0,
+            conditions.protocol,
+            baseline,
+            noise,
+            &options,
+        )?;
+        Ok(Self {
+            tracker: Tracker::new(Arc::new(model), at_s)?,
+            began_s: at_s,
+            alarm: None,
+        })
+    }
+
+    /// Goes on from a stored state of the same sheet: later answers have the same bits as without the interruption.
+    ///
+    /// # Errors
+    /// A state of another mesh, baseline or build.
+    pub fn restore(&mut self, state: TrackingState) -> Result<(), DriftError> {
+        self.tracker = Tracker::restore(Arc::clone(self.tracker.model()), state.tracker)?;
+        (self.began_s, self.alarm) = (state.began_s, state.alarm);
+        Ok(())
+    }
+
+    /// What later answers depend on, besides the sheet.
+    pub fn state(&self) -> TrackingState {
+        TrackingState {
+            began_s: self.began_s,
+            alarm: self.alarm,
+            tracker: self.tracker.state().clone(),
+        }
+    }
+
+    /// The sheet as it was fitted to the first baseline.
+    pub fn model(&self) -> &DriftModel {
+        self.tracker.model()
+    }
+
+    /// Follows a frame of the time `at_s`, s. Each frame must be given, in order: what is learnt from one is used for the next.
+    ///
+    /// # Errors
+    /// A covariance that cannot be factored; a frame of another length. A frame with too few readings is no error: it is not
+    /// known.
+    pub fn follow(&mut self, frame: &[Reading], at_s: f64) -> Result<TrackedFrame, DriftError> {
+        let (readings, tracked) = match self.tracker.follow(frame, at_s) {
+            Ok(answer) => {
+                if answer.compared {
+                    self.alarm = answer.anchor;
+                }
+                let place = self.place(&answer)?;
+                let (state, age_s) = (self.tracker.state(), at_s - self.began_s);
+                let tracked = Tracked::new(&answer, place.as_ref(), state, self.alarm, age_s);
+                (self.without(frame, &answer.masked), tracked)
+            }
+            Err(DriftError::TooFew { .. }) => (
+                frame.to_vec(),
+                Tracked::of_too_few(self.tracker.state(), at_s),
+            ),
+            Err(other) => return Err(other),
+        };
+        let change = self.tracker.baseline();
+        Ok(TrackedFrame {
+            baseline: self.model().baseline_with(&change),
+            readings,
+            tracked,
+        })
+    }
+
+    /// The load that lies on the sheet, where it is one.
+    fn place(&self, answer: &Answer) -> Result<Option<DiscFit>, DriftError> {
+        if answer.judgement != Judgement::Loaded || answer.loads != 1 {
+            return Ok(None);
+        }
+        if let Some(event) = answer.event.as_ref().filter(|event| event.came) {
+            return Ok(Some(event.fit.clone()));
+        }
+        self.tracker.whitened()?.fit_disc(self.model()).map(Some)
+    }
+
+    /// The frame without the readings of these electrodes, counted from 0.
+    fn without(&self, frame: &[Reading], masked: &[usize]) -> Vec<Reading> {
+        let measurements = self.model().pairs().protocol().measurements();
+        let mut readings = frame.to_vec();
+        for (reading, measurement) in readings.iter_mut().zip(measurements) {
+            let [drive, sense] = [measurement.drive, measurement.sense];
+            let used = [drive.plus.0, drive.minus.0, sense.plus.0, sense.minus.0];
+            if used.iter().any(|electrode| masked.contains(electrode)) {
+                *reading = Reading::NotMeasured;
+            }
+        }
+        readings
+    }
+}

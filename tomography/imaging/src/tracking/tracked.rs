@@ -1,0 +1,252 @@
+//! What is known of a frame: empty or loaded, where and how exactly, and why something cannot be known.
+
+use std::fmt;
+
+use drift::{AnchorAlarm, Answer, DiscFit, ElectrodeFault, Judgement, TrackerState};
+use serde::Serialize;
+
+/// Standard deviation of a place beyond which it is not known, m.
+const MOST_PLACE_SD_M: f64 = 2e-3;
+/// Age of a baseline that must have been followed by an empty frame, s.
+const EMPTY_WITHIN_S: f64 = 3600.0;
+/// Square root of the 95 % quantile of chi squared with two degrees of freedom, and of one.
+const REGION_95: f64 = 2.447_746_830_680_816;
+const INTERVAL_95: f64 = 1.959_963_984_540_054;
+
+/// What the tracked baseline says of a frame.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Tracked {
+    /// Empty, loaded or unknown.
+    pub judgement: Judgement,
+    /// Whether the map and the place can be relied on.
+    pub known: bool,
+    /// Why not.
+    pub reason: Option<Doubtful>,
+    /// The reason as a sentence, with what ends it.
+    pub text: Option<String>,
+    /// The place of the load, where one lies on the sheet.
+    pub place: Option<PlaceRegion>,
+    /// Loads that lie on the sheet.
+    pub loads: usize,
+    /// Whether a load came (true) or went (false) with this frame.
+    pub came: Option<bool>,
+    /// Faulty electrodes that are left out, counted from 1.
+    pub masked: Vec<usize>,
+    /// The fault that this frame shows.
+    pub fault: Option<String>,
+    /// Seconds since the last frame without load.
+    pub since_empty_s: f64,
+    /// Pace of the drift relative to the built-in rates.
+    pub pace: f64,
+    /// Standard deviation of the tracked baseline, rms over the readings, uV.
+    pub baseline_sd_uv: f64,
+}
+
+/// Why a frame is not known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Doubtful {
+    /// More than three electrodes are faulty.
+    TooManyElectrodes,
+    /// Too few readings were measured.
+    TooFewReadings,
+    /// The frame does not agree with a load and the assumed drift.
+    DisagreesWithModel,
+    /// The sheet was not empty for so long that the place is uncertain by more than 2 mm.
+    NotEmptyForLong,
+    /// The sheet was never empty since the baseline.
+    NeverEmpty,
+    /// A place changed slowly: a load or age.
+    SlowChange,
+}
+
+/// Where a load lies: 95 % region and interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PlaceRegion {
+    /// Centre, mm.
+    pub centre_mm: [f64; 2],
+    /// Half axes of the ellipse that contains the centre with 95 %, mm, the longer first.
+    pub half_axes_mm: [f64; 2],
+    /// Angle of the longer one from the x axis, degrees, counter-clockwise.
+    pub angle_deg: f64,
+    /// Lost conductance times area: integral of the relative loss, mm2.
+    pub loss_mm2: f64,
+    /// Its 95 % interval, mm2.
+    pub loss_interval_mm2: [f64; 2],
+    /// Whether the fit is good enough for the region to hold.
+    pub accepted: bool,
+}
+
+impl PlaceRegion {
+    fn new(fit: &DiscFit) -> Self {
+        let [[xx, xy], [_, yy]] = fit.covariance;
+        let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+        let axis = |variance: f64| 1e3 * REGION_95 * variance.max(0.0).sqrt();
+        let loss_mm2 = 1e6 * std::f64::consts::FRAC_PI_4 * fit.load;
+        let width = INTERVAL_95 * fit.load_sd * loss_mm2.abs();
+        Self {
+            centre_mm: fit.disc.centre.map(|metres| 1e3 * metres),
+            half_axes_mm: [axis(middle + half), axis(middle - half)],
+            angle_deg: (0.5 * (2.0 * xy).atan2(xx - yy)).to_degrees(),
+            loss_mm2,
+            loss_interval_mm2: [loss_mm2 - width, loss_mm2 + width],
+            accepted: fit.accepted,
+        }
+    }
+}
+
+impl Tracked {
+    /// `alarm`: the last one; `age_s`: time since the first baseline, s.
+    pub(super) fn new(
+        answer: &Answer,
+        fit: Option<&DiscFit>,
+        state: &TrackerState,
+        alarm: Option<AnchorAlarm>,
+        age_s: f64,
+    ) -> Self {
+        let place = fit.map(PlaceRegion::new);
+        let (reason, text) = match doubt(answer, place.as_ref(), alarm, age_s) {
+            Some((reason, text)) => (Some(reason), Some(text)),
+            None => (None, None),
+        };
+        Self {
+            judgement: answer.judgement,
+            known: reason.is_none(),
+            reason,
+            text,
+            place,
+            loads: answer.loads,
+            came: answer.event.as_ref().map(|event| event.came),
+            masked: answer.masked.iter().map(|electrode| electrode + 1).collect(),
+            fault: answer.fault.map(fault_text),
+            since_empty_s: answer.since_empty_s,
+            pace: answer.pace,
+            baseline_sd_uv: 1e6 * state.deviation(),
+        }
+    }
+
+    pub(super) fn of_too_few(state: &TrackerState, at_s: f64) -> Self {
+        Self {
+            judgement: Judgement::Unknown,
+            known: false,
+            reason: Some(Doubtful::TooFewReadings),
+            text: Some(
+                "fewer than half of the pairs of readings were measured; it ends with the next whole frame".to_owned(),
+            ),
+            place: None,
+            loads: state.loads(),
+            came: None,
+            masked: state.masked().iter().map(|electrode| electrode + 1).collect(),
+            fault: None,
+            since_empty_s: state.since_empty_s(at_s),
+            pace: state.pace(),
+            baseline_sd_uv: 1e6 * state.deviation(),
+        }
+    }
+}
+
+/// The first reason not to rely on a frame, as a sentence with what ends it.
+fn doubt(
+    answer: &Answer,
+    place: Option<&PlaceRegion>,
+    alarm: Option<AnchorAlarm>,
+    age_s: f64,
+) -> Option<(Doubtful, String)> {
+    if answer.judgement == Judgement::Unknown {
+        let text = format!(
+            "{} electrodes are faulty, at most three may be; repair their contacts, an hour later they are used again",
+            answer.masked.len()
+        );
+        return Some((Doubtful::TooManyElectrodes, text));
+    }
+    if answer.judgement == Judgement::Loaded {
+        if age_s > EMPTY_WITHIN_S && answer.since_empty_s >= age_s {
+            let text = "the sheet was never empty since its baseline, so that drift and load cannot be told apart; take \
+                everything off for a few frames";
+            return Some((Doubtful::NeverEmpty, text.to_owned()));
+        }
+        let place = place?;
+        let sd_mm = place.half_axes_mm[0] / REGION_95;
+        if !place.accepted {
+            let text = "the frame agrees neither with one load nor with the assumed drift; the map may be right, the \
+                error of the place is not known";
+            return Some((Doubtful::DisagreesWithModel, text.to_owned()));
+        }
+        if sd_mm > 1e3 * MOST_PLACE_SD_M {
+            let text = format!(
+                "the sheet was last empty {} ago, so that the place is uncertain by {sd_mm:.1} mm; take everything off for a \
+                 few frames",
+                Hours(answer.since_empty_s)
+            );
+            return Some((Doubtful::NotEmptyForLong, text));
+        }
+        return alarm.filter(|alarm| is_at(alarm, place)).map(slow_change);
+    }
+    alarm.map(slow_change)
+}
+
+/// Whether a load lies on the place of an alarm.
+fn is_at(alarm: &AnchorAlarm, place: &PlaceRegion) -> bool {
+    let [x, y] = [0, 1].map(|axis| place.centre_mm[axis] - 1e3 * alarm.centre[axis]);
+    x.hypot(y) < 500.0 * alarm.diameter + place.half_axes_mm[0]
+}
+
+fn slow_change(alarm: AnchorAlarm) -> (Doubtful, String) {
+    let [x, y] = alarm.centre.map(|metres| 1e3 * metres);
+    let text = format!(
+        "conductance at ({x:.0}, {y:.0}) mm changed slowly by {:.1} % within {:.0} days: a load or age, which readings \
+         cannot tell apart; look at the sheet",
+        100.0 * alarm.change,
+        alarm.age_days
+    );
+    (Doubtful::SlowChange, text)
+}
+
+impl fmt::Display for Tracked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.judgement, &self.place) {
+            (Judgement::Empty, _) => write!(f, "the sheet is empty")?,
+            (Judgement::Loaded, Some(place)) => {
+                let ([x, y], [half, _]) = (place.centre_mm, place.half_axes_mm);
+                write!(f, "a load at ({x:.1}, {y:.1}) mm within {half:.1} mm (95 %)")?;
+            }
+            (Judgement::Loaded, None) => write!(f, "{} loads", self.loads)?,
+            (Judgement::Unknown, _) => write!(f, "nothing is known of this frame")?,
+        }
+        if let Some(fault) = &self.fault {
+            write!(f, "; {fault}")?;
+        }
+        match &self.text {
+            Some(text) => write!(f, "; not known: {text}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// A duration in hours or days.
+struct Hours(f64);
+
+impl fmt::Display for Hours {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let hours = self.0 / 3600.0;
+        match hours < 48.0 {
+            true => write!(f, "{hours:.1} h"),
+            false => write!(f, "{:.1} days", hours / 24.0),
+        }
+    }
+}
+
+fn fault_text(fault: ElectrodeFault) -> String {
+    match fault {
+        ElectrodeFault::Shorted { electrode } => {
+            format!("electrode {} and the next one are shorted", electrode + 1)
+        }
+        ElectrodeFault::Risen { electrode, .. } => {
+            format!("the contact of electrode {} is open or has risen", electrode + 1)
+        }
+        ElectrodeFault::Floating { electrode } => format!("electrode {} floats", electrode + 1),
+        ElectrodeFault::DistantShort {
+            electrodes: [a, b],
+        } => format!("electrodes {} and {} are connected", a + 1, b + 1),
+    }
+}
