@@ -39,7 +39,8 @@ impl Follower {
             }
             (false, None) => {
                 return Err(Failure::Usage(
-                    "--tracked needs the time of each frame, and these have none; say --period-s S".to_owned(),
+                    "--tracked needs the time of each frame, and these have none; say --period-s S"
+                        .to_owned(),
                 ));
             }
             _ => {}
@@ -59,12 +60,14 @@ impl Follower {
             (Some(wall), _) => seconds(wall),
             (None, period_s) => period_s.unwrap_or_default() * frame.sequence as f64,
         };
-        self.tracking.follow(&frame.readings, at_s).map_err(|error| {
-            Failure::failed(
-                &format!("frame {}: the baseline cannot be followed", frame.sequence),
-                &error,
-            )
-        })
+        self.tracking
+            .follow(&frame.readings, at_s)
+            .map_err(|error| {
+                Failure::failed(
+                    &format!("frame {}: the baseline cannot be followed", frame.sequence),
+                    &error,
+                )
+            })
     }
 
     /// The frame with this number, after all frames before it.
@@ -83,6 +86,9 @@ impl Follower {
                 return Ok(followed);
             }
         }
-        Err(Failure::Failed(format!("{} has no frame {sequence}", recording.name)))
+        Err(Failure::Failed(format!(
+            "{} has no frame {sequence}",
+            recording.name
+        )))
     }
 }

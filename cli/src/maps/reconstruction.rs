@@ -177,7 +177,12 @@ fn tracking(
     } else {
         let currents = vec![recording.current.0; protocol.len()];
         let fitted = Fitted::new(geometry, protocol, &currents, unloaded).map_err(not_built)?;
-        Tracking::new(&fitted.conditions(protocol), &unloaded.readings, noise_v, at_s)
+        Tracking::new(
+            &fitted.conditions(protocol),
+            &unloaded.readings,
+            noise_v,
+            at_s,
+        )
     };
     tracking.map_err(|error| Failure::failed("the baseline cannot be followed", &error))
 }

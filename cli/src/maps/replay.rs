@@ -5,10 +5,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use eit::{Mesh, Pressure};
+use imaging::Tracked;
 use imaging::recorded::{
     FRAMES_HEADING, MapCompanions, MapRow, RecordedFrame, Recording, maps_heading, triangles_text,
 };
-use imaging::Tracked;
 use outfile::{Existing, OutFile};
 use serde::Serialize;
 use survey::{Map, MapQuality};

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use outfile::OutPath;
 
-use imaging::DepthArguments;
 use imaging::recorded::BaselineRule;
+use imaging::{DepthArguments, TrackedArguments};
 use studies::evaluation::MethodOptions;
 
 use super::Replacing;
@@ -20,6 +20,8 @@ pub(crate) struct ReconstructOptions {
     pub(crate) depth: DepthArguments,
     #[command(flatten)]
     pub(crate) method: MethodOptions,
+    #[command(flatten)]
+    pub(crate) tracked: TrackedArguments,
     /// Frames, a row or a column a frame; a bare name is looked for in the case folder first [default: frames.csv in the case
     /// folder]
     #[arg(long, value_name = "FILE")]
@@ -43,7 +45,7 @@ pub(crate) struct ReconstructOptions {
     /// Print 'frame N ms', the median time, on standard error
     #[arg(long)]
     pub(crate) timing: bool,
-    /// Print one JSON object per frame: frame, label, largest_loss, found_mm, masked, quality; with a calibration newtons and largest_kpa
+    /// Print one JSON object per frame: frame, label, largest_loss, found_mm, masked, quality; with a calibration newtons and largest_kpa, with --tracked tracked
     #[arg(long)]
     pub(crate) json: bool,
 }

@@ -2,11 +2,12 @@
 
 use std::time::Instant;
 
-use eit::matrix_text;
+use eit::{Case, matrix_text};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use survey::{Map, Reading};
 
+use imaging::TrackedFrame;
 use imaging::recorded::{
     FRAMES_HEADING, FrameTable, MapCompanions, MapRow, TableOptions, triangles_text,
 };
@@ -44,12 +45,17 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     for note in &model.notes {
         eprintln!("tactus-lab: {}", survey::printable(note));
     }
+    let followed = follow(options, &case, &recording)?;
     let (centroids, areas) = (case.mesh.region_centroids(), case.mesh.region_areas());
     let bar = progress::bar(recording.frames.len(), "frames");
-    let one = |(name, frame): &(String, Vec<Reading>)| {
+    let one = |(index, (name, frame)): (usize, &(String, Vec<Reading>))| {
         let start = Instant::now();
+        let (baseline, readings) = match &followed {
+            Some(followed) => (&followed[index].baseline, &followed[index].readings),
+            None => (&recording.unloaded.readings, frame),
+        };
         let map = model
-            .reconstruct(&recording.unloaded.readings, frame)
+            .reconstruct(baseline, readings)
             .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;
         bar.inc(1);
         Ok((map, start.elapsed().as_secs_f64() * 1e3))
@@ -59,12 +65,14 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         recording
             .frames
             .par_iter()
+            .enumerate()
             .map(one)
             .collect::<Result<_, Failure>>()?
     } else {
         recording
             .frames
             .iter()
+            .enumerate()
             .map(one)
             .collect::<Result<_, Failure>>()?
     };
@@ -73,7 +81,8 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let mut times = Vec::with_capacity(recording.frames.len());
     let mut rows = String::from(FRAMES_HEADING);
     let numbered = recording.frames.iter().zip(&recording.numbers);
-    for (((name, _), &frame), (map, time)) in numbered.zip(made) {
+    for (index, (((name, _), &frame), (map, time))) in numbered.zip(made).enumerate() {
+        let tracked = followed.as_ref().map(|followed| &followed[index].tracked);
         times.push(time);
         let pressure = match &calibration {
             Some(calibration) => Some(
@@ -102,11 +111,15 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "found_mm": row.found.map(|place| place.map(|metres| 1e3 * metres)),
                 "masked": map.masked,
                 "quality": map.quality,
+                "tracked": tracked,
                 "unit": if pressure.is_some() { "kPa" } else { map.unit.label() },
                 "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
                 "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
             });
             print_line!("{}", survey::printable_json(line.to_string()));
+        }
+        if let Some(tracked) = tracked.filter(|tracked| !tracked.known) {
+            eprintln!("tactus-lab: frame '{name}': {tracked}");
         }
         if let Some(quality) = map.quality.as_ref().filter(|quality| !quality.is_silent()) {
             eprintln!("tactus-lab: frame '{name}' is {quality}");
@@ -129,4 +142,30 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         eprintln!("frame {:.3} ms", median(&mut times));
     }
     Ok(())
+}
+
+/// The frames with the baseline that is followed through them; `None` where that is not asked for.
+fn follow(
+    options: &ReconstructOptions,
+    case: &Case,
+    recording: &FrameTable,
+) -> Result<Option<Vec<TrackedFrame>>, Failure> {
+    let period_s = match (options.tracked.tracked, options.tracked.period_s) {
+        (Some(true), Some(period_s)) => period_s,
+        (Some(true), None) => {
+            return Err(Failure::usage(
+                "--tracked needs the time of each frame, and these have none; say --period-s S",
+            ));
+        }
+        (_, Some(_)) => return Err(Failure::usage("--period-s belongs to --tracked")),
+        (_, None) => return Ok(None),
+    };
+    let mut tracking = options.method.tracking(case, recording, 0.0)?;
+    let numbered = recording.frames.iter().zip(&recording.numbers);
+    let frames = numbered.map(|((name, frame), number)| {
+        tracking
+            .follow(frame, period_s * *number as f64)
+            .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))
+    });
+    frames.collect::<Result<_, _>>().map(Some)
 }

@@ -183,7 +183,10 @@ impl DriftModel {
                 volts[reading] = self.baseline[reading] + change / self.ratios[reading];
             }
         }
-        volts.into_iter().map(|volts| Reading::Ok(Volts(volts))).collect()
+        volts
+            .into_iter()
+            .map(|volts| Reading::Ok(Volts(volts)))
+            .collect()
     }
 
     /// The fitted sheet.

@@ -127,7 +127,10 @@ impl Recording {
             .map(|record| record.frame.settings.current)
             .or(own.as_ref().map(|baseline| baseline.settings.current))
             .unwrap_or(Amps(1.0));
-        let baseline_at = own.as_ref().filter(|_| baseline.is_none()).map(|own| own.wall);
+        let baseline_at = own
+            .as_ref()
+            .filter(|_| baseline.is_none())
+            .map(|own| own.wall);
         let (unloaded, baseline_name) = match baseline {
             None => {
                 let mut own = own.ok_or_else(|| RecordedError::NoBaseline(header.id.clone()))?;

@@ -5,7 +5,10 @@ mod tracked;
 
 use std::sync::Arc;
 
-use drift::{AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, FitOptions, Judgement, Noise, Tracker, TrackerState};
+use drift::{
+    AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, FitOptions, Judgement, Noise, Tracker,
+    TrackerState,
+};
 use serde::{Deserialize, Serialize};
 use survey::Reading;
 

@@ -117,7 +117,11 @@ impl Tracked {
             place,
             loads: answer.loads,
             came: answer.event.as_ref().map(|event| event.came),
-            masked: answer.masked.iter().map(|electrode| electrode + 1).collect(),
+            masked: answer
+                .masked
+                .iter()
+                .map(|electrode| electrode + 1)
+                .collect(),
             fault: answer.fault.map(fault_text),
             since_empty_s: answer.since_empty_s,
             pace: answer.pace,
@@ -208,7 +212,10 @@ impl fmt::Display for Tracked {
             (Judgement::Empty, _) => write!(f, "the sheet is empty")?,
             (Judgement::Loaded, Some(place)) => {
                 let ([x, y], [half, _]) = (place.centre_mm, place.half_axes_mm);
-                write!(f, "a load at ({x:.1}, {y:.1}) mm within {half:.1} mm (95 %)")?;
+                write!(
+                    f,
+                    "a load at ({x:.1}, {y:.1}) mm within {half:.1} mm (95 %)"
+                )?;
             }
             (Judgement::Loaded, None) => write!(f, "{} loads", self.loads)?,
             (Judgement::Unknown, _) => write!(f, "nothing is known of this frame")?,
@@ -242,11 +249,14 @@ fn fault_text(fault: ElectrodeFault) -> String {
             format!("electrode {} and the next one are shorted", electrode + 1)
         }
         ElectrodeFault::Risen { electrode, .. } => {
-            format!("the contact of electrode {} is open or has risen", electrode + 1)
+            format!(
+                "the contact of electrode {} is open or has risen",
+                electrode + 1
+            )
         }
         ElectrodeFault::Floating { electrode } => format!("electrode {} floats", electrode + 1),
-        ElectrodeFault::DistantShort {
-            electrodes: [a, b],
-        } => format!("electrodes {} and {} are connected", a + 1, b + 1),
+        ElectrodeFault::DistantShort { electrodes: [a, b] } => {
+            format!("electrodes {} and {} are connected", a + 1, b + 1)
+        }
     }
 }

@@ -3,8 +3,9 @@
 
 use clap::{Args, Parser};
 use eit::{Case, Jitter, TrainingSettings};
+use imaging::noise::Noise;
 use imaging::recorded::{Fitted, FrameTable};
-use imaging::{BuildError, Geometry, Method, MethodArguments, Model};
+use imaging::{BuildError, Geometry, Method, MethodArguments, Model, Tracking};
 use training::{Cached, linear, rbf, single_current};
 
 use crate::failure::Failure;
@@ -48,13 +49,7 @@ impl MethodOptions {
     /// Options that contradict each other, a model that does not fit the case, or a method that cannot be prepared.
     pub fn prepare(&self, case: &Case, recording: &FrameTable) -> Result<Model, Failure> {
         let requested = self.method.settings().map_err(Failure::usage)?;
-        let mut geometry = Geometry::of_case(case, "the case".to_owned());
-        if let Some(name) = &self.sigma0 {
-            geometry.sigma0 = case
-                .sigma(name)
-                .map_err(|fault| Failure::of("cannot read --sigma0", &fault))?;
-            geometry.sigma0_known = true;
-        }
+        let geometry = self.geometry(case)?;
         if let Some(file) = &requested.file {
             self.no_sigma0("--model")?;
             let loss_only = requested.loss_only.unwrap_or(false);
@@ -80,6 +75,44 @@ impl MethodOptions {
             imaging::build(&settings, &fitted.conditions(&case.protocol)).map_err(not_built)?;
         model.notes.splice(0..0, fitted.notes.iter().cloned());
         Ok(model)
+    }
+
+    /// The baseline of a recording, to be followed from a time on, s.
+    ///
+    /// # Errors
+    /// A noise that is neither stated nor shown by the baseline, or a sheet that does not match it.
+    pub fn tracking(
+        &self,
+        case: &Case,
+        recording: &FrameTable,
+        at_s: f64,
+    ) -> Result<Tracking, Failure> {
+        let unloaded = &recording.unloaded;
+        let measured =
+            Noise::of_baseline(unloaded.noise, &unloaded.readings).and_then(Noise::measured);
+        let noise_v = measured.or(self.method.noise_v).ok_or_else(|| {
+            Failure::usage(
+                "--tracked needs the noise of a reading, which this baseline does not show; say --noise-v SD",
+            )
+        })?;
+        let geometry = self.geometry(case)?;
+        let fitted =
+            Fitted::new(geometry, &case.protocol, &case.currents, unloaded).map_err(not_built)?;
+        let conditions = fitted.conditions(&case.protocol);
+        Tracking::new(&conditions, &unloaded.readings, noise_v, at_s)
+            .map_err(|fault| Failure::of("the baseline cannot be followed", &fault))
+    }
+
+    /// The case's geometry with the conductance that is named.
+    fn geometry(&self, case: &Case) -> Result<Geometry, Failure> {
+        let mut geometry = Geometry::of_case(case, "the case".to_owned());
+        if let Some(name) = &self.sigma0 {
+            geometry.sigma0 = case
+                .sigma(name)
+                .map_err(|fault| Failure::of("cannot read --sigma0", &fault))?;
+            geometry.sigma0_known = true;
+        }
+        Ok(geometry)
     }
 
     /// Trains the model for the case, or loads it from the cache.
