@@ -56,6 +56,7 @@ mod maintenance;
 mod reader;
 mod row;
 pub mod schema;
+mod tracking;
 mod writer;
 
 pub use crate::daemon_log::{DaemonLog, read_daemon_log};
@@ -78,4 +79,5 @@ pub use header::{
     SessionSummary, Taken,
 };
 pub use reader::{Frames, SessionReader};
+pub use tracking::{keep_tracking, tracking};
 pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage};

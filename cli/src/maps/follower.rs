@@ -24,7 +24,7 @@ impl Follower {
         requested: &TrackedArguments,
         recording: &Recording,
     ) -> Result<Option<Self>, Failure> {
-        let Some(tracking) = reconstruction.tracking.clone() else {
+        let Some(mut tracking) = reconstruction.tracking.clone() else {
             if requested.period_s.is_some() {
                 return Err(Failure::Usage("--period-s belongs to --tracked".to_owned()));
             }
@@ -44,6 +44,14 @@ impl Follower {
                 ));
             }
             _ => {}
+        }
+        if let Some(state) = recording.tracking()? {
+            tracking.restore(state).map_err(|error| {
+                Failure::failed(
+                    "the baseline cannot be followed as in the session; --baseline or --tracked=off works without its state",
+                    &error,
+                )
+            })?;
         }
         Ok(Some(Self {
             tracking,

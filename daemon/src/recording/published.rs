@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use dbus::{FrameQuality, MapDetails};
 use eit::Pressure;
+use imaging::Tracked;
 use logbook::MapRecord;
 use survey::{Frame, Map, MapQuality, Quality};
 
@@ -20,6 +21,8 @@ pub(crate) struct Published {
     pub noise: Option<f64>,
     /// The map as pressure, if the method is calibrated.
     pub pressure: Option<Pressure>,
+    /// What the tracked baseline says of the frame.
+    pub tracked: Option<Tracked>,
     /// Computing time of the map.
     pub reconstruction: Duration,
     /// The map's entry in the record.
@@ -38,6 +41,7 @@ impl Published {
             found: None,
             noise: None,
             pressure: None,
+            tracked: None,
             reconstruction: Duration::ZERO,
             record: None,
             durable: OnceLock::new(),
@@ -86,6 +90,8 @@ impl Published {
                 .as_ref()
                 .filter(|found| !found.is_silent())
                 .map(MapQuality::text),
+            known: self.tracked.as_ref().map(|tracked| tracked.known),
+            tracked: self.tracked.as_ref().map(|tracked| serde_json::json!(tracked).to_string()),
         }
     }
 }

@@ -293,6 +293,10 @@ dictionaries! {
         quality: String,
         /// Why it is not sound, sentences joined by semicolons.
         doubts: String,
+        /// Whether the tracked baseline says that the map is true; absent where the baseline is not tracked.
+        known: bool,
+        /// What the tracked baseline says of the frame: `tracked` of `tactus watch --json`, as JSON; absent as above.
+        tracked: String,
     }
 
     /// Additional data of an event signal (`Manager1.Happened`).

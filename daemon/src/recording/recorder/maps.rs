@@ -21,9 +21,13 @@ impl Recorder {
             Task::Baseline { .. } => None,
             Task::Maps {
                 worker, settings, ..
-            } => settings
-                .has_map(frame.sequence)
-                .then(|| worker.make(&frame.readings, busy)),
+            } => {
+                if settings.has_map(frame.sequence) {
+                    return Some(worker.make(frame, busy));
+                }
+                worker.follow(frame);
+                None
+            }
         }
     }
 
@@ -34,6 +38,10 @@ impl Recorder {
         frame: &mut Published,
     ) -> Result<(), LogbookError> {
         frame.reconstruction = made.took;
+        for text in &made.remarks {
+            self.logbook.write_event(EventKind::Tracking, text)?;
+        }
+        self.not_followed()?;
         match made.outcome {
             Ok(mapped) => {
                 let refused = mapped.refused.as_deref().unwrap_or_default();
@@ -46,6 +54,7 @@ impl Recorder {
                 frame.pressure = mapped.pressure;
                 frame.record = Some(mapped.record);
                 frame.map = Some(mapped.map);
+                frame.tracked = mapped.tracked;
             }
             Err(Failure::Refused(why)) => self.status.set_last_error(&why),
             Err(Failure::Broken(why)) => {
@@ -94,13 +103,28 @@ impl Recorder {
 
     /// Writes the last late map at the end of the session.
     pub(super) fn last_map(&mut self) -> Result<(), LogbookError> {
-        match &mut self.task {
-            Task::Maps { worker, .. } => match worker.last() {
-                Some(made) => self.arrived(made),
-                None => Ok(()),
-            },
-            Task::Baseline { .. } => Ok(()),
+        let Task::Maps { worker, .. } = &mut self.task else {
+            return Ok(());
+        };
+        let last = worker.last();
+        worker.finish();
+        last.map_or(Ok(()), |made| self.arrived(made))
+    }
+
+    /// Reports frames that the tracked baseline could not follow.
+    fn not_followed(&mut self) -> Result<(), LogbookError> {
+        let Task::Maps { worker, .. } = &mut self.task else {
+            return Ok(());
+        };
+        let missed = worker.take_not_followed();
+        if missed == 0 {
+            return Ok(());
         }
+        let text = format!(
+            "the tracked baseline could not follow {missed} frames, because maps took too long: `tactus replay --tracked` follows \
+             all, and its maps differ"
+        );
+        self.logbook.write_event(EventKind::Tracking, &text)
     }
 
     pub(super) fn missed_a_map(&mut self) -> Result<(), LogbookError> {

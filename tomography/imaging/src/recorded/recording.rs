@@ -12,7 +12,7 @@ use super::{
     Unloaded, read_frames,
 };
 use crate::noise::rms_deviation;
-use crate::tracking::seconds;
+use crate::tracking::{TrackingState, seconds};
 
 /// One frame of a recording.
 #[derive(Debug, Clone)]
@@ -187,6 +187,32 @@ impl Recording {
     /// As [`Recording::len`].
     pub fn is_empty(&self) -> Result<bool, LogbookError> {
         Ok(self.len()? == 0)
+    }
+
+    /// The tracked baseline with which a session began; `None` if it began with the baseline itself, or another baseline is
+    /// used.
+    ///
+    /// # Errors
+    /// A state that is damaged.
+    pub fn tracking(&self) -> Result<Option<TrackingState>, RecordedError> {
+        let (Origin::Session(header), Some(_)) = (&self.origin, self.baseline_at) else {
+            return Ok(None);
+        };
+        let Source::Session { parts, .. } = &self.source else {
+            return Ok(None);
+        };
+        let path = parts.each()[0].path();
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let Some(text) = logbook::tracking(folder, header.session())? else {
+            return Ok(None);
+        };
+        serde_json::from_str(&text).map(Some).map_err(|fault| {
+            RecordedError::Session(LogbookError::Damaged {
+                path: path.to_owned(),
+                place: "the tracked baseline that it began with".to_owned(),
+                why: fault.to_string(),
+            })
+        })
     }
 
     /// Whether its frames have times.

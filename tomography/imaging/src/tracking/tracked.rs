@@ -3,7 +3,7 @@
 use std::fmt;
 
 use drift::{AnchorAlarm, Answer, DiscFit, ElectrodeFault, Judgement, TrackerState};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Standard deviation of a place beyond which it is not known, m.
 const MOST_PLACE_SD_M: f64 = 2e-3;
@@ -14,7 +14,7 @@ const REGION_95: f64 = 2.447_746_830_680_816;
 const INTERVAL_95: f64 = 1.959_963_984_540_054;
 
 /// What the tracked baseline says of a frame.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tracked {
     /// Empty, loaded or unknown.
     pub judgement: Judgement,
@@ -43,7 +43,7 @@ pub struct Tracked {
 }
 
 /// Why a frame is not known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Doubtful {
     /// More than three electrodes are faulty.
@@ -61,7 +61,7 @@ pub enum Doubtful {
 }
 
 /// Where a load lies: 95 % region and interval.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PlaceRegion {
     /// Centre, mm.
     pub centre_mm: [f64; 2],

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use dbus::Fault;
-use imaging::noise::Noise;
+use imaging::noise::{self, Noise};
 use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, SessionWriter};
 use rig::Clock;
 use survey::{Baseline, Checks};
@@ -20,7 +20,9 @@ use crate::events::event::{BusEvent, Event};
 use crate::events::kind::EventKind;
 use crate::monitoring::disk::free_bytes;
 use crate::recording::logbook_sink::{DiskPolicy, LogbookSink};
-use crate::recording::reconstruction_worker::{ReconstructionContext, ReconstructionWorker};
+use crate::recording::reconstruction_worker::{
+    ReconstructionContext, ReconstructionWorker, TrackingContext,
+};
 use crate::recording::recorder::{Recorder, Task};
 use crate::recording::recorder_message::{QUEUE, RecorderMessage};
 use crate::recording::records::disk_fault;
@@ -223,8 +225,20 @@ impl Controller {
                 let stated = order.noise_uv.or(runtime.setup.config.model.noise_uv);
                 let stated = stated.filter(|_| !self.is_recording());
                 let settings = runtime.setup.config.model.clone();
+                let reading_noise = measured.or(stated.map(|noise_uv| 1e-6 * noise_uv));
+                let tracks = settings.tracking == Some(true) && !self.is_recording();
+                let tracking = tracks.then(|| TrackingContext {
+                    geometry: runtime.setup.geometry.clone(),
+                    protocol: protocol_of(order.plan.as_deref(), &runtime.setup).clone(),
+                    current: baseline.settings.current,
+                    noise_v: reading_noise.unwrap_or_else(|| noise::against(&baseline)),
+                    folder: runtime.setup.record_directory.clone(),
+                    session: writer.header().session().to_owned(),
+                    after: writer.acknowledged(),
+                });
                 let context = ReconstructionContext {
-                    reading_noise: measured.or(stated.map(|noise_uv| 1e-6 * noise_uv)),
+                    tracking,
+                    reading_noise,
                     baseline: baseline.as_ref().clone(),
                     model,
                     centroids: mesh.region_centroids(),

@@ -1,0 +1,197 @@
+//! The tracked baseline of a session, in the thread of its maps. Its state is kept beside the sessions, and restored by the next
+//! session of the same baseline.
+
+use std::path::PathBuf;
+
+use imaging::recorded::SessionParts;
+use imaging::tracking::{Doubtful, TrackingState, seconds};
+use imaging::{Conditions, Geometry, TrackedFrame, Tracking};
+use serde::{Deserialize, Serialize};
+use survey::{Amps, Baseline, Protocol, Reading, error_chain as chain};
+
+/// Time of frames between two states that are kept, s: what a restart has to follow again.
+const KEPT_EVERY_S: f64 = 3600.0;
+
+/// What is needed to follow a session's baseline.
+pub(crate) struct TrackingContext {
+    pub geometry: Geometry,
+    pub protocol: Protocol,
+    pub current: Amps,
+    /// Standard deviation of one reading, V.
+    pub noise_v: f64,
+    /// Folder of the sessions.
+    pub folder: PathBuf,
+    /// The session, without its part.
+    pub session: String,
+    /// Its last frame, if it is resumed; else 0.
+    pub after: u64,
+}
+
+/// The baseline as it was followed to a frame.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    session: String,
+    sequence: u64,
+    state: TrackingState,
+}
+
+/// Follows the baseline through the frames of a session.
+pub(super) struct Followed {
+    tracking: Tracking,
+    folder: PathBuf,
+    baseline: String,
+    session: String,
+    sequence: u64,
+    kept_s: f64,
+    /// What was last reported.
+    masked: Vec<usize>,
+    reason: Option<Doubtful>,
+}
+
+impl Followed {
+    /// Fits the sheet, and restores the state of the session, or of the last one with this baseline. Returns remarks too.
+    ///
+    /// # Errors
+    /// Why the baseline cannot be followed.
+    pub(super) fn start(
+        context: TrackingContext,
+        baseline: &Baseline,
+    ) -> Result<(Self, Vec<String>), String> {
+        let conditions = Conditions::live(&context.geometry, &context.protocol, context.current);
+        let at_s = seconds(baseline.wall);
+        let tracking = Tracking::new(&conditions, &baseline.readings, context.noise_v, at_s)
+            .map_err(|error| chain(&error))?;
+        let mut followed = Self {
+            tracking,
+            folder: context.folder,
+            baseline: baseline.id.clone(),
+            session: context.session,
+            sequence: 0,
+            kept_s: at_s,
+            masked: Vec::new(),
+            reason: None,
+        };
+        let mut remarks = Vec::new();
+        if let Err(why) = followed.restore(context.after) {
+            remarks.push(format!(
+                "the tracked baseline of earlier sessions cannot be used, it begins again at baseline {}: {why}",
+                baseline.id
+            ));
+        }
+        followed.catch_up(context.after)?;
+        Ok((followed, remarks))
+    }
+
+    /// Goes on from the latest state of the baseline, if it is of this session or this one begins; otherwise from the state with
+    /// which the session began.
+    fn restore(&mut self, after: u64) -> Result<(), String> {
+        let latest: Option<Kept> = self.read(&self.baseline)?;
+        if let Some(kept) = latest {
+            if kept.session == self.session && kept.sequence <= after {
+                self.sequence = kept.sequence;
+                return self.set(kept.state);
+            }
+            if after == 0 {
+                self.set(kept.state)?;
+                // replay begins with it
+                return self.write(&self.session, &self.tracking.state());
+            }
+        }
+        match self.read(&self.session)? {
+            Some(begun) => self.set(begun),
+            None => Ok(()),
+        }
+    }
+
+    fn set(&mut self, state: TrackingState) -> Result<(), String> {
+        self.tracking.restore(state).map_err(|error| chain(&error))
+    }
+
+    fn read<T: serde::de::DeserializeOwned>(&self, id: &str) -> Result<Option<T>, String> {
+        let text = logbook::tracking(&self.folder, id).map_err(|error| chain(&error))?;
+        text.map(|text| serde_json::from_str(&text).map_err(|error| chain(&error)))
+            .transpose()
+    }
+
+    fn write(&self, id: &str, what: &impl Serialize) -> Result<(), String> {
+        let text = serde_json::to_string(what).map_err(|error| chain(&error))?;
+        logbook::keep_tracking(&self.folder, id, &text).map_err(|error| chain(&error))
+    }
+
+    /// Follows the recorded frames after the state, up to the last one.
+    fn catch_up(&mut self, after: u64) -> Result<(), String> {
+        if self.sequence >= after {
+            return Ok(());
+        }
+        let first = logbook::find(&self.folder, &self.session).map_err(|error| chain(&error))?;
+        let parts = SessionParts::open(&first).map_err(|error| chain(&error))?;
+        let from = self.sequence;
+        let recorded = parts.frames().filter_map(Result::ok);
+        for record in recorded.filter(|record| record.frame.sequence > from) {
+            let frame = record.frame;
+            self.follow(&frame.readings, frame.sequence, seconds(frame.wall))?;
+        }
+        Ok(())
+    }
+
+    /// The frame with the baseline to compare it with.
+    ///
+    /// # Errors
+    /// A frame that cannot be followed.
+    pub(super) fn follow(
+        &mut self,
+        readings: &[Reading],
+        sequence: u64,
+        at_s: f64,
+    ) -> Result<TrackedFrame, String> {
+        let frame = self
+            .tracking
+            .follow(readings, at_s)
+            .map_err(|error| chain(&error))?;
+        self.sequence = sequence;
+        if (at_s - self.kept_s).abs() >= KEPT_EVERY_S {
+            self.kept_s = at_s;
+            self.keep();
+        }
+        Ok(frame)
+    }
+
+    /// What a person should read, where it differs from the frame before.
+    pub(super) fn changes(&mut self, frame: &TrackedFrame) -> Vec<String> {
+        let tracked = &frame.tracked;
+        let mut texts = Vec::new();
+        for electrode in &tracked.masked {
+            if !self.masked.contains(electrode) {
+                let fault = tracked.fault.as_deref().unwrap_or("its readings show a fault");
+                texts.push(format!("electrode {electrode} is left out of the maps: {fault}"));
+            }
+        }
+        for electrode in &self.masked {
+            if !tracked.masked.contains(electrode) {
+                texts.push(format!("electrode {electrode} is used again: it was healthy for an hour"));
+            }
+        }
+        self.masked.clone_from(&tracked.masked);
+        if self.reason != tracked.reason {
+            texts.push(match &tracked.text {
+                Some(text) => format!("the map is not known to be true: {text}"),
+                None => "the map is known to be true again".to_owned(),
+            });
+            self.reason = tracked.reason;
+        }
+        texts
+    }
+
+    /// Keeps the state; without it the next daemon follows the recorded frames again.
+    pub(super) fn keep(&self) {
+        let kept = Kept {
+            session: self.session.clone(),
+            sequence: self.sequence,
+            state: self.tracking.state(),
+        };
+        let written = self.write(&self.baseline, &kept);
+        if let Err(why) = written {
+            tracing::warn!("the tracked baseline is not kept: {why}");
+        }
+    }
+}
