@@ -25,6 +25,8 @@ def records(stream):
             yield record | dict(kind="pressure", kpa=kpa, newtons=newtons)
         elif kind == 5:
             yield record | dict(kind="quality", **json.loads(body[36:]))
+        elif kind == 6:
+            yield record | dict(kind="tracked", **json.loads(body[36:]))
 
 
 if __name__ == "__main__":

@@ -91,6 +91,8 @@ struct MapSummary {
     /// `sound`, `doubtful` or `unreliable`.
     quality: Option<String>,
     doubts: Option<String>,
+    /// Whether the tracked baseline says that the map is true.
+    known: Option<bool>,
     reconstruction_s: Option<f64>,
     durable_s: Option<f64>,
 }
@@ -112,6 +114,7 @@ impl MapSummary {
             largest_kpa: map.largest_kpa,
             quality: map.quality.clone(),
             doubts: map.doubts.clone(),
+            known: map.known,
             reconstruction_s: map.reconstruction_s,
             durable_s: map.durable_s,
         })
@@ -126,6 +129,9 @@ impl MapSummary {
         );
         if let (Some(quality), Some(doubts)) = (&self.quality, &self.doubts) {
             text.push_str(&format!(", {quality}: {doubts}"));
+        }
+        if self.known == Some(false) {
+            text.push_str(", not known to be true (`tactus watch` says why)");
         }
         if let Some(seconds) = self.reconstruction_s {
             text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));
@@ -253,6 +259,7 @@ mod tests {
                     newtons: None,
                     largest_kpa: None,
                     quality: Some("sound".into()),
+                    known: None,
                     doubts: None,
                     reconstruction_s: Some(0.00125),
                     durable_s: Some(0.005),
@@ -278,7 +285,7 @@ mod tests {
              \"session\":{\"id\":\"m1\",\"kind\":\"measurement\",\"state\":\"running\",\"frames_acquired\":8,\
              \"frames_durable\":7,\"frames_dropped\":0,\"frames_failed\":0,\"last_error\":null,\"map\":{\"sequence\":7,\
              \"unit\":\"relative loss of conductance\",\"largest_loss\":0.25,\"significant\":true,\"noise\":0.01,\"newtons\":null,\"largest_kpa\":null,\
-             \"quality\":\"sound\",\"doubts\":null,\"reconstruction_s\":0.00125,\"durable_s\":0.005}},\"source_state\":\"in use\",\"recovery\":null,\
+             \"quality\":\"sound\",\"doubts\":null,\"known\":null,\"reconstruction_s\":0.00125,\"durable_s\":0.005}},\"source_state\":\"in use\",\"recovery\":null,\
              \"record_directory\":\"/r\",\
              \"last_error\":null,\"version\":\"0.1.0\",\"bus\":\"unix:/p\",\"health\":{\"well\":false,\"troubles\":[],\
              \"last_frame\":null,\"period_s\":null,\"backlog\":null,\"gaps\":{\"failed\":0,\"dropped\":0,\"last\":null},\

@@ -110,7 +110,7 @@ impl Readers {
                 Body::Frame { .. } => reader.wanted.frames,
                 Body::Map { .. } => reader.wanted.maps,
                 Body::Pressure { .. } => reader.wanted.pressure,
-                Body::Quality { .. } => reader.wanted.quality,
+                Body::Quality { .. } | Body::Tracked { .. } => reader.wanted.quality,
                 Body::End { .. } => true,
             };
             if wants {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use dbus::stream::{Body, Record};
 use eit::Pressure;
+use imaging::Tracked;
 use logbook::LogbookError;
 use survey::{Frame, Map, MapQuality, Reading};
 
@@ -36,6 +37,9 @@ impl FrameSink for StreamSink {
         if let Some(map) = &published.map {
             if let Some(quality) = &map.quality {
                 self.publish(&published.frame, quality_body(quality));
+            }
+            if let Some(tracked) = &published.tracked {
+                self.publish(&published.frame, tracked_body(tracked));
             }
             self.publish(&published.frame, map_body(map));
         }
@@ -77,6 +81,12 @@ fn map_body(map: &Map) -> Body {
 fn quality_body(quality: &MapQuality) -> Body {
     Body::Quality {
         json: serde_json::json!(quality).to_string(),
+    }
+}
+
+fn tracked_body(tracked: &Tracked) -> Body {
+    Body::Tracked {
+        json: serde_json::json!(tracked).to_string(),
     }
 }
 

@@ -25,6 +25,7 @@ fn records() -> Vec<Record> {
             },
         ),
         record(2, Body::Quality { json: "{}".into() }),
+        record(2, Body::Tracked { json: "{}".into() }),
         record(
             2,
             Body::Pressure {

@@ -5,3 +5,4 @@ mod networks;
 mod paper_over_scpi;
 mod paper_test_one;
 mod same_methods;
+mod tracked;

@@ -8,6 +8,7 @@ use chrono::{DateTime, Local, SecondsFormat};
 use dbus::Session1Proxy;
 use dbus::stream::{Body, Decoder, Record};
 use serde::Serialize;
+use imaging::Tracked;
 use survey::{Map, MapQuality, MapUnit, Reason, Verdict};
 use tokio::io::AsyncReadExt;
 use tokio::signal::unix::{SignalKind, signal};
@@ -61,6 +62,8 @@ struct FrameLine {
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
     quality: Option<MapQuality>,
+    /// What the tracked baseline says; `None` where it is not tracked.
+    tracked: Option<Tracked>,
 }
 
 /// A map converted by a calibration, and its frame.
@@ -94,6 +97,8 @@ pub(crate) struct Viewer<'a, W> {
     pressure: Option<PressureMap>,
     /// Likewise, with the sequence of its frame.
     quality: Option<(u64, MapQuality)>,
+    /// Likewise.
+    tracked: Option<(u64, Tracked)>,
     screen: Option<&'a Screen>,
     picture: Option<Picture>,
     /// When something was last displayed.
@@ -120,6 +125,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             waiting: None,
             pressure: None,
             quality: None,
+            tracked: None,
             screen,
             picture: None,
             shown_at,
@@ -148,6 +154,10 @@ impl<'a, W: Write> Viewer<'a, W> {
             masked: 0,
             quality: quality(&latest.more),
         };
+        let tracked = latest.more.tracked.as_deref();
+        self.tracked = tracked
+            .and_then(|json| serde_json::from_str(json).ok())
+            .map(|tracked| (latest.sequence, tracked));
         let frame = Record {
             sequence: latest.sequence,
             wall_ns: latest.wall_ns,
@@ -300,6 +310,11 @@ impl<'a, W: Write> Viewer<'a, W> {
                 self.quality = quality.map(|quality| (record.sequence, quality));
                 Ok(None)
             }
+            Body::Tracked { json } => {
+                let tracked = serde_json::from_str(json).ok();
+                self.tracked = tracked.map(|tracked| (record.sequence, tracked));
+                Ok(None)
+            }
             Body::Pressure { kpa, newtons } => {
                 self.pressure = Some(PressureMap {
                     sequence: record.sequence,
@@ -336,9 +351,7 @@ impl<'a, W: Write> Viewer<'a, W> {
         self.shown_at.set(Instant::now());
         let flags: &[u8] = match &frame.body {
             Body::Frame { flags, .. } => flags,
-            Body::Map { .. } | Body::Pressure { .. } | Body::Quality { .. } | Body::End { .. } => {
-                &[]
-            }
+            _ => &[],
         };
         let count = |wanted: u8| flags.iter().filter(|&&flag| flag == wanted).count();
         let fits = map
@@ -376,6 +389,11 @@ impl<'a, W: Write> Viewer<'a, W> {
                 .as_ref()
                 .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
             quality: map.and_then(|map| map.quality.clone()),
+            tracked: self
+                .tracked
+                .take()
+                .filter(|(sequence, _)| map.is_some() && *sequence == frame.sequence)
+                .map(|(_, tracked)| tracked),
         }));
         let picture = match fits.filter(|_| !self.watch.no_map) {
             None => None,
@@ -488,6 +506,9 @@ fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String {
             }
             if let Some(quality) = seen.quality.as_ref().filter(|quality| !quality.is_silent()) {
                 text.push_str(&format!("  {quality}"));
+            }
+            if let Some(tracked) = &seen.tracked {
+                text.push_str(&format!("  {tracked}"));
             }
             for (count, what) in [
                 (seen.overloads, "overloads"),

@@ -25,6 +25,8 @@ use survey::error_chain as chain;
 const MAP_TIMEOUT: Duration = Duration::from_secs(2);
 /// The same if other frames are waiting; long enough for a quick method on a busy machine.
 const BUSY_MAP_TIMEOUT: Duration = Duration::from_millis(250);
+/// Maximum time that a session waits for the preparation of its tracked baseline.
+const PREPARATION_TIMEOUT: Duration = Duration::from_secs(30);
 /// Most frames that wait to be followed; further ones are not.
 const FRAMES_TO_FOLLOW: usize = 1024;
 /// Time between two checks whether more frames are waiting.
@@ -109,7 +111,8 @@ pub(crate) struct ReconstructionWorker {
 }
 
 impl ReconstructionWorker {
-    /// `recorder` is notified whenever a map is ready.
+    /// `recorder` is notified whenever a map is ready. Blocks until the baseline is prepared to be followed, so that the first
+    /// frame does not wait for that.
     ///
     /// # Errors
     /// No thread can be started.
@@ -120,9 +123,12 @@ impl ReconstructionWorker {
         let follows = context.tracking.is_some();
         let (ask, requested) = sync_channel::<Request>(FRAMES_TO_FOLLOW);
         let (answer, answers) = sync_channel(1);
+        let (ready, prepared) = sync_channel::<()>(0);
         std::thread::Builder::new()
             .name("maps".to_owned())
-            .spawn(move || run(context, &requested, &answer, &recorder))?;
+            .spawn(move || run(context, &requested, &answer, &recorder, ready))?;
+        // it ends with the thread's preparation, whether that succeeded or not
+        let _ = prepared.recv_timeout(PREPARATION_TIMEOUT);
         Ok(Self {
             ask: Some(ask),
             answers,
@@ -241,11 +247,13 @@ fn run(
     requested: &Receiver<Request>,
     answer: &SyncSender<TimedOutcome>,
     recorder: &WeakSender<RecorderMessage>,
+    ready: SyncSender<()>,
 ) {
     // a method that fails here fails again with the first frame, where it is reported
     let noise = containment::run(|| context.noise()).ok().flatten();
     let mut remarks = Vec::new();
     let mut followed = context.start_to_follow(&mut remarks);
+    drop(ready);
     while let Ok(request) = requested.recv() {
         let begun = Instant::now();
         // a failure costs maps, not the session

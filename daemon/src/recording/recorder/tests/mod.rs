@@ -119,6 +119,7 @@ impl Scene {
         }));
         let mesh = &setup.geometry.mesh;
         let context = ReconstructionContext {
+            tracking: None,
             reading_noise: None,
             baseline,
             model,

@@ -245,7 +245,14 @@ impl Controller {
                     areas: mesh.region_areas(),
                     build: runtime.build.clone(),
                 };
-                match ReconstructionWorker::start(context, orders.downgrade()) {
+                let recorder = orders.downgrade();
+                let started = tokio::task::spawn_blocking(move || {
+                    ReconstructionWorker::start(context, recorder)
+                });
+                let started = started
+                    .await
+                    .unwrap_or_else(|failed| Err(std::io::Error::other(failed)));
+                match started {
                     Ok(worker) => Task::maps(worker, settings),
                     Err(cause) => {
                         let recorded = Err(format!("no thread for maps: {cause}"));

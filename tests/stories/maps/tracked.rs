@@ -1,0 +1,154 @@
+//! Maps against a baseline that follows the sheet: a day of drift offline, and the daemon with its restarts.
+
+use crate::test_rig::{self, Needs, ask, baseline, measure, number};
+
+/// Drift of a day and a half, and a press of 10 mm near its end.
+const DRIFT: &str = "seed = 3\n[effects.temperature]\npercent_per_c = -0.2\nroom_c = 1.5\n[effects.long-drift]\n\
+    wander_percent = 0.3\nwalk_percent = 0.05\nrunning_in_percent = 3.0\n[effects.contact-spread]\nstd = 0.3\n\
+    [effects.voltmeter-noise]\n[[load]]\nname = \"press\"\nshape = \"disc\"\ndiameter_mm = 10.0\nx_mm = 80.0\ny_mm = 135.0\n\
+    loss_percent = 50.0\nfrom_s = 100000.0\nto_s = 101000.0\n";
+/// The first frame with the press: one each ten minutes, the first is the baseline.
+const PRESSED: u64 = 167;
+
+/// Millimetres between a place of the JSON and the press.
+fn away_mm(place: &serde_json::Value) -> f64 {
+    let [x, y] = [0, 1].map(|axis| place[axis].as_f64().expect("a place"));
+    (x - 80.0).hypot(y - 135.0)
+}
+
+#[test]
+fn a_press_after_a_day_of_drift_is_found_only_by_tracking() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
+        return;
+    };
+    let scene = stage.path().join("drift.toml");
+    std::fs::write(&scene, DRIFT).expect("the folder can be written");
+    let folder = stage.path().join("recorded");
+    let line = format!(
+        "tactus-lab scene run {} --every 600 --frames 169 --nplc 10 --range-v 0.1 --logbook {}",
+        scene.display(),
+        folder.display()
+    );
+    let ended = lab::run(line.split_whitespace().map(Into::into));
+    assert_eq!(ended, std::process::ExitCode::SUCCESS);
+    let mut files = std::fs::read_dir(&folder).expect("the session is written");
+    let session = files.next().expect("one file").expect("it can be listed").path();
+    let session = session.display().to_string();
+    let replay = |options: &[&str]| {
+        let mut words = vec!["replay", &session, "--no-map", "--method", "one-step", "--noise-v", "2e-6"];
+        words.extend(options);
+        ask(&stage, &words)
+    };
+    let all = replay(&["--tracked"]);
+    let judgement = |frame: u64| all[frame as usize - 1]["tracked"]["judgement"].as_str();
+    for frame in 1..=all.len() as u64 {
+        let loaded = (PRESSED..PRESSED + 2).contains(&frame);
+        let expected = if loaded { "loaded" } else { "empty" };
+        assert_eq!(judgement(frame), Some(expected), "frame {frame}");
+    }
+    let pressed = &all[PRESSED as usize - 1];
+    let place = &pressed["tracked"]["place"];
+    let error = away_mm(&place["centre_mm"]);
+    let half = place["half_axes_mm"][0].as_f64().expect("an ellipse");
+    eprintln!("found {error:.2} mm off, 95 % region of {half:.2} mm");
+    assert!(error < 1.5 && half < 3.0, "{place}");
+    assert_eq!(pressed["tracked"]["known"], true, "{pressed}");
+    assert_eq!(pressed["tracked"]["came"], true, "{pressed}");
+    assert!(away_mm(&pressed["found_mm"]) < 5.0, "{pressed}");
+    // only the frame that is asked for is shown, all before it are followed
+    let one = replay(&["--tracked", "--from", &PRESSED.to_string(), "--count", "1"]);
+    assert_eq!(one, [pressed.clone()]);
+    // without tracking, drift is drawn
+    let untracked = replay(&["--from", &PRESSED.to_string(), "--count", "1"]);
+    assert!(untracked[0]["tracked"].is_null());
+    assert!(
+        untracked[0]["found_mm"].is_null() || away_mm(&untracked[0]["found_mm"]) > 10.0,
+        "{}",
+        untracked[0]
+    );
+}
+
+#[test]
+fn tracking_without_times_or_noise_says_what_is_missing() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
+        return;
+    };
+    let _daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    let id = measure(&stage, 2);
+    let case = stage.path().join("out.case").display().to_string();
+    let table = stage.path().join("out.csv").display().to_string();
+    ask(&stage, &["export", &id, "--format", "csv", "--out", &table]);
+    for (options, wants) in [
+        (&["--tracked", "--noise-v", "2e-6"][..], "--period-s"),
+        (&["--tracked", "--period-s", "10"], "--noise-v"),
+        (&["--period-s", "10"], "--tracked"),
+        (&["--tracked=maybe"], "on or off"),
+    ] {
+        let mut words = vec!["replay", &case, "--no-map"];
+        words.extend(options);
+        let said = stage.tactus(&words).expect("the program runs");
+        assert_eq!(said.code, Some(2), "{options:?}: {}", said.stderr);
+        assert!(said.stderr.contains(wants), "{options:?}: {}", said.stderr);
+    }
+}
+
+#[test]
+fn a_tracked_baseline_survives_sessions_and_restarts() {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
+        let method = "method = \"one-step\"\n";
+        assert!(config.contains(method), "{config}");
+        config.replace(method, "method = \"one-step\"\ntracking = true\n")
+    }) else {
+        return;
+    };
+    // a frame waits for its map, and the first map for the fit of the sheet
+    let measure = |frames: &str| {
+        let lines = ask(&stage, &["start", "--count", frames, "--every", "500ms", "--wait"]);
+        lines[0]["session"].as_str().expect("its id").to_owned()
+    };
+    let verified = |id: &str| {
+        let frames = ask(&stage, &["replay", id, "--no-map"]);
+        for frame in &frames {
+            assert!(frame["tracked"]["judgement"].is_string(), "{frame}");
+            assert_ne!(frame["verified"], false, "{frame}");
+        }
+        let same = frames.iter().filter(|frame| frame["verified"] == true);
+        assert!(same.count() > frames.len() / 2, "maps are recorded");
+        frames
+    };
+    let daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    let first = measure("6");
+    let before = verified(&first);
+    // the next session goes on where this one ended
+    let second = measure("4");
+    let after = verified(&second);
+    let sd = |frame: &serde_json::Value| number(&frame["tracked"], "baseline_sd_uv");
+    assert!(
+        sd(&after[0]) < 0.7 * sd(&before[0]),
+        "learnt in the session before: {} and {}",
+        after[0],
+        before[0]
+    );
+    drop(daemon);
+    let _daemon = test_rig::start(&stage);
+    let third = measure("3");
+    assert!(sd(&verified(&third)[0]) < 0.7 * sd(&before[0]));
+    // a damaged state is named, and the session begins at its baseline
+    let folder = stage.path().join("state");
+    let states = std::fs::read_dir(&folder).expect("the record can be listed");
+    let of_baseline = states
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .find(|path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            name.starts_with('b') && name.ends_with(".tracking")
+        })
+        .expect("the state is kept beside the baseline");
+    std::fs::write(&of_baseline, "no state\n").expect("it can be written");
+    let fourth = measure("3");
+    assert!(sd(&verified(&fourth)[0]) > 0.9 * sd(&before[0]));
+    let shown = ask(&stage, &["events", &fourth]);
+    let text = serde_json::json!(shown).to_string();
+    assert!(text.contains("cannot be used"), "{text}");
+}
