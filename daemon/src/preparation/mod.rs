@@ -215,6 +215,9 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> 
             &protocol,
         );
     }
+    // stored with each session, so that replay does the same
+    let tracks = config.rig.kind != RigKind::Recording && config.geometry.is_sheet();
+    config.model.tracking.get_or_insert(tracks);
     let current = Amps(config.survey.current_ua * 1e-6);
     let key = if config.model.file.is_some() {
         "model.file"

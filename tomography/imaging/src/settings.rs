@@ -138,7 +138,8 @@ pub struct ReconstructionSettings {
     /// A running rig makes a map of every so many frames; default 1, all of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_every: Option<u64>,
-    /// Follows the baseline through the frames, so that maps stay true while the sheet drifts; default false.
+    /// Follows the baseline through the frames, so that maps stay true while the sheet drifts; default: for the
+    /// preset sheet on a rig.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<bool>,
     /// A calibration from maps to pressure.

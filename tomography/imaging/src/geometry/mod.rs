@@ -72,6 +72,11 @@ pub enum GeometryError {
 }
 
 impl GeometrySettings {
+    /// Whether it is the preset sheet, for which the tracked baseline was measured.
+    pub fn is_sheet(&self) -> bool {
+        self.case.is_none() && self.preset.unwrap_or_default() == PresetName::PaperSheet
+    }
+
     /// Reads or makes the geometry. `recorded` is a case folder supplied by a recording: it is used if it contains a
     /// mesh and the settings name no other folder.
     ///
