@@ -27,8 +27,9 @@ fn checksum(text: &str) -> String {
 pub fn keep_tracking(dir: &Path, id: &str, state: &str) -> Result<(), LogbookError> {
     let path = path(dir, id);
     let text = format!("{}\n{state}\n", checksum(state));
-    outfile::write(&path, Existing::Replace, text.as_bytes())
-        .map_err(|refused| LogbookError::disk(&path, "keep the tracked baseline in", refused.into_io()))
+    outfile::write(&path, Existing::Replace, text.as_bytes()).map_err(|refused| {
+        LogbookError::disk(&path, "keep the tracked baseline in", refused.into_io())
+    })
 }
 
 /// The state of this session or baseline; `None` if there is none.
@@ -40,9 +41,17 @@ pub fn tracking(dir: &Path, id: &str) -> Result<Option<String>, LogbookError> {
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
         Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(LogbookError::disk(&path, "read the tracked baseline of", source)),
+        Err(source) => {
+            return Err(LogbookError::disk(
+                &path,
+                "read the tracked baseline of",
+                source,
+            ));
+        }
     };
-    let whole = text.strip_suffix('\n').and_then(|text| text.split_once('\n'));
+    let whole = text
+        .strip_suffix('\n')
+        .and_then(|text| text.split_once('\n'));
     match whole {
         Some((sum, state)) if sum == checksum(state) => Ok(Some(state.to_owned())),
         _ => Err(LogbookError::Damaged {
@@ -67,7 +76,11 @@ mod tests {
         assert_eq!(tracking(dir, "b1").unwrap().as_deref(), Some("{\"a\": 2}"));
         let file = dir.join("b1.tracking");
         let text = std::fs::read_to_string(&file).unwrap();
-        for wrong in [text.replace('2', "3"), text[..text.len() - 2].to_owned(), String::new()] {
+        for wrong in [
+            text.replace('2', "3"),
+            text[..text.len() - 2].to_owned(),
+            String::new(),
+        ] {
             std::fs::write(&file, wrong).unwrap();
             let error = tracking(dir, "b1").unwrap_err().to_string();
             assert!(error.contains("b1.tracking"), "{error}");

@@ -78,10 +78,22 @@ impl Reconstruction {
         let measured = Noise::of_baseline(unloaded.noise, &unloaded.readings)
             .and_then(Noise::measured)
             .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv));
-        let tracked = tracked.tracked.or(chosen.settings.tracking);
-        let tracking = match tracked {
-            Some(true) => Some(tracking(&chosen, requested_geometry, recording, measured)?),
-            Some(false) | None => None,
+        let tracking = match (tracked.tracked, chosen.settings.tracking) {
+            (Some(true), _) => Some(tracking(&chosen, requested_geometry, recording, measured)?),
+            (None, Some(true)) => {
+                match tracking(&chosen, requested_geometry, recording, measured) {
+                    Ok(tracking) => Some(tracking),
+                    // as the daemon did
+                    Err(Failure::Failed(why)) => {
+                        chosen.remarks.push(format!(
+                            "maps are compared with the baseline as it was recorded: {why}"
+                        ));
+                        None
+                    }
+                    Err(other) => return Err(other),
+                }
+            }
+            (Some(false), _) | (None, _) => None,
         };
         let noise =
             measured.and_then(|noise| imaging::map_noise(&model, &unloaded.readings, noise));
@@ -163,6 +175,7 @@ fn tracking(
     recording: &Recording,
     noise_v: Option<f64>,
 ) -> Result<Tracking, Failure> {
+    let noise_v = noise_v.or(recording.baseline_noise_v);
     let noise_v = noise_v.ok_or_else(|| {
         Failure::Usage(
             "--tracked needs the noise of a reading, which this baseline does not show; say --noise-v SD".to_owned(),

@@ -91,7 +91,10 @@ impl Published {
                 .filter(|found| !found.is_silent())
                 .map(MapQuality::text),
             known: self.tracked.as_ref().map(|tracked| tracked.known),
-            tracked: self.tracked.as_ref().map(|tracked| serde_json::json!(tracked).to_string()),
+            tracked: self
+                .tracked
+                .as_ref()
+                .map(|tracked| serde_json::json!(tracked).to_string()),
         }
     }
 }

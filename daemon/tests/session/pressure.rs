@@ -108,6 +108,7 @@ async fn kinds(stream: &mut tokio::net::UnixStream) -> Vec<&'static str> {
             Body::Map { .. } => "map",
             Body::Pressure { .. } => "pressure",
             Body::Quality { .. } => "quality",
+            Body::Tracked { .. } => "tracked",
             Body::End { .. } => "end",
         });
     }

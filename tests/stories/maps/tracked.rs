@@ -32,10 +32,22 @@ fn a_press_after_a_day_of_drift_is_found_only_by_tracking() {
     let ended = lab::run(line.split_whitespace().map(Into::into));
     assert_eq!(ended, std::process::ExitCode::SUCCESS);
     let mut files = std::fs::read_dir(&folder).expect("the session is written");
-    let session = files.next().expect("one file").expect("it can be listed").path();
+    let session = files
+        .next()
+        .expect("one file")
+        .expect("it can be listed")
+        .path();
     let session = session.display().to_string();
     let replay = |options: &[&str]| {
-        let mut words = vec!["replay", &session, "--no-map", "--method", "one-step", "--noise-v", "2e-6"];
+        let mut words = vec![
+            "replay",
+            &session,
+            "--no-map",
+            "--method",
+            "one-step",
+            "--noise-v",
+            "2e-6",
+        ];
         words.extend(options);
         ask(&stage, &words)
     };
@@ -87,9 +99,13 @@ fn tracking_without_times_or_noise_says_what_is_missing() {
     ] {
         let mut words = vec!["replay", &case, "--no-map"];
         words.extend(options);
-        let said = stage.tactus(&words).expect("the program runs");
-        assert_eq!(said.code, Some(2), "{options:?}: {}", said.stderr);
-        assert!(said.stderr.contains(wants), "{options:?}: {}", said.stderr);
+        let output = stage.tactus(&words).expect("the program runs");
+        assert_eq!(output.code, Some(2), "{options:?}: {}", output.stderr);
+        assert!(
+            output.stderr.contains(wants),
+            "{options:?}: {}",
+            output.stderr
+        );
     }
 }
 
@@ -104,7 +120,10 @@ fn a_tracked_baseline_survives_sessions_and_restarts() {
     };
     // a frame waits for its map, and the first map for the fit of the sheet
     let measure = |frames: &str| {
-        let lines = ask(&stage, &["start", "--count", frames, "--every", "500ms", "--wait"]);
+        let lines = ask(
+            &stage,
+            &["start", "--count", frames, "--every", "500ms", "--wait"],
+        );
         lines[0]["session"].as_str().expect("its id").to_owned()
     };
     let verified = |id: &str| {

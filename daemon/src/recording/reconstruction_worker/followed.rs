@@ -162,13 +162,20 @@ impl Followed {
         let mut texts = Vec::new();
         for electrode in &tracked.masked {
             if !self.masked.contains(electrode) {
-                let fault = tracked.fault.as_deref().unwrap_or("its readings show a fault");
-                texts.push(format!("electrode {electrode} is left out of the maps: {fault}"));
+                let fault = tracked
+                    .fault
+                    .as_deref()
+                    .unwrap_or("its readings show a fault");
+                texts.push(format!(
+                    "electrode {electrode} is left out of the maps: {fault}"
+                ));
             }
         }
         for electrode in &self.masked {
             if !tracked.masked.contains(electrode) {
-                texts.push(format!("electrode {electrode} is used again: it was healthy for an hour"));
+                texts.push(format!(
+                    "electrode {electrode} is used again: it was healthy for an hour"
+                ));
             }
         }
         self.masked.clone_from(&tracked.masked);

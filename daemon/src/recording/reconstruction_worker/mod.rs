@@ -257,8 +257,9 @@ fn run(
     while let Ok(request) = requested.recv() {
         let begun = Instant::now();
         // a failure costs maps, not the session
-        let outcome = containment::run(|| context.make(&request, &mut followed, noise, &mut remarks))
-            .unwrap_or_else(|panicked| Some(Err(Failure::Broken(panicked.message))));
+        let outcome =
+            containment::run(|| context.make(&request, &mut followed, noise, &mut remarks))
+                .unwrap_or_else(|panicked| Some(Err(Failure::Broken(panicked.message))));
         let Some(outcome) = outcome else {
             continue;
         };

@@ -11,7 +11,7 @@ use super::{
     BaselineRule, FrameTable, LabelledReadings, RecordedError, SessionParts, TableOptions,
     Unloaded, read_frames,
 };
-use crate::noise::rms_deviation;
+use crate::noise::{against, rms_deviation};
 use crate::tracking::{TrackingState, seconds};
 
 /// One frame of a recording.
@@ -61,6 +61,8 @@ pub struct Recording {
     pub baseline_name: String,
     /// Time of the baseline that a session has; `None` for one that was named, and for a folder.
     pub baseline_at: Option<DateTime<Utc>>,
+    /// Noise of one reading by the baseline that a session has, V: what its daemon assumed where none was stated.
+    pub baseline_noise_v: Option<f64>,
     /// Current of the frames.
     pub current: Amps,
     /// `None` if unknown.
@@ -103,6 +105,7 @@ impl Recording {
             unloaded: table.unloaded,
             baseline_name: table.baseline_name,
             baseline_at: None,
+            baseline_noise_v: None,
             current,
             simulated: table.provenance.map(|from| from.simulated),
             origin: Origin::Folder(folder.to_owned()),
@@ -127,10 +130,8 @@ impl Recording {
             .map(|record| record.frame.settings.current)
             .or(own.as_ref().map(|baseline| baseline.settings.current))
             .unwrap_or(Amps(1.0));
-        let baseline_at = own
-            .as_ref()
-            .filter(|_| baseline.is_none())
-            .map(|own| own.wall);
+        let used = own.as_ref().filter(|_| baseline.is_none());
+        let (baseline_at, baseline_noise_v) = (used.map(|own| own.wall), used.map(against));
         let (unloaded, baseline_name) = match baseline {
             None => {
                 let mut own = own.ok_or_else(|| RecordedError::NoBaseline(header.id.clone()))?;
@@ -164,6 +165,7 @@ impl Recording {
             unloaded,
             baseline_name,
             baseline_at,
+            baseline_noise_v,
             current,
             simulated: Some(header.simulated),
             origin: Origin::Session(Box::new(header)),
