@@ -34,7 +34,7 @@ pub(crate) fn count(recording: &Recording, replay: &Replay) -> Result<Option<usi
     Ok(Some(recording.len()?.div_ceil(every).min(most(replay))))
 }
 
-/// The frames in order, each with whether it is asked for; without `all` only those. Those that cannot be read are named on the
+/// The frames up to the last that is asked for, in order, each with whether it is. Those that cannot be read are named on the
 /// error stream.
 ///
 /// # Errors
@@ -42,7 +42,6 @@ pub(crate) fn count(recording: &Recording, replay: &Replay) -> Result<Option<usi
 pub(crate) fn frames<'a>(
     recording: &'a Recording,
     replay: &'a Replay,
-    all: bool,
 ) -> Result<impl Iterator<Item = (RecordedFrame, bool)> + 'a, Failure> {
     let readable = || recording.frames().filter_map(Result::ok);
     let first = has_places(replay)
@@ -89,7 +88,6 @@ pub(crate) fn frames<'a>(
             within += usize::from(is_within);
             (frame, asked)
         })
-        .filter(move |(_, asked)| all || *asked)
         .map_while(move |(frame, asked)| {
             shown += usize::from(asked);
             (shown <= most(replay)).then_some((frame, asked))

@@ -59,6 +59,7 @@ pub(crate) fn run(
 ) -> Result<(), Failure> {
     let recording = recording::open(global, replay)?;
     let count = recording::count(&recording, replay)?;
+    let frames = recording::frames(&recording, replay)?;
     let reconstruction = Reconstruction::new(
         &replay.method,
         &replay.geometry,
@@ -67,7 +68,6 @@ pub(crate) fn run(
         &recording,
     )?;
     let mut follower = Follower::of(&reconstruction, &replay.tracked, &recording)?;
-    let frames = recording::frames(&recording, replay, follower.is_some())?;
     introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();
     if let Some(directory) = &replay.png {

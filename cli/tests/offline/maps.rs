@@ -52,6 +52,7 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
             "largest_kpa",
             "masked",
             "quality",
+            "tracked",
             "map_hash",
             "verified",
             "simulated",

@@ -4,6 +4,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use super::bits;
+use crate::disc::Disc;
 
 /// Improvement of chi squared by a disc above which a frame is loaded, or a step is an event.
 pub(crate) const LOADED: f64 = 45.0;
@@ -20,10 +21,17 @@ pub(crate) struct Ledger {
     peak: Vec<f64>,
     /// Whether the present load came by a step, not by degrees.
     pub(crate) by_event: bool,
+    /// Whether all loads went, and what is left is their rest.
+    pub(crate) rest: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Entry(#[serde(with = "bits")] Vec<f64>);
+struct Entry {
+    #[serde(with = "bits")]
+    before: Vec<f64>,
+    /// Where its load lies; `None` if that came by degrees.
+    place: Option<Disc>,
+}
 
 impl Ledger {
     /// Whether something lies on the sheet.
@@ -38,15 +46,44 @@ impl Ledger {
 
     /// The sheet was empty and is loaded.
     pub(crate) fn begin(&mut self, rows: usize, by_event: bool) {
-        self.entries = vec![Entry(vec![0.0; rows])];
+        self.entries = vec![Entry {
+            before: vec![0.0; rows],
+            place: None,
+        }];
         self.peak = Vec::new();
-        self.by_event = by_event;
+        (self.by_event, self.rest) = (by_event, false);
+    }
+
+    /// The place of the load that came last.
+    pub(crate) fn lies_at(&mut self, place: Disc) {
+        if let Some(last) = self.entries.last_mut() {
+            last.place = Some(place);
+        }
+    }
+
+    /// A load grew or moved, if it lies where conductance was lost: foam creeps under a load. False if no load lies there.
+    pub(crate) fn grew(&mut self, at: Disc) -> bool {
+        let own = self.entries.iter_mut().find_map(|entry| {
+            let place = entry.place.as_mut()?;
+            let away = (place.centre[0] - at.centre[0]).hypot(place.centre[1] - at.centre[1]);
+            (away < 0.5 * place.diameter).then_some(place)
+        });
+        match own {
+            Some(place) => {
+                place.centre = at.centre;
+                true
+            }
+            None => false,
+        }
     }
 
     /// Another load came; `before` is the innovation of the frame before.
-    pub(crate) fn came(&mut self, before: &DVector<f64>) {
-        self.entries.push(Entry(before.as_slice().to_vec()));
-        self.by_event = true;
+    pub(crate) fn came(&mut self, before: &DVector<f64>, place: Disc) {
+        self.entries.push(Entry {
+            before: before.as_slice().to_vec(),
+            place: Some(place),
+        });
+        (self.by_event, self.rest) = (true, false);
     }
 
     /// A load went: drops what lay above the entry that is nearest to the present innovation. True if that is the empty sheet's.
@@ -59,7 +96,12 @@ impl Ledger {
             .entries
             .iter()
             .enumerate()
-            .map(|(k, entry)| (k, distance(&(now - DVector::from_column_slice(&entry.0)))))
+            .map(|(k, entry)| {
+                (
+                    k,
+                    distance(&(now - DVector::from_column_slice(&entry.before))),
+                )
+            })
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .map_or(0, |(k, _)| k);
         // the state of entry k is the present one: what lay under it remains to be released
@@ -95,8 +137,19 @@ mod tests {
         let mut ledger = Ledger::default();
         let vector = |value: f64| DVector::from_element(3, value);
         let distance = |off: &DVector<f64>| off.norm_squared();
+        let disc = |x: f64| Disc {
+            centre: [x, 0.1],
+            diameter: 0.04,
+            loss: 0.5,
+        };
         ledger.begin(3, true);
-        ledger.came(&vector(1.0)); // a weight lay there when the night's load came
+        ledger.lies_at(disc(0.05));
+        assert!(
+            ledger.grew(disc(0.06)) && ledger.grew(disc(0.075)),
+            "it creeps, and moves"
+        );
+        assert!(!ledger.grew(disc(0.15)));
+        ledger.came(&vector(1.0), disc(0.15)); // a weight lay there when the night's load came
         assert_eq!(ledger.loads(), 2);
         assert!(!ledger.went(&vector(1.1), distance));
         assert_eq!(ledger.loads(), 1);

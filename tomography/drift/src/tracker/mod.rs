@@ -39,6 +39,8 @@ const SAME_INTERVAL: f64 = 0.02;
 const TEST_EVERY: u32 = 6;
 /// Range of chi squared per row of frames without load that agrees with the assumed drift.
 const AGREES: [f64; 2] = [0.7, 1.5];
+/// Share of the largest signal of a load below which a step back means that it went; foam recovers from the rest.
+const HALF_GONE: f64 = 0.5;
 /// Factor of the rest of a load whose local change is allowed for after its release.
 const REST_ALLOWED: f64 = 3.0;
 /// Seconds for which a faulty electrode must be healthy before it is used again.
@@ -63,6 +65,8 @@ pub enum Judgement {
 pub struct Event {
     /// Whether conductance was lost (a load came), not regained.
     pub came: bool,
+    /// Whether a load lies there before and after, which grew (foam creeps under a load), moved or recovered.
+    pub same_load: bool,
     /// The change, fitted by a disc.
     pub fit: DiscFit,
 }
@@ -266,7 +270,12 @@ impl Tracker {
                 return Ok(());
             }
             let fit = white.fit_disc_from(&self.model, &found)?;
-            answer.event = Some(Event { came, fit });
+            self.state.ledger.lies_at(fit.disc);
+            answer.event = Some(Event {
+                came,
+                same_load: false,
+                fit,
+            });
             return Ok(());
         }
         answer.judgement = Judgement::Empty;
@@ -338,15 +347,29 @@ impl Tracker {
             let came = test.change < 0.0;
             let fit = Whitened::new(&self.of_step(frame.days), step, &frame.rows)?;
             let fit = fit.fit_disc(&self.model)?;
-            if came {
-                self.state.ledger.came(&(&frame.e - step));
-            } else {
+            let mut same_load = came && self.state.ledger.grew(fit.disc);
+            let loads = self.state.ledger.loads();
+            if came && !same_load {
+                self.state.ledger.came(&(&frame.e - step), fit.disc);
+            } else if !came {
                 back_to_empty = self.state.ledger.went(&frame.e, |off| {
                     let white = Whitened::with(Arc::clone(&now.factor), off, &frame.rows);
                     white.data().norm_squared()
                 });
             }
-            answer.event = Some(Event { came, fit });
+            if !came {
+                // a rest that recovers is no load that goes
+                let peak = self.state.ledger.peak().norm();
+                let all_went = back_to_empty && frame.e.norm() < HALF_GONE * peak;
+                let fewer = self.state.ledger.loads() < loads;
+                same_load = !(fewer || (all_went && !self.state.ledger.rest));
+                self.state.ledger.rest |= all_went;
+            }
+            answer.event = Some(Event {
+                came,
+                same_load,
+                fit,
+            });
         }
         self.state.ledger.follow(&frame.e);
         self.state.loaded_frames += 1;

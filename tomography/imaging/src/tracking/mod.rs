@@ -6,8 +6,8 @@ mod tracked;
 use std::sync::Arc;
 
 use drift::{
-    AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, FitOptions, Judgement, Noise, Tracker,
-    TrackerState,
+    AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, Event, FitOptions, Judgement, Noise,
+    Tracker, TrackerState,
 };
 use serde::{Deserialize, Serialize};
 use survey::Reading;
@@ -149,7 +149,8 @@ impl Tracking {
         if answer.judgement != Judgement::Loaded || answer.loads != 1 {
             return Ok(None);
         }
-        if let Some(event) = answer.event.as_ref().filter(|event| event.came) {
+        let came = |event: &&Event| event.came && !event.same_load;
+        if let Some(event) = answer.event.as_ref().filter(came) {
             return Ok(Some(event.fit.clone()));
         }
         self.tracker.whitened()?.fit_disc(self.model()).map(Some)

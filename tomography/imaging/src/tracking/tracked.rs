@@ -50,8 +50,6 @@ pub enum Doubtful {
     TooManyElectrodes,
     /// Too few readings were measured.
     TooFewReadings,
-    /// The frame does not agree with a load and the assumed drift.
-    DisagreesWithModel,
     /// The sheet was not empty for so long that the place is uncertain by more than 2 mm.
     NotEmptyForLong,
     /// The sheet was never empty since the baseline.
@@ -73,7 +71,7 @@ pub struct PlaceRegion {
     pub loss_mm2: f64,
     /// Its 95 % interval, mm2.
     pub loss_interval_mm2: [f64; 2],
-    /// Whether the fit is good enough for the region to hold.
+    /// Whether the load is like a disc, and the drift as assumed, so that region and interval hold.
     pub accepted: bool,
 }
 
@@ -116,7 +114,11 @@ impl Tracked {
             text,
             place,
             loads: answer.loads,
-            came: answer.event.as_ref().map(|event| event.came),
+            came: answer
+                .event
+                .as_ref()
+                .filter(|event| !event.same_load)
+                .map(|event| event.came),
             masked: answer
                 .masked
                 .iter()
@@ -171,11 +173,6 @@ fn doubt(
         }
         let place = place?;
         let sd_mm = place.half_axes_mm[0] / REGION_95;
-        if !place.accepted {
-            let text = "the frame agrees neither with one load nor with the assumed drift; the map may be right, the \
-                error of the place is not known";
-            return Some((Doubtful::DisagreesWithModel, text.to_owned()));
-        }
         if sd_mm > 1e3 * MOST_PLACE_SD_M {
             let text = format!(
                 "the sheet was last empty {} ago, so that the place is uncertain by {sd_mm:.1} mm; take everything off for a \
@@ -212,10 +209,13 @@ impl fmt::Display for Tracked {
             (Judgement::Empty, _) => write!(f, "the sheet is empty")?,
             (Judgement::Loaded, Some(place)) => {
                 let ([x, y], [half, _]) = (place.centre_mm, place.half_axes_mm);
-                write!(
-                    f,
-                    "a load at ({x:.1}, {y:.1}) mm within {half:.1} mm (95 %)"
-                )?;
+                match place.accepted {
+                    true => write!(
+                        f,
+                        "a load at ({x:.1}, {y:.1}) mm within {half:.1} mm (95 %)"
+                    )?,
+                    false => write!(f, "a load near ({x:.0}, {y:.0}) mm, unlike a disc")?,
+                }
             }
             (Judgement::Loaded, None) => write!(f, "{} loads", self.loads)?,
             (Judgement::Unknown, _) => write!(f, "nothing is known of this frame")?,
