@@ -3,6 +3,7 @@
 use std::io::Write;
 
 use eit::Mesh;
+use imaging::Tracked;
 use render::{Sheet, Style, TerminalStyle};
 use survey::{Map, MapUnit};
 
@@ -76,6 +77,14 @@ impl Field {
     /// Position of the load, m: [`Map::found_above`].
     pub(crate) fn found(&self, map: &Map, noise: Option<f64>) -> Option<[f64; 2]> {
         map.found_above(noise, &self.centroids, &self.areas)
+    }
+}
+
+/// A title, with why the map is not known to be true.
+pub(crate) fn title(text: String, tracked: Option<&Tracked>) -> String {
+    match tracked.and_then(|tracked| tracked.reason) {
+        Some(reason) => format!("{text}, not known: {}", reason.words()),
+        None => text,
     }
 }
 

@@ -120,7 +120,10 @@ pub(crate) fn run(
         }
         let style = || {
             drawing::style(
-                format!("frame {}", recorded.label),
+                drawing::title(
+                    format!("frame {}", recorded.label),
+                    of_frame.as_ref().map(|frame| &frame.tracked),
+                ),
                 (replay.scale, shown.unit),
                 recording.simulated == Some(true),
                 found,

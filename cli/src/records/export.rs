@@ -303,10 +303,13 @@ fn picture(
     let pressure = reconstruction.pressure(&map)?;
     let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));
     let shown = calibrated.as_ref().unwrap_or(&map);
-    let title = format!(
-        "{}, frame {sequence}, {}",
-        header.id,
-        local(record.frame.wall),
+    let title = drawing::title(
+        format!(
+            "{}, frame {sequence}, {}",
+            header.id,
+            local(record.frame.wall),
+        ),
+        of_frame.as_ref().map(|frame| &frame.tracked),
     );
     let style = drawing::style(
         title,

@@ -79,6 +79,24 @@ pub struct SheetFit {
 }
 
 impl SheetFit {
+    /// Fits the sheet to a baseline of a protocol; the mesh is taken as a whole.
+    ///
+    /// # Errors
+    /// A baseline with missing readings, or a model that cannot be solved.
+    pub fn of_baseline(
+        mesh: &Mesh,
+        contact_ohm_m: &[f64],
+        sigma0: &[f64],
+        protocol: &survey::Protocol,
+        baseline: &[survey::Reading],
+        options: &FitOptions,
+    ) -> Result<Self, DriftError> {
+        let pairs = Pairs::new(protocol);
+        let baseline = crate::pairs::baseline_volts(&pairs, baseline)?;
+        let mesh = Arc::new(mesh.whole());
+        Self::new(&mesh, contact_ohm_m, sigma0, &pairs, &baseline, options)
+    }
+
     /// Fits the sheet to the readings of a baseline (V, one for each reading of the protocol).
     ///
     /// # Errors

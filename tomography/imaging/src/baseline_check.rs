@@ -7,7 +7,7 @@ use eit::{Forward, Reconstructor};
 use survey::{Baseline, Reading, Volts};
 
 use crate::noise::{against, factor};
-use crate::{Geometry, Model, map_noise};
+use crate::{Conditions, Geometry, Model, map_noise};
 
 /// Relative loss against the previous baseline below which creep and temperature explain it.
 const LEAST_CHANGE: f64 = 0.03;
@@ -51,7 +51,33 @@ pub fn baseline_remarks(
             remarks.push(format!("against a uniform sheet it {seen}"));
         }
     }
+    remarks.extend(contacts(model, geometry, baseline));
     remarks
+}
+
+/// Electrodes of the preset sheet whose contact is implausible, by the fit that the tracked baseline begins with.
+fn contacts(model: &Model, geometry: &Geometry, baseline: &Baseline) -> Option<String> {
+    if !geometry.is_sheet() {
+        return None;
+    }
+    let protocol = model.reconstructor.protocol();
+    let conditions = Conditions::live(geometry, protocol, baseline.settings.current);
+    let fit = crate::tracking::sheet_fit(&conditions, &baseline.readings).ok()?;
+    let named: Vec<String> = fit
+        .implausible
+        .iter()
+        .map(|&electrode| {
+            let times = fit.contacts[electrode].exp();
+            format!("{} ({times:.1} times the nominal impedance)", electrode + 1)
+        })
+        .collect();
+    (!named.is_empty()).then(|| {
+        format!(
+            "the contact of electrode {} is implausible: look at it. A fitted contact explains the readings together with all \
+             that the model leaves out, it is no measured one",
+            named.join(", ")
+        )
+    })
 }
 
 /// Readings of a uniform sheet at 1 A, the baseline scaled to them, and the scale factor.

@@ -368,6 +368,11 @@ impl<'a, W: Write> Viewer<'a, W> {
             ..map.clone()
         });
         let wall = DateTime::from_timestamp_nanos(frame.wall_ns);
+        let tracked = self
+            .tracked
+            .take()
+            .filter(|(sequence, _)| map.is_some() && *sequence == frame.sequence)
+            .map(|(_, tracked)| tracked);
         let line = WatchLine::Frame(Box::new(FrameLine {
             session: self.id.clone(),
             sequence: frame.sequence,
@@ -389,16 +394,15 @@ impl<'a, W: Write> Viewer<'a, W> {
                 .as_ref()
                 .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
             quality: map.and_then(|map| map.quality.clone()),
-            tracked: self
-                .tracked
-                .take()
-                .filter(|(sequence, _)| map.is_some() && *sequence == frame.sequence)
-                .map(|(_, tracked)| tracked),
+            tracked: tracked.clone(),
         }));
         let picture = match fits.filter(|_| !self.watch.no_map) {
             None => None,
             Some((map, _)) => {
-                let title = format!("{}, frame {}", self.id, frame.sequence);
+                let title = drawing::title(
+                    format!("{}, frame {}", self.id, frame.sequence),
+                    tracked.as_ref(),
+                );
                 let shown = pressure.unwrap_or_else(|| map.clone());
                 let scale = (self.watch.scale, shown.unit);
                 Some(Picture {

@@ -27,6 +27,9 @@ pub enum PresetName {
     DiscTank,
 }
 
+/// Name of the preset sheet for people.
+const PAPER_SHEET: &str = "preset paper-sheet";
+
 /// The section `[geometry]` of a configuration: a preset or a case folder.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -151,6 +154,11 @@ impl Geometry {
         }
     }
 
+    /// Whether it is the preset sheet: see [`GeometrySettings::is_sheet`].
+    pub fn is_sheet(&self) -> bool {
+        self.name == PAPER_SHEET
+    }
+
     /// Makes the mesh of a preset.
     ///
     /// # Errors
@@ -158,7 +166,7 @@ impl Geometry {
     pub fn from_preset(preset: &Preset) -> Result<Self, GeometryError> {
         let mesh = preset.mesh().map_err(GeometryError::Preset)?;
         let name = match preset {
-            Preset::PaperSheet(_) => "preset paper-sheet",
+            Preset::PaperSheet(_) => PAPER_SHEET,
             Preset::DiscTank(_) => "preset disc-tank",
         };
         Ok(Self {

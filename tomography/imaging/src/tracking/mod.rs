@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use drift::{
     AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, Event, FitOptions, Judgement, Noise,
-    Tracker, TrackerState,
+    SheetFit, Tracker, TrackerState,
 };
 use serde::{Deserialize, Serialize};
 use survey::Reading;
@@ -21,6 +21,32 @@ const EMF_V: f64 = 0.9e-6;
 /// The time of a frame as [`Tracking`] takes it, s: to the microsecond, as sessions keep it.
 pub fn seconds(wall: chrono::DateTime<chrono::Utc>) -> f64 {
     1e-6 * wall.timestamp_micros() as f64
+}
+
+/// The sheet behind a baseline: gain, contacts and uneven conductance that explain it.
+///
+/// # Errors
+/// A baseline with missing readings, or a sheet that cannot be solved.
+pub fn sheet_fit(
+    conditions: &Conditions<'_>,
+    baseline: &[Reading],
+) -> Result<SheetFit, DriftError> {
+    let geometry = conditions.geometry;
+    SheetFit::of_baseline(
+        &geometry.mesh,
+        &geometry.contact_ohm_m,
+        &geometry.sigma0,
+        conditions.protocol,
+        baseline,
+        &options(conditions),
+    )
+}
+
+fn options(conditions: &Conditions<'_>) -> FitOptions {
+    FitOptions {
+        current_a: conditions.current.0,
+        ..FitOptions::default()
+    }
 }
 
 /// Follows one sheet through a series of frames, from its first baseline on.
@@ -69,10 +95,6 @@ impl Tracking {
             reading_v: noise_v,
             emf_v: EMF_V,
         };
-        let options = FitOptions {
-            current_a: conditions.current.0,
-            ..FitOptions::default()
-        };
         let geometry = conditions.geometry;
         let model = DriftModel::new(
             &geometry.mesh,
@@ -81,7 +103,7 @@ impl Tracking {
             conditions.protocol,
             baseline,
             noise,
-            &options,
+            &options(conditions),
         )?;
         Ok(Self {
             tracker: Tracker::new(Arc::new(model), at_s)?,

@@ -58,6 +58,19 @@ pub enum Doubtful {
     SlowChange,
 }
 
+impl Doubtful {
+    /// A few words, for a picture.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::TooManyElectrodes => "too many faulty electrodes",
+            Self::TooFewReadings => "too few readings",
+            Self::NotEmptyForLong => "not empty for long",
+            Self::NeverEmpty => "never empty since the baseline",
+            Self::SlowChange => "changed slowly: a load or age",
+        }
+    }
+}
+
 /// Where a load lies: 95 % region and interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PlaceRegion {
