@@ -1,5 +1,7 @@
 //! Maps against a baseline that follows the sheet: a day of drift offline, and the daemon with its restarts.
 
+use tactus_tests::Stage;
+
 use crate::test_rig::{self, Needs, ask, baseline, measure, number};
 
 /// Drift of a day and a half, and a press of 10 mm near its end.
@@ -16,41 +18,75 @@ fn away_mm(place: &serde_json::Value) -> f64 {
     (x - 80.0).hypot(y - 135.0)
 }
 
-#[test]
-fn a_press_after_a_day_of_drift_is_found_only_by_tracking() {
-    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
-        return;
-    };
-    let scene = stage.path().join("drift.toml");
-    std::fs::write(&scene, DRIFT).expect("the folder can be written");
+/// A session of a scene, with a frame each ten minutes; the first is the baseline.
+fn recorded(stage: &Stage, scene: &str, frames: usize) -> String {
+    let file = stage.path().join("scene-to-record.toml");
+    std::fs::write(&file, scene).expect("the folder can be written");
     let folder = stage.path().join("recorded");
     let line = format!(
-        "tactus-lab scene run {} --every 600 --frames 169 --nplc 10 --range-v 0.1 --logbook {}",
-        scene.display(),
+        "tactus-lab scene run {} --every 600 --frames {frames} --nplc 10 --range-v 0.1 --logbook {}",
+        file.display(),
         folder.display()
     );
     let ended = lab::run(line.split_whitespace().map(Into::into));
     assert_eq!(ended, std::process::ExitCode::SUCCESS);
     let mut files = std::fs::read_dir(&folder).expect("the session is written");
-    let session = files
-        .next()
-        .expect("one file")
-        .expect("it can be listed")
-        .path();
-    let session = session.display().to_string();
-    let replay = |options: &[&str]| {
-        let mut words = vec![
-            "replay",
-            &session,
-            "--no-map",
-            "--method",
-            "one-step",
-            "--noise-v",
-            "2e-6",
-        ];
-        words.extend(options);
-        ask(&stage, &words)
+    let session = files.next().expect("one file").expect("it can be listed");
+    session.path().display().to_string()
+}
+
+fn replayed(stage: &Stage, session: &str, options: &[&str]) -> Vec<serde_json::Value> {
+    let mut words = vec![
+        "replay",
+        session,
+        "--no-map",
+        "--method",
+        "one-step",
+        "--noise-v",
+        "2e-6",
+    ];
+    words.extend(options);
+    ask(stage, &words)
+}
+
+#[test]
+fn a_lost_electrode_costs_accuracy_and_not_the_session() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
+        return;
     };
+    let scene = "seed = 5\n[effects.contact-spread]\nstd = 0.3\n[effects.thermal-emf]\nuv = 0.9\n[effects.voltmeter-noise]\n\
+        [effects.detachment]\nelectrode = 20\nfrom_s = 6200.0\nover_s = 100.0\n[[load]]\nname = \"press\"\nshape = \"disc\"\n\
+        diameter_mm = 10.0\nx_mm = 80.0\ny_mm = 135.0\nloss_percent = 50.0\nfrom_s = 10000.0\nto_s = 11000.0\n";
+    let session = recorded(&stage, scene, 18);
+    let frames = replayed(&stage, &session, &["--tracked"]);
+    for frame in &frames {
+        let tracked = &frame["tracked"];
+        let after = number(frame, "frame") > 10.0;
+        let masked = if after {
+            serde_json::json!([20])
+        } else {
+            serde_json::json!([])
+        };
+        assert_eq!(tracked["masked"], masked, "{frame}");
+        assert_eq!(tracked["known"], true, "{frame}");
+    }
+    let fault = frames[10]["tracked"]["fault"]
+        .as_str()
+        .expect("it is named at once");
+    assert!(fault.contains("electrode 20"), "{fault}");
+    let pressed = &frames[16]["tracked"];
+    let error = away_mm(&pressed["place"]["centre_mm"]);
+    eprintln!("found {error:.2} mm off without electrode 20");
+    assert!(error < 2.0, "{pressed}");
+}
+
+#[test]
+fn a_press_after_a_day_of_drift_is_found_only_by_tracking() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
+        return;
+    };
+    let session = recorded(&stage, DRIFT, 169);
+    let replay = |options: &[&str]| replayed(&stage, &session, options);
     let all = replay(&["--tracked"]);
     let judgement = |frame: u64| all[frame as usize - 1]["tracked"]["judgement"].as_str();
     for frame in 1..=all.len() as u64 {
@@ -150,8 +186,15 @@ fn a_tracked_baseline_survives_sessions_and_restarts() {
         after[0],
         before[0]
     );
-    drop(daemon);
+    // killed in the middle of a session, which the next daemon goes on with
+    let begun = ask(&stage, &["start", "--every", "500ms"]);
+    let id = begun[0]["session"].as_str().expect("its id").to_owned();
+    ask(&stage, &["watch", "--no-map", "--count", "3"]);
+    daemon.kill();
     let _daemon = test_rig::start(&stage);
+    ask(&stage, &["watch", "--no-map", "--count", "3"]);
+    ask(&stage, &["stop"]);
+    assert!(verified(&id).len() >= 6);
     let third = measure("3");
     assert!(sd(&verified(&third)[0]) < 0.7 * sd(&before[0]));
     // a damaged state is named, and the session begins at its baseline
