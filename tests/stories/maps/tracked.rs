@@ -105,7 +105,7 @@ fn a_press_after_a_day_of_drift_is_found_only_by_tracking() {
     assert!(away_mm(&pressed["found_mm"]) < 5.0, "{pressed}");
     // only the frame that is asked for is shown, all before it are followed
     let one = replay(&["--tracked", "--from", &PRESSED.to_string(), "--count", "1"]);
-    assert_eq!(one, [pressed.clone()]);
+    assert_eq!(one, std::slice::from_ref(pressed));
     // without tracking, drift is drawn
     let untracked = replay(&["--from", &PRESSED.to_string(), "--count", "1"]);
     assert!(untracked[0]["tracked"].is_null());
