@@ -46,6 +46,7 @@ pub(super) struct Followed {
     /// What was last reported.
     masked: Vec<usize>,
     reason: Option<Doubtful>,
+    slow_change: bool,
 }
 
 impl Followed {
@@ -70,6 +71,7 @@ impl Followed {
             kept_s: at_s,
             masked: Vec::new(),
             reason: None,
+            slow_change: false,
         };
         let mut remarks = Vec::new();
         if let Err(why) = followed.restore(context.after) {
@@ -179,6 +181,10 @@ impl Followed {
             }
         }
         self.masked.clone_from(&tracked.masked);
+        if self.slow_change != tracked.slow_change.is_some() {
+            texts.extend(tracked.slow_change.clone());
+            self.slow_change = tracked.slow_change.is_some();
+        }
         if self.reason != tracked.reason {
             texts.push(match &tracked.text {
                 Some(text) => format!("the map is not known to be true: {text}"),

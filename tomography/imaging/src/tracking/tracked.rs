@@ -34,6 +34,8 @@ pub struct Tracked {
     pub masked: Vec<usize>,
     /// The fault that this frame shows.
     pub fault: Option<String>,
+    /// A place that changed slowly, as a sentence: a load there, or age.
+    pub slow_change: Option<String>,
     /// Seconds since the last frame without load.
     pub since_empty_s: f64,
     /// Pace of the drift relative to the built-in rates.
@@ -54,7 +56,7 @@ pub enum Doubtful {
     NotEmptyForLong,
     /// The sheet was never empty since the baseline.
     NeverEmpty,
-    /// A place changed slowly: a load or age.
+    /// The load lies where conductance changed slowly: how much of it is load cannot be known.
     SlowChange,
 }
 
@@ -66,7 +68,7 @@ impl Doubtful {
             Self::TooFewReadings => "too few readings",
             Self::NotEmptyForLong => "not empty for long",
             Self::NeverEmpty => "never empty since the baseline",
-            Self::SlowChange => "changed slowly: a load or age",
+            Self::SlowChange => "the place changed slowly before",
         }
     }
 }
@@ -138,6 +140,7 @@ impl Tracked {
                 .map(|electrode| electrode + 1)
                 .collect(),
             fault: answer.fault.map(fault_text),
+            slow_change: alarm.map(|alarm| slow_change(&alarm)),
             since_empty_s: answer.since_empty_s,
             pace: answer.pace,
             baseline_sd_uv: 1e6 * state.deviation(),
@@ -157,6 +160,7 @@ impl Tracked {
             came: None,
             masked: state.masked().iter().map(|electrode| electrode + 1).collect(),
             fault: None,
+            slow_change: None,
             since_empty_s: state.since_empty_s(at_s),
             pace: state.pace(),
             baseline_sd_uv: 1e6 * state.deviation(),
@@ -194,9 +198,10 @@ fn doubt(
             );
             return Some((Doubtful::NotEmptyForLong, text));
         }
-        return alarm.filter(|alarm| is_at(alarm, place)).map(slow_change);
+        let here = alarm.filter(|alarm| is_at(alarm, place))?;
+        return Some((Doubtful::SlowChange, slow_change(&here)));
     }
-    alarm.map(slow_change)
+    None
 }
 
 /// Whether a load lies on the place of an alarm.
@@ -205,15 +210,14 @@ fn is_at(alarm: &AnchorAlarm, place: &PlaceRegion) -> bool {
     x.hypot(y) < 500.0 * alarm.diameter + place.half_axes_mm[0]
 }
 
-fn slow_change(alarm: AnchorAlarm) -> (Doubtful, String) {
+fn slow_change(alarm: &AnchorAlarm) -> String {
     let [x, y] = alarm.centre.map(|metres| 1e3 * metres);
-    let text = format!(
+    format!(
         "conductance at ({x:.0}, {y:.0}) mm changed slowly by {:.1} % within {:.0} days: a load or age, which readings \
          cannot tell apart; look at the sheet",
         100.0 * alarm.change,
         alarm.age_days
-    );
-    (Doubtful::SlowChange, text)
+    )
 }
 
 impl fmt::Display for Tracked {
