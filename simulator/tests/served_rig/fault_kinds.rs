@@ -106,6 +106,16 @@ impl Wire {
         (count > 0).then(|| line.trim_end().to_owned())
     }
 
+    /// Waits until the server closes the connection; `false` if a line arrives instead.
+    async fn is_closed_by_the_server(&mut self) -> bool {
+        assert!(self.stream.is_some(), "no connection to {}", self.address);
+        let closed = self.line().await.is_none();
+        if closed {
+            self.stream = None;
+        }
+        closed
+    }
+
     async fn ask(&mut self, query: &str) -> Option<String> {
         self.say(&format!("{query}\n")).await;
         let line = self.line().await;
@@ -156,7 +166,7 @@ impl FaultyRig {
     fn named(&mut self, words: &str) -> (&mut Wire, &'static str, &'static str) {
         match words.split(' ').nth(1) {
             Some("6221") => (&mut self.source, "*ESE?", "0"),
-            Some("board") => (&mut self.board, "STAT?", "OFF,OFF,OFF,OFF"),
+            Some("board" | "unplug") => (&mut self.board, "STAT?", "OFF,OFF,OFF,OFF"),
             _ => (&mut self.mainframe, "*ESE?", "+0"),
         }
     }
@@ -259,15 +269,13 @@ impl FaultyRig {
                 wire.ask(query).await.is_none()
             }
             "power-cut" => {
-                // Of the connections the source's is the one that carries nothing meanwhile.
-                let broken = self.source.ask("*ESE?").await.is_none();
                 let reset = self.source.insist("SOUR:CURR:COMP?").await == "1.000000E+01";
                 // With a board the mainframe has no modules.
                 let open = match self.board.address.is_empty() {
                     true => self.mainframe.insist("ROUT:CLOS? (@1036)").await == "0",
                     false => self.board_was_reset().await,
                 };
-                broken && reset && open
+                reset && open
             }
             "reset" if words.ends_with("6221") => {
                 self.source.insist("SOUR:CURR:COMP?").await == "1.000000E+01"
@@ -306,6 +314,25 @@ impl FaultyRig {
             "serial" => self.board.ask("STAT?").await.is_none(),
             "pulse" => self.mainframe.insist("SYST:DEL 1;:DATA:POIN?").await == "+1",
             other => panic!("how does '{other}' show itself?"),
+        }
+    }
+
+    /// Whether the fault has its effect, after it has been caused. Waits for what follows the cause on a busy server:
+    /// the end of a connection, and the rest of a power cut after the source's part of it.
+    async fn takes_effect(&mut self, words: &str) -> bool {
+        match words.split(' ').next().unwrap() {
+            "drop" | "serial" => self.named(words).0.is_closed_by_the_server().await,
+            "power-cut" => {
+                // Of the connections the source's is the one that carries nothing meanwhile.
+                let closed = self.source.is_closed_by_the_server().await;
+                let begun = Instant::now();
+                while !self.shows(words).await {
+                    assert!(begun.elapsed() < DEADLINE, "{words}: not everything is off");
+                    tokio::task::yield_now().await;
+                }
+                closed
+            }
+            _ => self.shows(words).await,
         }
     }
 
@@ -377,7 +404,7 @@ async fn holds(rig: &mut FaultyRig, (words, lasts): (&str, bool), way: Way) {
         Way::TimeLine => rig.time_passes(words).await,
         Way::Live => rig.served.fault(words),
     }
-    assert!(rig.shows(words).await, "{words}, {way:?}: not seen");
+    assert!(rig.takes_effect(words).await, "{words}, {way:?}: not seen");
     if lasts {
         match way {
             Way::TimeLine => rig.time_passes(words).await,
