@@ -4,6 +4,7 @@ use std::io::Write;
 
 use chrono::{DateTime, SecondsFormat};
 use dbus::{BaselineReport, SessionOptions};
+use imaging::tracking::TrackingSummary;
 use serde::Serialize;
 use survey::{Amps, Volts};
 
@@ -39,6 +40,8 @@ struct BaselineLine {
     flags: Vec<u8>,
     /// Warnings about its use.
     remarks: Vec<String>,
+    /// How it was followed; `None` if it was not.
+    tracked: Option<TrackingSummary>,
 }
 
 /// Records a baseline and waits until it is complete, unless `--no-wait` is given.
@@ -145,6 +148,11 @@ fn from_report(report: BaselineReport) -> (BaselineLine, DateTime<chrono::Utc>) 
         volts,
         flags: report.flags,
         remarks: report.more.remarks.unwrap_or_default(),
+        // a newer daemon may say it otherwise
+        tracked: report
+            .more
+            .tracked
+            .and_then(|json| serde_json::from_str(&json).ok()),
     };
     (shown, wall)
 }
@@ -183,6 +191,22 @@ fn for_a_person(shown: &BaselineLine, wall: DateTime<chrono::Utc>) -> String {
     if let Some(wiring) = &shown.wiring {
         text.push_str(&format!("\nwiring     {wiring}"));
     }
+    if let Some(tracked) = &shown.tracked {
+        text.push_str(&format!(
+            "\ntracked    until {} (frame {} of {}); last empty {}\n\
+             drift      {:.3} since the baseline (rms), known to {:.3}, pace {}",
+            local(tracked.until),
+            tracked.sequence,
+            tracked.session,
+            local(tracked.empty),
+            Volts(1e-6 * tracked.change_uv),
+            Volts(1e-6 * tracked.baseline_sd_uv),
+            tracked.pace,
+        ));
+        if !tracked.masked.is_empty() {
+            text.push_str(&format!("\nleft out   electrodes {:?}", tracked.masked));
+        }
+    }
     for remark in &shown.remarks {
         text.push_str(&format!("\nwarning    {remark}"));
     }
@@ -214,7 +238,7 @@ mod tests {
             serde_json::to_string(&shown).unwrap(),
             "{\"id\":\"b1\",\"wall\":\"1970-01-01T00:00:01.500000000Z\",\"frames\":10,\"readings\":3,\"missing\":2,\
              \"rms_v\":0.3,\"noise_v\":2e-6,\"simulated\":true,\"current_a\":0.001,\"range_v\":null,\"nplc\":null,\
-             \"settle_s\":null,\"wiring\":\"w\",\"protocol_hash\":null,\"volts\":[-0.3,null,null],\"flags\":[0,1,1],\"remarks\":[\"the noise\"]}"
+             \"settle_s\":null,\"wiring\":\"w\",\"protocol_hash\":null,\"volts\":[-0.3,null,null],\"flags\":[0,1,1],\"remarks\":[\"the noise\"],\"tracked\":null}"
         );
         let text = for_a_person(&shown, wall);
         assert!(

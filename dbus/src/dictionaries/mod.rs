@@ -200,6 +200,8 @@ dictionaries! {
         protocol_hash: String,
         /// Remarks for people before they use it, a sentence each.
         remarks: Vec<String>,
+        /// How it was followed, as it was last kept: `tracked` of `tactus baseline show --json`, as JSON; absent if it was not.
+        tracked: String,
     }
 
     /// Name of a geometry ([`crate::Geometry`]).

@@ -62,6 +62,7 @@ fn replay_and_reconstruct_answer_alike_for_one_frame() {
         "--method tv --noise-v 2e-6 --loss-only",
         "--method tv --lambda 1e-6",
         "--method tv-paper",
+        "--method one-step --noise-v 2e-6 --tracked --period-s 600",
     ] {
         let [offline, again] = ["reconstructed.csv", "replayed.csv"].map(at);
         lab(&format!(

@@ -186,6 +186,11 @@ fn a_tracked_baseline_survives_sessions_and_restarts() {
         after[0],
         before[0]
     );
+    let shown = &ask(&stage, &["baseline", "show"])[0]["tracked"];
+    assert_eq!(shown["session"], serde_json::json!(second), "{shown}");
+    assert_eq!(shown["sequence"], 4, "{shown}");
+    assert_eq!(shown["empty"], shown["until"], "{shown}");
+    assert!(number(shown, "change_uv") < 2.0, "noise alone: {shown}");
     // killed in the middle of a session, which the next daemon goes on with
     let begun = ask(&stage, &["start", "--every", "500ms"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();

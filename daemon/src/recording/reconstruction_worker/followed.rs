@@ -4,9 +4,9 @@
 use std::path::PathBuf;
 
 use imaging::recorded::SessionParts;
-use imaging::tracking::{Doubtful, TrackingState, seconds};
+use imaging::tracking::{Doubtful, KeptTracking, TrackingState, seconds};
 use imaging::{Conditions, Geometry, TrackedFrame, Tracking};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use survey::{Amps, Baseline, Protocol, Reading, error_chain as chain};
 
 /// Time of frames between two states that are kept, s: what a restart has to follow again.
@@ -25,14 +25,6 @@ pub(crate) struct TrackingContext {
     pub session: String,
     /// Its last frame, if it is resumed; else 0.
     pub after: u64,
-}
-
-/// The baseline as it was followed to a frame.
-#[derive(Serialize, Deserialize)]
-struct Kept {
-    session: String,
-    sequence: u64,
-    state: TrackingState,
 }
 
 /// Follows the baseline through the frames of a session.
@@ -87,7 +79,7 @@ impl Followed {
     /// Goes on from the latest state of the baseline, if it is of this session or this one begins; otherwise from the state with
     /// which the session began.
     fn restore(&mut self, after: u64) -> Result<(), String> {
-        let latest: Option<Kept> = self.read(&self.baseline)?;
+        let latest: Option<KeptTracking> = self.read(&self.baseline)?;
         if let Some(kept) = latest {
             if kept.session == self.session && kept.sequence <= after {
                 self.sequence = kept.sequence;
@@ -197,7 +189,7 @@ impl Followed {
 
     /// Keeps the state; without it the next daemon follows the recorded frames again.
     pub(super) fn keep(&self) {
-        let kept = Kept {
+        let kept = KeptTracking {
             session: self.session.clone(),
             sequence: self.sequence,
             state: self.tracking.state(),

@@ -268,7 +268,9 @@ impl Manager1 {
         Fault,
     > {
         let baseline = self.0.baseline().ok_or_else(no_baseline)?;
-        let report = report::baseline(&baseline, self.0.baseline_remarks(&baseline).await);
+        let remarks = self.0.baseline_remarks(&baseline).await;
+        let tracked = self.0.baseline_tracking(&baseline).await;
+        let report = report::baseline(&baseline, remarks, tracked);
         Ok((
             report.id,
             report.wall_ns,

@@ -244,8 +244,12 @@ pub(crate) fn wear(wear: Wear) -> RelayWear {
     }
 }
 
-/// A baseline, with remarks for people before it is used.
-pub(crate) fn baseline(baseline: &Baseline, remarks: Vec<String>) -> BaselineReport {
+/// A baseline, with remarks for people before it is used, and how it was followed.
+pub(crate) fn baseline(
+    baseline: &Baseline,
+    remarks: Vec<String>,
+    tracked: Option<String>,
+) -> BaselineReport {
     let settings = &baseline.settings;
     BaselineReport {
         id: baseline.id.clone(),
@@ -271,6 +275,7 @@ pub(crate) fn baseline(baseline: &Baseline, remarks: Vec<String>) -> BaselineRep
             wiring: Some(settings.wiring.clone()),
             protocol_hash: Some(settings.protocol_hash.clone()),
             remarks: Some(remarks),
+            tracked,
         },
     }
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use dbus::Fault;
+use imaging::tracking::KeptTracking;
 use survey::Baseline;
 
 use crate::events::event::BusEvent;
@@ -47,6 +48,18 @@ impl Controller {
         }
         remarks.extend(kept.iter().flat_map(|(_, found)| found.iter().cloned()));
         remarks
+    }
+
+    /// How a baseline was followed, as JSON, as it was last kept.
+    pub(crate) async fn baseline_tracking(&self, baseline: &Baseline) -> Option<String> {
+        let folder = self.runtime().setup.record_directory.clone();
+        let id = baseline.id.clone();
+        let read = move || {
+            let text = logbook::tracking(&folder, &id).ok().flatten()?;
+            let kept: KeptTracking = serde_json::from_str(&text).ok()?;
+            Some(serde_json::json!(kept.summary()?).to_string())
+        };
+        containment::blocking(read).await.ok().flatten()
     }
 
     fn remarks_on(&self, baseline: &Baseline) -> Vec<String> {

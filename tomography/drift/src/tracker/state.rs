@@ -184,6 +184,17 @@ impl TrackerState {
         (trace / n as f64).sqrt()
     }
 
+    /// Root mean square over the data of the change since the first baseline, V.
+    pub fn change(&self) -> f64 {
+        let squares: f64 = self.baseline.iter().map(|value| value * value).sum();
+        (squares / self.baseline.len() as f64).sqrt()
+    }
+
+    /// Time of the last frame, s.
+    pub fn at_s(&self) -> f64 {
+        self.at_s
+    }
+
     /// Loads that lie on the sheet.
     pub fn loads(&self) -> usize {
         self.ledger.loads()

@@ -1,6 +1,7 @@
 //! Maps against a baseline that follows the sheet: drift is removed before the map, faulty electrodes are left out, and what
 //! nobody can know is said.
 
+mod kept;
 mod tracked;
 
 use std::sync::Arc;
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use survey::Reading;
 
 use crate::conditions::Conditions;
+pub use kept::{KeptTracking, TrackingSummary};
 pub use tracked::{Doubtful, PlaceRegion, Tracked};
 
 /// Thermal voltage of a sensing pair that is assumed, V: copper against carbon at some tenths of a degree.

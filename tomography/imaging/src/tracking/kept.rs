@@ -1,0 +1,68 @@
+//! The state of a tracked baseline as it is kept beside the sessions, and what people want to know of it.
+
+use chrono::{DateTime, Utc};
+use serde::{Deserialize, Serialize};
+
+use super::TrackingState;
+
+/// A baseline as it was followed to a frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeptTracking {
+    /// The session.
+    pub session: String,
+    /// The frame.
+    pub sequence: u64,
+    /// The state after it.
+    pub state: TrackingState,
+}
+
+/// A tracked baseline in a few values.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrackingSummary {
+    /// The session and the frame up to which it was followed.
+    pub session: String,
+    /// See above.
+    pub sequence: u64,
+    /// Since when it is tracked.
+    pub since: DateTime<Utc>,
+    /// Time of the frame.
+    pub until: DateTime<Utc>,
+    /// When the sheet was last empty.
+    pub empty: DateTime<Utc>,
+    /// Loads that lie on the sheet.
+    pub loads: usize,
+    /// Faulty electrodes that are left out, from 1.
+    pub masked: Vec<usize>,
+    /// Change of the readings since the baseline, rms, uV.
+    pub change_uv: f64,
+    /// Standard deviation of the tracked baseline, rms, uV.
+    pub baseline_sd_uv: f64,
+    /// Pace of the drift relative to the built-in rates.
+    pub pace: f64,
+}
+
+impl KeptTracking {
+    /// In a few values; `None` for times that are no date.
+    pub fn summary(&self) -> Option<TrackingSummary> {
+        let tracker = &self.state.tracker;
+        let date = |seconds: f64| DateTime::from_timestamp_micros((1e6 * seconds).round() as i64);
+        let at_s = tracker.at_s();
+        Some(TrackingSummary {
+            session: self.session.clone(),
+            sequence: self.sequence,
+            since: date(self.state.began_s)?,
+            until: date(at_s)?,
+            empty: date(at_s - tracker.since_empty_s(at_s))?,
+            loads: tracker.loads(),
+            masked: tracker
+                .masked()
+                .iter()
+                .map(|electrode| electrode + 1)
+                .collect(),
+            change_uv: 1e6 * tracker.change(),
+            baseline_sd_uv: 1e6 * tracker.deviation(),
+            pace: tracker.pace(),
+        })
+    }
+}
