@@ -24,6 +24,12 @@ impl Measurement {
             sense: self.drive,
         }
     }
+
+    /// The electrodes that it drives and senses: plus and minus of each.
+    pub fn electrodes(self) -> [Electrode; 4] {
+        let Self { drive, sense } = self;
+        [drive.plus, drive.minus, sense.plus, sense.minus]
+    }
 }
 
 /// The Sheffield adjacent pattern: drive each neighbouring pair, sense every pair that shares no electrode with it.

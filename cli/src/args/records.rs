@@ -184,7 +184,6 @@ pub struct Replay {
     #[command(flatten)]
     pub method: MethodArguments,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub tracked: TrackedArguments,
     #[command(flatten)]
     pub geometry: GeometryChoice,

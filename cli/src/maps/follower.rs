@@ -24,27 +24,13 @@ impl Follower {
         requested: &TrackedArguments,
         recording: &Recording,
     ) -> Result<Option<Self>, Failure> {
-        let Some(mut tracking) = reconstruction.tracking.clone() else {
-            if requested.period_s.is_some() {
-                return Err(Failure::Usage("--period-s belongs to --tracked".to_owned()));
-            }
+        let tracking = reconstruction.tracking.clone();
+        let have_times = tracking.is_some() && recording.has_times();
+        let period_s = requested.period_s(tracking.is_some(), have_times);
+        let period_s = period_s.map_err(Failure::Usage)?;
+        let Some(mut tracking) = tracking else {
             return Ok(None);
         };
-        let has_times = recording.has_times();
-        match (has_times, requested.period_s) {
-            (true, Some(_)) => {
-                return Err(Failure::Usage(
-                    "the frames have times of their own; leave --period-s out".to_owned(),
-                ));
-            }
-            (false, None) => {
-                return Err(Failure::Usage(
-                    "--tracked needs the time of each frame, and these have none; say --period-s S"
-                        .to_owned(),
-                ));
-            }
-            _ => {}
-        }
         if let Some(state) = recording.tracking()? {
             tracking.restore(state).map_err(|error| {
                 Failure::failed(
@@ -53,29 +39,34 @@ impl Follower {
                 )
             })?;
         }
-        Ok(Some(Self {
-            tracking,
-            period_s: requested.period_s,
-        }))
+        Ok(Some(Self { tracking, period_s }))
     }
 
-    /// The frame with the baseline to compare it with. Every frame must be given, in order.
+    /// The frame with the baseline to compare it with. Every frame must be given to this or to [`Follower::pass`], in order.
     ///
     /// # Errors
     /// A frame that cannot be followed.
     pub(crate) fn follow(&mut self, frame: &RecordedFrame) -> Result<TrackedFrame, Failure> {
-        let at_s = match (frame.wall, self.period_s) {
+        let at_s = self.time(frame);
+        let followed = self.tracking.follow(&frame.readings, at_s);
+        followed.map_err(|error| not_followed(frame, &error))
+    }
+
+    /// Follows a frame that is not asked for.
+    ///
+    /// # Errors
+    /// As [`Follower::follow`].
+    pub(crate) fn pass(&mut self, frame: &RecordedFrame) -> Result<(), Failure> {
+        let at_s = self.time(frame);
+        let passed = self.tracking.pass(&frame.readings, at_s);
+        passed.map_err(|error| not_followed(frame, &error))
+    }
+
+    fn time(&self, frame: &RecordedFrame) -> f64 {
+        match (frame.wall, self.period_s) {
             (Some(wall), _) => seconds(wall),
             (None, period_s) => period_s.unwrap_or_default() * frame.sequence as f64,
-        };
-        self.tracking
-            .follow(&frame.readings, at_s)
-            .map_err(|error| {
-                Failure::failed(
-                    &format!("frame {}: the baseline cannot be followed", frame.sequence),
-                    &error,
-                )
-            })
+        }
     }
 
     /// The frame with this number, after all frames before it.
@@ -88,15 +79,19 @@ impl Follower {
         sequence: u64,
     ) -> Result<TrackedFrame, Failure> {
         for frame in recording.frames().filter_map(Result::ok) {
-            let last = frame.sequence >= sequence;
-            let followed = self.follow(&frame)?;
-            if last {
-                return Ok(followed);
+            if frame.sequence >= sequence {
+                return self.follow(&frame);
             }
+            self.pass(&frame)?;
         }
         Err(Failure::Failed(format!(
             "{} has no frame {sequence}",
             recording.name
         )))
     }
+}
+
+fn not_followed(frame: &RecordedFrame, error: &dyn std::error::Error) -> Failure {
+    let what = format!("frame {}: the baseline cannot be followed", frame.sequence);
+    Failure::failed(&what, error)
 }

@@ -175,12 +175,8 @@ fn tracking(
     recording: &Recording,
     noise_v: Option<f64>,
 ) -> Result<Tracking, Failure> {
-    let noise_v = noise_v.or(recording.baseline_noise_v);
-    let noise_v = noise_v.ok_or_else(|| {
-        Failure::Usage(
-            "--tracked needs the noise of a reading, which this baseline does not show; say --noise-v SD".to_owned(),
-        )
-    })?;
+    let noise_v = TrackedArguments::noise_v(noise_v.or(recording.baseline_noise_v));
+    let noise_v = noise_v.map_err(Failure::Usage)?;
     let (protocol, unloaded) = (&recording.protocol, &recording.unloaded);
     let (geometry, _) = choose_geometry(geometry, &recording.origin, protocol)?;
     let at_s = recording.baseline_s();

@@ -82,13 +82,16 @@ pub(crate) fn run(
     let draw = printer.is_terminal() && !replay.no_map;
     let mut summary = VerifySummary::default();
     for (recorded, asked) in frames {
+        if !asked {
+            if let Some(follower) = &mut follower {
+                follower.pass(&recorded)?;
+            }
+            continue;
+        }
         let of_frame = follower
             .as_mut()
             .map(|follower| follower.follow(&recorded))
             .transpose()?;
-        if !asked {
-            continue;
-        }
         let (baseline, readings) = match &of_frame {
             Some(frame) => (&frame.baseline, &frame.readings),
             None => (&recording.unloaded.readings, &recorded.readings),

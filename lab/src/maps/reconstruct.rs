@@ -150,15 +150,10 @@ fn follow(
     case: &Case,
     recording: &FrameTable,
 ) -> Result<Option<Vec<TrackedFrame>>, Failure> {
-    let period_s = match (options.tracked.tracked, options.tracked.period_s) {
-        (Some(true), Some(period_s)) => period_s,
-        (Some(true), None) => {
-            return Err(Failure::usage(
-                "--tracked needs the time of each frame, and these have none; say --period-s S",
-            ));
-        }
-        (_, Some(_)) => return Err(Failure::usage("--period-s belongs to --tracked")),
-        (_, None) => return Ok(None),
+    let follows = options.tracked.tracked == Some(true);
+    let period_s = options.tracked.period_s(follows, false);
+    let Some(period_s) = period_s.map_err(Failure::usage)? else {
+        return Ok(None);
     };
     let mut tracking = options.method.tracking(case, recording, 0.0)?;
     let numbered = recording.frames.iter().zip(&recording.numbers);

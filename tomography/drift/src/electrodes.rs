@@ -90,14 +90,7 @@ impl ElectrodeCheck {
         let questions = model.pairs().half().measurements();
         let uses: Vec<[usize; 4]> = questions
             .iter()
-            .map(|q| {
-                [
-                    q.drive.plus.0,
-                    q.drive.minus.0,
-                    q.sense.plus.0,
-                    q.sense.minus.0,
-                ]
-            })
+            .map(|q| q.electrodes().map(|electrode| electrode.0))
             .collect();
         // column p: potentials for the current e -> e + 1; a sum of them for any pair
         let between = |a: usize, b: usize| -> DVector<f64> {

@@ -61,6 +61,34 @@ pub struct TrackedArguments {
     pub period_s: Option<f64>,
 }
 
+impl TrackedArguments {
+    /// The time from one frame to the next, s; `None` where frames have times. `follows`: whether the baseline is followed.
+    ///
+    /// # Errors
+    /// Frames without times and without a period, or a period that has no meaning.
+    pub fn period_s(&self, follows: bool, have_times: bool) -> Result<Option<f64>, String> {
+        let refused = match (follows, have_times, self.period_s) {
+            (false, _, Some(_)) => "--period-s belongs to --tracked",
+            (true, true, Some(_)) => "the frames have times of their own; leave --period-s out",
+            (true, false, None) => {
+                "--tracked needs the time of each frame, and these have none; say --period-s S"
+            }
+            (_, _, period_s) => return Ok(period_s),
+        };
+        Err(refused.to_owned())
+    }
+
+    /// The noise of a reading with which a baseline is followed, if it is known.
+    ///
+    /// # Errors
+    /// It is not known.
+    pub fn noise_v(known: Option<f64>) -> Result<f64, String> {
+        known.ok_or_else(|| {
+            "--tracked needs the noise of a reading, which this baseline does not show; say --noise-v SD".to_owned()
+        })
+    }
+}
+
 fn on_or_off(text: &str) -> Result<bool, String> {
     match text {
         "on" => Ok(true),

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use eit::{Forward, Reconstructor};
-use survey::{Baseline, Reading, Volts};
+use survey::{Baseline, Electrode, Reading, Volts};
 
 use crate::noise::{against, factor};
 use crate::{Conditions, Geometry, Model, map_noise};
@@ -68,7 +68,8 @@ fn contacts(model: &Model, geometry: &Geometry, baseline: &Baseline) -> Option<S
         .iter()
         .map(|&electrode| {
             let times = fit.contacts[electrode].exp();
-            format!("{} ({times:.1} times the nominal impedance)", electrode + 1)
+            let electrode = Electrode(electrode);
+            format!("{electrode} ({times:.1} times the nominal impedance)")
         })
         .collect();
     (!named.is_empty()).then(|| {

@@ -351,7 +351,11 @@ impl<'a, W: Write> Viewer<'a, W> {
         self.shown_at.set(Instant::now());
         let flags: &[u8] = match &frame.body {
             Body::Frame { flags, .. } => flags,
-            _ => &[],
+            Body::Map { .. }
+            | Body::Pressure { .. }
+            | Body::Quality { .. }
+            | Body::Tracked { .. }
+            | Body::End { .. } => &[],
         };
         let count = |wanted: u8| flags.iter().filter(|&&flag| flag == wanted).count();
         let fits = map

@@ -4,9 +4,9 @@
 use std::path::PathBuf;
 
 use imaging::recorded::SessionParts;
-use imaging::tracking::{Doubtful, KeptTracking, TrackingState, seconds};
+use imaging::tracking::{Doubtful, KeptTracking, TrackingState, keep, kept, seconds};
 use imaging::{Conditions, Geometry, TrackedFrame, Tracking};
-use serde::Serialize;
+use logbook::LogbookError;
 use survey::{Amps, Baseline, Protocol, Reading, error_chain as chain};
 
 /// Time of frames between two states that are kept, s: what a restart has to follow again.
@@ -79,7 +79,8 @@ impl Followed {
     /// Goes on from the latest state of the baseline, if it is of this session or this one begins; otherwise from the state with
     /// which the session began.
     fn restore(&mut self, after: u64) -> Result<(), String> {
-        let latest: Option<KeptTracking> = self.read(&self.baseline)?;
+        let failed = |error: LogbookError| chain(&error);
+        let latest: Option<KeptTracking> = kept(&self.folder, &self.baseline).map_err(failed)?;
         if let Some(kept) = latest {
             if kept.session == self.session && kept.sequence <= after {
                 self.sequence = kept.sequence;
@@ -88,10 +89,10 @@ impl Followed {
             if after == 0 {
                 self.set(kept.state)?;
                 // replay begins with it
-                return self.write(&self.session, &self.tracking.state());
+                return keep(&self.folder, &self.session, &self.tracking.state()).map_err(failed);
             }
         }
-        match self.read(&self.session)? {
+        match kept(&self.folder, &self.session).map_err(failed)? {
             Some(begun) => self.set(begun),
             None => Ok(()),
         }
@@ -101,17 +102,6 @@ impl Followed {
         self.tracking.restore(state).map_err(|error| chain(&error))
     }
 
-    fn read<T: serde::de::DeserializeOwned>(&self, id: &str) -> Result<Option<T>, String> {
-        let text = logbook::tracking(&self.folder, id).map_err(|error| chain(&error))?;
-        text.map(|text| serde_json::from_str(&text).map_err(|error| chain(&error)))
-            .transpose()
-    }
-
-    fn write(&self, id: &str, what: &impl Serialize) -> Result<(), String> {
-        let text = serde_json::to_string(what).map_err(|error| chain(&error))?;
-        logbook::keep_tracking(&self.folder, id, &text).map_err(|error| chain(&error))
-    }
-
     /// Follows the recorded frames after the state, up to the last one.
     fn catch_up(&mut self, after: u64) -> Result<(), String> {
         if self.sequence >= after {
@@ -119,11 +109,12 @@ impl Followed {
         }
         let first = logbook::find(&self.folder, &self.session).map_err(|error| chain(&error))?;
         let parts = SessionParts::open(&first).map_err(|error| chain(&error))?;
-        let from = self.sequence;
-        let recorded = parts.frames().filter_map(Result::ok);
-        for record in recorded.filter(|record| record.frame.sequence > from) {
-            let frame = record.frame;
-            self.follow(&frame.readings, frame.sequence, seconds(frame.wall))?;
+        let recorded = parts.frames_from(self.sequence + 1);
+        for frame in recorded.filter_map(|record| Some(record.ok()?.frame)) {
+            self.tracking
+                .pass(&frame.readings, seconds(frame.wall))
+                .map_err(|error| chain(&error))?;
+            self.sequence = frame.sequence;
         }
         Ok(())
     }
@@ -194,9 +185,8 @@ impl Followed {
             sequence: self.sequence,
             state: self.tracking.state(),
         };
-        let written = self.write(&self.baseline, &kept);
-        if let Err(why) = written {
-            tracing::warn!("the tracked baseline is not kept: {why}");
+        if let Err(error) = keep(&self.folder, &self.baseline, &kept) {
+            tracing::warn!("the tracked baseline is not kept: {}", chain(&error));
         }
     }
 }

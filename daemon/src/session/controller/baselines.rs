@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use dbus::Fault;
-use imaging::tracking::KeptTracking;
+use imaging::tracking::{KeptTracking, kept};
 use survey::Baseline;
 
 use crate::events::event::BusEvent;
@@ -55,8 +55,7 @@ impl Controller {
         let folder = self.runtime().setup.record_directory.clone();
         let id = baseline.id.clone();
         let read = move || {
-            let text = logbook::tracking(&folder, &id).ok().flatten()?;
-            let kept: KeptTracking = serde_json::from_str(&text).ok()?;
+            let kept: KeptTracking = kept(&folder, &id).ok().flatten()?;
             Some(serde_json::json!(kept.summary()?).to_string())
         };
         containment::blocking(read).await.ok().flatten()

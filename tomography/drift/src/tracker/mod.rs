@@ -347,24 +347,26 @@ impl Tracker {
             let came = test.change < 0.0;
             let fit = Whitened::new(&self.of_step(frame.days), step, &frame.rows)?;
             let fit = fit.fit_disc(&self.model)?;
-            let mut same_load = came && self.state.ledger.grew(fit.disc);
-            let loads = self.state.ledger.loads();
-            if came && !same_load {
-                self.state.ledger.came(&(&frame.e - step), fit.disc);
-            } else if !came {
-                back_to_empty = self.state.ledger.went(&frame.e, |off| {
+            let ledger = &mut self.state.ledger;
+            let same_load = if came {
+                let grew = ledger.grew(fit.disc);
+                if !grew {
+                    ledger.came(&(&frame.e - step), fit.disc);
+                }
+                grew
+            } else {
+                let loads = ledger.loads();
+                back_to_empty = ledger.went(&frame.e, |off| {
                     let white = Whitened::with(Arc::clone(&now.factor), off, &frame.rows);
                     white.data().norm_squared()
                 });
-            }
-            if !came {
                 // a rest that recovers is no load that goes
-                let peak = self.state.ledger.peak().norm();
-                let all_went = back_to_empty && frame.e.norm() < HALF_GONE * peak;
-                let fewer = self.state.ledger.loads() < loads;
-                same_load = !(fewer || (all_went && !self.state.ledger.rest));
-                self.state.ledger.rest |= all_went;
-            }
+                let all_went = back_to_empty && frame.e.norm() < HALF_GONE * ledger.peak().norm();
+                let fewer = ledger.loads() < loads;
+                let same = !(fewer || (all_went && !ledger.rest));
+                ledger.rest |= all_went;
+                same
+            };
             answer.event = Some(Event {
                 came,
                 same_load,

@@ -31,7 +31,7 @@ pub(super) fn bytes(model: &Model) -> Result<(Vec<u8>, String), ModelError> {
         .protocol
         .measurements()
         .iter()
-        .flat_map(|q| [q.drive.plus, q.drive.minus, q.sense.plus, q.sense.minus])
+        .flat_map(|q| q.electrodes())
         .map(|electrode| electrode.0)
         .collect();
     let nodes: Vec<f64> = mesh.nodes().iter().flatten().copied().collect();

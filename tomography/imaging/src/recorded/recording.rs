@@ -12,7 +12,7 @@ use super::{
     Unloaded, read_frames,
 };
 use crate::noise::{against, rms_deviation};
-use crate::tracking::{TrackingState, seconds};
+use crate::tracking::{TrackingState, kept, seconds};
 
 /// One frame of a recording.
 #[derive(Debug, Clone)]
@@ -205,16 +205,7 @@ impl Recording {
         };
         let path = parts.each()[0].path();
         let folder = path.parent().unwrap_or(Path::new("."));
-        let Some(text) = logbook::tracking(folder, header.session())? else {
-            return Ok(None);
-        };
-        serde_json::from_str(&text).map(Some).map_err(|fault| {
-            RecordedError::Session(LogbookError::Damaged {
-                path: path.to_owned(),
-                place: "the tracked baseline that it began with".to_owned(),
-                why: fault.to_string(),
-            })
-        })
+        Ok(kept(folder, header.session())?)
     }
 
     /// Whether its frames have times.

@@ -90,14 +90,22 @@ impl SessionParts {
 
     /// All frames in order, each read on demand.
     pub fn frames(&self) -> impl Iterator<Item = Result<Record, LogbookError>> {
-        self.with_next().flat_map(|(part, next)| {
-            // frames after the start of the next part were written again there
-            let own = move |record: &Result<Record, LogbookError>| match (record, next) {
-                (Ok(record), Some(next)) => record.frame.sequence < next,
-                _ => true,
-            };
-            part.frames().filter(own)
-        })
+        self.frames_from(1)
+    }
+
+    /// The frames from a sequence number on, as [`SessionParts::frames`].
+    pub fn frames_from(&self, sequence: u64) -> impl Iterator<Item = Result<Record, LogbookError>> {
+        let reaches = move |(_, next): &(_, Option<u64>)| next.is_none_or(|next| next > sequence);
+        self.with_next()
+            .filter(reaches)
+            .flat_map(move |(part, next)| {
+                // frames after the start of the next part were written again there
+                let own = move |record: &Result<Record, LogbookError>| match (record, next) {
+                    (Ok(record), Some(next)) => record.frame.sequence < next,
+                    _ => true,
+                };
+                part.frames_from(sequence).filter(own)
+            })
     }
 
     /// Each part, and the first sequence number of the next.

@@ -1,9 +1,40 @@
 //! The state of a tracked baseline as it is kept beside the sessions, and what people want to know of it.
 
 use chrono::{DateTime, Utc};
+use std::path::Path;
+
+use logbook::LogbookError;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::TrackingState;
+use super::{TrackingState, numbers};
+
+/// What is kept of this baseline ([`KeptTracking`]), or what this session began with ([`TrackingState`]); `None` if nothing is.
+///
+/// # Errors
+/// A file that cannot be read or is damaged.
+pub fn kept<T: DeserializeOwned>(folder: &Path, id: &str) -> Result<Option<T>, LogbookError> {
+    let Some(text) = logbook::tracking(folder, id)? else {
+        return Ok(None);
+    };
+    serde_json::from_str(&text)
+        .map(Some)
+        .map_err(|fault| LogbookError::Damaged {
+            path: folder.to_owned(),
+            place: format!("the tracked baseline of {id}"),
+            why: fault.to_string(),
+        })
+}
+
+/// Keeps it, in place of what was kept before.
+///
+/// # Errors
+/// A disk error; what was kept before is still there.
+pub fn keep(folder: &Path, id: &str, what: &impl Serialize) -> Result<(), LogbookError> {
+    // numbers and words: they have a text
+    let text = serde_json::to_string(what).unwrap_or_default();
+    logbook::keep_tracking(folder, id, &text)
+}
 
 /// A baseline as it was followed to a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -55,11 +86,7 @@ impl KeptTracking {
             until: date(at_s)?,
             empty: date(at_s - tracker.since_empty_s(at_s))?,
             loads: tracker.loads(),
-            masked: tracker
-                .masked()
-                .iter()
-                .map(|electrode| electrode + 1)
-                .collect(),
+            masked: numbers(&tracker.masked()),
             change_uv: 1e6 * tracker.change(),
             baseline_sd_uv: 1e6 * tracker.deviation(),
             pace: tracker.pace(),

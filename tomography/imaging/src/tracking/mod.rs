@@ -11,10 +11,10 @@ use drift::{
     SheetFit, Tracker, TrackerState,
 };
 use serde::{Deserialize, Serialize};
-use survey::Reading;
+use survey::{Electrode, Reading};
 
 use crate::conditions::Conditions;
-pub use kept::{KeptTracking, TrackingSummary};
+pub use kept::{KeptTracking, TrackingSummary, keep, kept};
 pub use tracked::{Doubtful, PlaceRegion, Tracked};
 
 /// Thermal voltage of a sensing pair that is assumed, V: copper against carbon at some tenths of a degree.
@@ -49,6 +49,14 @@ fn options(conditions: &Conditions<'_>) -> FitOptions {
         current_a: conditions.current.0,
         ..FitOptions::default()
     }
+}
+
+/// Electrodes as people count them, from 1.
+fn numbers(electrodes: &[usize]) -> Vec<usize> {
+    electrodes
+        .iter()
+        .map(|&electrode| Electrode(electrode).number())
+        .collect()
 }
 
 /// Follows one sheet through a series of frames, from its first baseline on.
@@ -144,21 +152,18 @@ impl Tracking {
     /// A covariance that cannot be factored; a frame of another length. A frame with too few readings is no error: it is not
     /// known.
     pub fn follow(&mut self, frame: &[Reading], at_s: f64) -> Result<TrackedFrame, DriftError> {
-        let (readings, tracked) = match self.tracker.follow(frame, at_s) {
-            Ok(answer) => {
-                if answer.compared {
-                    self.alarm = answer.anchor;
-                }
+        let (readings, tracked) = match self.learn(frame, at_s)? {
+            Some(answer) => {
                 let place = self.place(&answer)?;
-                let (state, age_s) = (self.tracker.state(), at_s - self.began_s);
-                let tracked = Tracked::new(&answer, place.as_ref(), state, self.alarm, age_s);
+                let (state, began_s) = (self.tracker.state(), self.began_s);
+                let times = (began_s, at_s);
+                let tracked = Tracked::new(&answer, place.as_ref(), state, self.alarm, times);
                 (self.without(frame, &answer.masked), tracked)
             }
-            Err(DriftError::TooFew { .. }) => (
+            None => (
                 frame.to_vec(),
-                Tracked::of_too_few(self.tracker.state(), at_s),
+                Tracked::unanswered(self.tracker.state(), at_s),
             ),
-            Err(other) => return Err(other),
         };
         let change = self.tracker.baseline();
         Ok(TrackedFrame {
@@ -166,6 +171,28 @@ impl Tracking {
             readings,
             tracked,
         })
+    }
+
+    /// Follows a frame as [`Tracking::follow`] does, where nobody asks what is known of it.
+    ///
+    /// # Errors
+    /// As [`Tracking::follow`].
+    pub fn pass(&mut self, frame: &[Reading], at_s: f64) -> Result<(), DriftError> {
+        self.learn(frame, at_s).map(drop)
+    }
+
+    /// What the tracker says of a frame; `None` if it has too few readings.
+    fn learn(&mut self, frame: &[Reading], at_s: f64) -> Result<Option<Answer>, DriftError> {
+        match self.tracker.follow(frame, at_s) {
+            Ok(answer) => {
+                if answer.compared {
+                    self.alarm = answer.anchor;
+                }
+                Ok(Some(answer))
+            }
+            Err(DriftError::TooFew { .. }) => Ok(None),
+            Err(other) => Err(other),
+        }
     }
 
     /// The load that lies on the sheet, where it is one.
@@ -185,9 +212,8 @@ impl Tracking {
         let measurements = self.model().pairs().protocol().measurements();
         let mut readings = frame.to_vec();
         for (reading, measurement) in readings.iter_mut().zip(measurements) {
-            let [drive, sense] = [measurement.drive, measurement.sense];
-            let used = [drive.plus.0, drive.minus.0, sense.plus.0, sense.minus.0];
-            if used.iter().any(|electrode| masked.contains(electrode)) {
+            let used = measurement.electrodes();
+            if used.iter().any(|electrode| masked.contains(&electrode.0)) {
                 *reading = Reading::NotMeasured;
             }
         }

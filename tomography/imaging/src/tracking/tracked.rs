@@ -4,6 +4,9 @@ use std::fmt;
 
 use drift::{AnchorAlarm, Answer, DiscFit, ElectrodeFault, Judgement, TrackerState};
 use serde::{Deserialize, Serialize};
+use survey::Electrode;
+
+use super::numbers;
 
 /// Standard deviation of a place beyond which it is not known, m.
 const MOST_PLACE_SD_M: f64 = 2e-3;
@@ -109,45 +112,35 @@ impl PlaceRegion {
 }
 
 impl Tracked {
-    /// `alarm`: the last one; `age_s`: time since the first baseline, s.
+    /// `alarm`: the last one; the times of the first baseline and of the frame, s.
     pub(super) fn new(
         answer: &Answer,
         fit: Option<&DiscFit>,
         state: &TrackerState,
         alarm: Option<AnchorAlarm>,
-        age_s: f64,
+        (began_s, at_s): (f64, f64),
     ) -> Self {
         let place = fit.map(PlaceRegion::new);
-        let (reason, text) = match doubt(answer, place.as_ref(), alarm, age_s) {
-            Some((reason, text)) => (Some(reason), Some(text)),
-            None => (None, None),
-        };
+        let (reason, text) = doubt(answer, place.as_ref(), alarm, at_s - began_s).unzip();
         Self {
             judgement: answer.judgement,
             known: reason.is_none(),
             reason,
             text,
             place,
-            loads: answer.loads,
             came: answer
                 .event
                 .as_ref()
                 .filter(|event| !event.same_load)
                 .map(|event| event.came),
-            masked: answer
-                .masked
-                .iter()
-                .map(|electrode| electrode + 1)
-                .collect(),
             fault: answer.fault.map(fault_text),
             slow_change: alarm.map(|alarm| slow_change(&alarm)),
-            since_empty_s: answer.since_empty_s,
-            pace: answer.pace,
-            baseline_sd_uv: 1e6 * state.deviation(),
+            ..Self::unanswered(state, at_s)
         }
     }
 
-    pub(super) fn of_too_few(state: &TrackerState, at_s: f64) -> Self {
+    /// What is known from the frames before, where this one has too few readings for an answer.
+    pub(super) fn unanswered(state: &TrackerState, at_s: f64) -> Self {
         Self {
             judgement: Judgement::Unknown,
             known: false,
@@ -158,7 +151,7 @@ impl Tracked {
             place: None,
             loads: state.loads(),
             came: None,
-            masked: state.masked().iter().map(|electrode| electrode + 1).collect(),
+            masked: numbers(&state.masked()),
             fault: None,
             slow_change: None,
             since_empty_s: state.since_empty_s(at_s),
@@ -263,17 +256,23 @@ impl fmt::Display for Hours {
 fn fault_text(fault: ElectrodeFault) -> String {
     match fault {
         ElectrodeFault::Shorted { electrode } => {
-            format!("electrode {} and the next one are shorted", electrode + 1)
+            format!(
+                "electrode {} and the next one are shorted",
+                Electrode(electrode)
+            )
         }
         ElectrodeFault::Risen { electrode, .. } => {
             format!(
                 "the contact of electrode {} is open or has risen",
-                electrode + 1
+                Electrode(electrode)
             )
         }
-        ElectrodeFault::Floating { electrode } => format!("electrode {} floats", electrode + 1),
-        ElectrodeFault::DistantShort { electrodes: [a, b] } => {
-            format!("electrodes {} and {} are connected", a + 1, b + 1)
+        ElectrodeFault::Floating { electrode } => {
+            format!("electrode {} floats", Electrode(electrode))
+        }
+        ElectrodeFault::DistantShort { electrodes } => {
+            let [a, b] = electrodes.map(Electrode);
+            format!("electrodes {a} and {b} are connected")
         }
     }
 }

@@ -5,7 +5,7 @@ use clap::{Args, Parser};
 use eit::{Case, Jitter, TrainingSettings};
 use imaging::noise::Noise;
 use imaging::recorded::{Fitted, FrameTable};
-use imaging::{BuildError, Geometry, Method, MethodArguments, Model, Tracking};
+use imaging::{BuildError, Geometry, Method, MethodArguments, Model, TrackedArguments, Tracking};
 use training::{Cached, linear, rbf, single_current};
 
 use crate::failure::Failure;
@@ -90,11 +90,8 @@ impl MethodOptions {
         let unloaded = &recording.unloaded;
         let measured =
             Noise::of_baseline(unloaded.noise, &unloaded.readings).and_then(Noise::measured);
-        let noise_v = measured.or(self.method.noise_v).ok_or_else(|| {
-            Failure::usage(
-                "--tracked needs the noise of a reading, which this baseline does not show; say --noise-v SD",
-            )
-        })?;
+        let noise_v = TrackedArguments::noise_v(measured.or(self.method.noise_v));
+        let noise_v = noise_v.map_err(Failure::usage)?;
         let geometry = self.geometry(case)?;
         let fitted =
             Fitted::new(geometry, &case.protocol, &case.currents, unloaded).map_err(not_built)?;
