@@ -42,7 +42,7 @@ pub use crate::charts::curves::{Axis, Curve, Curves, curves_png, curves_svg};
 pub use crate::charts::work_precision::{WorkPoint, work_precision_png};
 pub use crate::drawing::colour::{Rgb, colour};
 pub use crate::drawing::scale::Range;
-pub use hot_spot::{HotSpot, hot_spots};
+pub use hot_spot::hot_spots;
 pub use image::{png, png_grid, svg, svg_grid};
 pub use mesh::{mesh_png, mesh_svg};
 pub use raster::raster;

@@ -2,11 +2,11 @@
 
 use std::fmt::Write;
 
-use survey::{Electrode, Map};
+use survey::{Electrode, HotSpot, Map};
 
 use crate::drawing::colour::luminance;
 use crate::raster::raster;
-use crate::{Extent, HotSpot, PictureError, Range, Rgb, Sheet, Style, hot_spots};
+use crate::{Extent, PictureError, Range, Rgb, Sheet, Style, hot_spots};
 
 /// Colour support of the terminal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -105,7 +105,7 @@ pub fn terminal(sheet: &Sheet, map: &Map, style: &TerminalStyle) -> Result<Strin
     canvas.paint(&raster(sheet, map, columns, 2 * rows)?);
     canvas.number(sheet);
     for (index, spot) in spots.iter().enumerate() {
-        canvas.mark(spot.place, char::from(b'1' + index as u8));
+        canvas.mark(spot.centre, char::from(b'1' + index as u8));
     }
     if let Some(truth) = style.style.true_position {
         canvas.mark(truth.centre, 'o');
@@ -175,14 +175,14 @@ fn scale(text: &mut String, map: &Map, range: &Range, columns: usize, ink: Ink) 
 fn places(text: &mut String, spots: &[HotSpot], style: &Style, range: &Range) {
     let at = |[x, y]: [f64; 2]| format!("x {:.1} y {:.1} mm", 1e3 * x, 1e3 * y);
     for (index, spot) in spots.iter().enumerate() {
-        let loss = range.words(range.unit.load(spot.loss));
+        let loss = range.words(range.unit.load(spot.peak));
         let area = spot.area * 1e4;
         line(
             text,
             &format!(
                 "{} hot spot  {}, {loss}, {area:.1} cm2",
                 index + 1,
-                at(spot.place)
+                at(spot.centre)
             ),
         );
     }

@@ -181,7 +181,7 @@ fn pressure_is_in_kilopascals_and_a_loss_never_is() {
         }
     }
     let spots = render::hot_spots(&sheet, &pressure).unwrap();
-    assert_eq!(spots[0].loss, 30.0, "kPa");
+    assert_eq!(spots[0].peak, 30.0, "kPa");
 }
 
 #[test]

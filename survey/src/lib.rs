@@ -33,7 +33,7 @@ mod wiring;
 
 pub use bounds::{Bounds, LONGEST_S, OutOfBounds, duration, nanoseconds};
 pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Settings};
-pub use map::{Doubt, Map, MapQuality, MapUnit, Reason, Verdict};
+pub use map::{Adjacency, Doubt, HotSpot, Map, MapQuality, MapUnit, Reason, Verdict};
 pub use nearest::nearest;
 pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
 pub use plan::{

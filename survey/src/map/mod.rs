@@ -1,11 +1,13 @@
 //! Maps: one value for each triangle of the region of interest, and how far they can be believed. How maps are made is
 //! left to the methods.
 
+mod hot_spots;
 mod quality;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+pub use self::hot_spots::{Adjacency, HotSpot};
 pub use self::quality::{Doubt, MapQuality, Reason, Verdict};
 
 /// What the values of a map mean.

@@ -25,6 +25,7 @@ mod methods;
 mod model;
 mod model_file;
 pub mod noise;
+pub mod quantities;
 mod reconstruction;
 pub mod recorded;
 mod settings;

@@ -42,18 +42,23 @@ fn drawn(
     let mut random = ChaCha8Rng::seed_from_u64(1);
     (0..draws)
         .map(|_| {
-            let frame: Vec<Reading> = baseline
-                .iter()
-                .map(|reading| match reading {
-                    Reading::Ok(Volts(volts)) => {
-                        let draw: f64 = StandardNormal.sample(&mut random);
-                        Reading::Ok(Volts(volts + noise * draw))
-                    }
-                    other => *other,
-                })
-                .collect();
+            let frame = noisy(baseline, noise, &mut random);
             let map = reconstructor.reconstruct(baseline, &frame).ok()?;
             Some(map.largest_loss().map_or(0.0, |(_, loss)| loss))
+        })
+        .collect()
+}
+
+/// The baseline with independent noise.
+pub(crate) fn noisy(baseline: &[Reading], noise: f64, random: &mut ChaCha8Rng) -> Vec<Reading> {
+    baseline
+        .iter()
+        .map(|reading| match reading {
+            Reading::Ok(Volts(volts)) => {
+                let draw: f64 = StandardNormal.sample(random);
+                Reading::Ok(Volts(volts + noise * draw))
+            }
+            other => *other,
         })
         .collect()
 }

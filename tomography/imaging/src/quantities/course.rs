@@ -1,0 +1,209 @@
+//! What happens to each triangle over time: dose, time without relief, and the path of the centre of pressure.
+
+use std::collections::VecDeque;
+
+use super::quantity::{Quantity, Values};
+use super::surface::Surface;
+
+/// Parts of the window in which the unrelieved area is counted.
+const PARTS: f64 = 48.0;
+/// Share of the window's known time that an unrelieved triangle is loaded.
+const SHARE: f64 = 0.95;
+/// Share of the window that must be known for an unrelieved area.
+const KNOWN: f64 = 0.95;
+
+/// Settings of quantities over time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct CourseSettings {
+    /// Least value of a loaded triangle.
+    pub(super) threshold: f64,
+    /// Time below the threshold that ends a time without relief, s.
+    pub(super) relief_s: f64,
+    /// Time over which the unrelieved area is counted, s.
+    pub(super) window_s: f64,
+    /// Longest time for which a frame's values hold, s; a longer time to the next known frame is not known.
+    pub(super) hold_s: f64,
+}
+
+/// The course of the loads, from frame to frame.
+#[derive(Debug, Clone)]
+pub(super) struct Course {
+    settings: CourseSettings,
+    /// Time and loads of the last known frame.
+    last: Option<(f64, Vec<f64>)>,
+    dose: Vec<f64>,
+    unrelieved: Vec<f64>,
+    /// Time since each triangle fell below the threshold.
+    relieved: Vec<f64>,
+    parts: VecDeque<Part>,
+    /// For each region: time and place of the last centre (mm), and the length of the path, mm.
+    paths: Vec<Path>,
+}
+
+/// A part of the window.
+#[derive(Debug, Clone)]
+struct Part {
+    index: i64,
+    known_s: f64,
+    loaded_s: Vec<f64>,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Path {
+    last: Option<(f64, [f64; 2])>,
+    speed: Option<f64>,
+    length: f64,
+}
+
+/// Triangles with the largest values over a region.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct CoursePlaces {
+    pub(super) dose: Option<[f64; 2]>,
+    pub(super) unrelieved: Option<[f64; 2]>,
+}
+
+impl Course {
+    pub(super) fn new(settings: CourseSettings, triangles: usize, regions: usize) -> Self {
+        Self {
+            settings,
+            last: None,
+            dose: vec![0.0; triangles],
+            unrelieved: vec![0.0; triangles],
+            relieved: vec![0.0; triangles],
+            parts: VecDeque::new(),
+            paths: vec![Path::default(); regions],
+        }
+    }
+
+    /// Integral over time of the value above the threshold, for each triangle.
+    pub(super) fn dose(&self) -> &[f64] {
+        &self.dose
+    }
+
+    /// Takes the next frame; its values hold until the next one.
+    pub(super) fn take(&mut self, at_s: f64, loads: &[f64], of_regions: &[Values]) {
+        let CourseSettings {
+            threshold,
+            relief_s,
+            hold_s,
+            ..
+        } = self.settings;
+        if let Some((before_s, before)) = self.last.take() {
+            let step = at_s - before_s;
+            if step > 0.0 && step <= hold_s {
+                for (triangle, value) in before.iter().enumerate() {
+                    self.dose[triangle] += (value - threshold).max(0.0) * step;
+                    if *value >= threshold {
+                        self.unrelieved[triangle] += step;
+                        self.relieved[triangle] = 0.0;
+                    } else {
+                        self.relieved[triangle] += step;
+                        if self.relieved[triangle] >= relief_s {
+                            self.unrelieved[triangle] = 0.0;
+                        }
+                    }
+                }
+                self.count(before_s, step, &before);
+            }
+        }
+        self.last = Some((at_s, loads.to_vec()));
+        for (path, values) in self.paths.iter_mut().zip(of_regions) {
+            path.take(at_s, values, hold_s);
+        }
+    }
+
+    /// Adds a frame's time to the window.
+    fn count(&mut self, at_s: f64, step: f64, loads: &[f64]) {
+        let index = (at_s * PARTS / self.settings.window_s).floor() as i64;
+        if self.parts.back().is_none_or(|part| part.index != index) {
+            self.parts.push_back(Part {
+                index,
+                known_s: 0.0,
+                loaded_s: vec![0.0; loads.len()],
+            });
+        }
+        if let Some(part) = self.parts.back_mut() {
+            part.known_s += step;
+            for (sum, value) in part.loaded_s.iter_mut().zip(loads) {
+                if *value >= self.settings.threshold {
+                    *sum += step;
+                }
+            }
+        }
+        while self
+            .parts
+            .front()
+            .is_some_and(|part| part.index <= index - PARTS as i64)
+        {
+            self.parts.pop_front();
+        }
+    }
+
+    /// Adds the values of the course over a region (its position in the surface) to those of the map.
+    pub(super) fn complete(
+        &self,
+        surface: &Surface,
+        region: usize,
+        values: &mut Values,
+    ) -> CoursePlaces {
+        let shares = &surface.region_list()[region].shares;
+        let largest = |of: &[f64]| {
+            let inside = (0..of.len()).filter(|t| shares[*t] >= 0.5);
+            inside.max_by(|a, b| of[*a].total_cmp(&of[*b]))
+        };
+        let at = |of: &[f64], triangle: usize| {
+            Some(surface.adjacency().centroids()[triangle]).filter(|_| of[triangle] > 0.0)
+        };
+        let (dose, unrelieved) = (largest(&self.dose), largest(&self.unrelieved));
+        values.set(Quantity::Dose, dose.map(|t| self.dose[t]));
+        values.set(Quantity::Unrelieved, unrelieved.map(|t| self.unrelieved[t]));
+        values.set(
+            Quantity::UnrelievedArea,
+            self.unrelieved_area(surface, shares),
+        );
+        let path = &self.paths[region];
+        values.set(Quantity::Speed, path.speed);
+        values.set(Quantity::Path, Some(path.length));
+        CoursePlaces {
+            dose: dose.and_then(|t| at(&self.dose, t)),
+            unrelieved: unrelieved.and_then(|t| at(&self.unrelieved, t)),
+        }
+    }
+
+    /// Area loaded for 95 % of the known time of the window, mm2; `None` where less than 95 % of the window is known.
+    fn unrelieved_area(&self, surface: &Surface, shares: &[f64]) -> Option<f64> {
+        let known: f64 = self.parts.iter().map(|part| part.known_s).sum();
+        if known < KNOWN * self.settings.window_s {
+            return None;
+        }
+        let areas = surface.adjacency().areas();
+        let unrelieved = (0..areas.len()).filter(|t| {
+            let loaded: f64 = self.parts.iter().map(|part| part.loaded_s[*t]).sum();
+            loaded >= SHARE * known
+        });
+        Some(1e6 * unrelieved.map(|t| shares[t] * areas[t]).sum::<f64>())
+    }
+}
+
+impl Path {
+    fn take(&mut self, at_s: f64, values: &Values, hold_s: f64) {
+        let centre = values
+            .get(Quantity::CentreX)
+            .zip(values.get(Quantity::CentreY));
+        // without contact the centre is that of the noise
+        let loaded = values.get(Quantity::Contact).is_some_and(|area| area > 0.0);
+        let Some((x, y)) = centre.filter(|_| loaded) else {
+            (self.last, self.speed) = (None, None);
+            return;
+        };
+        let moved = self
+            .last
+            .filter(|(before_s, _)| at_s > *before_s && at_s - before_s <= hold_s);
+        self.speed = moved.map(|(before_s, from)| {
+            let distance = (x - from[0]).hypot(y - from[1]);
+            self.length += distance;
+            distance / (at_s - before_s)
+        });
+        self.last = Some((at_s, [x, y]));
+    }
+}

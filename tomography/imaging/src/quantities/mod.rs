@@ -1,0 +1,319 @@
+//! Numbers that describe a map and its course in time: contact area, load, peak pressure index, centre of pressure, dose,
+//! hot spots and others, for the whole sheet and for named regions.
+//!
+//! Lengths in results are mm, areas mm2, pressures kPa, loads N; without a calibration values are relative losses of
+//! conductance and a load is their integral, mm2. A gain of conductance counts as no load.
+//!
+//! Formulas: ISO/TR 16840-9:2015 (contact area, load, mean, dispersion, variation), the BodiTrak manual (peak pressure index
+//! over 9 to 10 cm2, threshold of 5 mmHg), Peterson et al., JRRD 50(4), 2013 (unrelieved area); dose is the pressure-time
+//! integral above the threshold (Reswick and Rogers, 1976).
+
+mod course;
+mod deviation;
+mod frame;
+mod minutes;
+mod quantity;
+mod region;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod tracks;
+
+use eit::Pressure;
+use serde::{Deserialize, Serialize};
+use survey::{Map, Verdict};
+
+use crate::model::Model;
+use crate::tracking::Tracked;
+use course::{Course, CourseSettings};
+pub use deviation::Deviation;
+pub use minutes::{QuantityRow, Rows};
+pub use quantity::{LoadUnit, Quantity, Values};
+pub use region::{RegionError, RegionSettings, SHEET, check_regions};
+pub use surface::Surface;
+use tracks::Tracks;
+pub use tracks::{SpotChange, SpotTrack};
+
+/// kPa of one mmHg.
+pub const KPA_PER_MMHG: f64 = 0.133_322;
+
+/// `[quantities]`: thresholds and windows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct QuantitySettings {
+    /// Least pressure of the contact area, kPa.
+    pub threshold_kpa: f64,
+    /// The same of a map without calibration: relative loss of conductance, %.
+    pub threshold_percent: f64,
+    /// Area of the disc of the peak pressure index, cm2.
+    pub window_cm2: f64,
+    /// Time below the threshold that ends a time without relief, s.
+    pub relief_s: f64,
+    /// Time over which the unrelieved area is counted, h.
+    pub unrelieved_h: f64,
+    /// Longest time for which the values of a frame hold, s: a longer time to the next known frame counts as not known.
+    pub hold_s: f64,
+}
+
+impl Default for QuantitySettings {
+    fn default() -> Self {
+        Self {
+            threshold_kpa: 0.667,
+            threshold_percent: 5.0,
+            window_cm2: 9.5,
+            relief_s: 60.0,
+            unrelieved_h: 4.0,
+            hold_s: 900.0,
+        }
+    }
+}
+
+/// A map and what is known of it.
+#[derive(Debug, Clone, Copy)]
+pub struct JudgedMap<'a> {
+    /// The map, relative.
+    pub map: &'a Map,
+    /// The same as pressure.
+    pub pressure: Option<&'a Pressure>,
+    /// The largest loss by noise alone; `None` if unknown.
+    pub noise: Option<f64>,
+    /// What the tracked baseline says of the frame.
+    pub tracked: Option<&'a Tracked>,
+}
+
+/// The quantities of a frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameQuantities {
+    /// Whether the map can be relied on.
+    pub known: bool,
+    /// Why not, as a sentence.
+    pub reason: Option<String>,
+    /// What the map's values mean.
+    pub unit: LoadUnit,
+    /// The whole sheet first, then the named regions.
+    pub regions: Vec<RegionQuantities>,
+    /// Hot spots of the sheet, the highest first; those of the last known frame where this one is not to be believed.
+    pub spots: Vec<SpotTrack>,
+    /// What became of hot spots with this frame.
+    pub changes: Vec<SpotChange>,
+}
+
+/// The quantities of a region.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RegionQuantities {
+    /// Its name; [`SHEET`] for the whole sheet.
+    pub name: String,
+    /// The values; none where the map is not to be believed.
+    pub values: Values,
+    /// Standard deviations by noise; see [`Deviation`].
+    pub deviations: Values,
+    /// Where the peak is, mm.
+    pub peak_mm: Option<[f64; 2]>,
+    /// Where the disc of the peak pressure index is, mm.
+    pub ppi_mm: Option<[f64; 2]>,
+    /// Where the largest dose is, mm.
+    pub dose_mm: Option<[f64; 2]>,
+    /// Where the longest unrelieved time is, mm.
+    pub unrelieved_mm: Option<[f64; 2]>,
+}
+
+/// Computes the quantities of frame after frame.
+#[derive(Debug, Clone)]
+pub struct Quantifier {
+    surface: Surface,
+    settings: QuantitySettings,
+    unit: LoadUnit,
+    course: Course,
+    tracks: Tracks,
+    deviation: Option<Deviation>,
+}
+
+impl Quantifier {
+    /// For the maps of a model, in kPa if it has a calibration.
+    ///
+    /// # Errors
+    /// A region that is wrong or lies beside the map.
+    pub fn new(
+        model: &Model,
+        settings: &QuantitySettings,
+        regions: &[RegionSettings],
+    ) -> Result<Self, RegionError> {
+        check_regions(regions).map_err(|(_, error)| error)?;
+        let surface = Surface::new(
+            model.reconstructor.mesh(),
+            1e-4 * settings.window_cm2,
+            regions,
+        )?;
+        let unit = match model.calibration {
+            Some(_) => LoadUnit::Pressure,
+            None => LoadUnit::RelativeLoss,
+        };
+        Ok(Self::of_surface(surface, settings.clone(), unit))
+    }
+
+    /// Also computes standard deviations by noise.
+    pub fn with_deviation(mut self, deviation: Option<Deviation>) -> Self {
+        self.deviation = deviation;
+        self
+    }
+
+    fn of_surface(surface: Surface, settings: QuantitySettings, unit: LoadUnit) -> Self {
+        let course = CourseSettings {
+            threshold: threshold(&settings, unit),
+            relief_s: settings.relief_s,
+            window_s: 3600.0 * settings.unrelieved_h,
+            hold_s: settings.hold_s,
+        };
+        let triangles = surface.adjacency().areas().len();
+        let regions = surface.region_list().len();
+        Self {
+            course: Course::new(course, triangles, regions),
+            surface,
+            settings,
+            unit,
+            tracks: Tracks::default(),
+            deviation: None,
+        }
+    }
+
+    /// What the values mean.
+    pub fn unit(&self) -> LoadUnit {
+        self.unit
+    }
+
+    /// The surface that it works on.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// Dose of each triangle, [`Quantity::Dose`] and its unit.
+    pub fn dose(&self) -> &[f64] {
+        self.course.dose()
+    }
+
+    /// The quantities of the next frame; `None` for a frame without a map. `at_s`: its time, s of the Unix epoch.
+    pub fn take(&mut self, at_s: f64, judged: Option<&JudgedMap<'_>>) -> FrameQuantities {
+        let refused = match judged {
+            None => Some("the frame has no map".to_owned()),
+            Some(judged) => unreliable(judged.map).or(self.without_pressure(judged)),
+        };
+        let Some(judged) = judged.filter(|_| refused.is_none()) else {
+            return self.unknown(refused);
+        };
+        let loads = self.loads(judged);
+        let mut found = frame::of_map(&self.surface, &loads, self.threshold(), self.unit);
+        let values: Vec<Values> = found.iter().map(|found| found.values).collect();
+        self.course.take(at_s, &loads, &values);
+        let spots = self.surface.adjacency().hot_spots(&loads, self.threshold());
+        let changes = self.tracks.take(at_s, &spots);
+        let deviations = self.deviations(judged);
+        let regions = found
+            .iter_mut()
+            .zip(deviations)
+            .enumerate()
+            .map(|(index, (found, deviations))| {
+                let places = self
+                    .course
+                    .complete(&self.surface, index, &mut found.values);
+                let millimetres = |place: Option<[f64; 2]>| place.map(|at| at.map(|m| 1e3 * m));
+                RegionQuantities {
+                    name: self.surface.region_list()[index].name.clone(),
+                    values: found.values,
+                    deviations,
+                    peak_mm: millimetres(found.peak),
+                    ppi_mm: millimetres(found.ppi),
+                    dose_mm: millimetres(places.dose),
+                    unrelieved_mm: millimetres(places.unrelieved),
+                }
+            })
+            .collect();
+        let doubt = judged.tracked.filter(|tracked| !tracked.known);
+        FrameQuantities {
+            known: doubt.is_none(),
+            reason: doubt.map(|tracked| {
+                let words = tracked.reason.map_or("not known", |reason| reason.words());
+                tracked.text.clone().unwrap_or_else(|| words.to_owned())
+            }),
+            unit: self.unit,
+            regions,
+            spots: self.tracks.list(),
+            changes,
+        }
+    }
+
+    fn unknown(&self, reason: Option<String>) -> FrameQuantities {
+        let region = |name: &str| RegionQuantities {
+            name: name.to_owned(),
+            values: Values::default(),
+            deviations: Values::default(),
+            peak_mm: None,
+            ppi_mm: None,
+            dose_mm: None,
+            unrelieved_mm: None,
+        };
+        FrameQuantities {
+            known: false,
+            reason,
+            unit: self.unit,
+            regions: self.surface.regions().map(region).collect(),
+            spots: self.tracks.list(),
+            changes: Vec::new(),
+        }
+    }
+
+    /// Why a map has no pressure, where quantities are in kPa.
+    fn without_pressure(&self, judged: &JudgedMap<'_>) -> Option<String> {
+        (self.unit == LoadUnit::Pressure && judged.pressure.is_none())
+            .then(|| "the calibration does not belong to this map".to_owned())
+    }
+
+    fn threshold(&self) -> f64 {
+        threshold(&self.settings, self.unit)
+    }
+
+    /// The load of each triangle; all zero where nothing exceeds the noise.
+    fn loads(&self, judged: &JudgedMap<'_>) -> Vec<f64> {
+        if judged.map.is_significant(judged.noise) == Some(false) {
+            return vec![0.0; judged.map.values.len()];
+        }
+        match (self.unit, judged.pressure) {
+            (LoadUnit::Pressure, Some(pressure)) => pressure.kpa.clone(),
+            (LoadUnit::Pressure | LoadUnit::RelativeLoss, _) => losses(&judged.map.values),
+        }
+    }
+
+    fn deviations(&self, judged: &JudgedMap<'_>) -> Vec<Values> {
+        let regions = self.surface.region_list().len();
+        let significant = judged.map.is_significant(judged.noise) != Some(false);
+        match &self.deviation {
+            Some(deviation) if significant => {
+                let baseline_sd = judged
+                    .tracked
+                    .map_or(0.0, |tracked| 1e-6 * tracked.baseline_sd_uv);
+                deviation.of(judged.map, baseline_sd, regions, |map, pressure| {
+                    let loads = pressure.map_or_else(|| losses(&map.values), |p| p.kpa.clone());
+                    let found = frame::of_map(&self.surface, &loads, self.threshold(), self.unit);
+                    found.into_iter().map(|found| found.values).collect()
+                })
+            }
+            _ => vec![Values::default(); regions],
+        }
+    }
+}
+
+fn threshold(settings: &QuantitySettings, unit: LoadUnit) -> f64 {
+    match unit {
+        LoadUnit::Pressure => settings.threshold_kpa,
+        LoadUnit::RelativeLoss => 1e-2 * settings.threshold_percent,
+    }
+}
+
+fn losses(values: &[f64]) -> Vec<f64> {
+    values.iter().map(|value| (-value).max(0.0)).collect()
+}
+
+/// Why the map is not to be believed.
+fn unreliable(map: &Map) -> Option<String> {
+    let quality = map.quality.as_ref()?;
+    (quality.verdict == Verdict::Unreliable).then(|| quality.text())
+}

@@ -1,0 +1,189 @@
+//! The list of quantities, with names and units.
+
+use serde::{Deserialize, Serialize};
+
+/// A number that describes a map, or its course in time, over the whole sheet or one region.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Quantity {
+    /// Area whose value is at least the threshold.
+    Contact,
+    /// Integral of the values over the area.
+    Load,
+    /// Mean over the contact area.
+    Mean,
+    /// The largest value, of one triangle.
+    Peak,
+    /// Peak pressure index: the largest mean over a disc (9.5 cm2 unless set otherwise), clipped to the sheet.
+    Ppi,
+    /// Dispersion index: share of the sheet's load that lies in the region.
+    Dispersion,
+    /// Coefficient of variation over the contact area.
+    Variation,
+    /// Centre of pressure, x.
+    CentreX,
+    /// Centre of pressure, y.
+    CentreY,
+    /// The largest gradient.
+    Gradient,
+    /// Number of hot spots.
+    HotSpots,
+    /// Speed of the centre of pressure.
+    Speed,
+    /// Length of its path since the session's first frame.
+    Path,
+    /// The largest dose of a triangle: integral over time of the value above the threshold.
+    Dose,
+    /// The longest time that a triangle is loaded without relief.
+    Unrelieved,
+    /// Area that was loaded for 95 % of the last window.
+    UnrelievedArea,
+}
+
+/// What the values of a map mean for its quantities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LoadUnit {
+    /// Relative loss of conductance, 0 to 1: a map without calibration.
+    RelativeLoss,
+    /// Pressure, kPa.
+    Pressure,
+}
+
+impl Quantity {
+    /// All, in the order of tables.
+    pub const ALL: [Self; 16] = [
+        Self::Contact,
+        Self::Load,
+        Self::Mean,
+        Self::Peak,
+        Self::Ppi,
+        Self::Dispersion,
+        Self::Variation,
+        Self::CentreX,
+        Self::CentreY,
+        Self::Gradient,
+        Self::HotSpots,
+        Self::Speed,
+        Self::Path,
+        Self::Dose,
+        Self::Unrelieved,
+        Self::UnrelievedArea,
+    ];
+
+    /// The name in configuration, tables and JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Contact => "contact",
+            Self::Load => "load",
+            Self::Mean => "mean",
+            Self::Peak => "peak",
+            Self::Ppi => "ppi",
+            Self::Dispersion => "dispersion",
+            Self::Variation => "variation",
+            Self::CentreX => "centre-x",
+            Self::CentreY => "centre-y",
+            Self::Gradient => "gradient",
+            Self::HotSpots => "hot-spots",
+            Self::Speed => "speed",
+            Self::Path => "path",
+            Self::Dose => "dose",
+            Self::Unrelieved => "unrelieved",
+            Self::UnrelievedArea => "unrelieved-area",
+        }
+    }
+
+    /// From its name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|known| known.name() == name)
+    }
+
+    /// A few words for people.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Contact => "contact area",
+            Self::Load => "load",
+            Self::Mean => "mean over the contact area",
+            Self::Peak => "peak of one triangle",
+            Self::Ppi => "peak pressure index",
+            Self::Dispersion => "dispersion index",
+            Self::Variation => "coefficient of variation",
+            Self::CentreX => "centre of pressure, x",
+            Self::CentreY => "centre of pressure, y",
+            Self::Gradient => "largest gradient",
+            Self::HotSpots => "hot spots",
+            Self::Speed => "speed of the centre of pressure",
+            Self::Path => "path of the centre of pressure",
+            Self::Dose => "largest dose of a triangle",
+            Self::Unrelieved => "longest unrelieved time",
+            Self::UnrelievedArea => "unrelieved area",
+        }
+    }
+
+    /// The unit of its values. Without calibration, a load is an area times a relative loss.
+    pub fn unit(self, of: LoadUnit) -> &'static str {
+        let pressure = of == LoadUnit::Pressure;
+        match self {
+            Self::Contact | Self::UnrelievedArea => "mm2",
+            Self::Load if pressure => "N",
+            Self::Load => "mm2 of relative loss",
+            Self::Mean | Self::Peak | Self::Ppi if pressure => "kPa",
+            Self::Mean | Self::Peak | Self::Ppi => "relative loss",
+            Self::Dispersion | Self::Variation => "%",
+            Self::CentreX | Self::CentreY | Self::Path => "mm",
+            Self::Gradient if pressure => "kPa/mm",
+            Self::Gradient => "relative loss/mm",
+            Self::HotSpots => "1",
+            Self::Speed => "mm/s",
+            Self::Dose if pressure => "kPa s",
+            Self::Dose => "relative loss s",
+            Self::Unrelieved => "s",
+        }
+    }
+
+    /// Whether it depends on the frames before.
+    pub fn is_of_course(self) -> bool {
+        matches!(
+            self,
+            Self::Speed | Self::Path | Self::Dose | Self::Unrelieved | Self::UnrelievedArea
+        )
+    }
+}
+
+impl LoadUnit {
+    /// The unit of a triangle's value.
+    pub fn text(self) -> &'static str {
+        Quantity::Peak.unit(self)
+    }
+}
+
+/// One number for each [`Quantity`]; `None` where it does not exist or is not known.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Values([Option<f64>; Quantity::ALL.len()]);
+
+impl Values {
+    /// The value of a quantity.
+    pub fn get(&self, quantity: Quantity) -> Option<f64> {
+        self.0[quantity as usize]
+    }
+
+    pub(super) fn set(&mut self, quantity: Quantity, value: Option<f64>) {
+        self.0[quantity as usize] = value.filter(|value| value.is_finite());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_positions_are_those_of_the_list() {
+        for (position, quantity) in Quantity::ALL.into_iter().enumerate() {
+            assert_eq!(quantity as usize, position);
+            assert_eq!(Quantity::from_name(quantity.name()), Some(quantity));
+            let json = serde_json::to_value(quantity).unwrap();
+            assert_eq!(json, quantity.name());
+        }
+        assert_eq!(Quantity::from_name("pressure"), None);
+    }
+}

@@ -1,0 +1,235 @@
+//! Hot spots from frame to frame: each keeps its number while it moves.
+
+use serde::{Deserialize, Serialize};
+use survey::HotSpot;
+
+/// Longest way of a hot spot between two frames, in addition to its radius, m.
+const LONGEST_STEP_M: f64 = 0.02;
+/// Distance from the last reported place after which a hot spot is reported as moved, m.
+const MOVED_M: f64 = 0.01;
+
+/// A hot spot with its history.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SpotTrack {
+    /// Its number, from 1 in the order of appearance.
+    pub number: u64,
+    /// Centre, mm.
+    pub centre_mm: [f64; 2],
+    /// The largest value.
+    pub peak: f64,
+    /// Area at half of that value or more, mm2.
+    pub area_mm2: f64,
+    /// Time since it appeared, s.
+    pub age_s: f64,
+    /// Speed of its centre since the frame before, mm/s; `None` in its first frame.
+    pub speed_mm_s: Option<f64>,
+}
+
+/// What became of a hot spot with a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "change")]
+pub enum SpotChange {
+    /// It was not there before.
+    Appeared {
+        /// Its number.
+        number: u64,
+    },
+    /// It is at least 10 mm from where it was last reported.
+    Moved {
+        /// Its number.
+        number: u64,
+        /// From there, mm.
+        distance_mm: f64,
+    },
+    /// It is part of another one now.
+    Merged {
+        /// Its number.
+        number: u64,
+        /// The other's.
+        into: u64,
+    },
+    /// It is not there any more.
+    Gone {
+        /// Its number.
+        number: u64,
+    },
+}
+
+/// All hot spots that are on the sheet.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tracks {
+    current: Vec<Track>,
+    numbered: u64,
+    last_s: f64,
+}
+
+#[derive(Debug, Clone)]
+struct Track {
+    number: u64,
+    spot: HotSpot,
+    since_s: f64,
+    speed: Option<f64>,
+    reported: [f64; 2],
+}
+
+impl Tracks {
+    /// Takes the hot spots of the next frame, and returns what became of those before.
+    pub(super) fn take(&mut self, at_s: f64, spots: &[HotSpot]) -> Vec<SpotChange> {
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for (old, track) in self.current.iter().enumerate() {
+            for (new, spot) in spots.iter().enumerate() {
+                let apart = distance(track.spot.centre, spot.centre);
+                if apart <= LONGEST_STEP_M + radius(&track.spot).max(radius(spot)) {
+                    pairs.push((apart, old, new));
+                }
+            }
+        }
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let mut track_of: Vec<Option<usize>> = vec![None; spots.len()];
+        let mut kept = vec![false; self.current.len()];
+        for (_, old, new) in pairs {
+            if track_of[new].is_none() && !kept[old] {
+                (track_of[new], kept[old]) = (Some(old), true);
+            }
+        }
+        let mut changes = Vec::new();
+        let step = at_s - self.last_s;
+        let before = std::mem::take(&mut self.current);
+        for (spot, old) in spots.iter().zip(&track_of) {
+            let track = match old {
+                Some(old) => before[*old].followed(spot, step),
+                None => {
+                    self.numbered += 1;
+                    changes.push(SpotChange::Appeared {
+                        number: self.numbered,
+                    });
+                    Track {
+                        number: self.numbered,
+                        spot: spot.clone(),
+                        since_s: at_s,
+                        speed: None,
+                        reported: spot.centre,
+                    }
+                }
+            };
+            self.current.push(track);
+        }
+        for track in &mut self.current {
+            let moved = distance(track.reported, track.spot.centre);
+            if moved >= MOVED_M {
+                track.reported = track.spot.centre;
+                changes.push(SpotChange::Moved {
+                    number: track.number,
+                    distance_mm: 1e3 * moved,
+                });
+            }
+        }
+        for (track, _) in before.iter().zip(&kept).filter(|(_, kept)| !**kept) {
+            let into = self.current.iter().find(|other| {
+                distance(track.spot.centre, other.spot.centre) <= radius(&other.spot)
+            });
+            changes.push(match into {
+                Some(other) => SpotChange::Merged {
+                    number: track.number,
+                    into: other.number,
+                },
+                None => SpotChange::Gone {
+                    number: track.number,
+                },
+            });
+        }
+        self.last_s = at_s;
+        changes
+    }
+
+    /// The hot spots of the last frame, the highest first.
+    pub(super) fn list(&self) -> Vec<SpotTrack> {
+        self.current
+            .iter()
+            .map(|track| SpotTrack {
+                number: track.number,
+                centre_mm: track.spot.centre.map(|metres| 1e3 * metres),
+                peak: track.spot.peak,
+                area_mm2: 1e6 * track.spot.area,
+                age_s: self.last_s - track.since_s,
+                speed_mm_s: track.speed,
+            })
+            .collect()
+    }
+}
+
+impl Track {
+    fn followed(&self, spot: &HotSpot, step: f64) -> Self {
+        let way = 1e3 * distance(self.spot.centre, spot.centre);
+        Self {
+            spot: spot.clone(),
+            speed: Some(way / step).filter(|_| step > 0.0),
+            ..*self
+        }
+    }
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// Radius of the circle with the spot's area, m.
+fn radius(spot: &HotSpot) -> f64 {
+    (spot.area / std::f64::consts::PI).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spot(x_mm: f64, area_mm2: f64) -> HotSpot {
+        HotSpot {
+            centre: [1e-3 * x_mm, 0.0],
+            peak: 1.0,
+            area: 1e-6 * area_mm2,
+        }
+    }
+
+    #[test]
+    fn a_spot_keeps_its_number_while_it_moves() {
+        let mut tracks = Tracks::default();
+        assert_eq!(
+            tracks.take(0.0, &[spot(10.0, 300.0)]),
+            [SpotChange::Appeared { number: 1 }]
+        );
+        assert_eq!(tracks.take(1.0, &[spot(16.0, 300.0)]), []);
+        let moved = tracks.take(2.0, &[spot(22.0, 300.0), spot(90.0, 300.0)]);
+        assert_eq!(moved[0], SpotChange::Appeared { number: 2 });
+        assert!(
+            matches!(moved[1], SpotChange::Moved { number: 1, distance_mm } if (distance_mm - 12.0).abs() < 1e-9)
+        );
+        let list = tracks.list();
+        assert_eq!((list[0].number, list[0].age_s), (1, 2.0));
+        assert!((list[0].speed_mm_s.unwrap() - 6.0).abs() < 1e-9);
+        assert_eq!(list[1].speed_mm_s, None);
+    }
+
+    #[test]
+    fn a_spot_that_another_covers_has_merged_and_one_that_ends_is_gone() {
+        let mut tracks = Tracks::default();
+        tracks.take(
+            0.0,
+            &[spot(10.0, 300.0), spot(41.0, 300.0), spot(200.0, 300.0)],
+        );
+        let changes = tracks.take(1.0, &[spot(25.0, 2800.0)]);
+        assert!(
+            matches!(changes[0], SpotChange::Moved { number: 1, .. }),
+            "{changes:?}"
+        );
+        let ended = [
+            SpotChange::Merged { number: 2, into: 1 },
+            SpotChange::Gone { number: 3 },
+        ];
+        assert_eq!(changes[1..], ended);
+        // a number is never given twice
+        assert_eq!(
+            tracks.take(2.0, &[spot(25.0, 2800.0), spot(200.0, 300.0)]),
+            [SpotChange::Appeared { number: 4 }]
+        );
+    }
+}
