@@ -115,6 +115,9 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
         Command::Events { session } => crate::records::events::run(&global, &session, printer),
         Command::Export(export) => crate::records::export::run(&global, &export, printer),
         Command::Replay(replay) => crate::maps::replay::run(&global, &replay, printer),
+        Command::Quantities(requested) => {
+            crate::maps::quantities::run(&global, &requested, printer)
+        }
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut crate::command(), "tactus", &mut script);
@@ -186,6 +189,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     | Command::Doctor(_)
                     | Command::Export(_)
                     | Command::Replay(_)
+                    | Command::Quantities(_)
                     | Command::Completions { .. }
                     | Command::Man { .. } => {
                         unreachable!("the offline commands were taken above")
@@ -223,6 +227,10 @@ mod outputs {
                 "replay --case",
                 "replay --frames",
                 "replay --model",
+                "quantities --calibration",
+                "quantities --case",
+                "quantities --frames",
+                "quantities --model",
                 // a new session file, created by the logbook, which never overwrites
                 "sessions repair --out",
                 "start --model",

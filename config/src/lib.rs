@@ -17,6 +17,7 @@ pub mod problems;
 
 use std::path::{Path, PathBuf};
 
+use imaging::quantities::{QuantitySettings, RegionSettings};
 use imaging::{GeometrySettings, ReconstructionSettings};
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +49,11 @@ pub struct Config {
     pub geometry: GeometrySettings,
     /// `[model]`.
     pub model: ReconstructionSettings,
+    /// `[quantities]`.
+    pub quantities: QuantitySettings,
+    /// `[[region]]`, each one a part of the sheet with quantities of its own.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub region: Vec<RegionSettings>,
     /// `[record]`.
     pub record: RecordSection,
     /// `[about]`.

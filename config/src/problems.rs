@@ -82,12 +82,14 @@ impl Source {
         }
     }
 
-    /// Locates a problem at a dotted key (`survey.electrodes`), or at its nearest parent in the file.
+    /// Locates a problem at a dotted key (`survey.electrodes`; `region.0.name` in the first `[[region]]`), or at its nearest
+    /// parent in the file.
     pub fn problem(&self, key: &str, text: impl Into<String>) -> Problem {
         let (table, _) = DeTable::parse_recoverable(&self.text);
         let mut span = None;
         let mut level = table.get_ref();
-        for part in key.split('.') {
+        let mut parts = key.split('.');
+        while let Some(part) = parts.next() {
             let Some((name, value)) = level.iter().find(|(name, _)| name.get_ref() == part) else {
                 break;
             };
@@ -95,8 +97,17 @@ impl Source {
                 DeValue::Table(_) => name.span(),
                 _ => value.span(),
             });
-            match value.get_ref() {
-                DeValue::Table(inner) => level = inner,
+            let inner = match value.get_ref() {
+                DeValue::Array(entries) => {
+                    let index = parts.next().and_then(|index| index.parse().ok());
+                    let entry = index.and_then(|index: usize| entries.get(index));
+                    span = entry.map(|entry| entry.span()).or(span);
+                    entry.map(|entry| entry.get_ref())
+                }
+                other => Some(other),
+            };
+            match inner {
+                Some(DeValue::Table(inner)) => level = inner,
                 _ => break,
             }
         }
@@ -222,5 +233,12 @@ mod tests {
         );
         assert_eq!(source.problem("survey.nplc", "x").place, Some((1, 2)));
         assert_eq!(source.problem("model.file", "x").place, Some((1, 1)));
+        let text = "[[region]]\nname = \"a\"\n[[region]]\nname = \"b\"\n";
+        let source = Source::new(Path::new("c.toml"), text.to_owned());
+        assert_eq!(source.problem("region.1.name", "x").place, Some((4, 8)));
+        assert_eq!(
+            source.problem("region.1.polygon_mm", "x").place,
+            Some((3, 1))
+        );
     }
 }

@@ -14,7 +14,9 @@ use outfile::{Existing, GrowingFolder};
 
 use crate::options::duration::{SpanError, parse_span};
 use crate::output::Colour;
-pub use records::{Export, Log, Prune, Repair, Replay, SessionsCommand, Verify};
+pub use records::{
+    Export, Log, Prune, Quantities, RecordingSource, Repair, Replay, SessionsCommand, Verify,
+};
 pub use rig::{Discover, Doctor, InstrumentsCommand, NotifyCommand, Transcript};
 pub use session::{BaselineCommand, BaselineRecord, Plan, Start, Step, Stop, Watch};
 
@@ -125,6 +127,8 @@ pub enum Command {
     Export(Export),
     /// Reconstruct a recording offline: a case folder, or a session
     Replay(Box<Replay>),
+    /// Print load, contact area, peak pressure index, centre of pressure, dose and other quantities of a recording
+    Quantities(Box<Quantities>),
     /// Show the steps, counts, duration and limits of a frame; moves nothing (without a daemon: tactusd --plan)
     Plan(Plan),
     /// Reload the daemon's configuration; an invalid one changes nothing, and its problems are printed (exit code 78)

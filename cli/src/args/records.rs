@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
+use imaging::quantities::Quantity;
 use outfile::{OutFolder, OutPath};
 
 use super::{Replacing, span};
@@ -125,9 +126,9 @@ pub struct Export {
     pub geometry: GeometryChoice,
 }
 
-/// Options of `replay`.
+/// What `replay` and `quantities` read.
 #[derive(Debug, Args)]
-pub struct Replay {
+pub struct RecordingSource {
     /// A case folder with protocol.csv (and a mesh if it has one), a session file, or a session's id, the beginning of one, or `last`
     pub source: String,
     /// Frames of a case folder, a row (or column) a frame; a bare name is looked for in the folder first, then in the current
@@ -138,9 +139,6 @@ pub struct Replay {
     /// baseline.csv, else the first frame]
     #[arg(long, value_name = "FILE|first:N")]
     pub baseline: Option<BaselineRule>,
-    /// Check maps against the recorded checksums; exit code 1 if they differ
-    #[arg(long, conflicts_with_all = ["baseline", "negate", "frames"])]
-    pub verify: bool,
     /// Negate all readings, for an instrument that returns magnitudes
     #[arg(long)]
     pub negate: bool,
@@ -150,6 +148,17 @@ pub struct Replay {
     /// End with this frame, as --from names it [default: the last]
     #[arg(long, value_name = "PLACE", allow_hyphen_values = true)]
     pub to: Option<Moment>,
+}
+
+/// Options of `replay`.
+#[derive(Debug, Args)]
+pub struct Replay {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub from: RecordingSource,
+    /// Check maps against the recorded checksums; exit code 1 if they differ
+    #[arg(long, conflicts_with_all = ["baseline", "negate", "frames"])]
+    pub verify: bool,
     /// Only every Nth frame, from the first selected one
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     pub every: u64,
@@ -187,4 +196,51 @@ pub struct Replay {
     pub tracked: TrackedArguments,
     #[command(flatten)]
     pub geometry: GeometryChoice,
+}
+
+/// Options of `quantities`.
+#[derive(Debug, Args)]
+pub struct Quantities {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub from: RecordingSource,
+    /// Only this region: a name of [[region]] in the session's configuration, or `sheet` [default: all]
+    #[arg(long, value_name = "NAME")]
+    pub region: Option<String>,
+    /// Only this quantity, e.g. load, ppi, unrelieved; may be repeated [default: all]
+    #[arg(long = "quantity", value_name = "NAME", value_parser = quantity)]
+    pub quantities: Vec<Quantity>,
+    /// Length of a span: smallest, mean and largest value of its frames are printed
+    #[arg(long, value_name = "SPAN", default_value = "1m", value_parser = span)]
+    pub every: Duration,
+    /// Print each frame instead, with standard deviations
+    #[arg(long, conflicts_with = "every")]
+    pub each_frame: bool,
+    /// Print CSV with a heading: one line for each span (or frame), region and quantity
+    #[arg(long)]
+    pub csv: bool,
+    /// Pressures in mmHg instead of kPa; needs a calibration
+    #[arg(long)]
+    pub mmhg: bool,
+    /// A calibration of this mesh and method (`tactus-lab calibrate`): pressures and loads in kPa and newtons [default: the
+    /// session's, unless another method is named]
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub method: MethodArguments,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub tracked: TrackedArguments,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub geometry: GeometryChoice,
+}
+
+/// A quantity by its name.
+fn quantity(name: &str) -> Result<Quantity, String> {
+    Quantity::from_name(name).ok_or_else(|| {
+        let known = Quantity::ALL.map(Quantity::name).join(", ");
+        format!("there is no quantity '{name}'; known: {known}")
+    })
 }

@@ -58,9 +58,9 @@ fn the_recording_of_the_story_is_read() {
     let Command::Replay(replay) = arguments.command else {
         panic!()
     };
-    assert_eq!(replay.baseline, Some(BaselineRule::First(16)));
+    assert_eq!(replay.from.baseline, Some(BaselineRule::First(16)));
     assert_eq!(replay.geometry.preset, Some(PresetName::DiscTank));
-    assert!(replay.negate);
+    assert!(replay.from.negate);
     assert_eq!(replay.method.prior, None);
 }
 

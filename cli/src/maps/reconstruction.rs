@@ -5,6 +5,7 @@ use std::path::Path;
 use eit::inverse::learned::network::is_onnx;
 use eit::{DiscTank, Mesh, PaperSheet, Preset, Pressure};
 use imaging::noise::Noise;
+use imaging::quantities::{Deviation, Quantifier, QuantitySettings, RegionError, RegionSettings};
 use imaging::recorded::{Fitted, Origin, Recording};
 use imaging::{
     BuildError, Conditions, Geometry, MethodArguments, Model, TrackedArguments, Tracking, has_mesh,
@@ -26,6 +27,8 @@ pub(crate) struct Reconstruction {
     pub(crate) remarks: Vec<String>,
     /// The largest loss by noise alone; `None` if the noise of a reading is unknown.
     pub(crate) noise: Option<f64>,
+    /// Standard deviation of one reading, in the unit of the readings; `None` if unknown.
+    reading_noise: Option<f64>,
     /// Follows the baseline; `None` where that is not asked for.
     pub(crate) tracking: Option<Tracking>,
     /// Whether a map that the calibration refuses is an error: the calibration was named.
@@ -99,6 +102,7 @@ impl Reconstruction {
             measured.and_then(|noise| imaging::map_noise(&model, &unloaded.readings, noise));
         Ok(Self {
             noise,
+            reading_noise: measured,
             tracking,
             must_calibrate: calibration.is_some(),
             field: Field::from_mesh(model.reconstructor.mesh()),
@@ -132,6 +136,27 @@ impl Reconstruction {
             }
             Err(_) => Ok(None),
         }
+    }
+
+    /// Computes quantities of the maps.
+    ///
+    /// # Errors
+    /// A region that lies beside the maps.
+    pub(crate) fn quantifier(
+        &self,
+        settings: &QuantitySettings,
+        regions: &[RegionSettings],
+    ) -> Result<Quantifier, RegionError> {
+        Quantifier::new(&self.model, settings, regions)
+    }
+
+    /// Standard deviations of quantities; `None` where the noise is not known, or the method is not linear.
+    pub(crate) fn deviation(&self, recording: &Recording) -> Option<Deviation> {
+        Deviation::new(
+            &self.model,
+            &recording.unloaded.readings,
+            self.reading_noise?,
+        )
     }
 
     /// The mesh whose region the maps cover.

@@ -1,4 +1,4 @@
-//! The recording for `replay`: a case folder with measured frames, or a session of the logbook.
+//! The recording for `replay` and `quantities`: a case folder with measured frames, or a session of the logbook.
 
 use std::cmp::Ordering;
 use std::path::Path;
@@ -6,32 +6,67 @@ use std::path::Path;
 use imaging::recorded::{RecordedError, RecordedFrame, Recording, TableOptions};
 use logbook::LogbookError;
 
-use crate::args::{Global, Replay};
+use crate::args::{Global, RecordingSource};
 use crate::failure::Failure;
 use crate::options::moment::Moment;
 use crate::output::time::local;
 use crate::session_files;
 
 /// Opens a folder, a session file, or a session by its id in the state directory.
-pub(crate) fn open(global: &Global, replay: &Replay) -> Result<Recording, Failure> {
-    let path = Path::new(&replay.source);
+/// `electrodes`: their number, for a folder whose protocol does not state it.
+pub(crate) fn open(
+    global: &Global,
+    source: &RecordingSource,
+    electrodes: Option<usize>,
+) -> Result<Recording, Failure> {
+    let path = Path::new(&source.source);
     if path.is_dir() {
-        from_folder(path, replay)
+        from_folder(path, source, electrodes)
     } else {
         from_session(
-            &session_files::session_file(global, &replay.source)?,
-            replay,
+            &session_files::session_file(global, &source.source)?,
+            source,
         )
     }
 }
 
+/// Which of the frames between `--from` and `--to` are asked for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Thinning {
+    /// Every nth, from the first.
+    pub(crate) every: u64,
+    /// At most so many.
+    pub(crate) count: Option<u64>,
+}
+
+impl Thinning {
+    /// All frames.
+    pub(crate) const NONE: Self = Self {
+        every: 1,
+        count: None,
+    };
+
+    fn every(self) -> usize {
+        usize::try_from(self.every).unwrap_or(usize::MAX)
+    }
+
+    fn most(self) -> usize {
+        let count = self.count.and_then(|count| usize::try_from(count).ok());
+        count.unwrap_or(usize::MAX)
+    }
+}
+
 /// How many frames [`frames`] gives, unless some cannot be read; `None` where that depends on their times.
-pub(crate) fn count(recording: &Recording, replay: &Replay) -> Result<Option<usize>, Failure> {
-    if has_places(replay) {
+pub(crate) fn count(
+    recording: &Recording,
+    source: &RecordingSource,
+    thinning: Thinning,
+) -> Result<Option<usize>, Failure> {
+    if has_places(source) {
         return Ok(None);
     }
-    let every = usize::try_from(replay.every).unwrap_or(usize::MAX);
-    Ok(Some(recording.len()?.div_ceil(every).min(most(replay))))
+    let frames = recording.len()?.div_ceil(thinning.every());
+    Ok(Some(frames.min(thinning.most())))
 }
 
 /// The frames up to the last that is asked for, in order, each with whether it is. Those that cannot be read are named on the
@@ -41,13 +76,14 @@ pub(crate) fn count(recording: &Recording, replay: &Replay) -> Result<Option<usi
 /// `--from` or `--to` is a time, and the frames have none; no frame lies between them.
 pub(crate) fn frames<'a>(
     recording: &'a Recording,
-    replay: &'a Replay,
+    source: &'a RecordingSource,
+    thinning: Thinning,
 ) -> Result<impl Iterator<Item = (RecordedFrame, bool)> + 'a, Failure> {
     let readable = || recording.frames().filter_map(Result::ok);
-    let first = has_places(replay)
+    let first = has_places(source)
         .then(|| readable().next()?.wall)
         .flatten();
-    for place in [replay.from, replay.to].into_iter().flatten() {
+    for place in [source.from, source.to].into_iter().flatten() {
         if first.is_none() && !matches!(place, Moment::Frame(_)) {
             return Err(Failure::Usage(
                 "the frames of a case folder have no times; name --from and --to by their numbers (rows from 1)"
@@ -59,9 +95,9 @@ pub(crate) fn frames<'a>(
         place.and_then(|place| place.compare(frame.sequence, frame.wall, first)) != Some(excluded)
     };
     let chosen = move |frame: &RecordedFrame| {
-        lies(frame, replay.from, Ordering::Less) && lies(frame, replay.to, Ordering::Greater)
+        lies(frame, source.from, Ordering::Less) && lies(frame, source.to, Ordering::Greater)
     };
-    if has_places(replay) && !readable().any(|frame| chosen(&frame)) {
+    if has_places(source) && !readable().any(|frame| chosen(&frame)) {
         return Err(Failure::Usage(format!(
             "no frame of {} lies between --from and --to; it has {} frames{}",
             recording.name,
@@ -79,24 +115,23 @@ pub(crate) fn frames<'a>(
             None
         }
     });
-    let every = usize::try_from(replay.every).unwrap_or(usize::MAX);
     let (mut within, mut shown) = (0_usize, 0_usize);
     Ok(readable
         .map(move |frame| {
             let is_within = chosen(&frame);
-            let asked = is_within && within.is_multiple_of(every);
+            let asked = is_within && within.is_multiple_of(thinning.every());
             within += usize::from(is_within);
             (frame, asked)
         })
         .map_while(move |(frame, asked)| {
             shown += usize::from(asked);
-            (shown <= most(replay)).then_some((frame, asked))
+            (shown <= thinning.most()).then_some((frame, asked))
         }))
 }
 
 /// Whether `--from` or `--to` is given.
-fn has_places(replay: &Replay) -> bool {
-    replay.from.is_some() || replay.to.is_some()
+fn has_places(source: &RecordingSource) -> bool {
+    source.from.is_some() || source.to.is_some()
 }
 
 /// Reports an unreadable frame.
@@ -107,23 +142,21 @@ pub(crate) fn left_out(error: &LogbookError) {
     );
 }
 
-fn most(replay: &Replay) -> usize {
-    let count = replay.count.and_then(|count| usize::try_from(count).ok());
-    count.unwrap_or(usize::MAX)
-}
-
-fn from_folder(folder: &Path, replay: &Replay) -> Result<Recording, Failure> {
+fn from_folder(
+    folder: &Path,
+    source: &RecordingSource,
+    electrodes: Option<usize>,
+) -> Result<Recording, Failure> {
     let options = TableOptions {
-        frames: replay.frames.as_deref(),
-        baseline: replay.baseline.as_ref(),
-        negate: replay.negate,
+        frames: source.frames.as_deref(),
+        baseline: source.baseline.as_ref(),
+        negate: source.negate,
     };
-    let electrodes = replay.geometry.electrodes;
     Ok(Recording::from_folder(folder, &options, electrodes)?)
 }
 
-fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
-    if let Some(file) = &replay.frames {
+fn from_session(path: &Path, source: &RecordingSource) -> Result<Recording, Failure> {
+    if let Some(file) = &source.frames {
         return Err(Failure::Usage(format!(
             "--frames {} belongs to a case folder; a session has its own frames",
             file.display()
@@ -131,8 +164,8 @@ fn from_session(path: &Path, replay: &Replay) -> Result<Recording, Failure> {
     }
     Ok(Recording::from_session(
         path,
-        replay.baseline.as_ref(),
-        replay.negate,
+        source.baseline.as_ref(),
+        source.negate,
     )?)
 }
 

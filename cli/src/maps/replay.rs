@@ -18,7 +18,7 @@ use crate::failure::Failure;
 use crate::maps::drawing::{self, unit};
 use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
-use crate::maps::recording;
+use crate::maps::recording::{self, Thinning};
 use crate::output::Printer;
 use crate::output::progress::progress;
 use crate::output::time::utc;
@@ -57,9 +57,13 @@ pub(crate) fn run(
     replay: &Replay,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let recording = recording::open(global, replay)?;
-    let count = recording::count(&recording, replay)?;
-    let frames = recording::frames(&recording, replay)?;
+    let thinning = Thinning {
+        every: replay.every,
+        count: replay.count,
+    };
+    let recording = recording::open(global, &replay.from, replay.geometry.electrodes)?;
+    let count = recording::count(&recording, &replay.from, thinning)?;
+    let frames = recording::frames(&recording, &replay.from, thinning)?;
     let reconstruction = Reconstruction::new(
         &replay.method,
         &replay.geometry,

@@ -1,6 +1,7 @@
 //! Reconstruction settings of a recorded session, from the stored configuration.
 
 use eit::DiscTank;
+use imaging::quantities::{QuantitySettings, RegionSettings};
 use imaging::{Geometry, GeometrySettings, ReconstructionSettings, short_hash};
 use logbook::SessionHeader;
 use serde::de::value::MapDeserializer;
@@ -13,6 +14,8 @@ use crate::failure::Failure;
 pub(crate) struct StoredConfig {
     geometry: GeometrySettings,
     pub(crate) model: ReconstructionSettings,
+    pub(crate) quantities: QuantitySettings,
+    pub(crate) regions: Vec<RegionSettings>,
 }
 
 /// The effective configuration stored in a session. The daemon has validated it, so keys unknown to this program are
@@ -26,6 +29,11 @@ pub(crate) fn stored_config(header: &SessionHeader) -> Result<StoredConfig, Fail
         Ok(StoredConfig {
             geometry: known_keys(tables.remove("geometry"))?,
             model: known_keys(tables.remove("model"))?,
+            quantities: known_keys(tables.remove("quantities"))?,
+            regions: match tables.remove("region") {
+                None => Vec::new(),
+                Some(regions) => regions.try_into()?,
+            },
         })
     };
     read().map_err(|error| {

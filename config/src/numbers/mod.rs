@@ -98,6 +98,12 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("model.map_error", Between(0.0, 1.0)),
     ("model.gap", Between(0.0, 1.0)),
     ("model.map_every", Within(1.0, 1e6)),
+    ("quantities.threshold_kpa", Above(0.0, 1e4)),
+    ("quantities.threshold_percent", Above(0.0, 100.0)),
+    ("quantities.window_cm2", Above(0.0, 1e4)),
+    ("quantities.relief_s", FOR_S),
+    ("quantities.unrelieved_h", Above(0.0, 8766.0)),
+    ("quantities.hold_s", FOR_S),
     // each is some 100 kB of memory
     ("record.transcripts", Within(0.0, 1000.0)),
     // no frame is published during this time

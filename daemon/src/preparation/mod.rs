@@ -25,6 +25,7 @@ use crate::instruments::rig_plan::RigPlan;
 use crate::instruments::simulation::SimulatedRig;
 use config::problems::{Problem, Source};
 use config::{Config, RigKind, SurveySection};
+use imaging::quantities::{Quantifier, check_regions};
 use imaging::{Conditions, Geometry, Model, noise};
 use survey::error_chain as chain;
 
@@ -228,6 +229,7 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> 
     let built = imaging::check_live(&config.model)
         .and_then(|()| imaging::build(&config.model, &conditions));
     let model = findings.value_or_problem(key, built.map_err(|error| chain(&error)));
+    of_regions(&config, model.as_ref(), findings);
     let (config_toml, config_hash) = findings.value_or_problem("rig", effective(&config))?;
     let setup = Setup {
         config_hash,
@@ -250,6 +252,23 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> 
         frames: frames?,
         file: findings.source.file().to_owned(),
     })
+}
+
+/// Regions must have a name and a shape each, and touch the map.
+fn of_regions(config: &Config, model: Option<&Model>, findings: &mut Findings<'_>) {
+    if let Err((index, error)) = check_regions(&config.region) {
+        findings.add(&format!("region.{index}"), error.to_string());
+        return;
+    }
+    let Some(model) = model else {
+        return;
+    };
+    for (index, region) in config.region.iter().enumerate() {
+        let region = std::slice::from_ref(region);
+        if let Err(error) = Quantifier::new(model, &config.quantities, region) {
+            findings.add(&format!("region.{index}"), error.to_string());
+        }
+    }
 }
 
 /// A configuration in the form stored with a session, and its hash.

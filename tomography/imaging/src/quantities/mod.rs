@@ -82,7 +82,7 @@ pub struct JudgedMap<'a> {
 }
 
 /// The quantities of a frame.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FrameQuantities {
     /// Whether the map can be relied on.
     pub known: bool,
@@ -99,7 +99,7 @@ pub struct FrameQuantities {
 }
 
 /// The quantities of a region.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RegionQuantities {
     /// Its name; [`SHEET`] for the whole sheet.
     pub name: String,

@@ -1,5 +1,7 @@
 //! The list of quantities, with names and units.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 /// A number that describes a map, or its course in time, over the whole sheet or one region.
@@ -157,8 +159,9 @@ impl LoadUnit {
     }
 }
 
-/// One number for each [`Quantity`]; `None` where it does not exist or is not known.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+/// One number for each [`Quantity`]; `None` where it does not exist or is not known. In JSON an object without the latter.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(into = "BTreeMap<Quantity, f64>", from = "BTreeMap<Quantity, f64>")]
 pub struct Values([Option<f64>; Quantity::ALL.len()]);
 
 impl Values {
@@ -167,8 +170,35 @@ impl Values {
         self.0[quantity as usize]
     }
 
+    /// The values that a function keeps, as it converts them.
+    pub fn filter_map(&self, mut convert: impl FnMut(Quantity, f64) -> Option<f64>) -> Self {
+        let mut converted = Self::default();
+        for quantity in Quantity::ALL {
+            let value = self.get(quantity);
+            converted.set(quantity, value.and_then(|value| convert(quantity, value)));
+        }
+        converted
+    }
+
     pub(super) fn set(&mut self, quantity: Quantity, value: Option<f64>) {
         self.0[quantity as usize] = value.filter(|value| value.is_finite());
+    }
+}
+
+impl From<Values> for BTreeMap<Quantity, f64> {
+    fn from(values: Values) -> Self {
+        let present = |quantity: Quantity| Some((quantity, values.get(quantity)?));
+        Quantity::ALL.into_iter().filter_map(present).collect()
+    }
+}
+
+impl From<BTreeMap<Quantity, f64>> for Values {
+    fn from(present: BTreeMap<Quantity, f64>) -> Self {
+        let mut values = Self::default();
+        for (quantity, value) in present {
+            values.set(quantity, Some(value));
+        }
+        values
     }
 }
 

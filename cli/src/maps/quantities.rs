@@ -1,0 +1,506 @@
+//! `tactus quantities`: numbers that describe the maps of a recording, for spans of time or for each frame.
+
+use std::io::Write;
+
+use chrono::{DateTime, Utc};
+use imaging::quantities::{
+    FrameQuantities, JudgedMap, KPA_PER_MMHG, LoadUnit, Quantifier, Quantity, QuantityRow,
+    QuantitySettings, RegionQuantities, RegionSettings, Rows,
+};
+use imaging::recorded::{Origin, RecordedFrame, Recording};
+use imaging::tracking::seconds;
+use serde::Serialize;
+
+use crate::args::{Global, Quantities};
+use crate::failure::Failure;
+use crate::maps::follower::Follower;
+use crate::maps::reconstruction::Reconstruction;
+use crate::maps::recording::{self, Thinning};
+use crate::maps::session_settings;
+use crate::output::Printer;
+use crate::output::progress::progress;
+use crate::output::time::{local, utc};
+
+/// A line of `quantities --json`; see `docs/reference/json.md`.
+#[derive(Debug, Serialize)]
+struct SpanLine<'a> {
+    begin: String,
+    region: &'a str,
+    quantity: Quantity,
+    unit: String,
+    min: f64,
+    mean: f64,
+    max: f64,
+    frames: u64,
+    known: u64,
+}
+
+/// A line of `quantities --each-frame --json`.
+#[derive(Debug, Serialize)]
+struct FrameLine {
+    frame: u64,
+    wall: Option<String>,
+    #[serde(flatten)]
+    quantities: FrameQuantities,
+}
+
+/// Computes the quantities of each frame and prints what was asked for.
+pub(crate) fn run(
+    global: &Global,
+    requested: &Quantities,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let source = &requested.from;
+    let recording = recording::open(global, source, requested.geometry.electrodes)?;
+    let reconstruction = Reconstruction::new(
+        &requested.method,
+        &requested.geometry,
+        requested.calibration.as_deref(),
+        &requested.tracked,
+        &recording,
+    )?;
+    let (settings, regions) = settings(&recording)?;
+    let mut quantifier = reconstruction
+        .quantifier(&settings, &regions)
+        .map_err(|error| Failure::Configuration(error.to_string()))?;
+    check_region(requested.region.as_deref(), &quantifier, &recording)?;
+    if requested.mmhg && quantifier.unit() == LoadUnit::RelativeLoss {
+        return Err(Failure::Usage(format!(
+            "{} has no calibration, so that its maps have no pressure; name one with --calibration FILE (`tactus-lab calibrate` \
+             makes it), or leave out --mmhg",
+            recording.name
+        )));
+    }
+    if requested.each_frame {
+        quantifier = quantifier.with_deviation(reconstruction.deviation(&recording));
+    }
+    let mut follower = Follower::of(&reconstruction, &requested.tracked, &recording)?;
+    let mut output = Output {
+        requested,
+        rows: Rows::new(u32::try_from(requested.every.as_secs()).unwrap_or(u32::MAX)),
+        begun: false,
+        last: None,
+    };
+    if !requested.csv {
+        for remark in &reconstruction.remarks {
+            printer.text(remark)?;
+        }
+    }
+    let count = recording::count(&recording, source, Thinning::NONE)?;
+    let progress = progress(count.map(|count| count as u64), printer.is_terminal());
+    for (recorded, asked) in recording::frames(&recording, source, Thinning::NONE)? {
+        if !asked {
+            if let Some(follower) = &mut follower {
+                follower.pass(&recorded)?;
+            }
+            continue;
+        }
+        let frame = of_frame(
+            &reconstruction,
+            &mut quantifier,
+            follower.as_mut(),
+            &recording,
+            &recorded,
+        )?;
+        progress.suspend(|| output.take(&recorded, frame, printer))?;
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    output.finish(printer)
+}
+
+/// Thresholds and regions of the session; the defaults for a case folder.
+fn settings(recording: &Recording) -> Result<(QuantitySettings, Vec<RegionSettings>), Failure> {
+    match &recording.origin {
+        Origin::Folder(_) => Ok((QuantitySettings::default(), Vec::new())),
+        Origin::Session(header) => {
+            let stored = session_settings::stored_config(header)?;
+            Ok((stored.quantities, stored.regions))
+        }
+    }
+}
+
+fn check_region(
+    name: Option<&str>,
+    quantifier: &Quantifier,
+    recording: &Recording,
+) -> Result<(), Failure> {
+    let known: Vec<&str> = quantifier.surface().regions().collect();
+    match name {
+        Some(name) if !known.contains(&name) => Err(Failure::Usage(format!(
+            "{} has no region '{name}'; it has: {}",
+            recording.name,
+            known.join(", ")
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// The quantities of a frame; one without a map has none, and says why.
+fn of_frame(
+    reconstruction: &Reconstruction,
+    quantifier: &mut Quantifier,
+    follower: Option<&mut Follower>,
+    recording: &Recording,
+    recorded: &RecordedFrame,
+) -> Result<FrameQuantities, Failure> {
+    let at_s = recorded.wall.map_or(recorded.sequence as f64, seconds);
+    let followed = follower
+        .map(|follower| follower.follow(recorded))
+        .transpose()?;
+    let (baseline, readings) = match &followed {
+        Some(frame) => (&frame.baseline, &frame.readings),
+        None => (&recording.unloaded.readings, &recorded.readings),
+    };
+    let map = match reconstruction.map(baseline, readings) {
+        Ok(map) => map,
+        Err(refused) => {
+            return Ok(FrameQuantities {
+                reason: Some(refused.to_string()),
+                ..quantifier.take(at_s, None)
+            });
+        }
+    };
+    let pressure = reconstruction.pressure(&map)?;
+    let judged = JudgedMap {
+        map: &map,
+        pressure: pressure.as_ref(),
+        noise: reconstruction.noise,
+        tracked: followed.as_ref().map(|frame| &frame.tracked),
+    };
+    Ok(quantifier.take(at_s, Some(&judged)))
+}
+
+struct Output<'a> {
+    requested: &'a Quantities,
+    rows: Rows,
+    begun: bool,
+    /// The last frame, for the summary.
+    last: Option<FrameQuantities>,
+}
+
+impl Output<'_> {
+    fn take(
+        &mut self,
+        recorded: &RecordedFrame,
+        frame: FrameQuantities,
+        printer: &mut Printer<impl Write>,
+    ) -> Result<(), Failure> {
+        if self.requested.each_frame {
+            self.frame(recorded, &frame, printer)?;
+        } else {
+            let at_s = recorded.wall.map_or(recorded.sequence as f64, seconds);
+            let ended = self.rows.take(at_s, &frame);
+            self.spans(&ended, printer)?;
+        }
+        self.last = Some(frame);
+        Ok(())
+    }
+
+    fn finish(mut self, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+        let ended = self.rows.end();
+        self.spans(&ended, printer)?;
+        let Some(last) = self.last.filter(|_| !self.requested.csv) else {
+            return Ok(());
+        };
+        for region in last
+            .regions
+            .iter()
+            .filter(|region| self.requested.has(&region.name))
+        {
+            let at = |place: Option<[f64; 2]>| {
+                place.map_or(String::new(), |[x, y]| format!(" at ({x:.0}, {y:.0}) mm"))
+            };
+            let shown = |quantity| self.requested.shown(quantity, last.unit, &region.values);
+            printer.text(&format!(
+                "{}: largest dose {}{}, longest unrelieved time at the end {}{}",
+                region.name,
+                shown(Quantity::Dose),
+                at(region.dose_mm),
+                shown(Quantity::Unrelieved),
+                at(region.unrelieved_mm),
+            ))?;
+        }
+        Ok(())
+    }
+
+    /// The rows of one span.
+    fn spans(
+        &mut self,
+        rows: &[QuantityRow],
+        printer: &mut Printer<impl Write>,
+    ) -> Result<(), Failure> {
+        let requested = self.requested;
+        let chosen: Vec<&QuantityRow> = rows
+            .iter()
+            .filter(|row| requested.has(&row.region) && requested.wants(row.quantity))
+            .collect();
+        if requested.csv {
+            self.heading(
+                "begin_utc,region,quantity,unit,min,mean,max,frames,known\n",
+                printer,
+            )?;
+        }
+        for row in &chosen {
+            let convert = |value| requested.convert(row.quantity, row.of, value);
+            let line = SpanLine {
+                begin: utc(DateTime::<Utc>::from_timestamp(row.begin_s, 0).unwrap_or_default()),
+                region: &row.region,
+                quantity: row.quantity,
+                unit: requested.unit(row.quantity, row.of),
+                min: convert(row.min),
+                mean: convert(row.mean),
+                max: convert(row.max),
+                frames: row.frames,
+                known: row.known,
+            };
+            if requested.csv {
+                let text = format!(
+                    "{},{},{},{},{},{},{},{},{}\n",
+                    line.begin,
+                    line.region,
+                    line.quantity.name(),
+                    line.unit,
+                    line.min,
+                    line.mean,
+                    line.max,
+                    line.frames,
+                    line.known
+                );
+                printer.raw(text.as_bytes())?;
+            } else if printer.is_json() {
+                printer.record(&line, |_| String::new())?;
+            }
+        }
+        if requested.csv || printer.is_json() {
+            return Ok(());
+        }
+        let mut at = 0;
+        while let Some(first) = chosen.get(at) {
+            let of_region = chosen[at..]
+                .iter()
+                .take_while(|row| row.region == first.region);
+            let of_region: Vec<&&QuantityRow> = of_region.collect();
+            at += of_region.len();
+            printer.text(&requested.sentence(&of_region))?;
+        }
+        Ok(())
+    }
+
+    fn frame(
+        &mut self,
+        recorded: &RecordedFrame,
+        frame: &FrameQuantities,
+        printer: &mut Printer<impl Write>,
+    ) -> Result<(), Failure> {
+        let requested = self.requested;
+        let wall = recorded.wall.map(utc);
+        if requested.csv {
+            self.heading(
+                "frame,time_utc,region,quantity,unit,value,sd,known\n",
+                printer,
+            )?;
+            for region in frame
+                .regions
+                .iter()
+                .filter(|region| requested.has(&region.name))
+            {
+                for quantity in Quantity::ALL.into_iter().filter(|q| requested.wants(*q)) {
+                    let Some(value) = region.values.get(quantity) else {
+                        continue;
+                    };
+                    let convert = |value| requested.convert(quantity, frame.unit, value);
+                    let text = format!(
+                        "{},{},{},{},{},{},{},{}\n",
+                        recorded.sequence,
+                        wall.as_deref().unwrap_or_default(),
+                        region.name,
+                        quantity.name(),
+                        requested.unit(quantity, frame.unit),
+                        convert(value),
+                        region
+                            .deviations
+                            .get(quantity)
+                            .map_or(String::new(), |sd| convert(sd).to_string()),
+                        frame.known,
+                    );
+                    printer.raw(text.as_bytes())?;
+                }
+            }
+            return Ok(());
+        }
+        let mut quantities = frame.clone();
+        quantities
+            .regions
+            .retain(|region| requested.has(&region.name));
+        for region in &mut quantities.regions {
+            let kept = |quantity, value| {
+                let value = requested.convert(quantity, frame.unit, value);
+                requested.wants(quantity).then_some(value)
+            };
+            region.values = region.values.filter_map(kept);
+            region.deviations = region.deviations.filter_map(kept);
+        }
+        let line = FrameLine {
+            frame: recorded.sequence,
+            wall,
+            quantities,
+        };
+        printer.record(&line, |_| {
+            let mut text = String::new();
+            for region in frame
+                .regions
+                .iter()
+                .filter(|region| requested.has(&region.name))
+            {
+                text.push_str(&requested.frame_sentence(recorded.sequence, region, frame));
+                text.push('\n');
+            }
+            text
+        })
+    }
+
+    fn heading(&mut self, text: &str, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+        if std::mem::replace(&mut self.begun, true) {
+            return Ok(());
+        }
+        printer.raw(text.as_bytes())
+    }
+}
+
+/// Quantities of a line for people, where none are chosen.
+const SHOWN: [Quantity; 6] = [
+    Quantity::Load,
+    Quantity::Contact,
+    Quantity::Ppi,
+    Quantity::CentreX,
+    Quantity::CentreY,
+    Quantity::Unrelieved,
+];
+
+impl Quantities {
+    fn has(&self, region: &str) -> bool {
+        self.region.as_deref().is_none_or(|wanted| wanted == region)
+    }
+
+    fn wants(&self, quantity: Quantity) -> bool {
+        self.quantities.is_empty() || self.quantities.contains(&quantity)
+    }
+
+    /// Whether a line for people shows it.
+    fn shows(&self, quantity: Quantity) -> bool {
+        match self.quantities.is_empty() {
+            true => SHOWN.contains(&quantity),
+            false => self.quantities.contains(&quantity),
+        }
+    }
+
+    fn unit(&self, quantity: Quantity, of: LoadUnit) -> String {
+        let unit = quantity.unit(of);
+        match self.mmhg {
+            true => unit.replace("kPa", "mmHg"),
+            false => unit.to_owned(),
+        }
+    }
+
+    fn convert(&self, quantity: Quantity, of: LoadUnit, value: f64) -> f64 {
+        match self.mmhg && quantity.unit(of).contains("kPa") {
+            true => value / KPA_PER_MMHG,
+            false => value,
+        }
+    }
+
+    fn shown(
+        &self,
+        quantity: Quantity,
+        of: LoadUnit,
+        values: &imaging::quantities::Values,
+    ) -> String {
+        values
+            .get(quantity)
+            .map_or("not known".to_owned(), |value| {
+                let value = self.convert(quantity, of, value);
+                format!("{} {}", rounded(value), self.unit(quantity, of))
+            })
+    }
+
+    /// The rows of a span and region, for people.
+    fn sentence(&self, rows: &[&&QuantityRow]) -> String {
+        let Some(first) = rows.first() else {
+            return String::new();
+        };
+        let begin = DateTime::<Utc>::from_timestamp(first.begin_s, 0).unwrap_or_default();
+        let parts: Vec<String> = rows
+            .iter()
+            .filter(|row| self.shows(row.quantity))
+            .map(|row| {
+                let convert = |value| rounded(self.convert(row.quantity, row.of, value));
+                format!(
+                    "{} {} ({} to {}) {}",
+                    row.quantity.name(),
+                    convert(row.mean),
+                    convert(row.min),
+                    convert(row.max),
+                    self.unit(row.quantity, row.of),
+                )
+            })
+            .collect();
+        let unknown = first.frames - first.known;
+        let doubt = match unknown {
+            0 => String::new(),
+            _ => format!(
+                "; {unknown} of {} frames not known to be true",
+                first.frames
+            ),
+        };
+        format!(
+            "{}  {}: {}{doubt}",
+            local(begin),
+            first.region,
+            parts.join(", ")
+        )
+    }
+
+    fn frame_sentence(
+        &self,
+        sequence: u64,
+        region: &RegionQuantities,
+        frame: &FrameQuantities,
+    ) -> String {
+        let parts: Vec<String> = Quantity::ALL
+            .into_iter()
+            .filter(|quantity| self.shows(*quantity))
+            .filter_map(|quantity| {
+                let value = self.convert(quantity, frame.unit, region.values.get(quantity)?);
+                let sd = region.deviations.get(quantity).map_or(String::new(), |sd| {
+                    format!(" +- {}", rounded(self.convert(quantity, frame.unit, sd)))
+                });
+                Some(format!(
+                    "{} {}{sd} {}",
+                    quantity.name(),
+                    rounded(value),
+                    self.unit(quantity, frame.unit)
+                ))
+            })
+            .collect();
+        let values = match parts.is_empty() {
+            true => "no quantities".to_owned(),
+            false => parts.join(", "),
+        };
+        let reason = match &frame.reason {
+            Some(reason) => format!("; not known: {reason}"),
+            None => String::new(),
+        };
+        format!("frame {sequence}  {}: {values}{reason}", region.name)
+    }
+}
+
+/// Three digits, without an exponent.
+fn rounded(value: f64) -> String {
+    match value.abs() {
+        size if size >= 100.0 || size == 0.0 => format!("{value:.0}"),
+        size if size >= 10.0 => format!("{value:.1}"),
+        size if size >= 1.0 => format!("{value:.2}"),
+        _ => format!("{value:.3}"),
+    }
+}
