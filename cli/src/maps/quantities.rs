@@ -4,8 +4,8 @@ use std::io::Write;
 
 use chrono::{DateTime, Utc};
 use imaging::quantities::{
-    FrameQuantities, JudgedMap, KPA_PER_MMHG, LoadUnit, Quantifier, Quantity, QuantityRow,
-    QuantitySettings, RegionQuantities, RegionSettings, Rows,
+    ComparedReadings, FrameQuantities, JudgedMap, KPA_PER_MMHG, LoadUnit, Quantifier, Quantity,
+    QuantityRow, QuantitySettings, RegionQuantities, RegionSettings, Rows,
 };
 use imaging::recorded::{Origin, RecordedFrame, Recording};
 use imaging::tracking::seconds;
@@ -72,7 +72,7 @@ pub(crate) fn run(
         )));
     }
     if requested.each_frame {
-        quantifier = quantifier.with_deviation(reconstruction.deviation(&recording));
+        quantifier = quantifier.with_deviation(reconstruction.deviation());
     }
     let mut follower = Follower::of(&reconstruction, &requested.tracked, &recording)?;
     let mut output = Output {
@@ -167,6 +167,7 @@ fn of_frame(
         pressure: pressure.as_ref(),
         noise: reconstruction.noise,
         tracked: followed.as_ref().map(|frame| &frame.tracked),
+        compared: Some(ComparedReadings { baseline, readings }),
     };
     Ok(quantifier.take(at_s, Some(&judged)))
 }
@@ -275,14 +276,11 @@ impl Output<'_> {
         if requested.csv || printer.is_json() {
             return Ok(());
         }
-        let mut at = 0;
-        while let Some(first) = chosen.get(at) {
-            let of_region = chosen[at..]
-                .iter()
-                .take_while(|row| row.region == first.region);
-            let of_region: Vec<&&QuantityRow> = of_region.collect();
-            at += of_region.len();
-            printer.text(&requested.sentence(&of_region))?;
+        if !chosen.is_empty() {
+            self.heading(&requested.table_heading(chosen[0].of), printer)?;
+        }
+        for of_region in chosen.chunk_by(|a, b| a.region == b.region) {
+            printer.text(&requested.table_row(of_region))?;
         }
         Ok(())
     }
@@ -368,14 +366,25 @@ impl Output<'_> {
     }
 }
 
+/// Width of a column for people.
+const WIDTH: usize = 18;
+
+/// What a column shows of a span.
+#[derive(Debug, Clone, Copy)]
+enum Of {
+    Mean,
+    Largest,
+}
+
 /// Quantities of a line for people, where none are chosen.
-const SHOWN: [Quantity; 6] = [
+const SHOWN: [Quantity; 7] = [
     Quantity::Load,
     Quantity::Contact,
     Quantity::Ppi,
     Quantity::CentreX,
     Quantity::CentreY,
     Quantity::Unrelieved,
+    Quantity::Known,
 ];
 
 impl Quantities {
@@ -424,41 +433,47 @@ impl Quantities {
             })
     }
 
-    /// The rows of a span and region, for people.
-    fn sentence(&self, rows: &[&&QuantityRow]) -> String {
+    /// Columns of the table for people: the quantity, and which of smallest, mean and largest.
+    fn columns(&self) -> Vec<(Quantity, Of)> {
+        let of = |quantity: Quantity| match quantity {
+            Quantity::Peak | Quantity::Ppi | Quantity::Dose | Quantity::Unrelieved => Of::Largest,
+            _ => Of::Mean,
+        };
+        let shown = Quantity::ALL
+            .into_iter()
+            .filter(|quantity| self.shows(*quantity));
+        shown.map(|quantity| (quantity, of(quantity))).collect()
+    }
+
+    fn table_heading(&self, of: LoadUnit) -> String {
+        let mut text = format!("{:<26}  {:<10}", "begin", "region");
+        for (quantity, _) in self.columns() {
+            let title = format!("{}, {}", quantity.name(), self.unit(quantity, of));
+            text.push_str(&format!("  {title:>WIDTH$}"));
+        }
+        text.push('\n');
+        text
+    }
+
+    /// The rows of a span and region: means, and the largest of what is judged by its largest value.
+    fn table_row(&self, rows: &[&QuantityRow]) -> String {
         let Some(first) = rows.first() else {
             return String::new();
         };
         let begin = DateTime::<Utc>::from_timestamp(first.begin_s, 0).unwrap_or_default();
-        let parts: Vec<String> = rows
-            .iter()
-            .filter(|row| self.shows(row.quantity))
-            .map(|row| {
-                let convert = |value| rounded(self.convert(row.quantity, row.of, value));
-                format!(
-                    "{} {} ({} to {}) {}",
-                    row.quantity.name(),
-                    convert(row.mean),
-                    convert(row.min),
-                    convert(row.max),
-                    self.unit(row.quantity, row.of),
-                )
-            })
-            .collect();
-        let unknown = first.frames - first.known;
-        let doubt = match unknown {
-            0 => String::new(),
-            _ => format!(
-                "; {unknown} of {} frames not known to be true",
-                first.frames
-            ),
-        };
-        format!(
-            "{}  {}: {}{doubt}",
-            local(begin),
-            first.region,
-            parts.join(", ")
-        )
+        let mut text = format!("{:<26}  {:<10}", local(begin), first.region);
+        for (quantity, of) in self.columns() {
+            let row = rows.iter().find(|row| row.quantity == quantity);
+            let value = row.map_or("-".to_owned(), |row| {
+                let value = match of {
+                    Of::Mean => row.mean,
+                    Of::Largest => row.max,
+                };
+                rounded(self.convert(quantity, row.of, value))
+            });
+            text.push_str(&format!("  {value:>WIDTH$}"));
+        }
+        text
     }
 
     fn frame_sentence(

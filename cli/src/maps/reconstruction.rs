@@ -150,13 +150,9 @@ impl Reconstruction {
         Quantifier::new(&self.model, settings, regions)
     }
 
-    /// Standard deviations of quantities; `None` where the noise is not known, or the method is not linear.
-    pub(crate) fn deviation(&self, recording: &Recording) -> Option<Deviation> {
-        Deviation::new(
-            &self.model,
-            &recording.unloaded.readings,
-            self.reading_noise?,
-        )
+    /// Standard deviations of quantities; `None` where the noise is not known.
+    pub(crate) fn deviation(&self) -> Option<Deviation> {
+        Some(Deviation::new(&self.model, self.reading_noise?))
     }
 
     /// The mesh whose region the maps cover.

@@ -47,7 +47,7 @@ impl Rows {
     }
 
     /// Takes the next frame (time in s of the Unix epoch); returns the rows of a span that it ends, those of the first region
-    /// first. A span without a value has no row.
+    /// first. A quantity without a value in the span has no row.
     pub fn take(&mut self, at_s: f64, frame: &FrameQuantities) -> Vec<QuantityRow> {
         let begin_s = (at_s / self.span_s as f64).floor() as i64 * self.span_s;
         let ended = match self.begin_s.replace(begin_s) {

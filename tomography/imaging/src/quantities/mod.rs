@@ -26,7 +26,7 @@ use survey::{Map, Verdict};
 use crate::model::Model;
 use crate::tracking::Tracked;
 use course::{Course, CourseSettings};
-pub use deviation::Deviation;
+pub use deviation::{ComparedReadings, Deviation};
 pub use minutes::{QuantityRow, Rows};
 pub use quantity::{LoadUnit, Quantity, Values};
 pub use region::{RegionError, RegionSettings, SHEET, check_regions};
@@ -79,6 +79,8 @@ pub struct JudgedMap<'a> {
     pub noise: Option<f64>,
     /// What the tracked baseline says of the frame.
     pub tracked: Option<&'a Tracked>,
+    /// What the map was made of, for standard deviations; `None` where they are not needed.
+    pub compared: Option<ComparedReadings<'a>>,
 }
 
 /// The quantities of a frame.
@@ -103,7 +105,7 @@ pub struct FrameQuantities {
 pub struct RegionQuantities {
     /// Its name; [`SHEET`] for the whole sheet.
     pub name: String,
-    /// The values; none where the map is not to be believed.
+    /// The values; only [`Quantity::Known`] where the map is not to be believed.
     pub values: Values,
     /// Standard deviations by noise; see [`Deviation`].
     pub deviations: Values,
@@ -118,7 +120,7 @@ pub struct RegionQuantities {
 }
 
 /// Computes the quantities of frame after frame.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Quantifier {
     surface: Surface,
     settings: QuantitySettings,
@@ -151,7 +153,7 @@ impl Quantifier {
         Ok(Self::of_surface(surface, settings.clone(), unit))
     }
 
-    /// Also computes standard deviations by noise.
+    /// Also computes standard deviations by noise, at the cost of reconstructing each frame 16 times.
     pub fn with_deviation(mut self, deviation: Option<Deviation>) -> Self {
         self.deviation = deviation;
         self
@@ -206,6 +208,8 @@ impl Quantifier {
         self.course.take(at_s, &loads, &values);
         let spots = self.surface.adjacency().hot_spots(&loads, self.threshold());
         let changes = self.tracks.take(at_s, &spots);
+        let doubt = judged.tracked.filter(|tracked| !tracked.known);
+        let known = if doubt.is_none() { 1.0 } else { 0.0 };
         let deviations = self.deviations(judged);
         let regions = found
             .iter_mut()
@@ -215,6 +219,7 @@ impl Quantifier {
                 let places = self
                     .course
                     .complete(&self.surface, index, &mut found.values);
+                found.values.set(Quantity::Known, Some(known));
                 let millimetres = |place: Option<[f64; 2]>| place.map(|at| at.map(|m| 1e3 * m));
                 RegionQuantities {
                     name: self.surface.region_list()[index].name.clone(),
@@ -227,7 +232,6 @@ impl Quantifier {
                 }
             })
             .collect();
-        let doubt = judged.tracked.filter(|tracked| !tracked.known);
         FrameQuantities {
             known: doubt.is_none(),
             reason: doubt.map(|tracked| {
@@ -242,9 +246,11 @@ impl Quantifier {
     }
 
     fn unknown(&self, reason: Option<String>) -> FrameQuantities {
+        let mut not_known = Values::default();
+        not_known.set(Quantity::Known, Some(0.0));
         let region = |name: &str| RegionQuantities {
             name: name.to_owned(),
-            values: Values::default(),
+            values: not_known,
             deviations: Values::default(),
             peak_mm: None,
             ppi_mm: None,
@@ -285,19 +291,18 @@ impl Quantifier {
     fn deviations(&self, judged: &JudgedMap<'_>) -> Vec<Values> {
         let regions = self.surface.region_list().len();
         let significant = judged.map.is_significant(judged.noise) != Some(false);
-        match &self.deviation {
-            Some(deviation) if significant => {
-                let baseline_sd = judged
-                    .tracked
-                    .map_or(0.0, |tracked| 1e-6 * tracked.baseline_sd_uv);
-                deviation.of(judged.map, baseline_sd, regions, |map, pressure| {
-                    let loads = pressure.map_or_else(|| losses(&map.values), |p| p.kpa.clone());
-                    let found = frame::of_map(&self.surface, &loads, self.threshold(), self.unit);
-                    found.into_iter().map(|found| found.values).collect()
-                })
-            }
-            _ => vec![Values::default(); regions],
-        }
+        let (Some(deviation), Some(frame), true) = (&self.deviation, judged.compared, significant)
+        else {
+            return vec![Values::default(); regions];
+        };
+        let baseline_sd = judged
+            .tracked
+            .map_or(0.0, |tracked| 1e-6 * tracked.baseline_sd_uv);
+        deviation.of(frame, baseline_sd, regions, |map, pressure| {
+            let loads = pressure.map_or_else(|| losses(&map.values), |p| p.kpa.clone());
+            let found = frame::of_map(&self.surface, &loads, self.threshold(), self.unit);
+            found.into_iter().map(|found| found.values).collect()
+        })
     }
 }
 

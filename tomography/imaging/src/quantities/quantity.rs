@@ -40,6 +40,8 @@ pub enum Quantity {
     Unrelieved,
     /// Area that was loaded for 95 % of the last window.
     UnrelievedArea,
+    /// 1 where the map is known to be true, 0 where it is not: its mean over a span is the known share of the frames.
+    Known,
 }
 
 /// What the values of a map mean for its quantities.
@@ -54,7 +56,7 @@ pub enum LoadUnit {
 
 impl Quantity {
     /// All, in the order of tables.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Contact,
         Self::Load,
         Self::Mean,
@@ -71,6 +73,7 @@ impl Quantity {
         Self::Dose,
         Self::Unrelieved,
         Self::UnrelievedArea,
+        Self::Known,
     ];
 
     /// The name in configuration, tables and JSON.
@@ -92,6 +95,7 @@ impl Quantity {
             Self::Dose => "dose",
             Self::Unrelieved => "unrelieved",
             Self::UnrelievedArea => "unrelieved-area",
+            Self::Known => "known",
         }
     }
 
@@ -119,6 +123,7 @@ impl Quantity {
             Self::Dose => "largest dose of a triangle",
             Self::Unrelieved => "longest unrelieved time",
             Self::UnrelievedArea => "unrelieved area",
+            Self::Known => "whether the map is known to be true",
         }
     }
 
@@ -128,27 +133,19 @@ impl Quantity {
         match self {
             Self::Contact | Self::UnrelievedArea => "mm2",
             Self::Load if pressure => "N",
-            Self::Load => "mm2 of relative loss",
+            Self::Load => "mm2 lost",
             Self::Mean | Self::Peak | Self::Ppi if pressure => "kPa",
-            Self::Mean | Self::Peak | Self::Ppi => "relative loss",
+            Self::Mean | Self::Peak | Self::Ppi => "lost share",
             Self::Dispersion | Self::Variation => "%",
             Self::CentreX | Self::CentreY | Self::Path => "mm",
             Self::Gradient if pressure => "kPa/mm",
-            Self::Gradient => "relative loss/mm",
-            Self::HotSpots => "1",
+            Self::Gradient => "lost share/mm",
+            Self::HotSpots | Self::Known => "1",
             Self::Speed => "mm/s",
             Self::Dose if pressure => "kPa s",
-            Self::Dose => "relative loss s",
+            Self::Dose => "lost share s",
             Self::Unrelieved => "s",
         }
-    }
-
-    /// Whether it depends on the frames before.
-    pub fn is_of_course(self) -> bool {
-        matches!(
-            self,
-            Self::Speed | Self::Path | Self::Dose | Self::Unrelieved | Self::UnrelievedArea
-        )
     }
 }
 
