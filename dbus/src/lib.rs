@@ -52,7 +52,8 @@ pub use options::{
     SESSION_OPTIONS, SessionOptions, StreamOptions, TranscriptOptions,
 };
 pub use session1::{
-    FrameDone, FrameDoneStream, LatestFrame, LatestMap, LatestPressure, Session1Proxy,
+    FrameDone, FrameDoneStream, LatestFrame, LatestMap, LatestPressure, LatestQuantities,
+    Session1Proxy,
 };
 pub use simulation1::Simulation1Proxy;
 

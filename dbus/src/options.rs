@@ -130,7 +130,7 @@ options! {
         maps: bool,
         /// Pressure, false by default.
         pressure: bool,
-        /// Records of the quality of maps, and of what the tracked baseline says.
+        /// Records of the quality of maps, of what the tracked baseline says, and of quantities.
         quality: bool,
         /// Records held for a slow reader, 64 by default.
         ring: u64,

@@ -37,6 +37,9 @@ pub trait Session1 {
     /// The same map as pressure; an error if the configured method is not calibrated.
     fn latest_pressure(&self) -> Result<LatestPressure, Fault>;
 
+    /// Quantities of the map of the last durable frame that has some.
+    fn quantities(&self) -> Result<LatestQuantities, Fault>;
+
     /// A descriptor for reading every frame and map (format: `dbus::stream`; options: [`crate::StreamOptions`]).
     fn open_stream<O>(&self, options: &O) -> Result<OwnedFd, Fault>
     where
@@ -129,6 +132,19 @@ pub struct LatestPressure {
     pub kpa: Vec<f64>,
     /// Total load, N.
     pub newtons: f64,
+    /// Whether the voltages are simulated.
+    pub simulated: bool,
+}
+
+/// Quantities of one map (`(txsb)`).
+#[derive(Debug, Serialize, Deserialize, Type)]
+pub struct LatestQuantities {
+    /// Sequence of the map's frame.
+    pub sequence: u64,
+    /// Wall time of that frame, ns since 1970 UTC.
+    pub wall_ns: i64,
+    /// `quantities` of `tactus watch --json`.
+    pub json: String,
     /// Whether the voltages are simulated.
     pub simulated: bool,
 }

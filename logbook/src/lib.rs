@@ -53,6 +53,7 @@ mod error;
 mod files;
 mod header;
 mod maintenance;
+mod quantities;
 mod reader;
 mod row;
 pub mod schema;
@@ -78,6 +79,7 @@ pub use header::{
     About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,
     SessionSummary, Taken,
 };
+pub use quantities::{append_quantities, quantities};
 pub use reader::{Frames, SessionReader};
 pub use tracking::{keep_tracking, tracking};
 pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage};

@@ -15,7 +15,7 @@ fn path(dir: &Path, id: &str) -> PathBuf {
     dir.join(id).with_extension(TRACKING)
 }
 
-fn checksum(text: &str) -> String {
+pub(crate) fn checksum(text: &str) -> String {
     let digest = Sha256::digest(text);
     digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }

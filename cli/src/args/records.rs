@@ -216,6 +216,9 @@ pub struct Quantities {
     /// Print each frame instead, with standard deviations
     #[arg(long, conflicts_with = "every")]
     pub each_frame: bool,
+    /// Compute everything from the frames, also where the session has stored a row for each minute
+    #[arg(long)]
+    pub recompute: bool,
     /// Print CSV with a heading: one line for each span (or frame), region and quantity
     #[arg(long)]
     pub csv: bool,

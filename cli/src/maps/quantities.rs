@@ -1,13 +1,15 @@
 //! `tactus quantities`: numbers that describe the maps of a recording, for spans of time or for each frame.
 
 use std::io::Write;
+use std::path::Path;
 
 use chrono::{DateTime, Utc};
 use imaging::quantities::{
     ComparedReadings, FrameQuantities, JudgedMap, KPA_PER_MMHG, LoadUnit, Quantifier, Quantity,
-    QuantityRow, QuantitySettings, RegionQuantities, RegionSettings, Rows,
+    QuantityRow, QuantitySettings, RegionQuantities, RegionSettings, Rows, STORED_S, joined,
+    rounded, stored,
 };
-use imaging::recorded::{Origin, RecordedFrame, Recording};
+use imaging::recorded::{Origin, RecordedFrame, Recording, SessionParts};
 use imaging::tracking::seconds;
 use serde::Serialize;
 
@@ -17,9 +19,11 @@ use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::{self, Thinning};
 use crate::maps::session_settings;
+use crate::options::choices::{GeometryChoice, MethodArguments, TrackedArguments};
 use crate::output::Printer;
 use crate::output::progress::progress;
 use crate::output::time::{local, utc};
+use crate::session_files;
 
 /// A line of `quantities --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -51,6 +55,9 @@ pub(crate) fn run(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let source = &requested.from;
+    if let Some((rows, damaged)) = stored_rows(global, requested)? {
+        return print_stored(requested, &rows, damaged, printer);
+    }
     let recording = recording::open(global, source, requested.geometry.electrodes)?;
     let reconstruction = Reconstruction::new(
         &requested.method,
@@ -65,22 +72,13 @@ pub(crate) fn run(
         .map_err(|error| Failure::Configuration(error.to_string()))?;
     check_region(requested.region.as_deref(), &quantifier, &recording)?;
     if requested.mmhg && quantifier.unit() == LoadUnit::RelativeLoss {
-        return Err(Failure::Usage(format!(
-            "{} has no calibration, so that its maps have no pressure; name one with --calibration FILE (`tactus-lab calibrate` \
-             makes it), or leave out --mmhg",
-            recording.name
-        )));
+        return Err(not_calibrated(&recording.name));
     }
     if requested.each_frame {
         quantifier = quantifier.with_deviation(reconstruction.deviation());
     }
     let mut follower = Follower::of(&reconstruction, &requested.tracked, &recording)?;
-    let mut output = Output {
-        requested,
-        rows: Rows::new(u32::try_from(requested.every.as_secs()).unwrap_or(u32::MAX)),
-        begun: false,
-        last: None,
-    };
+    let mut output = Output::new(requested);
     if !requested.csv {
         for remark in &reconstruction.remarks {
             printer.text(remark)?;
@@ -109,6 +107,57 @@ pub(crate) fn run(
     output.finish(printer)
 }
 
+/// The rows stored with a session, joined to the requested spans, and the number of damaged lines; `None` where they do not
+/// answer what is asked.
+fn stored_rows(
+    global: &Global,
+    requested: &Quantities,
+) -> Result<Option<(Vec<QuantityRow>, usize)>, Failure> {
+    let source = &requested.from;
+    let span_s = requested.span_s();
+    if requested.recomputes() || !span_s.is_multiple_of(STORED_S) {
+        return Ok(None);
+    }
+    if Path::new(&source.source).is_dir() {
+        return Ok(None);
+    }
+    let path = session_files::session_file(global, &source.source)?;
+    let parts = SessionParts::open(&path)?;
+    let session = parts.header().session();
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let rows = stored(folder, session)?;
+    Ok(rows.map(|(rows, damaged)| (joined(&rows, span_s), damaged)))
+}
+
+fn print_stored(
+    requested: &Quantities,
+    rows: &[QuantityRow],
+    damaged: usize,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    if let Some(name) = &requested.region
+        && !rows.iter().any(|row| row.region == *name)
+    {
+        let mut known: Vec<&str> = rows.iter().map(|row| row.region.as_str()).collect();
+        known.sort_unstable();
+        known.dedup();
+        return Err(no_region(&requested.from.source, name, &known));
+    }
+    if requested.mmhg && rows.iter().any(|row| row.of == LoadUnit::RelativeLoss) {
+        return Err(not_calibrated(&requested.from.source));
+    }
+    if damaged > 0 {
+        eprintln!(
+            "tactus: {damaged} of the stored minutes are damaged and left out; --recompute computes them from the frames"
+        );
+    }
+    let mut output = Output::new(requested);
+    for rows in rows.chunk_by(|a, b| a.begin_s == b.begin_s) {
+        output.spans(rows, printer)?;
+    }
+    Ok(())
+}
+
 /// Thresholds and regions of the session; the defaults for a case folder.
 fn settings(recording: &Recording) -> Result<(QuantitySettings, Vec<RegionSettings>), Failure> {
     match &recording.origin {
@@ -127,13 +176,23 @@ fn check_region(
 ) -> Result<(), Failure> {
     let known: Vec<&str> = quantifier.surface().regions().collect();
     match name {
-        Some(name) if !known.contains(&name) => Err(Failure::Usage(format!(
-            "{} has no region '{name}'; it has: {}",
-            recording.name,
-            known.join(", ")
-        ))),
+        Some(name) if !known.contains(&name) => Err(no_region(&recording.name, name, &known)),
         _ => Ok(()),
     }
+}
+
+fn no_region(session: &str, name: &str, known: &[&str]) -> Failure {
+    Failure::Usage(format!(
+        "{session} has no region '{name}'; it has: {}",
+        known.join(", ")
+    ))
+}
+
+fn not_calibrated(session: &str) -> Failure {
+    Failure::Usage(format!(
+        "{session} has no calibration, so that its maps have no pressure; name one with --calibration FILE (`tactus-lab calibrate` \
+         makes it), or leave out --mmhg"
+    ))
 }
 
 /// The quantities of a frame; one without a map has none, and says why.
@@ -180,7 +239,16 @@ struct Output<'a> {
     last: Option<FrameQuantities>,
 }
 
-impl Output<'_> {
+impl<'a> Output<'a> {
+    fn new(requested: &'a Quantities) -> Self {
+        Self {
+            requested,
+            rows: Rows::new(requested.span_s()),
+            begun: false,
+            last: None,
+        }
+    }
+
     fn take(
         &mut self,
         recorded: &RecordedFrame,
@@ -388,6 +456,25 @@ const SHOWN: [Quantity; 7] = [
 ];
 
 impl Quantities {
+    fn span_s(&self) -> u32 {
+        u32::try_from(self.every.as_secs()).unwrap_or(u32::MAX)
+    }
+
+    /// Whether something is asked that the stored rows do not answer.
+    fn recomputes(&self) -> bool {
+        let source = &self.from;
+        self.recompute
+            || self.each_frame
+            || source.baseline.is_some()
+            || source.negate
+            || source.from.is_some()
+            || source.to.is_some()
+            || self.calibration.is_some()
+            || self.tracked != TrackedArguments::default()
+            || self.method != MethodArguments::default()
+            || self.geometry != GeometryChoice::default()
+    }
+
     fn has(&self, region: &str) -> bool {
         self.region.as_deref().is_none_or(|wanted| wanted == region)
     }
@@ -507,15 +594,5 @@ impl Quantities {
             None => String::new(),
         };
         format!("frame {sequence}  {}: {values}{reason}", region.name)
-    }
-}
-
-/// Three digits, without an exponent.
-fn rounded(value: f64) -> String {
-    match value.abs() {
-        size if size >= 100.0 || size == 0.0 => format!("{value:.0}"),
-        size if size >= 10.0 => format!("{value:.1}"),
-        size if size >= 1.0 => format!("{value:.2}"),
-        _ => format!("{value:.3}"),
     }
 }

@@ -10,7 +10,7 @@ use survey::MapUnit;
 use crate::options::numbers::{degrees, electrodes, millimetres};
 
 /// The sheet or tank, if neither the record nor a model file specifies it.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, PartialEq, Args)]
 #[command(next_help_heading = "Geometry")]
 pub struct GeometryChoice {
     /// Built-in geometry (default: that of the session or folder)

@@ -6,6 +6,7 @@ use std::time::Duration;
 use dbus::{FrameQuality, MapDetails};
 use eit::Pressure;
 use imaging::Tracked;
+use imaging::quantities::FrameQuantities;
 use logbook::MapRecord;
 use survey::{Frame, Map, MapQuality, Quality};
 
@@ -23,6 +24,8 @@ pub(crate) struct Published {
     pub pressure: Option<Pressure>,
     /// What the tracked baseline says of the frame.
     pub tracked: Option<Tracked>,
+    /// Quantities of the map.
+    pub quantities: Option<FrameQuantities>,
     /// Computing time of the map.
     pub reconstruction: Duration,
     /// The map's entry in the record.
@@ -42,6 +45,7 @@ impl Published {
             noise: None,
             pressure: None,
             tracked: None,
+            quantities: None,
             reconstruction: Duration::ZERO,
             record: None,
             durable: OnceLock::new(),
@@ -95,6 +99,10 @@ impl Published {
                 .tracked
                 .as_ref()
                 .map(|tracked| serde_json::json!(tracked).to_string()),
+            quantities: self
+                .quantities
+                .as_ref()
+                .map(|quantities| serde_json::json!(quantities).to_string()),
         }
     }
 }

@@ -110,7 +110,9 @@ impl Readers {
                 Body::Frame { .. } => reader.wanted.frames,
                 Body::Map { .. } => reader.wanted.maps,
                 Body::Pressure { .. } => reader.wanted.pressure,
-                Body::Quality { .. } | Body::Tracked { .. } => reader.wanted.quality,
+                Body::Quality { .. } | Body::Tracked { .. } | Body::Quantities { .. } => {
+                    reader.wanted.quality
+                }
                 Body::End { .. } => true,
             };
             if wants {

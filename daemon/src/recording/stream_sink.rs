@@ -5,6 +5,7 @@ use std::sync::Arc;
 use dbus::stream::{Body, Record};
 use eit::Pressure;
 use imaging::Tracked;
+use imaging::quantities::FrameQuantities;
 use logbook::LogbookError;
 use survey::{Frame, Map, MapQuality, Reading};
 
@@ -40,6 +41,9 @@ impl FrameSink for StreamSink {
             }
             if let Some(tracked) = &published.tracked {
                 self.publish(&published.frame, tracked_body(tracked));
+            }
+            if let Some(quantities) = &published.quantities {
+                self.publish(&published.frame, quantities_body(quantities));
             }
             self.publish(&published.frame, map_body(map));
         }
@@ -87,6 +91,12 @@ fn quality_body(quality: &MapQuality) -> Body {
 fn tracked_body(tracked: &Tracked) -> Body {
     Body::Tracked {
         json: serde_json::json!(tracked).to_string(),
+    }
+}
+
+fn quantities_body(quantities: &FrameQuantities) -> Body {
+    Body::Quantities {
+        json: serde_json::json!(quantities).to_string(),
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::stage::{SMALL, Stage, within};
 use dbus::stream::{Body, Decoder};
 use dbus::{Fault, Options, Session1Proxy};
+use imaging::quantities::{FrameQuantities, Quantity};
 use tokio::io::AsyncReadExt;
 
 fn calibration(mesh: &str, method: &str) -> String {
@@ -80,13 +81,24 @@ async fn a_calibrated_method_says_newtons() {
     assert!(pressure.newtons > 1.0, "{} N", pressure.newtons);
     assert_eq!(map.more.newtons, Some(pressure.newtons));
     assert!(map.more.quality.is_some(), "{:?}", map.more);
+    let latest = session.quantities().await.unwrap();
+    assert_eq!(
+        (latest.sequence, Some(&latest.json)),
+        (map.sequence, map.more.quantities.as_ref())
+    );
+    let quantities: FrameQuantities = serde_json::from_str(&latest.json).unwrap();
+    let load = quantities.regions[0].values.get(Quantity::Load).unwrap();
+    assert!((load - pressure.newtons).abs() < 1e-9, "{load} N");
     let took = map.more.reconstruction_s.unwrap();
     let whole = map.more.durable_s.unwrap();
     assert!(0.0 < took && took < whole, "{took} of {whole} s");
     within(session.stop()).await.unwrap();
     // the stream has it just before its map, if requested
     let reported = within(kinds(&mut stream)).await;
-    assert_eq!(reported, ["frame", "pressure", "quality", "map", "end"]);
+    assert_eq!(
+        reported,
+        ["frame", "pressure", "quality", "quantities", "map", "end"]
+    );
     let reported = within(kinds(&mut plain)).await;
     assert_eq!(reported, ["frame", "map", "end"]);
 }
@@ -109,6 +121,7 @@ async fn kinds(stream: &mut tokio::net::UnixStream) -> Vec<&'static str> {
             Body::Pressure { .. } => "pressure",
             Body::Quality { .. } => "quality",
             Body::Tracked { .. } => "tracked",
+            Body::Quantities { .. } => "quantities",
             Body::End { .. } => "end",
         });
     }

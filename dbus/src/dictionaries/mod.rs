@@ -299,6 +299,8 @@ dictionaries! {
         known: bool,
         /// What the tracked baseline says of the frame: `tracked` of `tactus watch --json`, as JSON; absent as above.
         tracked: String,
+        /// Load, contact area and others: `quantities` of `tactus watch --json`, as JSON.
+        quantities: String,
     }
 
     /// Additional data of an event signal (`Manager1.Happened`).

@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | 0 to 3 | u32 | length of the rest of the record |
 //! | 4, 5 | u16 | version, 1 |
-//! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end, 4 pressure, 5 quality, 6 tracked |
+//! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end, 4 pressure, 5 quality, 6 tracked, 7 quantities |
 //! | 8 to 15 | u64 | sequence of the frame, from 1 in its session |
 //! | 16 to 23 | i64 | wall time of the frame, ns since 1970 UTC |
 //! | 24 to 31 | u64 | gap: records that this reader lost just before this one, because it read too slowly |
@@ -17,7 +17,7 @@
 //! 2 timeout, 3 not measured); for a **map**, n values (f64, relative change of conductance, one for each
 //! triangle of the region), a u16 length and the mesh hash, a u16 length and the method (UTF-8); for **pressure**, n values
 //! (f64, kPa, one for each triangle of the region) and the total load (f64, N), just before the map of the same frame; for
-//! **quality**, n bytes of JSON (UTF-8; `verdict` and `reasons`, as in `watch --json`), just before its map; likewise **tracked**, as in `watch --json`; for the **end**, the reason in n bytes (UTF-8), after which the descriptor is closed. A reader skips unknown kinds by their
+//! **quality**, n bytes of JSON (UTF-8; `verdict` and `reasons`, as in `watch --json`), just before its map; likewise **tracked** and **quantities**, as in `watch --json`; for the **end**, the reason in n bytes (UTF-8), after which the descriptor is closed. A reader skips unknown kinds by their
 //! length, and rejects other versions. `dbus/stream_reader.py` is a reader in some twenty lines.
 //!
 //! ```
@@ -95,6 +95,11 @@ pub enum Body {
         /// `tracked` of `tactus watch --json`.
         json: String,
     },
+    /// Quantities of the map of the same sequence, which follows.
+    Quantities {
+        /// `quantities` of `tactus watch --json`.
+        json: String,
+    },
     /// The session has ended.
     End {
         /// The reason.
@@ -133,6 +138,7 @@ impl Record {
             Body::Pressure { kpa, .. } => (4, kpa.len()),
             Body::Quality { json } => (5, json.len()),
             Body::Tracked { json } => (6, json.len()),
+            Body::Quantities { json } => (7, json.len()),
         };
         let mut bytes = vec![0; 4];
         bytes.extend(VERSION.to_le_bytes());
@@ -161,7 +167,8 @@ impl Record {
             }
             Body::End { reason: text }
             | Body::Quality { json: text }
-            | Body::Tracked { json: text } => {
+            | Body::Tracked { json: text }
+            | Body::Quantities { json: text } => {
                 bytes.extend(text.as_bytes());
             }
             Body::Pressure { kpa, newtons } => {
@@ -289,14 +296,15 @@ fn decode(record: &[u8]) -> Result<Option<Record>, StreamError> {
             let newtons = kpa.pop().unwrap_or(f64::NAN);
             Body::Pressure { kpa, newtons }
         }
-        5 | 6 => {
+        5..=7 => {
             if body.len() != count {
                 return Err(malformed("the count does not fit the length"));
             }
             let json = String::from_utf8(body.to_vec()).map_err(|_| malformed("the text"))?;
             match kind {
                 5 => Body::Quality { json },
-                _ => Body::Tracked { json },
+                6 => Body::Tracked { json },
+                _ => Body::Quantities { json },
             }
         }
         _ => return Ok(None),

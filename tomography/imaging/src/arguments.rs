@@ -9,7 +9,7 @@ use survey::Bounds;
 use crate::settings::{HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns};
 
 /// How voltages become a map.
-#[derive(Debug, Clone, Default, Args)]
+#[derive(Debug, Clone, Default, PartialEq, Args)]
 #[command(next_help_heading = "Reconstruction")]
 pub struct MethodArguments {
     /// Method [default: what the session used; of a recording without a configuration best]
@@ -50,7 +50,7 @@ pub struct MethodArguments {
 }
 
 /// Whether and how a recording's baseline is followed.
-#[derive(Debug, Clone, Default, Args)]
+#[derive(Debug, Clone, Default, PartialEq, Args)]
 #[command(next_help_heading = "Reconstruction")]
 pub struct TrackedArguments {
     /// Follow the baseline through all frames, so that maps stay true while the sheet drifts, and say what is known of each frame; --tracked=off: compare with the baseline as it was recorded [default: as the session did; of a recording without a configuration off]

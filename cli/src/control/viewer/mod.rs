@@ -8,6 +8,7 @@ use chrono::{DateTime, Local, SecondsFormat};
 use dbus::Session1Proxy;
 use dbus::stream::{Body, Decoder, Record};
 use imaging::Tracked;
+use imaging::quantities::FrameQuantities;
 use serde::Serialize;
 use survey::{Map, MapQuality, MapUnit, Reason, Verdict};
 use tokio::io::AsyncReadExt;
@@ -64,6 +65,8 @@ struct FrameLine {
     quality: Option<MapQuality>,
     /// What the tracked baseline says; `None` where it is not tracked.
     tracked: Option<Tracked>,
+    /// `None` without a map.
+    quantities: Option<FrameQuantities>,
 }
 
 /// A map converted by a calibration, and its frame.
@@ -99,6 +102,8 @@ pub(crate) struct Viewer<'a, W> {
     quality: Option<(u64, MapQuality)>,
     /// Likewise.
     tracked: Option<(u64, Tracked)>,
+    /// Likewise.
+    quantities: Option<(u64, FrameQuantities)>,
     screen: Option<&'a Screen>,
     picture: Option<Picture>,
     /// When something was last displayed.
@@ -126,6 +131,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             pressure: None,
             quality: None,
             tracked: None,
+            quantities: None,
             screen,
             picture: None,
             shown_at,
@@ -158,6 +164,10 @@ impl<'a, W: Write> Viewer<'a, W> {
         self.tracked = tracked
             .and_then(|json| serde_json::from_str(json).ok())
             .map(|tracked| (latest.sequence, tracked));
+        let quantities = latest.more.quantities.as_deref();
+        self.quantities = quantities
+            .and_then(|json| serde_json::from_str(json).ok())
+            .map(|quantities| (latest.sequence, quantities));
         let frame = Record {
             sequence: latest.sequence,
             wall_ns: latest.wall_ns,
@@ -315,6 +325,11 @@ impl<'a, W: Write> Viewer<'a, W> {
                 self.tracked = tracked.map(|tracked| (record.sequence, tracked));
                 Ok(None)
             }
+            Body::Quantities { json } => {
+                let quantities = serde_json::from_str(json).ok();
+                self.quantities = quantities.map(|quantities| (record.sequence, quantities));
+                Ok(None)
+            }
             Body::Pressure { kpa, newtons } => {
                 self.pressure = Some(PressureMap {
                     sequence: record.sequence,
@@ -355,6 +370,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             | Body::Pressure { .. }
             | Body::Quality { .. }
             | Body::Tracked { .. }
+            | Body::Quantities { .. }
             | Body::End { .. } => &[],
         };
         let count = |wanted: u8| flags.iter().filter(|&&flag| flag == wanted).count();
@@ -377,6 +393,11 @@ impl<'a, W: Write> Viewer<'a, W> {
             .take()
             .filter(|(sequence, _)| map.is_some() && *sequence == frame.sequence)
             .map(|(_, tracked)| tracked);
+        let quantities = self
+            .quantities
+            .take()
+            .filter(|(sequence, _)| map.is_some() && *sequence == frame.sequence)
+            .map(|(_, quantities)| quantities);
         let line = WatchLine::Frame(Box::new(FrameLine {
             session: self.id.clone(),
             sequence: frame.sequence,
@@ -399,6 +420,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                 .map(|map| map.largest_loss().map_or(0.0, |(_, kpa)| kpa)),
             quality: map.and_then(|map| map.quality.clone()),
             tracked: tracked.clone(),
+            quantities,
         }));
         let picture = match fits.filter(|_| !self.watch.no_map) {
             None => None,
@@ -517,6 +539,9 @@ fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String {
             }
             if let Some(tracked) = &seen.tracked {
                 text.push_str(&format!("  {tracked}"));
+            }
+            if let Some(summary) = seen.quantities.as_ref().and_then(FrameQuantities::summary) {
+                text.push_str(&format!("  {summary}"));
             }
             for (count, what) in [
                 (seen.overloads, "overloads"),

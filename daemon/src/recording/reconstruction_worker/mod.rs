@@ -2,6 +2,7 @@
 //! delays or loses their record.
 
 mod followed;
+mod quantified;
 
 use std::sync::mpsc::{
     Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel,
@@ -17,8 +18,11 @@ use crate::panics::containment;
 use crate::recording::recorder_message::RecorderMessage;
 use followed::Followed;
 pub(crate) use followed::TrackingContext;
+use imaging::quantities::FrameQuantities;
 use imaging::tracking::seconds;
 use imaging::{Model, Tracked};
+use quantified::Quantified;
+pub(crate) use quantified::QuantityContext;
 use survey::error_chain as chain;
 
 /// Maximum time to hold a frame for its map.
@@ -43,12 +47,16 @@ pub(crate) struct ReconstructionContext {
     pub build: String,
     /// `None` where the baseline is not followed.
     pub tracking: Option<TrackingContext>,
+    /// `None` where no quantities are computed.
+    pub quantities: Option<QuantityContext>,
 }
 
 /// Result of a frame.
 #[derive(Debug)]
 pub(crate) struct TimedOutcome {
     pub outcome: Result<Mapped, Failure>,
+    /// Quantities of the map, or why there are none.
+    pub quantities: Option<FrameQuantities>,
     /// Computing time.
     pub took: Duration,
     /// Sentences about the tracked baseline, for the record.
@@ -209,13 +217,11 @@ impl ReconstructionWorker {
         Some(self.arrived(made))
     }
 
-    /// Ends the thread, and waits until it has kept the tracked baseline: as long as for a map.
+    /// Ends the thread, and waits until it has kept the tracked baseline and the last quantities: as long as for a map.
     pub(crate) fn finish(&mut self) {
         self.ask = None;
-        if self.follows {
-            // nothing is sent any more: this ends when the thread does
-            let _ = self.answers.recv_timeout(MAP_TIMEOUT);
-        }
+        // nothing is sent any more: this ends when the thread does
+        let _ = self.answers.recv_timeout(MAP_TIMEOUT);
     }
 
     fn arrived(&mut self, made: TimedOutcome) -> TimedOutcome {
@@ -253,6 +259,7 @@ fn run(
     let noise = containment::run(|| context.noise()).ok().flatten();
     let mut remarks = Vec::new();
     let mut followed = context.start_to_follow(&mut remarks);
+    let mut quantified = context.start_to_quantify(&mut remarks);
     drop(ready);
     while let Ok(request) = requested.recv() {
         let begun = Instant::now();
@@ -264,8 +271,12 @@ fn run(
             continue;
         };
         let broken = matches!(outcome, Err(Failure::Broken(_)));
+        let quantities = quantified
+            .as_mut()
+            .map(|quantified| quantified.take(request.at_s, &outcome, &mut remarks));
         let made = TimedOutcome {
             outcome,
+            quantities,
             took: begun.elapsed(),
             remarks: std::mem::take(&mut remarks),
         };
@@ -282,6 +293,9 @@ fn run(
     }
     if let Some(followed) = followed {
         followed.keep();
+    }
+    if let Some(quantified) = quantified {
+        quantified.finish();
     }
 }
 
@@ -309,6 +323,16 @@ impl ReconstructionContext {
                 remarks.push(format!(
                     "maps are compared with the baseline as it was recorded, because it cannot be followed: {why}"
                 ));
+                None
+            }
+        }
+    }
+
+    fn start_to_quantify(&mut self, remarks: &mut Vec<String>) -> Option<Quantified> {
+        match Quantified::new(self.quantities.take()?, &self.model) {
+            Ok(quantified) => Some(quantified),
+            Err(why) => {
+                remarks.push(format!("the session has no quantities: {why}"));
                 None
             }
         }

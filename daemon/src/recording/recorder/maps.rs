@@ -42,6 +42,7 @@ impl Recorder {
             self.logbook.write_event(EventKind::Tracking, text)?;
         }
         self.not_followed()?;
+        frame.quantities = made.quantities;
         match made.outcome {
             Ok(mapped) => {
                 let refused = mapped.refused.as_deref().unwrap_or_default();

@@ -99,6 +99,7 @@ pub(super) const METHODS: &[(&str, &str, Action, CallClass)] = &[
     (SESSION, "LatestFrame", Action::Observe, Query),
     (SESSION, "LatestMap", Action::Observe, LargeQuery),
     (SESSION, "LatestPressure", Action::Observe, Query),
+    (SESSION, "Quantities", Action::Observe, Query),
     (SESSION, "OpenStream", Action::Observe, Query),
     (SIMULATION, "Press", Action::Instruments, Command),
     (SIMULATION, "Release", Action::Instruments, Command),

@@ -168,6 +168,20 @@ impl Session1 {
         ))
     }
 
+    /// Load, contact area and other quantities of the map of the last durable frame that has some, as JSON.
+    #[zbus(out_args("sequence", "wall_ns", "json", "simulated"))]
+    async fn quantities(&self) -> Result<(u64, i64, String, bool), Fault> {
+        let nothing = || Fault::NoFrame("the session has no quantities yet".into());
+        let latest = self.0.latest_map().ok_or_else(nothing)?;
+        let quantities = latest.quantities.as_ref().ok_or_else(nothing)?;
+        Ok((
+            latest.frame.sequence,
+            nanoseconds(latest.frame.wall),
+            serde_json::json!(quantities).to_string(),
+            latest.frame.simulated,
+        ))
+    }
+
     /// A descriptor for reading every frame and map. Options: `frames` (b) and `maps` (b), true by default; `pressure`
     /// (b) and `quality` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]

@@ -53,7 +53,7 @@ impl DepthSettings {
 
 /// The depth of a tank on the command line.
 #[cfg(feature = "arguments")]
-#[derive(Debug, Clone, Default, clap::Args)]
+#[derive(Debug, Clone, Default, PartialEq, clap::Args)]
 #[command(next_help_heading = "Depth of a tank")]
 pub struct DepthArguments {
     /// Depth of the liquid of a tank, mm [default: what the case folder or session says, else a sheet]

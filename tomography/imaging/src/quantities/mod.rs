@@ -14,6 +14,7 @@ mod frame;
 mod minutes;
 mod quantity;
 mod region;
+mod stored;
 mod surface;
 #[cfg(test)]
 mod tests;
@@ -30,6 +31,7 @@ pub use deviation::{ComparedReadings, Deviation};
 pub use minutes::{QuantityRow, Rows};
 pub use quantity::{LoadUnit, Quantity, Values};
 pub use region::{RegionError, RegionSettings, SHEET, check_regions};
+pub use stored::{STORED_S, joined, store, stored};
 pub use surface::Surface;
 use tracks::Tracks;
 pub use tracks::{SpotChange, SpotTrack};
@@ -98,6 +100,27 @@ pub struct FrameQuantities {
     pub spots: Vec<SpotTrack>,
     /// What became of hot spots with this frame.
     pub changes: Vec<SpotChange>,
+}
+
+impl FrameQuantities {
+    /// Load, contact area and peak pressure index of the whole sheet in a few words; `None` without a load.
+    pub fn summary(&self) -> Option<String> {
+        let values = &self.regions.first()?.values;
+        let contact = values.get(Quantity::Contact).filter(|area| *area > 0.0);
+        contact?;
+        let shown = |quantity: Quantity| {
+            let value = values.get(quantity)?;
+            Some(format!(
+                "{} {} {}",
+                quantity.name(),
+                rounded(value),
+                quantity.unit(self.unit)
+            ))
+        };
+        let parts = [Quantity::Load, Quantity::Contact, Quantity::Ppi].map(shown);
+        let parts: Vec<String> = parts.into_iter().flatten().collect();
+        Some(parts.join(", "))
+    }
 }
 
 /// The quantities of a region.
@@ -303,6 +326,16 @@ impl Quantifier {
             let found = frame::of_map(&self.surface, &loads, self.threshold(), self.unit);
             found.into_iter().map(|found| found.values).collect()
         })
+    }
+}
+
+/// A value with three digits, without an exponent.
+pub fn rounded(value: f64) -> String {
+    match value.abs() {
+        size if size >= 100.0 || size == 0.0 => format!("{value:.0}"),
+        size if size >= 10.0 => format!("{value:.1}"),
+        size if size >= 1.0 => format!("{value:.2}"),
+        _ => format!("{value:.3}"),
     }
 }
 

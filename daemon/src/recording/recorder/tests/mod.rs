@@ -120,6 +120,7 @@ impl Scene {
         let mesh = &setup.geometry.mesh;
         let context = ReconstructionContext {
             tracking: None,
+            quantities: None,
             reading_noise: None,
             baseline,
             model,

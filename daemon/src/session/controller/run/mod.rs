@@ -21,7 +21,7 @@ use crate::events::kind::EventKind;
 use crate::monitoring::disk::free_bytes;
 use crate::recording::logbook_sink::{DiskPolicy, LogbookSink};
 use crate::recording::reconstruction_worker::{
-    ReconstructionContext, ReconstructionWorker, TrackingContext,
+    QuantityContext, ReconstructionContext, ReconstructionWorker, TrackingContext,
 };
 use crate::recording::recorder::{Recorder, Task};
 use crate::recording::recorder_message::{QUEUE, RecorderMessage};
@@ -236,8 +236,15 @@ impl Controller {
                     session: writer.header().session().to_owned(),
                     after: writer.acknowledged(),
                 });
+                let quantities = QuantityContext {
+                    settings: runtime.setup.config.quantities.clone(),
+                    regions: runtime.setup.config.region.clone(),
+                    folder: runtime.setup.record_directory.clone(),
+                    session: writer.header().session().to_owned(),
+                };
                 let context = ReconstructionContext {
                     tracking,
+                    quantities: Some(quantities),
                     reading_noise,
                     baseline: baseline.as_ref().clone(),
                     model,

@@ -1,0 +1,98 @@
+//! Rows of quantities of a session, in a file beside it: one line for each minute, appended when the minute ends.
+//!
+//! They are derived from the frames and can be computed again. A line has the first 8 hexadecimal digits of its SHA-256, a
+//! space, and JSON. A last line that was written in part is not read.
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use crate::LogbookError;
+use crate::tracking::checksum;
+
+/// End of the name of the file.
+const QUANTITIES: &str = "quantities";
+/// Digits of the checksum.
+const DIGITS: usize = 8;
+
+fn path(dir: &Path, id: &str) -> PathBuf {
+    dir.join(id).with_extension(QUANTITIES)
+}
+
+/// Appends a line of JSON to the rows of this session.
+///
+/// # Errors
+/// A disk error.
+pub fn append_quantities(dir: &Path, id: &str, json: &str) -> Result<(), LogbookError> {
+    let path = path(dir, id);
+    let line = format!("{} {json}\n", &checksum(json)[..DIGITS]);
+    let append = || -> std::io::Result<()> {
+        let mut file = OpenOptions::new()
+            .create(true)
+            .append(true)
+            .read(true)
+            .open(&path)?;
+        // after a crash the last line may have no end
+        if !ends_with_newline(&mut file)? {
+            file.write_all(b"\n")?;
+        }
+        file.write_all(line.as_bytes())
+    };
+    append().map_err(|source| LogbookError::disk(&path, "append quantities to", source))
+}
+
+fn ends_with_newline(file: &mut std::fs::File) -> std::io::Result<bool> {
+    use std::io::{Read, Seek, SeekFrom};
+    if file.metadata()?.len() == 0 {
+        return Ok(true);
+    }
+    file.seek(SeekFrom::End(-1))?;
+    let mut last = [0];
+    file.read_exact(&mut last)?;
+    Ok(last == *b"\n")
+}
+
+/// The lines of JSON of this session, and the number of lines that are damaged; `None` if there is no file.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn quantities(dir: &Path, id: &str) -> Result<Option<(Vec<String>, usize)>, LogbookError> {
+    let path = path(dir, id);
+    let text = match std::fs::read(&path) {
+        Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+        Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(LogbookError::disk(&path, "read quantities of", source)),
+    };
+    let (mut lines, mut damaged) = (Vec::new(), 0);
+    for line in text.lines() {
+        match line.split_once(' ') {
+            Some((sum, json)) if sum == &checksum(json)[..DIGITS] => lines.push(json.to_owned()),
+            _ => damaged += 1,
+        }
+    }
+    Ok(Some((lines, damaged)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_appended_and_damaged_ones_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = folder.path();
+        assert_eq!(quantities(dir, "m1").unwrap(), None);
+        append_quantities(dir, "m1", "{\"a\":1}").unwrap();
+        append_quantities(dir, "m1", "{\"a\":2}").unwrap();
+        let file = dir.join("m1.quantities");
+        let whole = std::fs::read_to_string(&file).unwrap();
+        // a power cut in the second line, then a third one
+        std::fs::write(&file, &whole[..whole.len() - 3]).unwrap();
+        append_quantities(dir, "m1", "{\"a\":3}").unwrap();
+        let (lines, damaged) = quantities(dir, "m1").unwrap().unwrap();
+        assert_eq!(
+            (lines.join(""), damaged),
+            ("{\"a\":1}{\"a\":3}".to_owned(), 1)
+        );
+    }
+}

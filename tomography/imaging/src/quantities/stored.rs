@@ -1,0 +1,172 @@
+//! Rows of quantities as they are stored beside a session.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use logbook::LogbookError;
+use serde::{Deserialize, Serialize};
+
+use super::minutes::QuantityRow;
+use super::quantity::{LoadUnit, Quantity};
+
+/// Length of a stored span, s.
+pub const STORED_S: u32 = 60;
+
+/// One line: a span of all regions.
+#[derive(Debug, Serialize, Deserialize)]
+struct StoredSpan {
+    begin_s: i64,
+    of: LoadUnit,
+    regions: Vec<StoredRegion>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct StoredRegion {
+    name: String,
+    /// Smallest, mean and largest value; frames with a value, and those of them that are known.
+    values: BTreeMap<Quantity, (f32, f32, f32, u64, u64)>,
+}
+
+/// Appends the rows of one span to those of a session.
+///
+/// # Errors
+/// A disk error.
+pub fn store(folder: &Path, session: &str, rows: &[QuantityRow]) -> Result<(), LogbookError> {
+    let Some(first) = rows.first() else {
+        return Ok(());
+    };
+    let regions = rows
+        .chunk_by(|a, b| a.region == b.region)
+        .map(|rows| StoredRegion {
+            name: rows[0].region.clone(),
+            values: rows
+                .iter()
+                .map(|row| {
+                    let short = (row.min as f32, row.mean as f32, row.max as f32);
+                    (
+                        row.quantity,
+                        (short.0, short.1, short.2, row.frames, row.known),
+                    )
+                })
+                .collect(),
+        })
+        .collect();
+    let span = StoredSpan {
+        begin_s: first.begin_s,
+        of: first.of,
+        regions,
+    };
+    // numbers and words: they have a text
+    let json = serde_json::to_string(&span).unwrap_or_default();
+    logbook::append_quantities(folder, session, &json)
+}
+
+/// The rows stored with a session, in the order of time, values to seven digits; `None` if it has none. The second value is the
+/// number of lines that are damaged.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn stored(
+    folder: &Path,
+    session: &str,
+) -> Result<Option<(Vec<QuantityRow>, usize)>, LogbookError> {
+    let Some((lines, mut damaged)) = logbook::quantities(folder, session)? else {
+        return Ok(None);
+    };
+    let mut rows = Vec::new();
+    for line in lines {
+        // a later version may have quantities that this one does not know
+        let Ok(span) = serde_json::from_str::<StoredSpan>(&line) else {
+            damaged += 1;
+            continue;
+        };
+        for region in span.regions {
+            for (quantity, (min, mean, max, frames, known)) in region.values {
+                rows.push(QuantityRow {
+                    begin_s: span.begin_s,
+                    region: region.name.clone(),
+                    quantity,
+                    of: span.of,
+                    min: f64::from(min),
+                    mean: f64::from(mean),
+                    max: f64::from(max),
+                    frames,
+                    known,
+                });
+            }
+        }
+    }
+    Ok(Some((rows, damaged)))
+}
+
+/// Joins rows to spans of a length that is a multiple of theirs, s.
+pub fn joined(rows: &[QuantityRow], span_s: u32) -> Vec<QuantityRow> {
+    let span_s = i64::from(span_s.max(1));
+    let mut joined: Vec<QuantityRow> = Vec::new();
+    let mut from = 0;
+    for row in rows {
+        let begin_s = row.begin_s.div_euclid(span_s) * span_s;
+        if joined
+            .get(from)
+            .is_some_and(|first| first.begin_s != begin_s)
+        {
+            from = joined.len();
+        }
+        let same =
+            |other: &&mut QuantityRow| other.quantity == row.quantity && other.region == row.region;
+        match joined[from..].iter_mut().find(same) {
+            None => joined.push(QuantityRow {
+                begin_s,
+                ..row.clone()
+            }),
+            Some(sum) => {
+                sum.min = sum.min.min(row.min);
+                sum.max = sum.max.max(row.max);
+                sum.frames += row.frames;
+                sum.known += row.known;
+                sum.mean += (row.mean - sum.mean) * row.frames as f64 / sum.frames as f64;
+            }
+        }
+    }
+    joined
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(begin_s: i64, mean: f64, frames: u64) -> QuantityRow {
+        QuantityRow {
+            begin_s,
+            region: "sheet".into(),
+            quantity: Quantity::Load,
+            of: LoadUnit::Pressure,
+            min: mean - 0.5,
+            mean,
+            max: mean + 0.5,
+            frames,
+            known: 1,
+        }
+    }
+
+    #[test]
+    fn stored_rows_are_read_again_and_joined() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(stored(folder.path(), "m1").unwrap(), None);
+        for row in [row(0, 2.0, 30), row(60, 5.0, 10), row(120, 1.0, 60)] {
+            store(folder.path(), "m1", &[row]).unwrap();
+        }
+        let (rows, damaged) = stored(folder.path(), "m1").unwrap().unwrap();
+        assert_eq!((rows.len(), damaged), (3, 0));
+        assert_eq!(rows[2], row(120, 1.0, 60));
+        let joined = joined(&rows, 120);
+        // 30 frames of 2 and 10 of 5
+        let first = QuantityRow {
+            min: 1.5,
+            max: 5.5,
+            known: 2,
+            ..row(0, 2.75, 40)
+        };
+        assert_eq!(joined, [first, row(120, 1.0, 60)]);
+    }
+}
