@@ -138,9 +138,12 @@ fn print_stored(
     if let Some(name) = &requested.region
         && !rows.iter().any(|row| row.region == *name)
     {
-        let mut known: Vec<&str> = rows.iter().map(|row| row.region.as_str()).collect();
-        known.sort_unstable();
-        known.dedup();
+        let mut known: Vec<&str> = Vec::new();
+        for row in rows {
+            if !known.contains(&row.region.as_str()) {
+                known.push(&row.region);
+            }
+        }
         return Err(no_region(&requested.from.source, name, &known));
     }
     if requested.mmhg && rows.iter().any(|row| row.of == LoadUnit::RelativeLoss) {

@@ -26,7 +26,7 @@ fn every_command_prints_json_on_request() {
     baseline(&stage, 2);
     let id = measure(&stage, 2);
     let picture = stage.path().join("map.png").display().to_string();
-    let fields: [(&[&str], &[&str]); 12] = [
+    let fields: [(&[&str], &[&str]); 14] = [
         (
             &["status"],
             &[
@@ -101,6 +101,14 @@ fn every_command_prints_json_on_request() {
         (
             &["replay", &id, "--no-map"],
             &["frame", "method", "found_mm", "map_hash", "verified"],
+        ),
+        (
+            &["quantities", &id],
+            &["begin", "region", "quantity", "unit", "min", "mean", "max"],
+        ),
+        (
+            &["quantities", &id, "--each-frame"],
+            &["frame", "known", "unit", "regions", "spots"],
         ),
         (
             &["export", &id, "--format", "png", "--out", &picture],

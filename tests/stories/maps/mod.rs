@@ -4,5 +4,6 @@
 mod networks;
 mod paper_over_scpi;
 mod paper_test_one;
+mod quantities;
 mod same_methods;
 mod tracked;

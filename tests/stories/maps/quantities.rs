@@ -1,0 +1,134 @@
+//! Quantities of maps: the same numbers from the daemon's rows and from the frames, for the sheet and its regions.
+
+use dbus::{Address, Simulation1Proxy};
+use serde_json::Value;
+
+use crate::test_rig::{self, Needs, ask, baseline, number, runtime};
+
+const REGIONS: &str = "\n[[region]]\nname = \"press\"\nrectangle_mm = [60.0, 115.0, 100.0, 155.0]\n\
+    [[region]]\nname = \"far\"\npolygon_mm = [[150.0, 60.0], [200.0, 60.0], [175.0, 100.0]]\n";
+
+/// The mean of a quantity in rows of a region.
+fn mean(rows: &[Value], region: &str, quantity: &str) -> f64 {
+    let of = rows
+        .iter()
+        .filter(|row| row["region"] == region && row["quantity"] == quantity);
+    let (mut sum, mut frames) = (0.0, 0.0);
+    for row in of {
+        sum += number(row, "mean") * number(row, "frames");
+        frames += number(row, "frames");
+    }
+    assert!(frames > 0.0, "no {quantity} of {region} in {rows:?}");
+    sum / frames
+}
+
+#[test]
+fn stored_quantities_are_those_of_the_frames() {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
+        format!("{config}{REGIONS}")
+    }) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    runtime().block_on(async {
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
+            .await
+            .expect("the daemon listens");
+        let hand = Simulation1Proxy::new(&connection).await.expect("a proxy");
+        let (x, y) = (0.080, 0.135);
+        let pressed = hand.press("disc", x, y, 0.020, 0.5).await;
+        pressed.expect("a press");
+    });
+    let begun = ask(&stage, &["start", "--every", "500ms"]);
+    let id = begun[0]["session"].as_str().expect("its id").to_owned();
+    let watched = ask(&stage, &["watch", "--no-map", "--count", "4"]);
+    let last = &watched[watched.len() - 1];
+    let sheet = &last["quantities"]["regions"][0];
+    assert_eq!(sheet["name"], "sheet", "{last}");
+    ask(&stage, &["stop"]);
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
+
+    // what the daemon published is what its frame gives again
+    let each = ask(&stage, &["quantities", &id, "--each-frame"]);
+    let same = each
+        .iter()
+        .find(|frame| frame["frame"] == last["sequence"])
+        .expect("the frame is recorded");
+    assert_eq!(same["regions"][0]["values"], sheet["values"]);
+    assert_eq!(same["spots"], last["quantities"]["spots"]);
+    let sd = &same["regions"][0]["deviations"];
+    assert!(number(sd, "load") > 0.0 && number(sd, "load") < number(&sheet["values"], "load"));
+
+    let stored = ask(&stage, &["quantities", &id]);
+    let again = ask(&stage, &["quantities", &id, "--recompute"]);
+    assert_eq!(stored.len(), again.len());
+    for (stored, again) in stored.iter().zip(&again) {
+        for field in ["begin", "region", "quantity", "unit", "frames", "known"] {
+            assert_eq!(stored[field], again[field], "{stored}\n{again}");
+        }
+        for field in ["min", "mean", "max"] {
+            let (a, b) = (number(stored, field), number(again, field));
+            // rows are stored with seven digits
+            assert!((a - b).abs() <= 1e-6 * b.abs(), "{stored}\n{again}");
+        }
+    }
+    let centre = [
+        mean(&stored, "sheet", "centre-x"),
+        mean(&stored, "sheet", "centre-y"),
+    ];
+    assert!(
+        (centre[0] - 80.0).hypot(centre[1] - 135.0) < 15.0,
+        "{centre:?}"
+    );
+    assert!(mean(&stored, "press", "dispersion") > 40.0, "{stored:?}");
+    assert!(mean(&stored, "far", "dispersion") < 5.0, "{stored:?}");
+    assert_eq!(mean(&stored, "press", "known"), 1.0);
+
+    for (options, says) in [
+        (&["--region", "knee"][..], "sheet, press, far"),
+        (&["--region", "knee", "--recompute"], "sheet, press, far"),
+        (&["--mmhg"], "--calibration FILE"),
+        (&["--quantity", "weight"], "known: contact, load"),
+    ] {
+        let mut words = vec!["quantities", &id];
+        words.extend(options);
+        let output = stage.tactus(&words).expect("the program runs");
+        assert_eq!(output.code, Some(2), "{options:?}: {}", output.stderr);
+        assert!(
+            output.stderr.contains(says),
+            "{options:?}: {}",
+            output.stderr
+        );
+    }
+    let table = stage
+        .tactus(&["quantities", &id, "--csv", "--region", "far"])
+        .expect("the program runs");
+    let mut lines = table.stdout.lines();
+    let heading = "begin_utc,region,quantity,unit,min,mean,max,frames,known";
+    assert_eq!(lines.next(), Some(heading));
+    assert!(lines.all(|line| line.split(',').count() == 9 && line.contains(",far,")));
+}
+
+#[test]
+fn a_region_that_cannot_be_is_named_with_its_line() {
+    let beside = "\n[[region]]\nname = \"off\"\nrectangle_mm = [900.0, 900.0, 950.0, 950.0]\n";
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::QUIET, |config| {
+        format!("{config}{REGIONS}{beside}")
+    }) else {
+        return;
+    };
+    let refused = test_rig::refused_by_check(&stage);
+    assert!(
+        refused.contains("region.2: region 'off' does not touch the sheet"),
+        "{refused}"
+    );
+    let text = std::fs::read_to_string(stage.config_path()).expect("it is there");
+    let line = 1 + text[..text.find("name = \"off\"").expect("the region")]
+        .matches('\n')
+        .count();
+    assert!(
+        refused.contains(&format!("config.toml:{}:", line - 1)),
+        "{line}: {refused}"
+    );
+}
