@@ -1,0 +1,135 @@
+//! The live page: an HTTP server on this machine that shows a running daemon in a browser.
+//!
+//! A process of its own, and an ordinary client of the daemon's bus: the daemon keeps no network socket for it, and the page
+//! has the rights of the user who starts it. It only reads.
+//!
+//! [`Server::open`] listens, [`Server::run`] serves until it is told to end. [`follow`] keeps a [`Live`] up to date.
+
+mod guard;
+mod live;
+mod page;
+mod routes;
+mod snapshot;
+#[cfg(test)]
+mod tests;
+mod token;
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use tokio::net::TcpListener;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+
+pub use guard::{HostName, HostNameError};
+pub use live::follow;
+pub use snapshot::Live;
+pub use token::{Token, TokenError};
+
+/// Time for open connections to end after a request to stop.
+const DRAIN: Duration = Duration::from_secs(2);
+
+/// Where the page is served, and to whom.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Addresses to listen on; with port 0 the system chooses one for the first, and the others take the same.
+    pub listen: Vec<SocketAddr>,
+    /// Further values of the header `Host` that are accepted, for a tunnel or a reverse proxy.
+    pub names: Vec<HostName>,
+    /// Needed for everything but the empty page.
+    pub token: Token,
+}
+
+/// A server that listens and does not serve yet.
+#[derive(Debug)]
+pub struct Server {
+    listeners: Vec<TcpListener>,
+    address: SocketAddr,
+    settings: Settings,
+}
+
+impl Server {
+    /// Listens on each address. An IPv6 address that this machine does not have is left out if another one works.
+    ///
+    /// # Errors
+    /// The first address cannot be used.
+    pub async fn open(settings: Settings) -> std::io::Result<Self> {
+        let mut listeners: Vec<TcpListener> = Vec::new();
+        let mut first: Option<SocketAddr> = None;
+        for wanted in &settings.listen {
+            let port = match (wanted.port(), first) {
+                (0, Some(first)) => first.port(),
+                (port, _) => port,
+            };
+            match TcpListener::bind(SocketAddr::new(wanted.ip(), port)).await {
+                Ok(listener) => {
+                    first.get_or_insert(listener.local_addr()?);
+                    listeners.push(listener);
+                }
+                Err(error) if first.is_none() => return Err(error),
+                Err(_) => {}
+            }
+        }
+        let address = first.ok_or_else(|| std::io::Error::other("no address to listen on"))?;
+        Ok(Self {
+            listeners,
+            address,
+            settings,
+        })
+    }
+
+    /// The address of the first listener.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The page with its token, for the address line of a browser on this machine. The token stands after `#`: a browser does not
+    /// send that part.
+    pub fn url(&self) -> String {
+        let host = match self.address.ip() {
+            ip if ip.is_unspecified() => "127.0.0.1".to_owned(),
+            std::net::IpAddr::V6(ip) => format!("[{ip}]"),
+            std::net::IpAddr::V4(ip) => ip.to_string(),
+        };
+        let port = self.address.port();
+        format!("http://{host}:{port}/#token={}", self.settings.token.text())
+    }
+
+    /// Serves until `stop` is true. Open streams are ended; a connection that does not end within two seconds is cut.
+    ///
+    /// # Errors
+    /// A listener failed.
+    pub async fn run(self, live: Live, stop: watch::Receiver<bool>) -> std::io::Result<()> {
+        let port = self.address.port();
+        let router = routes::router(&self.settings, port, live, stop.clone());
+        let mut serving = JoinSet::new();
+        for listener in self.listeners {
+            let (router, mut stop) = (router.clone(), stop.clone());
+            serving.spawn(async move {
+                let ended = async move {
+                    // an error means that nobody can stop it any more
+                    let _ = stop.wait_for(|stop| *stop).await;
+                };
+                axum::serve(listener, router)
+                    .with_graceful_shutdown(ended)
+                    .await
+            });
+        }
+        let mut stop = stop;
+        let drained = async {
+            let _ = stop.wait_for(|stop| *stop).await;
+            tokio::time::sleep(DRAIN).await;
+        };
+        tokio::pin!(drained);
+        loop {
+            tokio::select! {
+                ended = serving.join_next() => match ended {
+                    None => return Ok(()),
+                    Some(Ok(served)) => served?,
+                    Some(Err(panicked)) => return Err(std::io::Error::other(panicked)),
+                },
+                () = &mut drained => return Ok(()),
+            }
+        }
+    }
+}

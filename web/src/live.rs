@@ -1,0 +1,327 @@
+//! Follows a daemon: its status each second, its events, and the stream of the running session.
+
+use std::collections::HashMap;
+use std::time::Duration;
+
+use dbus::stream::{Body, Decoder, Record};
+use dbus::{Address, Manager1Proxy, Session1Proxy, StreamOptions};
+use serde_json::{Value, json};
+use tokio::io::AsyncReadExt;
+use tokio::net::UnixStream;
+use tokio::time::{MissedTickBehavior, interval, sleep};
+use zbus::Connection;
+use zbus::proxy::CacheProperties;
+
+use crate::snapshot::{DaemonState, EventState, FrameState, Live, SessionState};
+
+/// Interval of the queries of the status.
+const STATUS_INTERVAL: Duration = Duration::from_secs(1);
+/// Time between two attempts to reach a daemon.
+const RETRY_INTERVAL: Duration = Duration::from_secs(2);
+/// Timeout of a call.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Records that the daemon holds for this reader.
+const RING: u64 = 64;
+
+type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+/// Keeps `live` up to date, and reconnects for ever. `address`: of the bus; `None` for the usual ones.
+pub async fn follow(address: Option<Address>, live: Live) {
+    loop {
+        let lost = match connected(address.as_ref(), &live).await {
+            Ok(()) => "the daemon went away".to_owned(),
+            Err(error) => error.to_string(),
+        };
+        live.change(|snapshot| {
+            snapshot.state.trouble = Some(lost);
+            snapshot.state.daemon = None;
+            snapshot.state.session = None;
+        });
+        sleep(RETRY_INTERVAL).await;
+    }
+}
+
+/// One connection, until it ends.
+async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure> {
+    let (connection, _) = tokio::time::timeout(PATIENCE, dbus::connect(address)).await??;
+    let manager = Manager1Proxy::builder(&connection)
+        .cache_properties(CacheProperties::No)
+        .build()
+        .await?;
+    let mut events = manager.receive_happened().await?;
+    let mut ticks = interval(STATUS_INTERVAL);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut following: Option<Following> = None;
+    loop {
+        tokio::select! {
+            _ = ticks.tick() => {
+                let status = tokio::time::timeout(PATIENCE, manager.status()).await??;
+                let running = status.session.as_ref().and_then(|session| session.id.clone());
+                if running.as_deref() != following.as_ref().map(|following| following.id.as_str()) {
+                    following = match running {
+                        Some(id) => Some(Following::open(&connection, &manager, id, live).await?),
+                        None => None,
+                    };
+                }
+                live.change(|snapshot| {
+                    snapshot.state.trouble = None;
+                    snapshot.state.daemon = Some(daemon_state(&status));
+                    snapshot.state.session = status.session.as_ref().map(session_state);
+                });
+            }
+            event = dbus::next(&mut events) => {
+                let Some(event) = event else { return Ok(()) };
+                if let Ok(event) = event.args() {
+                    let event = EventState {
+                        wall_ms: event.wall_ns / 1_000_000,
+                        kind: event.kind.to_owned(),
+                        text: event.text.to_owned(),
+                    };
+                    live.change(|snapshot| snapshot.add_event(event));
+                }
+            }
+            ended = read(&mut following, live) => {
+                ended?;
+                // the next status says what runs now
+                following = None;
+            }
+        }
+    }
+}
+
+/// Reads the stream of a session until it ends; waits for ever where there is none.
+async fn read(following: &mut Option<Following>, live: &Live) -> Result<(), Failure> {
+    match following {
+        None => std::future::pending().await,
+        Some(following) => following.read(live).await,
+    }
+}
+
+fn daemon_state(status: &dbus::Status) -> DaemonState {
+    let health = status.health.clone().unwrap_or_default();
+    let text = |value: &Option<String>| value.clone().unwrap_or_default();
+    DaemonState {
+        state: text(&status.state),
+        simulated: status.simulated.unwrap_or(false),
+        source: text(&status.source),
+        source_state: text(&status.source_state),
+        method: text(&status.method),
+        baseline: text(&status.baseline_id),
+        baseline_age_s: health.baseline_age_s,
+        version: text(&status.version),
+        well: health.well,
+        troubles: health.troubles.unwrap_or_default(),
+        instruments: health.instruments.unwrap_or_default(),
+        disk_days: health.disk_days,
+        last_error: status.last_error.clone().filter(|text| !text.is_empty()),
+        lost: status
+            .recovery
+            .as_ref()
+            .and_then(|recovery| recovery.what.clone()),
+    }
+}
+
+fn session_state(session: &dbus::SessionStatus) -> SessionState {
+    let text = |value: &Option<String>| value.clone().unwrap_or_default();
+    SessionState {
+        id: text(&session.id),
+        kind: text(&session.kind),
+        state: text(&session.state),
+        frames: session.frames_acquired,
+        failed: session.frames_failed,
+        dropped: session.frames_dropped,
+        map_noise: session.map_noise,
+        last_error: session.last_error.clone().filter(|text| !text.is_empty()),
+    }
+}
+
+/// The stream of a session.
+struct Following {
+    id: String,
+    stream: UnixStream,
+    decoder: Decoder,
+    bytes: Vec<u8>,
+    /// The frame whose map may still come.
+    frame: FrameState,
+    pressure: Option<(u64, Vec<f64>)>,
+    /// Records of a frame that come before its map.
+    beside: HashMap<&'static str, (u64, Value)>,
+}
+
+impl Following {
+    async fn open(
+        connection: &Connection,
+        manager: &Manager1Proxy<'_>,
+        id: String,
+        live: &Live,
+    ) -> Result<Self, Failure> {
+        let session = Session1Proxy::builder(connection)
+            .path(dbus::session_path(&id)?)
+            .cache_properties(CacheProperties::No)
+            .build()
+            .await?;
+        let geometry = manager.geometry().await?;
+        let text = geometry_json(&geometry);
+        let options = StreamOptions {
+            frames: Some(true),
+            maps: Some(true),
+            pressure: Some(true),
+            quality: Some(true),
+            ring: Some(RING),
+        };
+        let descriptor = session.open_stream(&options).await?;
+        let stream = std::os::unix::net::UnixStream::from(std::os::fd::OwnedFd::from(descriptor));
+        stream.set_nonblocking(true)?;
+        live.change(|snapshot| {
+            snapshot.geometry = Some(text.into());
+            snapshot.maps.clear();
+            snapshot.state.frame = None;
+        });
+        let mut following = Self {
+            id,
+            stream: UnixStream::from_std(stream)?,
+            decoder: Decoder::new(),
+            bytes: vec![0; 64 * 1024],
+            frame: FrameState::default(),
+            pressure: None,
+            beside: HashMap::new(),
+        };
+        // a session with a long period may have no new frame for minutes
+        if let Ok(latest) = session.latest_map().await {
+            let pressure = session.latest_pressure().await.ok();
+            following.show_latest(latest, pressure, live);
+        }
+        Ok(following)
+    }
+
+    fn show_latest(
+        &mut self,
+        latest: dbus::LatestMap,
+        pressure: Option<dbus::LatestPressure>,
+        live: &Live,
+    ) {
+        let parsed = |json: &Option<String>| {
+            json.as_deref()
+                .and_then(|json| serde_json::from_str(json).ok())
+        };
+        let quality = latest.more.quality.clone().map(|verdict| {
+            json!({"verdict": verdict, "reasons": latest.more.doubts.iter().map(|text| json!({"text": text})).collect::<Vec<_>>()})
+        });
+        for (name, value) in [
+            ("quality", quality),
+            ("tracked", parsed(&latest.more.tracked)),
+            ("quantities", parsed(&latest.more.quantities)),
+        ] {
+            if let Some(value) = value {
+                self.beside.insert(name, (latest.sequence, value));
+            }
+        }
+        self.pressure = pressure.map(|pressure| (pressure.sequence, pressure.kpa));
+        self.frame = FrameState {
+            sequence: latest.sequence,
+            wall_ms: latest.wall_ns / 1_000_000,
+            simulated: latest.simulated,
+            ..FrameState::default()
+        };
+        self.show_map(latest.sequence, &latest.values, latest.method, live);
+    }
+
+    /// Reads until the session ends.
+    async fn read(&mut self, live: &Live) -> Result<(), Failure> {
+        loop {
+            while let Some(record) = self.decoder.next_record()? {
+                if matches!(record.body, Body::End { .. }) {
+                    return Ok(());
+                }
+                self.take(record, live);
+            }
+            let count = self.stream.read(&mut self.bytes).await?;
+            if count == 0 {
+                return Ok(());
+            }
+            self.decoder.push(&self.bytes[..count]);
+        }
+    }
+
+    fn take(&mut self, record: Record, live: &Live) {
+        let sequence = record.sequence;
+        let mut keep = |name, json: &str| {
+            if let Ok(value) = serde_json::from_str(json) {
+                self.beside.insert(name, (sequence, value));
+            }
+        };
+        match record.body {
+            Body::Frame { flags, .. } => {
+                self.frame = FrameState {
+                    sequence,
+                    wall_ms: record.wall_ns / 1_000_000,
+                    simulated: record.simulated,
+                    gap: record.gap,
+                    readings: flags.len(),
+                    missing: flags.iter().filter(|flag| **flag != 0).count(),
+                    ..FrameState::default()
+                };
+                let frame = self.frame.clone();
+                live.change(|snapshot| snapshot.state.frame = Some(frame));
+            }
+            Body::Map { values, method, .. } => self.show_map(sequence, &values, method, live),
+            Body::Pressure { kpa, .. } => self.pressure = Some((sequence, kpa)),
+            Body::Quality { json } => keep("quality", &json),
+            Body::Tracked { json } => keep("tracked", &json),
+            Body::Quantities { json } => keep("quantities", &json),
+            Body::End { .. } => {}
+        }
+    }
+
+    /// Shows a map and what came before it. Without a calibration the values are losses, so that a load is positive.
+    fn show_map(&mut self, sequence: u64, values: &[f64], method: String, live: &Live) {
+        let pressure = self.pressure.take().filter(|(of, _)| *of == sequence);
+        let (unit, shown): (_, Vec<f32>) = match &pressure {
+            Some((_, kpa)) => ("kPa", kpa.iter().map(|kpa| *kpa as f32).collect()),
+            None => (
+                "lost share",
+                values.iter().map(|value| -*value as f32).collect(),
+            ),
+        };
+        let mut beside = |name| {
+            let (of, value) = self.beside.remove(name)?;
+            (of == sequence).then_some(value)
+        };
+        let frame = FrameState {
+            map: true,
+            method: Some(method),
+            unit: Some(unit),
+            quality: beside("quality"),
+            tracked: beside("tracked"),
+            quantities: beside("quantities"),
+            ..self.frame.clone()
+        };
+        if frame.sequence != sequence {
+            return;
+        }
+        self.frame = frame.clone();
+        live.change(|snapshot| {
+            snapshot.keep_map(sequence, &shown);
+            snapshot.state.frame = Some(frame);
+        });
+    }
+}
+
+/// `/api/geometry`: coordinates in mm.
+fn geometry_json(geometry: &dbus::Geometry) -> String {
+    let millimetres = |metres: &[f64]| -> Vec<f64> {
+        metres
+            .iter()
+            .map(|metres| (1e6 * metres).round() * 1e-3)
+            .collect()
+    };
+    json!({
+        "name": geometry.more.name,
+        "nodes": millimetres(&geometry.nodes),
+        "triangles": geometry.triangles,
+        "outline": millimetres(&geometry.outline),
+        "outline_lengths": geometry.outline_lengths,
+        "electrodes": millimetres(&geometry.electrodes),
+    })
+    .to_string()
+}

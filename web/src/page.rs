@@ -1,0 +1,30 @@
+//! The files of the page, in the program.
+
+/// Path, media type, content.
+pub(crate) const FILES: [(&str, &str, &str); 5] = [
+    (
+        "/",
+        "text/html; charset=utf-8",
+        include_str!("../page/index.html"),
+    ),
+    (
+        "/style.css",
+        "text/css; charset=utf-8",
+        include_str!("../page/style.css"),
+    ),
+    (
+        "/page.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/page.js"),
+    ),
+    (
+        "/map.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/map.js"),
+    ),
+    (
+        "/charts.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/charts.js"),
+    ),
+];

@@ -1,0 +1,169 @@
+//! The routes: the page's files, and the data that it reads.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::middleware;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, watch};
+
+use crate::Settings;
+use crate::guard::{self, Guard};
+use crate::page;
+use crate::snapshot::Live;
+
+/// Most pages that follow at the same time.
+const STREAMS: usize = 32;
+/// Least time between two events of a stream: a page draws 60 times a second at most, and fetches maps as fast as it can.
+const EVENT_INTERVAL: Duration = Duration::from_millis(40);
+/// Time after which a quiet stream sends a comment, so that a lost connection is noticed.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+#[derive(Clone)]
+struct Shared {
+    live: Live,
+    stop: watch::Receiver<bool>,
+    streams: Arc<Semaphore>,
+    colours: Arc<str>,
+}
+
+/// All routes behind the guard.
+pub(crate) fn router(
+    settings: &Settings,
+    port: u16,
+    live: Live,
+    stop: watch::Receiver<bool>,
+) -> Router {
+    let guard = Arc::new(Guard::new(port, &settings.names, settings.token.clone()));
+    let shared = Shared {
+        live,
+        stop,
+        streams: Arc::new(Semaphore::new(STREAMS)),
+        colours: colours().into(),
+    };
+    let mut router = Router::new();
+    for (path, kind, text) in page::FILES {
+        router = router.route(path, get(move || async move { file(kind, text) }));
+    }
+    router
+        .route("/api/state", get(state))
+        .route("/api/events", get(events))
+        .route("/api/geometry", get(geometry))
+        .route(
+            "/api/colours",
+            get(|State(shared): State<Shared>| async move { json(shared.colours) }),
+        )
+        .route("/api/map/{sequence}", get(map))
+        .fallback(|| async { (StatusCode::NOT_FOUND, "no such page\n") })
+        .with_state(shared)
+        .layer(middleware::from_fn_with_state(guard, guard::check))
+}
+
+fn file(kind: &'static str, text: &'static str) -> Response {
+    ([(header::CONTENT_TYPE, kind)], text).into_response()
+}
+
+fn json(text: Arc<str>) -> Response {
+    let kind = [(header::CONTENT_TYPE, "application/json")];
+    (kind, text.to_string()).into_response()
+}
+
+/// 256 colours from zero to the largest load, as in every other picture: `[[r, g, b], ...]`.
+fn colours() -> String {
+    let colours: Vec<_> = (0..256)
+        .filter_map(|step| render::colour(-f64::from(step) / 255.0))
+        .collect();
+    serde_json::json!(colours).to_string()
+}
+
+async fn state(State(shared): State<Shared>) -> Response {
+    let text = shared.live.subscribe().borrow().json();
+    json(text.into())
+}
+
+async fn geometry(State(shared): State<Shared>) -> Response {
+    match shared.live.geometry() {
+        Some(geometry) => json(geometry),
+        None => (StatusCode::NOT_FOUND, "no geometry yet\n").into_response(),
+    }
+}
+
+/// A map as little-endian single precision, one value a triangle. It never changes.
+async fn map(State(shared): State<Shared>, Path(sequence): Path<String>) -> Response {
+    let known = sequence
+        .parse()
+        .ok()
+        .and_then(|sequence| shared.live.map(sequence));
+    match known {
+        Some(map) => (
+            [
+                (header::CONTENT_TYPE, "application/octet-stream"),
+                (header::CACHE_CONTROL, "private, max-age=3600, immutable"),
+            ],
+            Bytes::from_owner(map),
+        )
+            .into_response(),
+        None => (StatusCode::NOT_FOUND, "this map is not kept any more\n").into_response(),
+    }
+}
+
+/// Server-sent events: the state at each change, with its version as `id`.
+async fn events(State(shared): State<Shared>) -> Response {
+    let Ok(permit) = Arc::clone(&shared.streams).try_acquire_owned() else {
+        let text = format!("{STREAMS} pages follow already; close one\n");
+        return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
+    };
+    let (send, receive) = mpsc::channel(1);
+    tokio::spawn(publish(shared, send, permit));
+    (
+        [(header::CONTENT_TYPE, "text/event-stream")],
+        Body::from_stream(Receiving(receive)),
+    )
+        .into_response()
+}
+
+type Chunk = Result<Bytes, Infallible>;
+
+/// Sends events until the page goes or the server stops. A slow page gets the newest state when it reads again.
+async fn publish(mut shared: Shared, send: mpsc::Sender<Chunk>, _permit: OwnedSemaphorePermit) {
+    let mut changes = shared.live.subscribe();
+    changes.mark_changed();
+    loop {
+        let text = tokio::select! {
+            changed = tokio::time::timeout(KEEP_ALIVE, changes.changed()) => match changed {
+                Ok(Ok(())) => {
+                    let snapshot = changes.borrow_and_update();
+                    format!("id: {}\ndata: {}\n\n", snapshot.version, snapshot.json())
+                }
+                Ok(Err(_)) => return,
+                Err(_) => ": still here\n\n".to_owned(),
+            },
+            _ = shared.stop.wait_for(|stop| *stop) => return,
+            () = send.closed() => return,
+        };
+        if send.send(Ok(text.into())).await.is_err() {
+            return;
+        }
+        tokio::time::sleep(EVENT_INTERVAL).await;
+    }
+}
+
+/// A channel as a stream.
+struct Receiving(mpsc::Receiver<Chunk>);
+
+impl futures_core::Stream for Receiving {
+    type Item = Chunk;
+
+    fn poll_next(
+        mut self: std::pin::Pin<&mut Self>,
+        context: &mut std::task::Context<'_>,
+    ) -> std::task::Poll<Option<Chunk>> {
+        self.0.poll_recv(context)
+    }
+}

@@ -1,0 +1,335 @@
+//! Routes, headers and refusals over raw TCP.
+
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+use crate::snapshot::{EventState, FrameState};
+use crate::{HostName, Live, Server, Settings, Token};
+
+struct Served {
+    port: u16,
+    token: String,
+    live: Live,
+    stop: watch::Sender<bool>,
+    serving: JoinHandle<std::io::Result<()>>,
+}
+
+async fn served() -> Served {
+    let token = Token::random().unwrap();
+    let settings = Settings {
+        listen: vec![([127, 0, 0, 1], 0).into()],
+        names: vec!["lab.example.org".parse::<HostName>().unwrap()],
+        token: token.clone(),
+    };
+    let server = Server::open(settings).await.unwrap();
+    let (port, live) = (server.address().port(), Live::default());
+    assert_eq!(
+        server.url(),
+        format!("http://127.0.0.1:{port}/#token={}", token.text())
+    );
+    let (stop, stopped) = watch::channel(false);
+    Served {
+        port,
+        token: token.text().to_owned(),
+        serving: tokio::spawn(server.run(live.clone(), stopped)),
+        live,
+        stop,
+    }
+}
+
+impl Served {
+    async fn connected(&self) -> TcpStream {
+        TcpStream::connect(("127.0.0.1", self.port)).await.unwrap()
+    }
+
+    /// The whole answer to a request with these headers.
+    async fn ask(&self, line: &str, headers: &[String]) -> String {
+        let mut stream = self.connected().await;
+        let text = format!(
+            "{line} HTTP/1.1\r\nConnection: close\r\n{}\r\n",
+            headers.concat()
+        );
+        stream.write_all(text.as_bytes()).await.unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).await.unwrap();
+        String::from_utf8_lossy(&answer).into_owned()
+    }
+
+    fn host(&self) -> String {
+        format!("Host: 127.0.0.1:{}\r\n", self.port)
+    }
+
+    fn bearer(&self) -> String {
+        format!("Authorization: Bearer {}\r\n", self.token)
+    }
+
+    async fn get(&self, path: &str) -> String {
+        self.ask(&format!("GET {path}"), &[self.host(), self.bearer()])
+            .await
+    }
+}
+
+fn code(answer: &str) -> &str {
+    answer.split(' ').nth(1).unwrap_or_default()
+}
+
+#[tokio::test]
+async fn only_exact_hosts_are_served() {
+    let served = served().await;
+    let port = served.port;
+    for (host, wanted) in [
+        (format!("127.0.0.1:{port}"), "200"),
+        (format!("LOCALHOST:{port}"), "200"),
+        (format!("[::1]:{port}"), "200"),
+        ("lab.example.org".to_owned(), "200"),
+        // a page of the attacker, whose name was made to lead here (DNS rebinding)
+        (format!("attacker.example:{port}"), "403"),
+        (format!("localhost.attacker.example:{port}"), "403"),
+        (format!("127.0.0.1.attacker.example:{port}"), "403"),
+        ("127.0.0.1".to_owned(), "403"),
+        ("127.0.0.1:1".to_owned(), "403"),
+        (String::new(), "403"),
+    ] {
+        let headers = [format!("Host: {host}\r\n"), served.bearer()];
+        let answer = served.ask("GET /api/state", &headers).await;
+        assert_eq!(code(&answer), wanted, "{host}: {answer}");
+    }
+    let twice = [
+        served.host(),
+        "Host: attacker.example\r\n".to_owned(),
+        served.bearer(),
+    ];
+    let answer = served.ask("GET /api/state", &twice).await;
+    assert!(["400", "403"].contains(&code(&answer)), "{answer}");
+}
+
+#[tokio::test]
+async fn data_need_the_token_and_the_page_does_not() {
+    let served = served().await;
+    for path in ["/", "/page.js", "/map.js", "/charts.js", "/style.css"] {
+        let answer = served.ask(&format!("GET {path}"), &[served.host()]).await;
+        assert_eq!(code(&answer), "200", "{path}");
+        assert!(!answer.contains(&served.token), "{path} contains the token");
+    }
+    let wrong = [
+        String::new(),
+        "Authorization: Bearer \r\n".to_owned(),
+        format!("Authorization: Basic {}\r\n", served.token),
+        format!("Authorization: Bearer {}x\r\n", served.token),
+        format!("Authorization: Bearer {}\r\n", &served.token[1..]),
+        format!("Cookie: token={}\r\n", served.token),
+    ];
+    for path in [
+        "/api/state",
+        "/api/events",
+        "/api/geometry",
+        "/api/colours",
+        "/api/map/1",
+    ] {
+        for header in &wrong {
+            let headers = [served.host(), header.clone()];
+            let answer = served.ask(&format!("GET {path}"), &headers).await;
+            assert_eq!(code(&answer), "401", "{path} with {header}");
+        }
+    }
+    let answer = served
+        .ask(
+            &format!("GET /api/state?token={}", served.token),
+            &[served.host()],
+        )
+        .await;
+    assert_eq!(
+        code(&answer),
+        "401",
+        "a token in the address would be in logs"
+    );
+}
+
+#[tokio::test]
+async fn other_sites_and_other_methods_are_refused() {
+    let served = served().await;
+    for (site, wanted) in [
+        ("same-origin", "200"),
+        ("none", "200"),
+        ("same-site", "403"),
+        ("cross-site", "403"),
+    ] {
+        let headers = [
+            served.host(),
+            served.bearer(),
+            format!("Sec-Fetch-Site: {site}\r\n"),
+        ];
+        let answer = served.ask("GET /api/state", &headers).await;
+        assert_eq!(code(&answer), wanted, "{site}");
+    }
+    for method in ["POST", "PUT", "DELETE", "OPTIONS"] {
+        let headers = [served.host(), served.bearer()];
+        let answer = served.ask(&format!("{method} /api/state"), &headers).await;
+        assert_eq!(code(&answer), "405", "{method}");
+    }
+}
+
+#[tokio::test]
+async fn every_answer_has_the_headers_and_no_cookie() {
+    let served = served().await;
+    let refused = served.ask("GET /api/state", &[served.host()]).await;
+    for answer in [served.get("/").await, served.get("/nothing").await, refused] {
+        let lower = answer.to_ascii_lowercase();
+        for header in [
+            "content-security-policy: default-src 'none'; script-src 'self'",
+            "frame-ancestors 'none'",
+            "x-content-type-options: nosniff",
+            "cross-origin-resource-policy: same-origin",
+            "referrer-policy: no-referrer",
+            "cache-control: no-store",
+        ] {
+            assert!(lower.contains(header), "{header} in {answer}");
+        }
+        assert!(
+            !lower.contains("set-cookie") && !lower.contains("access-control"),
+            "{answer}"
+        );
+    }
+    // the page asks nothing of another place and has no script of its own in the text
+    let page = served.get("/").await;
+    assert!(!page.contains("http://") && !page.contains("https://") && !page.contains("<script>"));
+}
+
+#[tokio::test]
+async fn a_map_is_single_precision_and_old_ones_go() {
+    let served = served().await;
+    for sequence in 1..=17 {
+        let values = [0.5, sequence as f32];
+        served
+            .live
+            .change(|snapshot| snapshot.keep_map(sequence, &values));
+    }
+    let mut stream = served.connected().await;
+    let text = format!(
+        "GET /api/map/17 HTTP/1.1\r\nConnection: close\r\n{}{}\r\n",
+        served.host(),
+        served.bearer()
+    );
+    stream.write_all(text.as_bytes()).await.unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).await.unwrap();
+    let expected: Vec<u8> = [0.5_f32, 17.0]
+        .iter()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    assert!(answer.ends_with(&expected));
+    assert_eq!(code(&served.get("/api/map/2").await), "200");
+    for path in [
+        "/api/map/1",
+        "/api/map/18",
+        "/api/map/x",
+        "/api/map/-1",
+        "/api/geometry",
+    ] {
+        assert_eq!(code(&served.get(path).await), "404", "{path}");
+    }
+}
+
+/// Reads until the text has arrived.
+async fn until(stream: &mut TcpStream, seen: &mut String, text: &str) {
+    let mut bytes = [0; 4096];
+    let reading = async {
+        while !seen.contains(text) {
+            let count = stream.read(&mut bytes).await.unwrap();
+            assert!(count > 0, "the stream ended: {seen}");
+            seen.push_str(&String::from_utf8_lossy(&bytes[..count]));
+        }
+    };
+    let limit = Duration::from_secs(30);
+    tokio::time::timeout(limit, reading)
+        .await
+        .unwrap_or_else(|_| panic!("no {text} in {seen}"));
+}
+
+#[tokio::test]
+async fn changes_arrive_as_events_and_stop_ends_them() {
+    let served = served().await;
+    let mut stream = served.connected().await;
+    let text = format!(
+        "GET /api/events HTTP/1.1\r\n{}{}\r\n",
+        served.host(),
+        served.bearer()
+    );
+    stream.write_all(text.as_bytes()).await.unwrap();
+    let mut seen = String::new();
+    until(&mut stream, &mut seen, "id: 0").await;
+    assert!(seen.contains("text/event-stream"), "{seen}");
+    served.live.change(|snapshot| {
+        snapshot.state.frame = Some(FrameState {
+            sequence: 7,
+            ..FrameState::default()
+        });
+        snapshot.add_event(EventState {
+            wall_ms: 0,
+            kind: "trouble".to_owned(),
+            text: "two\nlines".to_owned(),
+        });
+    });
+    until(&mut stream, &mut seen, "\"sequence\":7").await;
+    // a line break in a text must not end the event
+    until(&mut stream, &mut seen, "two\\nlines").await;
+    served.stop.send(true).unwrap();
+    let ended = tokio::time::timeout(Duration::from_secs(30), served.serving).await;
+    ended.expect("it ends").unwrap().unwrap();
+}
+
+#[tokio::test]
+async fn too_many_pages_are_told_so() {
+    let served = served().await;
+    let mut open = Vec::new();
+    let text = format!(
+        "GET /api/events HTTP/1.1\r\n{}{}\r\n",
+        served.host(),
+        served.bearer()
+    );
+    for _ in 0..32 {
+        let mut stream = served.connected().await;
+        stream.write_all(text.as_bytes()).await.unwrap();
+        let mut seen = String::new();
+        until(&mut stream, &mut seen, "id: 0").await;
+        open.push(stream);
+    }
+    let answer = served.get("/api/events").await;
+    assert_eq!(code(&answer), "503", "{answer}");
+    assert!(answer.contains("close one"), "{answer}");
+}
+
+#[test]
+fn a_token_file_must_be_private_and_hold_a_secret() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = std::env::temp_dir().join(format!("tactus-web-token-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("token");
+    let written = |text: &str, mode: u32| {
+        std::fs::write(&file, text).unwrap();
+        std::fs::set_permissions(&file, std::fs::Permissions::from_mode(mode)).unwrap();
+        Token::from_file(&file)
+            .map(|token| token.text().to_owned())
+            .map_err(|error| error.to_string())
+    };
+    let secret = "0123456789abcdef0123456789abcdef";
+    assert_eq!(
+        written(&format!("{secret}\n"), 0o600),
+        Ok(secret.to_owned())
+    );
+    assert!(written(secret, 0o640).unwrap_err().contains("chmod 600"));
+    assert!(written("short", 0o600).unwrap_err().contains("32 to 256"));
+    assert!(
+        written(&format!("{secret} {secret}"), 0o600)
+            .unwrap_err()
+            .contains("32 to 256")
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
+    for wrong in ["", "a b", "http://x", "x:99999", "x/y"] {
+        assert!(wrong.parse::<HostName>().is_err(), "{wrong}");
+    }
+}
