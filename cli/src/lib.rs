@@ -118,6 +118,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
         Command::Quantities(requested) => {
             crate::maps::quantities::run(&global, &requested, printer)
         }
+        Command::Web(requested) => crate::control::web::run(&global, &requested, printer),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut crate::command(), "tactus", &mut script);
@@ -190,6 +191,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     | Command::Export(_)
                     | Command::Replay(_)
                     | Command::Quantities(_)
+                    | Command::Web(_)
                     | Command::Completions { .. }
                     | Command::Man { .. } => {
                         unreachable!("the offline commands were taken above")

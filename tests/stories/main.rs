@@ -5,6 +5,7 @@
 //! configuration of `tactusd`; record and bus are replaced by the test's own). Each test declares its requirements and
 //! its largest current; a test whose requirements the rig does not meet is skipped, with the reason printed.
 
+mod browser;
 mod instruments;
 mod interfaces;
 mod manual;

@@ -283,7 +283,7 @@ async fn changes_arrive_as_events_and_stop_ends_them() {
 }
 
 #[tokio::test]
-async fn too_many_pages_are_told_so() {
+async fn too_many_pages_are_refused() {
     let served = served().await;
     let mut open = Vec::new();
     let text = format!(
@@ -306,9 +306,8 @@ async fn too_many_pages_are_told_so() {
 #[test]
 fn a_token_file_must_be_private_and_hold_a_secret() {
     use std::os::unix::fs::PermissionsExt;
-    let folder = std::env::temp_dir().join(format!("tactus-web-token-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let file = folder.join("token");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("token");
     let written = |text: &str, mode: u32| {
         std::fs::write(&file, text).unwrap();
         std::fs::set_permissions(&file, std::fs::Permissions::from_mode(mode)).unwrap();
@@ -328,7 +327,6 @@ fn a_token_file_must_be_private_and_hold_a_secret() {
             .unwrap_err()
             .contains("32 to 256")
     );
-    std::fs::remove_dir_all(&folder).unwrap();
     for wrong in ["", "a b", "http://x", "x:99999", "x/y"] {
         assert!(wrong.parse::<HostName>().is_err(), "{wrong}");
     }

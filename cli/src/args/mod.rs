@@ -18,7 +18,7 @@ pub use records::{
     Export, Log, Prune, Quantities, RecordingSource, Repair, Replay, SessionsCommand, Verify,
 };
 pub use rig::{Discover, Doctor, InstrumentsCommand, NotifyCommand, Transcript};
-pub use session::{BaselineCommand, BaselineRecord, Plan, Start, Step, Stop, Watch};
+pub use session::{BaselineCommand, BaselineRecord, Plan, Start, Step, Stop, Watch, Web};
 
 fn span(text: &str) -> Result<Duration, SpanError> {
     parse_span(text)
@@ -104,6 +104,8 @@ pub enum Command {
     Step(Step),
     /// Follow frames and draw the map of each in the terminal
     Watch(Watch),
+    /// Show the running daemon in a browser: map, quantities, state, events. Only this machine's users with the printed address can read it
+    Web(Web),
     /// List recorded sessions, from the running daemon's directory and the usual ones; check, repair, prune them
     Sessions {
         #[command(subcommand)]

@@ -145,3 +145,23 @@ pub struct Plan {
     #[command(flatten)]
     pub measuring: Measuring,
 }
+
+/// Options of `web`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct Web {
+    /// Address to listen on; may be repeated [default: a free port of 127.0.0.1 and of ::1]
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    pub listen: Vec<std::net::SocketAddr>,
+    /// Allow --listen with an address that other machines can reach; the connection is not encrypted
+    #[arg(long)]
+    pub beyond_localhost: bool,
+    /// Also accept this Host name, of a tunnel or a reverse proxy: NAME or NAME:PORT; may be repeated
+    #[arg(long = "name", value_name = "HOST")]
+    pub names: Vec<web::HostName>,
+    /// File with the token, which only its owner can read [default: a new token]
+    #[arg(long, value_name = "FILE")]
+    pub token_file: Option<std::path::PathBuf>,
+    /// Only print the address
+    #[arg(long)]
+    pub no_browser: bool,
+}

@@ -31,16 +31,7 @@ pub(crate) struct Daemon {
 /// # Errors
 /// No daemon (the message explains how to start one); no permission; an invalid address.
 pub(crate) async fn open(global: &Global) -> Result<Daemon, Failure> {
-    let named = match &global.bus {
-        Some(text) => Some(text.clone()),
-        None => std::env::var("TACTUS_BUS")
-            .ok()
-            .filter(|text| !text.is_empty()),
-    };
-    let wanted = named
-        .map(|text| text.parse::<Address>())
-        .transpose()
-        .map_err(|error| Failure::Usage(error.to_string()))?;
+    let wanted = wanted(global)?;
     let reached = tokio::time::timeout(global.timeout, dbus::connect(wanted.as_ref()))
         .await
         .map_err(|_| timed_out("the daemon", global.timeout))?;
@@ -56,6 +47,23 @@ pub(crate) async fn open(global: &Global) -> Result<Daemon, Failure> {
         patience: global.timeout,
         manager,
     })
+}
+
+/// The address that `--bus` or `TACTUS_BUS` names.
+///
+/// # Errors
+/// It is none.
+pub(crate) fn wanted(global: &Global) -> Result<Option<Address>, Failure> {
+    let named = match &global.bus {
+        Some(text) => Some(text.clone()),
+        None => std::env::var("TACTUS_BUS")
+            .ok()
+            .filter(|text| !text.is_empty()),
+    };
+    named
+        .map(|text| text.parse::<Address>())
+        .transpose()
+        .map_err(|error| Failure::Usage(error.to_string()))
 }
 
 impl Daemon {

@@ -9,3 +9,4 @@ pub(crate) mod session;
 pub(crate) mod status;
 pub(crate) mod viewer;
 pub(crate) mod watch;
+pub(crate) mod web;

@@ -1,0 +1,166 @@
+//! `tactus web`: a press is seen at its place, with its numbers and its state.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Stdio};
+
+use dbus::{Address, Simulation1Proxy};
+use tactus_tests::Stage;
+
+use super::driver::Browser;
+use crate::test_rig::{self, Needs, ask, baseline, runtime};
+
+/// Centre of the press, mm.
+const PRESS_MM: [f64; 2] = [80.0, 135.0];
+
+/// `tactus web`, ended when dropped.
+struct Page {
+    process: Child,
+    url: String,
+}
+
+impl Page {
+    fn serve(stage: &Stage) -> Self {
+        let mut process = stage
+            .command("tactus")
+            .args([
+                "--json",
+                "--bus",
+                &format!("unix:{}", stage.peer_path().display()),
+            ])
+            .args(["web", "--no-browser"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let mut line = String::new();
+        BufReader::new(process.stdout.take().expect("it is piped"))
+            .read_line(&mut line)
+            .expect("it prints the address");
+        let line: serde_json::Value = serde_json::from_str(&line).expect("JSON");
+        let url = line["url"].as_str().expect("the address").to_owned();
+        Self { process, url }
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn press(stage: &Stage) {
+    runtime().block_on(async {
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
+            .await
+            .expect("the daemon listens");
+        let hand = Simulation1Proxy::new(&connection).await.expect("a proxy");
+        let [x, y] = PRESS_MM.map(|mm| 1e-3 * mm);
+        hand.press("disc", x, y, 0.030, 0.5).await.expect("a press");
+    });
+}
+
+/// Centroid of the largest value on the page's map, mm.
+fn brightest(browser: &Browser) -> [f64; 2] {
+    let place = browser.value(
+        "(() => { let best = 0; map.values.forEach((v, t) => { if (v > map.values[best]) best = t; }); \
+         const { nodes, triangles } = map.geometry; const n = [0, 1, 2].map(k => 2 * triangles[3 * best + k]); \
+         return [0, 1].map(axis => n.reduce((sum, i) => sum + nodes[i + axis], 0) / 3); })()",
+    );
+    [0, 1].map(|axis| place[axis].as_f64().expect("a place"))
+}
+
+/// Colour of the canvas at a place in mm.
+fn colour(browser: &Browser, [x, y]: [f64; 2]) -> Vec<i64> {
+    let pixel = browser.value(&format!(
+        "Array.from(map.canvas.getContext('2d').getImageData(Math.round(map.x({x})), Math.round(map.y({y})), 1, 1).data)"
+    ));
+    let parts = pixel.as_array().expect("a pixel");
+    parts
+        .iter()
+        .map(|part| part.as_i64().expect("a byte"))
+        .collect()
+}
+
+#[test]
+fn a_press_is_seen_in_a_browser_at_its_place() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
+        return;
+    };
+    let profile = stage.path().join("browser");
+    let Some(browser) = Browser::start(&profile, 1500, 1000) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    ask(&stage, &["start", "--every", "500ms"]);
+    let page = Page::serve(&stage);
+
+    // without the token nothing is shown
+    let (bare, _) = page.url.split_once('#').expect("the token");
+    browser.open(bare);
+    browser.until("byId('trouble').textContent.includes('token is missing')");
+
+    browser.open(&page.url);
+    // the same document with another fragment is not loaded again
+    browser.value("location.reload()");
+    browser.until("typeof map !== 'undefined' && map.values !== null");
+    assert_eq!(
+        browser.value("location.hash"),
+        "",
+        "the token stays in no history"
+    );
+    let before = colour(&browser, PRESS_MM);
+    press(&stage);
+    browser.until("latest.frame.quantities && latest.frame.quantities.spots.length === 1 && map.frame.sequence === latest.frame.sequence");
+    browser.until("map.values.reduce((most, v) => Math.max(most, v), 0) > 0.2");
+    browser.value("map.draw()");
+    let [x, y] = brightest(&browser);
+    let away = (x - PRESS_MM[0]).hypot(y - PRESS_MM[1]);
+    assert!(away < 15.0, "the map's largest value is {away} mm off");
+    let after = colour(&browser, [x + 8.0, y]);
+    let distance: i64 = before.iter().zip(&after).map(|(a, b)| (a - b).abs()).sum();
+    assert!(
+        distance > 60,
+        "the press has the colour {after:?}, before {before:?}"
+    );
+
+    assert_eq!(browser.value("byId('simulated').hidden"), false);
+    let text = browser.value("document.body.innerText");
+    let text = text.as_str().expect("text");
+    for words in [
+        "SIMULATED",
+        "not a medical device",
+        "Load",
+        "Peak pressure index",
+        "current source",
+        "lost share",
+    ] {
+        assert!(text.contains(words), "{words} in {text}");
+    }
+    let spot = browser
+        .value("Array.from(byId('spots').rows[1].cells).map(cell => parseFloat(cell.textContent))");
+    let place = [1, 2].map(|cell| spot[cell].as_f64().expect("a number"));
+    assert!(
+        (place[0] - PRESS_MM[0]).hypot(place[1] - PRESS_MM[1]) < 15.0,
+        "{spot}"
+    );
+    // the same number as everywhere
+    let shown = browser.value("latest.frame.quantities.regions[0].values.load");
+    let sequence = browser.value("latest.frame.sequence");
+    let pictures = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    browser.screenshot(&pictures.join("live-page.png"));
+
+    ask(&stage, &["stop"]);
+    let frames = ask(&stage, &["quantities", "last", "--each-frame"]);
+    let same = frames
+        .iter()
+        .find(|frame| frame["frame"] == sequence)
+        .expect("it is recorded");
+    assert_eq!(same["regions"][0]["values"]["load"], shown);
+    browser.until("byId('session').textContent === 'no session runs'");
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    browser.until("!byId('trouble').hidden && byId('trouble').textContent.includes('no daemon')");
+    drop(page);
+    browser.until("byId('trouble').textContent.includes('no connection to tactus web')");
+}

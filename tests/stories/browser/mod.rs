@@ -1,0 +1,4 @@
+//! The live page in a real browser: Debian's chromium, driven by chromium-driver.
+
+mod driver;
+mod live_page;
