@@ -108,7 +108,7 @@ class SheetMap {
     for (let e = 0; 2 * e < this.geometry.electrodes.length; e++) {
       const [x, y] = [this.geometry.electrodes[2 * e], this.geometry.electrodes[2 * e + 1]];
       const away = Math.hypot(x - cx, y - cy) || 1;
-      const out = 11 * this.pixels;
+      const out = 17 * this.pixels;
       at.fillStyle = faulty.has(e + 1) ? "#d00000" : ink;
       const label = faulty.has(e + 1) ? `${e + 1}\u2717` : `${e + 1}`;
       at.fillText(label, this.x(x) + out * (x - cx) / away, this.y(y) - out * (y - cy) / away);

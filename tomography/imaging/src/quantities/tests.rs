@@ -151,10 +151,10 @@ fn a_region_cuts_triangles_in_their_share() {
         9.5e-4,
         &[rectangle("off", [300.0, 0.0, 400.0, 9.0])],
     );
-    let said = refused.err().map(|error| error.to_string()).unwrap();
+    let reported = refused.err().map(|error| error.to_string()).unwrap();
     assert!(
-        said.contains("'off'") && said.contains("(200, 200) mm"),
-        "{said}"
+        reported.contains("'off'") && reported.contains("(200, 200) mm"),
+        "{reported}"
     );
 }
 

@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spot_that_another_covers_has_merged_and_one_that_ends_is_gone() {
+    fn a_covered_spot_has_merged_and_one_that_ends_is_gone() {
         let mut tracks = Tracks::default();
         tracks.take(
             0.0,
