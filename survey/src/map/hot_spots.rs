@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_weak_load_beside_a_strong_one_is_a_spot_and_a_speck_is_none() {
+    fn a_weak_load_beside_a_strong_one_is_a_spot_a_speck_is_none() {
         let strip = strip(9);
         let weak = [0.0, 1.0, 1.0, 0.0, 0.0, 0.2, 0.2, 0.0, 0.0];
         assert_eq!(strip.hot_spots(&twice(&weak), 0.05).len(), 2);
