@@ -236,6 +236,7 @@ mod outputs {
                 // a new session file, created by the logbook, which never overwrites
                 "sessions repair --out",
                 "start --model",
+                "web --token-file",
             ],
         };
         attack_every_output(&Arguments::command(), &paths, |words| {

@@ -74,7 +74,7 @@ async function follow() {
 
 function show(state) {
   latest = state;
-  trouble(state.trouble && `no daemon: ${state.trouble}`);
+  trouble(state.trouble && (state.daemon ? state.trouble : `no daemon: ${state.trouble}`));
   const simulated = (state.frame && state.frame.simulated) || (state.daemon && state.daemon.simulated);
   byId("simulated").hidden = !simulated;
   byId("session").textContent = state.session

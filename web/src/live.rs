@@ -57,14 +57,19 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
             _ = ticks.tick() => {
                 let status = tokio::time::timeout(PATIENCE, manager.status()).await??;
                 let running = status.session.as_ref().and_then(|session| session.id.clone());
+                let mut trouble = None;
                 if running.as_deref() != following.as_ref().map(|following| following.id.as_str()) {
-                    following = match running {
-                        Some(id) => Some(Following::open(&connection, &manager, id, live).await?),
-                        None => None,
-                    };
+                    following = None;
+                    if let Some(id) = running {
+                        // it may have ended since the status; otherwise the next status tries again
+                        match Following::open(&connection, &manager, id.clone(), live).await {
+                            Ok(opened) => following = Some(opened),
+                            Err(error) => trouble = Some(format!("the frames of {id} cannot be read: {error}")),
+                        }
+                    }
                 }
                 live.change(|snapshot| {
-                    snapshot.state.trouble = None;
+                    snapshot.state.trouble = trouble;
                     snapshot.state.daemon = Some(daemon_state(&status));
                     snapshot.state.session = status.session.as_ref().map(session_state);
                 });

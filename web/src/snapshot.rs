@@ -31,7 +31,7 @@ pub(crate) struct Snapshot {
 /// `/api/state`, and the data of each event of `/api/events`.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(crate) struct State {
-    /// Why there is no daemon; `None` while it is connected.
+    /// Why there is no daemon, or no frames of the running session; `None` while all is well.
     pub(crate) trouble: Option<String>,
     pub(crate) daemon: Option<DaemonState>,
     pub(crate) session: Option<SessionState>,

@@ -101,7 +101,7 @@ async fn a_frame_and_its_map_are_one_line() {
         "{\"event\":\"frame\",\"session\":\"m1\",\"sequence\":1,\"wall\":\"1970-01-01T00:00:01.000000000Z\",\
          \"simulated\":true,\"gap\":0,\"readings\":2,\"overloads\":1,\"timeouts\":0,\"not_measured\":0,\
          \"method\":\"one-step\",\"largest_loss\":0.5,\"significant\":true,\"noise\":0.1,\"found_mm\":[10.0,10.0],\
-         \"unit\":\"relative loss of conductance\",\"newtons\":null,\"largest_kpa\":null,\"quality\":null,\"tracked\":null}\n"
+         \"unit\":\"relative loss of conductance\",\"newtons\":null,\"largest_kpa\":null,\"quality\":null,\"tracked\":null,\"quantities\":null}\n"
     );
     assert_eq!(ended.unwrap().as_deref(), Some("count reached"));
 }
@@ -141,7 +141,7 @@ async fn with_a_calibration_everything_is_in_kilopascals_and_newtons() {
     assert!(!text.contains("loss") && !text.contains(" %"), "{text}");
     let (text, _) = shown(&[], Some(field()), &records).await;
     assert!(
-        text.contains("\"unit\":\"kPa\",\"newtons\":5.625,\"largest_kpa\":12.5,\"quality\":null,\"tracked\":null}"),
+        text.contains("\"unit\":\"kPa\",\"newtons\":5.625,\"largest_kpa\":12.5,\"quality\":null,\"tracked\":null,\"quantities\":null}"),
         "{text}"
     );
     // a pressure of another frame is ignored
