@@ -38,7 +38,7 @@ pub fn append_quantities(dir: &Path, id: &str, json: &str) -> Result<(), Logbook
         }
         file.write_all(line.as_bytes())
     };
-    append().map_err(|source| LogbookError::disk(&path, "append quantities to", source))
+    append().map_err(|source| LogbookError::disk(&path, "write the quantities to", source))
 }
 
 fn ends_with_newline(file: &mut std::fs::File) -> std::io::Result<bool> {
@@ -61,7 +61,7 @@ pub fn quantities(dir: &Path, id: &str) -> Result<Option<(Vec<String>, usize)>, 
     let text = match std::fs::read(&path) {
         Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
         Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(source) => return Err(LogbookError::disk(&path, "read quantities of", source)),
+        Err(source) => return Err(LogbookError::disk(&path, "read the quantities of", source)),
     };
     let (mut lines, mut damaged) = (Vec::new(), 0);
     for line in text.lines() {
