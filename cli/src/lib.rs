@@ -133,6 +133,9 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
             runtime.block_on(async {
                 let daemon = crate::connection::open(&global).await?;
                 match live {
+                    Command::Alarms(requested) => {
+                        crate::control::alarms::run(&daemon, &requested, printer).await
+                    }
                     Command::Status => crate::control::status::run(&daemon, printer).await,
                     Command::Instruments { what: None } => instruments::run(&daemon, printer).await,
                     Command::Instruments {

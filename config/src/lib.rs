@@ -11,6 +11,7 @@
 //! assert!(problems[0].to_string().starts_with("c.toml:2:8: survey.nplc: 3 is none of"));
 //! ```
 
+mod alarm;
 pub mod numbers;
 mod observing;
 pub mod problems;
@@ -21,6 +22,7 @@ use imaging::quantities::{QuantitySettings, RegionSettings};
 use imaging::{GeometrySettings, ReconstructionSettings};
 use serde::{Deserialize, Serialize};
 
+pub use alarm::{AlarmSettings, HealthValue, Limit, Watched};
 pub use observing::{MetricsSection, NotifySection};
 
 /// The whole file.
@@ -54,6 +56,9 @@ pub struct Config {
     /// `[[region]]`, each one a part of the sheet with quantities of its own.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub region: Vec<RegionSettings>,
+    /// `[[alarm]]`, each one a rule.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub alarm: Vec<AlarmSettings>,
     /// `[record]`.
     pub record: RecordSection,
     /// `[about]`.

@@ -136,27 +136,63 @@ fn place(text: &str, at: usize) -> (usize, usize) {
     (line, column)
 }
 
-/// Removes the entry whose key or value the problem points at.
+/// Removes the entry whose key or value the problem points at. A table in an array goes whole, unless only a key of it is
+/// unknown: without one of its values, further problems would be reported that are none.
 fn remove(table: &mut DeTable<'_>, fault: &Range<usize>) -> bool {
     let points_at = |span: Range<usize>| {
         span.start <= fault.start && fault.start < span.end.max(span.start + 1)
     };
     let found = table.iter().find_map(|(key, value)| {
-        let plain = !matches!(value.get_ref(), DeValue::Table(_));
+        let plain = !matches!(value.get_ref(), DeValue::Table(_) | DeValue::Array(_));
         let hit = key.span() == *fault || (plain && points_at(value.span()));
         hit.then(|| key.clone())
     });
     if let Some(key) = found {
         return table.remove(&key).is_some();
     }
-    for (_, value) in table.iter_mut() {
-        if let DeValue::Table(inner) = value.get_mut()
-            && remove(inner, fault)
-        {
-            return true;
+    let mut faulty = None;
+    for (key, value) in table.iter_mut() {
+        match value.get_mut() {
+            DeValue::Table(inner) => {
+                if remove(inner, fault) {
+                    return true;
+                }
+            }
+            DeValue::Array(entries) => {
+                for entry in entries.iter_mut() {
+                    if let DeValue::Table(inner) = entry.get_mut() {
+                        let unknown = inner.iter().find(|(key, _)| key.span() == *fault);
+                        if let Some(key) = unknown.map(|(key, _)| key.clone()) {
+                            return inner.remove(&key).is_some();
+                        }
+                    }
+                }
+                let hit = |entry: &toml::Spanned<DeValue<'_>>| holds(entry, fault.start);
+                if entries.iter().any(hit) {
+                    let kept = entries.iter().filter(|entry| !hit(entry)).cloned();
+                    *entries = kept.collect();
+                    return true;
+                }
+                if points_at(value.span()) {
+                    faulty = Some(key.clone());
+                }
+            }
+            _ => {}
         }
     }
-    false
+    faulty.is_some_and(|key| table.remove(&key).is_some())
+}
+
+/// Whether a position lies in a value; a table in an array is spanned by its header only.
+fn holds(value: &toml::Spanned<DeValue<'_>>, at: usize) -> bool {
+    let span = value.span();
+    let inside = span.start <= at && at < span.end.max(span.start + 1);
+    let below = match value.get_ref() {
+        DeValue::Table(inner) => inner.iter().any(|(_, value)| holds(value, at)),
+        DeValue::Array(entries) => entries.iter().any(|entry| holds(entry, at)),
+        _ => false,
+    };
+    inside || below
 }
 
 /// Keys that had another name, with the present one.
@@ -217,6 +253,19 @@ mod tests {
         let found = problems("[care]\nrelay_life_cycles = 1000\n");
         let expected = "c.toml:1:2: unknown key 'care'; it is 'relay_wear' now";
         assert_eq!(found, [expected]);
+    }
+
+    #[test]
+    fn problems_inside_an_array_of_tables_are_all_found() {
+        let text = "[[alarm]]\nname = \"a\"\nquantity = \"pii\"\n[[alarm]]\nname = \"b\"\nquantity = \"ppi\"\nfor_s = -1.0\nabov = 3\n";
+        let found = problems(text).join("\n");
+        for wanted in [
+            "c.toml:3:12: unknown quantity 'pii'; did you mean 'ppi'?",
+            "c.toml:7:9: alarm.for_s: -1",
+            "c.toml:8:1: unknown key 'abov'; did you mean 'above'?",
+        ] {
+            assert!(found.contains(wanted), "{wanted}\n{found}");
+        }
     }
 
     #[test]

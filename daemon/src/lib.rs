@@ -11,6 +11,7 @@
 //! - **recording**: maps, sinks (the logbook first), the sessions on disk
 //! - **service**: D-Bus objects, access, the full-rate stream
 //! - **events**: kinds of events, the daemon's log, the journal; **monitoring**: status, metrics, notifications
+//! - **alarms**: the daemon's problems and the rules of `[[alarm]]`, judged by one state machine
 //! - **panics**: the consequences of a panic in each kind of task
 //!
 //! ```
@@ -20,6 +21,7 @@
 //! ```
 
 pub(crate) mod acquisition;
+pub(crate) mod alarms;
 mod args;
 mod commands;
 pub(crate) mod events;

@@ -1,7 +1,7 @@
 //! The D-Bus contract of Tactus: names, paths, interfaces, wire types, and the records of the full-rate stream. Depends on
 //! no other crate of this workspace; daemon and clients convert their own types to the wire types.
 //!
-//! - **manager**: the daemon itself (`Manager1` on [`ROOT_PATH`]); **instrument**: one `Instrument1` object each
+//! - **manager**: the daemon itself (`Manager1` on [`ROOT_PATH`]); **alarms**: its alarms (`Alarms1` there); **instrument**: one `Instrument1` object each
 //! - **session**: a baseline being recorded or a measurement (`Session1`), running or recently ended
 //! - **fault**: one error name for each kind ([`Fault`]); **options**: the last `a{sv}` argument of a method ([`SessionOptions`]...)
 //! - **dictionaries**: the `a{sv}` that the daemon sends ([`Health`], [`PlanDetails`], ...)
@@ -21,6 +21,7 @@
 //! ```
 
 mod address;
+mod alarms1;
 mod dictionaries;
 mod fault;
 mod instrument1;
@@ -35,6 +36,7 @@ use std::pin::Pin;
 use zbus::{ObjectPath, export::futures_core::Stream};
 
 pub use address::{Address, AddressError, BUSY, ConnectError, connect, search_order};
+pub use alarms1::{AlarmReport, Alarms1Proxy};
 pub use dictionaries::{
     BaselineDetails, EventDetails, FrameQuality, FrameSummary, GeometryDetails, Health, MapDetails,
     NotifyResult, PlanDetails, Recovery, SessionDetails, SessionStatus, SettingCost, Status,
@@ -49,7 +51,7 @@ pub use manager1::{
 };
 pub use options::{
     ABOUT_OPTIONS, DiscoverOptions, InvalidOption, ListOptions, MEASURING_OPTIONS, Options,
-    SESSION_OPTIONS, SessionOptions, StreamOptions, TranscriptOptions,
+    SESSION_OPTIONS, SessionOptions, ShelveOptions, StreamOptions, TranscriptOptions,
 };
 pub use session1::{
     FrameDone, FrameDoneStream, LatestFrame, LatestMap, LatestPressure, LatestQuantities,
@@ -59,10 +61,12 @@ pub use simulation1::Simulation1Proxy;
 
 /// The well-known name, which contains the version.
 pub const BUS_NAME: &str = "org.tactus.Tactus1";
-/// Path of the ObjectManager, Manager1 and (on a simulated rig) Simulation1.
+/// Path of the ObjectManager, Manager1, Alarms1 and (on a simulated rig) Simulation1.
 pub const ROOT_PATH: &str = "/org/tactus/Tactus1";
 /// Name of the manager's interface.
 pub const MANAGER_INTERFACE: &str = "org.tactus.Tactus1.Manager1";
+/// Name of the alarms' interface.
+pub const ALARMS_INTERFACE: &str = "org.tactus.Tactus1.Alarms1";
 /// Name of an instrument's interface.
 pub const INSTRUMENT_INTERFACE: &str = "org.tactus.Tactus1.Instrument1";
 /// Name of a session's interface.
@@ -71,11 +75,15 @@ pub const SESSION_INTERFACE: &str = "org.tactus.Tactus1.Session1";
 pub const SIMULATION_INTERFACE: &str = "org.tactus.Tactus1.Simulation1";
 /// Prefix of every error name.
 pub const ERROR_PREFIX: &str = "org.tactus.Tactus1.Error";
-/// Introspection data of the four interfaces as the daemon must return it: interface name and XML.
-pub const INTERFACE_XML: [(&str, &str); 4] = [
+/// Introspection data of the five interfaces as the daemon must return it: interface name and XML.
+pub const INTERFACE_XML: [(&str, &str); 5] = [
     (
         MANAGER_INTERFACE,
         include_str!("../xml/org.tactus.Tactus1.Manager1.xml"),
+    ),
+    (
+        ALARMS_INTERFACE,
+        include_str!("../xml/org.tactus.Tactus1.Alarms1.xml"),
     ),
     (
         INSTRUMENT_INTERFACE,

@@ -122,6 +122,14 @@ options! {
         frames: u64,
     }
 
+    /// Options of `Alarms1.Shelve`; the other methods of `Alarms1` have only `comment`.
+    ShelveOptions {
+        /// Time on the shelf, s; until the alarm ends without it.
+        for_s: f64,
+        /// Free text.
+        comment: String,
+    }
+
     /// Options of `Session1.OpenStream`.
     StreamOptions {
         /// Frames, true by default.

@@ -17,7 +17,9 @@ use crate::output::Colour;
 pub use records::{
     Export, Log, Prune, Quantities, RecordingSource, Repair, Replay, SessionsCommand, Verify,
 };
-pub use rig::{Discover, Doctor, InstrumentsCommand, NotifyCommand, Transcript};
+pub use rig::{
+    AlarmOrder, AlarmsCommand, Discover, Doctor, InstrumentsCommand, NotifyCommand, Transcript,
+};
 pub use session::{BaselineCommand, BaselineRecord, Plan, Start, Step, Stop, Watch, Web};
 
 fn span(text: &str) -> Result<Duration, SpanError> {
@@ -118,6 +120,8 @@ pub enum Command {
     },
     /// Show the events of the daemon and of all its sessions
     Log(Log),
+    /// List the alarms that are active, not acknowledged or cannot be judged; acknowledge, shelve, reset them (exit code 1 where one is active)
+    Alarms(AlarmsCommand),
     /// Test the notification command of [notify]
     Notify {
         #[command(subcommand)]

@@ -34,6 +34,73 @@ pub enum NotifyCommand {
     Test,
 }
 
+/// `alarms`.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct AlarmsCommand {
+    /// List every alarm, also those without a problem
+    #[arg(long)]
+    pub all: bool,
+    #[command(subcommand)]
+    pub order: Option<AlarmOrder>,
+}
+
+/// An alarm, and why.
+#[derive(Debug, Args)]
+pub struct NamedAlarm {
+    /// Name of the alarm
+    pub name: String,
+    /// Why; stored with the event
+    #[arg(long, value_name = "TEXT")]
+    pub comment: Option<String>,
+}
+
+/// Commands of `alarms`.
+#[derive(Debug, Subcommand)]
+pub enum AlarmOrder {
+    /// Acknowledge an alarm: somebody has seen it
+    Ack(NamedAlarm),
+    /// Shelve an alarm: it calls nobody for a time, and is judged and recorded meanwhile
+    Shelve {
+        #[command(flatten)]
+        alarm: NamedAlarm,
+        /// For this long, 24h at most (default: until the alarm ends)
+        #[arg(long = "for", value_name = "SPAN", value_parser = span)]
+        span: Option<Duration>,
+    },
+    /// Let a shelved alarm call again
+    Unshelve(NamedAlarm),
+    /// End a latched alarm whose condition is gone
+    Reset(NamedAlarm),
+    /// Take an alarm out of service: it calls nobody until it is in service again
+    OutOfService(NamedAlarm),
+    /// Set an alarm in service again
+    InService(NamedAlarm),
+}
+
+impl AlarmOrder {
+    fn alarm(&self) -> &NamedAlarm {
+        match self {
+            Self::Ack(alarm)
+            | Self::Shelve { alarm, .. }
+            | Self::Unshelve(alarm)
+            | Self::Reset(alarm)
+            | Self::OutOfService(alarm)
+            | Self::InService(alarm) => alarm,
+        }
+    }
+
+    /// Name of the alarm.
+    pub fn name(&self) -> &str {
+        &self.alarm().name
+    }
+
+    /// Why.
+    pub fn comment(&self) -> Option<&str> {
+        self.alarm().comment.as_deref()
+    }
+}
+
 /// Options of `doctor`.
 #[derive(Debug, Args)]
 pub struct Doctor {

@@ -5,7 +5,9 @@ mod tests;
 
 use std::time::Duration;
 
-use dbus::{Address, ConnectError, Fault, Instrument1Proxy, Manager1Proxy, Session1Proxy};
+use dbus::{
+    Address, Alarms1Proxy, ConnectError, Fault, Instrument1Proxy, Manager1Proxy, Session1Proxy,
+};
 use zbus::DBusError;
 use zbus::proxy::{Builder, CacheProperties, Defaults};
 use zbus::{Connection, ObjectPath};
@@ -101,6 +103,12 @@ impl Daemon {
         path: ObjectPath<'static>,
     ) -> Result<Session1Proxy<'static>, Failure> {
         self.object("the session", path).await
+    }
+
+    /// The proxy of the alarms.
+    pub(crate) async fn alarms(&self) -> Result<Alarms1Proxy<'static>, Failure> {
+        let root = ObjectPath::from_static_str_unchecked(dbus::ROOT_PATH);
+        self.object("the alarms", root).await
     }
 
     /// The proxy of an instrument.

@@ -1,6 +1,7 @@
 //! Commands that control the daemon's sessions: start, stop, baseline, status, watch, plan.
 //! `instruments` has the commands about instruments.
 
+pub(crate) mod alarms;
 pub(crate) mod baseline;
 pub(crate) mod health;
 pub(crate) mod notify;

@@ -28,6 +28,7 @@ const EDGES: Bounds = Within(1.0, 64.0);
 const SEEDING: Bounds = Within(0.0, u32::MAX as f64);
 const FINENESS: Bounds = Within(0.25, 8.0);
 const GROWTH: Bounds = Within(0.001, 10.0);
+const LIMIT: Bounds = Within(-1e9, 1e9);
 const DAYS: Bounds = Above(0.0, 36_525.0);
 
 /// Every numeric key of the configuration.
@@ -104,6 +105,10 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("quantities.relief_s", FOR_S),
     ("quantities.unrelieved_h", Above(0.0, 8766.0)),
     ("quantities.hold_s", FOR_S),
+    ("alarm.above", LIMIT),
+    ("alarm.below", LIMIT),
+    ("alarm.deadband", Within(0.0, 1e9)),
+    ("alarm.for_s", Within(0.0, 604_800.0)),
     // each is some 100 kB of memory
     ("record.transcripts", Within(0.0, 1000.0)),
     // no frame is published during this time
@@ -150,6 +155,14 @@ fn take_out_below(
         let number = match value.get_mut() {
             DeValue::Table(inner) => {
                 take_out_below(inner, &format!("{key}."), found);
+                continue;
+            }
+            DeValue::Array(entries) => {
+                for entry in entries.iter_mut() {
+                    if let DeValue::Table(inner) = entry.get_mut() {
+                        take_out_below(inner, &format!("{key}."), found);
+                    }
+                }
                 continue;
             }
             // beyond 128 bits it is out of all bounds

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::Config;
 use crate::numbers::*;
 use crate::problems::Source;
+use crate::{AlarmSettings, Config};
 
 /// The keys of a type that is deserialised, with what is asked for at each.
 mod schema {
@@ -49,7 +49,8 @@ mod schema {
     macro_rules! texts {
         ($($name:ident)*) => {$(
             fn $name<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
-                visitor.visit_str("")
+                // a text that every key takes: also the name of a quantity
+                visitor.visit_str("ppi")
             }
         )*};
     }
@@ -191,6 +192,12 @@ fn numeric_keys() -> BTreeMap<String, schema::Kind> {
         numbers: &mut numbers,
     })
     .unwrap();
+    // lists are empty above
+    AlarmSettings::deserialize(schema::Recorder {
+        path: "alarm".to_owned(),
+        numbers: &mut numbers,
+    })
+    .unwrap();
     numbers
 }
 
@@ -214,6 +221,9 @@ fn defaults_are_within_their_bounds() {
 /// A configuration with one value at a key, and nothing else said.
 fn with(key: &str, value: &str) -> String {
     let (section, name) = key.rsplit_once('.').unwrap();
+    if section == "alarm" {
+        return format!("[[alarm]]\nname = \"a\"\nquantity = \"ppi\"\n{name} = {value}\n");
+    }
     format!("[{section}]\n{name} = {value}\n")
 }
 

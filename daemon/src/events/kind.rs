@@ -66,6 +66,12 @@ kinds! {
     Daily "daily", Info, DaemonLog, "The summary of a day: frames, failures, disk, relays", "Nothing";
     Trouble "trouble", Warn, DaemonLog, "A problem has begun that people are notified of", "`tactus status` names it and what to do";
     TroubleOver "trouble-over", Info, DaemonLog, "That problem has ended", "Nothing";
+    AlarmActive "alarm-active", Warn, Either, "The alarm of a rule has become active: value and limit", "Look at its guidance: `tactus alarms`";
+    AlarmOver "alarm-over", Info, Either, "That alarm has ended", "Acknowledge it: `tactus alarms ack`";
+    AlarmHeld "alarm-held", Info, Either, "The condition of a latched alarm is gone; the alarm stays active", "`tactus alarms reset`";
+    AlarmInvalid "alarm-invalid", Warn, Either, "An alarm cannot be judged: nobody can tell whether its condition holds", "Remove the cause that the text names";
+    AlarmJudged "alarm-judged", Info, Either, "That alarm is judged again", "Nothing";
+    AlarmHandled "alarm-handled", Info, Either, "A person acknowledged, shelved, reset or took an alarm out of service, or a shelf has expired", "Nothing";
     NotifyFailed "notify-failed", Warn, DaemonLog, "The command of `[notify]` failed, or could not be started in time", "Run `tactus notify test`";
     Reloaded "reloaded", Warn, DaemonLog, "The configuration was read again", "Nothing";
     ReloadRefused "reload-refused", Warn, DaemonLog, "The new configuration has problems; the one in force stays", "Run `tactusd --check`, correct the file, reload";

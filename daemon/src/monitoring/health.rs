@@ -33,6 +33,8 @@ pub(crate) struct Health {
     /// Why they do not reply.
     pub rig_fault: Option<String>,
     pub baseline: Option<(String, Duration)>,
+    /// What the rules of `[[alarm]]` say: name and sentence.
+    pub rules: Vec<(String, String)>,
     /// How the configured noise contradicts that baseline.
     pub noise: Option<String>,
     pub space: FreeSpace,
@@ -149,6 +151,11 @@ impl Health {
         alarms
     }
 
+    /// Whether there is no problem, no alarm is active, and none cannot be judged.
+    pub(crate) fn is_well(&self, limits: &NotifySection) -> bool {
+        self.rules.is_empty() && self.alarms(limits).is_empty()
+    }
+
     fn of_the_session(
         &self,
         session: &Running,
@@ -184,6 +191,8 @@ impl Health {
         let troubles = alarms
             .iter()
             .map(|alarm| format!("{}: {}", alarm.kind, alarm.text));
+        let rules = self.rules.iter();
+        let troubles = troubles.chain(rules.map(|(name, text)| format!("{name}: {text}")));
         let answers = |role: &str| match &self.rig_fault {
             None => format!("{role}: ready"),
             Some(why) => format!("{role}: fault: {why}"),
@@ -195,7 +204,7 @@ impl Health {
         let (baseline, baseline_age) = self.baseline.clone().unzip();
         dbus::Health {
             at_ns: Some(nanoseconds(self.at)),
-            well: Some(alarms.is_empty()),
+            well: Some(self.is_well(limits)),
             troubles: Some(troubles.collect()),
             state: Some(self.state.to_owned()),
             source_state: Some(self.source.to_owned()),
@@ -264,6 +273,7 @@ mod tests {
             instruments: vec![("source", "memory".into())],
             rig_fault: None,
             baseline: Some(("b1".into(), Duration::from_secs(86_400))),
+            rules: Vec::new(),
             noise: None,
             space: FreeSpace {
                 free: Some(100_000_000_000),

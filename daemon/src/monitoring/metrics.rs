@@ -9,7 +9,7 @@ use prometheus_client::metrics::counter::ConstCounter;
 use prometheus_client::metrics::gauge::ConstGauge;
 use prometheus_client::registry::{Registry, Unit};
 
-use crate::monitoring::alarm::REPORTED;
+use crate::monitoring::built_in;
 use crate::monitoring::counters::{RECONSTRUCTION_S, Reconstruction};
 use crate::monitoring::health::Health;
 use config::NotifySection;
@@ -32,7 +32,7 @@ pub(crate) fn page(health: &Health, maps: Reconstruction, limits: &NotifySection
     let alarms = health.alarms(limits);
     let snapshot = Snapshot {
         health: health.clone(),
-        well: alarms.is_empty(),
+        well: health.is_well(limits),
         alarms: alarms.into_iter().map(|alarm| alarm.kind).collect(),
         maps,
         resident: resident(),
@@ -255,7 +255,7 @@ const METRICS: [Metric; 22] = [
         "What people are notified of",
         Values::Flags("kind", |at| {
             let on = |kind| (kind, at.alarms.contains(&kind));
-            REPORTED.map(on).to_vec()
+            built_in::notified().map(on).collect()
         }),
     ),
     Metric::new(

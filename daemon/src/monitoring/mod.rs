@@ -1,13 +1,14 @@
-//! Counters, heartbeats, health and its alarms, metrics, notifications, and the daily summary. Nothing here can delay a
+//! Counters, heartbeats, health and its problems, metrics, notifications, and the daily summary. Nothing here can delay a
 //! frame. The values are collected, and the monitors run, by `session`.
 
-pub(crate) mod alarm;
+pub(crate) mod built_in;
 pub(crate) mod counters;
 pub(crate) mod daily_summary;
 pub(crate) mod disk;
 pub(crate) mod health;
 pub(crate) mod heartbeat;
 pub(crate) mod metrics;
+pub(crate) mod notices;
 pub(crate) mod notification;
 mod relay_life;
 

@@ -8,8 +8,8 @@ use rustix::process::{Pid, Signal, kill_process_group};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt};
 use tokio::process::Command;
 
-use crate::monitoring::alarm::Message;
 use crate::monitoring::health::Health;
+use crate::monitoring::notices::Message;
 use config::NotifySection;
 
 /// Bytes kept of its standard error.
@@ -63,7 +63,9 @@ pub(crate) fn payload(message: &Message, health: &Health, limits: &NotifySection
     let alarms: Vec<_> = health
         .alarms(limits)
         .into_iter()
-        .map(|alarm| serde_json::json!({"kind": alarm.kind, "text": alarm.text}))
+        .map(|alarm| (alarm.kind.to_owned(), alarm.text))
+        .chain(health.rules.iter().cloned())
+        .map(|(kind, text)| serde_json::json!({"kind": kind, "text": text}))
         .collect();
     let session = health.session.as_ref();
     let payload = serde_json::json!({

@@ -1,5 +1,6 @@
 //! Resolves a configuration as far as possible without touching an instrument.
 
+mod alarms;
 mod costs;
 #[cfg(test)]
 mod extremes;
@@ -230,6 +231,7 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> 
         .and_then(|()| imaging::build(&config.model, &conditions));
     let model = findings.value_or_problem(key, built.map_err(|error| chain(&error)));
     of_regions(&config, model.as_ref(), findings);
+    alarms::check(&config, model.as_ref(), findings);
     let (config_toml, config_hash) = findings.value_or_problem("rig", effective(&config))?;
     let setup = Setup {
         config_hash,

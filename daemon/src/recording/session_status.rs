@@ -8,14 +8,16 @@ use std::time::Duration;
 use dbus::FrameSummary;
 use logbook::{LogbookError, SessionKind};
 use rig::{Stop, StopButton};
+use tokio::sync::mpsc::WeakSender;
 use tokio::sync::{OnceCell, watch};
 
-use crate::events::event::FrameDone;
+use crate::events::event::{Event, FrameDone};
 use crate::monitoring::Counters;
 use crate::monitoring::counters::LastFrame;
 use crate::recording::end_marks::Marked;
 use crate::recording::frame_sink::FrameSink;
 use crate::recording::published::Published;
+use crate::recording::recorder_message::RecorderMessage;
 use crate::recording::stream::Readers;
 
 /// Constants of the session.
@@ -62,6 +64,8 @@ pub(crate) struct SessionStatus {
     /// The file currently written; a session that rolls over has several.
     path: Mutex<PathBuf>,
     pub readers: Readers,
+    /// The queue to its record, once it runs.
+    record: OnceLock<WeakSender<RecorderMessage>>,
     acquired: AtomicU64,
     durable: watch::Sender<u64>,
     dropped: AtomicU64,
@@ -123,6 +127,7 @@ impl SessionStatus {
             facts,
             path: Mutex::new(path),
             readers: Readers::default(),
+            record: OnceLock::new(),
             acquired: AtomicU64::new(0),
             durable: watch::Sender::new(0),
             dropped: AtomicU64::new(0),
@@ -142,6 +147,17 @@ impl SessionStatus {
             closed: AtomicBool::new(false),
             failures: AtomicU64::new(0),
         }
+    }
+
+    /// Sets the queue to its record.
+    pub(crate) fn set_record(&self, record: WeakSender<RecorderMessage>) {
+        let _ = self.record.set(record);
+    }
+
+    /// Queues an event for its record; false if the record cannot take it now.
+    pub(crate) fn record_event(&self, event: Event) -> bool {
+        let record = self.record.get().and_then(WeakSender::upgrade);
+        record.is_some_and(|record| record.try_send(RecorderMessage::Event(event)).is_ok())
     }
 
     /// Sets the number of frames already on disk.

@@ -22,6 +22,7 @@ use zbus::{Connection, fdo::ObjectManager};
 
 use crate::events::event::BusEvent;
 use crate::recording::session_status::SessionStatus;
+use crate::service::objects::alarms1::Alarms1;
 use crate::service::objects::instrument1::Instrument1;
 use crate::service::objects::manager1::{Manager1, Manager1Signals};
 use crate::service::objects::session1::{Session1, Session1Signals};
@@ -43,16 +44,18 @@ const SEND_TIMEOUT: Duration = Duration::from_millis(500);
 /// systemd's timeout.
 const BUS_SEND_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Registers the manager, the instruments and the sessions on a connection before it receives anything.
+/// Registers the manager, the alarms, the instruments and the sessions on a connection before it receives anything.
 fn register_objects<'a>(
     mut builder: Builder<'a>,
     controller: &Arc<Controller>,
     gate: &Arc<Gate>,
 ) -> Builder<'a> {
     let manager = Guarded::new(Manager1(Arc::clone(controller), Arc::clone(gate)), gate);
+    let alarms = Guarded::new(Alarms1(Arc::clone(controller), Arc::clone(gate)), gate);
     builder = builder
         .serve_at(ROOT_PATH, ObjectManager)
-        .serve_at(ROOT_PATH, manager);
+        .serve_at(ROOT_PATH, manager)
+        .serve_at(ROOT_PATH, alarms);
     if controller.runtime().simulated_rig.is_some() {
         let simulation = Guarded::new(Simulation1(Arc::clone(controller)), gate);
         builder = builder.serve_at(ROOT_PATH, simulation);

@@ -63,6 +63,7 @@ impl Controller {
                 let age = wall.signed_duration_since(baseline.wall);
                 (baseline.id.clone(), age.to_std().unwrap_or_default())
             }),
+            rules: self.alarms.shown().of_rules(),
             noise: self.noise_contradiction(),
             space,
             warn_below: runtime.setup.config.record.warn_below_mb * 1_000_000,

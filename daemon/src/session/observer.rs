@@ -8,14 +8,15 @@ use std::time::Duration;
 
 use crate::events::kind::EventKind;
 use http_listener::{Hosts, HttpListener, NoPage, Page};
+use imaging::tracking::seconds;
 use rig::Clock;
 use tokio::sync::mpsc;
-use tokio::time::Instant;
 
-use crate::monitoring::alarm::{Alarm, Message, Phase};
+use crate::alarms::sink::JudgedFrame;
 use crate::monitoring::daily_summary::{DailySummary, DayEnd};
 use crate::monitoring::health::{Counts, Health};
 use crate::monitoring::metrics;
+use crate::monitoring::notices::{Message, Phase};
 use crate::monitoring::notification::{HookResult, payload, run_hook};
 use crate::panics::containment::{PanicScope, answer};
 use crate::session::controller::Controller;
@@ -36,7 +37,7 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
         runtime.clock.wall(),
         Counts::of(&controller.observed.counters),
     );
-    let mut alarm = Alarm::default();
+    let mut frames = controller.alarms.take_frames();
     let mut listener = Listening::default();
     let text = format!(
         "tactusd {} on {}",
@@ -48,12 +49,19 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
-        ticks.tick().await;
+        let frame = tokio::select! {
+            _ = ticks.tick() => None,
+            Some(frame) = next(&mut frames) => Some(frame),
+        };
+        if let Some(frame) = frame {
+            judge(&controller, &frame).await;
+            continue;
+        }
         controller.events.catch_up();
         crate::panics::containment::catch_up();
         listener.keep_open(&controller).await;
         let health = controller.health().await;
-        check_alarms(&controller, &mut alarm, &health, &messages).await;
+        check_alarms(&controller, &health, &messages).await;
         if daily.is_over(health.at) {
             let text = daily.summary(health.at, &day_end(&controller).await);
             controller.report(None, EventKind::Daily, &text).await;
@@ -61,32 +69,37 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
     }
 }
 
-/// Checks the alarms, and queues notifications of those that began or ended.
+/// The next frame with quantities; none ever where somebody else judges them.
+async fn next(frames: &mut Option<mpsc::Receiver<JudgedFrame>>) -> Option<JudgedFrame> {
+    match frames {
+        Some(frames) => frames.recv().await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Judges the rules on quantities by a frame.
+async fn judge(controller: &Arc<Controller>, frame: &JudgedFrame) {
+    let at_s = seconds(controller.runtime().clock.wall());
+    let changes = controller.alarms.judge_frame(at_s, frame).await;
+    controller.report_changes(changes);
+}
+
+/// Judges all alarms by the health of the daemon, and queues notifications of those that began or ended.
 async fn check_alarms(
     controller: &Arc<Controller>,
-    alarm: &mut Alarm,
     health: &Health,
     messages: &mpsc::Sender<(Message, Health)>,
 ) {
     let runtime = controller.runtime();
     let limits = &runtime.setup.config.notify;
-    let alarms = health.alarms(limits);
-    let lingering = health.alarms(&limits.wider());
-    let mut unsure = Vec::new();
-    if health.session.is_some() && health.space.per_day.is_none() {
-        unsure.push("disk-days");
-    }
-    if health.relays.is_none() {
-        unsure.push("relay-life");
-    }
-    let again = survey::duration(limits.again_s);
-    for message in alarm.evaluate(Instant::now(), &alarms, &lingering, &unsure, again) {
-        let kind = match message.phase {
-            Phase::Ended => EventKind::TroubleOver,
-            _ => EventKind::Trouble,
-        };
-        let text = format!("{}: {}", message.kind, message.text);
-        controller.report(None, kind, &text).await;
+    let map_every = runtime.setup.config.model.map_every.unwrap_or(1);
+    let at_s = seconds(health.at);
+    let judged = controller
+        .alarms
+        .judge_health(at_s, health, limits, map_every);
+    let (changes, due) = judged.await;
+    controller.report_changes(changes);
+    for message in due {
         if !limits.command.is_empty() && messages.try_send((message, health.clone())).is_err() {
             let text = "too many notifications wait for their command; one is lost";
             controller.report(None, EventKind::NotifyFailed, text).await;
@@ -129,7 +142,7 @@ impl Controller {
     /// Runs the command of `[notify]` once and returns its result.
     pub(crate) async fn notify_test(self: &Arc<Self>) -> HookResult {
         let message = Message {
-            kind: "test",
+            kind: "test".to_owned(),
             phase: Phase::Test,
             text: "tactus notify test: this is no alarm".to_owned(),
         };

@@ -35,7 +35,7 @@ pub(crate) fn session_option(option: &str) -> Option<Bounds> {
 }
 
 /// Free-text options.
-const FREE_WORDS: [&str; 5] = ["note", "sheet", "foam", "ink", "operator"];
+const FREE_WORDS: [&str; 6] = ["note", "sheet", "foam", "ink", "operator", "comment"];
 
 /// Reads the options of a method; `bounds` is what is allowed for each numeric one.
 ///

@@ -9,6 +9,7 @@ use super::{crates, folder, metadata, only_exceptions, root, rust_files, short, 
 /// The table of ARCHITECTURE.md. A crate may use fewer crates, never more. `tests` may use anything.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("survey", &[]),
+    ("alarms", &[]),
     ("scpi", &[]),
     ("vxi11", &[]),
     ("dbus", &[]),
@@ -28,7 +29,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("keysight-34980a", &["rig", "scpi", "survey"]),
     ("gpio-mux", &["rig", "scpi", "survey"]),
     ("self-test", &["eit", "rig", "survey"]),
-    ("config", &["imaging", "survey"]),
+    ("config", &["alarms", "imaging", "survey"]),
     (
         "simulator",
         &[
@@ -85,6 +86,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "daemon",
         &[
+            "alarms",
             "config",
             "dbus",
             "eit",

@@ -39,7 +39,7 @@ pub(crate) struct Recorder {
     status: Arc<SessionStatus>,
     logbook: LogbookSink,
     /// The sinks after the logbook.
-    sinks: [Box<dyn FrameSink>; 2],
+    sinks: Vec<Box<dyn FrameSink>>,
     checks: Checks,
     task: Task,
     /// Whether frames always wait for their maps: those of a recording can wait.
@@ -81,7 +81,7 @@ impl Recorder {
     pub(crate) fn new(logbook: LogbookSink, checks: Checks, task: Task, patient: bool) -> Self {
         let status = Arc::clone(&logbook.status);
         Self {
-            sinks: [
+            sinks: vec![
                 Box::new(StreamSink(Arc::clone(&status))),
                 Box::new(Arc::clone(&status)),
             ],
@@ -91,6 +91,12 @@ impl Recorder {
             task,
             patient,
         }
+    }
+
+    /// Also hands frames to this sink, after the others.
+    pub(crate) fn and_to(mut self, sink: Box<dyn FrameSink>) -> Self {
+        self.sinks.push(sink);
+        self
     }
 
     /// Records until the session is closed. Returns the baseline if its recording was completed. Blocks: must not be

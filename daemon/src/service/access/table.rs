@@ -1,7 +1,8 @@
 //! The table from every method to its action, and how the call is served.
 
 use dbus::{
-    MANAGER_INTERFACE as MANAGER, SESSION_INTERFACE as SESSION, SIMULATION_INTERFACE as SIMULATION,
+    ALARMS_INTERFACE as ALARMS, MANAGER_INTERFACE as MANAGER, SESSION_INTERFACE as SESSION,
+    SIMULATION_INTERFACE as SIMULATION,
 };
 use zbus::names::InterfaceName;
 
@@ -19,6 +20,8 @@ pub(in crate::service) enum Action {
     Baseline,
     /// The instruments themselves, or the simulated sheet, past any session.
     Instruments,
+    /// Acknowledging, shelving and resetting alarms.
+    Alarms,
     /// Reading the configuration again.
     Reload,
 }
@@ -31,6 +34,7 @@ impl Action {
             Self::Control => Some("org.tactus.Tactus1.control"),
             Self::Baseline => Some("org.tactus.Tactus1.baseline"),
             Self::Instruments => Some("org.tactus.Tactus1.instruments"),
+            Self::Alarms => Some("org.tactus.Tactus1.alarms"),
             Self::Reload => Some("org.tactus.Tactus1.reload"),
         }
     }
@@ -91,6 +95,12 @@ pub(super) const METHODS: &[(&str, &str, Action, CallClass)] = &[
     (MANAGER, "AcceptInstruments", Action::Instruments, Command),
     (MANAGER, "Transcript", Action::Instruments, Command),
     (MANAGER, "Reload", Action::Reload, Command),
+    (ALARMS, "List", Action::Observe, Query),
+    (ALARMS, "Acknowledge", Action::Alarms, Command),
+    (ALARMS, "Shelve", Action::Alarms, Command),
+    (ALARMS, "Unshelve", Action::Alarms, Command),
+    (ALARMS, "Reset", Action::Alarms, Command),
+    (ALARMS, "SetInService", Action::Alarms, Command),
     (SESSION, "Stop", Action::Control, Safety),
     (SESSION, "Suspend", Action::Control, Safety),
     (SESSION, "Resume", Action::Control, Command),

@@ -25,7 +25,8 @@ use survey::{Baseline, Settings};
 use tokio::sync::{Notify, watch};
 
 use crate::acquisition::task::FrameSource;
-use crate::events::event::BusEvent;
+use crate::alarms::AlarmDesk;
+use crate::events::event::{BusEvent, Event};
 use crate::events::event_log::EventLog;
 use crate::instruments::assembly::Assembled;
 use crate::instruments::identities::ExpectedIdentities;
@@ -62,6 +63,8 @@ pub(crate) struct Controller {
     runtime: RwLock<Arc<Runtime>>,
     /// Where events are reported.
     pub events: EventLog,
+    /// The daemon's problems and the rules of `[[alarm]]`.
+    pub alarms: AlarmDesk,
     /// Data for the monitors.
     pub observed: Observed,
     /// The sessions on disk.
@@ -172,6 +175,10 @@ impl Controller {
             }
         };
         let events = EventLog::new(setup.record_directory.clone());
+        let (alarms, lost) = AlarmDesk::open(&setup.record_directory, &setup.config);
+        if let Some(lost) = lost {
+            events.report(Event::new(clock.wall(), lost.kind, &lost.text, None));
+        }
         let ends = EndMarks::open(&setup.record_directory, &setup.config.runtime_directory());
         Arc::new(Self {
             runtime: RwLock::new(Arc::new(Runtime {
@@ -186,6 +193,7 @@ impl Controller {
                 config: file,
             })),
             events,
+            alarms,
             observed: Observed::new(clock),
             session_plan: watch::Sender::default(),
             records,

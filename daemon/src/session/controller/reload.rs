@@ -155,6 +155,7 @@ impl Controller {
                 outcome
             }
         };
+        self.alarms.take_rules(&runtime.setup.config).await;
         *self.runtime.write().unwrap_or_else(PoisonError::into_inner) = runtime;
         drop(source);
         let text = match outcome {

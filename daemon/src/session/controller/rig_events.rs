@@ -4,6 +4,7 @@ use chrono::{DateTime, Utc};
 use rig::Clock;
 use tokio::sync::mpsc;
 
+use crate::alarms::Change;
 use crate::events::event::Event;
 use crate::events::kind::EventKind;
 use crate::recording::recorder_message::RecorderMessage;
@@ -32,6 +33,22 @@ impl Controller {
         if let Some(session) = session {
             // a failed record has ended its session, which reports it
             let _ = session.record.send(RecorderMessage::Event(event)).await;
+        }
+    }
+
+    /// Reports changes of alarms: those of rules in the record of the running session, where it can take them.
+    pub(crate) fn report_changes(&self, changes: Vec<Change>) {
+        let at = self.runtime().clock.wall();
+        for change in changes {
+            let session = self.active().filter(|_| change.of_session);
+            let recorded = session.filter(|status| {
+                let id = Some(status.facts.id.as_str());
+                let event = Event::new(at, change.kind, &change.text, id);
+                status.record_event(event)
+            });
+            let id = recorded.as_ref().map(|status| status.facts.id.as_str());
+            self.events
+                .report(Event::new(at, change.kind, &change.text, id));
         }
     }
 

@@ -94,6 +94,13 @@ impl Surface {
         self.regions.iter().map(|region| region.name.as_str())
     }
 
+    /// Area of the whole sheet or a region, m2; `None` for an unknown name.
+    pub fn area(&self, region: &str) -> Option<f64> {
+        let region = self.regions.iter().find(|one| one.name == region)?;
+        let areas = self.adjacency.areas().iter().zip(&region.shares);
+        Some(areas.map(|(area, share)| area * share).sum())
+    }
+
     pub(super) fn region_list(&self) -> &[SurfaceRegion] {
         &self.regions
     }

@@ -16,6 +16,7 @@ use tokio::sync::mpsc;
 
 use crate::acquisition::measuring::Measuring;
 use crate::acquisition::task::{Acquisition, AcquisitionEnd, AcquisitionProgress};
+use crate::alarms::sink::AlarmSink;
 use crate::events::event::{BusEvent, Event};
 use crate::events::kind::EventKind;
 use crate::monitoring::disk::free_bytes;
@@ -209,6 +210,7 @@ impl Controller {
         order: Assignment,
     ) {
         let (orders, queue) = mpsc::channel(QUEUE);
+        status.set_record(orders.downgrade());
         let runtime = self.runtime();
         let mesh = &runtime.setup.geometry.mesh;
         let checks = Checks::new(protocol_of(order.plan.as_deref(), &runtime.setup));
@@ -284,7 +286,12 @@ impl Controller {
             before: order.before,
             began: None,
         };
-        let recorder = Recorder::new(logbook, checks, task, self.is_recording());
+        let judged = AlarmSink {
+            session: status.facts.id.clone(),
+            frames: self.alarms.frames(),
+        };
+        let recorder =
+            Recorder::new(logbook, checks, task, self.is_recording()).and_to(Box::new(judged));
         if let Some(text) = order.first_event {
             let (at, kind) = (runtime.clock.wall(), EventKind::Restarted);
             let event = Event::new(at, kind, &text, Some(&status.facts.id));

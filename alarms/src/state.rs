@@ -1,0 +1,276 @@
+//! The state of one alarm, and how judgements change it.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Judgement, Level, Rule, Severity, Transition, TransitionKind};
+
+/// What a person did, and when.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Note {
+    /// Who.
+    pub by: String,
+    /// Free text, may be empty.
+    pub comment: String,
+    /// When, s.
+    pub at_s: f64,
+}
+
+impl Note {
+    /// `by user 1000: comment`.
+    pub fn text(&self) -> String {
+        match self.comment.as_str() {
+            "" => format!("by {}", self.by),
+            comment => format!("by {}: {comment}", self.by),
+        }
+    }
+}
+
+/// A person does not want to be called by the alarm for a while; it is judged and recorded meanwhile.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Shelf {
+    /// Until when, s; `None` until the alarm ends.
+    pub until_s: Option<f64>,
+    /// Who, and why.
+    pub note: Note,
+}
+
+/// The properties of one alarm, independent of each other.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AlarmState {
+    active: bool,
+    /// Whether the condition of the active alarm is gone, and only the latch keeps it.
+    held: bool,
+    acknowledged: bool,
+    /// The last acknowledgement.
+    acknowledgement: Option<Note>,
+    /// When `active` last changed, s.
+    changed_s: Option<f64>,
+    /// Value and limit of the last activation.
+    cause: String,
+    /// Why it cannot be judged.
+    invalid: Option<String>,
+    /// Why it is not to be judged.
+    suppressed: Option<String>,
+    /// Since when the condition has held (not active) or has been gone (active), s.
+    pending_s: Option<f64>,
+    /// Since when it has been judged without a break, while `invalid` is still reported, s.
+    judged_s: Option<f64>,
+    /// Whether it has not been judged since the start or a change of its rule.
+    fresh: bool,
+    pub(crate) shelf: Option<Shelf>,
+    pub(crate) out_of_service: Option<Note>,
+}
+
+impl Default for AlarmState {
+    /// Not judged yet.
+    fn default() -> Self {
+        Self {
+            active: false,
+            held: false,
+            acknowledged: true,
+            acknowledgement: None,
+            changed_s: None,
+            cause: String::new(),
+            invalid: Some("it has not been judged yet".to_owned()),
+            suppressed: None,
+            pending_s: None,
+            judged_s: None,
+            fresh: true,
+            shelf: None,
+            out_of_service: None,
+        }
+    }
+}
+
+impl AlarmState {
+    /// Whether the condition held long enough, and has not been gone long enough since or is held by a latch.
+    pub fn is_active(&self) -> bool {
+        self.active
+    }
+
+    /// Whether the condition is gone, and only a reset ends the alarm.
+    pub fn is_held(&self) -> bool {
+        self.held
+    }
+
+    /// Whether a person has acknowledged the last activation; true before the first one.
+    pub fn is_acknowledged(&self) -> bool {
+        self.acknowledged
+    }
+
+    /// The last acknowledgement.
+    pub fn acknowledgement(&self) -> Option<&Note> {
+        self.acknowledgement.as_ref()
+    }
+
+    /// When it last became active or ended, s.
+    pub fn changed_s(&self) -> Option<f64> {
+        self.changed_s
+    }
+
+    /// Value and limit of the last activation; empty before the first one.
+    pub fn cause(&self) -> &str {
+        &self.cause
+    }
+
+    /// Why it cannot be judged; `None` while it is judged, or is not to be judged.
+    pub fn why_invalid(&self) -> Option<&str> {
+        self.invalid.as_deref()
+    }
+
+    /// Why it is not to be judged at present.
+    pub fn why_suppressed(&self) -> Option<&str> {
+        self.suppressed.as_deref()
+    }
+
+    /// Who has shelved it, and until when.
+    pub fn shelf(&self) -> Option<&Shelf> {
+        self.shelf.as_ref()
+    }
+
+    /// Who has taken it out of service.
+    pub fn out_of_service(&self) -> Option<&Note> {
+        self.out_of_service.as_ref()
+    }
+
+    pub(crate) fn level(&self, severity: Severity) -> Option<Level> {
+        match (self.active, &self.invalid) {
+            (true, _) => Some(severity.into()),
+            (false, _) if self.out_of_service.is_some() || self.suppressed.is_some() => None,
+            (false, Some(_)) => Some(Level::Invalid),
+            (false, None) => Some(Level::Ok),
+        }
+    }
+
+    pub(crate) fn judge(
+        &mut self,
+        rule: &Rule,
+        at_s: f64,
+        judgement: Judgement,
+        transitions: &mut Vec<Transition>,
+    ) {
+        let mut changed = |kind, text: String| {
+            transitions.push(Transition {
+                alarm: rule.name.clone(),
+                kind,
+                text,
+            });
+        };
+        let fresh = std::mem::take(&mut self.fresh);
+        match &judgement {
+            Judgement::Suppressed(why) => {
+                (self.suppressed, self.invalid) = (Some(why.clone()), None);
+                (self.pending_s, self.judged_s) = (None, None);
+                return;
+            }
+            Judgement::Unknown(why) => {
+                if self.invalid.is_none() || fresh {
+                    changed(TransitionKind::Invalid, format!("cannot be judged: {why}"));
+                }
+                self.invalid = Some(why.clone());
+                (self.suppressed, self.judged_s) = (None, None);
+                // what is not known counts towards no end, and does not delay a beginning
+                if self.active {
+                    self.pending_s = None;
+                }
+                return;
+            }
+            Judgement::Beyond(_) | Judgement::Deadband | Judgement::Within => {}
+        }
+        self.suppressed = None;
+        if fresh {
+            self.invalid = None;
+        } else if self.invalid.is_some() && lasts(&mut self.judged_s, at_s, rule.off_s) {
+            (self.invalid, self.judged_s) = (None, None);
+            changed(TransitionKind::Judged, "is judged again".to_owned());
+        }
+        match (judgement, self.active) {
+            (Judgement::Beyond(cause), false) => {
+                if lasts(&mut self.pending_s, at_s, rule.on_s) {
+                    self.begin(at_s, &cause);
+                    changed(TransitionKind::Active, cause);
+                }
+            }
+            (Judgement::Beyond(cause), true) => {
+                self.pending_s = None;
+                if self.held {
+                    self.begin(at_s, &cause);
+                    changed(TransitionKind::Active, cause);
+                } else {
+                    self.cause = cause;
+                }
+            }
+            (Judgement::Within, true) if !self.held => {
+                if lasts(&mut self.pending_s, at_s, rule.off_s) {
+                    let text = format!("over: {}", self.cause);
+                    if rule.latched {
+                        self.held = true;
+                        let text = format!("{text}; stays active until it is reset");
+                        changed(TransitionKind::Held, text);
+                    } else {
+                        self.end(at_s);
+                        changed(TransitionKind::Over, text);
+                    }
+                }
+            }
+            // within its deadband an alarm neither begins nor ends
+            _ => self.pending_s = None,
+        }
+    }
+
+    fn begin(&mut self, at_s: f64, cause: &str) {
+        (self.active, self.held, self.acknowledged) = (true, false, false);
+        (self.pending_s, self.changed_s) = (None, Some(at_s));
+        cause.clone_into(&mut self.cause);
+    }
+
+    /// Ends the alarm; an acknowledgement stays due.
+    pub(crate) fn end(&mut self, at_s: f64) {
+        (self.active, self.held) = (false, false);
+        (self.pending_s, self.changed_s) = (None, Some(at_s));
+        if self
+            .shelf
+            .as_ref()
+            .is_some_and(|shelf| shelf.until_s.is_none())
+        {
+            self.shelf = None;
+        }
+    }
+
+    pub(crate) fn acknowledge(&mut self, note: Note) {
+        self.acknowledged = true;
+        self.acknowledgement = Some(note);
+    }
+
+    /// Takes the alarm from its shelf when that time is over.
+    pub(crate) fn expire(&mut self, rule: &Rule, at_s: f64, transitions: &mut Vec<Transition>) {
+        let over = |shelf: &mut Shelf| shelf.until_s.is_some_and(|until| at_s >= until);
+        if self.shelf.take_if(over).is_some() {
+            transitions.push(Transition {
+                alarm: rule.name.clone(),
+                kind: TransitionKind::Handled,
+                text: "is not shelved any more: its time is over".to_owned(),
+            });
+        }
+    }
+
+    /// The condition was not followed for an unknown time.
+    pub(crate) fn forget_condition(&mut self, why: &str) {
+        (self.judged_s, self.fresh) = (None, true);
+        if self.active {
+            self.pending_s = None;
+        }
+        if self.suppressed.is_none() {
+            self.invalid = Some(why.to_owned());
+        }
+    }
+}
+
+/// Whether something has lasted for a time, s; its begin is noted at the first call. A clock that was set back begins anew.
+fn lasts(since: &mut Option<f64>, at_s: f64, time_s: f64) -> bool {
+    let began = *since.get_or_insert(at_s);
+    if at_s < began {
+        *since = Some(at_s);
+    }
+    at_s - since.unwrap_or(at_s) >= time_s
+}

@@ -1,0 +1,336 @@
+//! The daemon's alarms: its own problems and the rules of `[[alarm]]` are judged by one state machine (crate `alarms`),
+//! whose state lies beside the sessions and survives a restart. A change is stored before it is reported.
+
+mod judged;
+pub(crate) mod sink;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use alarms::{Alarms, Order, Refused, Transition, TransitionKind};
+use config::{AlarmSettings, Config, NotifySection};
+use outfile::Existing;
+use survey::error_chain as chain;
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+
+use crate::alarms::sink::JudgedFrame;
+use crate::events::kind::EventKind;
+use crate::monitoring::built_in;
+use crate::monitoring::health::Health;
+use crate::monitoring::notices::{Message, Notices};
+
+/// In the directory of the record.
+const FILE: &str = "alarms.json";
+/// Name of a file that could not be read, kept for people.
+const DAMAGED: &str = "alarms.json.damaged";
+/// Frames that may wait to be judged; further ones are not judged, and the next one is.
+const QUEUE: usize = 64;
+
+/// All alarms of the daemon.
+#[derive(Debug)]
+pub(crate) struct AlarmDesk {
+    path: PathBuf,
+    desk: tokio::sync::Mutex<Desk>,
+    /// The alarms after the last change, for those who only look.
+    shown: Mutex<Arc<Shown>>,
+    frames: mpsc::Sender<JudgedFrame>,
+    waiting: Mutex<Option<mpsc::Receiver<JudgedFrame>>>,
+}
+
+#[derive(Debug, Default)]
+struct Desk {
+    alarms: Alarms,
+    rules: Vec<AlarmSettings>,
+    notices: Notices,
+    /// Session and time of the last frame with quantities.
+    last_frame: Option<(String, Instant)>,
+    /// Whether the state could not be stored, which is reported once.
+    unstored: bool,
+}
+
+/// Alarms and the rules that they follow.
+#[derive(Debug, Default, Clone)]
+pub(crate) struct Shown {
+    pub alarms: Alarms,
+    pub rules: Vec<AlarmSettings>,
+}
+
+/// A change, with the kind of its event.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Change {
+    pub kind: EventKind,
+    /// Name of the alarm, cause and value.
+    pub text: String,
+    /// Whether it belongs into the record of the running session.
+    pub of_session: bool,
+}
+
+impl AlarmDesk {
+    /// Continues with the stored state of this directory; with what has to be reported.
+    pub(crate) fn open(directory: &Path, config: &Config) -> (Self, Option<Change>) {
+        let path = directory.join(FILE);
+        let (mut alarms, remark) = match recall(&path) {
+            Ok(alarms) => (alarms, None),
+            Err(why) => (Alarms::default(), Some(why)),
+        };
+        alarms.restarted();
+        let (frames, waiting) = mpsc::channel(QUEUE);
+        let desk = Self {
+            path,
+            desk: tokio::sync::Mutex::new(Desk {
+                alarms,
+                ..Desk::default()
+            }),
+            shown: Mutex::default(),
+            frames,
+            waiting: Mutex::new(Some(waiting)),
+        };
+        if let Ok(mut open) = desk.desk.try_lock() {
+            open.take_rules(&config.alarm);
+            desk.show(&open);
+        }
+        let remark = remark.map(|text| Change {
+            kind: EventKind::AlarmInvalid,
+            text,
+            of_session: false,
+        });
+        (desk, remark)
+    }
+
+    /// Takes the rules of another configuration.
+    pub(crate) async fn take_rules(&self, config: &Config) {
+        let mut desk = self.desk.lock().await;
+        desk.take_rules(&config.alarm);
+        self.show(&desk);
+    }
+
+    /// Where the frames of a session are sent.
+    pub(crate) fn frames(&self) -> mpsc::Sender<JudgedFrame> {
+        self.frames.clone()
+    }
+
+    /// The frames to judge; the first caller takes them.
+    pub(crate) fn take_frames(&self) -> Option<mpsc::Receiver<JudgedFrame>> {
+        let waiting = self.waiting.lock();
+        waiting.unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// All alarms with their rules.
+    pub(crate) fn shown(&self) -> Arc<Shown> {
+        let shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(&shown)
+    }
+
+    /// Judges the rules on quantities by a frame at this time, s of the Unix epoch.
+    pub(crate) async fn judge_frame(&self, at_s: f64, frame: &JudgedFrame) -> Vec<Change> {
+        let Some(found) = frame.published.quantities.as_ref() else {
+            return Vec::new();
+        };
+        let mut desk = self.desk.lock().await;
+        desk.last_frame = Some((frame.session.clone(), Instant::now()));
+        let judgements: Vec<_> = desk
+            .rules
+            .iter()
+            .filter_map(|rule| Some((rule.name.clone(), judged::by_frame(rule, found)?)))
+            .collect();
+        let mut transitions = Vec::new();
+        for (name, judgement) in judgements {
+            transitions.extend(desk.alarms.judge(&name, at_s, judgement));
+        }
+        self.keep(&mut desk, transitions).await
+    }
+
+    /// Judges everything by the health of the daemon, and says which notifications are due.
+    pub(crate) async fn judge_health(
+        &self,
+        at_s: f64,
+        health: &Health,
+        limits: &NotifySection,
+        map_every: u64,
+    ) -> (Vec<Change>, Vec<Message>) {
+        let mut desk = self.desk.lock().await;
+        let quiet_s = desk.quiet_s(health, limits, map_every);
+        let mut judgements: Vec<_> = desk
+            .rules
+            .iter()
+            .filter_map(|rule| Some((rule.name.clone(), judged::by_health(rule, health, quiet_s)?)))
+            .collect();
+        let own = built_in::judgements(health, limits).into_iter();
+        judgements.extend(own.map(|(kind, judgement)| (kind.to_owned(), judgement)));
+        let mut transitions = Vec::new();
+        for (name, judgement) in judgements {
+            transitions.extend(desk.alarms.judge(&name, at_s, judgement));
+        }
+        let changes = self.keep(&mut desk, transitions).await;
+        let again = survey::duration(limits.again_s);
+        let Desk {
+            alarms, notices, ..
+        } = &mut *desk;
+        let due = notices.due(Instant::now(), alarms, again);
+        (changes, due)
+    }
+
+    /// Carries out the order of a person.
+    ///
+    /// # Errors
+    /// There is no such alarm, or its state does not allow the order.
+    pub(crate) async fn order(
+        &self,
+        name: &str,
+        at_s: f64,
+        order: Order,
+        by: &str,
+        comment: &str,
+    ) -> Result<Vec<Change>, Refused> {
+        let mut desk = self.desk.lock().await;
+        let done = desk.alarms.order(name, at_s, &order, by, comment)?;
+        Ok(self.keep(&mut desk, vec![done]).await)
+    }
+
+    /// Stores the state after a change, and returns the events that are due then.
+    async fn keep(&self, desk: &mut Desk, transitions: Vec<Transition>) -> Vec<Change> {
+        self.show(desk);
+        if transitions.is_empty() {
+            return Vec::new();
+        }
+        let mut changes: Vec<Change> = transitions.into_iter().map(Change::of).collect();
+        let (path, alarms) = (self.path.clone(), desk.alarms.clone());
+        let stored = tokio::task::spawn_blocking(move || store(&path, &alarms)).await;
+        let failed = match stored {
+            Ok(Ok(())) => None,
+            Ok(Err(why)) => Some(why),
+            Err(failed) => Some(failed.to_string()),
+        };
+        if let Some(why) = &failed
+            && !desk.unstored
+        {
+            changes.push(Change {
+                kind: EventKind::AlarmInvalid,
+                text: format!("the state of the alarms cannot be stored, and would be lost with the daemon: {why}"),
+                of_session: false,
+            });
+        }
+        desk.unstored = failed.is_some();
+        changes
+    }
+
+    fn show(&self, desk: &Desk) {
+        let shown = Arc::new(Shown {
+            alarms: desk.alarms.clone(),
+            rules: desk.rules.clone(),
+        });
+        *self.shown.lock().unwrap_or_else(PoisonError::into_inner) = shown;
+    }
+}
+
+impl Desk {
+    fn take_rules(&mut self, rules: &[AlarmSettings]) {
+        self.rules = rules.to_vec();
+        let own = rules.iter().map(AlarmSettings::rule);
+        self.alarms
+            .set_rules(built_in::rules().chain(own).collect());
+    }
+
+    /// The time without a map, s, if it is longer than the rules wait; `None` otherwise.
+    fn quiet_s(&mut self, health: &Health, limits: &NotifySection, map_every: u64) -> Option<f64> {
+        let session = health.session.as_ref()?;
+        let now = Instant::now();
+        let since = match &self.last_frame {
+            Some((id, at)) if *id == session.id => *at,
+            // the session has begun
+            _ => {
+                self.last_frame = Some((session.id.clone(), now));
+                now
+            }
+        };
+        let quiet = now.duration_since(since);
+        let period = session.period.as_secs_f64() * map_every as f64;
+        let patience = (period * limits.no_frame_periods).max(limits.no_frame_s);
+        (quiet > Duration::from_secs_f64(patience)).then(|| quiet.as_secs_f64())
+    }
+}
+
+impl Change {
+    fn of(transition: Transition) -> Self {
+        let own = built_in::has(&transition.alarm);
+        let kind = match transition.kind {
+            TransitionKind::Active if own => EventKind::Trouble,
+            TransitionKind::Over if own => EventKind::TroubleOver,
+            TransitionKind::Active => EventKind::AlarmActive,
+            TransitionKind::Over => EventKind::AlarmOver,
+            TransitionKind::Held => EventKind::AlarmHeld,
+            TransitionKind::Invalid => EventKind::AlarmInvalid,
+            TransitionKind::Judged => EventKind::AlarmJudged,
+            TransitionKind::Handled => EventKind::AlarmHandled,
+        };
+        Self {
+            kind,
+            text: format!("{}: {}", transition.alarm, transition.text),
+            of_session: !own,
+        }
+    }
+}
+
+impl Shown {
+    /// The rule of an alarm; `None` for a built-in one.
+    pub(crate) fn rule(&self, name: &str) -> Option<&AlarmSettings> {
+        self.rules.iter().find(|rule| rule.name == name)
+    }
+
+    /// What the rules say at present, most severe first: name and sentence.
+    pub(crate) fn of_rules(&self) -> Vec<(String, String)> {
+        let own = |alarm: &&alarms::Alarm| !built_in::has(&alarm.rule.name);
+        let mut calling: Vec<_> = self
+            .alarms
+            .iter()
+            .filter(own)
+            .filter(|alarm| alarm.calls())
+            .collect();
+        calling.sort_by_key(|alarm| std::cmp::Reverse(alarm.rule.severity));
+        let invalid = self
+            .alarms
+            .iter()
+            .filter(own)
+            .filter(|alarm| !alarm.state.is_active() && alarm.cannot_judge());
+        let sentence = |alarm: &alarms::Alarm| {
+            let text = match alarm.state.why_invalid() {
+                Some(why) if !alarm.state.is_active() => format!("cannot be judged: {why}"),
+                _ => alarm.state.cause().to_owned(),
+            };
+            (alarm.rule.name.clone(), text)
+        };
+        calling.into_iter().chain(invalid).map(sentence).collect()
+    }
+}
+
+/// The stored state; a file that cannot be read is renamed, so that it is not overwritten.
+fn recall(path: &Path) -> Result<Alarms, String> {
+    let text = match std::fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(Alarms::default()),
+        Err(cause) => return Err(lost(path, &cause.to_string())),
+    };
+    serde_json::from_str(&text).map_err(|cause| {
+        let kept = path.with_file_name(DAMAGED);
+        let kept = match std::fs::rename(path, &kept) {
+            Ok(()) => format!("{cause}; it is kept as {}", kept.display()),
+            Err(_) => cause.to_string(),
+        };
+        lost(path, &kept)
+    })
+}
+
+fn lost(path: &Path, why: &str) -> String {
+    format!(
+        "the stored state of the alarms cannot be read, and every alarm begins anew: {}: {why}",
+        path.display()
+    )
+}
+
+fn store(path: &Path, alarms: &Alarms) -> Result<(), String> {
+    let text = serde_json::to_vec(alarms).map_err(|cause| cause.to_string())?;
+    outfile::write(path, Existing::Replace, &text).map_err(|error| chain(&error))?;
+    Ok(())
+}

@@ -1,0 +1,181 @@
+//! The D-Bus interface of the daemon's alarms.
+
+use std::sync::Arc;
+
+use alarms::{Alarm, Order, Refused};
+use chrono::DateTime;
+use dbus::{AlarmReport, Fault, Options, ShelveOptions};
+use rig::Clock;
+use survey::nanoseconds;
+use zbus::message::Header;
+use zbus::{Connection, interface};
+
+use crate::alarms::Shown;
+use crate::monitoring::built_in;
+use crate::service::gate::Gate;
+use crate::session::controller::Controller;
+use crate::session::option_values;
+
+/// The alarms on one connection, and the gate through which its callers come.
+pub(crate) struct Alarms1(pub(crate) Arc<Controller>, pub(crate) Arc<Gate>);
+
+/// The daemon's alarms: its own problems and the rules of `[[alarm]]`.
+#[interface(name = "org.tactus.Tactus1.Alarms1")]
+impl Alarms1 {
+    /// All alarms, by name. Keys: `name` (s), `built_in` (b), `severity` (s), `level` (s, `ok`, `minor`, `major`, or
+    /// `invalid` where it cannot be judged; absent while it is not to be judged), `active` (b), `acknowledged` (b), `held`
+    /// (b, its condition is gone and it waits for a reset), `changed_ns` (x), `cause` (s), `invalid` (s), `suppressed` (s),
+    /// `shelved` (s), `shelved_until_ns` (x), `out_of_service` (s), `acknowledged_by` (s), `guidance` (s).
+    #[zbus(out_args("alarms"))]
+    async fn list(&self) -> Vec<AlarmReport> {
+        let shown = self.0.alarms.shown();
+        let alarms = shown.alarms.iter();
+        alarms.map(|alarm| report(alarm, &shown)).collect()
+    }
+
+    /// Records that somebody has seen the alarm. Options: `comment` (s).
+    async fn acknowledge(
+        &self,
+        name: &str,
+        options: Options,
+        #[zbus(connection)] connection: &Connection,
+        #[zbus(header)] header: Header<'_>,
+    ) -> Result<(), Fault> {
+        let comment = comment(&options)?;
+        self.order(name, Order::Acknowledge, &comment, connection, &header)
+            .await
+    }
+
+    /// The alarm calls nobody for a time, and is judged and recorded meanwhile. Options: `for_s` (d; until it ends without
+    /// it), `comment` (s).
+    async fn shelve(
+        &self,
+        name: &str,
+        options: Options,
+        #[zbus(connection)] connection: &Connection,
+        #[zbus(header)] header: Header<'_>,
+    ) -> Result<(), Fault> {
+        let options: ShelveOptions = option_values::read(&options, |_| None)?;
+        let order = options.for_s.map_or(Order::ShelveOnce, Order::Shelve);
+        let comment = options.comment.unwrap_or_default();
+        self.order(name, order, &comment, connection, &header).await
+    }
+
+    /// The alarm calls again. Options: `comment` (s).
+    async fn unshelve(
+        &self,
+        name: &str,
+        options: Options,
+        #[zbus(connection)] connection: &Connection,
+        #[zbus(header)] header: Header<'_>,
+    ) -> Result<(), Fault> {
+        let comment = comment(&options)?;
+        self.order(name, Order::Unshelve, &comment, connection, &header)
+            .await
+    }
+
+    /// Ends a latched alarm whose condition is gone. Options: `comment` (s).
+    async fn reset(
+        &self,
+        name: &str,
+        options: Options,
+        #[zbus(connection)] connection: &Connection,
+        #[zbus(header)] header: Header<'_>,
+    ) -> Result<(), Fault> {
+        let comment = comment(&options)?;
+        self.order(name, Order::Reset, &comment, connection, &header)
+            .await
+    }
+
+    /// Takes the alarm out of service, until it is set in service again. Options: `comment` (s).
+    async fn set_in_service(
+        &self,
+        name: &str,
+        in_service: bool,
+        options: Options,
+        #[zbus(connection)] connection: &Connection,
+        #[zbus(header)] header: Header<'_>,
+    ) -> Result<(), Fault> {
+        let comment = comment(&options)?;
+        let order = match in_service {
+            true => Order::InService,
+            false => Order::OutOfService,
+        };
+        self.order(name, order, &comment, connection, &header).await
+    }
+}
+
+impl Alarms1 {
+    async fn order(
+        &self,
+        name: &str,
+        order: Order,
+        comment: &str,
+        connection: &Connection,
+        header: &Header<'_>,
+    ) -> Result<(), Fault> {
+        let client = self.1.client(connection, header).await?;
+        let by = match client {
+            Some(client) => format!("user {}", client.caller.user()),
+            None => "a caller that has left".to_owned(),
+        };
+        let ordered = self.0.order_alarm(name, order, &by, comment).await;
+        ordered.map_err(|refused| match refused {
+            Refused::NoAlarm { .. } | Refused::ShelfTime => {
+                Fault::InvalidOption(refused.to_string())
+            }
+            _ => Fault::Failed(refused.to_string()),
+        })
+    }
+}
+
+fn comment(options: &Options) -> Result<String, Fault> {
+    options.only(&["comment"])?;
+    let options: ShelveOptions = option_values::read(options, |_| None)?;
+    Ok(options.comment.unwrap_or_default())
+}
+
+fn report(alarm: &Alarm, shown: &Shown) -> AlarmReport {
+    let state = &alarm.state;
+    let some = |text: &str| (!text.is_empty()).then(|| text.to_owned());
+    let at_ns = |at_s: f64| DateTime::from_timestamp_millis((1e3 * at_s) as i64).map(nanoseconds);
+    let rule = shown.rule(&alarm.rule.name);
+    AlarmReport {
+        name: Some(alarm.rule.name.clone()),
+        built_in: Some(built_in::has(&alarm.rule.name)),
+        severity: Some(alarm.rule.severity.word().to_owned()),
+        level: alarm.level().map(|level| level.word().to_owned()),
+        active: Some(state.is_active()),
+        acknowledged: Some(state.is_acknowledged()),
+        held: Some(state.is_held()),
+        changed_ns: state.changed_s().and_then(at_ns),
+        cause: some(state.cause()),
+        invalid: state.why_invalid().map(str::to_owned),
+        suppressed: state.why_suppressed().map(str::to_owned),
+        shelved: state.shelf().map(|shelf| shelf.note.text()),
+        shelved_until_ns: state.shelf().and_then(|shelf| at_ns(shelf.until_s?)),
+        out_of_service: state.out_of_service().map(alarms::Note::text),
+        acknowledged_by: state.acknowledgement().map(alarms::Note::text),
+        guidance: rule.and_then(|rule| some(&rule.guidance)),
+    }
+}
+
+impl Controller {
+    /// Carries out the order of a person on an alarm, and reports it.
+    ///
+    /// # Errors
+    /// There is no such alarm, or its state does not allow the order.
+    pub(crate) async fn order_alarm(
+        &self,
+        name: &str,
+        order: Order,
+        by: &str,
+        comment: &str,
+    ) -> Result<(), Refused> {
+        let now = self.runtime().clock.wall();
+        let at_s = imaging::tracking::seconds(now);
+        let changes = self.alarms.order(name, at_s, order, by, comment).await?;
+        self.report_changes(changes);
+        Ok(())
+    }
+}
