@@ -46,7 +46,10 @@ pub use hot_spot::hot_spots;
 pub use image::{png, png_grid, svg, svg_grid};
 pub use mesh::{mesh_png, mesh_svg};
 pub use raster::raster;
-pub use terminal::{TerminalColour, TerminalStyle, terminal};
+pub use terminal::{
+    CellColour, TerminalCell, TerminalColour, TerminalMap, TerminalScale, TerminalStyle, terminal,
+    terminal_map,
+};
 
 use survey::Map;
 

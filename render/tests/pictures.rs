@@ -462,3 +462,46 @@ fn a_map_of_noise_is_grey_on_a_fixed_scale_and_says_so() {
         );
     }
 }
+
+#[test]
+fn cells_fill_their_area_and_keep_the_shape_of_the_sheet() {
+    let (sheet, map) = scene();
+    let marks = [([0.03, 0.07], "12".to_owned())];
+    for (area, sheet_cells) in [([42, 40], [34, 17]), ([80, 13], [22, 11]), ([3, 1], [1, 1])] {
+        let cells = render::terminal_map(
+            &sheet,
+            &map,
+            area,
+            &marks,
+            TerminalColour::TrueColour,
+            &Style::default(),
+        )
+        .unwrap();
+        let [columns, rows] = sheet_cells;
+        assert_eq!(cells.rows.len(), rows + 2, "{area:?}");
+        assert!(
+            cells.rows.iter().all(|row| row.len() == columns + 8),
+            "{area:?}"
+        );
+    }
+    let cells = render::terminal_map(
+        &sheet,
+        &map,
+        [80, 13],
+        &marks,
+        TerminalColour::Ansi256,
+        &Style::default(),
+    )
+    .unwrap();
+    // 11 rows, 22 columns: x 30 mm of 100 is column 6, y 70 mm from below is row 3
+    let marked: String = cells.rows[1 + 3][4 + 5..4 + 7]
+        .iter()
+        .map(|cell| cell.sign)
+        .collect();
+    assert_eq!(marked, "12");
+    assert!(cells.rows[1 + 3][4 + 5].bold);
+    assert_eq!(
+        (cells.scale.low.as_str(), cells.scale.high.as_str()),
+        ("0 %", "50 %")
+    );
+}
