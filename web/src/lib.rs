@@ -3,7 +3,8 @@
 //! A process of its own, and an ordinary client of the daemon's bus: the daemon keeps no network socket for it, and the page
 //! has the rights of the user who starts it. It only reads.
 //!
-//! [`Server::open`] listens, [`Server::run`] serves until it is told to end. [`follow`] keeps a [`Live`] up to date.
+//! [`Server::open`] listens, [`Server::run`] serves until it is told to end. [`follow`] keeps a [`Live`] up to date, which
+//! the terminal's dashboard reads too.
 
 mod guard;
 mod live;
@@ -23,7 +24,7 @@ use tokio::task::JoinSet;
 
 pub use guard::{HostName, HostNameError};
 pub use live::follow;
-pub use snapshot::Live;
+pub use snapshot::{DaemonState, EventState, FrameState, Live, SessionState, Snapshot, State};
 pub use token::{Token, TokenError};
 
 /// Time for open connections to end after a request to stop.

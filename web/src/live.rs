@@ -1,6 +1,7 @@
 //! Follows a daemon: its status each second, its events, and the stream of the running session.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use dbus::stream::{Body, Decoder, Record};
@@ -166,7 +167,6 @@ impl Following {
             .build()
             .await?;
         let geometry = manager.geometry().await?;
-        let text = geometry_json(&geometry);
         let options = StreamOptions {
             frames: Some(true),
             maps: Some(true),
@@ -178,7 +178,7 @@ impl Following {
         let stream = std::os::unix::net::UnixStream::from(std::os::fd::OwnedFd::from(descriptor));
         stream.set_nonblocking(true)?;
         live.change(|snapshot| {
-            snapshot.geometry = Some(text.into());
+            snapshot.geometry = Some(Arc::new(geometry));
             snapshot.maps.clear();
             snapshot.state.frame = None;
         });
@@ -310,23 +310,4 @@ impl Following {
             snapshot.state.frame = Some(frame);
         });
     }
-}
-
-/// `/api/geometry`: coordinates in mm.
-fn geometry_json(geometry: &dbus::Geometry) -> String {
-    let millimetres = |metres: &[f64]| -> Vec<f64> {
-        metres
-            .iter()
-            .map(|metres| (1e6 * metres).round() * 1e-3)
-            .collect()
-    };
-    json!({
-        "name": geometry.more.name,
-        "nodes": millimetres(&geometry.nodes),
-        "triangles": geometry.triangles,
-        "outline": millimetres(&geometry.outline),
-        "outline_lengths": geometry.outline_lengths,
-        "electrodes": millimetres(&geometry.electrodes),
-    })
-    .to_string()
 }

@@ -89,9 +89,28 @@ async fn state(State(shared): State<Shared>) -> Response {
 
 async fn geometry(State(shared): State<Shared>) -> Response {
     match shared.live.geometry() {
-        Some(geometry) => json(geometry),
+        Some(geometry) => json(geometry_json(&geometry).into()),
         None => (StatusCode::NOT_FOUND, "no geometry yet\n").into_response(),
     }
+}
+
+/// `/api/geometry`: coordinates in mm.
+fn geometry_json(geometry: &dbus::Geometry) -> String {
+    let millimetres = |metres: &[f64]| -> Vec<f64> {
+        metres
+            .iter()
+            .map(|metres| (1e6 * metres).round() * 1e-3)
+            .collect()
+    };
+    serde_json::json!({
+        "name": geometry.more.name,
+        "nodes": millimetres(&geometry.nodes),
+        "triangles": geometry.triangles,
+        "outline": millimetres(&geometry.outline),
+        "outline_lengths": geometry.outline_lengths,
+        "electrodes": millimetres(&geometry.electrodes),
+    })
+    .to_string()
 }
 
 /// A map as little-endian single precision, one value a triangle. It never changes.

@@ -1,4 +1,4 @@
-//! The latest state of the daemon, as the page reads it.
+//! The latest state of the daemon, as the page and the terminal's dashboard read it.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -18,89 +18,124 @@ pub struct Live(watch::Sender<Snapshot>);
 
 /// What is known at one moment.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Snapshot {
+pub struct Snapshot {
     /// Counts changes.
     pub(crate) version: u64,
-    pub(crate) state: State,
+    /// The state in words and numbers.
+    pub state: State,
     /// Maps of the last frames, 4 bytes a triangle, by sequence.
     pub(crate) maps: VecDeque<(u64, Arc<[u8]>)>,
-    /// Geometry of the maps; see `/api/geometry`.
-    pub(crate) geometry: Option<Arc<str>>,
+    /// Geometry of the maps.
+    pub geometry: Option<Arc<dbus::Geometry>>,
 }
 
 /// `/api/state`, and the data of each event of `/api/events`.
 #[derive(Debug, Clone, Default, Serialize)]
-pub(crate) struct State {
+pub struct State {
     /// Why there is no daemon, or no frames of the running session; `None` while all is well.
-    pub(crate) trouble: Option<String>,
-    pub(crate) daemon: Option<DaemonState>,
-    pub(crate) session: Option<SessionState>,
-    pub(crate) frame: Option<FrameState>,
-    pub(crate) events: VecDeque<EventState>,
+    pub trouble: Option<String>,
+    /// `None` while no daemon answers.
+    pub daemon: Option<DaemonState>,
+    /// The running session.
+    pub session: Option<SessionState>,
+    /// Its last frame.
+    pub frame: Option<FrameState>,
+    /// Events since the connection was made, the newest first.
+    pub events: VecDeque<EventState>,
 }
 
-#[derive(Debug, Clone, Serialize)]
-pub(crate) struct DaemonState {
-    pub(crate) state: String,
-    pub(crate) simulated: bool,
-    pub(crate) source: String,
-    pub(crate) source_state: String,
-    pub(crate) method: String,
-    pub(crate) baseline: String,
-    pub(crate) baseline_age_s: Option<f64>,
-    pub(crate) version: String,
-    pub(crate) well: Option<bool>,
-    pub(crate) troubles: Vec<String>,
-    pub(crate) instruments: Vec<String>,
-    pub(crate) disk_days: Option<f64>,
-    pub(crate) last_error: Option<String>,
+/// State and health of the daemon; texts are empty where there is nothing to report.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct DaemonState {
+    /// State, a word.
+    pub state: String,
+    /// Whether voltages are simulated.
+    pub simulated: bool,
+    /// Source of frames.
+    pub source: String,
+    /// Whether it can be used.
+    pub source_state: String,
+    /// Method of reconstruction.
+    pub method: String,
+    /// Id of the baseline.
+    pub baseline: String,
+    /// Its age, s.
+    pub baseline_age_s: Option<f64>,
+    /// Version of the daemon.
+    pub version: String,
+    /// Whether nothing is wrong.
+    pub well: Option<bool>,
+    /// What is wrong, as `kind: sentence`.
+    pub troubles: Vec<String>,
+    /// Instruments and their states, as `role: state`.
+    pub instruments: Vec<String>,
+    /// Days until the disk is full.
+    pub disk_days: Option<f64>,
+    /// The last error.
+    pub last_error: Option<String>,
     /// The rig is lost: what, and since when.
-    pub(crate) lost: Option<String>,
+    pub lost: Option<String>,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct SessionState {
-    pub(crate) id: String,
-    pub(crate) kind: String,
-    pub(crate) state: String,
-    pub(crate) frames: Option<u64>,
-    pub(crate) failed: Option<u64>,
-    pub(crate) dropped: Option<u64>,
-    pub(crate) map_noise: Option<f64>,
-    pub(crate) last_error: Option<String>,
+/// The running session.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct SessionState {
+    /// Its id.
+    pub id: String,
+    /// `measurement` or `baseline`.
+    pub kind: String,
+    /// State, a word.
+    pub state: String,
+    /// Frames acquired.
+    pub frames: Option<u64>,
+    /// Frames that failed.
+    pub failed: Option<u64>,
+    /// Frames that missed their time.
+    pub dropped: Option<u64>,
+    /// The largest relative loss by noise alone.
+    pub map_noise: Option<f64>,
+    /// Its last error.
+    pub last_error: Option<String>,
 }
 
 /// The last frame with its map.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub(crate) struct FrameState {
-    pub(crate) sequence: u64,
+pub struct FrameState {
+    /// Its number in the session.
+    pub sequence: u64,
     /// ms since 1970 UTC.
-    pub(crate) wall_ms: i64,
-    pub(crate) simulated: bool,
+    pub wall_ms: i64,
+    /// Whether its voltages are simulated.
+    pub simulated: bool,
     /// Records that were lost before it.
-    pub(crate) gap: u64,
+    pub gap: u64,
     /// Readings that are no voltages.
-    pub(crate) missing: usize,
-    pub(crate) readings: usize,
+    pub missing: usize,
+    /// Its readings.
+    pub readings: usize,
     /// Whether `/api/map/SEQUENCE` exists.
-    pub(crate) map: bool,
-    pub(crate) method: Option<String>,
+    pub map: bool,
+    /// Method of the map.
+    pub method: Option<String>,
     /// `kPa`, or `lost share`.
-    pub(crate) unit: Option<&'static str>,
+    pub unit: Option<&'static str>,
     /// As in `watch --json`.
-    pub(crate) quality: Option<Value>,
+    pub quality: Option<Value>,
     /// As in `watch --json`.
-    pub(crate) tracked: Option<Value>,
+    pub tracked: Option<Value>,
     /// As in `watch --json`.
-    pub(crate) quantities: Option<Value>,
+    pub quantities: Option<Value>,
 }
 
+/// An event of the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct EventState {
+pub struct EventState {
     /// ms since 1970 UTC.
-    pub(crate) wall_ms: i64,
-    pub(crate) kind: String,
-    pub(crate) text: String,
+    pub wall_ms: i64,
+    /// Its kind, a word.
+    pub kind: String,
+    /// A sentence.
+    pub text: String,
 }
 
 impl Default for Live {
@@ -118,7 +153,8 @@ impl Live {
         });
     }
 
-    pub(crate) fn subscribe(&self) -> watch::Receiver<Snapshot> {
+    /// The state, and a signal at each change.
+    pub fn subscribe(&self) -> watch::Receiver<Snapshot> {
         self.0.subscribe()
     }
 
@@ -128,12 +164,19 @@ impl Live {
         Some(Arc::clone(map))
     }
 
-    pub(crate) fn geometry(&self) -> Option<Arc<str>> {
+    pub(crate) fn geometry(&self) -> Option<Arc<dbus::Geometry>> {
         self.0.borrow().geometry.clone()
     }
 }
 
 impl Snapshot {
+    /// The values of a frame's map, one a triangle, in the frame's unit; `None` if it is not kept any more.
+    pub fn map_values(&self, sequence: u64) -> Option<Vec<f32>> {
+        let (_, map) = self.maps.iter().find(|(of, _)| *of == sequence)?;
+        let (values, _) = map.as_chunks();
+        Some(values.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
+    }
+
     pub(crate) fn keep_map(&mut self, sequence: u64, values: &[f32]) {
         let bytes: Vec<u8> = values
             .iter()
