@@ -118,6 +118,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
         Command::Quantities(requested) => {
             crate::maps::quantities::run(&global, &requested, printer)
         }
+        Command::Top(requested) => crate::control::top::run(&global, &requested, printer),
         Command::Web(requested) => crate::control::web::run(&global, &requested, printer),
         Command::Completions { shell } => {
             let mut script = Vec::new();
@@ -194,6 +195,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     | Command::Export(_)
                     | Command::Replay(_)
                     | Command::Quantities(_)
+                    | Command::Top(_)
                     | Command::Web(_)
                     | Command::Completions { .. }
                     | Command::Man { .. } => {

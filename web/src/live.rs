@@ -210,7 +210,7 @@ impl Following {
                 .and_then(|json| serde_json::from_str(json).ok())
         };
         let quality = latest.more.quality.clone().map(|verdict| {
-            json!({"verdict": verdict, "reasons": latest.more.doubts.iter().map(|text| json!({"text": text})).collect::<Vec<_>>()})
+            json!({"verdict": verdict, "reasons": latest.more.doubts.iter().map(|text| json!({"kind": "", "electrode": null, "text": text})).collect::<Vec<_>>()})
         });
         for (name, value) in [
             ("quality", quality),
@@ -296,6 +296,7 @@ impl Following {
             map: true,
             method: Some(method),
             unit: Some(unit),
+            largest_loss: values.iter().map(|value| -value).reduce(f64::max),
             quality: beside("quality"),
             tracked: beside("tracked"),
             quantities: beside("quantities"),

@@ -119,6 +119,8 @@ pub struct FrameState {
     pub method: Option<String>,
     /// `kPa`, or `lost share`.
     pub unit: Option<&'static str>,
+    /// The largest relative loss of the map, also where its unit is kPa.
+    pub largest_loss: Option<f64>,
     /// As in `watch --json`.
     pub quality: Option<Value>,
     /// As in `watch --json`.
@@ -174,7 +176,12 @@ impl Snapshot {
     pub fn map_values(&self, sequence: u64) -> Option<Vec<f32>> {
         let (_, map) = self.maps.iter().find(|(of, _)| *of == sequence)?;
         let (values, _) = map.as_chunks();
-        Some(values.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
+        Some(
+            values
+                .iter()
+                .map(|bytes| f32::from_le_bytes(*bytes))
+                .collect(),
+        )
     }
 
     pub(crate) fn keep_map(&mut self, sequence: u64, values: &[f32]) {

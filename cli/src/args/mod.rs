@@ -20,7 +20,7 @@ pub use records::{
 pub use rig::{
     AlarmOrder, AlarmsCommand, Discover, Doctor, InstrumentsCommand, NotifyCommand, Transcript,
 };
-pub use session::{BaselineCommand, BaselineRecord, Plan, Start, Step, Stop, Watch, Web};
+pub use session::{BaselineCommand, BaselineRecord, Plan, Start, Step, Stop, Top, Watch, Web};
 
 fn span(text: &str) -> Result<Duration, SpanError> {
     parse_span(text)
@@ -106,6 +106,8 @@ pub enum Command {
     Step(Step),
     /// Follow frames and draw the map of each in the terminal
     Watch(Watch),
+    /// Show the running daemon on a full screen: map, charts of the last ten minutes, quantities, hot spots, health, events
+    Top(Top),
     /// Show the running daemon in a browser: map, quantities, state, events. Only this machine's users with the printed address can read it
     Web(Web),
     /// List recorded sessions, from the running daemon's directory and the usual ones; check, repair, prune them

@@ -135,6 +135,20 @@ pub struct Watch {
     pub no_map: bool,
 }
 
+/// Options of `top`.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Top {
+    /// Scale of the map: `own` (each map fills it) or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a
+    /// calibration)
+    #[arg(
+        long,
+        value_name = "SCALE",
+        default_value = "own",
+        allow_hyphen_values = true
+    )]
+    pub scale: Scale,
+}
+
 /// Options of `plan`.
 #[derive(Debug, Args)]
 pub struct Plan {

@@ -1,4 +1,4 @@
-//! Commands that control the daemon's sessions: start, stop, baseline, status, watch, plan.
+//! Commands that control the daemon's sessions: start, stop, baseline, status, watch, top, web, plan.
 //! `instruments` has the commands about instruments.
 
 pub(crate) mod alarms;
@@ -8,6 +8,7 @@ pub(crate) mod notify;
 pub(crate) mod plan;
 pub(crate) mod session;
 pub(crate) mod status;
+pub(crate) mod top;
 pub(crate) mod viewer;
 pub(crate) mod watch;
 pub(crate) mod web;

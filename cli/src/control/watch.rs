@@ -51,10 +51,9 @@ pub(crate) async fn run(
         .await?
         .is_empty();
     let field = if maps {
+        let geometry = daemon.manager.geometry();
         Some(Field::from_bus(
-            daemon
-                .ask("the geometry", daemon.manager.geometry())
-                .await?,
+            &daemon.ask("the geometry", geometry).await?,
         )?)
     } else {
         None
@@ -177,7 +176,7 @@ pub(crate) async fn run(
 
 /// Waits for each signal that requests the program's end; gives its number. Without the alternate screen nothing must be
 /// restored, and the signal ends the program by default.
-fn end_signals(on_screen: bool) -> JoinSet<u8> {
+pub(crate) fn end_signals(on_screen: bool) -> JoinSet<u8> {
     let signals = [
         (SignalKind::interrupt(), 2),
         (SignalKind::terminate(), 15),
@@ -196,7 +195,7 @@ fn end_signals(on_screen: bool) -> JoinSet<u8> {
 }
 
 /// The number of the first signal that arrives.
-async fn first_of(signals: &mut JoinSet<u8>) -> u8 {
+pub(crate) async fn first_of(signals: &mut JoinSet<u8>) -> u8 {
     match signals.join_next().await {
         Some(Ok(number)) => number,
         Some(Err(_)) | None => std::future::pending().await,

@@ -41,7 +41,7 @@ impl Field {
     ///
     /// # Errors
     /// Inconsistent indices or counts.
-    pub(crate) fn from_bus(geometry: dbus::Geometry) -> Result<Self, Failure> {
+    pub(crate) fn from_bus(geometry: &dbus::Geometry) -> Result<Self, Failure> {
         let (Some(triangles), Some(outline)) = (geometry.corners(), geometry.loops()) else {
             return Err(Failure::Failed(
                 "the daemon's geometry does not fit together; is it of another version than this tactus?".to_owned(),
@@ -63,7 +63,7 @@ impl Field {
                 outline,
                 electrodes: geometry.electrode_centres(),
             },
-            mesh_hash: geometry.mesh_hash,
+            mesh_hash: geometry.mesh_hash.clone(),
             centroids,
             areas,
         })
@@ -210,7 +210,7 @@ mod tests {
 
     #[test]
     fn a_geometry_from_the_bus_finds_a_load() {
-        let field = Field::from_bus(geometry()).unwrap();
+        let field = Field::from_bus(&geometry()).unwrap();
         let map = Map {
             mesh_hash: "m".into(),
             values: vec![-0.5],
@@ -240,6 +240,6 @@ mod tests {
             triangles: vec![0, 1, 7],
             ..geometry()
         };
-        assert!(Field::from_bus(wrong).is_err());
+        assert!(Field::from_bus(&wrong).is_err());
     }
 }

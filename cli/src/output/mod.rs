@@ -178,7 +178,7 @@ pub(crate) fn complain(text: &str) {
     eprintln!("{}", printable_lines(text.trim_end()).replace('\n', "\n  "));
 }
 
-fn written(error: &std::io::Error) -> Failure {
+pub(crate) fn written(error: &std::io::Error) -> Failure {
     if error.kind() == std::io::ErrorKind::BrokenPipe {
         Failure::Closed
     } else {

@@ -6,6 +6,7 @@ use std::io::Write;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use ratatui::crossterm::terminal::{disable_raw_mode, enable_raw_mode};
 use survey::printable_lines;
 
 use crate::failure::Failure;
@@ -19,6 +20,8 @@ const ENTER: &[u8] = b"\x1b[?1049h\x1b[?25l\x1b[2J";
 const LEAVE: &[u8] = b"\x1b[?25h\x1b[?1049l";
 /// Whether the alternate screen is shown.
 static SHOWN: AtomicBool = AtomicBool::new(false);
+/// Whether keys are read one by one and not echoed.
+static RAW: AtomicBool = AtomicBool::new(false);
 
 /// Leaves the alternate screen when it is dropped, and before the message of a panic is printed.
 pub(crate) struct Screen {
@@ -46,6 +49,18 @@ impl Screen {
             waiting: RefCell::default(),
         };
         write(ENTER)?;
+        Ok(screen)
+    }
+
+    /// Likewise, and lets keys be read one by one, not echoed.
+    ///
+    /// # Errors
+    /// As [`Screen::enter`]; no keyboard.
+    pub(crate) fn enter_raw() -> Result<Self, Failure> {
+        let screen = Self::enter()?;
+        enable_raw_mode()
+            .map_err(|error| Failure::failed("the terminal's keys cannot be read", &error))?;
+        RAW.store(true, Ordering::SeqCst);
         Ok(screen)
     }
 
@@ -119,8 +134,12 @@ impl Drop for Screen {
     }
 }
 
-/// Returns to the normal screen, if the alternate one is shown.
+/// Returns to the normal screen, if the alternate one is shown, and to lines of echoed keys.
 fn leave() {
+    if RAW.swap(false, Ordering::SeqCst) {
+        // a closed terminal has no keys either
+        let _gone = disable_raw_mode();
+    }
     if SHOWN.swap(false, Ordering::SeqCst) {
         // a closed terminal shows neither
         let _gone = write(LEAVE);

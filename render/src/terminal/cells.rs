@@ -257,8 +257,8 @@ impl Canvas {
         let stride = self.columns + 2 * MARGIN;
         let cell = |row: usize, column: usize| {
             let sign = self.signs[row * stride + column];
-            let on_sheet = (1..=self.rows).contains(&row)
-                && (MARGIN..MARGIN + self.columns).contains(&column);
+            let on_sheet =
+                (1..=self.rows).contains(&row) && (MARGIN..MARGIN + self.columns).contains(&column);
             if !on_sheet {
                 return TerminalCell::of(sign.unwrap_or(' '));
             }

@@ -4,8 +4,8 @@ mod cells;
 
 use survey::{HotSpot, Map};
 
-pub use cells::{CellColour, TerminalCell, TerminalMap, TerminalScale, terminal_map};
 use cells::{Canvas, Ink, MARGIN, fitting, scale_cells, written};
+pub use cells::{CellColour, TerminalCell, TerminalMap, TerminalScale, terminal_map};
 
 use crate::raster::raster;
 use crate::{PictureError, Range, Sheet, Style, hot_spots};

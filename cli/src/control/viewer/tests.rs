@@ -42,7 +42,7 @@ fn map(sequence: u64) -> Record {
 }
 
 fn field() -> Field {
-    Field::from_bus(dbus::Geometry {
+    Field::from_bus(&dbus::Geometry {
         mesh_hash: "m".into(),
         nodes: vec![0.0, 0.0, 0.03, 0.0, 0.0, 0.03, 0.03, 0.03],
         triangles: vec![0, 1, 2, 1, 3, 2],

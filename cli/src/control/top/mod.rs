@@ -1,0 +1,136 @@
+//! `tactus top`: the running daemon on a full screen.
+//!
+//! [`web::follow`] reads the daemon, [`Dashboard`] keeps what is shown, [`view::draw`] draws it. Neither of the last two reads a
+//! clock or the terminal.
+
+mod dashboard;
+mod history;
+mod panels;
+#[cfg(test)]
+mod tests;
+mod view;
+
+use std::io::Write;
+use std::time::Duration;
+
+use chrono::Local;
+use ratatui::Terminal;
+use ratatui::backend::{Backend, CrosstermBackend};
+use ratatui::crossterm::event::{self, Event};
+use ratatui::layout::Rect;
+use tokio::sync::{mpsc, watch};
+use tokio::time::{Instant, MissedTickBehavior, interval};
+use web::{Live, Snapshot};
+
+use crate::args::{Global, Top};
+use crate::connection;
+use crate::control::top::dashboard::{Dashboard, Next};
+use crate::control::watch::{end_signals, first_of};
+use crate::failure::Failure;
+use crate::output::screen::Screen;
+use crate::output::{Printer, written};
+
+/// Least time between two drawings of new data.
+const DRAW_INTERVAL: Duration = Duration::from_millis(100);
+/// Time after which the screen is drawn again without new data: it shows ages.
+const CLOCK_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Draws until a key or a signal ends it.
+///
+/// # Errors
+/// Standard output is no terminal; the terminal cannot be used.
+pub(crate) fn run(
+    global: &Global,
+    requested: &Top,
+    printer: &Printer<impl Write>,
+) -> Result<(), Failure> {
+    if !printer.is_terminal() {
+        return Err(Failure::Usage(
+            "`tactus top` draws on a terminal, and the output goes elsewhere; `tactus watch` prints a line for each frame, with \
+             --json an object"
+                .to_owned(),
+        ));
+    }
+    let address = connection::wanted(global)?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
+    runtime.block_on(async {
+        let dashboard = Dashboard::new(printer.map_colour(), requested.scale);
+        let live = Live::default();
+        let changes = live.subscribe();
+        // before the screen: a signal that comes right after it must leave it too
+        let mut signals = end_signals(true);
+        let _screen = Screen::enter_raw()?;
+        let backend = CrosstermBackend::new(std::io::stdout());
+        let terminal = Terminal::new(backend).map_err(|error| written(&error))?;
+        tokio::select! {
+            ended = show(terminal, dashboard, changes, events()) => ended,
+            () = web::follow(address, live) => Ok(()),
+            number = first_of(&mut signals) => Err(Failure::Signal(number)),
+        }
+    })
+}
+
+/// Keys and changes of the terminal's size. The thread that reads them ends with the program.
+fn events() -> mpsc::Receiver<std::io::Result<Event>> {
+    let (send, receive) = mpsc::channel(16);
+    std::thread::spawn(move || {
+        loop {
+            let event = event::read();
+            let failed = event.is_err();
+            if send.blocking_send(event).is_err() || failed {
+                return;
+            }
+        }
+    });
+    receive
+}
+
+/// Draws changes and handles keys until one of them ends the program.
+async fn show<B>(
+    mut terminal: Terminal<B>,
+    mut dashboard: Dashboard,
+    mut changes: watch::Receiver<Snapshot>,
+    mut events: mpsc::Receiver<std::io::Result<Event>>,
+) -> Result<(), Failure>
+where
+    B: Backend<Error = std::io::Error>,
+{
+    let mut ticks = interval(DRAW_INTERVAL);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut drawn_at: Option<Instant> = None;
+    loop {
+        let due = drawn_at.is_none_or(|at| at.elapsed() >= CLOCK_INTERVAL);
+        tokio::select! {
+            _ = ticks.tick() => {
+                let changed = changes.has_changed().unwrap_or(false);
+                if changed {
+                    dashboard.take(&changes.borrow_and_update());
+                }
+                if !(changed || due) {
+                    continue;
+                }
+            }
+            event = events.recv() => {
+                let event = event.unwrap_or_else(|| Err(std::io::Error::other("the keyboard is not read any more")));
+                let event = event.map_err(|error| Failure::failed("the terminal's keys cannot be read", &error))?;
+                match dashboard.press(&event) {
+                    Next::Stay => {}
+                    Next::Leave => return Ok(()),
+                    // not `Terminal::clear`: it queries the terminal for the position of its cursor
+                    Next::Redraw => {
+                        let size = terminal.size().map_err(|error| written(&error))?;
+                        terminal.resize(Rect::from(size)).map_err(|error| written(&error))?;
+                    }
+                }
+            }
+        }
+        let now = Local::now().fixed_offset();
+        terminal
+            .draw(|frame| view::draw(frame, &dashboard, now))
+            .map_err(|error| written(&error))?;
+        drawn_at = Some(Instant::now());
+    }
+}

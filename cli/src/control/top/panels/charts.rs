@@ -1,0 +1,59 @@
+//! Strip charts of the last ten minutes.
+
+use chrono::{DateTime, FixedOffset};
+use imaging::quantities::{LoadUnit, rounded};
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::widgets::Sparkline;
+
+use crate::control::top::dashboard::Dashboard;
+use crate::control::top::history::CHARTED;
+use crate::control::top::view::titled;
+
+/// Height of a bar in steps: eight to a row, of at most so many rows.
+const STEPS: f64 = 8.0 * 100.0;
+
+pub(crate) fn draw(
+    frame: &mut Frame<'_>,
+    area: Rect,
+    shown: &Dashboard,
+    now: DateTime<FixedOffset>,
+) {
+    let heights = CHARTED.map(|_| Constraint::Fill(1));
+    let areas: [Rect; CHARTED.len()] = area.layout(&Layout::vertical(heights));
+    let unit = shown.history.unit().unwrap_or(LoadUnit::Pressure);
+    for (chart, (quantity, area)) in CHARTED.into_iter().zip(areas).enumerate() {
+        let columns = usize::from(area.width);
+        let values = shown
+            .history
+            .columns(chart, columns, now.timestamp_millis());
+        let most = values.iter().flatten().copied().fold(0.0, f64::max);
+        let title = match values.iter().any(Option::is_some) {
+            true => format!(
+                "{}, 10 min, 0 to {} {}",
+                quantity.words(),
+                rounded(most),
+                quantity.unit(unit)
+            ),
+            false => format!("{}, 10 min, no value yet", quantity.words()),
+        };
+        let inner = titled(frame, area, &title);
+        frame.render_widget(
+            Sparkline::default()
+                .data(bars(&values, most, inner.height))
+                .max(STEPS as u64),
+            inner,
+        );
+    }
+}
+
+/// Heights of bars. Zero is the lowest bar, so that it differs from a span without a value.
+fn bars(values: &[Option<f64>], most: f64, rows: u16) -> Vec<Option<u64>> {
+    let least = STEPS / (8.0 * f64::from(rows.max(1)));
+    let bar = |value: f64| {
+        (STEPS * value / most.max(f64::MIN_POSITIVE))
+            .max(least)
+            .ceil() as u64
+    };
+    values.iter().map(|value| value.map(bar)).collect()
+}

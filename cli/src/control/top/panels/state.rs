@@ -1,0 +1,108 @@
+//! State and health of the daemon, and its last events.
+
+use chrono::{DateTime, FixedOffset};
+use ratatui::Frame;
+use ratatui::layout::Rect;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Paragraph, Wrap};
+use survey::printable;
+use web::DaemonState;
+
+use crate::control::top::dashboard::Dashboard;
+use crate::control::top::view::{titled, warning};
+use crate::options::duration::display_long;
+
+pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
+    let area = titled(frame, area, "Health");
+    let warned = |text: &str| {
+        Line::from(Span::styled(
+            printable(text).into_owned(),
+            warning(shown.colour),
+        ))
+    };
+    let mut lines = Vec::new();
+    if let Some(trouble) = &shown.seen.trouble {
+        lines.push(warned(trouble));
+    }
+    if let Some(daemon) = &shown.seen.daemon {
+        match (daemon.well, daemon.troubles.as_slice()) {
+            (Some(true), _) => lines.push("well".into()),
+            (Some(false), []) => lines.push(warned("NOT WELL")),
+            (None, []) => lines.push("health not known".into()),
+            (_, troubles) => lines.extend(troubles.iter().map(|trouble| {
+                let (_, sentence) = trouble.split_once(": ").unwrap_or(("", trouble));
+                warned(&format!("NOT WELL: {sentence}"))
+            })),
+        }
+        lines.extend(
+            daemon
+                .lost
+                .iter()
+                .map(|lost| warned(&format!("reconnecting: {lost}"))),
+        );
+        if let Some(session) = &shown.seen.session {
+            let count = |count: Option<u64>| count.unwrap_or(0);
+            lines.push(format_line(&format!(
+                "session   {}, {}: {} frames, {} failed, {} missed",
+                session.kind,
+                session.state,
+                count(session.frames),
+                count(session.failed),
+                count(session.dropped)
+            )));
+        } else {
+            lines.push("session   none".into());
+        }
+        lines.extend(of_daemon(daemon).iter().map(|text| format_line(text)));
+    }
+    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
+}
+
+fn of_daemon(daemon: &DaemonState) -> Vec<String> {
+    let age = daemon
+        .baseline_age_s
+        .map(|age| format!(", {} old", display_long(age)));
+    let mut lines = vec![
+        match daemon.baseline.as_str() {
+            "" => "baseline  none; `tactus baseline record`".to_owned(),
+            id => format!("baseline  {id}{}", age.unwrap_or_default()),
+        },
+        format!("source    {}, {}", daemon.source, daemon.source_state),
+        format!("method    {}", daemon.method),
+    ];
+    if let Some(days) = daemon.disk_days {
+        lines.push(format!("disk      {days:.0} days left"));
+    }
+    if let Some(error) = &daemon.last_error {
+        lines.push(format!("error     {error}"));
+    }
+    lines.push(format!("daemon    tactusd {}", daemon.version));
+    lines
+}
+
+fn format_line(text: &str) -> Line<'static> {
+    Line::from(printable(text).into_owned())
+}
+
+pub(crate) fn events(
+    frame: &mut Frame<'_>,
+    area: Rect,
+    shown: &Dashboard,
+    now: DateTime<FixedOffset>,
+) {
+    let area = titled(frame, area, "Events, the newest first");
+    let events = &shown.seen.events;
+    let mut lines: Vec<Line<'_>> = events
+        .iter()
+        .take(usize::from(area.height))
+        .map(|event| {
+            let at = DateTime::from_timestamp_millis(event.wall_ms).unwrap_or_default();
+            let at = at.with_timezone(now.offset()).format("%H:%M:%S");
+            format_line(&format!("{at} {}: {}", event.kind, event.text))
+        })
+        .collect();
+    if lines.is_empty() {
+        lines.push("none since this program started".into());
+    }
+    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
+}

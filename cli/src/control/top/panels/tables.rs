@@ -1,0 +1,114 @@
+//! Tables: quantities of the sheet and its regions, and hot spots.
+
+use imaging::quantities::{
+    FrameQuantities, LoadUnit, Quantity, RegionQuantities, SpotTrack, rounded,
+};
+use ratatui::Frame;
+use ratatui::layout::Rect;
+use ratatui::style::Modifier;
+use ratatui::text::Line;
+use ratatui::widgets::Paragraph;
+use survey::printable_within;
+
+use crate::control::top::dashboard::Dashboard;
+use crate::control::top::view::titled;
+use crate::options::duration::display_long;
+
+/// Columns of the names of quantities.
+const NAME: usize = 15;
+/// Columns of a region's values.
+const VALUE: usize = 10;
+/// Columns of units, with the space before them.
+const UNIT: usize = 14;
+
+pub(crate) fn quantities(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
+    let rows = usize::from(area.height).saturating_sub(2);
+    let all = Quantity::ALL.len();
+    let first = shown.first_quantity.min(all.saturating_sub(rows));
+    let last = (first + rows).min(all);
+    let title = format!("Quantities {} to {last} of {all}", first + 1);
+    let area = titled(frame, area, &title);
+    let Some(seen) = shown.quantities() else {
+        frame.render_widget("no map yet", area);
+        return;
+    };
+    let fitting = (usize::from(area.width).saturating_sub(NAME + UNIT) / (VALUE + 1)).max(1);
+    let regions = &seen.regions[shown.first_region.min(seen.regions.len())..];
+    let hidden = seen.regions.len() > fitting;
+    let regions = &regions[..regions.len().min(fitting)];
+    let names = regions.iter().map(|region| {
+        let name = printable_within(&region.name, VALUE);
+        format!(" {name:>VALUE$}")
+    });
+    let names: String = names.collect();
+    let more = if hidden { "Left Right" } else { "" };
+    let mut lines = vec![Line::styled(
+        format!("{more:<NAME$}{names}"),
+        Modifier::BOLD,
+    )];
+    for quantity in &Quantity::ALL[first..last] {
+        let values = regions
+            .iter()
+            .map(|region| format!(" {:>VALUE$}", value(region, *quantity)));
+        let values: String = values.collect();
+        let unit = quantity.unit(seen.unit);
+        lines.push(Line::from(format!(
+            "{:<NAME$}{values} {unit}",
+            quantity.name()
+        )));
+    }
+    frame.render_widget(Paragraph::new(lines), area);
+}
+
+/// A value with its standard deviation by noise, or `-` where it is not known.
+fn value(region: &RegionQuantities, quantity: Quantity) -> String {
+    let Some(value) = region.values.get(quantity) else {
+        return "-".to_owned();
+    };
+    let exact = matches!(quantity, Quantity::HotSpots | Quantity::Known);
+    let text = if exact {
+        format!("{value:.0}")
+    } else {
+        rounded(value)
+    };
+    let deviation = region.deviations.get(quantity).map(rounded);
+    let both = deviation.map(|deviation| format!("{text}\u{b1}{deviation}"));
+    both.filter(|both| both.chars().count() <= VALUE)
+        .unwrap_or(text)
+}
+
+pub(crate) fn hot_spots(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
+    let seen = shown.quantities();
+    let spots = seen.map_or(&[][..], |seen| &seen.spots);
+    let rows = usize::from(area.height).saturating_sub(1);
+    let title = match spots.len() {
+        count if count > rows => format!("Hot spots, the highest {rows} of {count}"),
+        _ => "Hot spots".to_owned(),
+    };
+    let area = titled(frame, area, &title);
+    let lines: Vec<Line<'_>> = match seen {
+        Some(seen) if !spots.is_empty() => spots
+            .iter()
+            .take(rows)
+            .map(|spot| Line::from(hot_spot(seen, spot)))
+            .collect(),
+        Some(seen) if seen.known => vec!["none".into()],
+        Some(_) => vec!["not known".into()],
+        None => vec!["no map yet".into()],
+    };
+    frame.render_widget(Paragraph::new(lines), area);
+}
+
+fn hot_spot(seen: &FrameQuantities, spot: &SpotTrack) -> String {
+    let [x, y] = spot.centre_mm;
+    let peak = match seen.unit {
+        LoadUnit::Pressure => format!("{} kPa", rounded(spot.peak)),
+        LoadUnit::RelativeLoss => format!("{} %", rounded(100.0 * spot.peak)),
+    };
+    let area = rounded(1e-2 * spot.area_mm2);
+    format!(
+        "{:>2} ({x:.0}, {y:.0}) mm {peak} {area} cm2 {}",
+        spot.number,
+        display_long(spot.age_s)
+    )
+}
