@@ -42,6 +42,17 @@ async function ask(path) {
   return answer;
 }
 
+// a command; what the daemon answers is shown
+async function send(command) {
+  const answer = await fetch("/api/control", {
+    method: "POST",
+    headers: { Authorization: `Bearer ${secret}`, "Content-Type": "application/json" },
+    body: JSON.stringify(command),
+  });
+  byId("answer").textContent = answer.ok ? "" : `${command.call}: ${(await answer.text()).trim()}`;
+}
+const alarmList = new AlarmList(byId("alarms"), send);
+
 function trouble(text) {
   byId("trouble").hidden = !text;
   byId("trouble").textContent = text || "";
@@ -80,6 +91,9 @@ function show(state) {
   byId("session").textContent = state.session
     ? `${state.session.id}, ${state.session.state}${state.frame ? `, frame ${state.frame.sequence}, ${clock(state.frame.wall_ms)}` : ""}`
     : "no session runs";
+  alarmList.show(state.alarms, state.control);
+  byId("control").hidden = !state.control;
+  byId("pressing").hidden = !simulated;
   showState(state);
   showEvents(state.events);
   if (state.frame) {
@@ -212,5 +226,13 @@ byId("map").addEventListener("pointermove", event => {
 byId("numbers").addEventListener("change", event => { map.showNumbers = event.target.checked; map.request(); });
 byId("region-lines").addEventListener("change", event => { map.showRegion = event.target.checked; map.request(); });
 byId("fixed").addEventListener("input", () => { shownSequence = null; if (latest && latest.frame && latest.frame.map) showMap(latest); });
+byId("start").addEventListener("click", () => send({ call: "start", every_s: parseFloat(byId("every").value) || 0 }));
+byId("stop").addEventListener("click", () => send({ call: "stop" }));
+byId("baseline").addEventListener("click", () => send({ call: "baseline" }));
+byId("release").addEventListener("click", () => send({ call: "release" }));
+byId("map").addEventListener("click", event => {
+  const at = byId("press").checked && !byId("control").hidden && map.valueAt(event.offsetX, event.offsetY);
+  if (at) send({ call: "press", x_m: at.x / 1000, y_m: at.y / 1000, size_m: 0.03, loss: 0.3 });
+});
 window.addEventListener("resize", () => { map.request(); for (const { chart } of charts) chart.draw(); });
 follow();

@@ -8,6 +8,7 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header}
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
+use crate::Settings;
 use crate::token::Token;
 
 /// A value of `Host` that is accepted: a name, or a name and a port.
@@ -38,15 +39,18 @@ impl FromStr for HostName {
 pub(crate) struct Guard {
     hosts: Vec<String>,
     token: Token,
+    /// Whether commands pass.
+    control: bool,
 }
 
 impl Guard {
-    pub(crate) fn new(port: u16, names: &[HostName], token: Token) -> Self {
+    pub(crate) fn new(port: u16, settings: &Settings) -> Self {
         let own = ["127.0.0.1", "localhost", "[::1]"].map(|name| format!("{name}:{port}"));
-        let names = names.iter().map(|name| name.0.clone());
+        let names = settings.names.iter().map(|name| name.0.clone());
         Self {
             hosts: own.into_iter().chain(names).collect(),
-            token,
+            token: settings.token.clone(),
+            control: settings.control.is_some(),
         }
     }
 
@@ -65,18 +69,32 @@ impl Guard {
                 "this name is not served here; `tactus web --name NAME` allows it\n",
             ));
         }
-        if method != Method::GET && method != Method::HEAD {
-            return Some((StatusCode::METHOD_NOT_ALLOWED, "this page only reads\n"));
+        let reads = method == Method::GET || method == Method::HEAD;
+        if !reads && (method != Method::POST || path != CONTROL) {
+            return Some((
+                StatusCode::METHOD_NOT_ALLOWED,
+                "there is nothing to write\n",
+            ));
+        }
+        if !reads && !self.control {
+            return Some((StatusCode::FORBIDDEN, READ_ONLY));
         }
         if !path.starts_with("/api/") {
             return None;
         }
         let site = headers.get(HeaderName::from_static("sec-fetch-site"));
-        if site.is_some_and(|site| site != "same-origin" && site != "none") {
+        let known = |site: &HeaderValue| site == "same-origin" || (reads && site == "none");
+        if site.is_some_and(|site| !known(site)) {
             return Some((
                 StatusCode::FORBIDDEN,
-                "a page of another site may not read this\n",
+                "a page of another site may not use this\n",
             ));
+        }
+        // what a form of another site can send without asking
+        let kind = headers.get(header::CONTENT_TYPE);
+        if !reads && kind.is_none_or(|kind| kind != "application/json") {
+            let text = "a command has Content-Type: application/json\n";
+            return Some((StatusCode::UNSUPPORTED_MEDIA_TYPE, text));
         }
         let bearer = headers
             .get(header::AUTHORIZATION)
@@ -90,6 +108,11 @@ impl Guard {
         }
     }
 }
+
+/// Where commands are sent.
+const CONTROL: &str = "/api/control";
+/// Answer of a page that only reads.
+pub(crate) const READ_ONLY: &str = "this page only reads; `tactus web --control` allows commands\n";
 
 type Refusal = (StatusCode, &'static str);
 

@@ -1,11 +1,12 @@
 //! The live page: an HTTP server on this machine that shows a running daemon in a browser.
 //!
 //! A process of its own, and an ordinary client of the daemon's bus: the daemon keeps no network socket for it, and the page
-//! has the rights of the user who starts it. It only reads.
+//! has the rights of the user who starts it. It only reads, unless its settings allow commands.
 //!
 //! [`Server::open`] listens, [`Server::run`] serves until it is told to end. [`follow`] keeps a [`Live`] up to date, which
 //! the terminal's dashboard reads too.
 
+mod control;
 mod guard;
 mod live;
 mod page;
@@ -39,6 +40,15 @@ pub struct Settings {
     pub names: Vec<HostName>,
     /// Needed for everything but the empty page.
     pub token: Token,
+    /// Whether the page may command the daemon, and where that is; `None` for a page that only reads.
+    pub control: Option<Control>,
+}
+
+/// The daemon that a page may command.
+#[derive(Debug, Clone)]
+pub struct Control {
+    /// Address of its bus; `None` for the usual ones.
+    pub address: Option<dbus::Address>,
 }
 
 /// A server that listens and does not serve yet.
@@ -101,6 +111,8 @@ impl Server {
     /// # Errors
     /// A listener failed.
     pub async fn run(self, live: Live, stop: watch::Receiver<bool>) -> std::io::Result<()> {
+        let control = self.settings.control.is_some();
+        live.set_control(control);
         let port = self.address.port();
         let router = routes::router(&self.settings, port, live, stop.clone());
         let mut serving = JoinSet::new();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use dbus::stream::{Body, Decoder, Record};
-use dbus::{Address, Manager1Proxy, Session1Proxy, StreamOptions};
+use dbus::{Address, Alarms1Proxy, Manager1Proxy, Session1Proxy, StreamOptions};
 use serde_json::{Value, json};
 use tokio::io::AsyncReadExt;
 use tokio::net::UnixStream;
@@ -13,7 +13,7 @@ use tokio::time::{MissedTickBehavior, interval, sleep};
 use zbus::Connection;
 use zbus::proxy::CacheProperties;
 
-use crate::snapshot::{DaemonState, EventState, FrameState, Live, SessionState};
+use crate::snapshot::{AlarmState, DaemonState, EventState, FrameState, Live, SessionState};
 
 /// Interval of the queries of the status.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
@@ -37,6 +37,7 @@ pub async fn follow(address: Option<Address>, live: Live) {
             snapshot.state.trouble = Some(lost);
             snapshot.state.daemon = None;
             snapshot.state.session = None;
+            snapshot.state.alarms.clear();
         });
         sleep(RETRY_INTERVAL).await;
     }
@@ -49,6 +50,7 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
         .cache_properties(CacheProperties::No)
         .build()
         .await?;
+    let alarms = Alarms1Proxy::new(&connection).await?;
     let mut events = manager.receive_happened().await?;
     let mut ticks = interval(STATUS_INTERVAL);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -69,7 +71,12 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
                         }
                     }
                 }
+                // a daemon of an earlier version has none
+                let listed = tokio::time::timeout(PATIENCE, alarms.list()).await?;
+                let listed = listed.unwrap_or_default().into_iter();
+                let listed: Vec<AlarmState> = listed.map(AlarmState::from).collect();
                 live.change(|snapshot| {
+                    snapshot.state.alarms = listed;
                     snapshot.state.trouble = trouble;
                     snapshot.state.daemon = Some(daemon_state(&status));
                     snapshot.state.session = status.session.as_ref().map(session_state);

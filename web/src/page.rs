@@ -1,7 +1,7 @@
 //! The files of the page, in the program.
 
 /// Path, media type, content.
-pub(crate) const FILES: [(&str, &str, &str); 5] = [
+pub(crate) const FILES: [(&str, &str, &str); 6] = [
     (
         "/",
         "text/html; charset=utf-8",
@@ -21,6 +21,11 @@ pub(crate) const FILES: [(&str, &str, &str); 5] = [
         "/map.js",
         "text/javascript; charset=utf-8",
         include_str!("../page/map.js"),
+    ),
+    (
+        "/alarms.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/alarms.js"),
     ),
     (
         "/charts.js",

@@ -6,17 +6,18 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::body::{Body, Bytes};
-use axum::extract::{Path, State};
+use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::{StatusCode, header};
 use axum::middleware;
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, watch};
 
-use crate::Settings;
+use crate::control::{self, Call};
 use crate::guard::{self, Guard};
 use crate::page;
 use crate::snapshot::Live;
+use crate::{Control, Settings};
 
 /// Most pages that follow at the same time.
 const STREAMS: usize = 32;
@@ -25,12 +26,16 @@ const EVENT_INTERVAL: Duration = Duration::from_millis(40);
 /// Time after which a quiet stream sends a comment, so that a lost connection is noticed.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
+/// Most bytes of a command.
+const LONGEST_COMMAND: usize = 8192;
+
 #[derive(Clone)]
 struct Shared {
     live: Live,
     stop: watch::Receiver<bool>,
     streams: Arc<Semaphore>,
     colours: Arc<str>,
+    control: Option<Control>,
 }
 
 /// All routes behind the guard.
@@ -40,12 +45,13 @@ pub(crate) fn router(
     live: Live,
     stop: watch::Receiver<bool>,
 ) -> Router {
-    let guard = Arc::new(Guard::new(port, &settings.names, settings.token.clone()));
+    let guard = Arc::new(Guard::new(port, settings));
     let shared = Shared {
         live,
         stop,
         streams: Arc::new(Semaphore::new(STREAMS)),
         colours: colours().into(),
+        control: settings.control.clone(),
     };
     let mut router = Router::new();
     for (path, kind, text) in page::FILES {
@@ -60,6 +66,8 @@ pub(crate) fn router(
             get(|State(shared): State<Shared>| async move { json(shared.colours) }),
         )
         .route("/api/map/{sequence}", get(map))
+        .route("/api/control", post(control))
+        .layer(DefaultBodyLimit::max(LONGEST_COMMAND))
         .fallback(|| async { (StatusCode::NOT_FOUND, "no such page\n") })
         .with_state(shared)
         .layer(middleware::from_fn_with_state(guard, guard::check))
@@ -85,6 +93,24 @@ fn colours() -> String {
 async fn state(State(shared): State<Shared>) -> Response {
     let text = shared.live.subscribe().borrow().json();
     json(text.into())
+}
+
+/// A command for the daemon. The guard lets it pass only where the page may control.
+async fn control(State(shared): State<Shared>, body: Bytes) -> Response {
+    let Some(to) = &shared.control else {
+        return (StatusCode::FORBIDDEN, guard::READ_ONLY).into_response();
+    };
+    let call: Call = match serde_json::from_slice(&body) {
+        Ok(call) => call,
+        Err(error) => {
+            let text = format!("this is no command: {error}\n");
+            return (StatusCode::BAD_REQUEST, text).into_response();
+        }
+    };
+    match control::carry_out(to.address.as_ref(), call).await {
+        Ok(()) => StatusCode::NO_CONTENT.into_response(),
+        Err(why) => (StatusCode::CONFLICT, format!("{why}\n")).into_response(),
+    }
 }
 
 async fn geometry(State(shared): State<Shared>) -> Response {

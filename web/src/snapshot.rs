@@ -40,6 +40,10 @@ pub struct State {
     pub session: Option<SessionState>,
     /// Its last frame.
     pub frame: Option<FrameState>,
+    /// All alarms, by name.
+    pub alarms: Vec<AlarmState>,
+    /// Whether the page may command the daemon.
+    pub control: bool,
     /// Events since the connection was made, the newest first.
     pub events: VecDeque<EventState>,
 }
@@ -129,6 +133,54 @@ pub struct FrameState {
     pub quantities: Option<Value>,
 }
 
+/// An alarm of the daemon; texts as in `alarms --json`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct AlarmState {
+    /// Its name.
+    pub name: String,
+    /// `minor` or `major`.
+    pub severity: String,
+    /// `ok`, `minor`, `major`, `invalid`; `None` while it is not to be judged.
+    pub level: Option<String>,
+    /// Whether it is active.
+    pub active: bool,
+    /// Whether its last activation was acknowledged.
+    pub acknowledged: bool,
+    /// Whether its condition is gone and it waits for a reset.
+    pub held: bool,
+    /// When it last became active or ended, ms since 1970 UTC.
+    pub changed_ms: Option<i64>,
+    /// Value and limit of the last activation.
+    pub cause: Option<String>,
+    /// Why it cannot be judged.
+    pub invalid: Option<String>,
+    /// By whom and why it is shelved.
+    pub shelved: Option<String>,
+    /// By whom and why it is out of service.
+    pub out_of_service: Option<String>,
+    /// What to do when it is active.
+    pub guidance: Option<String>,
+}
+
+impl From<dbus::AlarmReport> for AlarmState {
+    fn from(reported: dbus::AlarmReport) -> Self {
+        Self {
+            name: reported.name.unwrap_or_default(),
+            severity: reported.severity.unwrap_or_default(),
+            level: reported.level,
+            active: reported.active.unwrap_or(false),
+            acknowledged: reported.acknowledged.unwrap_or(false),
+            held: reported.held.unwrap_or(false),
+            changed_ms: reported.changed_ns.map(|ns| ns / 1_000_000),
+            cause: reported.cause,
+            invalid: reported.invalid,
+            shelved: reported.shelved,
+            out_of_service: reported.out_of_service,
+            guidance: reported.guidance,
+        }
+    }
+}
+
 /// An event of the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EventState {
@@ -153,6 +205,12 @@ impl Live {
             change(snapshot);
             snapshot.version += 1;
         });
+    }
+
+    /// Whether pages may command the daemon; before any page follows.
+    pub(crate) fn set_control(&self, control: bool) {
+        self.0
+            .send_modify(|snapshot| snapshot.state.control = control);
     }
 
     /// The state, and a signal at each change.

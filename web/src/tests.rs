@@ -8,7 +8,7 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use crate::snapshot::{EventState, FrameState};
-use crate::{HostName, Live, Server, Settings, Token};
+use crate::{Control, HostName, Live, Server, Settings, Token};
 
 struct Served {
     port: u16,
@@ -19,11 +19,16 @@ struct Served {
 }
 
 async fn served() -> Served {
+    served_with(None).await
+}
+
+async fn served_with(control: Option<Control>) -> Served {
     let token = Token::random().unwrap();
     let settings = Settings {
         listen: vec![([127, 0, 0, 1], 0).into()],
         names: vec!["lab.example.org".parse::<HostName>().unwrap()],
         token: token.clone(),
+        control,
     };
     let server = Server::open(settings).await.unwrap();
     let (port, live) = (server.address().port(), Live::default());
@@ -48,9 +53,14 @@ impl Served {
 
     /// The whole answer to a request with these headers.
     async fn ask(&self, line: &str, headers: &[String]) -> String {
+        self.ask_with(line, headers, "").await
+    }
+
+    /// The same with a body.
+    async fn ask_with(&self, line: &str, headers: &[String], body: &str) -> String {
         let mut stream = self.connected().await;
         let text = format!(
-            "{line} HTTP/1.1\r\nConnection: close\r\n{}\r\n",
+            "{line} HTTP/1.1\r\nConnection: close\r\n{}\r\n{body}",
             headers.concat()
         );
         stream.write_all(text.as_bytes()).await.unwrap();
@@ -171,6 +181,107 @@ async fn other_sites_and_other_methods_are_refused() {
         let answer = served.ask(&format!("{method} /api/state"), &headers).await;
         assert_eq!(code(&answer), "405", "{method}");
     }
+}
+
+#[tokio::test]
+async fn commands_need_permission_origin_media_type_and_token() {
+    // nobody listens there: a command that passes ends with 409
+    let folder = tempfile::tempdir().unwrap();
+    let address = dbus::Address::Unix(folder.path().join("nobody"));
+    let open = served_with(Some(Control {
+        address: Some(address),
+    }))
+    .await;
+    let closed = served().await;
+    let body = r#"{"call": "stop"}"#;
+    let json = "Content-Type: application/json\r\n";
+    let form = "Content-Type: text/plain\r\n";
+    let site = |site: &str| format!("Sec-Fetch-Site: {site}\r\n");
+    let bearer = open.bearer();
+    for (served, path, headers, body, wanted) in [
+        (
+            &open,
+            "/api/control",
+            vec![json.to_owned(), bearer.clone()],
+            body,
+            "409",
+        ),
+        (
+            &open,
+            "/api/control",
+            vec![json.to_owned(), bearer.clone(), site("same-origin")],
+            body,
+            "409",
+        ),
+        (
+            &open,
+            "/api/control",
+            vec![json.to_owned(), bearer.clone(), site("cross-site")],
+            body,
+            "403",
+        ),
+        (
+            &open,
+            "/api/control",
+            vec![json.to_owned(), bearer.clone(), site("none")],
+            body,
+            "403",
+        ),
+        (
+            &open,
+            "/api/control",
+            vec![form.to_owned(), bearer.clone()],
+            body,
+            "415",
+        ),
+        (&open, "/api/control", vec![bearer.clone()], body, "415"),
+        (&open, "/api/control", vec![json.to_owned()], body, "401"),
+        (
+            &open,
+            "/api/state",
+            vec![json.to_owned(), bearer.clone()],
+            body,
+            "405",
+        ),
+        (
+            &open,
+            "/api/control",
+            vec![json.to_owned(), bearer.clone()],
+            r#"{"call": "format-disk"}"#,
+            "400",
+        ),
+        (
+            &open,
+            "/api/control",
+            vec![json.to_owned(), bearer.clone()],
+            r#"{"call": "press", "x_m": 0}"#,
+            "400",
+        ),
+        (
+            &closed,
+            "/api/control",
+            vec![json.to_owned(), closed.bearer()],
+            body,
+            "403",
+        ),
+    ] {
+        let length = format!("Content-Length: {}\r\n", body.len());
+        let mut sent = vec![served.host(), length];
+        sent.extend(headers.clone());
+        let line = format!("POST {path}");
+        let answer = served.ask_with(&line, &sent, body).await;
+        assert_eq!(code(&answer), wanted, "{path} {headers:?}: {answer}");
+    }
+    let long = format!(
+        r#"{{"call": "acknowledge", "name": "{}"}}"#,
+        "a".repeat(10_000)
+    );
+    let length = format!("Content-Length: {}\r\n", long.len());
+    let headers = [open.host(), bearer, json.to_owned(), length];
+    let answer = open.ask_with("POST /api/control", &headers, &long).await;
+    assert_eq!(code(&answer), "413", "{answer}");
+    assert!(closed.get("/api/state").await.contains("\"control\":false"));
+    assert!(open.get("/api/state").await.contains("\"control\":true"));
 }
 
 #[tokio::test]

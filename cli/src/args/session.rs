@@ -175,6 +175,9 @@ pub struct Web {
     /// File with the token, which only its owner can read [default: a new token]
     #[arg(long, value_name = "FILE")]
     pub token_file: Option<std::path::PathBuf>,
+    /// Let the page command the daemon, with your rights: start, stop, baseline, alarms, and presses on a simulated sheet
+    #[arg(long)]
+    pub control: bool,
     /// Only print the address
     #[arg(long)]
     pub no_browser: bool,

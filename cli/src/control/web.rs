@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use serde::Serialize;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
-use web::{Live, Server, Settings, Token};
+use web::{Control, Live, Server, Settings, Token};
 
 use crate::args::{Global, Web};
 use crate::connection;
@@ -27,7 +27,10 @@ pub(crate) fn run(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let address = connection::wanted(global)?;
-    let settings = settings(requested)?;
+    let mut settings = settings(requested)?;
+    settings.control = requested.control.then(|| Control {
+        address: address.clone(),
+    });
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -95,6 +98,7 @@ fn settings(requested: &Web) -> Result<Settings, Failure> {
         },
         names: requested.names.clone(),
         token,
+        control: None,
     })
 }
 
