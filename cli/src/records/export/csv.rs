@@ -1,74 +1,25 @@
-//! `tactus export`: writes a recorded session as tables, or a frame's map as a picture.
+//! `tactus export --format csv`: a session as tables, with a case folder beside them.
 
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use eit::Pressure;
-use imaging::recorded::{Recording, SessionParts};
-use logbook::{Record, SessionKind};
+use imaging::recorded::SessionParts;
+use logbook::Record;
 use outfile::OutFile;
-use serde::Serialize;
-use survey::{Baseline, MapQuality, Protocol, Reading};
+use survey::{Baseline, Protocol, Reading};
 
-use crate::args::{Export, Global};
+use super::Written;
+use crate::args::Export;
 use crate::failure::Failure;
-use crate::maps::drawing;
-use crate::maps::follower::Follower;
-use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::left_out;
-use crate::options::choices::Format;
 use crate::output::Printer;
 use crate::output::progress::progress;
-use crate::output::time::{local, utc};
+use crate::output::time::utc;
 use crate::records::case_folder::{self, cell};
-use crate::session_files;
 
-/// A line of `export --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-struct Written {
-    what: &'static str,
-    path: String,
-    session: String,
-    frames: usize,
-    simulated: bool,
-    /// For a picture: the frame, the method, and the result.
-    frame: Option<u64>,
-    method: Option<String>,
-    found_mm: Option<[f64; 2]>,
-    largest_loss: Option<f64>,
-    significant: Option<bool>,
-    noise: Option<f64>,
-    unit: Option<&'static str>,
-    newtons: Option<f64>,
-    largest_kpa: Option<f64>,
-    quality: Option<MapQuality>,
-}
-
-/// Writes the requested files and reports their paths.
-pub(crate) fn run(
-    global: &Global,
-    export: &Export,
-    printer: &mut Printer<impl Write>,
-) -> Result<(), Failure> {
-    let path = session_files::session_file(global, &export.session)?;
-    let session = SessionParts::open(&path)?;
-    match export.format {
-        Format::Csv => tables(&session, export, printer),
-        Format::Png | Format::Svg | Format::Raster
-            if session.header().kind == SessionKind::Baseline =>
-        {
-            Err(Failure::Failed(format!(
-                "session {} is a baseline: it is what maps are compared with and has none of its own; name a measurement \
-                 (`tactus sessions`), or take --format csv",
-                session.header().id
-            )))
-        }
-        Format::Png | Format::Svg | Format::Raster => picture(&path, &session, export, printer),
-    }
-}
-
-fn tables(
+/// Writes the tables and reports their paths.
+pub(super) fn tables(
     session: &SessionParts,
     export: &Export,
     printer: &mut Printer<impl Write>,
@@ -263,103 +214,4 @@ fn reason(reading: Reading) -> Option<&'static str> {
         Reading::Timeout => Some("timeout"),
         Reading::NotMeasured => Some("not_measured"),
     }
-}
-
-fn picture(
-    path: &Path,
-    session: &SessionParts,
-    export: &Export,
-    printer: &mut Printer<impl Write>,
-) -> Result<(), Failure> {
-    let header = session.header();
-    if session.baseline()?.is_none() {
-        return Err(Failure::Failed(format!(
-            "session {} holds no baseline, so there is no change to draw; `tactus replay {} --baseline first:N` can",
-            header.id, header.id
-        )));
-    }
-    let sequence = match export.frame {
-        Some(sequence) => sequence,
-        None => session.last_sequence()?,
-    };
-    let record = session.frame(sequence)?;
-    let recording = Recording::from_session(path, None, false)?;
-    let reconstruction = Reconstruction::new(
-        &export.method,
-        &export.geometry,
-        export.calibration.as_deref(),
-        &export.tracked,
-        &recording,
-    )?;
-    let of_frame = Follower::of(&reconstruction, &export.tracked, &recording)?
-        .map(|follower| follower.up_to(&recording, sequence))
-        .transpose()?;
-    let (baseline, readings) = match &of_frame {
-        Some(frame) => (&frame.baseline, &frame.readings),
-        None => (&recording.unloaded.readings, &record.frame.readings),
-    };
-    let map = reconstruction.map(baseline, readings)?;
-    let found = reconstruction.field.found(&map, reconstruction.noise);
-    let pressure = reconstruction.pressure(&map)?;
-    let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));
-    let shown = calibrated.as_ref().unwrap_or(&map);
-    let title = drawing::title(
-        format!(
-            "{}, frame {sequence}, {}",
-            header.id,
-            local(record.frame.wall),
-        ),
-        of_frame.as_ref().map(|frame| &frame.tracked),
-    );
-    let style = drawing::style(
-        title,
-        (export.scale, shown.unit),
-        header.simulated,
-        found,
-        &map,
-        reconstruction.noise,
-    )?;
-    let (what, bytes) = match export.format {
-        Format::Svg => (
-            "svg",
-            drawing::svg(&reconstruction.field, shown, &style)?.into_bytes(),
-        ),
-        Format::Raster => (
-            "raster",
-            drawing::raster(&reconstruction.field, shown, export.raster)?.into_bytes(),
-        ),
-        Format::Png | Format::Csv => ("png", drawing::png(&reconstruction.field, shown, &style)?),
-    };
-    outfile::write(&export.out, export.replacing.existing(), &bytes)?;
-    for remark in &reconstruction.remarks {
-        printer.text(remark)?;
-    }
-    let written = Written {
-        what,
-        path: export.out.display().to_string(),
-        session: header.id.clone(),
-        frames: 1,
-        simulated: header.simulated,
-        frame: Some(sequence),
-        method: Some(map.method.clone()),
-        found_mm: drawing::millimetres(found),
-        largest_loss: Some(map.largest_loss().map_or(0.0, |(_, loss)| loss)),
-        significant: map.is_significant(reconstruction.noise),
-        noise: reconstruction.noise,
-        unit: Some(drawing::unit(shown)),
-        newtons: pressure.as_ref().map(|pressure| pressure.newtons),
-        largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
-        quality: map.quality.clone(),
-    };
-    printer.record(&written, |written| {
-        format!(
-            "{} {}: frame {sequence}, {}",
-            written.what,
-            written.path,
-            match style.nothing_above {
-                Some(noise) => render::nothing_above(noise),
-                None => format!("found {}", drawing::place(written.found_mm)),
-            }
-        )
-    })
 }
