@@ -9,7 +9,7 @@ use imaging::quantities::{
     QuantityRow, QuantitySettings, RegionQuantities, RegionSettings, Rows, STORED_S, joined,
     rounded, stored,
 };
-use imaging::recorded::{Origin, RecordedFrame, Recording, SessionParts};
+use imaging::recorded::{Origin, RecordedFrame, Recording, SessionParts, table_time};
 use imaging::tracking::seconds;
 use serde::Serialize;
 
@@ -315,8 +315,9 @@ impl<'a> Output<'a> {
         }
         for row in &chosen {
             let convert = |value| requested.convert(row.quantity, row.of, value);
+            let begin = DateTime::<Utc>::from_timestamp(row.begin_s, 0).unwrap_or_default();
             let line = SpanLine {
-                begin: utc(DateTime::<Utc>::from_timestamp(row.begin_s, 0).unwrap_or_default()),
+                begin: utc(begin),
                 region: &row.region,
                 quantity: row.quantity,
                 unit: requested.unit(row.quantity, row.of),
@@ -329,7 +330,7 @@ impl<'a> Output<'a> {
             if requested.csv {
                 let text = format!(
                     "{},{},{},{},{},{},{},{},{}\n",
-                    line.begin,
+                    table_time(begin),
                     line.region,
                     line.quantity.name(),
                     line.unit,
@@ -363,8 +364,8 @@ impl<'a> Output<'a> {
         printer: &mut Printer<impl Write>,
     ) -> Result<(), Failure> {
         let requested = self.requested;
-        let wall = recorded.wall.map(utc);
         if requested.csv {
+            let time = recorded.wall.map(table_time).unwrap_or_default();
             self.heading(
                 "frame,time_utc,region,quantity,unit,value,sd,known\n",
                 printer,
@@ -382,7 +383,7 @@ impl<'a> Output<'a> {
                     let text = format!(
                         "{},{},{},{},{},{},{},{}\n",
                         recorded.sequence,
-                        wall.as_deref().unwrap_or_default(),
+                        time,
                         region.name,
                         quantity.name(),
                         requested.unit(quantity, frame.unit),
@@ -412,7 +413,7 @@ impl<'a> Output<'a> {
         }
         let line = FrameLine {
             frame: recorded.sequence,
-            wall,
+            wall: recorded.wall.map(utc),
             quantities,
         };
         printer.record(&line, |_| {

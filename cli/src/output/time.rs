@@ -2,7 +2,7 @@
 
 use chrono::{DateTime, Local, SecondsFormat, Utc};
 
-/// Wall time in files: UTC.
+/// Wall time in JSON and TOML: UTC. Tables have `imaging::recorded::table_time`.
 pub(crate) fn utc(time: DateTime<Utc>) -> String {
     time.to_rfc3339_opts(SecondsFormat::AutoSi, true)
 }

@@ -1,6 +1,8 @@
 //! Lists, tables, errors.
 
-use crate::scene::{baseline_session, done, lines, refused, session, tactus};
+use crate::scene::{
+    baseline_session, done, lines, refused, session, session_at_thirds_of_a_second, tactus,
+};
 
 #[test]
 fn sessions_are_listed_without_a_daemon() {
@@ -69,7 +71,7 @@ fn overload_is_exported_as_blank_with_its_reason() {
         ]
     );
     assert!(rows.iter().all(|row| row.len() == 11 + 208));
-    assert_eq!(rows[2][0..2], ["2", "2027-01-15T08:00:02Z"]);
+    assert_eq!(rows[2][0..2], ["2", "2027-01-15T08:00:02.000000Z"]);
     assert_eq!(rows[2][6], "1");
     assert_eq!(rows[2][10], "m7:overload");
     assert_eq!(rows[2][11 + 7], "");
@@ -86,6 +88,40 @@ fn overload_is_exported_as_blank_with_its_reason() {
             .starts_with("m0,0,1,2,3,ok,"),
         "electrodes count from 0 in every file"
     );
+}
+
+/// Frames on and beside a whole second: readers infer the format of a column of times from its first row.
+#[test]
+fn times_of_tables_have_six_digits_of_seconds() {
+    let folder = tempfile::tempdir().unwrap();
+    session_at_thirds_of_a_second(folder.path());
+    let session = ["m20270115_1"];
+    let export = ["export", session[0], "--format", "csv", "--out", "out.csv"];
+    done(folder.path(), &export);
+    let maps = ["--preset", "disc-tank", "--noise-v", "2e-6"];
+    let replay = ["replay", session[0], "--no-map", "--out", "maps.csv"];
+    done(folder.path(), &[&replay[..], &maps].concat());
+    let quantities = ["quantities", session[0], "--csv", "--each-frame"];
+    let quantities = done(folder.path(), &[&quantities[..], &maps].concat());
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    let wanted = [
+        "2027-01-15T08:00:01.000000Z",
+        "2027-01-15T08:00:02.333333Z",
+        "2027-01-15T08:00:03.666666Z",
+    ];
+    for (table, column) in [
+        (read("out.csv"), 1),
+        (read("maps.frames.csv"), 2),
+        (quantities, 1),
+    ] {
+        let times = table
+            .lines()
+            .skip(1)
+            .map(|line| line.split(',').nth(column));
+        let mut times: Vec<&str> = times.map(|time| time.unwrap()).collect();
+        times.dedup();
+        assert_eq!(times, wanted, "{table}");
+    }
 }
 
 #[test]

@@ -80,8 +80,18 @@ pub fn session(folder: &Path) -> PathBuf {
         SessionHeader::new("m20270115_1", at(0), protocol()),
         None,
         |_, record, _| record,
-        false,
+        Course::default(),
     )
+}
+
+/// [`session`] with frames at 1, 2 1/3 and 3 2/3 s.
+pub fn session_at_thirds_of_a_second(folder: &Path) {
+    let header = SessionHeader::new("m20270115_1", at(0), protocol());
+    let course = Course {
+        thirds: true,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course);
 }
 
 /// A baseline session without frames.
@@ -97,7 +107,11 @@ pub fn baseline_session(folder: &Path) {
 /// [`session`], rolled over behind each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
 pub fn session_in_parts(folder: &Path) {
     let header = SessionHeader::new("m1", at(0), protocol());
-    record(folder, header, None, |_, record, _| record, true);
+    let course = Course {
+        rolled: true,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course);
 }
 
 /// The same as recorded by a daemon that reconstructs on a disc tank, for 3 uV of noise, with `configuration` stored.
@@ -131,11 +145,26 @@ pub fn session_with(
     let sigma = vec![tank.conductance(); mesh.triangles().len()];
     let reconstructor = OneStep::new(mesh, &tank.contact_ohm_m(), &sigma, &protocol(), options)
         .expect("a sound method");
-    record(folder, header, Some(&reconstructor), kept, false)
+    record(
+        folder,
+        header,
+        Some(&reconstructor),
+        kept,
+        Course::default(),
+    )
 }
 
 fn protocol() -> Protocol {
     Protocol::sheffield(16).expect("sixteen electrodes")
+}
+
+/// How the frames follow each other.
+#[derive(Debug, Clone, Copy, Default)]
+struct Course {
+    /// A new part behind each frame.
+    rolled: bool,
+    /// The second frame a third of a second later, the third two thirds.
+    thirds: bool,
 }
 
 fn record(
@@ -143,7 +172,7 @@ fn record(
     header: SessionHeader,
     reconstructor: Option<&OneStep>,
     kept: impl Fn(&Map, MapRecord, i64) -> MapRecord,
-    rolled: bool,
+    course: Course,
 ) -> PathBuf {
     let protocol = protocol();
     let preset = DiscTank {
@@ -167,7 +196,8 @@ fn record(
         sequence: 0,
         readings,
         monotonic: Duration::from_secs(second as u64),
-        wall: at(second),
+        wall: at(second)
+            + Duration::from_micros(if course.thirds { 333_333 } else { 0 }) * (second as u32 - 1),
         duration: Duration::from_millis(500),
         settings: settings.clone(),
         compliance: Vec::new(),
@@ -207,7 +237,7 @@ fn record(
         writer
             .append(&frame(second, readings), map.as_ref())
             .expect("written");
-        if rolled {
+        if course.rolled {
             writer.roll(at(second)).expect("another part");
         }
     }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use imaging::recorded::SessionParts;
+use imaging::recorded::{SessionParts, table_time};
 use logbook::Record;
 use outfile::OutFile;
 use survey::{Baseline, Protocol, Reading};
@@ -15,7 +15,6 @@ use crate::failure::Failure;
 use crate::maps::recording::left_out;
 use crate::output::Printer;
 use crate::output::progress::progress;
-use crate::output::time::utc;
 use crate::records::case_folder::{self, cell};
 
 /// Writes the tables and reports their paths.
@@ -162,7 +161,7 @@ fn frame_row(record: &Record) -> String {
     let mut row = format!(
         "{},{},{},{},{},{},{},{},{},{},{}",
         frame.sequence,
-        utc(frame.wall),
+        table_time(frame.wall),
         frame.monotonic.as_secs_f64(),
         frame.duration.as_secs_f64(),
         frame.simulated,

@@ -15,6 +15,12 @@ pub struct MapCompanions {
     pub triangles: PathBuf,
 }
 
+/// A time in a table: UTC, always with six digits of seconds, because readers infer the format of a column from its first
+/// row (`pandas.to_datetime` refuses a mix). A session keeps times in microseconds.
+pub fn table_time(time: DateTime<Utc>) -> String {
+    time.to_rfc3339_opts(SecondsFormat::Micros, true)
+}
+
 /// First line of the table of frames.
 pub const FRAMES_HEADING: &str = "frame,label,time_utc,found_x_m,found_y_m,unit,largest_loss,noise,significant,masked,newtons,largest_kpa,quality,doubts\n";
 
@@ -74,9 +80,7 @@ impl MapRow<'_> {
             "{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n",
             self.frame,
             self.label,
-            self.time
-                .map(|time| time.to_rfc3339_opts(SecondsFormat::AutoSi, true))
-                .unwrap_or_default(),
+            self.time.map(table_time).unwrap_or_default(),
             number(self.found.map(|[x, _]| x)),
             number(self.found.map(|[_, y]| y)),
             match self.pressure {

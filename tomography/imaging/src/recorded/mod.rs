@@ -15,7 +15,9 @@ pub use case_folder::{BASELINE, FRAMES, FrameTable, PROVENANCE, Provenance, Tabl
 pub use error::RecordedError;
 pub use fitted::Fitted;
 pub use indexed::IndexedFrames;
-pub use map_table::{FRAMES_HEADING, MapCompanions, MapRow, maps_heading, triangles_text};
+pub use map_table::{
+    FRAMES_HEADING, MapCompanions, MapRow, maps_heading, table_time, triangles_text,
+};
 pub use readings::{BaselineRule, LabelledReadings, Unloaded, read_frames};
 pub use recording::{Origin, RecordedFrame, Recording};
 pub use session::SessionParts;
