@@ -3,7 +3,7 @@
 use std::fs::{File, Permissions};
 use std::io::{BufWriter, ErrorKind, Write};
 use std::os::fd::AsFd;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{FileExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
@@ -51,6 +51,20 @@ impl OutFile {
     /// The disk is full or gone.
     pub fn put(&mut self, bytes: &[u8]) -> Result<(), OutFileError> {
         self.write_all(bytes).map_err(OutFileError::io(&self.path))
+    }
+
+    /// Replaces bytes that were written, for formats whose first bytes depend on what follows (a number of records).
+    ///
+    /// # Errors
+    /// A disk error; a device or FIFO, whose bytes are gone.
+    pub fn put_at(&mut self, offset: u64, bytes: &[u8]) -> Result<(), OutFileError> {
+        let replaced = match &mut self.sink {
+            Sink::Temporary(writer) => writer
+                .flush()
+                .and_then(|()| writer.get_ref().as_file().write_all_at(bytes, offset)),
+            Sink::Stream(_) => Err(ErrorKind::Unsupported.into()),
+        };
+        replaced.map_err(OutFileError::io(&self.path))
     }
 
     /// Path of the content until [`OutFile::finish`], for writers that need a path; `None` for a device or FIFO.

@@ -100,6 +100,9 @@ pub struct Export {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub replacing: Replacing,
+    /// Write the map of each frame and its mesh into the netCDF file
+    #[arg(long)]
+    pub maps: bool,
     /// Sequence number of the frame whose map is drawn (default: the last one)
     #[arg(long, value_name = "SEQUENCE")]
     pub frame: Option<u64>,

@@ -3,6 +3,7 @@
 
 pub(crate) mod drawing;
 pub(crate) mod follower;
+pub(crate) mod frame_maps;
 pub(crate) mod quantities;
 pub(crate) mod reconstruction;
 pub(crate) mod recording;

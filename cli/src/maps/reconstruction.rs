@@ -138,6 +138,11 @@ impl Reconstruction {
         }
     }
 
+    /// Whether maps are converted to pressure.
+    pub(crate) fn is_calibrated(&self) -> bool {
+        self.model.calibration.is_some()
+    }
+
     /// Computes quantities of the maps.
     ///
     /// # Errors

@@ -16,7 +16,7 @@ use survey::{Map, MapQuality};
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
 use crate::maps::drawing::{self, unit};
-use crate::maps::follower::Follower;
+use crate::maps::frame_maps::{FrameMap, FrameMaps};
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::{self, Thinning};
 use crate::output::Printer;
@@ -71,7 +71,7 @@ pub(crate) fn run(
         &replay.tracked,
         &recording,
     )?;
-    let mut follower = Follower::of(&reconstruction, &replay.tracked, &recording)?;
+    let mut maps = FrameMaps::new(&reconstruction, &replay.tracked, &recording)?;
     introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();
     if let Some(directory) = &replay.png {
@@ -87,31 +87,17 @@ pub(crate) fn run(
     let mut summary = VerifySummary::default();
     for (recorded, asked) in frames {
         if !asked {
-            if let Some(follower) = &mut follower {
-                follower.pass(&recorded)?;
-            }
+            maps.pass(&recorded)?;
             continue;
         }
-        let of_frame = follower
-            .as_mut()
-            .map(|follower| follower.follow(&recorded))
-            .transpose()?;
-        let (baseline, readings) = match &of_frame {
-            Some(frame) => (&frame.baseline, &frame.readings),
-            None => (&recording.unloaded.readings, &recorded.readings),
-        };
-        let map = reconstruction
-            .map(baseline, readings)
-            .map_err(|failure| match failure {
-                Failure::Failed(text) => {
-                    Failure::Failed(format!("frame {}: {text}", recorded.sequence))
-                }
-                other => other,
-            })?;
+        let FrameMap {
+            map,
+            pressure,
+            tracked,
+        } = maps.map(&recorded)?;
         let noise = reconstruction.noise;
         let found = reconstruction.field.found(&map, noise);
         summary.take(&recorded, &map);
-        let pressure = reconstruction.pressure(&map)?;
         let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));
         let shown = calibrated.as_ref().unwrap_or(&map);
         if let Some(tables) = &mut tables {
@@ -127,10 +113,7 @@ pub(crate) fn run(
         }
         let style = || {
             drawing::style(
-                drawing::title(
-                    format!("frame {}", recorded.label),
-                    of_frame.as_ref().map(|frame| &frame.tracked),
-                ),
+                drawing::title(format!("frame {}", recorded.label), tracked.as_ref()),
                 (replay.scale, shown.unit),
                 recording.simulated == Some(true),
                 found,
@@ -161,7 +144,7 @@ pub(crate) fn run(
             largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
             masked: map.masked,
             quality: map.quality.as_ref(),
-            tracked: of_frame.as_ref().map(|frame| &frame.tracked),
+            tracked: tracked.as_ref(),
             map_hash: map.hash(),
             verified: recorded.map.as_ref().map(|kept| kept.is_of(&map.hash())),
             simulated: recording.simulated,

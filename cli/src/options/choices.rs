@@ -46,6 +46,8 @@ pub struct GeometryChoice {
 pub enum Format {
     /// One row per frame, one column per reading.
     Csv,
+    /// A netCDF file (classic, 64-bit offset) with voltages, quality, baseline and protocol; with --maps also the maps.
+    Nc,
     /// A picture of one map.
     Png,
     /// A drawing of one map.

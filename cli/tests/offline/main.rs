@@ -1,5 +1,6 @@
 //! Commands that need no daemon, run as processes on session files written by the tests.
 
+mod exports;
 mod files;
 mod hostile;
 mod maps;

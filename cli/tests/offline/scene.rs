@@ -94,6 +94,16 @@ pub fn session_at_thirds_of_a_second(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
+/// [`session`] with the id `bare` and without a baseline.
+pub fn session_without_baseline(folder: &Path) {
+    let header = SessionHeader::new("bare", at(0), protocol());
+    let course = Course {
+        bare: true,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course);
+}
+
 /// A baseline session without frames.
 pub fn baseline_session(folder: &Path) {
     let header = SessionHeader {
@@ -165,6 +175,8 @@ struct Course {
     rolled: bool,
     /// The second frame a third of a second later, the third two thirds.
     thirds: bool,
+    /// No baseline.
+    bare: bool,
 }
 
 fn record(
@@ -214,17 +226,18 @@ fn record(
         ..header
     };
     let mut writer = SessionWriter::create(folder, &header).expect("a folder to write in");
-    writer
-        .baseline(&Baseline {
-            id: "b20270115_1".into(),
-            deviation: vec![Some(2e-6); unloaded.len()],
-            readings: unloaded.clone(),
-            frames: 10,
-            wall: at(-60),
-            settings: settings.clone(),
-            simulated: true,
-        })
-        .expect("written");
+    let baseline = Baseline {
+        id: "b20270115_1".into(),
+        deviation: vec![Some(2e-6); unloaded.len()],
+        readings: unloaded.clone(),
+        frames: 10,
+        wall: at(-60),
+        settings: settings.clone(),
+        simulated: true,
+    };
+    if !course.bare {
+        writer.baseline(&baseline).expect("written");
+    }
     for (second, readings) in [(1, unloaded.clone()), (2, gap), (3, loaded)] {
         let map = reconstructor.map(|reconstructor| {
             let map = reconstructor

@@ -2,7 +2,7 @@
 //! of its own; with TACTUS_REQUIRE_PYTHON=1 what cannot be had fails the test.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
 use crate::example_frames::noisy::{Digits, Rig, at};
 use logbook::{SessionHeader, SessionReader, SessionWriter};
@@ -10,37 +10,6 @@ use survey::{Baseline, Reading, Volts};
 
 const PAGE: &str = include_str!("../../../docs/reference/session-files.md");
 const PACKAGES: [&str; 2] = ["pcodec==1.1.0", "numpy"];
-
-fn run(command: &mut Command) -> Result<Output, String> {
-    let ended = command
-        .output()
-        .map_err(|fault| format!("{command:?} cannot be run: {fault}"))?;
-    if ended.status.success() {
-        return Ok(ended);
-    }
-    let printed = String::from_utf8_lossy(&ended.stderr).into_owned();
-    Err(format!("{command:?} failed: {printed}"))
-}
-
-/// The Python of an environment with the packages; one that is complete already is used again.
-fn python() -> Result<PathBuf, String> {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("venv-pcodec");
-    let python = folder.join("bin/python");
-    if run(Command::new(&python).args(["-c", "import numpy, pcodec"])).is_ok() {
-        return Ok(python);
-    }
-    let venv = ["-m", "venv", "--clear"];
-    run(Command::new("python3").args(venv).arg(&folder))?;
-    let pip = [
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--disable-pip-version-check",
-    ];
-    run(Command::new(&python).args(pip).args(PACKAGES))?;
-    Ok(python)
-}
 
 /// The program of the page.
 fn program() -> &'static str {
@@ -95,12 +64,9 @@ fn recorded(dir: &Path) -> PathBuf {
 
 #[test]
 fn the_python_of_the_page_reads_frames_to_the_last_bit() {
-    let python = match python() {
-        Ok(python) => python,
-        Err(reason) => {
-            let why = format!("no Python with pcodec: {reason}");
-            return needs::lacking("PYTHON", &why);
-        }
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let Some(python) = needs::python(folder, "pcodec", &PACKAGES) else {
+        return;
     };
     let dir = tempfile::tempdir().unwrap();
     let path = recorded(dir.path());
@@ -112,11 +78,9 @@ fn the_python_of_the_page_reads_frames_to_the_last_bit() {
     assert!(references > 0, "a mean of frames became a reference");
     for sequence in [1, 2, 3, 20, 41, 42, 60, 73, 74, 81] {
         let number = sequence.to_string();
-        let ended = run(Command::new(&python)
-            .args(["-c", program()])
-            .arg(&path)
-            .arg(&number));
-        let printed = String::from_utf8(ended.unwrap().stdout).unwrap();
+        let program = ["-c", program()];
+        let printed = needs::run(Command::new(&python).args(program).arg(&path).arg(&number));
+        let printed = printed.unwrap();
         let read: Vec<f64> = printed.lines().map(|line| line.parse().unwrap()).collect();
         let kept = session.frame(sequence).unwrap().frame.readings;
         assert_eq!(read.len(), kept.len());

@@ -4,10 +4,14 @@
 //! folder; the last test executable of `cargo test --workspace` lists the notes ([`not_run`]).
 //! `TACTUS_REQUIRE_<KIND>=1` makes the lack a failure.
 
+mod python;
+
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+
+pub use python::{python, run};
 
 /// Whether `TACTUS_REQUIRE_<kind>` is 1: what is missing then fails the test.
 pub fn required(kind: &str) -> bool {
@@ -27,7 +31,7 @@ pub fn lacking(kind: &str, missing: &str) {
     let thread = std::thread::current();
     let test = thread.name().unwrap_or("a test");
     eprintln!("skipped: {test}: {missing}");
-    let line = format!("{}\t{}\t{test}\t{kind}\t{missing}\n", run(), executable());
+    let line = format!("{}\t{}\t{test}\t{kind}\t{missing}\n", group(), executable());
     let noted = notes().and_then(|mut file| file.write_all(line.as_bytes()));
     noted.unwrap_or_else(|fault| panic!("{}: {fault}", path().display()));
 }
@@ -73,7 +77,7 @@ pub fn not_run() -> std::io::Result<Vec<String>> {
     let mut text = String::new();
     file.seek(SeekFrom::Start(0))?;
     file.read_to_string(&mut text)?;
-    let mark = format!("{}\t", run());
+    let mark = format!("{}\t", group());
     let own: BTreeSet<&str> = text
         .lines()
         .filter_map(|line| line.strip_prefix(&mark))
@@ -89,7 +93,7 @@ pub fn not_run() -> std::io::Result<Vec<String>> {
 }
 
 /// The processes of one command share their process group.
-fn run() -> i32 {
+fn group() -> i32 {
     rustix::process::getpgrp().as_raw_nonzero().get()
 }
 

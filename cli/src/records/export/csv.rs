@@ -26,26 +26,7 @@ pub(super) fn tables(
     let header = session.header();
     let baseline = session.baseline()?;
     let say = |printer: &mut Printer<_>, what, path: &Path, frames: usize| {
-        let written = Written {
-            what,
-            path: path.display().to_string(),
-            session: header.id.clone(),
-            frames,
-            simulated: header.simulated,
-            frame: None,
-            method: None,
-            found_mm: None,
-            largest_loss: None,
-            significant: None,
-            noise: None,
-            unit: None,
-            newtons: None,
-            largest_kpa: None,
-            quality: None,
-        };
-        printer.record(&written, |written| {
-            format!("{:<9} {}", written.what, written.path)
-        })
+        Written::table(what, path, frames, header).report(printer)
     };
     let existing = export.replacing.existing();
     // a device or a pipe has no companion files
@@ -103,17 +84,10 @@ pub(super) fn tables(
         )?;
         say(printer, "case", &companions.case, written)?;
     }
-    if damaged > 0 {
-        return Err(Failure::Failed(format!(
-            "{damaged} damaged frames of session {} are left out; the others are written",
-            header.id
-        )));
-    }
-    // output to a device or a pipe may not be stored, and `sessions prune --exported-only` relies on the mark
-    for part in session.each().iter().filter(|_| companions.is_some()) {
-        let own = part.last_sequence()?;
-        // frames that a running session has recorded since then were not exported
-        crate::records::maintenance::mark(part, own.min(last), &export.out);
+    super::check_undamaged(damaged, header)?;
+    // output to a device or a pipe may not be stored
+    if companions.is_some() {
+        super::mark_exported(session, last, &export.out)?;
     }
     Ok(())
 }

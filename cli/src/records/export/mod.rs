@@ -1,12 +1,14 @@
-//! `tactus export`: writes a recorded session as tables, or a frame's map as a picture.
+//! `tactus export`: writes a recorded session as tables or as a file of another program, or a frame's map as a picture.
 
 mod csv;
+mod netcdf;
 mod picture;
 
 use std::io::Write;
+use std::path::Path;
 
 use imaging::recorded::SessionParts;
-use logbook::SessionKind;
+use logbook::{Record, SessionHeader, SessionKind};
 use serde::Serialize;
 use survey::MapQuality;
 
@@ -17,7 +19,7 @@ use crate::output::Printer;
 use crate::session_files;
 
 /// A line of `export --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 struct Written {
     what: &'static str,
     path: String,
@@ -37,27 +39,94 @@ struct Written {
     quality: Option<MapQuality>,
 }
 
+impl Written {
+    /// A file that is no picture.
+    fn table(what: &'static str, path: &Path, frames: usize, header: &SessionHeader) -> Self {
+        Self {
+            what,
+            path: path.display().to_string(),
+            session: header.id.clone(),
+            frames,
+            simulated: header.simulated,
+            ..Self::default()
+        }
+    }
+
+    fn report(&self, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+        printer.record(self, |written| {
+            format!("{:<9} {}", written.what, written.path)
+        })
+    }
+}
+
 /// Writes the requested files and reports their paths.
 pub(crate) fn run(
     global: &Global,
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
+    if export.maps && export.format != Format::Nc {
+        return Err(Failure::Usage(
+            "--maps belongs to --format nc; `tactus replay SESSION --out maps.csv` writes maps as a table".to_owned(),
+        ));
+    }
     let path = session_files::session_file(global, &export.session)?;
     let session = SessionParts::open(&path)?;
     match export.format {
         Format::Csv => csv::tables(&session, export, printer),
-        Format::Png | Format::Svg | Format::Raster
-            if session.header().kind == SessionKind::Baseline =>
-        {
-            Err(Failure::Failed(format!(
-                "session {} is a baseline: it is what maps are compared with and has none of its own; name a measurement \
-                 (`tactus sessions`), or take --format csv",
-                session.header().id
-            )))
-        }
+        Format::Nc => netcdf::write(&path, &session, export, printer),
         Format::Png | Format::Svg | Format::Raster => {
             picture::picture(&path, &session, export, printer)
         }
     }
+}
+
+/// Refuses a session whose frames cannot be compared with a baseline.
+fn check_comparable(session: &SessionParts) -> Result<(), Failure> {
+    let header = session.header();
+    if header.kind == SessionKind::Baseline {
+        return Err(Failure::Failed(format!(
+            "session {} is a baseline: it is what maps are compared with and has none of its own; name a measurement \
+             (`tactus sessions`), or take --format csv",
+            header.id
+        )));
+    }
+    if session.baseline()?.is_none() {
+        return Err(Failure::Failed(format!(
+            "session {} holds no baseline, so there is no change to draw; `tactus replay {} --baseline first:N` can",
+            header.id, header.id
+        )));
+    }
+    Ok(())
+}
+
+/// The failure of a file from which damaged frames are missing.
+fn check_undamaged(damaged: usize, header: &SessionHeader) -> Result<(), Failure> {
+    match damaged {
+        0 => Ok(()),
+        _ => Err(Failure::Failed(format!(
+            "{damaged} damaged frames of session {} are left out; the others are written",
+            header.id
+        ))),
+    }
+}
+
+/// Notes that the frames up to `last` are exported; `sessions prune --exported-only` relies on it.
+fn mark_exported(session: &SessionParts, last: u64, out: &Path) -> Result<(), Failure> {
+    for part in session.each() {
+        let own = part.last_sequence()?;
+        // frames that a running session has recorded since then were not exported
+        crate::records::maintenance::mark(part, own.min(last), out);
+    }
+    Ok(())
+}
+
+/// The first readable frame, whose settings are those of the session.
+fn first_frame(session: &SessionParts) -> Result<Record, Failure> {
+    session.frames().find_map(Result::ok).ok_or_else(|| {
+        Failure::Failed(format!(
+            "session {} holds no readable frame, so there is nothing to export; `tactus sessions` lists the frames of each session",
+            session.header().id
+        ))
+    })
 }

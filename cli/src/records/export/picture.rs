@@ -24,12 +24,7 @@ pub(super) fn picture(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let header = session.header();
-    if session.baseline()?.is_none() {
-        return Err(Failure::Failed(format!(
-            "session {} holds no baseline, so there is no change to draw; `tactus replay {} --baseline first:N` can",
-            header.id, header.id
-        )));
-    }
+    super::check_comparable(session)?;
     let sequence = match export.frame {
         Some(sequence) => sequence,
         None => session.last_sequence()?,
@@ -80,7 +75,9 @@ pub(super) fn picture(
             "raster",
             drawing::raster(&reconstruction.field, shown, export.raster)?.into_bytes(),
         ),
-        Format::Png | Format::Csv => ("png", drawing::png(&reconstruction.field, shown, &style)?),
+        Format::Png | Format::Csv | Format::Nc => {
+            ("png", drawing::png(&reconstruction.field, shown, &style)?)
+        }
     };
     outfile::write(&export.out, export.replacing.existing(), &bytes)?;
     for remark in &reconstruction.remarks {

@@ -1,0 +1,84 @@
+//! The maps of a recording's frames, in order, compared with the baseline as recorded or as followed.
+
+use eit::Pressure;
+use imaging::recorded::{RecordedFrame, Recording};
+use imaging::{Tracked, TrackedArguments};
+use survey::{Map, Reading};
+
+use crate::failure::Failure;
+use crate::maps::follower::Follower;
+use crate::maps::reconstruction::Reconstruction;
+
+/// Makes the maps of a recording.
+pub(crate) struct FrameMaps<'a> {
+    reconstruction: &'a Reconstruction,
+    unloaded: &'a [Reading],
+    follower: Option<Follower>,
+}
+
+/// The map of a frame.
+pub(crate) struct FrameMap {
+    /// Relative change of conductance.
+    pub(crate) map: Map,
+    /// The map as the calibration reads it.
+    pub(crate) pressure: Option<Pressure>,
+    /// What the tracked baseline says of the frame; `None` without one.
+    pub(crate) tracked: Option<Tracked>,
+}
+
+impl<'a> FrameMaps<'a> {
+    /// # Errors
+    /// The baseline is to be followed, and frames have no times.
+    pub(crate) fn new(
+        reconstruction: &'a Reconstruction,
+        tracked: &TrackedArguments,
+        recording: &'a Recording,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            reconstruction,
+            unloaded: &recording.unloaded.readings,
+            follower: Follower::of(reconstruction, tracked, recording)?,
+        })
+    }
+
+    /// The map of a frame. Every frame must be given to this or to [`FrameMaps::pass`], in order.
+    ///
+    /// # Errors
+    /// The frame has no map, for example because too many readings are missing; or it cannot be followed.
+    pub(crate) fn map(&mut self, frame: &RecordedFrame) -> Result<FrameMap, Failure> {
+        let followed = self
+            .follower
+            .as_mut()
+            .map(|follower| follower.follow(frame))
+            .transpose()?;
+        let (baseline, readings) = match &followed {
+            Some(followed) => (&followed.baseline[..], &followed.readings),
+            None => (self.unloaded, &frame.readings),
+        };
+        let map = self
+            .reconstruction
+            .map(baseline, readings)
+            .map_err(|failure| match failure {
+                Failure::Failed(text) => {
+                    Failure::Failed(format!("frame {}: {text}", frame.sequence))
+                }
+                other => other,
+            })?;
+        Ok(FrameMap {
+            pressure: self.reconstruction.pressure(&map)?,
+            map,
+            tracked: followed.map(|followed| followed.tracked),
+        })
+    }
+
+    /// Follows a frame whose map is not asked for.
+    ///
+    /// # Errors
+    /// The frame cannot be followed.
+    pub(crate) fn pass(&mut self, frame: &RecordedFrame) -> Result<(), Failure> {
+        match &mut self.follower {
+            Some(follower) => follower.pass(frame),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! The maps of a netCDF file: the mesh by the UGRID conventions, and a map in each record.
+
+use eit::Mesh;
+use imaging::recorded::RecordedFrame;
+use logbook::Record;
+use netcdf3::DataType;
+
+use super::layout::{Layout, RecordBytes};
+use super::number;
+use crate::failure::Failure;
+use crate::maps::frame_maps::FrameMaps;
+use crate::maps::reconstruction::Reconstruction;
+use crate::output::complain;
+
+/// The variables that [`MapVariables::put`] writes into each record.
+pub(super) fn records(layout: &mut Layout, reconstruction: &Reconstruction) -> Result<(), Failure> {
+    let change = "relative change of conductance since the baseline";
+    map_variable(layout, "map", change, "1")?;
+    match reconstruction.is_calibrated() {
+        true => map_variable(layout, "pressure", "pressure by the calibration", "kPa"),
+        false => Ok(()),
+    }
+}
+
+fn map_variable(
+    layout: &mut Layout,
+    name: &str,
+    meaning: &str,
+    units: &str,
+) -> Result<(), Failure> {
+    let texts = [
+        ("long_name", meaning),
+        ("units", units),
+        ("mesh", "mesh"),
+        ("location", "face"),
+    ];
+    layout.variable(name, &["time", "triangle"], DataType::F64, &texts)
+}
+
+/// The mesh; its faces are the triangles of the region, which have a value in each map.
+pub(super) fn mesh(layout: &mut Layout, mesh: &Mesh) -> Result<(), Failure> {
+    layout.dimension("node", mesh.nodes().len())?;
+    layout.dimension("triangle", mesh.region().len())?;
+    layout.dimension("corner", 3)?;
+    layout.whole_numbers(
+        "mesh",
+        &[],
+        vec![0],
+        &[
+            ("cf_role", "mesh_topology"),
+            ("long_name", "triangles of the sheet"),
+            ("node_coordinates", "node_x node_y"),
+            ("face_node_connectivity", "triangle_nodes"),
+            ("face_dimension", "triangle"),
+        ],
+    )?;
+    layout.count("mesh", "topology_dimension", 2)?;
+    for (name, axis) in [("node_x", 0), ("node_y", 1)] {
+        let positions = mesh.nodes().iter().map(|node| node[axis]).collect();
+        layout.numbers(name, &["node"], positions, &[("units", "m")])?;
+    }
+    let corners = mesh.region().iter().flat_map(|&one| mesh.triangles()[one]);
+    layout.whole_numbers(
+        "triangle_nodes",
+        &["triangle", "corner"],
+        corners.map(number).collect(),
+        &[
+            ("cf_role", "face_node_connectivity"),
+            ("long_name", "nodes of each triangle, counter-clockwise"),
+        ],
+    )?;
+    layout.count("triangle_nodes", "start_index", 0)?;
+    layout.whole_numbers(
+        "element",
+        &["triangle"],
+        mesh.region().iter().copied().map(number).collect(),
+        &[(
+            "long_name",
+            "number of the triangle in the mesh, from 0, as in elems.csv",
+        )],
+    )
+}
+
+/// The maps of the frames.
+pub(super) struct MapVariables<'a> {
+    maps: FrameMaps<'a>,
+    calibrated: bool,
+    triangles: usize,
+}
+
+impl<'a> MapVariables<'a> {
+    pub(super) fn new(maps: FrameMaps<'a>, reconstruction: &Reconstruction) -> Self {
+        Self {
+            maps,
+            calibrated: reconstruction.is_calibrated(),
+            triangles: reconstruction.mesh().region().len(),
+        }
+    }
+
+    pub(super) fn put(&mut self, bytes: &mut RecordBytes, record: &Record) -> Result<(), Failure> {
+        let frame = RecordedFrame {
+            sequence: record.frame.sequence,
+            label: record.frame.sequence.to_string(),
+            wall: Some(record.frame.wall),
+            readings: record.frame.readings.clone(),
+            map: None,
+        };
+        let unknown = || std::iter::repeat_n(f64::NAN, self.triangles);
+        let of_frame = match self.maps.map(&frame) {
+            Ok(of_frame) => Some(of_frame),
+            // its voltages are exported all the same
+            Err(Failure::Failed(why)) => {
+                complain(&format!("tactus: {why}"));
+                None
+            }
+            Err(other) => return Err(other),
+        };
+        match &of_frame {
+            Some(of_frame) => bytes.reals(of_frame.map.values.iter().copied()),
+            None => bytes.reals(unknown()),
+        }
+        if self.calibrated {
+            match of_frame.and_then(|of_frame| of_frame.pressure) {
+                Some(pressure) => bytes.reals(pressure.kpa),
+                None => bytes.reals(unknown()),
+            }
+        }
+        Ok(())
+    }
+}

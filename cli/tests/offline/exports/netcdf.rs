@@ -1,0 +1,133 @@
+//! netCDF files, read by xarray and scipy.
+
+use super::{BEFORE_VOLTAGES, Cells, bits, python, read, tables};
+use crate::scene::{done, session, session_at_thirds_of_a_second, session_in_parts};
+
+#[test]
+fn netcdf_has_the_bits_of_the_tables() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    session_at_thirds_of_a_second(folder.path());
+    let (frames, baseline) = tables(folder.path(), "last");
+    done(
+        folder.path(),
+        &["export", "last", "--format", "nc", "--out", "out.nc"],
+    );
+    let read = read(&python, "read_nc.py", &folder.path().join("out.nc"));
+    assert_eq!(read["version"].values, ["2"], "64-bit offset");
+    assert_eq!(read["records"].values, ["3"]);
+    assert_eq!(read["voltage"].shape, [3, 208]);
+    assert_eq!(
+        read["voltage"].bits(),
+        bits(frames.block(BEFORE_VOLTAGES)),
+        "voltages to the bit, NaN where missing"
+    );
+    assert!(read["voltage"].numbers()[208 + 7].is_nan());
+    assert_eq!(read["quality"].shape, [3, 208]);
+    let missing: Vec<usize> = (0..3 * 208)
+        .filter(|&at| read["quality"].values[at] != "0")
+        .collect();
+    assert_eq!(missing, [208 + 7]);
+    assert_eq!(read["quality"].values[208 + 7], "1");
+    let meanings = &read["quality:flag_meanings"].values[0];
+    assert_eq!(meanings, "ok overload timeout not_measured");
+    assert_eq!(read["quality:flag_values"].values[0], "0 1 2 3");
+    assert_eq!(read["sequence"].numbers(), frames.numbers("sequence"));
+    let seconds = [
+        1_800_000_001.0,
+        1_800_000_002.333_333,
+        1_800_000_003.666_666,
+    ];
+    assert_eq!(read["time"].numbers(), seconds);
+    for (decoded, seconds) in read["decoded"].values.iter().zip(seconds) {
+        let microseconds = (decoded.parse::<i64>().unwrap() + 500).div_euclid(1000);
+        assert_eq!(microseconds, (seconds * 1e6).round() as i64);
+    }
+    assert_eq!(read["baseline"].bits(), bits(baseline.numbers("mean_V")));
+    for (name, column) in [
+        ("inject_plus", "source"),
+        ("inject_minus", "sink"),
+        ("measure_plus", "v_plus"),
+        ("measure_minus", "v_minus"),
+    ] {
+        assert_eq!(read[name].numbers(), baseline.numbers(column), "{name}");
+    }
+    assert_eq!(read["electrode"].values.len(), 16);
+    for (attribute, value) in [
+        (":Conventions", "'CF-1.11'"),
+        (":session", "'m20270115_1'"),
+        (":note", "'three frames'"),
+        (":current_a", "0.001"),
+        (":nplc", "1.0"),
+        (":settle_s", "0.001"),
+        (":baseline_session", "'b20270115_1'"),
+    ] {
+        let found = &read[attribute].values[0];
+        assert!(found.contains(value), "{attribute}: {found}");
+    }
+    assert!(read[":source"].values[0].contains("SIMULATED"));
+    let time = &read["time:units"].values[0];
+    assert_eq!(time, "seconds since 1970-01-01 00:00:00");
+    assert_eq!(read["voltage:units"].values[0], "V");
+    assert_eq!(read["voltage:dimensions"].values[0], "time reading");
+    assert!(!read.contains_key("map"));
+}
+
+#[test]
+fn netcdf_maps_are_those_of_replay() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let method = ["--preset", "disc-tank", "--noise-v", "2e-6"];
+    let replay = ["replay", "last", "--no-map", "--out", "maps.csv"];
+    done(folder.path(), &[&replay[..], &method].concat());
+    let export = ["export", "last", "--format", "nc", "--maps", "-o", "out.nc"];
+    done(folder.path(), &[&export[..], &method].concat());
+    let read = read(&python, "read_nc.py", &folder.path().join("out.nc"));
+    let maps = Cells::read(&folder.path().join("maps.csv"));
+    let triangles = Cells::read(&folder.path().join("maps.triangles.csv"));
+    let count = triangles.rows.len();
+    assert_eq!(read["map"].shape, [3, count]);
+    assert_eq!(read["map"].bits(), bits(maps.block(1)));
+    assert_eq!(read["element"].numbers(), triangles.numbers("element"));
+    assert_eq!(read["triangle_nodes"].shape, [count, 3]);
+    let nodes = read["triangle_nodes"].numbers();
+    let (x, y) = (read["node_x"].numbers(), read["node_y"].numbers());
+    let (centre_x, centre_y) = (triangles.numbers("x_m"), triangles.numbers("y_m"));
+    for (at, corners) in nodes.chunks(3).enumerate() {
+        let mean = |axis: &[f64]| corners.iter().map(|&n| axis[n as usize]).sum::<f64>() / 3.0;
+        assert!((mean(&x) - centre_x[at]).abs() < 1e-9);
+        assert!((mean(&y) - centre_y[at]).abs() < 1e-9);
+    }
+    for (attribute, value) in [
+        ("mesh:cf_role", "mesh_topology"),
+        ("mesh:topology_dimension", "2"),
+        ("mesh:node_coordinates", "node_x node_y"),
+        ("mesh:face_node_connectivity", "triangle_nodes"),
+        ("triangle_nodes:start_index", "0"),
+        ("map:mesh", "mesh"),
+        ("map:location", "face"),
+        ("map:units", "1"),
+    ] {
+        assert_eq!(read[attribute].values[0], value, "{attribute}");
+    }
+    assert!(read[":Conventions"].values[0].contains("CF-1.11 UGRID-1.0"));
+}
+
+#[test]
+fn netcdf_of_parts_is_that_of_the_whole() {
+    let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    session(folders[0].path());
+    session_in_parts(folders[1].path());
+    let Some(python) = python() else { return };
+    let [whole, parts] = folders.map(|folder| {
+        done(
+            folder.path(),
+            &["export", "last", "--format", "nc", "--out", "out.nc"],
+        );
+        read(&python, "read_nc.py", &folder.path().join("out.nc"))
+    });
+    for name in ["voltage", "sequence", "time", "quality"] {
+        assert_eq!(whole[name].bits(), parts[name].bits(), "{name}");
+    }
+}

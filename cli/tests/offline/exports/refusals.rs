@@ -1,0 +1,78 @@
+//! What cannot be exported is refused by name, and leaves no file.
+
+use std::path::Path;
+
+use crate::scene::{baseline_session, refused, session, session_without_baseline};
+
+/// The files of a folder beside the sessions, sorted.
+fn left(folder: &Path) -> Vec<String> {
+    let names = std::fs::read_dir(folder).unwrap();
+    let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.filter(|name| !name.contains(".tactus")).collect();
+    names.sort();
+    names
+}
+
+const FORMATS: [&str; 1] = ["nc"];
+
+#[test]
+fn a_session_without_frames_is_not_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    baseline_session(folder.path());
+    let before = left(folder.path());
+    for format in FORMATS {
+        let export = ["export", "b2027", "--format", format, "--out", "out.x"];
+        let message = refused(folder.path(), &export, 1);
+        assert!(message.contains("holds no readable frame"), "{message}");
+        assert_eq!(left(folder.path()), before, "{format}");
+    }
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    std::fs::write(folder.path().join("there.x"), "mine").unwrap();
+    let before = left(folder.path());
+    for format in FORMATS {
+        let export = ["export", "last", "--format", format, "--out"];
+        let message = refused(folder.path(), &[&export[..], &["no/out.x"]].concat(), 1);
+        assert!(message.contains("no/out.x"), "{message}");
+        let message = refused(folder.path(), &[&export[..], &["there.x"]].concat(), 1);
+        assert!(message.contains("there.x exists already"), "{message}");
+        assert_eq!(left(folder.path()), before, "{format}");
+    }
+    let kept = std::fs::read_to_string(folder.path().join("there.x")).unwrap();
+    assert_eq!(kept, "mine");
+}
+
+#[test]
+fn netcdf_is_not_written_to_a_pipe() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let export = ["export", "last", "--format", "nc", "--out", "/dev/stdout"];
+    let message = refused(folder.path(), &export, 2);
+    assert!(message.contains("name a file"), "{message}");
+}
+
+#[test]
+fn maps_need_a_baseline_and_the_format() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    session_without_baseline(folder.path());
+    let before = left(folder.path());
+    let maps = ["--maps", "--preset", "disc-tank", "--out", "out.nc"];
+    let bare = ["export", "bare", "--format", "nc"];
+    let message = refused(folder.path(), &[&bare[..], &maps].concat(), 1);
+    assert!(message.contains("holds no baseline"), "{message}");
+    let csv = ["export", "m2027", "--format", "csv"];
+    let message = refused(folder.path(), &[&csv[..], &maps].concat(), 2);
+    assert!(message.contains("--format nc"), "{message}");
+    // a geometry that does not fit
+    let unknown = [
+        "export", "m2027", "--format", "nc", "--maps", "-o", "out.nc",
+    ];
+    let message = refused(folder.path(), &unknown, 78);
+    assert!(message.contains("the mesh has 26"), "{message}");
+    assert_eq!(left(folder.path()), before);
+}
