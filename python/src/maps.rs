@@ -1,0 +1,333 @@
+//! Reconstruction, and figures of merit of its maps.
+
+use std::sync::Arc;
+
+use eit::metrics::{Image, likeness as compared};
+use imaging::recorded::{Fitted, Unloaded};
+use imaging::{BuildError, Geometry, Model, ReconstructionSettings};
+use numpy::{PyArray1, PyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use survey::{Reading, Volts};
+
+use crate::arguments::{Expected, Values};
+use crate::forward::Forward;
+use crate::mesh::conductances;
+use crate::outcome::{detached, refused, rows};
+
+/// An array with a row a frame, and a count for each.
+type RowsAndCounts<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>);
+
+/// A prepared reconstruction. The classes OneStep and TotalVariation make it from their parameters.
+#[pyclass(frozen, module = "tactus_eit._native")]
+pub(crate) struct Maps {
+    model: Model,
+    notes: Vec<String>,
+    unloaded: Unloaded,
+    sigma0: Vec<f64>,
+    readings: usize,
+    region: usize,
+}
+
+#[pymethods]
+impl Maps {
+    /// settings: ReconstructionSettings as JSON. sigma0: S per square, None where it is fitted to the baseline. current: A.
+    /// noise: V, None where it follows from the frames of the baseline. baseline: V, shape (frames, readings), NaN where a
+    /// reading is missing.
+    #[new]
+    #[pyo3(signature = (forward, settings, sigma0, current, noise, baseline))]
+    fn new(
+        py: Python<'_>,
+        forward: &Forward,
+        settings: &str,
+        sigma0: Option<&Bound<'_, PyAny>>,
+        current: &Bound<'_, PyAny>,
+        noise: Option<&Bound<'_, PyAny>>,
+        baseline: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let settings: ReconstructionSettings = serde_json::from_str(settings)
+            .map_err(|fault| PyValueError::new_err(fault.to_string()))?;
+        let amperes = Expected {
+            name: "current",
+            about: "the injected current in A, above 0",
+        };
+        let current = amperes.positive(current)?;
+        let volts = Expected {
+            name: "noise",
+            about: "the standard deviation of one reading in V, above 0, e.g. 2e-6; leave it out if it is unknown",
+        };
+        let noise_v = noise.map(|noise| volts.positive(noise)).transpose()?;
+        let triangles = forward.triangles();
+        let sigma0 = sigma0
+            .map(|sigma0| conductances(sigma0, "sigma0", triangles, &[0, 1]))
+            .transpose()?;
+        let protocol = &forward.protocol.get().0;
+        let geometry = Geometry {
+            name: "mesh from Python".to_owned(),
+            mesh: Arc::clone(forward.forward.mesh()),
+            contact_ohm_m: forward.forward.contact_ohm_m().to_vec(),
+            sigma0_known: sigma0.is_some(),
+            sigma0: sigma0.map_or_else(|| vec![1.0; triangles], |(sigma0, _)| sigma0.values),
+            // as in a case folder, the currents are stated
+            from_case: true,
+        };
+        let baseline = frames(baseline, "baseline", protocol.len())?;
+        let each: Vec<Vec<Reading>> = baseline
+            .values
+            .chunks_exact(protocol.len())
+            .map(readings)
+            .collect();
+        let (fitted, unloaded, model) = detached(py, || -> Result<_, BuildError> {
+            let each: Vec<&[Reading]> = each.iter().map(Vec::as_slice).collect();
+            let unloaded = Unloaded::mean(&each);
+            let currents = vec![current; protocol.len()];
+            let fitted = Fitted::new(geometry, protocol, &currents, &unloaded)?;
+            let mut conditions = fitted.conditions(protocol);
+            if noise_v.is_some() {
+                (conditions.noise_v, conditions.noise_assumed) = (noise_v, false);
+            }
+            let model = imaging::build(&settings, &conditions)?;
+            Ok((fitted, unloaded, model))
+        })?
+        .map_err(|fault| match fault {
+            BuildError::Unlike => PyValueError::new_err(
+                "argument 'baseline': it does not look like this geometry: it is zero, its readings have the opposite sign of \
+                 the model's, or none is valid; if they are magnitudes, pass -baseline and -frames",
+            ),
+            other => refused(&other),
+        })?;
+        let mut notes = fitted.notes;
+        notes.extend(model.notes.iter().cloned());
+        Ok(Self {
+            model,
+            notes,
+            unloaded,
+            region: fitted.geometry.mesh.region().len(),
+            sigma0: fitted.geometry.sigma0,
+            readings: protocol.len(),
+        })
+    }
+
+    /// Maps of frames (V, shape (frames, readings), NaN where a reading is missing): relative changes of conductance, shape
+    /// (frames, region), and the number of readings left out of each, shape (frames,).
+    fn maps<'py>(
+        &self,
+        py: Python<'py>,
+        frames: &Bound<'py, PyAny>,
+    ) -> PyResult<RowsAndCounts<'py>> {
+        let given = self::frames(frames, "frames", self.readings)?;
+        let count = given.shape[0];
+        let mut values = Vec::with_capacity(count * self.region);
+        let mut masked = Vec::with_capacity(count);
+        for (row, frame) in given.values.chunks_exact(self.readings).enumerate() {
+            let frame = readings(frame);
+            let map = detached(py, || {
+                self.model
+                    .reconstructor
+                    .reconstruct(&self.unloaded.readings, &frame)
+            })?;
+            let map = map.map_err(|fault| {
+                PyValueError::new_err(format!("row {row} of 'frames': {fault}"))
+            })?;
+            values.extend_from_slice(&map.values);
+            masked.push(map.masked as i64);
+            py.check_signals()?;
+        }
+        Ok((
+            rows(py, values, [count, self.region])?,
+            PyArray1::from_vec(py, masked),
+        ))
+    }
+
+    /// Name of the method.
+    #[getter]
+    fn method(&self) -> &str {
+        self.model.reconstructor.method()
+    }
+
+    /// Decisions and assumptions, a sentence each.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        let mut notes = self.notes.clone();
+        notes.extend(self.model.reconstructor.assumptions());
+        notes
+    }
+
+    /// Mean of the frames of the baseline, V, NaN where a reading is missing: shape (readings,).
+    #[getter]
+    fn baseline<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let each = self.unloaded.readings.iter();
+        PyArray1::from_vec(
+            py,
+            each.map(|reading| reading.volts().map_or(f64::NAN, |volts| volts.0))
+                .collect(),
+        )
+    }
+
+    /// Standard deviation of one reading over the frames of the baseline, V; None where there is one frame.
+    #[getter]
+    fn deviation(&self) -> Option<f64> {
+        self.unloaded.noise
+    }
+
+    /// Conductance at the baseline, S per square: shape (triangles,).
+    #[getter]
+    fn sigma0<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.sigma0)
+    }
+
+    /// Signal-to-noise ratio of the readings over that of a map; None where it is not defined.
+    fn noise_figure(&self, py: Python<'_>) -> PyResult<Option<f64>> {
+        detached(py, || self.model.reconstructor.noise_figure())
+    }
+}
+
+/// Frames in rows as floats, shape (frames, readings); a single frame becomes a row. `missing`: NaN is allowed.
+#[pyfunction]
+pub(crate) fn as_frames<'py>(
+    py: Python<'py>,
+    volts: &Bound<'py, PyAny>,
+    name: &str,
+    readings: usize,
+    missing: bool,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let about = format!(
+        "signed voltages in V, shape (frames, {readings}) or ({readings},), in the order of the protocol"
+    );
+    let expected = Expected {
+        name,
+        about: &about,
+    };
+    let given = expected.floats_or_nan(volts, &[1, 2])?;
+    let count = match given.shape[..] {
+        [length] if length == readings => 1,
+        [count, length] if length == readings && count > 0 => count,
+        [length, _] if length == readings => {
+            return Err(expected.value_error("frames are in columns: transpose it"));
+        }
+        _ => return Err(expected.shape_error(&given.shape)),
+    };
+    if given.values.iter().any(|volts| volts.is_infinite()) {
+        expected.finite(
+            &given,
+            "replace an overload by numpy.nan, and pass missing='mask' to the constructor",
+        )?;
+    }
+    if !missing {
+        expected.finite(
+            &given,
+            "where readings are missing, pass missing='mask' to the constructor",
+        )?;
+    }
+    rows(py, given.values, [count, readings])
+}
+
+/// Frames in rows; NaN stands for a missing reading, infinite values are refused.
+fn frames(given: &Bound<'_, PyAny>, name: &str, readings: usize) -> PyResult<Values<f64>> {
+    let about =
+        format!("signed voltages in V, shape (frames, {readings}), in the order of the protocol");
+    let expected = Expected {
+        name,
+        about: &about,
+    };
+    let values = expected.floats_or_nan(given, &[2])?;
+    if values.shape[1] != readings {
+        return Err(expected.shape_error(&values.shape));
+    }
+    match values.values.iter().any(|volts| volts.is_infinite()) {
+        true => Err(expected.value_error("a value is infinite: replace an overload by numpy.nan")),
+        false => Ok(values),
+    }
+}
+
+fn readings(volts: &[f64]) -> Vec<Reading> {
+    let reading = |volts: &f64| match volts.is_nan() {
+        true => Reading::NotMeasured,
+        false => Reading::Ok(Volts(*volts)),
+    };
+    volts.iter().map(reading).collect()
+}
+
+/// GREIT's figures of merit of an image (Adler and others, Physiol. Meas. 30 (2009) S35), as EIDORS computes them.
+///
+/// image: floats of shape (rows, columns), larger where the target is, NaN outside of the sheet; images of losses are negated
+/// before. The first axis is x and the second y, first and last pixel centres on -1 and 1.
+/// target: x and y of the target in these coordinates, shape (2,).
+///
+/// Returns a dict: amplitude, position_error, resolution, shape_deformation, ringing, centroid.
+///
+/// >>> import tactus_eit
+/// >>> merit = tactus_eit.merit([[0.0, 0.0, 0.0], [0.0, 4.0, 1.0], [0.0, -1.0, 0.0]], target=(0.0, 1.0))
+/// >>> merit["position_error"], merit["ringing"]
+/// (0.5, 0.2)
+#[pyfunction]
+pub(crate) fn merit<'py>(
+    py: Python<'py>,
+    image: &Bound<'py, PyAny>,
+    target: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let raster = Expected {
+        name: "image",
+        about: "floats of shape (rows, columns), NaN outside of the sheet",
+    };
+    let place = Expected {
+        name: "target",
+        about: "x and y from -1 to 1, shape (2,)",
+    };
+    let image = raster.floats_or_nan(image, &[2])?;
+    let target = place.floats(target, &[1])?;
+    let [x, y] = target.values[..] else {
+        return Err(place.shape_error(&target.shape));
+    };
+    let columns = image.shape[1].max(1);
+    let lines: Vec<Vec<f64>> = image.values.chunks(columns).map(<[f64]>::to_vec).collect();
+    let merit = detached(py, || Image::new(&lines)?.greit([x, y]))?;
+    let merit = merit.map_err(|fault| raster.value_error(&fault.to_string()))?;
+    let figures = PyDict::new(py);
+    figures.set_item("amplitude", merit.amplitude)?;
+    figures.set_item("position_error", merit.position_error)?;
+    figures.set_item("resolution", merit.resolution)?;
+    figures.set_item("shape_deformation", merit.shape_deformation)?;
+    figures.set_item("ringing", merit.ringing)?;
+    figures.set_item("centroid", (merit.centroid[0], merit.centroid[1]))?;
+    Ok(figures)
+}
+
+/// Compares a map with the truth: a dict of correlation (Pearson's, weighted by area), relative_error and dice.
+///
+/// values, truth, areas: floats of shape (n,), one a triangle or pixel.
+///
+/// >>> import tactus_eit
+/// >>> tactus_eit.likeness([-1.0, 0.0], [-1.0, 0.0], [1.0, 2.0])["dice"]
+/// 1.0
+#[pyfunction]
+pub(crate) fn likeness<'py>(
+    py: Python<'py>,
+    values: &Bound<'py, PyAny>,
+    truth: &Bound<'py, PyAny>,
+    areas: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let of = |name| Expected {
+        name,
+        about: "floats of shape (n,), as many as 'values'",
+    };
+    let values = of("values").floats(values, &[1])?;
+    let [truth, areas] = [("truth", truth), ("areas", areas)].map(|(name, given)| {
+        let given = of(name).floats(given, &[1])?;
+        match given.shape == values.shape {
+            true => Ok(given),
+            false => Err(of(name).shape_error(&given.shape)),
+        }
+    });
+    let (truth, areas) = (truth?, areas?);
+    if let Some(area) = areas.values.iter().find(|area| **area <= 0.0) {
+        return Err(of("areas").value_error(&format!("an area is {area}, and must be above 0")));
+    }
+    let like = compared(&values.values, &truth.values, &areas.values);
+    let figures = PyDict::new(py);
+    figures.set_item("correlation", like.correlation)?;
+    figures.set_item("relative_error", like.relative_error)?;
+    figures.set_item("dice", like.dice)?;
+    Ok(figures)
+}

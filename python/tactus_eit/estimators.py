@@ -1,0 +1,260 @@
+"""Reconstruction with the conventions of scikit-learn: parameters in the constructor, learned attributes end in ``_``."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._native import Forward, Maps, as_frames
+from .order import OrderCheck, check
+
+_Self = TypeVar("_Self", bound="_Estimator")
+
+
+class _Estimator:
+    """What both methods share: parameters, the baseline, maps."""
+
+    forward: Forward
+    lam: str | float
+    losses_only: bool
+    unknowns: str
+    sigma0: ArrayLike | None
+    current: float
+    missing: str
+    check_order: bool
+
+    baseline_: NDArray[np.float64]
+    sigma0_: NDArray[np.float64]
+    noise_: float | None
+    method_: str
+    notes_: list[str]
+    order_: OrderCheck | None
+    masked_: NDArray[np.int64]
+    _maps: Maps
+
+    @classmethod
+    def _names(cls) -> list[str]:
+        return list(inspect.signature(cls).parameters)
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """The parameters of the constructor by name. ``deep`` is there for scikit-learn and changes nothing."""
+        return {name: getattr(self, name) for name in self._names()}
+
+    def set_params(self: _Self, **params: Any) -> _Self:
+        """Sets parameters of the constructor; the next ``fit`` uses them. Returns self."""
+        names = self._names()
+        for name in params:
+            if name not in names:
+                raise ValueError(
+                    f"argument '{name}': {type(self).__name__} has no such parameter; expected one of {', '.join(names)}"
+                )
+        for name, value in params.items():
+            setattr(self, name, value)
+        return self
+
+    def __repr__(self) -> str:
+        given = ", ".join(f"{name}={value!r}" for name, value in self.get_params().items())
+        return f"{type(self).__name__}({given})"
+
+    def _settings(self) -> dict[str, Any]:
+        """The settings of the engine; each subclass adds its own."""
+        settings: dict[str, Any] = {
+            "unknowns": _word("unknowns", self.unknowns, "sheet", "region"),
+            "loss_only": _truth("losses_only", self.losses_only),
+        }
+        if isinstance(self.lam, str):
+            settings["choose"] = _word("lam", self.lam, "evidence", "l-curve", "noise", "or a number above 0")
+        else:
+            settings["lambda"] = _positive("lam", self.lam)
+        return settings
+
+    def fit(self: _Self, baseline: ArrayLike, *, noise: float | None = None) -> _Self:
+        """Prepares the maps: one forward solution, one Jacobian, one factorisation. Returns self.
+
+        baseline: voltages of the sheet without a load, V, signed: shape (readings,), or (frames, readings), whose mean is
+            taken.
+        noise: standard deviation of one reading, V; by default from the frames of the baseline where there are several.
+
+        Sets ``baseline_`` (readings,), ``sigma0_`` (triangles,), ``noise_`` (V, or None), ``method_``, ``notes_``, and
+        ``order_``, the result of ``check`` (None with ``check_order=False``).
+        """
+        if not isinstance(self.forward, Forward):
+            raise TypeError(
+                f"argument 'forward': it is a {type(self.forward).__name__}; expected a Forward(mesh, protocol, contact)"
+            )
+        settings = json.dumps(self._settings())
+        rows = self._rows("baseline", baseline)
+        sigma0 = self.forward.mesh.sigma0 if self.sigma0 is None else self.sigma0
+        order = None
+        if _truth("check_order", self.check_order):
+            order = check(rows, self.forward, sigma0=sigma0)
+            if not order.ok:
+                raise ValueError(f"argument 'baseline': {order.text}; check_order=False leaves this check out")
+        self._maps = Maps(self.forward, settings, sigma0, self.current, noise, rows)
+        self.order_ = order
+        self.baseline_ = self._maps.baseline
+        self.sigma0_ = self._maps.sigma0
+        self.noise_ = self._maps.deviation if noise is None else float(noise)
+        self.method_ = self._maps.method
+        self.notes_ = self._maps.notes
+        return self
+
+    def predict(self, frames: ArrayLike) -> NDArray[np.float64]:
+        """Maps of frames: relative changes of conductance of the triangles of ``mesh.region``; -1: all conductance is lost.
+
+        frames: voltages, V, signed: shape (frames, readings), or (readings,). Returns (frames, region), or (region,).
+        Sets ``masked_``, the number of readings left out of each frame: shape (frames,).
+        """
+        fitted = self._fitted()
+        rows = self._rows("frames", frames)
+        maps, self.masked_ = fitted.maps(rows)
+        return maps[0] if np.ndim(frames) == 1 else maps
+
+    @property
+    def noise_figure_(self) -> float | None:
+        """Signal-to-noise ratio of the readings over that of the map of a small load; None where it is not defined."""
+        return self._fitted().noise_figure()
+
+    def _fitted(self) -> Maps:
+        if not hasattr(self, "_maps"):
+            raise RuntimeError(f"this {type(self).__name__} has no baseline yet: call fit(baseline, noise=...) first")
+        return self._maps
+
+    def _rows(self, name: str, volts: ArrayLike) -> NDArray[np.float64]:
+        mask = _word("missing", self.missing, "refuse", "mask") == "mask"
+        return as_frames(volts, name, len(self.forward.protocol), mask)
+
+
+class OneStep(_Estimator):
+    """One-step difference reconstruction: the linear least-squares map, precomputed; a frame costs one product.
+
+    forward: the Forward model, with mesh, protocol and contact impedances.
+    prior: "noser", "tikhonov", "laplace" or "gaussian". exponent: of NOSER, by default 0.25.
+    length: correlation length of the Gaussian prior, m, by default 0.01.
+    lam: "evidence" or "l-curve", a strength for each frame; "noise", one from the noise; or lambda itself, above 0.
+    noise_figure: the strength that has this noise figure, in the place of ``lam``.
+    losses_only: bounds maps to -1 <= change <= 0.
+    unknowns: "sheet", or "region": the sheet outside of mesh.region does not change.
+    sigma0: conductance at the baseline, S per square: a number or shape (triangles,); by default that of the mesh, or a
+        uniform one fitted to the baseline.
+    current: A. missing: "refuse", or "mask": NaN in readings stands for a missing one.
+    check_order: compares the baseline with the model before maps are made, see ``check``.
+
+    >>> import tactus_eit
+    >>> mesh = tactus_eit.Mesh.disc(electrodes=16, fineness=0.5)
+    >>> forward = tactus_eit.Forward(mesh, tactus_eit.Protocol.sheffield(16))
+    >>> model = tactus_eit.OneStep(forward, prior="tikhonov").fit(1e-3 * forward.solve(1e-3))
+    >>> model.predict(model.baseline_).shape == mesh.region.shape
+    True
+    """
+
+    def __init__(
+        self,
+        forward: Forward,
+        *,
+        prior: str = "noser",
+        exponent: float | None = None,
+        length: float | None = None,
+        lam: str | float = "evidence",
+        noise_figure: float | None = None,
+        losses_only: bool = False,
+        unknowns: str = "sheet",
+        sigma0: ArrayLike | None = None,
+        current: float = 1e-3,
+        missing: str = "refuse",
+        check_order: bool = True,
+    ) -> None:
+        self.forward = forward
+        self.prior = prior
+        self.exponent = exponent
+        self.length = length
+        self.lam = lam
+        self.noise_figure = noise_figure
+        self.losses_only = losses_only
+        self.unknowns = unknowns
+        self.sigma0 = sigma0
+        self.current = current
+        self.missing = missing
+        self.check_order = check_order
+
+    def _settings(self) -> dict[str, Any]:
+        settings = {"method": "one-step", **super()._settings()}
+        prior = _word("prior", self.prior, "noser", "tikhonov", "laplace", "gaussian")
+        if prior != "noser":
+            settings["prior"] = prior
+        if self.exponent is not None:
+            settings["exponent"] = _positive("exponent", self.exponent)
+        if self.length is not None:
+            settings["length_mm"] = 1e3 * _positive("length", self.length)
+        if self.noise_figure is not None:
+            if self.lam != "evidence":
+                raise ValueError("argument 'noise_figure': 'lam' is given too; expected one of both")
+            settings["noise_figure"] = _positive("noise_figure", self.noise_figure)
+            del settings["choose"]
+        return settings
+
+
+class TotalVariation(_Estimator):
+    """Total variation: the map with the shortest borders among those that explain the readings, to a stated gap.
+
+    gap: the objective is within this share of its minimum. lam: "evidence" or "l-curve", a strength for each frame; "noise",
+    one from the noise; or alpha, the penalty of a jump of 1 along 1 m of border, above 0. The other parameters are those of
+    OneStep.
+
+    >>> import tactus_eit
+    >>> mesh = tactus_eit.Mesh.disc(electrodes=16, fineness=0.5)
+    >>> forward = tactus_eit.Forward(mesh, tactus_eit.Protocol.sheffield(16))
+    >>> tactus_eit.TotalVariation(forward).set_params(gap=1e-2).get_params()["gap"]
+    0.01
+    """
+
+    def __init__(
+        self,
+        forward: Forward,
+        *,
+        lam: str | float = "evidence",
+        gap: float = 1e-3,
+        losses_only: bool = False,
+        unknowns: str = "sheet",
+        sigma0: ArrayLike | None = None,
+        current: float = 1e-3,
+        missing: str = "refuse",
+        check_order: bool = True,
+    ) -> None:
+        self.forward = forward
+        self.lam = lam
+        self.gap = gap
+        self.losses_only = losses_only
+        self.unknowns = unknowns
+        self.sigma0 = sigma0
+        self.current = current
+        self.missing = missing
+        self.check_order = check_order
+
+    def _settings(self) -> dict[str, Any]:
+        return {"method": "tv", **super()._settings(), "gap": _positive("gap", self.gap)}
+
+
+def _word(name: str, value: object, *words: str) -> str:
+    if not isinstance(value, str) or value not in words:
+        kind = ValueError if isinstance(value, str) else TypeError
+        raise kind(f"argument '{name}': it is {value!r}; expected one of {', '.join(map(repr, words))}")
+    return value
+
+
+def _positive(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise TypeError(f"argument '{name}': it is a {type(value).__name__}; expected a number above 0")
+    if not (0.0 < float(value) < np.inf):
+        raise ValueError(f"argument '{name}': it is {value}; expected a number above 0")
+    return float(value)
+
+
+def _truth(name: str, value: object) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"argument '{name}': it is a {type(value).__name__}; expected True or False")
+    return bool(value)
