@@ -1,7 +1,10 @@
 //! Arguments from Python as Rust values. An argument that does not fit is a `TypeError` (kind of value) or a `ValueError`
 //! (shape, value); the message has the name of the argument, what is expected, and how to mend it.
 
+use std::path::PathBuf;
+
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::PyClass;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -28,6 +31,24 @@ impl Expected<'_> {
 
     pub(crate) fn value_error(&self, fault: &str) -> PyErr {
         PyValueError::new_err(self.message(fault))
+    }
+
+    /// The error for an object of another class.
+    fn class_error(&self, object: &Bound<'_, PyAny>) -> PyErr {
+        let class = object.get_type().name();
+        let class = class.map_or_else(|_| "object".to_owned(), |name| name.to_string());
+        self.type_error(&format!("it is a {class}"))
+    }
+
+    /// An object of a class of this package.
+    pub(crate) fn instance<T: PyClass>(&self, object: &Bound<'_, PyAny>) -> PyResult<Py<T>> {
+        let instance = object.cast::<T>().map_err(|_| self.class_error(object))?;
+        Ok(instance.clone().unbind())
+    }
+
+    /// A file or folder.
+    pub(crate) fn path(&self, object: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
+        object.extract().map_err(|_| self.class_error(object))
     }
 
     fn message(&self, fault: &str) -> String {
@@ -105,8 +126,14 @@ impl Expected<'_> {
         match values.values.iter().position(|value| !value.is_finite()) {
             None => Ok(()),
             Some(at) => {
-                let place = place(at, &values.shape);
-                Err(self.value_error(&format!("value {place} is {}: {mend}", values.values[at])))
+                let value = values.values[at];
+                // as Python writes it
+                let value = if value.is_nan() {
+                    "nan".to_owned()
+                } else {
+                    value.to_string()
+                };
+                Err(self.value_error(&format!("{} is {value}: {mend}", place(at, &values.shape))))
             }
         }
     }
@@ -152,7 +179,7 @@ impl Expected<'_> {
             values.push((*value).try_into().map_err(|_| {
                 let place = place(at, &given.shape);
                 self.value_error(&format!(
-                    "value {place} is {value}, and indices are counted from 0"
+                    "{place} is {value}, and indices are counted from 0"
                 ))
             })?);
         }
@@ -240,18 +267,17 @@ pub(crate) fn tuple(shape: &[usize]) -> String {
     }
 }
 
-/// Index of an element in C order, as Python writes it.
+/// An element in C order, as Python writes its index.
 fn place(at: usize, shape: &[usize]) -> String {
+    if shape.is_empty() {
+        return "it".to_owned();
+    }
     let mut rest = at;
-    let mut index: Vec<String> = shape
-        .iter()
-        .rev()
-        .map(|length| {
-            let here = rest % length.max(&1);
-            rest /= length.max(&1);
-            here.to_string()
-        })
-        .collect();
+    let mut index: Vec<String> = Vec::with_capacity(shape.len());
+    for length in shape.iter().rev() {
+        index.push((rest % length.max(&1)).to_string());
+        rest /= length.max(&1);
+    }
     index.reverse();
-    format!("[{}]", index.join(", "))
+    format!("value [{}]", index.join(", "))
 }

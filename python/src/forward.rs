@@ -37,16 +37,22 @@ impl Forward {
     #[pyo3(signature = (mesh, protocol, contact=None))]
     fn new(
         py: Python<'_>,
-        mesh: Py<Mesh>,
-        protocol: Py<Protocol>,
+        mesh: &Bound<'_, PyAny>,
+        protocol: &Bound<'_, PyAny>,
         contact: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
+        let on = Expected {
+            name: "mesh",
+            about: "a Mesh",
+        };
+        let mesh: Py<Mesh> = on.instance(mesh)?;
         let given = mesh.get();
         let electrodes = given.mesh.electrodes();
         let asks = Expected {
             name: "protocol",
             about: "a Protocol for the electrodes of the mesh",
         };
+        let protocol: Py<Protocol> = asks.instance(protocol)?;
         if protocol.get().0.electrodes() != electrodes {
             return Err(asks.value_error(&format!(
                 "it is for {} electrodes and the mesh has {electrodes}",

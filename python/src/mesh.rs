@@ -1,6 +1,5 @@
 //! The class `Mesh`.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use eit::{DiscTank, MeshError, PaperSheet, Preset, SheetElectrode};
@@ -190,7 +189,12 @@ impl Mesh {
 
     /// The mesh of a case folder, with its contact impedances, unloaded conductance, region and depth.
     #[staticmethod]
-    fn from_case(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
+    fn from_case(py: Python<'_>, folder: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let folder = Expected {
+            name: "folder",
+            about: "the path of a case folder",
+        }
+        .path(folder)?;
         let geometry = detached(py, || Geometry::from_case(&folder))?;
         Ok(Self::of(geometry.map_err(|fault| refused(&fault))?))
     }

@@ -1,7 +1,5 @@
 //! The class `Protocol`.
 
-use std::path::PathBuf;
-
 use numpy::PyArray2;
 use pyo3::prelude::*;
 use survey::{Dipole, Electrode, Measurement};
@@ -122,7 +120,15 @@ impl Protocol {
     /// electrodes: their number, if the pairs do not name the last one.
     #[staticmethod]
     #[pyo3(signature = (folder, electrodes=None))]
-    fn from_case(folder: PathBuf, electrodes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+    fn from_case(
+        folder: &Bound<'_, PyAny>,
+        electrodes: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let folder = Expected {
+            name: "folder",
+            about: "the path of a case folder",
+        }
+        .path(folder)?;
         let number = Expected {
             name: "electrodes",
             about: "a number of electrodes",

@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use survey::{QualityFlag, Reading};
 
+use crate::arguments::Expected;
 use crate::outcome::{detached, rows};
 use crate::protocol::Protocol;
 
@@ -49,7 +50,12 @@ struct Columns {
 #[pymethods]
 impl SessionFile {
     #[new]
-    fn new(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+    fn new(py: Python<'_>, path: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let path = Expected {
+            name: "path",
+            about: "the path of a session file, ID.tactus",
+        }
+        .path(path)?;
         let about = detached(py, || About::read(&path))?.map_err(|fault| unread(&path, &fault))?;
         Ok(Self { path, about })
     }
