@@ -72,19 +72,20 @@ def check(baseline: ArrayLike, forward: Forward, *, sigma0: ArrayLike | None = N
         sigma0 = 1e-3 if known is None else known
     transfer = forward.transfer(sigma0)
     valid = np.isfinite(readings)
-    size = float(np.linalg.norm(readings[valid]))
-    if size == 0.0:
+    largest = float(np.abs(readings[valid]).max(initial=0.0))
+    if largest == 0.0:
         raise ValueError("argument 'baseline': it is zero or missing everywhere; expected voltages in V while the current flows")
     count = len(transfer)
     candidates = [(rotation, reflected) for reflected in (False, True) for rotation in range(count)]
     models = np.array([_model(forward, transfer, order_of(count, *one))[valid] for one in candidates])
-    volts = readings[valid]
+    # only shares matter, and squares of extreme readings would overflow
+    volts = readings[valid] / largest
     one_sign = bool((volts >= 0).all() or (volts <= 0).all())
     magnitudes = one_sign and bool(((models[0] > 0).any() and (models[0] < 0).any()))
     if magnitudes:
         models, volts = np.abs(models), np.abs(volts)
     gains = (models @ volts) / np.einsum("ij,ij->i", models, models)
-    left = np.linalg.norm(volts - gains[:, np.newaxis] * models, axis=1) / size
+    left = np.linalg.norm(volts - gains[:, np.newaxis] * models, axis=1) / np.linalg.norm(volts)
     same = np.flatnonzero(left <= left.min() + _SAME)
     # the nearest to the order as given: not reflected, least rotation
     best = min(same.tolist(), key=lambda one: (candidates[one][1], min(candidates[one][0], count - candidates[one][0])))

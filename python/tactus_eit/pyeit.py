@@ -51,11 +51,13 @@ class EITForward:
         volts = self.forward.solve(conductance)
         derivative = self.forward.jacobian(conductance)
         jacobian = derivative[:, : self._triangles]
-        for part, parent in enumerate(self._parents[self._triangles :], self._triangles):
-            jacobian[:, parent] += derivative[:, part]
-        np.negative(jacobian, out=jacobian)
-        if normalize:
-            jacobian /= np.abs(volts)[:, np.newaxis]
+        # conductances next to the limits of a double overflow; setup refuses them
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            for part, parent in enumerate(self._parents[self._triangles :], self._triangles):
+                jacobian[:, parent] += derivative[:, part]
+            np.negative(jacobian, out=jacobian)
+            if normalize:
+                jacobian /= np.abs(volts)[:, np.newaxis]
         return jacobian, volts
 
     def _conductance(self, perm: Any) -> NDArray[np.float64]:
@@ -65,7 +67,10 @@ class EITForward:
             raise TypeError(f"argument 'perm': dtype {values.dtype}; expected real conductances, the engine has no complex ones")
         if values.shape not in ((), (self._triangles,)):
             raise ValueError(f"argument 'perm': its shape is {values.shape}; expected a number, or shape ({self._triangles},)")
-        return np.broadcast_to(values, (self._triangles,)).astype(np.float64)
+        conductance = np.broadcast_to(values, (self._triangles,)).astype(np.float64)
+        if not (np.isfinite(conductance).all() and conductance.min() >= 0.0 and conductance.max() > 0.0):
+            raise ValueError("argument 'perm': a value is negative or not finite, or all are 0; expected conductances above 0")
+        return conductance
 
     def _of_parts(self, perm: Any) -> NDArray[np.float64]:
         return self._conductance(perm)[self._parents]
@@ -110,17 +115,20 @@ class JAC:
         """
         if method not in ("kotre", "lm", "dgn"):
             raise ValueError(f"argument 'method': it is {method!r}; expected one of 'kotre', 'lm', 'dgn'")
-        if not (np.isfinite(lamb) and lamb > 0.0):
+        lamb = _number("lamb", lamb, "a number above 0")
+        if lamb <= 0.0:
             raise ValueError(f"argument 'lamb': it is {lamb}; expected a number above 0")
-        if not np.isfinite(p):
-            raise ValueError(f"argument 'p': it is {p}; expected a number, usually 0 to 1")
+        p = _number("p", p, "a number, usually 0 to 1")
         self.J, self.v0 = self.fwd.compute_jac(perm, jac_normalized)
-        squares = np.einsum("ij,ij->j", self.J, self.J)
-        squares = np.maximum(squares, 1e-12 * squares.max())
-        weights = {"kotre": squares**p, "lm": squares, "dgn": np.ones_like(squares)}[method]
-        # the same as the formula above, with an inverse of readings x readings in place of triangles x triangles
-        spread = self.J / weights
-        system = spread @ self.J.T
+        with np.errstate(all="ignore"):
+            squares = np.einsum("ij,ij->j", self.J, self.J)
+            squares = np.maximum(squares, 1e-12 * squares.max())
+            weights = {"kotre": squares**p, "lm": squares, "dgn": np.ones_like(squares)}[method]
+            # the same as the formula above, with an inverse of readings x readings in place of triangles x triangles
+            spread = self.J / weights
+            system = spread @ self.J.T
+        if not np.isfinite(system).all():
+            raise ValueError(f"arguments 'perm' and 'p': with p = {p} the system is beyond the numbers of a double; expected less extreme ones")
         system[np.diag_indices_from(system)] += lamb
         self.H = np.linalg.solve(system, spread).T
         self.params = {"p": p, "lamb": lamb, "method": method, "jac_normalize": jac_normalized}
@@ -153,6 +161,14 @@ class JAC:
     def _volts(self, name: str, volts: ArrayLike, shape: str) -> NDArray[np.float64]:
         rows = _native.as_frames(volts, name, len(self.v0), False)
         return rows[0] if np.ndim(volts) == 1 else rows
+
+
+def _number(name: str, value: object, expected: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise TypeError(f"argument '{name}': it is a {type(value).__name__}; expected {expected}")
+    if not abs(value) < np.inf:
+        raise ValueError(f"argument '{name}': it is {value}; expected {expected}")
+    return float(value)
 
 
 def _protocol(protocol: Any, electrodes: int) -> _native.Protocol:
@@ -188,6 +204,8 @@ def _cut(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64], list[list[l
     used, inverse = np.unique(corners, return_inverse=True)
     element = inverse.reshape(-1, 3).astype(np.int64)
     node = given[used, :2].astype(np.float64)
+    if not np.abs(node).max() < 1e100:
+        raise ValueError("argument 'mesh': node has a position that is not finite; expected positions in one unit of length")
     (p, q, r) = node[element].transpose(1, 0, 2)
     turned = (q - p)[:, 0] * (r - p)[:, 1] < (q - p)[:, 1] * (r - p)[:, 0]
     element[turned] = element[turned][:, ::-1]

@@ -10,6 +10,9 @@ use crate::{Mesh, MeshError};
 
 const PRESET: &str = "paper-sheet";
 
+/// Longest side of a sheet as a multiple of the shorter one.
+const LONGEST_SHARE: f64 = 20.0;
+
 /// A rectangle with its origin at the lower left corner, electrodes counter-clockwise from the lower
 /// left along the bottom, the right, the top and the left side, evenly spaced on each; symmetric in both axes.
 ///
@@ -172,6 +175,14 @@ impl PaperSheet {
         };
         reasonable_fineness(PRESET, self.fineness)?;
         let side = self.width_mm.min(self.height_mm);
+        let longer = self.width_mm.max(self.height_mm);
+        // edge lengths are bounded by the shorter side, so that a long strip would have any number of triangles
+        if longer > LONGEST_SHARE * side {
+            return refuse(format!(
+                "width_mm is {} and height_mm {}, one may be at most {LONGEST_SHARE} times the other",
+                self.width_mm, self.height_mm
+            ));
+        }
         reasonable_edge(
             PRESET,
             "edge_mm",

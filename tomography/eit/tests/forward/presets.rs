@@ -167,6 +167,11 @@ fn measures_that_do_not_fit_are_refused_by_key() {
             ..PaperSheet::default()
         }
         .mesh(),
+        PaperSheet {
+            width_mm: 5000.0,
+            ..PaperSheet::default()
+        }
+        .mesh(),
         DiscTank {
             arc_deg: 22.5,
             ..DiscTank::default()
@@ -183,6 +188,7 @@ fn measures_that_do_not_fit_are_refused_by_key() {
         "inset_mm",
         "fineness",
         "electrodes_per_width",
+        "height_mm 230, one may be at most 20 times the other",
         "arc_deg",
         "electrodes",
     ];
