@@ -25,7 +25,9 @@ use tokio::task::JoinSet;
 
 pub use guard::{HostName, HostNameError};
 pub use live::follow;
-pub use snapshot::{DaemonState, EventState, FrameState, Live, SessionState, Snapshot, State};
+pub use snapshot::{
+    AlarmState, DaemonState, EventState, FrameState, Live, SessionState, Snapshot, State,
+};
 pub use token::{Token, TokenError};
 
 /// Time for open connections to end after a request to stop.

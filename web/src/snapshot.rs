@@ -242,7 +242,8 @@ impl Snapshot {
         )
     }
 
-    pub(crate) fn keep_map(&mut self, sequence: u64, values: &[f32]) {
+    /// Keeps the map of a frame, one value a triangle, and drops the oldest.
+    pub fn keep_map(&mut self, sequence: u64, values: &[f32]) {
         let bytes: Vec<u8> = values
             .iter()
             .flat_map(|value| value.to_le_bytes())

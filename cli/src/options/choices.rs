@@ -48,6 +48,8 @@ pub enum Format {
     Csv,
     /// A netCDF file (classic, 64-bit offset) with voltages, quality, baseline and protocol; with --maps also the maps.
     Nc,
+    /// A MAT-file for EIDORS with voltages, stimulation, forward model and baseline; and a script that loads it.
+    Mat,
     /// A picture of one map.
     Png,
     /// A drawing of one map.

@@ -89,7 +89,10 @@ pub(crate) fn write(
 }
 
 /// The geometry given by options, otherwise the session's.
-fn mesh_of(header: &SessionHeader, requested: &GeometryChoice) -> Result<Geometry, String> {
+pub(crate) fn mesh_of(
+    header: &SessionHeader,
+    requested: &GeometryChoice,
+) -> Result<Geometry, String> {
     let named = requested.preset.is_some() || requested.case.is_some();
     if header.config_toml.is_empty() && !named {
         return Err(format!(

@@ -3,15 +3,15 @@
 use chrono::{DateTime, FixedOffset};
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Rect};
-use ratatui::style::{Color, Modifier, Style};
+use ratatui::style::Modifier;
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Borders, Clear, Paragraph, Wrap};
-use render::TerminalColour;
+use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 use survey::printable;
+use web::AlarmState;
 
 use crate::control::top::dashboard::Dashboard;
 use crate::control::top::history::CHARTED;
-use crate::control::top::panels;
+use crate::control::top::panels::{self, warning};
 
 /// The least columns and rows of a screen.
 const LEAST: [u16; 2] = [80, 24];
@@ -52,11 +52,11 @@ impl Panel {
             Self::Map | Self::Quantities => Constraint::Fill(1),
             Self::Charts => {
                 let charts = CHARTED.len() as u16;
-                rows(3 * charts, 5 * charts)
+                rows(3 * charts, 4 * charts)
             }
-            Self::HotSpots => rows(4, 7),
-            Self::Events => rows(5, 9),
-            Self::Health => rows(6, 10),
+            Self::HotSpots => rows(3, 6),
+            Self::Events => rows(4, 9),
+            Self::Health => rows(6, 8),
         }
     }
 
@@ -96,7 +96,7 @@ pub(crate) fn draw(frame: &mut Frame<'_>, shown: &Dashboard, now: DateTime<Fixed
         Constraint::Length(1),
     ]));
     header(frame, head, shown, now);
-    let left = 40 + (area.width - least_columns) / 2;
+    let left = 38 + (area.width - least_columns) / 2;
     let columns: [Rect; 2] = body
         .layout(&Layout::horizontal([Constraint::Length(left), Constraint::Fill(1)]).spacing(1));
     for (column, panels) in columns.into_iter().zip(COLUMNS) {
@@ -112,32 +112,19 @@ pub(crate) fn draw(frame: &mut Frame<'_>, shown: &Dashboard, now: DateTime<Fixed
     }
 }
 
-/// Draws the line above a panel and returns what lies below.
-pub(super) fn titled(frame: &mut Frame<'_>, area: Rect, title: &str) -> Rect {
-    let block = Block::new()
-        .borders(Borders::TOP)
-        .title(Span::styled(format!(" {title} "), Modifier::BOLD));
-    let inner = block.inner(area);
-    frame.render_widget(block, area);
-    inner
-}
-
-/// The colours of a warning that cannot be missed, also without colours.
-pub(super) fn warning(colour: TerminalColour) -> Style {
-    match colour {
-        TerminalColour::Plain => Style::new().add_modifier(Modifier::BOLD | Modifier::REVERSED),
-        _ => Style::new()
-            .fg(Color::Indexed(231))
-            .bg(Color::Indexed(124))
-            .add_modifier(Modifier::BOLD),
-    }
-}
-
 fn header(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard, now: DateTime<FixedOffset>) {
     let mut words = vec![Span::styled("tactus top", Modifier::BOLD)];
     if shown.simulated() {
         words.push("  ".into());
         words.push(Span::styled(" SIMULATED ", warning(shown.colour)));
+    }
+    let calls = |alarm: &&AlarmState| {
+        alarm.active && alarm.shelved.is_none() && alarm.out_of_service.is_none()
+    };
+    if let Some(alarm) = shown.seen.alarms.iter().find(calls) {
+        words.push("  ".into());
+        let text = format!(" ALARM {} ", printable(&alarm.name));
+        words.push(Span::styled(text, warning(shown.colour)));
     }
     match &shown.seen.daemon {
         None => {

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use imaging::recorded::{SessionParts, table_time};
 use logbook::Record;
 use outfile::OutFile;
-use survey::{Baseline, Protocol, Reading};
+use survey::{Baseline, Protocol};
 
-use super::Written;
+use super::{Written, reason};
 use crate::args::Export;
 use crate::failure::Failure;
 use crate::maps::recording::left_out;
@@ -178,13 +178,4 @@ fn baseline_table(protocol: &Protocol, baseline: &Baseline) -> String {
         );
     }
     table
-}
-
-fn reason(reading: Reading) -> Option<&'static str> {
-    match reading {
-        Reading::Ok(_) => None,
-        Reading::Overload => Some("overload"),
-        Reading::Timeout => Some("timeout"),
-        Reading::NotMeasured => Some("not_measured"),
-    }
 }

@@ -1,6 +1,7 @@
 //! `tactus export`: writes a recorded session as tables or as a file of another program, or a frame's map as a picture.
 
 mod csv;
+mod mat;
 mod netcdf;
 mod picture;
 
@@ -10,7 +11,7 @@ use std::path::Path;
 use imaging::recorded::SessionParts;
 use logbook::{Record, SessionHeader, SessionKind};
 use serde::Serialize;
-use survey::MapQuality;
+use survey::{MapQuality, Reading};
 
 use crate::args::{Export, Global};
 use crate::failure::Failure;
@@ -75,6 +76,7 @@ pub(crate) fn run(
     match export.format {
         Format::Csv => csv::tables(&session, export, printer),
         Format::Nc => netcdf::write(&path, &session, export, printer),
+        Format::Mat => mat::write(&session, export, printer),
         Format::Png | Format::Svg | Format::Raster => {
             picture::picture(&path, &session, export, printer)
         }
@@ -129,4 +131,24 @@ fn first_frame(session: &SessionParts) -> Result<Record, Failure> {
             session.header().id
         ))
     })
+}
+
+/// Time of a frame, s since 1970-01-01 UTC.
+fn seconds(record: &Record) -> f64 {
+    record.frame.wall.timestamp_micros() as f64 / 1e6
+}
+
+/// The voltage, or NaN where the reading is missing.
+fn volts(reading: &Reading) -> f64 {
+    reading.volts().map_or(f64::NAN, |volts| volts.0)
+}
+
+/// Why a reading is missing.
+fn reason(reading: Reading) -> Option<&'static str> {
+    match reading {
+        Reading::Ok(_) => None,
+        Reading::Overload => Some("overload"),
+        Reading::Timeout => Some("timeout"),
+        Reading::NotMeasured => Some("not_measured"),
+    }
 }

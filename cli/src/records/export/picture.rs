@@ -75,7 +75,7 @@ pub(super) fn picture(
             "raster",
             drawing::raster(&reconstruction.field, shown, export.raster)?.into_bytes(),
         ),
-        Format::Png | Format::Csv | Format::Nc => {
+        Format::Png | Format::Csv | Format::Nc | Format::Mat => {
             ("png", drawing::png(&reconstruction.field, shown, &style)?)
         }
     };

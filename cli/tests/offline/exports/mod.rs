@@ -1,5 +1,6 @@
 //! Files for other programs, read back by the libraries that those programs use.
 
+mod mat;
 mod netcdf;
 mod refusals;
 

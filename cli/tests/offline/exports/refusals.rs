@@ -13,7 +13,7 @@ fn left(folder: &Path) -> Vec<String> {
     names
 }
 
-const FORMATS: [&str; 1] = ["nc"];
+const FORMATS: [&str; 2] = ["nc", "mat"];
 
 #[test]
 fn a_session_without_frames_is_not_exported() {
@@ -75,4 +75,18 @@ fn maps_need_a_baseline_and_the_format() {
     let message = refused(folder.path(), &unknown, 78);
     assert!(message.contains("the mesh has 26"), "{message}");
     assert_eq!(left(folder.path()), before);
+}
+
+#[test]
+fn a_script_that_exists_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    std::fs::write(folder.path().join("out.m"), "mine").unwrap();
+    let export = ["export", "last", "--format", "mat", "--out", "out.mat"];
+    let message = refused(folder.path(), &export, 1);
+    assert!(message.contains("out.m exists already"), "{message}");
+    let export = ["export", "last", "--format", "mat", "--out", "new.m"];
+    let message = refused(folder.path(), &export, 2);
+    assert!(message.contains("ends in .mat"), "{message}");
+    assert_eq!(left(folder.path()), ["out.m"]);
 }

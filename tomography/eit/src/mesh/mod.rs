@@ -341,14 +341,18 @@ impl Mesh {
         (b[0] - a[0]).hypot(b[1] - a[1])
     }
 
+    /// The sides of triangles that belong to one triangle only, in its direction: the rim and the holes.
+    pub fn boundary(&self) -> Vec<[usize; 2]> {
+        let directed: BTreeSet<[usize; 2]> = self.triangles.iter().flat_map(sides_of).collect();
+        let single = |[a, b]: &&[usize; 2]| !directed.contains(&[*b, *a]);
+        directed.iter().filter(single).copied().collect()
+    }
+
     /// The boundary as closed loops (the first point is not repeated): the rim counter-clockwise, holes clockwise.
     pub fn outline(&self) -> Vec<Vec<[f64; 2]>> {
-        let directed: BTreeSet<[usize; 2]> = self.triangles.iter().flat_map(sides_of).collect();
         let mut next: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for &[a, b] in &directed {
-            if !directed.contains(&[b, a]) {
-                next.entry(a).or_default().push(b);
-            }
+        for [a, b] in self.boundary() {
+            next.entry(a).or_default().push(b);
         }
         let mut loops = Vec::new();
         while let Some((&start, _)) = next.iter().next() {

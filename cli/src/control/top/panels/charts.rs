@@ -8,7 +8,7 @@ use ratatui::widgets::Sparkline;
 
 use crate::control::top::dashboard::Dashboard;
 use crate::control::top::history::CHARTED;
-use crate::control::top::view::titled;
+use crate::control::top::panels::titled;
 
 /// Height of a bar in steps: eight to a row, of at most so many rows.
 const STEPS: f64 = 8.0 * 100.0;
@@ -28,14 +28,19 @@ pub(crate) fn draw(
             .history
             .columns(chart, columns, now.timestamp_millis());
         let most = values.iter().flatten().copied().fold(0.0, f64::max);
+        let span = ", last 10 min";
         let title = match values.iter().any(Option::is_some) {
             true => format!(
-                "{}, 10 min, 0 to {} {}",
+                "{} \u{2264} {} {}",
                 quantity.words(),
                 rounded(most),
                 quantity.unit(unit)
             ),
-            false => format!("{}, 10 min, no value yet", quantity.words()),
+            false => format!("{}: no value", quantity.words()),
+        };
+        let title = match title.chars().count() + span.len() + 2 <= columns {
+            true => title + span,
+            false => title,
         };
         let inner = titled(frame, area, &title);
         frame.render_widget(

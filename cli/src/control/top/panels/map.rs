@@ -4,14 +4,14 @@ use chrono::{DateTime, FixedOffset};
 use imaging::quantities::Quantity;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
-use ratatui::layout::{Position, Rect};
+use ratatui::layout::{Constraint, Layout, Position, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::widgets::{Paragraph, Wrap};
 use render::{CellColour, TerminalCell, TerminalMap};
 use survey::printable;
 
 use crate::control::top::dashboard::{Dashboard, Picture};
-use crate::control::top::view::{titled, warning};
+use crate::control::top::panels::{titled, warning};
 use crate::maps::drawing::Field;
 use crate::options::duration::display_long;
 
@@ -33,6 +33,15 @@ pub(crate) fn draw(
         }
     };
     let area = titled(frame, area, &title);
+    let doubt = shown
+        .picture
+        .as_ref()
+        .and_then(|picture| doubt(shown, picture));
+    let below = u16::from(doubt.is_some());
+    let [area, last] = area.layout(&Layout::vertical([
+        Constraint::Fill(1),
+        Constraint::Length(below),
+    ]));
     let drawn = match (&shown.picture, &shown.field) {
         (Some(picture), Some(Ok(field))) => cells(shown, picture, field, area),
         (_, Some(Err(why))) => Err(why.clone()),
@@ -45,15 +54,9 @@ pub(crate) fn draw(
             area,
         ),
     }
-    let doubt = shown
-        .picture
-        .as_ref()
-        .and_then(|picture| doubt(shown, picture));
-    if let (Some(doubt), Some(last)) = (doubt, area.rows().last()) {
+    if let Some(doubt) = doubt {
         let doubt = format!(" {} ", printable(&doubt));
-        let width = (doubt.chars().count() as u16).min(last.width);
-        let area = Rect { width, ..last };
-        frame.render_widget(Paragraph::new(doubt).style(warning(shown.colour)), area);
+        frame.render_widget(Paragraph::new(doubt).style(warning(shown.colour)), last);
     }
 }
 
@@ -97,7 +100,7 @@ fn nothing_above(shown: &Dashboard, picture: &Picture) -> Option<f64> {
     Some(noise).filter(|noise| loss <= *noise)
 }
 
-/// The map with its scale below, and a row for its doubt.
+/// The map, with a row for its scale.
 fn cells(
     shown: &Dashboard,
     picture: &Picture,
@@ -123,7 +126,7 @@ fn cells(
     }
     let size = [
         usize::from(area.width),
-        usize::from(area.height).saturating_sub(2),
+        usize::from(area.height).saturating_sub(1),
     ];
     render::terminal_map(
         &field.sheet,
@@ -136,14 +139,14 @@ fn cells(
     .map_err(|error| format!("the map cannot be drawn: {error}"))
 }
 
-/// Copies the map to the middle of the area, and its scale below.
+/// Copies the map to the middle of the area, and its scale to the last row.
 fn place(buffer: &mut Buffer, area: Rect, map: &TerminalMap) {
     let width = map.rows.first().map_or(0, Vec::len) as u16;
     let left = area.x + area.width.saturating_sub(width) / 2;
     for (row, cells) in (area.y..).zip(&map.rows) {
         put(buffer, [left, row], area, cells);
     }
-    let row = area.bottom().saturating_sub(2);
+    let row = area.bottom().saturating_sub(1);
     let scale = &map.scale;
     let around = scale.low.chars().count() + scale.high.chars().count() + scale.bar.len() + 2;
     let left = area.x + area.width.saturating_sub(around as u16) / 2;

@@ -9,7 +9,7 @@ use survey::printable;
 use web::DaemonState;
 
 use crate::control::top::dashboard::Dashboard;
-use crate::control::top::view::{titled, warning};
+use crate::control::top::panels::{titled, warning};
 use crate::options::duration::display_long;
 
 pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
@@ -42,18 +42,19 @@ pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
         );
         if let Some(session) = &shown.seen.session {
             let count = |count: Option<u64>| count.unwrap_or(0);
-            lines.push(format_line(&format!(
-                "session   {}, {}: {} frames, {} failed, {} missed",
-                session.kind,
-                session.state,
+            lines.push(plain(&format!(
+                "frames   {} ({}), {} failed, {} missed",
                 count(session.frames),
+                session.state,
                 count(session.failed),
                 count(session.dropped)
             )));
+            let error = session.last_error.as_ref();
+            lines.extend(error.map(|error| plain(&format!("error    {error}"))));
         } else {
-            lines.push("session   none".into());
+            lines.push("session  none; `tactus start` starts one".into());
         }
-        lines.extend(of_daemon(daemon).iter().map(|text| format_line(text)));
+        lines.extend(of_daemon(daemon).iter().map(|text| plain(text)));
     }
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
 }
@@ -64,23 +65,23 @@ fn of_daemon(daemon: &DaemonState) -> Vec<String> {
         .map(|age| format!(", {} old", display_long(age)));
     let mut lines = vec![
         match daemon.baseline.as_str() {
-            "" => "baseline  none; `tactus baseline record`".to_owned(),
-            id => format!("baseline  {id}{}", age.unwrap_or_default()),
+            "" => "baseline none; `tactus baseline record`".to_owned(),
+            id => format!("baseline {id}{}", age.unwrap_or_default()),
         },
-        format!("source    {}, {}", daemon.source, daemon.source_state),
-        format!("method    {}", daemon.method),
+        format!("source   {}, {}", daemon.source, daemon.source_state),
+        format!("method   {}", daemon.method),
     ];
     if let Some(days) = daemon.disk_days {
-        lines.push(format!("disk      {days:.0} days left"));
+        lines.push(format!("disk     {days:.0} days left"));
     }
     if let Some(error) = &daemon.last_error {
-        lines.push(format!("error     {error}"));
+        lines.push(format!("error    {error}"));
     }
-    lines.push(format!("daemon    tactusd {}", daemon.version));
+    lines.push(format!("daemon   tactusd {}", daemon.version));
     lines
 }
 
-fn format_line(text: &str) -> Line<'static> {
+fn plain(text: &str) -> Line<'static> {
     Line::from(printable(text).into_owned())
 }
 
@@ -98,7 +99,7 @@ pub(crate) fn events(
         .map(|event| {
             let at = DateTime::from_timestamp_millis(event.wall_ms).unwrap_or_default();
             let at = at.with_timezone(now.offset()).format("%H:%M:%S");
-            format_line(&format!("{at} {}: {}", event.kind, event.text))
+            plain(&format!("{at} {}: {}", event.kind, event.text))
         })
         .collect();
     if lines.is_empty() {

@@ -11,7 +11,7 @@ use ratatui::widgets::Paragraph;
 use survey::printable_within;
 
 use crate::control::top::dashboard::Dashboard;
-use crate::control::top::view::titled;
+use crate::control::top::panels::titled;
 use crate::options::duration::display_long;
 
 /// Columns of the names of quantities.
@@ -24,7 +24,7 @@ const UNIT: usize = 14;
 pub(crate) fn quantities(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
     let rows = usize::from(area.height).saturating_sub(2);
     let all = Quantity::ALL.len();
-    let first = shown.first_quantity.min(all.saturating_sub(rows));
+    let first = shown.first_quantity.min(all.saturating_sub(1));
     let last = (first + rows).min(all);
     let title = format!("Quantities {} to {last} of {all}", first + 1);
     let area = titled(frame, area, &title);
@@ -33,22 +33,22 @@ pub(crate) fn quantities(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
         return;
     };
     let fitting = (usize::from(area.width).saturating_sub(NAME + UNIT) / (VALUE + 1)).max(1);
-    let regions = &seen.regions[shown.first_region.min(seen.regions.len())..];
-    let hidden = seen.regions.len() > fitting;
-    let regions = &regions[..regions.len().min(fitting)];
-    let names = regions.iter().map(|region| {
+    let hidden = seen.regions.len().saturating_sub(fitting);
+    let first_region = shown.first_region.min(hidden);
+    let regions = seen.regions.iter().skip(first_region).take(fitting);
+    let names = regions.clone().map(|region| {
         let name = printable_within(&region.name, VALUE);
         format!(" {name:>VALUE$}")
     });
     let names: String = names.collect();
-    let more = if hidden { "Left Right" } else { "" };
+    let more = if hidden > 0 { "Left Right" } else { "" };
     let mut lines = vec![Line::styled(
         format!("{more:<NAME$}{names}"),
         Modifier::BOLD,
     )];
     for quantity in &Quantity::ALL[first..last] {
         let values = regions
-            .iter()
+            .clone()
             .map(|region| format!(" {:>VALUE$}", value(region, *quantity)));
         let values: String = values.collect();
         let unit = quantity.unit(seen.unit);
@@ -71,8 +71,15 @@ fn value(region: &RegionQuantities, quantity: Quantity) -> String {
     } else {
         rounded(value)
     };
-    let deviation = region.deviations.get(quantity).map(rounded);
-    let both = deviation.map(|deviation| format!("{text}\u{b1}{deviation}"));
+    let both = region.deviations.get(quantity).map(|deviation| {
+        // as many decimals as the value, where that leaves a digit
+        let decimals = text.split_once('.').map_or(0, |(_, after)| after.len());
+        let alike = format!("{deviation:.decimals$}");
+        match alike.bytes().any(|digit| matches!(digit, b'1'..=b'9')) {
+            true => format!("{text}\u{b1}{alike}"),
+            false => format!("{text}\u{b1}{}", rounded(deviation)),
+        }
+    });
     both.filter(|both| both.chars().count() <= VALUE)
         .unwrap_or(text)
 }
@@ -82,8 +89,8 @@ pub(crate) fn hot_spots(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
     let spots = seen.map_or(&[][..], |seen| &seen.spots);
     let rows = usize::from(area.height).saturating_sub(1);
     let title = match spots.len() {
-        count if count > rows => format!("Hot spots, the highest {rows} of {count}"),
-        _ => "Hot spots".to_owned(),
+        count if count > rows => format!("Hot spots (mm), {rows} of {count}"),
+        _ => "Hot spots (mm)".to_owned(),
     };
     let area = titled(frame, area, &title);
     let lines: Vec<Line<'_>> = match seen {
@@ -107,7 +114,7 @@ fn hot_spot(seen: &FrameQuantities, spot: &SpotTrack) -> String {
     };
     let area = rounded(1e-2 * spot.area_mm2);
     format!(
-        "{:>2} ({x:.0}, {y:.0}) mm {peak} {area} cm2 {}",
+        "{:>2} ({x:.0}, {y:.0}) {peak} {area} cm2 {}",
         spot.number,
         display_long(spot.age_s)
     )

@@ -12,7 +12,7 @@ use netcdf3::DataType;
 use outfile::OutFile;
 use survey::{Electrode, Measurement, Reading};
 
-use super::Written;
+use super::{Written, seconds, volts};
 use crate::args::Export;
 use crate::failure::Failure;
 use crate::maps::frame_maps::FrameMaps;
@@ -36,10 +36,6 @@ fn flag(reading: Reading) -> i8 {
 
 const FLAGS: [i8; 4] = [0, 1, 2, 3];
 const FLAG_MEANINGS: &str = "ok overload timeout not_measured";
-
-fn volts(reading: &Reading) -> f64 {
-    reading.volts().map_or(f64::NAN, |volts| volts.0)
-}
 
 /// Writes the file and reports its path.
 pub(super) fn write(
@@ -290,7 +286,7 @@ fn frame(bytes: &mut RecordBytes, record: &Record) -> Result<(), Failure> {
             i32::MAX
         ))
     })?;
-    bytes.reals([frame.wall.timestamp_micros() as f64 / 1e6]);
+    bytes.reals([seconds(record)]);
     bytes.whole(sequence);
     bytes.small(frame.readings.iter().copied().map(flag));
     bytes.reals(frame.readings.iter().map(volts));
