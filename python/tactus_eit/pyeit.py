@@ -166,9 +166,10 @@ class JAC:
 def _number(name: str, value: object, expected: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise TypeError(f"argument '{name}': it is a {type(value).__name__}; expected {expected}")
-    if not abs(value) < np.inf:
+    number = float(value)
+    if not abs(number) < np.inf:
         raise ValueError(f"argument '{name}': it is {value}; expected {expected}")
-    return float(value)
+    return number
 
 
 def _protocol(protocol: Any, electrodes: int) -> _native.Protocol:
