@@ -150,34 +150,35 @@ fn remove(table: &mut DeTable<'_>, fault: &Range<usize>) -> bool {
     if let Some(key) = found {
         return table.remove(&key).is_some();
     }
+    let below = |value: &mut DeValue<'_>| match value {
+        DeValue::Table(inner) => remove(inner, fault),
+        _ => false,
+    };
+    if table.iter_mut().any(|(_, value)| below(value.get_mut())) {
+        return true;
+    }
     let mut faulty = None;
     for (key, value) in table.iter_mut() {
-        match value.get_mut() {
-            DeValue::Table(inner) => {
-                if remove(inner, fault) {
-                    return true;
+        let here = points_at(value.span());
+        let DeValue::Array(entries) = value.get_mut() else {
+            continue;
+        };
+        for entry in entries.iter_mut() {
+            if let DeValue::Table(inner) = entry.get_mut() {
+                let unknown = inner.iter().find(|(key, _)| key.span() == *fault);
+                if let Some(key) = unknown.map(|(key, _)| key.clone()) {
+                    return inner.remove(&key).is_some();
                 }
             }
-            DeValue::Array(entries) => {
-                for entry in entries.iter_mut() {
-                    if let DeValue::Table(inner) = entry.get_mut() {
-                        let unknown = inner.iter().find(|(key, _)| key.span() == *fault);
-                        if let Some(key) = unknown.map(|(key, _)| key.clone()) {
-                            return inner.remove(&key).is_some();
-                        }
-                    }
-                }
-                let hit = |entry: &toml::Spanned<DeValue<'_>>| holds(entry, fault.start);
-                if entries.iter().any(hit) {
-                    let kept = entries.iter().filter(|entry| !hit(entry)).cloned();
-                    *entries = kept.collect();
-                    return true;
-                }
-                if points_at(value.span()) {
-                    faulty = Some(key.clone());
-                }
-            }
-            _ => {}
+        }
+        let hit = |entry: &toml::Spanned<DeValue<'_>>| holds(entry, fault.start);
+        if entries.iter().any(hit) {
+            let kept = entries.iter().filter(|entry| !hit(entry)).cloned();
+            *entries = kept.collect();
+            return true;
+        }
+        if here {
+            faulty = Some(key.clone());
         }
     }
     faulty.is_some_and(|key| table.remove(&key).is_some())

@@ -6,7 +6,6 @@ pub(crate) mod sink;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use alarms::{Alarms, Order, Refused, Transition, TransitionKind};
 use config::{AlarmSettings, Config, NotifySection};
@@ -248,7 +247,7 @@ impl Desk {
         let quiet = now.duration_since(since);
         let period = session.period.as_secs_f64() * map_every as f64;
         let patience = (period * limits.no_frame_periods).max(limits.no_frame_s);
-        (quiet > Duration::from_secs_f64(patience)).then(|| quiet.as_secs_f64())
+        (quiet > survey::duration(patience)).then_some(quiet.as_secs_f64())
     }
 }
 

@@ -180,7 +180,7 @@ fn stimulations(protocol: &Protocol, current: Amps) -> Value {
     let elements = injections.map(|readings| {
         let injected = both(readings[0].drive);
         let measured = readings.iter().enumerate().flat_map(|(row, one)| {
-            both(one.sense).map(|(electrode, sign)| (row, usize::from(electrode.0), sign))
+            both(one.sense).map(|(electrode, sign)| (row, electrode.0, sign))
         });
         vec![
             Value::text("Amp"),
@@ -188,7 +188,7 @@ fn stimulations(protocol: &Protocol, current: Amps) -> Value {
                 rows: electrodes,
                 columns: 1,
                 entries: injected
-                    .map(|(electrode, sign)| (usize::from(electrode.0), 0, sign * current.0))
+                    .map(|(electrode, sign)| (electrode.0, 0, sign * current.0))
                     .to_vec(),
             },
             Value::Sparse {

@@ -202,7 +202,7 @@ fn layout(
     ];
     for (name, of, meaning) in ends {
         let measurements = header.protocol.measurements().iter();
-        let numbers = measurements.map(|one| number(usize::from(of(one).0)));
+        let numbers = measurements.map(|one| number(of(one).0));
         let meaning = format!("{meaning}, counted from 0");
         layout.whole_numbers(
             name,
