@@ -20,7 +20,7 @@ struct Page {
 }
 
 impl Page {
-    fn serve(stage: &Stage) -> Self {
+    fn serve(stage: &Stage, options: &[&str]) -> Self {
         let mut process = stage
             .command("tactus")
             .args([
@@ -29,6 +29,7 @@ impl Page {
                 &format!("unix:{}", stage.peer_path().display()),
             ])
             .args(["web", "--no-browser"])
+            .args(options)
             .stdout(Stdio::piped())
             .spawn()
             .expect("the program starts");
@@ -94,7 +95,7 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     let daemon = test_rig::start(&stage);
     baseline(&stage, 3);
     ask(&stage, &["start", "--every", "500ms"]);
-    let page = Page::serve(&stage);
+    let page = Page::serve(&stage, &[]);
 
     // without the token nothing is shown
     let (bare, _) = page.url.split_once('#').expect("the token");
@@ -163,4 +164,57 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     browser.until("!byId('trouble').hidden && byId('trouble').textContent.includes('no daemon')");
     drop(page);
     browser.until("byId('trouble').textContent.includes('no connection to tactus web')");
+}
+
+const RULE: &str = "\n[[alarm]]\nname = \"pressed\"\nquantity = \"contact\"\nabove = 100.0\nfor_s = 0.5\nseverity = \"major\"\n\
+    guidance = \"lift it\"\n";
+
+#[test]
+fn an_alarm_is_seen_and_acknowledged_in_a_browser() {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
+        format!("{config}{RULE}")
+    }) else {
+        return;
+    };
+    let profile = stage.path().join("browser");
+    let Some(browser) = Browser::start(&profile, 1500, 1000) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    let page = Page::serve(&stage, &["--control"]);
+    browser.open(&page.url);
+    browser.until("latest && latest.daemon && !byId('control').hidden");
+    browser.value("byId('every').value = '0.3', byId('start').click()");
+    browser.until("latest.frame && latest.frame.map && map.values !== null");
+    browser.value("send({ call: 'press', x_m: 0.08, y_m: 0.135, size_m: 0.03, loss: 0.5 }), 0");
+    let button = "document.querySelector('[aria-label=\"Acknowledge pressed\"]')";
+    browser.until(&format!("{button} !== null"));
+    let row = browser.value("byId('alarms').innerText");
+    let row = row.as_str().expect("text");
+    for words in ["pressed", "ACTIVE, major, not acknowledged", "lift it"] {
+        assert!(row.contains(words), "{words} in {row}");
+    }
+    browser.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("alarm-page.png"));
+    browser.value(&format!("{button}.click()"));
+    browser.until(&format!("{button} === null"));
+    let listed = stage
+        .tactus(&["--json", "alarms"])
+        .expect("the program runs");
+    let alarm = listed
+        .stdout
+        .lines()
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).expect("JSON"))
+        .find(|alarm| alarm["name"] == "pressed")
+        .expect("it is listed");
+    assert_eq!(
+        (&alarm["active"], &alarm["acknowledged"]),
+        (&true.into(), &true.into())
+    );
+    // what the daemon refuses is shown
+    browser.value("send({ call: 'reset', name: 'pressed' }), 0");
+    browser.until("byId('answer').textContent.includes('nothing to reset')");
+    browser.value("byId('stop').click(), 0");
+    browser.until("byId('session').textContent === 'no session runs'");
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 }
