@@ -7,7 +7,7 @@ pub(crate) mod sink;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use alarms::{Alarms, Order, Refused, Transition, TransitionKind};
+use alarms::{Alarms, Judgement, Order, Refused, Transition, TransitionKind};
 use config::{AlarmSettings, Config, NotifySection};
 use outfile::Existing;
 use survey::error_chain as chain;
@@ -41,7 +41,7 @@ pub(crate) struct AlarmDesk {
 #[derive(Debug, Default)]
 struct Desk {
     alarms: Alarms,
-    rules: Vec<AlarmSettings>,
+    rules: Arc<[AlarmSettings]>,
     notices: Notices,
     /// Session and time of the last frame with quantities.
     last_frame: Option<(String, Instant)>,
@@ -53,7 +53,7 @@ struct Desk {
 #[derive(Debug, Default, Clone)]
 pub(crate) struct Shown {
     pub alarms: Alarms,
-    pub rules: Vec<AlarmSettings>,
+    pub rules: Arc<[AlarmSettings]>,
 }
 
 /// A change, with the kind of its event.
@@ -134,10 +134,7 @@ impl AlarmDesk {
             .iter()
             .filter_map(|rule| Some((rule.name.clone(), judged::by_frame(rule, found)?)))
             .collect();
-        let mut transitions = Vec::new();
-        for (name, judgement) in judgements {
-            transitions.extend(desk.alarms.judge(&name, at_s, judgement));
-        }
+        let transitions = desk.judge(at_s, judgements);
         self.keep(&mut desk, transitions).await
     }
 
@@ -158,10 +155,7 @@ impl AlarmDesk {
             .collect();
         let own = built_in::judgements(health, limits).into_iter();
         judgements.extend(own.map(|(kind, judgement)| (kind.to_owned(), judgement)));
-        let mut transitions = Vec::new();
-        for (name, judgement) in judgements {
-            transitions.extend(desk.alarms.judge(&name, at_s, judgement));
-        }
+        let transitions = desk.judge(at_s, judgements);
         let changes = self.keep(&mut desk, transitions).await;
         let again = survey::duration(limits.again_s);
         let Desk {
@@ -218,7 +212,7 @@ impl AlarmDesk {
     fn show(&self, desk: &Desk) {
         let shown = Arc::new(Shown {
             alarms: desk.alarms.clone(),
-            rules: desk.rules.clone(),
+            rules: Arc::clone(&desk.rules),
         });
         *self.shown.lock().unwrap_or_else(PoisonError::into_inner) = shown;
     }
@@ -226,10 +220,16 @@ impl AlarmDesk {
 
 impl Desk {
     fn take_rules(&mut self, rules: &[AlarmSettings]) {
-        self.rules = rules.to_vec();
+        self.rules = rules.into();
         let own = rules.iter().map(AlarmSettings::rule);
         self.alarms
             .set_rules(built_in::rules().chain(own).collect());
+    }
+
+    fn judge(&mut self, at_s: f64, judgements: Vec<(String, Judgement)>) -> Vec<Transition> {
+        let each = judgements.into_iter();
+        each.flat_map(|(name, judgement)| self.alarms.judge(&name, at_s, judgement))
+            .collect()
     }
 
     /// The time without a map, s, if it is longer than the rules wait; `None` otherwise.

@@ -5,14 +5,11 @@ use std::collections::BTreeSet;
 
 use config::{AlarmSettings, Config, Limit, Watched};
 use imaging::Model;
-use imaging::quantities::{LoadUnit, Quantifier, Quantity, SHEET};
+use imaging::quantities::{LoadUnit, Quantifier, Quantity, SHEET, is_name};
 
 use crate::monitoring::built_in;
 use crate::preparation::Findings;
 use config::numbers::too_long;
-
-/// Longest name of an alarm.
-const LONGEST_NAME: usize = 32;
 
 /// Reports every rule that cannot work.
 pub(super) fn check(config: &Config, model: Option<&Model>, findings: &mut Findings<'_>) {
@@ -54,10 +51,9 @@ pub(super) fn check(config: &Config, model: Option<&Model>, findings: &mut Findi
 }
 
 fn name_problem(name: &str) -> Option<String> {
-    let character = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-    if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(character) {
+    if !is_name(name) {
         return Some(format!(
-            "'{name}': a name has letters, digits, '-' and '_', {LONGEST_NAME} at most"
+            "'{name}': a name has letters, digits, '-' and '_', 32 at most"
         ));
     }
     built_in::has(name)

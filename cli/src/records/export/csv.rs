@@ -12,9 +12,7 @@ use survey::{Baseline, Protocol};
 use super::{Written, reason};
 use crate::args::Export;
 use crate::failure::Failure;
-use crate::maps::recording::left_out;
 use crate::output::Printer;
-use crate::output::progress::progress;
 use crate::records::case_folder::{self, cell};
 
 /// Writes the tables and reports their paths.
@@ -43,29 +41,19 @@ pub(super) fn tables(
         }
         None => None,
     };
-    let bar = progress(Some(session.len()?), printer.is_terminal());
-    let (mut written, mut damaged, mut current) = (0, 0, None);
+    let (mut written, mut current) = (0, None);
     let mut last = header.first_sequence - 1;
-    for record in session.frames() {
-        match record {
-            Ok(record) => {
-                file.put(frame_row(&record).as_bytes())?;
-                if let Some(case) = &mut case {
-                    let label = format!("f{}", record.frame.sequence);
-                    case.put(case_folder::row(&label, &record.frame.readings).as_bytes())?;
-                }
-                current.get_or_insert(record.frame.settings.current);
-                last = record.frame.sequence;
-                written += 1;
-            }
-            Err(error) => {
-                bar.suspend(|| left_out(&error));
-                damaged += 1;
-            }
+    let damaged = super::each_frame(session, printer.is_terminal(), |record| {
+        file.put(frame_row(&record).as_bytes())?;
+        if let Some(case) = &mut case {
+            let label = format!("f{}", record.frame.sequence);
+            case.put(case_folder::row(&label, &record.frame.readings).as_bytes())?;
         }
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
+        current.get_or_insert(record.frame.settings.current);
+        last = record.frame.sequence;
+        written += 1;
+        Ok(())
+    })?;
     say(printer, "frames", &file.finish()?, written)?;
     if let (Some(companions), Some(case)) = (&companions, case) {
         if let Some(baseline) = &baseline {

@@ -8,15 +8,18 @@ mod picture;
 use std::io::Write;
 use std::path::Path;
 
-use imaging::recorded::SessionParts;
+use imaging::recorded::{Recording, SessionParts};
 use logbook::{Record, SessionHeader, SessionKind};
 use serde::Serialize;
 use survey::{MapQuality, Reading};
 
 use crate::args::{Export, Global};
 use crate::failure::Failure;
+use crate::maps::reconstruction::Reconstruction;
+use crate::maps::recording::left_out;
 use crate::options::choices::Format;
 use crate::output::Printer;
+use crate::output::progress::progress;
 use crate::session_files;
 
 /// A line of `export --json`; see `docs/reference/json.md`.
@@ -100,6 +103,39 @@ fn check_comparable(session: &SessionParts) -> Result<(), Failure> {
         )));
     }
     Ok(())
+}
+
+/// Hands each readable frame on, with progress, and returns how many damaged ones were left out; each of those is named.
+fn each_frame(
+    session: &SessionParts,
+    on_terminal: bool,
+    mut take: impl FnMut(Record) -> Result<(), Failure>,
+) -> Result<usize, Failure> {
+    let bar = progress(Some(session.len()?), on_terminal);
+    let mut damaged = 0;
+    for record in session.frames() {
+        match record {
+            Ok(record) => take(record)?,
+            Err(error) => {
+                bar.suspend(|| left_out(&error));
+                damaged += 1;
+            }
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(damaged)
+}
+
+/// The reconstruction that the options ask for.
+fn reconstruction(export: &Export, recording: &Recording) -> Result<Reconstruction, Failure> {
+    Reconstruction::new(
+        &export.method,
+        &export.geometry,
+        export.calibration.as_deref(),
+        &export.tracked,
+        recording,
+    )
 }
 
 /// The failure of a file from which damaged frames are missing.

@@ -11,7 +11,6 @@ use crate::args::Export;
 use crate::failure::Failure;
 use crate::maps::drawing;
 use crate::maps::follower::Follower;
-use crate::maps::reconstruction::Reconstruction;
 use crate::options::choices::Format;
 use crate::output::Printer;
 use crate::output::time::local;
@@ -31,13 +30,7 @@ pub(super) fn picture(
     };
     let record = session.frame(sequence)?;
     let recording = Recording::from_session(path, None, false)?;
-    let reconstruction = Reconstruction::new(
-        &export.method,
-        &export.geometry,
-        export.calibration.as_deref(),
-        &export.tracked,
-        &recording,
-    )?;
+    let reconstruction = super::reconstruction(export, &recording)?;
     let of_frame = Follower::of(&reconstruction, &export.tracked, &recording)?
         .map(|follower| follower.up_to(&recording, sequence))
         .transpose()?;

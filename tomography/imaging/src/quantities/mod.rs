@@ -30,7 +30,7 @@ use course::{Course, CourseSettings};
 pub use deviation::{ComparedReadings, Deviation};
 pub use minutes::{QuantityRow, Rows};
 pub use quantity::{LoadUnit, Quantity, Values};
-pub use region::{RegionError, RegionSettings, SHEET, check_regions};
+pub use region::{RegionError, RegionSettings, SHEET, check_regions, is_name};
 pub use stored::{STORED_S, joined, store, stored};
 pub use surface::Surface;
 use tracks::Tracks;

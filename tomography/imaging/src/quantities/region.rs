@@ -19,6 +19,12 @@ pub struct RegionSettings {
     pub polygon_mm: Option<Vec<[f64; 2]>>,
 }
 
+/// Whether a text is a name of a region or an alarm: letters, digits, `-` and `_`, 32 at most.
+pub fn is_name(text: &str) -> bool {
+    let character = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    (1..=32).contains(&text.len()) && text.chars().all(character)
+}
+
 /// A region without quantities.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RegionError {
@@ -59,12 +65,7 @@ impl RegionSettings {
     /// # Errors
     /// A wrong name, no shape or two, a shape without area or with an edge that crosses another.
     pub fn corners(&self) -> Result<Vec<[f64; 2]>, RegionError> {
-        let character = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if self.name.is_empty()
-            || self.name.len() > 32
-            || self.name == SHEET
-            || !self.name.chars().all(character)
-        {
+        if !is_name(&self.name) || self.name == SHEET {
             return Err(RegionError::Name(self.name.clone()));
         }
         let wrong = |why| RegionError::Corners {

@@ -15,8 +15,6 @@ use survey::{Amps, Dipole, Protocol};
 use super::{Written, seconds, volts};
 use crate::args::Export;
 use crate::failure::Failure;
-use crate::maps::recording::left_out;
-use crate::output::progress::progress;
 use crate::output::time::utc;
 use crate::output::{Printer, complain};
 use crate::records::case_folder;
@@ -113,25 +111,14 @@ pub(super) fn write(
 }
 
 fn read(session: &SessionParts, printer: &Printer<impl Write>) -> Result<Frames, Failure> {
-    let bar = progress(Some(session.len()?), printer.is_terminal());
     let mut frames = Frames::default();
-    for record in session.frames() {
-        match record {
-            Ok(record) => {
-                frames.sequences.push(record.frame.sequence as f64);
-                frames.times.push(seconds(&record));
-                frames
-                    .voltages
-                    .extend(record.frame.readings.iter().map(volts));
-            }
-            Err(error) => {
-                bar.suspend(|| left_out(&error));
-                frames.damaged += 1;
-            }
-        }
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
+    frames.damaged = super::each_frame(session, printer.is_terminal(), |record| {
+        frames.sequences.push(record.frame.sequence as f64);
+        frames.times.push(seconds(&record));
+        let readings = record.frame.readings.iter();
+        frames.voltages.extend(readings.map(volts));
+        Ok(())
+    })?;
     Ok(frames)
 }
 

@@ -17,9 +17,7 @@ use crate::args::Export;
 use crate::failure::Failure;
 use crate::maps::frame_maps::FrameMaps;
 use crate::maps::reconstruction::Reconstruction;
-use crate::maps::recording::left_out;
 use crate::output::Printer;
-use crate::output::progress::progress;
 use crate::output::time::utc;
 use layout::{Layout, RECORD_COUNT_AT, RecordBytes};
 use maps::MapVariables;
@@ -62,15 +60,7 @@ pub(super) fn write(
     };
     let reconstruction = recording
         .as_ref()
-        .map(|recording| {
-            Reconstruction::new(
-                &export.method,
-                &export.geometry,
-                export.calibration.as_deref(),
-                &export.tracked,
-                recording,
-            )
-        })
+        .map(|recording| super::reconstruction(export, recording))
         .transpose()?;
     let mut maps = match (&recording, &reconstruction) {
         (Some(recording), Some(reconstruction)) => Some(MapVariables::new(
@@ -82,29 +72,19 @@ pub(super) fn write(
     let layout = layout(session, &first, reconstruction.as_ref())?;
     let mut file = OutFile::create(&export.out, export.replacing.existing())?;
     file.put(&layout.bytes()?)?;
-    let bar = progress(Some(session.len()?), printer.is_terminal());
-    let (mut written, mut damaged, mut last) = (0_u32, 0, header.first_sequence - 1);
+    let (mut written, mut last) = (0_u32, header.first_sequence - 1);
     let mut bytes = RecordBytes::default();
-    for record in session.frames() {
-        match record {
-            Ok(record) => {
-                bytes.clear();
-                frame(&mut bytes, &record)?;
-                if let Some(maps) = &mut maps {
-                    maps.put(&mut bytes, &record)?;
-                }
-                file.put(bytes.bytes())?;
-                last = record.frame.sequence;
-                written += 1;
-            }
-            Err(error) => {
-                bar.suspend(|| left_out(&error));
-                damaged += 1;
-            }
+    let damaged = super::each_frame(session, printer.is_terminal(), |record| {
+        bytes.clear();
+        frame(&mut bytes, &record)?;
+        if let Some(maps) = &mut maps {
+            maps.put(&mut bytes, &record)?;
         }
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
+        file.put(bytes.bytes())?;
+        last = record.frame.sequence;
+        written += 1;
+        Ok(())
+    })?;
     file.put_at(RECORD_COUNT_AT, &written.to_be_bytes())?;
     let path = file.finish()?;
     for remark in reconstruction.iter().flat_map(|made| &made.remarks) {
