@@ -131,6 +131,8 @@ fn an_alarm_begins_with_a_press_and_outlives_a_restart() {
                 .is_some_and(|text| text.starts_with("heavy: "))
         })
         .filter_map(|event| event["kind"].as_str())
+        // on a busy machine the release can fall into a frame, and no one can judge the map for a moment
+        .filter(|kind| !["alarm-invalid", "alarm-judged"].contains(kind))
         .collect();
     assert_eq!(kinds, ["alarm-active", "alarm-held"], "{events:?}");
     assert!(
