@@ -65,11 +65,3 @@ class StripChart {
     this.canvas.setAttribute("aria-label", this.caption.textContent);
   }
 }
-
-// three digits, without an exponent
-function rounded(value) {
-  const size = Math.abs(value);
-  if (size >= 100 || size === 0) return value.toFixed(0);
-  if (size >= 10) return value.toFixed(1);
-  return value.toFixed(size >= 1 ? 2 : 3);
-}

@@ -5,11 +5,13 @@ class SheetMap {
   constructor(canvas, bar) {
     this.canvas = canvas;
     this.bar = bar;
-    this.colours = [];
+    this.colours = null;
     this.geometry = null;
     this.values = null;
     this.frame = null;
     this.top = 1;
+    // whether values below zero are shown too
+    this.signed = false;
     this.showNumbers = true;
     this.showRegion = true;
     this.waiting = false;
@@ -58,7 +60,7 @@ class SheetMap {
   y(mm) { return this.canvas.height - this.margin - (mm - this.low[1]) * this.scale; }
 
   draw() {
-    if (!this.geometry || !this.colours.length) return;
+    if (!this.geometry || !this.colours) return;
     this.layout();
     const ink = getComputedStyle(document.body).color;
     const at = this.canvas.getContext("2d");
@@ -67,8 +69,7 @@ class SheetMap {
     if (this.values) {
       at.lineWidth = 1;
       for (let t = 0; t < this.values.length; t++) {
-        const share = Math.max(0, Math.min(1, this.values[t] / this.top));
-        const [r, g, b] = this.colours[Math.round(255 * share)];
+        const [r, g, b] = this.colour(this.values[t] / this.top);
         at.fillStyle = at.strokeStyle = `rgb(${r},${g},${b})`;
         at.beginPath();
         for (let k = 0; k < 3; k++) {
@@ -143,10 +144,17 @@ class SheetMap {
     }
   }
 
+  // share of the scale: a load is positive; a value below zero has a colour only in a map with two signs
+  colour(share) {
+    const step = Math.round(255 * Math.min(1, Math.abs(share)));
+    if (share >= 0) return this.colours.loads[step];
+    return this.signed ? this.colours.gains[step] : this.colours.loads[0];
+  }
+
   drawBar() {
     const at = this.bar.getContext("2d");
     for (let i = 0; i < 256; i++) {
-      const [r, g, b] = this.colours[i];
+      const [r, g, b] = this.colour(this.signed ? (i - 127.5) / 127.5 : i / 255);
       at.fillStyle = `rgb(${r},${g},${b})`;
       at.fillRect(i, 0, 1, this.bar.height);
     }

@@ -1,46 +1,13 @@
 "use strict";
-// Follows /api/events and shows the state. The token comes from the address (after #) and is kept for this tab.
+// Follows /api/events and shows the state.
 
 const SPAN_MS = 10 * 60 * 1000;
-// name of a quantity: words, unit with a calibration, unit without
-const QUANTITIES = [
-  ["load", "Load", "N", "mm\u00b2 lost"],
-  ["contact", "Contact area", "mm\u00b2", "mm\u00b2"],
-  ["ppi", "Peak pressure index", "kPa", "lost share"],
-  ["mean", "Mean over the contact", "kPa", "lost share"],
-  ["peak", "Peak of one triangle", "kPa", "lost share"],
-  ["dispersion", "Dispersion index", "%", "%"],
-  ["variation", "Coefficient of variation", "%", "%"],
-  ["centre-x", "Centre of pressure, x", "mm", "mm"],
-  ["centre-y", "Centre of pressure, y", "mm", "mm"],
-  ["speed", "Speed of the centre", "mm/s", "mm/s"],
-  ["dose", "Largest dose", "kPa s", "lost share s"],
-  ["unrelieved", "Longest time without relief", "s", "s"],
-  ["unrelieved-area", "Unrelieved area", "mm\u00b2", "mm\u00b2"],
-];
-const byId = id => document.getElementById(id);
 const map = new SheetMap(byId("map"), byId("bar"));
 const charts = ["load", "contact", "ppi", "unrelieved"].map(name => {
   const quantity = QUANTITIES.find(quantity => quantity[0] === name);
   return { quantity, chart: new StripChart(byId("charts"), quantity[1], SPAN_MS) };
 });
 let shownSession = null, shownSequence = null, fetching = false, latest = null;
-
-function token() {
-  const given = new URLSearchParams(location.hash.slice(1)).get("token");
-  if (given) {
-    sessionStorage.setItem("token", given);
-    history.replaceState(null, "", location.pathname);
-  }
-  return sessionStorage.getItem("token") || "";
-}
-const secret = token();
-
-async function ask(path) {
-  const answer = await fetch(path, { headers: { Authorization: `Bearer ${secret}` }, cache: "default" });
-  if (!answer.ok) throw new Error(`${path}: ${(await answer.text()).trim() || answer.status}`);
-  return answer;
-}
 
 // a command; what the daemon answers is shown
 async function send(command) {
@@ -52,11 +19,6 @@ async function send(command) {
   byId("answer").textContent = answer.ok ? "" : `${command.call}: ${(await answer.text()).trim()}`;
 }
 const alarmList = new AlarmList(byId("alarms"), send);
-
-function trouble(text) {
-  byId("trouble").hidden = !text;
-  byId("trouble").textContent = text || "";
-}
 
 // events as they come; the connection is opened again when it ends
 async function follow() {
@@ -103,8 +65,6 @@ function show(state) {
   }
 }
 
-const clock = ms => new Date(ms).toLocaleTimeString();
-
 function showVerdict(frame) {
   const at = byId("verdict");
   const { tracked, quality, quantities } = frame;
@@ -124,7 +84,7 @@ async function showMap(state) {
   if (fetching || (session && shownSession === session.id && shownSequence === frame.sequence)) return;
   fetching = true;
   try {
-    if (!map.colours.length) {
+    if (!map.colours) {
       map.colours = await (await ask("/api/colours")).json();
       map.drawBar();
     }
@@ -147,17 +107,6 @@ async function showMap(state) {
   }
   // a newer one may have come meanwhile
   if (latest && latest.frame && latest.frame.map && latest.frame.sequence !== shownSequence && latest !== state) showMap(latest);
-}
-
-function row(cells, head) {
-  const tr = document.createElement("tr");
-  for (const [index, cell] of cells.entries()) {
-    const at = document.createElement(head || index === 0 ? "th" : "td");
-    if (head) at.scope = "col"; else if (index === 0) at.scope = "row";
-    if (cell && cell.number !== undefined) { at.className = "number"; at.textContent = cell.number; } else at.textContent = cell;
-    tr.append(at);
-  }
-  return tr;
 }
 
 function showQuantities(frame) {

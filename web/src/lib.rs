@@ -10,6 +10,7 @@ mod control;
 mod guard;
 mod live;
 mod page;
+mod playback;
 mod routes;
 mod snapshot;
 #[cfg(test)]
@@ -17,6 +18,7 @@ mod tests;
 mod token;
 
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::net::TcpListener;
@@ -25,6 +27,9 @@ use tokio::task::JoinSet;
 
 pub use guard::{HostName, HostNameError};
 pub use live::follow;
+pub use playback::{
+    Course, MapKind, Overview, Place, Playback, PlayedMap, Recordings, SessionEntry,
+};
 pub use snapshot::{
     AlarmState, DaemonState, EventState, FrameState, Live, SessionState, Snapshot, State,
 };
@@ -108,15 +113,20 @@ impl Server {
         format!("http://{host}:{port}/#token={}", self.settings.token.text())
     }
 
-    /// Serves until `stop` is true. Open streams are ended; a connection that does not end within two seconds is cut.
+    /// Serves until `stop` is true, with these recorded sessions. Open streams are ended; a connection that does not end within two seconds is cut.
     ///
     /// # Errors
     /// A listener failed.
-    pub async fn run(self, live: Live, stop: watch::Receiver<bool>) -> std::io::Result<()> {
+    pub async fn run(
+        self,
+        live: Live,
+        recordings: Arc<dyn Recordings>,
+        stop: watch::Receiver<bool>,
+    ) -> std::io::Result<()> {
         let control = self.settings.control.is_some();
         live.set_control(control);
         let port = self.address.port();
-        let router = routes::router(&self.settings, port, live, stop.clone());
+        let router = routes::router(&self.settings, port, live, recordings, stop.clone());
         let mut serving = JoinSet::new();
         for listener in self.listeners {
             let (router, mut stop) = (router.clone(), stop.clone());

@@ -1,7 +1,7 @@
 //! The files of the page, in the program.
 
 /// Path, media type, content.
-pub(crate) const FILES: [(&str, &str, &str); 6] = [
+pub(crate) const FILES: [(&str, &str, &str); 10] = [
     (
         "/",
         "text/html; charset=utf-8",
@@ -31,5 +31,25 @@ pub(crate) const FILES: [(&str, &str, &str); 6] = [
         "/charts.js",
         "text/javascript; charset=utf-8",
         include_str!("../page/charts.js"),
+    ),
+    (
+        "/playback",
+        "text/html; charset=utf-8",
+        include_str!("../page/playback.html"),
+    ),
+    (
+        "/common.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/common.js"),
+    ),
+    (
+        "/course.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/course.js"),
+    ),
+    (
+        "/playback.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/playback.js"),
     ),
 ];

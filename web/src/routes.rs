@@ -16,6 +16,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, watch};
 use crate::control::{self, Call};
 use crate::guard::{self, Guard};
 use crate::page;
+use crate::playback::{self, Recordings};
 use crate::snapshot::Live;
 use crate::{Control, Settings};
 
@@ -43,6 +44,7 @@ pub(crate) fn router(
     settings: &Settings,
     port: u16,
     live: Live,
+    recordings: Arc<dyn Recordings>,
     stop: watch::Receiver<bool>,
 ) -> Router {
     let guard = Arc::new(Guard::new(port, settings));
@@ -70,6 +72,7 @@ pub(crate) fn router(
         .layer(DefaultBodyLimit::max(LONGEST_COMMAND))
         .fallback(|| async { (StatusCode::NOT_FOUND, "no such page\n") })
         .with_state(shared)
+        .merge(playback::routes::router(recordings))
         .layer(middleware::from_fn_with_state(guard, guard::check))
 }
 
@@ -77,17 +80,21 @@ fn file(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
-fn json(text: Arc<str>) -> Response {
+pub(crate) fn json(text: Arc<str>) -> Response {
     let kind = [(header::CONTENT_TYPE, "application/json")];
     (kind, text.to_string()).into_response()
 }
 
-/// 256 colours from zero to the largest load, as in every other picture: `[[r, g, b], ...]`.
+/// 256 colours from zero to the largest load and to the largest gain, as in every other picture:
+/// `{"loads": [[r, g, b], ...], "gains": ...}`.
 fn colours() -> String {
-    let colours: Vec<_> = (0..256)
-        .filter_map(|step| render::colour(-f64::from(step) / 255.0))
-        .collect();
-    serde_json::json!(colours).to_string()
+    let colours = |sign: f64| -> Vec<render::Rgb> {
+        let steps = (0..256).map(f64::from);
+        steps
+            .filter_map(|step| render::colour(sign * step / 255.0))
+            .collect()
+    };
+    serde_json::json!({"loads": colours(-1.0), "gains": colours(1.0)}).to_string()
 }
 
 async fn state(State(shared): State<Shared>) -> Response {
@@ -120,8 +127,8 @@ async fn geometry(State(shared): State<Shared>) -> Response {
     }
 }
 
-/// `/api/geometry`: coordinates in mm.
-fn geometry_json(geometry: &dbus::Geometry) -> String {
+/// A geometry with coordinates in mm.
+pub(crate) fn geometry_json(geometry: &dbus::Geometry) -> String {
     let millimetres = |metres: &[f64]| -> Vec<f64> {
         metres
             .iter()

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::net::SocketAddr;
 use std::process::{Command, Stdio};
+use std::sync::Arc;
 
 use serde::Serialize;
 use tokio::signal::unix::{SignalKind, signal};
@@ -12,6 +13,7 @@ use web::{Control, Live, Server, Settings, Token};
 use crate::args::{Global, Web};
 use crate::connection;
 use crate::failure::Failure;
+use crate::maps::playback::RecordedSessions;
 use crate::output::Printer;
 
 /// The line of `web --json`; see `docs/reference/json.md`.
@@ -49,6 +51,7 @@ pub(crate) fn run(
             open_browser(&serving.url);
         }
         let live = Live::default();
+        let recordings = Arc::new(RecordedSessions::new(global));
         let (stop, stopped) = watch::channel(false);
         let ended = async {
             let failed = |error: std::io::Error| Failure::failed("signals cannot be received", &error);
@@ -63,7 +66,7 @@ pub(crate) fn run(
             std::future::pending::<Result<(), Failure>>().await
         };
         tokio::select! {
-            served = server.run(live.clone(), stopped) => {
+            served = server.run(live.clone(), recordings, stopped) => {
                 served.map_err(|error| Failure::failed("the page cannot be served any more", &error))
             }
             ended = ended => ended,

@@ -3,15 +3,19 @@
 use imaging::recorded::{RecordedFrame, Recording};
 use imaging::tracking::seconds;
 use imaging::{TrackedArguments, TrackedFrame, Tracking};
+use survey::Reading;
 
 use crate::failure::Failure;
 use crate::maps::reconstruction::Reconstruction;
 
 /// Follows a recording's baseline.
+#[derive(Clone)]
 pub(crate) struct Follower {
     tracking: Tracking,
     /// Time between frames that have none, s.
     period_s: Option<f64>,
+    /// All frames before this one were followed.
+    next: u64,
 }
 
 impl Follower {
@@ -39,7 +43,11 @@ impl Follower {
                 )
             })?;
         }
-        Ok(Some(Self { tracking, period_s }))
+        Ok(Some(Self {
+            tracking,
+            period_s,
+            next: 0,
+        }))
     }
 
     /// The frame with the baseline to compare it with. Every frame must be given to this or to [`Follower::pass`], in order.
@@ -48,6 +56,7 @@ impl Follower {
     /// A frame that cannot be followed.
     pub(crate) fn follow(&mut self, frame: &RecordedFrame) -> Result<TrackedFrame, Failure> {
         let at_s = self.time(frame);
+        self.next = frame.sequence + 1;
         let followed = self.tracking.follow(&frame.readings, at_s);
         followed.map_err(|error| not_followed(frame, &error))
     }
@@ -58,6 +67,7 @@ impl Follower {
     /// As [`Follower::follow`].
     pub(crate) fn pass(&mut self, frame: &RecordedFrame) -> Result<(), Failure> {
         let at_s = self.time(frame);
+        self.next = frame.sequence + 1;
         let passed = self.tracking.pass(&frame.readings, at_s);
         passed.map_err(|error| not_followed(frame, &error))
     }
@@ -69,16 +79,26 @@ impl Follower {
         }
     }
 
-    /// The frame with this number, after all frames before it.
+    /// The number from which on frames were not followed yet.
+    pub(crate) fn next(&self) -> u64 {
+        self.next
+    }
+
+    /// The frame and its baseline as they are now, without following it.
+    pub(crate) fn compare(&self, frame: &RecordedFrame) -> (Vec<Reading>, Vec<Reading>) {
+        self.tracking.compare(&frame.readings)
+    }
+
+    /// The frame with this number, after all frames before it that were not followed yet.
     ///
     /// # Errors
     /// As [`Follower::follow`], or no such frame.
     pub(crate) fn up_to(
-        mut self,
+        &mut self,
         recording: &Recording,
         sequence: u64,
     ) -> Result<TrackedFrame, Failure> {
-        for frame in recording.frames().filter_map(Result::ok) {
+        for frame in recording.frames_from(self.next).filter_map(Result::ok) {
             if frame.sequence >= sequence {
                 return self.follow(&frame);
             }

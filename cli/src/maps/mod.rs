@@ -1,9 +1,11 @@
 //! Maps made without a daemon: settings, sources of frames, reconstruction, replay, drawing. The mathematics is in the
 //! crate `eit`.
 
+pub(crate) mod compared;
 pub(crate) mod drawing;
 pub(crate) mod follower;
 pub(crate) mod frame_maps;
+pub(crate) mod playback;
 pub(crate) mod quantities;
 pub(crate) mod reconstruction;
 pub(crate) mod recording;

@@ -5,16 +5,16 @@ use std::path::Path;
 
 use chrono::{DateTime, Utc};
 use imaging::quantities::{
-    ComparedReadings, FrameQuantities, JudgedMap, KPA_PER_MMHG, LoadUnit, Quantifier, Quantity,
-    QuantityRow, QuantitySettings, RegionQuantities, RegionSettings, Rows, STORED_S, joined,
-    rounded, stored,
+    FrameQuantities, KPA_PER_MMHG, LoadUnit, Quantifier, Quantity, QuantityRow, RegionQuantities,
+    Rows, STORED_S, joined, rounded, stored,
 };
-use imaging::recorded::{Origin, RecordedFrame, Recording, SessionParts, table_time};
+use imaging::recorded::{RecordedFrame, Recording, SessionParts, table_time};
 use imaging::tracking::seconds;
 use serde::Serialize;
 
 use crate::args::{Global, Quantities};
 use crate::failure::Failure;
+use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::{self, Thinning};
@@ -66,7 +66,7 @@ pub(crate) fn run(
         &requested.tracked,
         &recording,
     )?;
-    let (settings, regions) = settings(&recording)?;
+    let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
     let mut quantifier = reconstruction
         .quantifier(&settings, &regions)
         .map_err(|error| Failure::Configuration(error.to_string()))?;
@@ -93,13 +93,12 @@ pub(crate) fn run(
             }
             continue;
         }
-        let frame = of_frame(
-            &reconstruction,
-            &mut quantifier,
-            follower.as_mut(),
-            &recording,
-            &recorded,
-        )?;
+        let followed = match &mut follower {
+            Some(follower) => Some(follower.follow(&recorded)?),
+            None => None,
+        };
+        let compared = Compared::new(&recording, &recorded, followed.as_ref());
+        let (frame, _) = compared.quantities(&reconstruction, &mut quantifier)?;
         progress.suspend(|| output.take(&recorded, frame, printer))?;
         progress.inc(1);
     }
@@ -161,17 +160,6 @@ fn print_stored(
     Ok(())
 }
 
-/// Thresholds and regions of the session; the defaults for a case folder.
-fn settings(recording: &Recording) -> Result<(QuantitySettings, Vec<RegionSettings>), Failure> {
-    match &recording.origin {
-        Origin::Folder(_) => Ok((QuantitySettings::default(), Vec::new())),
-        Origin::Session(header) => {
-            let stored = session_settings::stored_config(header)?;
-            Ok((stored.quantities, stored.regions))
-        }
-    }
-}
-
 fn check_region(
     name: Option<&str>,
     quantifier: &Quantifier,
@@ -196,42 +184,6 @@ fn not_calibrated(session: &str) -> Failure {
         "{session} has no calibration, so that its maps have no pressure; name one with --calibration FILE (`tactus-lab calibrate` \
          makes it), or leave out --mmhg"
     ))
-}
-
-/// The quantities of a frame; one without a map has none, and says why.
-fn of_frame(
-    reconstruction: &Reconstruction,
-    quantifier: &mut Quantifier,
-    follower: Option<&mut Follower>,
-    recording: &Recording,
-    recorded: &RecordedFrame,
-) -> Result<FrameQuantities, Failure> {
-    let at_s = recorded.wall.map_or(recorded.sequence as f64, seconds);
-    let followed = follower
-        .map(|follower| follower.follow(recorded))
-        .transpose()?;
-    let (baseline, readings) = match &followed {
-        Some(frame) => (&frame.baseline, &frame.readings),
-        None => (&recording.unloaded.readings, &recorded.readings),
-    };
-    let map = match reconstruction.map(baseline, readings) {
-        Ok(map) => map,
-        Err(refused) => {
-            return Ok(FrameQuantities {
-                reason: Some(refused.to_string()),
-                ..quantifier.take(at_s, None)
-            });
-        }
-    };
-    let pressure = reconstruction.pressure(&map)?;
-    let judged = JudgedMap {
-        map: &map,
-        pressure: pressure.as_ref(),
-        noise: reconstruction.noise,
-        tracked: followed.as_ref().map(|frame| &frame.tracked),
-        compared: Some(ComparedReadings { baseline, readings }),
-    };
-    Ok(quantifier.take(at_s, Some(&judged)))
 }
 
 struct Output<'a> {

@@ -2,6 +2,7 @@
 
 use eit::DiscTank;
 use imaging::quantities::{QuantitySettings, RegionSettings};
+use imaging::recorded::Origin;
 use imaging::{Geometry, GeometrySettings, ReconstructionSettings, short_hash};
 use logbook::SessionHeader;
 use serde::de::value::MapDeserializer;
@@ -14,8 +15,8 @@ use crate::failure::Failure;
 pub(crate) struct StoredConfig {
     geometry: GeometrySettings,
     pub(crate) model: ReconstructionSettings,
-    pub(crate) quantities: QuantitySettings,
-    pub(crate) regions: Vec<RegionSettings>,
+    quantities: QuantitySettings,
+    regions: Vec<RegionSettings>,
 }
 
 /// The effective configuration stored in a session. The daemon has validated it, so keys unknown to this program are
@@ -45,6 +46,22 @@ pub(crate) fn stored_config(header: &SessionHeader) -> Result<StoredConfig, Fail
             &error,
         )
     })
+}
+
+/// Thresholds and regions of a session; the defaults for a case folder.
+///
+/// # Errors
+/// As [`stored_config`].
+pub(crate) fn of_quantities(
+    origin: &Origin,
+) -> Result<(QuantitySettings, Vec<RegionSettings>), Failure> {
+    match origin {
+        Origin::Folder(_) => Ok((QuantitySettings::default(), Vec::new())),
+        Origin::Session(header) => {
+            let stored = stored_config(header)?;
+            Ok((stored.quantities, stored.regions))
+        }
+    }
 }
 
 /// A section without keys unknown to its type.

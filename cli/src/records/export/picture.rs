@@ -32,7 +32,7 @@ pub(super) fn picture(
     let recording = Recording::from_session(path, None, false)?;
     let reconstruction = super::reconstruction(export, &recording)?;
     let of_frame = Follower::of(&reconstruction, &export.tracked, &recording)?
-        .map(|follower| follower.up_to(&recording, sequence))
+        .map(|mut follower| follower.up_to(&recording, sequence))
         .transpose()?;
     let (baseline, readings) = match &of_frame {
         Some(frame) => (&frame.baseline, &frame.readings),

@@ -80,6 +80,11 @@ impl Course {
         &self.dose
     }
 
+    /// Time without relief of each triangle, s.
+    pub(super) fn unrelieved(&self) -> &[f64] {
+        &self.unrelieved
+    }
+
     /// Takes the next frame; its values hold until the next one.
     pub(super) fn take(&mut self, at_s: f64, loads: &[f64], of_regions: &[Values]) {
         let CourseSettings {

@@ -216,6 +216,11 @@ impl Quantifier {
         self.course.dose()
     }
 
+    /// Time without relief of each triangle, s; see [`Quantity::Unrelieved`].
+    pub fn unrelieved(&self) -> &[f64] {
+        self.course.unrelieved()
+    }
+
     /// The quantities of the next frame; `None` for a frame without a map. `at_s`: its time, s of the Unix epoch.
     pub fn take(&mut self, at_s: f64, judged: Option<&JudgedMap<'_>>) -> FrameQuantities {
         let refused = match judged {

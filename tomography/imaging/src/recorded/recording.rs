@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use chrono::{DateTime, Utc};
-use logbook::{LogbookError, MapRecord, SessionHeader};
+use logbook::{LogbookError, MapRecord, Record, SessionHeader};
 use survey::{Amps, Protocol, Reading};
 
 use super::readings::{change_signs, first, mean};
@@ -146,7 +146,7 @@ impl Recording {
                 (unloaded, own.id)
             }
             Some(rule @ BaselineRule::First(count)) => {
-                let frames: Vec<LabelledReadings> = recorded(&parts, negate)
+                let frames: Vec<LabelledReadings> = recorded(&parts, 0, negate)
                     .filter_map(Result::ok)
                     .take(*count)
                     .map(|frame| (frame.label, frame.readings))
@@ -226,31 +226,87 @@ impl Recording {
 
     /// Its frames in order, with an error for each unreadable one.
     pub fn frames(&self) -> Box<dyn Iterator<Item = Result<RecordedFrame, LogbookError>> + '_> {
+        self.frames_from(0)
+    }
+
+    /// The frames from a sequence number on, as [`Recording::frames`].
+    pub fn frames_from(
+        &self,
+        sequence: u64,
+    ) -> Box<dyn Iterator<Item = Result<RecordedFrame, LogbookError>> + '_> {
         match &self.source {
-            Source::Table(rows) => Box::new(rows.iter().cloned().map(Ok)),
-            Source::Session { parts, negate } => Box::new(recorded(parts, *negate)),
+            Source::Table(rows) => {
+                let rows = rows.iter().filter(move |row| row.sequence >= sequence);
+                Box::new(rows.cloned().map(Ok))
+            }
+            Source::Session { parts, negate } => Box::new(recorded(parts, sequence, *negate)),
         }
+    }
+
+    /// The last readable frame up to a time; the first one where all are later, `None` without frames or times.
+    ///
+    /// # Errors
+    /// A part that cannot be read.
+    pub fn frame_at(&self, time: DateTime<Utc>) -> Result<Option<RecordedFrame>, LogbookError> {
+        let Some((first, last)) = self.ends()? else {
+            return Ok(None);
+        };
+        // the frame is in first..end
+        let (mut from, mut end) = (first, last + 1);
+        let readable = |from: u64, end: u64| {
+            let frame = self.frames_from(from).find_map(Result::ok);
+            frame.filter(|frame| frame.sequence < end)
+        };
+        let mut found = readable(from, end).filter(|frame| frame.wall.is_some());
+        while end - from > 1 {
+            let middle = from + (end - from) / 2;
+            match readable(middle, end) {
+                Some(frame) if frame.wall.is_some_and(|wall| wall <= time) => {
+                    from = frame.sequence;
+                    found = Some(frame);
+                }
+                Some(_) | None => end = middle,
+            }
+        }
+        Ok(found)
+    }
+
+    /// Sequence numbers of the first and the last frame; `None` without frames.
+    ///
+    /// # Errors
+    /// A part that cannot be read.
+    pub fn ends(&self) -> Result<Option<(u64, u64)>, LogbookError> {
+        let first = self.frames().find_map(Result::ok);
+        let last = match &self.source {
+            Source::Table(rows) => rows.last().map_or(0, |row| row.sequence),
+            Source::Session { parts, .. } => parts.last_sequence()?,
+        };
+        Ok(first.map(|first| (first.sequence, last.max(first.sequence))))
     }
 }
 
 fn recorded(
     parts: &SessionParts,
+    from: u64,
     negate: bool,
 ) -> impl Iterator<Item = Result<RecordedFrame, LogbookError>> {
-    parts.frames().map(move |record| {
-        let record = record?;
-        let mut readings = record.frame.readings;
-        if negate {
-            change_signs(&mut readings);
-        }
-        Ok(RecordedFrame {
-            sequence: record.frame.sequence,
-            label: record.frame.sequence.to_string(),
-            wall: Some(record.frame.wall),
-            readings,
-            map: record.map,
-        })
-    })
+    parts
+        .frames_from(from)
+        .map(move |record| Ok(recorded_frame(record?, negate)))
+}
+
+fn recorded_frame(record: Record, negate: bool) -> RecordedFrame {
+    let mut readings = record.frame.readings;
+    if negate {
+        change_signs(&mut readings);
+    }
+    RecordedFrame {
+        sequence: record.frame.sequence,
+        label: record.frame.sequence.to_string(),
+        wall: Some(record.frame.wall),
+        readings,
+        map: record.map,
+    }
 }
 
 fn one_current(file: &Path, currents: &[f64]) -> Result<Amps, RecordedError> {

@@ -165,12 +165,23 @@ impl Tracking {
                 Tracked::unanswered(self.tracker.state(), at_s),
             ),
         };
-        let change = self.tracker.baseline();
         Ok(TrackedFrame {
-            baseline: self.model().baseline_with(&change),
+            baseline: self.baseline(),
             readings,
             tracked,
         })
+    }
+
+    /// A frame of about the time of the last one that was followed, with the baseline to compare it with, both as they are now:
+    /// nothing is learnt from it, and nothing is known of it.
+    pub fn compare(&self, frame: &[Reading]) -> (Vec<Reading>, Vec<Reading>) {
+        let masked = self.tracker.state().masked();
+        (self.baseline(), self.without(frame, &masked))
+    }
+
+    /// The first baseline with the drift that was tracked since.
+    fn baseline(&self) -> Vec<Reading> {
+        self.model().baseline_with(&self.tracker.baseline())
     }
 
     /// Follows a frame as [`Tracking::follow`] does, where nobody asks what is known of it.

@@ -1,0 +1,74 @@
+//! A recorded frame with the baseline to compare it with: its map and its quantities.
+
+use eit::Pressure;
+use imaging::quantities::{ComparedReadings, FrameQuantities, JudgedMap, Quantifier};
+use imaging::recorded::{RecordedFrame, Recording};
+use imaging::tracking::seconds;
+use imaging::{Tracked, TrackedFrame};
+use survey::{Map, Reading};
+
+use crate::failure::Failure;
+use crate::maps::reconstruction::Reconstruction;
+
+/// A frame, its baseline, and what is known of it.
+pub(crate) struct Compared<'a> {
+    /// Time of the frame, s of the Unix epoch; its number where it has no time.
+    at_s: f64,
+    baseline: &'a [Reading],
+    readings: &'a [Reading],
+    tracked: Option<&'a Tracked>,
+}
+
+impl<'a> Compared<'a> {
+    /// With the baseline that was followed to this frame; without one, with the recording's own.
+    pub(crate) fn new(
+        recording: &'a Recording,
+        recorded: &'a RecordedFrame,
+        followed: Option<&'a TrackedFrame>,
+    ) -> Self {
+        let (baseline, readings) = match followed {
+            Some(frame) => (&frame.baseline, &frame.readings),
+            None => (&recording.unloaded.readings, &recorded.readings),
+        };
+        Self {
+            at_s: recorded.wall.map_or(recorded.sequence as f64, seconds),
+            baseline,
+            readings,
+            tracked: followed.map(|frame| &frame.tracked),
+        }
+    }
+
+    /// The quantities and the map; a frame without a map has no quantities, and the reason.
+    ///
+    /// # Errors
+    /// The calibration that was named refuses the map.
+    pub(crate) fn quantities(
+        &self,
+        reconstruction: &Reconstruction,
+        quantifier: &mut Quantifier,
+    ) -> Result<(FrameQuantities, Option<(Map, Option<Pressure>)>), Failure> {
+        let map = match reconstruction.map(self.baseline, self.readings) {
+            Ok(map) => map,
+            Err(refused) => {
+                let without = FrameQuantities {
+                    reason: Some(refused.to_string()),
+                    ..quantifier.take(self.at_s, None)
+                };
+                return Ok((without, None));
+            }
+        };
+        let pressure = reconstruction.pressure(&map)?;
+        let judged = JudgedMap {
+            map: &map,
+            pressure: pressure.as_ref(),
+            noise: reconstruction.noise,
+            tracked: self.tracked,
+            compared: Some(ComparedReadings {
+                baseline: self.baseline,
+                readings: self.readings,
+            }),
+        };
+        let quantities = quantifier.take(self.at_s, Some(&judged));
+        Ok((quantities, Some((map, pressure))))
+    }
+}

@@ -1,0 +1,348 @@
+//! An open session: its maps at any place, at once and exactly.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use chrono::DateTime;
+use eit::Pressure;
+use imaging::quantities::{FrameQuantities, LoadUnit, Quantifier, Quantity, STORED_S, joined};
+use imaging::recorded::{Origin, RecordedFrame, Recording, SessionParts};
+use imaging::{Method, MethodArguments};
+use render::Sheet;
+use survey::{Map, Reading};
+use web::{Course, EventState, MapKind, Overview, Place, Playback, PlayedMap};
+
+use super::followed::Followed;
+use crate::failure::Failure;
+use crate::maps::compared::Compared;
+use crate::maps::follower::Follower;
+use crate::maps::reconstruction::Reconstruction;
+use crate::maps::session_settings;
+use crate::options::choices::{GeometryChoice, TrackedArguments};
+
+/// A session for playback.
+pub(super) struct PlayedSession {
+    path: PathBuf,
+    overview: Overview,
+    sheet: Sheet,
+    quick: Mutex<Quick>,
+    /// Built when the first exact map is asked for.
+    exact: Mutex<Option<Exact>>,
+    followed: Followed,
+}
+
+/// A method that answers at once.
+struct Quick {
+    recording: Recording,
+    reconstruction: Reconstruction,
+    /// Whether it is the session's own method.
+    own: bool,
+}
+
+/// The session's own method.
+struct Exact {
+    recording: Recording,
+    reconstruction: Reconstruction,
+    quantifier: Quantifier,
+    /// The tracked baseline after the frame that was asked for last.
+    follower: Option<Follower>,
+}
+
+impl PlayedSession {
+    /// Opens a session and starts to follow its baseline.
+    pub(super) fn open(path: &Path) -> Result<Self, Failure> {
+        let recording = Recording::from_session(path, None, false)?;
+        let own = is_fast(&recording);
+        let method = match own {
+            true => MethodArguments::default(),
+            false => MethodArguments {
+                method: Some(Method::OneStep),
+                ..MethodArguments::default()
+            },
+        };
+        let reconstruction = prepared(&method, &recording)?;
+        let overview = overview(path, &recording)?;
+        Ok(Self {
+            path: path.to_owned(),
+            overview,
+            sheet: reconstruction.field.sheet.clone(),
+            followed: Followed::start(path, method),
+            quick: Mutex::new(Quick {
+                recording,
+                reconstruction,
+                own,
+            }),
+            exact: Mutex::new(None),
+        })
+    }
+
+    fn quick(&self) -> MutexGuard<'_, Quick> {
+        self.quick.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn played(&self, place: Place, kind: MapKind) -> Result<PlayedMap, Failure> {
+        let frame = {
+            let quick = self.quick();
+            let frame = found(&quick.recording, place)?;
+            if kind == MapKind::Quick {
+                return self.at_once(&quick, &frame);
+            }
+            frame
+        };
+        match kind {
+            MapKind::Exact => self.exactly(&frame),
+            MapKind::Quick | MapKind::Unrelieved => self.unrelieved(&frame),
+        }
+    }
+
+    fn at_once(&self, quick: &Quick, frame: &RecordedFrame) -> Result<PlayedMap, Failure> {
+        let known = self.followed.known();
+        let state = known.state(frame.sequence);
+        let (baseline, readings);
+        let (baseline, readings, since): (&[Reading], &[Reading], String) = match state {
+            Some(follower) => {
+                (baseline, readings) = follower.compare(frame);
+                let since = format!(
+                    "the baseline as it was before frame {}",
+                    follower.next().max(1)
+                );
+                (&baseline, &readings, since)
+            }
+            None => (
+                &quick.recording.unloaded.readings,
+                &frame.readings,
+                "the baseline as it was recorded".to_owned(),
+            ),
+        };
+        let map = quick.reconstruction.map(baseline, readings)?;
+        let pressure = quick.reconstruction.pressure(&map)?;
+        let method = match quick.own {
+            true => String::new(),
+            false => format!("{} in place of the session's method, ", map.method),
+        };
+        let provisional = format!("provisional: {method}{since}");
+        Ok(PlayedMap {
+            provisional: Some(provisional),
+            ..shown(frame, &map, pressure.as_ref(), &quick.reconstruction)
+        })
+    }
+
+    fn exactly(&self, frame: &RecordedFrame) -> Result<PlayedMap, Failure> {
+        let mut exact = self.exact.lock().unwrap_or_else(PoisonError::into_inner);
+        let exact = match &mut *exact {
+            Some(exact) => exact,
+            empty => empty.insert(Exact::new(&self.path)?),
+        };
+        let start = {
+            let known = self.followed.known();
+            known.reaches(frame.sequence).map_err(Failure::Busy)?;
+            known.state(frame.sequence).cloned()
+        };
+        let nearest = [exact.follower.take(), start]
+            .into_iter()
+            .flatten()
+            .filter(|follower| follower.next() <= frame.sequence)
+            .max_by_key(Follower::next);
+        let (mut follower, mut followed) = (nearest, None);
+        if let Some(follower) = &mut follower {
+            followed = Some(follower.up_to(&exact.recording, frame.sequence)?);
+        }
+        exact.follower = follower;
+        let compared = Compared::new(&exact.recording, frame, followed.as_ref());
+        // its course begins anew with each frame
+        let mut quantifier = exact.quantifier.clone();
+        let (quantities, made) = compared.quantities(&exact.reconstruction, &mut quantifier)?;
+        let Some((map, pressure)) = made else {
+            let why = quantities.reason.unwrap_or_default();
+            return Err(Failure::Failed(format!("frame {}: {why}", frame.sequence)));
+        };
+        Ok(PlayedMap {
+            tracked: followed.map(|followed| followed.tracked),
+            quantities: Some(without_course(quantities)),
+            ..shown(frame, &map, pressure.as_ref(), &exact.reconstruction)
+        })
+    }
+
+    fn unrelieved(&self, frame: &RecordedFrame) -> Result<PlayedMap, Failure> {
+        let known = self.followed.known();
+        let (of, values) = known.unrelieved(frame.sequence).map_err(Failure::Busy)?;
+        Ok(PlayedMap {
+            sequence: frame.sequence,
+            wall_ms: wall_ms(frame),
+            method: self.quick().reconstruction.method().to_owned(),
+            unit: "s",
+            provisional: Some(format!("as of frame {of}")),
+            noise: None,
+            tracked: None,
+            quantities: None,
+            values: values.to_vec(),
+        })
+    }
+}
+
+impl Exact {
+    fn new(path: &Path) -> Result<Self, Failure> {
+        let recording = Recording::from_session(path, None, false)?;
+        let reconstruction = prepared(&MethodArguments::default(), &recording)?;
+        let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
+        let quantifier = reconstruction
+            .quantifier(&settings, &regions)
+            .map_err(|error| Failure::Configuration(error.to_string()))?;
+        let deviation = reconstruction.deviation().filter(|_| is_fast(&recording));
+        Ok(Self {
+            quantifier: quantifier.with_deviation(deviation),
+            recording,
+            reconstruction,
+            follower: None,
+        })
+    }
+}
+
+impl Playback for PlayedSession {
+    fn overview(&self) -> &Overview {
+        &self.overview
+    }
+
+    fn sheet(&self) -> &Sheet {
+        &self.sheet
+    }
+
+    fn course(&self, spans: u32) -> Result<Course, String> {
+        let known = self.followed.known();
+        let (rows, source) = known.rows();
+        let ends = rows.first().zip(rows.last());
+        let length_s = ends.map_or(0, |(first, last)| last.begin_s - first.begin_s);
+        let minutes = length_s.unsigned_abs() / u64::from(STORED_S) + 1;
+        let joins = u32::try_from(minutes.div_ceil(u64::from(spans.max(1)))).unwrap_or(u32::MAX);
+        let span_s = STORED_S.saturating_mul(joins);
+        Ok(Course {
+            progress: known.progress(),
+            failed: known.failed().map(str::to_owned),
+            source: source.to_owned(),
+            rows: joined(rows, span_s),
+            span_s,
+        })
+    }
+
+    fn map(&self, place: Place, kind: MapKind) -> Result<PlayedMap, String> {
+        self.played(place, kind).map_err(|why| why.to_string())
+    }
+}
+
+/// Whether the session's own method makes a map within a few milliseconds.
+fn is_fast(recording: &Recording) -> bool {
+    let Origin::Session(header) = &recording.origin else {
+        return false;
+    };
+    let stored = session_settings::stored_config(header).ok();
+    let one_step =
+        stored.is_some_and(|stored| stored.model.method.unwrap_or_default() == Method::OneStep);
+    header.model_hash.is_some() || (one_step && !header.config_toml.is_empty())
+}
+
+/// Reconstruction against a baseline that another place follows.
+fn prepared(method: &MethodArguments, recording: &Recording) -> Result<Reconstruction, Failure> {
+    let tracked = TrackedArguments {
+        tracked: Some(false),
+        ..TrackedArguments::default()
+    };
+    Reconstruction::new(
+        method,
+        &GeometryChoice::default(),
+        None,
+        &tracked,
+        recording,
+    )
+}
+
+fn found(recording: &Recording, place: Place) -> Result<RecordedFrame, Failure> {
+    let frame = match place {
+        Place::Frame(sequence) => {
+            let next = recording.frames_from(sequence).next().transpose()?;
+            next.filter(|frame| frame.sequence == sequence)
+        }
+        Place::Time(ms) => match DateTime::from_timestamp_millis(ms) {
+            Some(time) => recording.frame_at(time)?,
+            None => None,
+        },
+    };
+    frame.ok_or_else(|| Failure::Failed(format!("{} has no frame there", recording.name)))
+}
+
+fn wall_ms(frame: &RecordedFrame) -> i64 {
+    frame.wall.map_or(0, |wall| wall.timestamp_millis())
+}
+
+fn shown(
+    frame: &RecordedFrame,
+    map: &Map,
+    pressure: Option<&Pressure>,
+    reconstruction: &Reconstruction,
+) -> PlayedMap {
+    let unit = match pressure {
+        Some(_) => LoadUnit::Pressure,
+        None => LoadUnit::RelativeLoss,
+    };
+    PlayedMap {
+        sequence: frame.sequence,
+        wall_ms: wall_ms(frame),
+        method: map.method.clone(),
+        unit: PlayedMap::unit_of(unit),
+        provisional: None,
+        noise: reconstruction.noise.filter(|_| pressure.is_none()),
+        tracked: None,
+        quantities: None,
+        values: match pressure {
+            Some(pressure) => pressure.kpa.iter().map(|kpa| *kpa as f32).collect(),
+            None => map.values.iter().map(|change| -*change as f32).collect(),
+        },
+    }
+}
+
+/// Without the quantities that need all frames before.
+fn without_course(mut quantities: FrameQuantities) -> FrameQuantities {
+    for region in &mut quantities.regions {
+        region.values = region.values.filter_map(|quantity, value| {
+            let of_course = [
+                Quantity::Dose,
+                Quantity::Unrelieved,
+                Quantity::UnrelievedArea,
+                Quantity::Speed,
+                Quantity::Path,
+            ];
+            (!of_course.contains(&quantity)).then_some(value)
+        });
+        (region.dose_mm, region.unrelieved_mm) = (None, None);
+    }
+    quantities.changes.clear();
+    quantities
+}
+
+fn overview(path: &Path, recording: &Recording) -> Result<Overview, Failure> {
+    let parts = SessionParts::open(path)?;
+    let header = parts.header();
+    let ends = recording.ends()?;
+    let (first_frame, last_frame) =
+        ends.ok_or_else(|| Failure::Failed(format!("{} has no readable frame", recording.name)))?;
+    let first = found(recording, Place::Frame(first_frame))?;
+    let last = recording.frame_at(DateTime::<chrono::Utc>::MAX_UTC)?;
+    let mut events = Vec::new();
+    for part in parts.each() {
+        let of_part = part.events()?;
+        events.extend(of_part.into_iter().map(|event| EventState {
+            wall_ms: event.at.timestamp_millis(),
+            kind: event.kind,
+            text: event.text,
+        }));
+    }
+    Ok(Overview {
+        id: recording.name.clone(),
+        note: header.note.clone(),
+        simulated: header.simulated,
+        first_frame,
+        last_frame,
+        first_ms: wall_ms(&first),
+        last_ms: last.as_ref().map_or(wall_ms(&first), wall_ms),
+        events,
+    })
+}

@@ -1,0 +1,63 @@
+"use strict";
+// What both pages need: the token, requests, tables, numbers as text. The token comes from the address (after #) and is kept for
+// this tab.
+
+// name of a quantity: words, unit with a calibration, unit without
+const QUANTITIES = [
+  ["load", "Load", "N", "mm\u00b2 lost"],
+  ["contact", "Contact area", "mm\u00b2", "mm\u00b2"],
+  ["ppi", "Peak pressure index", "kPa", "lost share"],
+  ["mean", "Mean over the contact", "kPa", "lost share"],
+  ["peak", "Peak of one triangle", "kPa", "lost share"],
+  ["dispersion", "Dispersion index", "%", "%"],
+  ["variation", "Coefficient of variation", "%", "%"],
+  ["centre-x", "Centre of pressure, x", "mm", "mm"],
+  ["centre-y", "Centre of pressure, y", "mm", "mm"],
+  ["speed", "Speed of the centre", "mm/s", "mm/s"],
+  ["dose", "Largest dose", "kPa s", "lost share s"],
+  ["unrelieved", "Longest time without relief", "s", "s"],
+  ["unrelieved-area", "Unrelieved area", "mm\u00b2", "mm\u00b2"],
+];
+const byId = id => document.getElementById(id);
+
+function token() {
+  const given = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (given) {
+    sessionStorage.setItem("token", given);
+    history.replaceState(null, "", location.pathname);
+  }
+  return sessionStorage.getItem("token") || "";
+}
+const secret = token();
+
+async function ask(path) {
+  const answer = await fetch(path, { headers: { Authorization: `Bearer ${secret}` }, cache: "default" });
+  if (!answer.ok) throw new Error(`${path}: ${(await answer.text()).trim() || answer.status}`);
+  return answer;
+}
+
+function trouble(text) {
+  byId("trouble").hidden = !text;
+  byId("trouble").textContent = text || "";
+}
+
+const clock = ms => new Date(ms).toLocaleTimeString();
+
+function row(cells, head) {
+  const tr = document.createElement("tr");
+  for (const [index, cell] of cells.entries()) {
+    const at = document.createElement(head || index === 0 ? "th" : "td");
+    if (head) at.scope = "col"; else if (index === 0) at.scope = "row";
+    if (cell && cell.number !== undefined) { at.className = "number"; at.textContent = cell.number; } else at.textContent = cell;
+    tr.append(at);
+  }
+  return tr;
+}
+
+// three digits, without an exponent
+function rounded(value) {
+  const size = Math.abs(value);
+  if (size >= 100 || size === 0) return value.toFixed(0);
+  if (size >= 10) return value.toFixed(1);
+  return value.toFixed(size >= 1 ? 2 : 3);
+}

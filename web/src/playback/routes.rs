@@ -1,0 +1,203 @@
+//! `/api/sessions`: the list, a session, its quantities over time, its maps.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::Router;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use render::Sheet;
+use tokio::sync::Semaphore;
+
+use super::{MapKind, Place, Playback, PlayedMap, Recordings};
+use crate::routes::{geometry_json, json};
+
+/// Sessions that stay open.
+const OPEN: usize = 2;
+/// Requests that work at the same time.
+const WORKERS: usize = 4;
+/// Most rows of a curve: more than a screen has pixels for.
+const SPANS: u32 = 1500;
+
+#[derive(Clone)]
+struct Shared {
+    recordings: Arc<dyn Recordings>,
+    /// Those that were used last, the newest at the end.
+    open: Arc<Mutex<Vec<Arc<dyn Playback>>>>,
+    workers: Arc<Semaphore>,
+}
+
+/// The routes of recorded sessions.
+pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
+    Router::new()
+        .route("/api/sessions", get(list))
+        .route("/api/sessions/{id}", get(session))
+        .route("/api/sessions/{id}/course", get(course))
+        .route("/api/sessions/{id}/maps/{kind}/{by}/{number}", get(map))
+        .with_state(Shared {
+            recordings,
+            open: Arc::default(),
+            workers: Arc::new(Semaphore::new(WORKERS)),
+        })
+}
+
+/// Refusals are sentences.
+type Answer = Result<Response, (StatusCode, String)>;
+
+fn refused(code: StatusCode, why: String) -> (StatusCode, String) {
+    (code, format!("{why}\n"))
+}
+
+impl Shared {
+    /// Works beside the server's own thread.
+    async fn work<T: Send + 'static>(
+        self,
+        work: impl FnOnce(&Self) -> Result<T, (StatusCode, String)> + Send + 'static,
+    ) -> Result<T, (StatusCode, String)> {
+        let stopped = |_| {
+            refused(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "the server stops".to_owned(),
+            )
+        };
+        let permit = Arc::clone(&self.workers).acquire_owned().await;
+        let _permit = permit.map_err(|_| {
+            refused(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "the server stops".to_owned(),
+            )
+        })?;
+        let worker = tokio::task::spawn_blocking(move || work(&self));
+        worker.await.map_err(stopped)?
+    }
+
+    /// The session with this id, opened where it is not.
+    fn playback(&self, id: &str) -> Result<Arc<dyn Playback>, (StatusCode, String)> {
+        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(place) = open
+            .iter()
+            .position(|playback| playback.overview().id == id)
+        {
+            let playback = open.remove(place);
+            open.push(Arc::clone(&playback));
+            return Ok(playback);
+        }
+        let failed = |why| refused(StatusCode::CONFLICT, why);
+        // an id is looked for in the list, so that none is taken for a path
+        let listed = self.recordings.list().map_err(failed)?;
+        if !listed.iter().any(|entry| entry.id == id) {
+            let text = format!("no session {id} is recorded here");
+            return Err(refused(StatusCode::NOT_FOUND, text));
+        }
+        let playback = self.recordings.open(id).map_err(failed)?;
+        if open.len() >= OPEN {
+            open.remove(0);
+        }
+        open.push(Arc::clone(&playback));
+        Ok(playback)
+    }
+}
+
+async fn list(State(shared): State<Shared>) -> Answer {
+    let sessions = shared
+        .work(|shared| {
+            let sessions = shared.recordings.list();
+            sessions.map_err(|why| refused(StatusCode::CONFLICT, why))
+        })
+        .await?;
+    Ok(json(serde_json::json!(sessions).to_string().into()))
+}
+
+async fn session(State(shared): State<Shared>, Path(id): Path<String>) -> Answer {
+    let playback = shared.work(move |shared| shared.playback(&id)).await?;
+    let text = format!(
+        "{{\"overview\":{},\"geometry\":{}}}",
+        serde_json::json!(playback.overview()),
+        geometry_json(&geometry(playback.sheet()))
+    );
+    Ok(json(text.into()))
+}
+
+/// A sheet as the daemon sends it, each triangle with corners of its own.
+fn geometry(sheet: &Sheet) -> dbus::Geometry {
+    dbus::Geometry {
+        mesh_hash: String::new(),
+        nodes: sheet
+            .triangles
+            .iter()
+            .flatten()
+            .flatten()
+            .copied()
+            .collect(),
+        triangles: (0..3 * sheet.triangles.len() as u32).collect(),
+        outline: sheet.outline.iter().flatten().flatten().copied().collect(),
+        outline_lengths: sheet
+            .outline
+            .iter()
+            .map(|points| points.len() as u32)
+            .collect(),
+        electrodes: sheet.electrodes.iter().flatten().copied().collect(),
+        more: dbus::GeometryDetails::default(),
+    }
+}
+
+async fn course(State(shared): State<Shared>, Path(id): Path<String>) -> Answer {
+    let course = shared
+        .work(move |shared| {
+            let course = shared.playback(&id)?.course(SPANS);
+            course.map_err(|why| refused(StatusCode::CONFLICT, why))
+        })
+        .await?;
+    Ok(json(serde_json::json!(course).to_string().into()))
+}
+
+/// `/api/sessions/ID/maps/KIND/BY/NUMBER`: a kind, and a place by `frame` or `ms`.
+async fn map(
+    State(shared): State<Shared>,
+    Path((id, kind, by, number)): Path<(String, String, String, String)>,
+) -> Answer {
+    let asked = kind_of(&kind).zip(place_of(&by, &number));
+    let (kind, place) = asked.ok_or_else(|| {
+        let text = "a map is maps/KIND/frame/NUMBER or maps/KIND/ms/TIME, with KIND quick, exact or unrelieved";
+        refused(StatusCode::BAD_REQUEST, text.to_owned())
+    })?;
+    let played = shared
+        .work(move |shared| {
+            let played = shared.playback(&id)?.map(place, kind);
+            played.map_err(|why| refused(StatusCode::CONFLICT, why))
+        })
+        .await?;
+    let media = [(header::CONTENT_TYPE, "application/octet-stream")];
+    Ok((media, packed(&played)).into_response())
+}
+
+fn kind_of(text: &str) -> Option<MapKind> {
+    Some(match text {
+        "quick" => MapKind::Quick,
+        "exact" => MapKind::Exact,
+        "unrelieved" => MapKind::Unrelieved,
+        _ => return None,
+    })
+}
+
+fn place_of(by: &str, number: &str) -> Option<Place> {
+    match by {
+        "frame" => number.parse().ok().map(Place::Frame),
+        "ms" => number.parse().ok().map(Place::Time),
+        _ => None,
+    }
+}
+
+/// Length of the JSON (u32), the JSON padded with spaces to a multiple of four, and the values in single precision; all
+/// little-endian.
+fn packed(played: &PlayedMap) -> Vec<u8> {
+    let mut text = serde_json::json!(played).to_string();
+    while !text.len().is_multiple_of(4) {
+        text.push(' ');
+    }
+    let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
+    bytes.extend(text.as_bytes());
+    bytes.extend(played.values.iter().flat_map(|value| value.to_le_bytes()));
+    bytes
+}
