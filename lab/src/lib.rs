@@ -19,6 +19,7 @@
 //! ```
 
 mod args;
+mod daemon_config;
 mod geometry;
 mod learning;
 mod maps;

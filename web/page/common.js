@@ -32,7 +32,7 @@ const secret = token();
 
 async function ask(path) {
   const answer = await fetch(path, { headers: { Authorization: `Bearer ${secret}` }, cache: "default" });
-  if (!answer.ok) throw new Error(`${path}: ${(await answer.text()).trim() || answer.status}`);
+  if (!answer.ok) throw new Error((await answer.text()).trim() || `${path}: ${answer.status}`);
   return answer;
 }
 
@@ -61,3 +61,13 @@ function rounded(value) {
   if (size >= 10) return value.toFixed(1);
   return value.toFixed(size >= 1 ? 2 : 3);
 }
+
+// h:min:s
+function duration(seconds) {
+  const two = number => String(number).padStart(2, "0");
+  const whole = Math.round(seconds);
+  return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
+}
+
+// a value with its unit; times as h:min:s
+const withUnit = (value, unit) => unit === "s" ? duration(value) : `${rounded(value)} ${unit}`;

@@ -65,8 +65,38 @@ class CourseChart {
       context.fillRect(x(ms) - pixels, 0, 2 * pixels, height);
     }
     const here = this.rows.find(row => row.begin <= at && at < row.begin + this.spanMs);
-    const now = here ? `${rounded(here.mean)} (${rounded(here.min)} to ${rounded(here.max)}) ${this.unit}` : "not known here";
-    this.caption.textContent = `${this.name}: ${now}; up to ${rounded(top)} ${this.unit}`;
+    const band = here && here.max > here.min ? ` (${withUnit(here.min, this.unit)} to ${withUnit(here.max, this.unit)})` : "";
+    const now = here ? withUnit(here.mean, this.unit) + band : "not known here";
+    this.caption.textContent = `${this.name}: ${now}; scale up to ${withUnit(top, this.unit)}`;
     this.canvas.setAttribute("aria-label", this.caption.textContent);
+  }
+}
+
+// Times below the curves.
+class TimeAxis {
+  constructor(canvas) { this.canvas = canvas; }
+
+  draw(from, to) {
+    const pixels = Math.max(1, window.devicePixelRatio || 1);
+    const [width, height] = [Math.round(this.canvas.clientWidth * pixels), Math.round(18 * pixels)];
+    if (!width) return;
+    this.canvas.width = width;
+    this.canvas.height = height;
+    const context = this.canvas.getContext("2d");
+    context.font = `${11 * pixels}px system-ui, sans-serif`;
+    context.fillStyle = getComputedStyle(document.body).color;
+    // whole steps of local time, at most one each 90 px
+    const most = Math.max(2, this.canvas.clientWidth / 90);
+    const minute = 60000, day = 1440 * minute;
+    const steps = [1000, 5000, 15000, minute, 5 * minute, 15 * minute, 30 * minute, 60 * minute, 180 * minute, 360 * minute, day, 7 * day, 30 * day];
+    const step = steps.find(step => (to - from) / step <= most) || (to - from) / most;
+    const zone = new Date(from).getTimezoneOffset() * minute;
+    for (let at = Math.ceil((from - zone) / step) * step + zone; at <= to; at += step) {
+      const when = new Date(at);
+      const text = step >= day ? when.toLocaleDateString() : when.toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: step < minute ? "2-digit" : undefined });
+      const x = (at - from) / Math.max(1, to - from) * width;
+      context.fillRect(x, 0, pixels, 4 * pixels);
+      context.fillText(text, Math.min(x, width - context.measureText(text).width), height - 3 * pixels);
+    }
   }
 }

@@ -15,6 +15,9 @@ class SheetMap {
     this.showNumbers = true;
     this.showRegion = true;
     this.waiting = false;
+    // named regions: { name, corners_mm }; and the corners of one that is being drawn
+    this.regions = [];
+    this.drawn = [];
   }
 
   // nodes, triangles and electrodes in mm, y upwards
@@ -96,8 +99,31 @@ class SheetMap {
       at.stroke();
       from += length;
     }
+    for (const region of this.regions) this.polygon(at, ink, region.corners_mm, region.name);
+    if (this.drawn.length) this.polygon(at, "#c02020", this.drawn, "");
     if (this.showNumbers) this.electrodes(at, ink);
     this.marks(at, ink);
+  }
+
+  polygon(at, colour, corners, name) {
+    at.strokeStyle = at.fillStyle = colour;
+    at.lineWidth = this.pixels;
+    at.setLineDash([2 * this.pixels, 2 * this.pixels]);
+    at.beginPath();
+    for (const [x, y] of corners) at.lineTo(this.x(x), this.y(y));
+    at.closePath();
+    at.stroke();
+    at.setLineDash([]);
+    at.font = `${11 * this.pixels}px system-ui, sans-serif`;
+    at.textAlign = "left";
+    at.textBaseline = "top";
+    const [left, top] = [Math.min(...corners.map(corner => corner[0])), Math.max(...corners.map(corner => corner[1]))];
+    at.fillText(name, this.x(left) + 3 * this.pixels, this.y(top) + 3 * this.pixels);
+  }
+
+  // a point of the canvas, in CSS pixels, as mm
+  place(cssX, cssY) {
+    return [(cssX * this.pixels - this.margin) / this.scale + this.low[0], (this.canvas.height - this.margin - cssY * this.pixels) / this.scale + this.low[1]];
   }
 
   electrodes(at, ink) {
@@ -163,8 +189,7 @@ class SheetMap {
   // value under a point of the canvas, in CSS pixels; null beside the map
   valueAt(cssX, cssY) {
     if (!this.values || !this.geometry || !this.scale) return null;
-    const x = (cssX * this.pixels - this.margin) / this.scale + this.low[0];
-    const y = (this.canvas.height - this.margin - cssY * this.pixels) / this.scale + this.low[1];
+    const [x, y] = this.place(cssX, cssY);
     const { nodes, triangles } = this.geometry;
     for (let t = 0; t < this.values.length; t++) {
       const [a, b, c] = [0, 1, 2].map(k => 2 * triangles[3 * t + k]);

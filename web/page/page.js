@@ -9,6 +9,8 @@ const charts = ["load", "contact", "ppi", "unrelieved"].map(name => {
 });
 let shownSession = null, shownSequence = null, fetching = false, latest = null;
 
+const drawing = new RegionDrawing(map, byId("draw"), byId("drawn"));
+
 // a command; what the daemon answers is shown
 async function send(command) {
   const answer = await fetch("/api/control", {
@@ -170,7 +172,7 @@ function showEvents(events) {
 
 byId("map").addEventListener("pointermove", event => {
   const at = map.valueAt(event.offsetX, event.offsetY);
-  byId("pointer").textContent = at ? `(${at.x.toFixed(1)}, ${at.y.toFixed(1)}) mm: ${rounded(at.value)} ${latest.frame.unit}` : "";
+  byId("pointer").textContent = at ? `(${at.x.toFixed(1)}, ${at.y.toFixed(1)}) mm: ${withUnit(at.value, latest.frame.unit)}` : "";
 });
 byId("numbers").addEventListener("change", event => { map.showNumbers = event.target.checked; map.request(); });
 byId("region-lines").addEventListener("change", event => { map.showRegion = event.target.checked; map.request(); });
@@ -180,7 +182,7 @@ byId("stop").addEventListener("click", () => send({ call: "stop" }));
 byId("baseline").addEventListener("click", () => send({ call: "baseline" }));
 byId("release").addEventListener("click", () => send({ call: "release" }));
 byId("map").addEventListener("click", event => {
-  const at = byId("press").checked && !byId("control").hidden && map.valueAt(event.offsetX, event.offsetY);
+  const at = !drawing.active && byId("press").checked && !byId("control").hidden && map.valueAt(event.offsetX, event.offsetY);
   if (at) send({ call: "press", x_m: at.x / 1000, y_m: at.y / 1000, size_m: 0.03, loss: 0.3 });
 });
 window.addEventListener("resize", () => { map.request(); for (const { chart } of charts) chart.draw(); });

@@ -11,6 +11,8 @@ const other = new SheetMap(byId("other-map"), byId("bar"));
 const difference = new SheetMap(byId("difference"), byId("difference-bar"));
 difference.signed = true;
 const charts = CURVES.map(() => new CourseChart(byId("curves"), ms => seek(ms)));
+new RegionDrawing(map, byId("draw"), byId("drawn"));
+const axis = new TimeAxis(byId("axis"));
 // session: overview; course: rows; at: position, ms; shown: header of the map on the canvas; pinned: the compared moment
 let session = null, course = null, at = 0, shown = null, pinned = null;
 let playing = false, before = null, busy = false, wanted = null, resting = null;
@@ -46,7 +48,10 @@ async function open(id) {
     const opened = await (await ask(`/api/sessions/${encodeURIComponent(id)}`)).json();
     trouble("");
     session = opened.overview;
-    for (const sheet of [map, other, difference]) sheet.setGeometry(opened.geometry);
+    for (const sheet of [map, other, difference]) {
+      sheet.setGeometry(opened.geometry);
+      sheet.regions = session.regions;
+    }
     byId("simulated").hidden = !session.simulated;
     byId("position").min = session.first_ms;
     byId("position").max = Math.max(session.last_ms, session.first_ms + 1);
@@ -101,7 +106,9 @@ function setCurves() {
 }
 
 function drawCurves() {
-  if (session && course) for (const chart of charts) chart.draw(session.first_ms, session.last_ms, at, pinned && pinned.head.wall_ms);
+  if (!session) return;
+  axis.draw(session.first_ms, session.last_ms);
+  if (course) for (const chart of charts) chart.draw(session.first_ms, session.last_ms, at, pinned && pinned.head.wall_ms);
 }
 
 // moves to a time
@@ -255,13 +262,6 @@ function showEvents() {
   }));
 }
 
-// h:min:s
-function duration(seconds) {
-  const two = number => String(number).padStart(2, "0");
-  const whole = Math.round(seconds);
-  return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
-}
-
 function play(on) {
   playing = on;
   before = null;
@@ -304,8 +304,7 @@ byId("compare").addEventListener("click", () => pin(pinned ? null : shown));
 byId("fixed").addEventListener("input", () => { if (shown && map.values) draw(shown, map.values); });
 byId("map").addEventListener("pointermove", event => {
   const here = map.valueAt(event.offsetX, event.offsetY);
-  const value = here && (shown.unit === "s" ? duration(here.value) : `${rounded(here.value)} ${shown.unit}`);
-  byId("pointer").textContent = here ? `(${here.x.toFixed(1)}, ${here.y.toFixed(1)}) mm: ${value}` : "";
+  byId("pointer").textContent = here ? `(${here.x.toFixed(1)}, ${here.y.toFixed(1)}) mm: ${withUnit(here.value, shown.unit)}` : "";
 });
 document.addEventListener("keydown", event => {
   if (["INPUT", "SELECT", "BUTTON"].includes(event.target.tagName) || !session) return;

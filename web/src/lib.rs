@@ -28,7 +28,7 @@ use tokio::task::JoinSet;
 pub use guard::{HostName, HostNameError};
 pub use live::follow;
 pub use playback::{
-    Course, MapKind, Overview, Place, Playback, PlayedMap, Recordings, SessionEntry,
+    Course, MapKind, Overview, Place, Playback, PlayedMap, Recordings, RegionShape, SessionEntry,
 };
 pub use snapshot::{
     AlarmState, DaemonState, EventState, FrameState, Live, SessionState, Snapshot, State,

@@ -1,7 +1,7 @@
 //! The files of the page, in the program.
 
 /// Path, media type, content.
-pub(crate) const FILES: [(&str, &str, &str); 10] = [
+pub(crate) const FILES: [(&str, &str, &str); 11] = [
     (
         "/",
         "text/html; charset=utf-8",
@@ -51,5 +51,10 @@ pub(crate) const FILES: [(&str, &str, &str); 10] = [
         "/playback.js",
         "text/javascript; charset=utf-8",
         include_str!("../page/playback.js"),
+    ),
+    (
+        "/region.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/region.js"),
     ),
 ];

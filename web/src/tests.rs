@@ -1,5 +1,6 @@
 //! Routes, headers and refusals over raw TCP.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -8,9 +9,9 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use crate::snapshot::{EventState, FrameState};
-use crate::{Control, HostName, Live, Server, Settings, Token};
+use crate::{Control, HostName, Live, Playback, Recordings, Server, SessionEntry, Settings, Token};
 
-struct Served {
+pub(crate) struct Served {
     port: u16,
     token: String,
     live: Live,
@@ -23,6 +24,26 @@ async fn served() -> Served {
 }
 
 async fn served_with(control: Option<Control>) -> Served {
+    served_from(control, Arc::new(NoRecordings)).await
+}
+
+/// A place without sessions.
+struct NoRecordings;
+
+impl Recordings for NoRecordings {
+    fn list(&self) -> Result<Vec<SessionEntry>, String> {
+        Ok(Vec::new())
+    }
+
+    fn open(&self, id: &str) -> Result<Arc<dyn Playback>, String> {
+        Err(format!("there is no {id}"))
+    }
+}
+
+pub(crate) async fn served_from(
+    control: Option<Control>,
+    recordings: Arc<dyn Recordings>,
+) -> Served {
     let token = Token::random().unwrap();
     let settings = Settings {
         listen: vec![([127, 0, 0, 1], 0).into()],
@@ -40,7 +61,7 @@ async fn served_with(control: Option<Control>) -> Served {
     Served {
         port,
         token: token.text().to_owned(),
-        serving: tokio::spawn(server.run(live.clone(), stopped)),
+        serving: tokio::spawn(server.run(live.clone(), recordings, stopped)),
         live,
         stop,
     }
@@ -77,13 +98,25 @@ impl Served {
         format!("Authorization: Bearer {}\r\n", self.token)
     }
 
-    async fn get(&self, path: &str) -> String {
+    /// The body of an answer.
+    pub(crate) async fn bytes(&self, path: &str) -> Vec<u8> {
+        let mut stream = self.connected().await;
+        let headers = [self.host(), self.bearer()].concat();
+        let text = format!("GET {path} HTTP/1.1\r\nConnection: close\r\n{headers}\r\n");
+        stream.write_all(text.as_bytes()).await.unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).await.unwrap();
+        let end = answer.windows(4).position(|four| four == b"\r\n\r\n");
+        answer.split_off(end.unwrap() + 4)
+    }
+
+    pub(crate) async fn get(&self, path: &str) -> String {
         self.ask(&format!("GET {path}"), &[self.host(), self.bearer()])
             .await
     }
 }
 
-fn code(answer: &str) -> &str {
+pub(crate) fn code(answer: &str) -> &str {
     answer.split(' ').nth(1).unwrap_or_default()
 }
 
@@ -120,7 +153,7 @@ async fn only_exact_hosts_are_served() {
 #[tokio::test]
 async fn data_need_the_token_and_the_page_does_not() {
     let served = served().await;
-    for path in ["/", "/page.js", "/map.js", "/charts.js", "/style.css"] {
+    for (path, _, _) in crate::page::FILES {
         let answer = served.ask(&format!("GET {path}"), &[served.host()]).await;
         assert_eq!(code(&answer), "200", "{path}");
         assert!(!answer.contains(&served.token), "{path} contains the token");
@@ -139,6 +172,10 @@ async fn data_need_the_token_and_the_page_does_not() {
         "/api/geometry",
         "/api/colours",
         "/api/map/1",
+        "/api/sessions",
+        "/api/sessions/m1",
+        "/api/sessions/m1/course",
+        "/api/sessions/m1/maps/quick/frame/1",
     ] {
         for header in &wrong {
             let headers = [served.host(), header.clone()];
@@ -319,20 +356,12 @@ async fn a_map_is_single_precision_and_old_ones_go() {
             .live
             .change(|snapshot| snapshot.keep_map(sequence, &values));
     }
-    let mut stream = served.connected().await;
-    let text = format!(
-        "GET /api/map/17 HTTP/1.1\r\nConnection: close\r\n{}{}\r\n",
-        served.host(),
-        served.bearer()
-    );
-    stream.write_all(text.as_bytes()).await.unwrap();
-    let mut answer = Vec::new();
-    stream.read_to_end(&mut answer).await.unwrap();
+    let answer = served.bytes("/api/map/17").await;
     let expected: Vec<u8> = [0.5_f32, 17.0]
         .iter()
         .flat_map(|v| v.to_le_bytes())
         .collect();
-    assert!(answer.ends_with(&expected));
+    assert_eq!(answer, expected);
     assert_eq!(code(&served.get("/api/map/2").await), "200");
     for path in [
         "/api/map/1",

@@ -33,6 +33,7 @@ pub(crate) fn run(
     settings.control = requested.control.then(|| Control {
         address: address.clone(),
     });
+    let recordings = Arc::new(RecordedSessions::new(global)?);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -51,7 +52,6 @@ pub(crate) fn run(
             open_browser(&serving.url);
         }
         let live = Live::default();
-        let recordings = Arc::new(RecordedSessions::new(global));
         let (stop, stopped) = watch::channel(false);
         let ended = async {
             let failed = |error: std::io::Error| Failure::failed("signals cannot be received", &error);

@@ -1,5 +1,7 @@
 //! Options of `tactus-lab scene`.
 
+use std::path::PathBuf;
+
 use clap::{Args, Subcommand};
 use outfile::{GrowingFolder, OutFolder};
 
@@ -78,4 +80,8 @@ pub(crate) struct RunOptions {
     /// Folder of sessions for a new session, which `tactus` can read
     #[arg(long, value_name = "DIR")]
     pub(crate) logbook: Option<GrowingFolder>,
+    /// With --logbook: store this configuration of a daemon with the session, so that `tactus` makes its maps and quantities as that
+    /// daemon would: [geometry], [model], [quantities] and regions
+    #[arg(long, value_name = "FILE", requires = "logbook")]
+    pub(crate) config: Option<PathBuf>,
 }

@@ -29,8 +29,14 @@ fn failed(fault: &LogbookError) -> Failure {
 
 impl Session {
     /// Creates a session named after the scene and its seed. Its time line begins with the year 2000: no clock is read,
-    /// so that equal scenes give equal records.
-    pub(super) fn create(folder: &Path, scene: &Scene, scan: &Scan) -> Result<Self, Failure> {
+    /// so that equal scenes give equal records. `config_toml`: the configuration to store
+    /// with it.
+    pub(super) fn create(
+        folder: &Path,
+        scene: &Scene,
+        scan: &Scan,
+        config_toml: String,
+    ) -> Result<Self, Failure> {
         let name: String = (scene.name.to_lowercase().chars())
             .map(|letter| {
                 if letter.is_ascii_alphanumeric() {
@@ -44,6 +50,7 @@ impl Session {
         let header = SessionHeader {
             seed: Some(scene.seed),
             simulated: true,
+            config_toml,
             build: concat!("tactus-lab ", env!("CARGO_PKG_VERSION")).to_owned(),
             note: format!(
                 "scene '{}', straight from the simulated sheet, in virtual time that begins with the year 2000",

@@ -10,6 +10,7 @@ use phantom::{Load, Phantom, Preview};
 
 use super::record::Session;
 use crate::args::RunOptions;
+use crate::daemon_config;
 use crate::geometry;
 use crate::output::print_line;
 use studies::evaluation::test_set;
@@ -32,6 +33,11 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
         ));
     }
     let existing = options.replacing.existing();
+    let config_toml = match &options.config {
+        None => String::new(),
+        Some(path) => toml::to_string(&daemon_config::read(path)?)
+            .map_err(|cause| Failure::of("the configuration has no text", &cause))?,
+    };
     let mut folder = match &options.out {
         None => None,
         Some(out) => {
@@ -44,7 +50,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
     };
     let mut session = match &options.logbook {
         None => None,
-        Some(shelf) => Some(Session::create(shelf, phantom.scene(), &scan)?),
+        Some(shelf) => Some(Session::create(shelf, phantom.scene(), &scan, config_toml)?),
     };
     // The truth is computed when the loads change, and reused until then.
     let mut known: Option<(Vec<Load>, String)> = None;

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use config::problems::Source;
 use config::{Config, RigKind, WiringKind};
 use imaging::PresetName;
 use studies::Failure;
@@ -10,6 +9,7 @@ use studies::tradeoff as diagrams;
 use studies::tradeoff::Point;
 
 use crate::args::AdviseOptions;
+use crate::daemon_config;
 use crate::output::print_line;
 
 /// The modules of the table, and the wiring of each.
@@ -60,21 +60,7 @@ fn read(options: &AdviseOptions) -> Result<Option<(PathBuf, Config)>, Failure> {
     else {
         return Ok(None);
     };
-    let refused = |why: String| {
-        Failure::usage(format!(
-            "{}: {why}; name another configuration with --config FILE",
-            path.display()
-        ))
-    };
-    let text = std::fs::read_to_string(path).map_err(|cause| refused(cause.to_string()))?;
-    match Source::new(path, text).read() {
-        (Some(config), _) => Ok(Some((path.to_owned(), config))),
-        (None, problems) => Err(refused(
-            problems
-                .first()
-                .map_or_else(String::new, ToString::to_string),
-        )),
-    }
+    Ok(Some((path.to_owned(), daemon_config::read(path)?)))
 }
 
 /// What the options say, else what the configuration says.

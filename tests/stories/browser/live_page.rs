@@ -11,16 +11,16 @@ use super::driver::Browser;
 use crate::test_rig::{self, Needs, ask, baseline, runtime};
 
 /// Centre of the press, mm.
-const PRESS_MM: [f64; 2] = [80.0, 135.0];
+pub(super) const PRESS_MM: [f64; 2] = [80.0, 135.0];
 
 /// `tactus web`, ended when dropped.
-struct Page {
+pub(super) struct Page {
     process: Child,
-    url: String,
+    pub(super) url: String,
 }
 
 impl Page {
-    fn serve(stage: &Stage, options: &[&str]) -> Self {
+    pub(super) fn serve(stage: &Stage, options: &[&str]) -> Self {
         let mut process = stage
             .command("tactus")
             .args([
@@ -50,7 +50,7 @@ impl Drop for Page {
     }
 }
 
-fn press(stage: &Stage) {
+pub(super) fn press(stage: &Stage) {
     runtime().block_on(async {
         let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
@@ -62,7 +62,7 @@ fn press(stage: &Stage) {
 }
 
 /// Centroid of the largest value on the page's map, mm.
-fn brightest(browser: &Browser) -> [f64; 2] {
+pub(super) fn brightest(browser: &Browser) -> [f64; 2] {
     let place = browser.value(
         "(() => { let best = 0; map.values.forEach((v, t) => { if (v > map.values[best]) best = t; }); \
          const { nodes, triangles } = map.geometry; const n = [0, 1, 2].map(k => 2 * triangles[3 * best + k]); \

@@ -2,3 +2,4 @@
 
 mod driver;
 mod live_page;
+mod playback;

@@ -87,6 +87,17 @@ pub struct Overview {
     pub last_ms: i64,
     /// What happened, the oldest first.
     pub events: Vec<EventState>,
+    /// Its named regions.
+    pub regions: Vec<RegionShape>,
+}
+
+/// The shape of a named region.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RegionShape {
+    /// Its name.
+    pub name: String,
+    /// Its corners in order, mm.
+    pub corners_mm: Vec<[f64; 2]>,
 }
 
 /// Quantities over time.

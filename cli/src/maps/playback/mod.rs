@@ -3,31 +3,48 @@
 mod followed;
 mod session;
 
-use std::path::Path;
-use std::sync::Arc;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use logbook::{SessionKind, SessionSummary};
 use web::{Playback, Recordings, SessionEntry};
 
 use crate::args::Global;
+use crate::failure::Failure;
 use crate::session_files;
 use session::PlayedSession;
 
 /// The sessions of the directories that the options name.
 pub(crate) struct RecordedSessions {
     global: Global,
+    /// Directories that were found once: that of the daemon cannot be asked for while it does not run.
+    places: Mutex<Vec<PathBuf>>,
 }
 
 impl RecordedSessions {
-    pub(crate) fn new(global: &Global) -> Self {
-        Self {
+    /// Looks for the directories now, so that those of a running daemon are known when it ends. Not from asynchronous code.
+    ///
+    /// # Errors
+    /// An invalid `--bus` address.
+    pub(crate) fn new(global: &Global) -> Result<Self, Failure> {
+        Ok(Self {
             global: global.clone(),
-        }
+            places: Mutex::new(session_files::directories(global)?),
+        })
+    }
+
+    fn places(&self) -> Result<Vec<PathBuf>, String> {
+        let found = session_files::directories(&self.global).map_err(|why| why.to_string())?;
+        let mut places = self.places.lock().unwrap_or_else(PoisonError::into_inner);
+        let new = found.into_iter().filter(|place| !places.contains(place));
+        let new: Vec<PathBuf> = new.collect();
+        places.extend(new);
+        Ok(places.clone())
     }
 
     /// First parts of all measurements, the newest first; a folder that cannot be read is left out.
     fn summaries(&self) -> Result<Vec<SessionSummary>, String> {
-        let places = session_files::directories(&self.global).map_err(|why| why.to_string())?;
+        let places = self.places()?;
         let listings = places.iter().filter_map(|place| logbook::list(place).ok());
         let mut sessions: Vec<SessionSummary> = listings
             .flat_map(|listing| listing.sessions)
@@ -35,10 +52,6 @@ impl RecordedSessions {
             .collect();
         sessions.sort_by(|a, b| (b.started, &b.id).cmp(&(a.started, &a.id)));
         Ok(sessions)
-    }
-
-    fn path(&self, id: &str) -> Result<std::path::PathBuf, String> {
-        session_files::session_file(&self.global, id).map_err(|why| why.to_string())
     }
 }
 
@@ -69,8 +82,11 @@ impl Recordings for RecordedSessions {
     }
 
     fn open(&self, id: &str) -> Result<Arc<dyn Playback>, String> {
-        let path = self.path(id)?;
-        let opened = PlayedSession::open(Path::new(&path)).map_err(|why| why.to_string())?;
+        let summaries = self.summaries()?;
+        // the first part, or the earliest that is still there
+        let part = summaries.iter().rev().find(|part| part.session() == id);
+        let part = part.ok_or_else(|| format!("no session {id} is recorded here"))?;
+        let opened = PlayedSession::open(&part.path).map_err(|why| why.to_string())?;
         Ok(Arc::new(opened))
     }
 }

@@ -10,7 +10,7 @@ use imaging::recorded::{Origin, RecordedFrame, Recording, SessionParts};
 use imaging::{Method, MethodArguments};
 use render::Sheet;
 use survey::{Map, Reading};
-use web::{Course, EventState, MapKind, Overview, Place, Playback, PlayedMap};
+use web::{Course, EventState, MapKind, Overview, Place, Playback, PlayedMap, RegionShape};
 
 use super::followed::Followed;
 use crate::failure::Failure;
@@ -261,10 +261,14 @@ fn found(recording: &Recording, place: Place) -> Result<RecordedFrame, Failure> 
             let next = recording.frames_from(sequence).next().transpose()?;
             next.filter(|frame| frame.sequence == sequence)
         }
-        Place::Time(ms) => match DateTime::from_timestamp_millis(ms) {
-            Some(time) => recording.frame_at(time)?,
-            None => None,
-        },
+        // a frame within this millisecond counts
+        Place::Time(ms) => {
+            let end_us = ms.checked_mul(1000).and_then(|us| us.checked_add(999));
+            match end_us.and_then(DateTime::from_timestamp_micros) {
+                Some(time) => recording.frame_at(time)?,
+                None => None,
+            }
+        }
     };
     frame.ok_or_else(|| Failure::Failed(format!("{} has no frame there", recording.name)))
 }
@@ -335,7 +339,20 @@ fn overview(path: &Path, recording: &Recording) -> Result<Overview, Failure> {
             text: event.text,
         }));
     }
+    // a region that the daemon refused has no quantities, and is not drawn
+    let (_, regions) = session_settings::of_quantities(&recording.origin)?;
+    let regions = regions.iter().filter_map(|region| {
+        let corners = region.corners().ok()?;
+        Some(RegionShape {
+            name: region.name.clone(),
+            corners_mm: corners
+                .iter()
+                .map(|corner| corner.map(|m| 1e3 * m))
+                .collect(),
+        })
+    });
     Ok(Overview {
+        regions: regions.collect(),
         id: recording.name.clone(),
         note: header.note.clone(),
         simulated: header.simulated,
