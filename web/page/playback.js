@@ -87,7 +87,7 @@ async function followCourse(of) {
       rest();
       return;
     }
-    await new Promise(resume => setTimeout(resume, 1000));
+    await new Promise(resume => setTimeout(resume, 2000));
   }
 }
 

@@ -6,6 +6,7 @@
 //! [`Server::open`] listens, [`Server::run`] serves until it is told to end. [`follow`] keeps a [`Live`] up to date, which
 //! the terminal's dashboard reads too.
 
+mod answer;
 mod control;
 mod guard;
 mod live;

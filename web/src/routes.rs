@@ -13,6 +13,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, watch};
 
+use crate::answer::{geometry_json, json};
 use crate::control::{self, Call};
 use crate::guard::{self, Guard};
 use crate::page;
@@ -80,11 +81,6 @@ fn file(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
-pub(crate) fn json(text: Arc<str>) -> Response {
-    let kind = [(header::CONTENT_TYPE, "application/json")];
-    (kind, text.to_string()).into_response()
-}
-
 /// 256 colours from zero to the largest load and to the largest gain, as in every other picture:
 /// `{"loads": [[r, g, b], ...], "gains": ...}`.
 fn colours() -> String {
@@ -125,25 +121,6 @@ async fn geometry(State(shared): State<Shared>) -> Response {
         Some(geometry) => json(geometry_json(&geometry).into()),
         None => (StatusCode::NOT_FOUND, "no geometry yet\n").into_response(),
     }
-}
-
-/// A geometry with coordinates in mm.
-pub(crate) fn geometry_json(geometry: &dbus::Geometry) -> String {
-    let millimetres = |metres: &[f64]| -> Vec<f64> {
-        metres
-            .iter()
-            .map(|metres| (1e6 * metres).round() * 1e-3)
-            .collect()
-    };
-    serde_json::json!({
-        "name": geometry.more.name,
-        "nodes": millimetres(&geometry.nodes),
-        "triangles": geometry.triangles,
-        "outline": millimetres(&geometry.outline),
-        "outline_lengths": geometry.outline_lengths,
-        "electrodes": millimetres(&geometry.electrodes),
-    })
-    .to_string()
 }
 
 /// A map as little-endian single precision, one value a triangle. It never changes.

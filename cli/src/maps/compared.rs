@@ -10,6 +10,9 @@ use survey::{Map, Reading};
 use crate::failure::Failure;
 use crate::maps::reconstruction::Reconstruction;
 
+/// A map, and the same as the calibration reads it.
+pub(crate) type ShownMap = (Map, Option<Pressure>);
+
 /// A frame, its baseline, and what is known of it.
 pub(crate) struct Compared<'a> {
     /// Time of the frame, s of the Unix epoch; its number where it has no time.
@@ -46,7 +49,7 @@ impl<'a> Compared<'a> {
         &self,
         reconstruction: &Reconstruction,
         quantifier: &mut Quantifier,
-    ) -> Result<(FrameQuantities, Option<(Map, Option<Pressure>)>), Failure> {
+    ) -> Result<(FrameQuantities, Option<ShownMap>), Failure> {
         let map = match reconstruction.map(self.baseline, self.readings) {
             Ok(map) => map,
             Err(refused) => {

@@ -28,7 +28,18 @@ impl Follower {
         requested: &TrackedArguments,
         recording: &Recording,
     ) -> Result<Option<Self>, Failure> {
-        let tracking = reconstruction.tracking.clone();
+        Self::new(reconstruction.tracking.clone(), requested, recording)
+    }
+
+    /// Follows this baseline.
+    ///
+    /// # Errors
+    /// As [`Follower::of`].
+    pub(crate) fn new(
+        tracking: Option<Tracking>,
+        requested: &TrackedArguments,
+        recording: &Recording,
+    ) -> Result<Option<Self>, Failure> {
         let have_times = tracking.is_some() && recording.has_times();
         let period_s = requested.period_s(tracking.is_some(), have_times);
         let period_s = period_s.map_err(Failure::Usage)?;

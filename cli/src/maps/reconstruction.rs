@@ -76,30 +76,10 @@ impl Reconstruction {
                 survey::error_chain(&error)
             ));
         }
-        // an assumed noise has no significance for a map
-        let unloaded = &recording.unloaded;
-        let measured = Noise::of_baseline(unloaded.noise, &unloaded.readings)
-            .and_then(Noise::measured)
-            .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv));
-        let tracking = match (tracked.tracked, chosen.settings.tracking) {
-            (Some(true), _) => Some(tracking(&chosen, requested_geometry, recording, measured)?),
-            (None, Some(true)) => {
-                match tracking(&chosen, requested_geometry, recording, measured) {
-                    Ok(tracking) => Some(tracking),
-                    // as the daemon did
-                    Err(Failure::Failed(why)) => {
-                        chosen.remarks.push(format!(
-                            "maps are compared with the baseline as it was recorded: {why}"
-                        ));
-                        None
-                    }
-                    Err(other) => return Err(other),
-                }
-            }
-            (Some(false), _) | (None, _) => None,
-        };
-        let noise =
-            measured.and_then(|noise| imaging::map_noise(&model, &unloaded.readings, noise));
+        let tracking = wanted_tracking(&mut chosen, requested_geometry, tracked, recording)?;
+        let measured = measured_noise(&chosen, recording);
+        let unloaded = &recording.unloaded.readings;
+        let noise = measured.and_then(|noise| imaging::map_noise(&model, unloaded, noise));
         Ok(Self {
             noise,
             reading_noise: measured,
@@ -109,6 +89,17 @@ impl Reconstruction {
             model,
             remarks: chosen.remarks,
         })
+    }
+
+    /// The baseline of a recording to be followed, as [`Reconstruction::new`] with the session's method and geometry prepares it;
+    /// `None` where the session's is not.
+    ///
+    /// # Errors
+    /// A session with an invalid configuration.
+    pub(crate) fn tracking_of(recording: &Recording) -> Result<Option<Tracking>, Failure> {
+        let mut chosen = ChosenSettings::new(&MethodArguments::default(), &recording.origin)?;
+        let (geometry, tracked) = (GeometryChoice::default(), TrackedArguments::default());
+        wanted_tracking(&mut chosen, &geometry, &tracked, recording)
     }
 
     /// The map of one frame.
@@ -192,6 +183,38 @@ fn prepare(
     let model = model.map_err(not_built)?;
     chosen.remarks.extend(model.notes.iter().cloned());
     Ok(model)
+}
+
+/// Standard deviation of one reading; `None` if it was only assumed: that has no significance for a map.
+fn measured_noise(chosen: &ChosenSettings, recording: &Recording) -> Option<f64> {
+    let unloaded = &recording.unloaded;
+    Noise::of_baseline(unloaded.noise, &unloaded.readings)
+        .and_then(Noise::measured)
+        .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv))
+}
+
+/// The baseline to be followed; `None` where that is not asked for, or the session's cannot be followed.
+fn wanted_tracking(
+    chosen: &mut ChosenSettings,
+    geometry: &GeometryChoice,
+    tracked: &TrackedArguments,
+    recording: &Recording,
+) -> Result<Option<Tracking>, Failure> {
+    let noise_v = measured_noise(chosen, recording);
+    match (tracked.tracked, chosen.settings.tracking) {
+        (Some(true), _) => tracking(chosen, geometry, recording, noise_v).map(Some),
+        (None, Some(true)) => match tracking(chosen, geometry, recording, noise_v) {
+            // as the daemon did
+            Err(Failure::Failed(why)) => {
+                chosen.remarks.push(format!(
+                    "maps are compared with the baseline as it was recorded: {why}"
+                ));
+                Ok(None)
+            }
+            other => other.map(Some),
+        },
+        (Some(false), _) | (None, _) => Ok(None),
+    }
 }
 
 /// The baseline of a recording, to be followed; `noise_v`: of one reading, if it is known.

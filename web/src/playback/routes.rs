@@ -11,14 +11,14 @@ use render::Sheet;
 use tokio::sync::Semaphore;
 
 use super::{MapKind, Place, Playback, PlayedMap, Recordings};
-use crate::routes::{geometry_json, json};
+use crate::answer::{geometry_json, json};
 
 /// Sessions that stay open.
 const OPEN: usize = 2;
 /// Requests that work at the same time.
 const WORKERS: usize = 4;
-/// Most rows of a curve: more than a screen has pixels for.
-const SPANS: u32 = 1500;
+/// Most rows of a curve: one for about two pixels of a screen.
+const SPANS: u32 = 720;
 
 #[derive(Clone)]
 struct Shared {

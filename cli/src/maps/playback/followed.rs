@@ -1,11 +1,10 @@
 //! Follows the baseline of a recorded session once, in the background: states to start from, quantities, time without relief.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-use imaging::MethodArguments;
 use imaging::quantities::{QuantityRow, Rows, STORED_S, stored};
 use imaging::recorded::{RecordedFrame, Recording};
 
@@ -14,7 +13,7 @@ use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::session_settings;
-use crate::options::choices::{GeometryChoice, TrackedArguments};
+use crate::options::choices::TrackedArguments;
 
 /// States of the tracked baseline that are kept: 0.4 MB each for 26 electrodes.
 const STATES: usize = 64;
@@ -116,15 +115,15 @@ impl Shared {
 }
 
 impl Followed {
-    /// Starts to follow a session. `method`: of the maps that quantities are computed from.
-    pub(super) fn start(path: &Path, method: MethodArguments) -> Self {
+    /// Starts to follow a session. `reconstruction`: of the maps that quantities are computed from.
+    pub(super) fn start(path: &Path, reconstruction: Arc<Reconstruction>) -> Self {
         let shared = Arc::new(Shared {
             known: Mutex::default(),
             cancelled: AtomicBool::new(false),
         });
         let (of_thread, path) = (Arc::clone(&shared), path.to_owned());
         thread::spawn(move || {
-            let failed = follow(&path, &method, &of_thread).err();
+            let failed = follow(&path, &reconstruction, &of_thread).err();
             let mut known = of_thread.known();
             known.ended = failed.is_none();
             known.failed = failed.map(|why| why.to_string());
@@ -143,7 +142,7 @@ impl Drop for Followed {
     }
 }
 
-fn follow(path: &PathBuf, method: &MethodArguments, shared: &Shared) -> Result<(), Failure> {
+fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Result<(), Failure> {
     let recording = Recording::from_session(path, None, false)?;
     let total = recording.len()?;
     shared.known().total = total;
@@ -158,14 +157,8 @@ fn follow(path: &PathBuf, method: &MethodArguments, shared: &Shared) -> Result<(
             _ => format!("as the daemon computed them; {damaged} minutes are damaged and left out"),
         };
     }
-    let reconstruction = Reconstruction::new(
-        method,
-        &GeometryChoice::default(),
-        None,
-        &TrackedArguments::default(),
-        &recording,
-    )?;
-    let mut follower = Follower::of(&reconstruction, &TrackedArguments::default(), &recording)?;
+    let tracking = Reconstruction::tracking_of(&recording)?;
+    let mut follower = Follower::new(tracking, &TrackedArguments::default(), &recording)?;
     let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
     let mut quantifier = reconstruction
         .quantifier(&settings, &regions)
@@ -198,7 +191,7 @@ fn follow(path: &PathBuf, method: &MethodArguments, shared: &Shared) -> Result<(
                 None => None,
             };
             let compared = Compared::new(&recording, &frame, followed.as_ref());
-            let (quantities, _) = compared.quantities(&reconstruction, &mut quantifier)?;
+            let (quantities, _) = compared.quantities(reconstruction, &mut quantifier)?;
             let at_s = frame.wall.map_or(0.0, imaging::tracking::seconds);
             let ended = rows.take(at_s, &quantities);
             let mut known = shared.known();

@@ -1,7 +1,7 @@
 //! An open session: its maps at any place, at once and exactly.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use chrono::DateTime;
 use eit::Pressure;
@@ -34,7 +34,7 @@ pub(super) struct PlayedSession {
 /// A method that answers at once.
 struct Quick {
     recording: Recording,
-    reconstruction: Reconstruction,
+    reconstruction: Arc<Reconstruction>,
     /// Whether it is the session's own method.
     own: bool,
 }
@@ -42,7 +42,7 @@ struct Quick {
 /// The session's own method.
 struct Exact {
     recording: Recording,
-    reconstruction: Reconstruction,
+    reconstruction: Arc<Reconstruction>,
     quantifier: Quantifier,
     /// The tracked baseline after the frame that was asked for last.
     follower: Option<Follower>,
@@ -60,13 +60,13 @@ impl PlayedSession {
                 ..MethodArguments::default()
             },
         };
-        let reconstruction = prepared(&method, &recording)?;
+        let reconstruction = Arc::new(prepared(&method, &recording)?);
         let overview = overview(path, &recording)?;
         Ok(Self {
             path: path.to_owned(),
             overview,
             sheet: reconstruction.field.sheet.clone(),
-            followed: Followed::start(path, method),
+            followed: Followed::start(path, Arc::clone(&reconstruction)),
             quick: Mutex::new(Quick {
                 recording,
                 reconstruction,
@@ -131,7 +131,13 @@ impl PlayedSession {
         let mut exact = self.exact.lock().unwrap_or_else(PoisonError::into_inner);
         let exact = match &mut *exact {
             Some(exact) => exact,
-            empty => empty.insert(Exact::new(&self.path)?),
+            empty => {
+                let (own, quick) = {
+                    let quick = self.quick();
+                    (quick.own, Arc::clone(&quick.reconstruction))
+                };
+                empty.insert(Exact::new(&self.path, Some(quick).filter(|_| own))?)
+            }
         };
         let start = {
             let known = self.followed.known();
@@ -181,14 +187,19 @@ impl PlayedSession {
 }
 
 impl Exact {
-    fn new(path: &Path) -> Result<Self, Failure> {
+    /// `fast`: the reconstruction, where the session's own method is fast.
+    fn new(path: &Path, fast: Option<Arc<Reconstruction>>) -> Result<Self, Failure> {
         let recording = Recording::from_session(path, None, false)?;
-        let reconstruction = prepared(&MethodArguments::default(), &recording)?;
+        let is_fast = fast.is_some();
+        let reconstruction = match fast {
+            Some(fast) => fast,
+            None => Arc::new(prepared(&MethodArguments::default(), &recording)?),
+        };
         let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
         let quantifier = reconstruction
             .quantifier(&settings, &regions)
             .map_err(|error| Failure::Configuration(error.to_string()))?;
-        let deviation = reconstruction.deviation().filter(|_| is_fast(&recording));
+        let deviation = reconstruction.deviation().filter(|_| is_fast);
         Ok(Self {
             quantifier: quantifier.with_deviation(deviation),
             recording,

@@ -1,0 +1,31 @@
+//! Answers that the live page and playback share.
+
+use std::sync::Arc;
+
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+
+/// A text of JSON.
+pub(crate) fn json(text: Arc<str>) -> Response {
+    let kind = [(header::CONTENT_TYPE, "application/json")];
+    (kind, text.to_string()).into_response()
+}
+
+/// A geometry with coordinates in mm.
+pub(crate) fn geometry_json(geometry: &dbus::Geometry) -> String {
+    let millimetres = |metres: &[f64]| -> Vec<f64> {
+        metres
+            .iter()
+            .map(|metres| (1e6 * metres).round() * 1e-3)
+            .collect()
+    };
+    serde_json::json!({
+        "name": geometry.more.name,
+        "nodes": millimetres(&geometry.nodes),
+        "triangles": geometry.triangles,
+        "outline": millimetres(&geometry.outline),
+        "outline_lengths": geometry.outline_lengths,
+        "electrodes": millimetres(&geometry.electrodes),
+    })
+    .to_string()
+}
