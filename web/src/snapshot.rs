@@ -162,6 +162,43 @@ pub struct AlarmState {
     pub guidance: Option<String>,
 }
 
+impl AlarmState {
+    /// Whether it is active, and neither shelved nor out of service.
+    pub fn calls(&self) -> bool {
+        self.active && self.shelved.is_none() && self.out_of_service.is_none()
+    }
+
+    /// Whether a person should look at it: it calls, is not acknowledged, or cannot be judged.
+    pub fn matters(&self) -> bool {
+        self.calls() || !self.acknowledged || self.level.as_deref() == Some("invalid")
+    }
+
+    /// What it says, in a few words.
+    pub fn words(&self) -> String {
+        let invalid = self.level.as_deref() == Some("invalid");
+        let mut words = match (self.active, invalid) {
+            (true, _) => format!("ACTIVE, {}", self.severity),
+            (false, true) => "CANNOT BE JUDGED".to_owned(),
+            (false, false) => self.level.clone().unwrap_or("not judged now".to_owned()),
+        };
+        if !self.acknowledged {
+            words.push_str(", not acknowledged");
+        }
+        if self.held {
+            words.push_str(", waits for a reset");
+        }
+        for (name, by) in [
+            ("shelved", &self.shelved),
+            ("out of service", &self.out_of_service),
+        ] {
+            if let Some(by) = by {
+                words.push_str(&format!(", {name} {by}"));
+            }
+        }
+        words
+    }
+}
+
 impl From<dbus::AlarmReport> for AlarmState {
     fn from(reported: dbus::AlarmReport) -> Self {
         Self {

@@ -30,6 +30,8 @@ pub(crate) struct Dashboard {
     pub(crate) scale: Scale,
     /// Whether the list of keys is shown.
     pub(crate) help: bool,
+    /// Whether the list of alarms is shown.
+    pub(crate) alarms: bool,
     /// The first quantity of the table.
     pub(crate) first_quantity: usize,
     /// The first region of the table.
@@ -61,6 +63,7 @@ impl Dashboard {
             colour,
             scale,
             help: false,
+            alarms: false,
             first_quantity: 0,
             first_region: 0,
             seen: State::default(),
@@ -170,6 +173,7 @@ impl Dashboard {
             }
             (KeyCode::Char('l'), true) => return Next::Redraw,
             (KeyCode::Char('?'), _) => self.help = !self.help,
+            (KeyCode::Char('a'), false) => self.alarms = !self.alarms,
             (KeyCode::Up, _) => move_by(&mut self.first_quantity, -1, quantities),
             (KeyCode::Down, _) => move_by(&mut self.first_quantity, 1, quantities),
             (KeyCode::Left, _) => move_by(&mut self.first_region, -1, regions),

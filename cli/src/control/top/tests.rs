@@ -11,7 +11,7 @@ use ratatui::crossterm::event::{Event, KeyCode, KeyEvent, KeyEventKind, KeyModif
 use ratatui::style::Color;
 use render::TerminalColour;
 use serde_json::{Value, json};
-use web::{DaemonState, EventState, FrameState, SessionState, Snapshot, State};
+use web::{AlarmState, DaemonState, EventState, FrameState, SessionState, Snapshot, State};
 
 use crate::args::{Arguments, Command};
 use crate::control::top::dashboard::{Dashboard, Next};
@@ -252,6 +252,44 @@ fn screens_are_the_kept_ones() {
     golden("top-120x40.txt", &text(&drawn(&shown, 120, 40)));
     shown.help = true;
     golden("top-keys-80x24.txt", &text(&drawn(&shown, 80, 24)));
+    shown.help = false;
+    shown.seen.alarms = alarms();
+    golden("top-alarm-80x24.txt", &text(&drawn(&shown, 80, 24)));
+    shown.alarms = true;
+    golden("top-alarms-80x24.txt", &text(&drawn(&shown, 80, 24)));
+}
+
+/// One that calls, one that is over, one that cannot be judged, one that is shelved and one that is well.
+fn alarms() -> Vec<AlarmState> {
+    let alarm = |name: &str, level: &str, active: bool| AlarmState {
+        name: name.into(),
+        severity: "major".into(),
+        level: Some(level.into()),
+        active,
+        acknowledged: true,
+        ..AlarmState::default()
+    };
+    vec![
+        AlarmState {
+            acknowledged: false,
+            cause: Some("ppi of hip 12.3 kPa, above 10 kPa".into()),
+            guidance: Some("turn the person".into()),
+            ..alarm("hip", "major", true)
+        },
+        AlarmState {
+            acknowledged: false,
+            ..alarm("elbow", "ok", false)
+        },
+        AlarmState {
+            invalid: Some("unrelieved area is not known yet".into()),
+            ..alarm("skin", "invalid", false)
+        },
+        AlarmState {
+            shelved: Some("by user 1000: known".into()),
+            ..alarm("edge", "major", true)
+        },
+        alarm("disk-days", "ok", false),
+    ]
 }
 
 #[test]
@@ -289,7 +327,7 @@ fn smaller_terminals_get_a_line_that_says_so() {
 #[test]
 fn every_size_is_drawn() {
     let (mut shown, _) = measuring(TerminalColour::Ansi256);
-    shown.help = true;
+    (shown.help, shown.alarms, shown.seen.alarms) = (true, true, alarms());
     for columns in [1, 2, 10, 80, 81, 97, 150, 400] {
         for rows in [1, 2, 10, 24, 25, 31, 32, 100] {
             drawn(&shown, columns, rows);

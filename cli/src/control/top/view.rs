@@ -7,7 +7,6 @@ use ratatui::style::Modifier;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 use survey::printable;
-use web::AlarmState;
 
 use crate::control::top::dashboard::Dashboard;
 use crate::control::top::history::CHARTED;
@@ -35,8 +34,9 @@ const COLUMNS: [&[Panel]; 2] = [
     &[Panel::Charts, Panel::Quantities, Panel::Health],
 ];
 
-const KEYS: [(&str, &str); 6] = [
+const KEYS: [(&str, &str); 7] = [
     ("?", "show or hide this list"),
+    ("a", "show or hide all alarms"),
     ("Up Down", "scroll the table of quantities"),
     ("Left Right", "scroll its regions"),
     ("Ctrl-L", "draw the whole screen again"),
@@ -107,6 +107,9 @@ pub(crate) fn draw(frame: &mut Frame<'_>, shown: &Dashboard, now: DateTime<Fixed
         }
     }
     footer(frame, foot);
+    if shown.alarms {
+        panels::state::alarms(frame, body, shown);
+    }
     if shown.help {
         help(frame, body);
     }
@@ -118,10 +121,7 @@ fn header(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard, now: DateTime<Fi
         words.push("  ".into());
         words.push(Span::styled(" SIMULATED ", warning(shown.colour)));
     }
-    let calls = |alarm: &&AlarmState| {
-        alarm.active && alarm.shelved.is_none() && alarm.out_of_service.is_none()
-    };
-    if let Some(alarm) = shown.seen.alarms.iter().find(calls) {
+    if let Some(alarm) = shown.seen.alarms.iter().find(|alarm| alarm.calls()) {
         words.push("  ".into());
         let text = format!(" ALARM {} ", printable(&alarm.name));
         words.push(Span::styled(text, warning(shown.colour)));
@@ -143,7 +143,7 @@ fn header(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard, now: DateTime<Fi
 
 fn footer(frame: &mut Frame<'_>, area: Rect) {
     frame.render_widget("A research instrument, not a medical device.", area);
-    let keys = Paragraph::new("? keys  q leave").alignment(Alignment::Right);
+    let keys = Paragraph::new("? keys  a alarms  q leave").alignment(Alignment::Right);
     frame.render_widget(keys, area);
 }
 

@@ -2,11 +2,12 @@
 
 use chrono::{DateTime, FixedOffset};
 use ratatui::Frame;
-use ratatui::layout::Rect;
+use ratatui::layout::{Margin, Rect};
+use ratatui::style::Modifier;
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Paragraph, Wrap};
+use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 use survey::printable;
-use web::DaemonState;
+use web::{AlarmState, DaemonState};
 
 use crate::control::top::dashboard::Dashboard;
 use crate::control::top::panels::{titled, warning};
@@ -91,19 +92,54 @@ pub(crate) fn events(
     shown: &Dashboard,
     now: DateTime<FixedOffset>,
 ) {
-    let area = titled(frame, area, "Events, the newest first");
-    let events = &shown.seen.events;
-    let mut lines: Vec<Line<'_>> = events
-        .iter()
-        .take(usize::from(area.height))
-        .map(|event| {
-            let at = DateTime::from_timestamp_millis(event.wall_ms).unwrap_or_default();
-            let at = at.with_timezone(now.offset()).format("%H:%M:%S");
-            plain(&format!("{at} {}: {}", event.kind, event.text))
-        })
-        .collect();
+    let area = titled(frame, area, "Alarms; events, the newest first");
+    let matter = shown.seen.alarms.iter().filter(|alarm| alarm.matters());
+    let mut lines: Vec<Line<'_>> = matter.map(|alarm| of_alarm(alarm, shown)).collect();
+    let events = shown.seen.events.iter().take(usize::from(area.height));
+    lines.extend(events.map(|event| {
+        let at = DateTime::from_timestamp_millis(event.wall_ms).unwrap_or_default();
+        let at = at.with_timezone(now.offset()).format("%H:%M:%S");
+        plain(&format!("{at} {}: {}", event.kind, event.text))
+    }));
     if lines.is_empty() {
         lines.push("none since this program started".into());
     }
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
+}
+
+/// An alarm on one line; one that calls stands out.
+fn of_alarm(alarm: &AlarmState, shown: &Dashboard) -> Line<'static> {
+    let why = match (alarm.active, &alarm.invalid) {
+        (false, Some(why)) => why.clone(),
+        _ => alarm.cause.clone().unwrap_or_default(),
+    };
+    let mut text = format!("{}: {}", alarm.name, alarm.words());
+    if !why.is_empty() {
+        text.push_str(&format!(": {why}"));
+    }
+    if let Some(guidance) = alarm.guidance.as_ref().filter(|_| alarm.active) {
+        text.push_str(&format!("; {guidance}"));
+    }
+    match alarm.calls() {
+        true => Line::from(Span::styled(
+            printable(&text).into_owned(),
+            warning(shown.colour),
+        )),
+        false => plain(&text),
+    }
+}
+
+/// All alarms, over the other panels.
+pub(crate) fn alarms(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
+    let alarms = &shown.seen.alarms;
+    let mut lines: Vec<Line<'_>> = alarms.iter().map(|alarm| of_alarm(alarm, shown)).collect();
+    if lines.is_empty() {
+        lines.push("this daemon has no alarms".into());
+    }
+    lines.push("`tactus alarms ack|shelve|reset NAME` handles them".into());
+    let area = area.inner(Margin::new(2, 1));
+    let block = Block::bordered().title(Span::styled(" Alarms ", Modifier::BOLD));
+    frame.render_widget(Clear, area);
+    let text = Paragraph::new(lines).wrap(Wrap { trim: false });
+    frame.render_widget(text.block(block), area);
 }
