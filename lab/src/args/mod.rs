@@ -148,6 +148,9 @@ pub(crate) struct TestSetOptions {
     /// Standard deviation of the logarithm of an unevenly sprayed sheet's conductance, a number, e.g. 0.1 [default: an even sheet]
     #[arg(long, value_name = "SD")]
     pub(crate) spray: Option<f64>,
+    /// Seed of the spraying: sets with the same number have the same sheet [default: that of --seed]
+    #[arg(long, value_name = "SEED", requires = "spray")]
+    pub(crate) spray_seed: Option<u64>,
     /// Change a parameter of the sheet, as `mesh --set` does (repeatable)
     #[arg(long = "measure", value_name = "KEY=VALUE")]
     pub(crate) measures: Vec<String>,

@@ -27,6 +27,7 @@ pub(crate) fn judge(options: &TestSetOptions) -> Result<(), Failure> {
         seed: options.seed,
         count: options.count,
         spray: options.spray,
+        sheet_seed: options.spray_seed,
         sheet,
         case,
     };
@@ -243,6 +244,7 @@ impl Made {
                 seed: options.seed,
                 count: options.count,
                 spray: None,
+                sheet_seed: None,
                 sheet: PaperSheet::default(),
                 case: None,
             };

@@ -138,6 +138,29 @@ fn known_masses_come_back_in_newtons() {
 }
 
 #[test]
+fn sets_of_one_spray_seed_have_one_sheet() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let baseline = |seed: &str, spray_seed: &str| {
+        let words = format!(
+            "judge --set masses --count 1 --noise-v 0 --spray 0.1 --seed {seed} --spray-seed {spray_seed} --force --out set"
+        );
+        done(lab(&words.split(' ').collect::<Vec<_>>(), at));
+        let read = |name: &str| std::fs::read_to_string(at.join("set").join(name)).unwrap();
+        let frames = read("frames.csv");
+        (
+            frames.lines().next().unwrap_or_default().to_owned(),
+            read("presses.csv"),
+        )
+    };
+    let (sheet, presses) = baseline("3", "5");
+    let (same, others) = baseline("9", "5");
+    assert_eq!(sheet, same);
+    assert_ne!(presses, others, "the presses are others");
+    assert_ne!(sheet, baseline("3", "6").0);
+}
+
+#[test]
 fn presses_that_say_nothing_are_refused_by_line() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

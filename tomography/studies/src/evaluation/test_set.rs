@@ -136,6 +136,8 @@ pub struct TestSet {
     pub count: Option<usize>,
     /// Standard deviation of the logarithm of conductance of an unevenly sprayed sheet.
     pub spray: Option<f64>,
+    /// Seed of the sheet, so that sets of different loads can have the same one; default: `seed`.
+    pub sheet_seed: Option<u64>,
     /// The simulated sheet.
     pub sheet: PaperSheet,
     /// The case for the reconstruction: the sheet on another mesh than the phantom's; default: its preset at 1 mA.
@@ -165,7 +167,7 @@ pub fn make(options: &TestSet, folder: &Path, existing: Existing) -> Result<usiz
             .map_err(|fault| Failure::of("no protocol for this ring", &fault))?,
     };
     let mut scene = Scene {
-        seed: options.seed,
+        seed: options.sheet_seed.unwrap_or(options.seed),
         sheet: sheet.remeshed(FINER, 1),
         ..Scene::quiet()
     };
