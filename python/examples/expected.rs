@@ -7,8 +7,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use chrono::DateTime;
-use eit::{DiscTank, Existing, Forward, Parameters, Preset};
+use eit::{DiscTank, Existing, Forward, PaperSheet, Parameters, Preset};
 use imaging::recorded::{Fitted, Unloaded};
+use imaging::tracking::Tracking;
 use imaging::{Geometry, HyperChoice, Method, PriorName, ReconstructionSettings};
 use logbook::{SessionHeader, SessionWriter};
 use survey::{Amps, Baseline, Frame, Protocol, Reading, Settings, Volts};
@@ -26,13 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .case_of(protocol.clone(), vec![1e-3; protocol.len()])
         .write(&folder.join("case"), Existing::Refuse)?;
 
-    let save = |name: &str, values: &[f64]| {
-        let bytes: Vec<u8> = values
-            .iter()
-            .flat_map(|value| value.to_le_bytes())
-            .collect();
-        std::fs::write(folder.join(format!("{name}.f64")), bytes)
-    };
+    let save = |name: &str, values: &[f64]| save(folder, name, values);
     // the forward model of a conductance that differs from triangle to triangle
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)?;
     let sigma: Vec<f64> = (0..geometry.sigma0.len())
@@ -147,12 +142,82 @@ fn main() -> Result<(), Box<dyn Error>> {
             ..of(Method::Tv)
         },
     )?;
+    maps("shapes", true, None, of(Method::Best))?;
+    followed(
+        folder,
+        &geometry,
+        &protocol,
+        &mean,
+        &[&unloaded[2], &loaded[0]],
+    )?;
+    network(folder)?;
     save("unloaded", &numbers(&[mean.readings]))?;
     save(
         "noise",
         &[mean.noise.ok_or("the frames of the baseline are equal")?],
     )?;
     session(folder, &protocol, &unloaded, &loaded)
+}
+
+fn save(folder: &Path, name: &str, values: &[f64]) -> std::io::Result<()> {
+    let bytes: Vec<u8> = values
+        .iter()
+        .flat_map(|value| value.to_le_bytes())
+        .collect();
+    std::fs::write(folder.join(format!("{name}.f64")), bytes)
+}
+
+/// The tracked baseline of frames of 600 s and 1200 s.
+fn followed(
+    folder: &Path,
+    geometry: &Geometry,
+    protocol: &Protocol,
+    mean: &Unloaded,
+    frames: &[&Vec<Reading>],
+) -> Result<(), Box<dyn Error>> {
+    let geometry = Geometry {
+        sigma0_known: true,
+        from_case: true,
+        ..geometry.clone()
+    };
+    let fitted = Fitted::new(geometry, protocol, &vec![1e-3; protocol.len()], mean)?;
+    let conditions = fitted.conditions(protocol);
+    let noise_v = conditions.noise_v.ok_or("the noise is not known")?;
+    let mut tracking = Tracking::new(&conditions, &mean.readings, noise_v, 0.0)?;
+    let mut baselines = Vec::new();
+    let mut known = String::new();
+    for (number, frame) in frames.iter().enumerate() {
+        let frame = tracking.follow(frame, 600.0 * (1.0 + number as f64))?;
+        baselines.push(frame.baseline);
+        known.push_str(&serde_json::to_string(&frame.tracked)?);
+        known.push('\n');
+    }
+    save(folder, "tracked", &numbers(&baselines))?;
+    std::fs::write(folder.join("tracked.jsonl"), known)?;
+    Ok(())
+}
+
+/// The map of the shipped network: readings of the paper's sheet with a uniform conductance, each changed by some parts in
+/// a thousand.
+fn network(folder: &Path) -> Result<(), Box<dyn Error>> {
+    let geometry = Geometry::from_preset(&Preset::PaperSheet(PaperSheet::default()))?;
+    let protocol = Protocol::sheffield(26)?;
+    let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)?;
+    let ohms = forward.readings(&geometry.sigma0, &protocol)?;
+    let volts = |change: f64| -> Vec<Reading> {
+        let each = ohms.iter().enumerate();
+        each.map(|(reading, ohms)| {
+            Reading::Ok(Volts(1e-3 * ohms * (1.0 + change * (reading as f64).sin())))
+        })
+        .collect()
+    };
+    let (baseline, frame) = (volts(0.0), volts(1e-3));
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../models/rbf-paper.safetensors");
+    let model = imaging::load(&file, false, &protocol, Some(&geometry))?;
+    let map = model.reconstruct(&baseline, &frame)?;
+    save(folder, "network", &map.values)?;
+    save(folder, "network_readings", &numbers(&[baseline, frame]))?;
+    Ok(())
 }
 
 /// Three frames, two events and a baseline; the third frame has readings that are missing.

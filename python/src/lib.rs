@@ -4,6 +4,8 @@
 //! before the interpreter's lock is released.
 
 mod arguments;
+mod baseline;
+mod drift;
 mod forward;
 mod maps;
 mod mesh;
@@ -14,6 +16,8 @@ mod session;
 /// The engine behind `tactus_eit`.
 #[pyo3::pymodule(gil_used = false)]
 mod _native {
+    #[pymodule_export]
+    use crate::drift::Tracker;
     #[pymodule_export]
     use crate::forward::Forward;
     #[pymodule_export]

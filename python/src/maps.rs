@@ -1,23 +1,25 @@
 //! Reconstruction, and figures of merit of its maps.
 
-use std::sync::Arc;
-
+use eit::ReconstructError;
 use eit::metrics::{Image, likeness as compared};
-use imaging::recorded::{Fitted, Unloaded};
-use imaging::{BuildError, Geometry, Model, ReconstructionSettings};
+use imaging::recorded::Unloaded;
+use imaging::{Model, ReconstructionSettings};
 use numpy::{PyArray1, PyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use survey::{Reading, Volts};
+use survey::{MapQuality, Reading, Reason, Volts};
 
 use crate::arguments::{Expected, Values};
+use crate::baseline::{Recorded, unlike};
 use crate::forward::Forward;
-use crate::mesh::conductances;
-use crate::outcome::{detached, refused, rows};
+use crate::outcome::{detached, rows};
 
 /// An array with a row a frame, and a count for each.
 type RowsAndCounts<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>);
+
+/// Verdict on a map, and the kind, electrode and text of each reason.
+type JudgedMap = (&'static str, Vec<(String, Option<usize>, String)>);
 
 /// A prepared reconstruction. The classes OneStep and TotalVariation make it from their parameters.
 #[pyclass(frozen, module = "tactus_eit._native")]
@@ -48,55 +50,15 @@ impl Maps {
     ) -> PyResult<Self> {
         let settings: ReconstructionSettings = serde_json::from_str(settings)
             .map_err(|fault| PyValueError::new_err(fault.to_string()))?;
-        let amperes = Expected {
-            name: "current",
-            about: "the injected current in A, above 0",
-        };
-        let current = amperes.positive(current)?;
-        let volts = Expected {
-            name: "noise",
-            about: "the standard deviation of one reading in V, above 0, e.g. 2e-6; leave it out if it is unknown",
-        };
-        let noise_v = noise.map(|noise| volts.positive(noise)).transpose()?;
-        let triangles = forward.triangles();
-        let sigma0 = sigma0
-            .map(|sigma0| conductances(sigma0, "sigma0", triangles, &[0, 1]))
-            .transpose()?;
+        let recorded = Recorded::new(py, forward, sigma0, current, noise, baseline)?;
         let protocol = &forward.protocol.get().0;
-        let geometry = Geometry {
-            name: "mesh from Python".to_owned(),
-            mesh: Arc::clone(forward.forward.mesh()),
-            contact_ohm_m: forward.forward.contact_ohm_m().to_vec(),
-            sigma0_known: sigma0.is_some(),
-            sigma0: sigma0.map_or_else(|| vec![1.0; triangles], |(sigma0, _)| sigma0.values),
-            // as in a case folder, the currents are stated
-            from_case: true,
-        };
-        let baseline = frames(baseline, "baseline", protocol.len())?;
-        let each: Vec<Vec<Reading>> = baseline
-            .values
-            .chunks_exact(protocol.len())
-            .map(readings)
-            .collect();
-        let (fitted, unloaded, model) = detached(py, || -> Result<_, BuildError> {
-            let each: Vec<&[Reading]> = each.iter().map(Vec::as_slice).collect();
-            let unloaded = Unloaded::mean(&each);
-            let currents = vec![current; protocol.len()];
-            let fitted = Fitted::new(geometry, protocol, &currents, &unloaded)?;
-            let mut conditions = fitted.conditions(protocol);
-            if noise_v.is_some() {
-                (conditions.noise_v, conditions.noise_assumed) = (noise_v, false);
-            }
-            let model = imaging::build(&settings, &conditions)?;
-            Ok((fitted, unloaded, model))
+        let model = detached(py, || {
+            imaging::build(&settings, &recorded.conditions(protocol))
         })?
-        .map_err(|fault| match fault {
-            BuildError::Unlike => PyValueError::new_err(
-                "argument 'baseline': it does not look like this geometry: it is zero, its readings have the opposite sign of \
-                 the model's, or none is valid; if they are magnitudes, pass -baseline and -frames",
-            ),
-            other => refused(&other),
-        })?;
+        .map_err(|fault| unlike(&fault))?;
+        let Recorded {
+            fitted, unloaded, ..
+        } = recorded;
         let mut notes = fitted.notes;
         notes.extend(model.notes.iter().cloned());
         Ok(Self {
@@ -110,26 +72,31 @@ impl Maps {
     }
 
     /// Maps of frames (V, shape (frames, readings), NaN where a reading is missing): relative changes of conductance, shape
-    /// (frames, region), and the number of readings left out of each, shape (frames,).
+    /// (frames, region), and the number of readings left out of each, shape (frames,). baselines: one for each frame, by
+    /// default the one of the constructor.
+    #[pyo3(signature = (frames, baselines=None))]
     fn maps<'py>(
         &self,
         py: Python<'py>,
         frames: &Bound<'py, PyAny>,
+        baselines: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<RowsAndCounts<'py>> {
-        let given = self::frames(frames, "frames", self.readings)?;
+        let given = rows_of_readings(frames, "frames", self.readings)?;
         let count = given.shape[0];
+        let others = baselines
+            .map(|rows| self.of_each(rows, count))
+            .transpose()?;
         let mut values = Vec::with_capacity(count * self.region);
         let mut masked = Vec::with_capacity(count);
         for (row, frame) in given.values.chunks_exact(self.readings).enumerate() {
             let frame = readings(frame);
+            let baseline = others
+                .as_ref()
+                .map_or(&self.unloaded.readings, |rows| &rows[row]);
             let map = detached(py, || {
-                self.model
-                    .reconstructor
-                    .reconstruct(&self.unloaded.readings, &frame)
+                self.model.reconstructor.reconstruct(baseline, &frame)
             })?;
-            let map = map.map_err(|fault| {
-                PyValueError::new_err(format!("row {row} of 'frames': {fault}"))
-            })?;
+            let map = map.map_err(|fault| unmapped(row, &fault))?;
             values.extend_from_slice(&map.values);
             masked.push(map.masked as i64);
             py.check_signals()?;
@@ -138,6 +105,30 @@ impl Maps {
             rows(py, values, [count, self.region])?,
             PyArray1::from_vec(py, masked),
         ))
+    }
+
+    /// How far the map of each frame can be believed: its verdict, and the kind, electrode (from 0, or None) and text of each
+    /// reason.
+    fn judged(&self, py: Python<'_>, frames: &Bound<'_, PyAny>) -> PyResult<Vec<JudgedMap>> {
+        let given = rows_of_readings(frames, "frames", self.readings)?;
+        let mut judged = Vec::with_capacity(given.shape[0]);
+        for (row, frame) in given.values.chunks_exact(self.readings).enumerate() {
+            let frame = readings(frame);
+            let map = detached(py, || {
+                self.model.reconstruct(&self.unloaded.readings, &frame)
+            })?;
+            let map = map.map_err(|fault| unmapped(row, &fault))?;
+            // every model that `imaging::build` makes judges its maps
+            let quality = map.quality.unwrap_or_else(|| MapQuality::of(&[]));
+            let reason = |reason: Reason| {
+                let from_zero = reason.electrode.map(|number| number.saturating_sub(1));
+                (reason.kind, from_zero, reason.text)
+            };
+            let reasons = quality.reasons.into_iter().map(reason).collect();
+            judged.push((quality.verdict.word(), reasons));
+            py.check_signals()?;
+        }
+        Ok(judged)
     }
 
     /// Name of the method.
@@ -183,6 +174,24 @@ impl Maps {
     }
 }
 
+impl Maps {
+    /// A baseline for each of `count` frames.
+    fn of_each(&self, given: &Bound<'_, PyAny>, count: usize) -> PyResult<Vec<Vec<Reading>>> {
+        let given = rows_of_readings(given, "baselines", self.readings)?;
+        if given.shape[0] != count {
+            return Err(PyValueError::new_err(format!(
+                "argument 'baselines': it has {} rows; expected one for each of the {count} frames",
+                given.shape[0]
+            )));
+        }
+        Ok(given
+            .values
+            .chunks_exact(self.readings)
+            .map(readings)
+            .collect())
+    }
+}
+
 /// Frames in rows as floats, shape (frames, readings); a single frame becomes a row. `missing`: NaN is allowed.
 #[pyfunction]
 pub(crate) fn as_frames<'py>(
@@ -223,8 +232,16 @@ pub(crate) fn as_frames<'py>(
     rows(py, given.values, [count, readings])
 }
 
+fn unmapped(row: usize, fault: &ReconstructError) -> PyErr {
+    PyValueError::new_err(format!("row {row} of 'frames': {fault}"))
+}
+
 /// Frames in rows; NaN stands for a missing reading, infinite values are refused.
-fn frames(given: &Bound<'_, PyAny>, name: &str, readings: usize) -> PyResult<Values<f64>> {
+pub(crate) fn rows_of_readings(
+    given: &Bound<'_, PyAny>,
+    name: &str,
+    readings: usize,
+) -> PyResult<Values<f64>> {
     let about =
         format!("signed voltages in V, shape (frames, {readings}), in the order of the protocol");
     let expected = Expected {
@@ -241,7 +258,7 @@ fn frames(given: &Bound<'_, PyAny>, name: &str, readings: usize) -> PyResult<Val
     }
 }
 
-fn readings(volts: &[f64]) -> Vec<Reading> {
+pub(crate) fn readings(volts: &[f64]) -> Vec<Reading> {
     let reading = |volts: &f64| match volts.is_nan() {
         true => Reading::NotMeasured,
         false => Reading::Ok(Volts(*volts)),

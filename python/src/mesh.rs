@@ -199,6 +199,13 @@ impl Mesh {
         Ok(Self::of(geometry.map_err(|fault| refused(&fault))?))
     }
 
+    /// The mesh of an EIDORS fwd_model of triangles, as ``scipy.io.loadmat(...)["fmdl"]`` returns it: see ``tactus_eit.eidors``.
+    #[staticmethod]
+    fn from_eidors<'py>(py: Python<'py>, model: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        py.import("tactus_eit.eidors")?
+            .call_method1("mesh", (model,))
+    }
+
     /// Positions of the nodes, m: shape (nodes, 2).
     #[getter]
     fn nodes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {

@@ -139,6 +139,14 @@ impl Protocol {
         Ok(Self(protocol))
     }
 
+    /// The protocol of an EIDORS fwd_model with its stimulation, as ``scipy.io.loadmat(...)["fmdl"]`` returns it: see
+    /// ``tactus_eit.eidors``.
+    #[staticmethod]
+    fn from_eidors<'py>(py: Python<'py>, model: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        py.import("tactus_eit.eidors")?
+            .call_method1("protocol", (model,))
+    }
+
     /// The protocol with electrode ``e`` named ``order[e]``, as ``check`` returns it.
     ///
     /// order: integers of shape (electrodes,), each electrode once.

@@ -16,19 +16,26 @@ True
 """
 
 from ._native import Forward, Mesh, Protocol, likeness, merit
-from .estimators import OneStep, TotalVariation
+from .drift import Drift, Followed
+from .estimators import Network, OneStep, Quality, Reason, Shapes, TotalVariation
 from .order import OrderCheck, check
 from .record import QUALITY_FLAGS, Event, Session, open_session
 
 __all__ = [
     "QUALITY_FLAGS",
+    "Drift",
     "Event",
+    "Followed",
     "Forward",
     "Mesh",
+    "Network",
     "OneStep",
     "OrderCheck",
     "Protocol",
+    "Quality",
+    "Reason",
     "Session",
+    "Shapes",
     "TotalVariation",
     "check",
     "likeness",

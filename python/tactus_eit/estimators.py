@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 import json
-from typing import Any, TypeVar
+import os
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,13 +16,30 @@ from .order import OrderCheck, check
 _Self = TypeVar("_Self", bound="_Estimator")
 
 
+class Reason(NamedTuple):
+    """Why a map is not sound: kind, electrode (from 0, None where it names none), and text, which counts electrodes from 1.
+
+    kind: "dead_electrode", "noise", "noisy_pair", "gains", "unexplained", "at_electrode", "outside_region", "noise_limit" or
+    "loss_above_one".
+    """
+
+    kind: str
+    electrode: int | None
+    text: str
+
+
+class Quality(NamedTuple):
+    """How far a map can be believed. verdict: "sound", "doubtful" or "unreliable", with the reasons."""
+
+    verdict: str
+    reasons: tuple[Reason, ...]
+
+
 class _Estimator:
-    """What both methods share: parameters, the baseline, maps."""
+    """What all methods share: parameters, the baseline, maps."""
 
     forward: Forward
-    lam: str | float
     losses_only: bool
-    unknowns: str
     sigma0: ArrayLike | None
     current: float
     missing: str
@@ -62,15 +80,7 @@ class _Estimator:
 
     def _settings(self) -> dict[str, Any]:
         """The settings of the engine; each subclass adds its own."""
-        settings: dict[str, Any] = {
-            "unknowns": _word("unknowns", self.unknowns, "sheet", "region"),
-            "loss_only": _truth("losses_only", self.losses_only),
-        }
-        if isinstance(self.lam, str):
-            settings["choose"] = _word("lam", self.lam, "evidence", "l-curve", "noise", "or a number above 0")
-        else:
-            settings["lambda"] = _positive("lam", self.lam)
-        return settings
+        return {"loss_only": _truth("losses_only", self.losses_only)}
 
     def fit(self: _Self, baseline: ArrayLike, *, noise: float | None = None) -> _Self:
         """Prepares the maps: one forward solution, one Jacobian, one factorisation. Returns self.
@@ -103,16 +113,28 @@ class _Estimator:
         self.notes_ = self._maps.notes
         return self
 
-    def predict(self, frames: ArrayLike) -> NDArray[np.float64]:
+    def predict(self, frames: ArrayLike, *, baselines: ArrayLike | None = None) -> NDArray[np.float64]:
         """Maps of frames: relative changes of conductance of the triangles of ``mesh.region``; -1: all conductance is lost.
 
         frames: voltages, V, signed: shape (frames, readings), or (readings,). Returns (frames, region), or (region,).
+        baselines: one for each frame, of the same shape, in the place of ``baseline_``: see ``Drift``.
         Sets ``masked_``, the number of readings left out of each frame: shape (frames,).
         """
         fitted = self._fitted()
         rows = self._rows("frames", frames)
-        maps, self.masked_ = fitted.maps(rows)
+        others = None if baselines is None else self._rows("baselines", baselines)
+        maps, self.masked_ = fitted.maps(rows, others)
         return maps[0] if np.ndim(frames) == 1 else maps
+
+    def judge(self, frames: ArrayLike) -> list[Quality]:
+        """How far the map of each frame can be believed, a Quality for each: shapes as of ``predict``.
+
+        Compares the frames with the model of the whole sheet and with the noise: a dead electrode, a change of a contact,
+        readings that no map explains. Makes the maps for that, so it takes longer than ``predict``.
+        """
+        fitted = self._fitted()
+        judged = fitted.judged(self._rows("frames", frames))
+        return [Quality(verdict, tuple(Reason(*reason) for reason in reasons)) for verdict, reasons in judged]
 
     @property
     def noise_figure_(self) -> float | None:
@@ -182,7 +204,7 @@ class OneStep(_Estimator):
         self.check_order = check_order
 
     def _settings(self) -> dict[str, Any]:
-        settings = {"method": "one-step", **super()._settings()}
+        settings = {"method": "one-step", **super()._settings(), **_strength(self.lam, self.unknowns)}
         prior = _word("prior", self.prior, "noser", "tikhonov", "laplace", "gaussian")
         if prior != "noser":
             settings["prior"] = prior
@@ -236,7 +258,96 @@ class TotalVariation(_Estimator):
         self.check_order = check_order
 
     def _settings(self) -> dict[str, Any]:
-        return {"method": "tv", **super()._settings(), "gap": _positive("gap", self.gap)}
+        settings = {"method": "tv", **super()._settings(), **_strength(self.lam, self.unknowns)}
+        return {**settings, "gap": _positive("gap", self.gap)}
+
+
+class Shapes(_Estimator):
+    """Loads with sharp edges, by the full forward model: discs where these explain a frame, else total variation.
+
+    Of all methods the nearest to true loads; a frame takes some tenths of a second. ``fit`` needs the noise, stated or from
+    several frames of the baseline. losses_only: no frame shows a gain; by default a frame of gains is found out. The other
+    parameters are those of OneStep.
+
+    >>> import tactus_eit
+    >>> mesh = tactus_eit.Mesh.disc(electrodes=16, fineness=0.5)
+    >>> tactus_eit.Shapes(tactus_eit.Forward(mesh, tactus_eit.Protocol.sheffield(16))).get_params()["losses_only"]
+    False
+    """
+
+    def __init__(
+        self,
+        forward: Forward,
+        *,
+        losses_only: bool = False,
+        sigma0: ArrayLike | None = None,
+        current: float = 1e-3,
+        missing: str = "refuse",
+        check_order: bool = True,
+    ) -> None:
+        self.forward = forward
+        self.losses_only = losses_only
+        self.sigma0 = sigma0
+        self.current = current
+        self.missing = missing
+        self.check_order = check_order
+
+    def _settings(self) -> dict[str, Any]:
+        return {"method": "best", **super()._settings()}
+
+    def fit(self: _Self, baseline: ArrayLike, *, noise: float | None = None) -> _Self:
+        """As of OneStep; the noise must be known."""
+        if noise is None and np.ndim(baseline) < 2:
+            raise ValueError(
+                "argument 'noise': it is missing; expected the standard deviation of one reading in V, or several frames as 'baseline'"
+            )
+        return super().fit(baseline, noise=noise)
+
+
+class Network(_Estimator):
+    """A trained model from a file: what ``tactus-lab train`` writes (safetensors).
+
+    forward: the Forward model; mesh and protocol must be those that the model was trained for. path: the file.
+    losses_only: clips maps to losses. The other parameters are those of OneStep. Nothing is trained here: ``fit`` loads the
+    file and takes the baseline.
+    """
+
+    def __init__(
+        self,
+        forward: Forward,
+        path: str | os.PathLike[str],
+        *,
+        losses_only: bool = False,
+        sigma0: ArrayLike | None = None,
+        current: float = 1e-3,
+        missing: str = "refuse",
+        check_order: bool = True,
+    ) -> None:
+        self.forward = forward
+        self.path = path
+        self.losses_only = losses_only
+        self.sigma0 = sigma0
+        self.current = current
+        self.missing = missing
+        self.check_order = check_order
+
+    def _settings(self) -> dict[str, Any]:
+        if not isinstance(self.path, (str, os.PathLike)):
+            raise TypeError(f"argument 'path': it is a {type(self.path).__name__}; expected the path of a model file")
+        path = os.fspath(self.path)
+        if not os.path.isfile(path):
+            raise FileNotFoundError(f"argument 'path': there is no file {path!r}; expected a model file, e.g. of tactus-lab train")
+        return {"file": path, **super()._settings()}
+
+
+def _strength(lam: str | float, unknowns: str) -> dict[str, Any]:
+    """The settings of the hyper-parameter and of what is unknown."""
+    settings: dict[str, Any] = {"unknowns": _word("unknowns", unknowns, "sheet", "region")}
+    if isinstance(lam, str):
+        settings["choose"] = _word("lam", lam, "evidence", "l-curve", "noise", "or a number above 0")
+    else:
+        settings["lambda"] = _positive("lam", lam)
+    return settings
 
 
 def _word(name: str, value: object, *words: str) -> str:

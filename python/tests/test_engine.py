@@ -1,10 +1,13 @@
 """Results equal those of the Rust engine, bit for bit."""
 
+import json
+
 import numpy as np
 import pytest
+from conftest import PYTHON_FOLDER
 
 import tactus_eit
-from tactus_eit import Forward, Mesh, OneStep, Protocol, TotalVariation
+from tactus_eit import Drift, Forward, Mesh, Network, OneStep, Protocol, Shapes, TotalVariation
 
 
 def same_bits(left, right):
@@ -60,6 +63,7 @@ def test_transfer_impedance(case, expected):
         ),
         ("one_step_figure", None, None, lambda f: OneStep(f, noise_figure=1.5, missing="mask")),
         ("tv", None, None, lambda f: TotalVariation(f, gap=1e-2, missing="mask")),
+        ("shapes", None, None, lambda f: Shapes(f, missing="mask")),
     ],
 )
 def test_maps(case, expected, name, noise, sigma0, make):
@@ -78,6 +82,63 @@ def test_maps(case, expected, name, noise, sigma0, make):
     same_bits(model.baseline_, expected.array("unloaded", 208))
     if noise is None:
         assert model.noise_ == expected.array("noise", 1)[0]
+
+
+@pytest.fixture
+def model_file():
+    file = PYTHON_FOLDER.parent / "models" / "rbf-paper.safetensors"
+    if not file.exists():
+        pytest.skip("models/ of the project is not here")
+    return file
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    return Forward(Mesh.sheet(), Protocol.sheffield(26))
+
+
+def test_map_of_a_network(expected, sheet, model_file):
+    baseline, frame = expected.array("network_readings", 2, 598)
+    model = Network(sheet, model_file).fit(baseline)
+    same_bits(model.predict(frame), expected.array("network", -1))
+    assert model.method_ == "rbf paper"
+    losses = Network(sheet, str(model_file), losses_only=True).fit(baseline).predict(frame)
+    assert losses.max() <= 0.0 < model.predict(frame).max()
+
+
+def test_a_network_of_another_sheet_is_refused(sheet, model_file, forward, baseline, tmp_path):
+    with pytest.raises(ValueError, match="rbf-paper.*598 readings.*208"):
+        Network(forward, model_file).fit(baseline)
+    other = Forward(Mesh.sheet(seeding=1), Protocol.sheffield(26))
+    with pytest.raises(ValueError, match="rbf-paper.*geometry"):
+        Network(other, model_file).fit(1e-3 * other.solve(other.mesh.sigma0))
+    with pytest.raises(FileNotFoundError, match="'path'.*nothing.safetensors"):
+        Network(sheet, tmp_path / "nothing.safetensors").fit(1e-3 * sheet.solve(1e-3))
+    (tmp_path / "torn.safetensors").write_bytes(model_file.read_bytes()[:1000])
+    with pytest.raises(ValueError, match="torn.safetensors"):
+        Network(sheet, tmp_path / "torn.safetensors").fit(1e-3 * sheet.solve(1e-3))
+
+
+def test_tracked_baseline(case, expected):
+    frames = np.vstack([expected.array("baseline", 3, 208)[2], expected.array("frames", 2, 208)[0]])
+    drift = Drift(case).fit(expected.array("baseline", 3, 208))
+    followed = drift.follow(frames, [600.0, 1200.0])
+    same_bits(followed.baselines, expected.array("tracked", 2, 208))
+    lines = (expected.folder / "tracked.jsonl").read_text().splitlines()
+    assert followed.known == [json.loads(line) for line in lines]
+    assert [known["judgement"] for known in followed.known] == ["empty", "loaded"]
+
+
+def test_tracking_goes_on_from_its_state(case, expected):
+    baseline = expected.array("baseline", 3, 208)
+    frames = baseline * np.linspace(1.001, 1.003, 3)[:, np.newaxis]
+    whole = Drift(case).fit(baseline)
+    expect = whole.follow(frames, [600.0, 1200.0, 1800.0])
+    first = Drift(case).fit(baseline)
+    first.follow(frames[:2], [600.0, 1200.0])
+    second = Drift(case).fit(baseline).restore(first.state())
+    same_bits(second.follow(frames[2], 1800.0).baselines, expect.baselines[2:])
+    assert second.state() == whole.state()
 
 
 def test_a_mesh_from_arrays_is_the_same_mesh(case):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tactus_eit
+import tactus_eit.eidors
 import tactus_eit.pyeit
 from tactus_eit import Forward, Mesh, OneStep, Protocol, TotalVariation
 
@@ -85,6 +86,15 @@ FUNCTIONS = {
     "number of electrodes": lambda x: Protocol.from_pairs([[0, 1]], [[2, 3]], x),
     "order": lambda x: Protocol.sheffield(16).renumbered(x),
     "case folder": lambda x: Mesh.from_case(x),
+    "EIDORS": lambda x: tactus_eit.eidors.forward(x),
+    "a field of EIDORS": lambda x: tactus_eit.eidors.forward(
+        {"nodes": x, "elems": x, "electrode": [{"nodes": x, "z_contact": x}], "stimulation": [{"stim_pattern": x, "meas_pattern": x}]}
+    ),
+    "an electrode of EIDORS": lambda x: tactus_eit.eidors.mesh({"nodes": NODES, "elems": TRIANGLES + 1.0, "electrode": x}),
+    "nodes of an electrode of EIDORS": lambda x: tactus_eit.eidors.mesh(
+        {"nodes": NODES, "elems": TRIANGLES + 1.0, "electrode": [{"nodes": x}, {"nodes": [2, 3]}]}
+    ),
+    "stimulation of EIDORS": lambda x: tactus_eit.eidors.protocol({"stimulation": [{"stim_pattern": x, "meas_pattern": x}]}),
     "protocol of a case": lambda x: Protocol.from_case(x, x),
     "session": lambda x: tactus_eit.open_session(x),
     "first frame": lambda x: tactus_eit.open_session("none", first=x, last=x),
@@ -118,11 +128,27 @@ def test_forward_models(mesh, protocol, forward):
         survives(lambda x: forward.jacobian(1e-3, region=x, log=x), value)
 
 
+def test_drift(forward, baseline):
+    drift = tactus_eit.Drift(forward).fit(baseline)
+    for time, value in enumerate(anything(), 1):
+        survives(lambda x, time=time: drift.follow(x, float(time)), value)
+        survives(lambda x: drift.follow(baseline, x), value)
+    for value in SCALARS:
+        survives(lambda x: tactus_eit.Drift(forward, sigma0=x, current=x).fit(baseline), value)
+        survives(lambda x: tactus_eit.Drift(forward).fit(baseline, noise=x, time=x), value)
+        survives(drift.restore, value)
+        survives(lambda x: tactus_eit.Drift(x), value)
+        survives(lambda x: tactus_eit.Network(forward, x).fit(baseline), value)
+        survives(lambda x: tactus_eit.Shapes(forward, losses_only=x).fit(x, noise=x), value)
+
+
 @pytest.mark.parametrize("method", [OneStep, TotalVariation])
 def test_estimators(forward, baseline, method):
     model = method(forward, lam=0.1, missing="mask").fit(baseline)
     for value in anything():
         survives(model.predict, value)
+        survives(model.judge, value)
+        survives(lambda x: model.predict(baseline, baselines=x), value)
         survives(method(forward, lam=0.1).fit, value)
     for value in SCALARS:
         survives(lambda x: method(forward, lam=0.1).fit(baseline, noise=x), value)

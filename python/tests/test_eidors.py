@@ -1,0 +1,132 @@
+"""Structures of EIDORS in all forms in which scipy reads them."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import tactus_eit
+from tactus_eit import Forward, Mesh, Protocol, eidors
+
+io = pytest.importorskip("scipy.io")
+sparse = pytest.importorskip("scipy.sparse")
+
+AMPERES = 0.01
+
+
+def structures(rows):
+    """An array of structures for savemat, from dicts with the same keys."""
+    array = np.zeros((1, len(rows)), dtype=[(name, object) for name in rows[0]])
+    for at, row in enumerate(rows):
+        for name, value in row.items():
+            array[0, at][name] = value
+    return array
+
+
+def model_of(mesh, protocol, contact):
+    """The fwd_model that EIDORS would have for a mesh: triangles clockwise, one node that no triangle has."""
+    nodes = np.vstack([[[9.0, 9.0]], mesh.nodes])
+    electrodes = [{"nodes": np.unique(edges) + 2.0, "z_contact": z} for edges, z in zip(mesh.electrodes, contact)]
+    stimulation = []
+    for pair in np.unique(protocol.inject, axis=0):
+        rows = protocol.measure[(protocol.inject == pair).all(axis=1)]
+        driven = np.zeros((protocol.electrodes, 1))
+        driven[pair, 0] = [AMPERES, -AMPERES]
+        sensed = np.zeros((len(rows), protocol.electrodes))
+        sensed[np.arange(len(rows)), rows[:, 0]], sensed[np.arange(len(rows)), rows[:, 1]] = 1.0, -1.0
+        stimulation.append({"stim_pattern": sparse.csc_matrix(driven), "meas_pattern": sparse.csc_matrix(sensed)})
+    return {
+        "nodes": nodes,
+        "elems": mesh.triangles[:, ::-1] + 2.0,
+        "electrode": structures(electrodes),
+        "stimulation": structures(stimulation),
+    }
+
+
+@pytest.fixture(scope="module")
+def contact():
+    return np.linspace(0.5, 2.0, 16)
+
+
+@pytest.fixture
+def file(tmp_path, mesh, protocol, contact):
+    io.savemat(tmp_path / "tank.mat", {"fmdl": model_of(mesh, protocol, contact)})
+    return tmp_path / "tank.mat"
+
+
+FORMS = [{}, {"simplify_cells": True}, {"struct_as_record": False}, {"struct_as_record": False, "squeeze_me": True}, {"squeeze_me": True}]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_forward_model_of_a_file(file, mesh, protocol, contact, form):
+    model = io.loadmat(file, **form)["fmdl"]
+    forward = eidors.forward(model)
+    assert eidors.current(model) == AMPERES
+    # stimulations come in the order of the file
+    expected = Forward(mesh, eidors.protocol(model), contact)
+    assert sorted(map(tuple, np.hstack([forward.protocol.inject, forward.protocol.measure]))) == sorted(
+        map(tuple, np.hstack([protocol.inject, protocol.measure]))
+    )
+    np.testing.assert_allclose(forward.solve(1e-3), expected.solve(1e-3), rtol=1e-12)
+    assert forward.mesh.nodes.shape == mesh.nodes.shape
+    np.testing.assert_allclose(forward.mesh.electrode_lengths, mesh.electrode_lengths, rtol=1e-12)
+
+
+def test_methods_of_the_classes_are_the_same(file, protocol):
+    model = io.loadmat(file)["fmdl"]
+    assert Mesh.from_eidors(model).hash == eidors.mesh(model).hash
+    assert Protocol.from_eidors(model) == eidors.protocol(model) and len(Protocol.from_eidors(model)) == len(protocol)
+
+
+def test_structures_that_octave_saves(tmp_path, mesh, protocol, contact):
+    if shutil.which("octave") is None:
+        pytest.skip("octave is not installed")
+    io.savemat(tmp_path / "arrays.mat", {
+        "nodes": mesh.nodes, "elems": mesh.triangles + 1.0, "z": contact, "inject": protocol.inject + 1.0, "measure": protocol.measure + 1.0,
+        "owners": np.vstack([np.c_[np.full(len(np.unique(e)), k + 1.0), np.unique(e) + 1.0] for k, e in enumerate(mesh.electrodes)]),
+    })  # fmt: skip
+    script = """
+        load arrays.mat
+        fmdl.type = 'fwd_model'; fmdl.nodes = nodes; fmdl.elems = elems;
+        for k = 1:16
+            fmdl.electrode(k).nodes = owners(owners(:, 1) == k, 2)'; fmdl.electrode(k).z_contact = z(k);
+        end
+        pairs = unique(inject, 'rows');
+        for k = 1:rows(pairs)
+            own = measure(all(inject == pairs(k, :), 2), :); n = rows(own);
+            fmdl.stimulation(k).stimulation = 'Amp';
+            fmdl.stimulation(k).stim_pattern = sparse(pairs(k, :), [1 1], [0.01 -0.01], 16, 1);
+            fmdl.stimulation(k).meas_pattern = sparse([1:n 1:n], own(:)', [ones(1, n) -ones(1, n)], n, 16);
+        end
+        save -v7 fmdl.mat fmdl
+    """
+    done = subprocess.run(["octave", "--quiet", "--no-gui", "--eval", script], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    model = io.loadmat(tmp_path / "fmdl.mat")["fmdl"]
+    forward = eidors.forward(model)
+    np.testing.assert_allclose(forward.solve(1e-3), Forward(mesh, forward.protocol, contact).solve(1e-3), rtol=1e-12)
+
+
+def test_what_a_model_lacks_is_named(mesh, protocol, contact):
+    def broken(**changes):
+        return {**model_of(mesh, protocol, contact), **changes}
+
+    good = broken()
+    for error, match, model in [
+        (TypeError, "no field nodes", {}),
+        (TypeError, "no field elems", {"nodes": mesh.nodes}),
+        (TypeError, "model.electrode is a float", broken(electrode=1.0)),
+        (ValueError, r"nodes has shape.*3\).*no volumes", broken(nodes=np.ones((5, 3)))),
+        (ValueError, "elems has shape", broken(elems=np.ones((5, 4)))),
+        (ValueError, "model.elems names node 0", broken(elems=good["elems"] - 2.0)),
+        (ValueError, r"electrode\(1\) covers no edge", broken(electrode=structures([{"nodes": np.array([3.0]), "z_contact": 1.0}]))),
+        (ValueError, "no finite real", broken(nodes=np.full((5, 2), np.nan))),
+        (ValueError, "names 1 electrodes", broken(stimulation=structures([{"stim_pattern": np.eye(16)[0], "meas_pattern": np.eye(16)}]))),
+    ]:
+        with pytest.raises(error, match=match):
+            eidors.forward(model)
+    doubled = broken()
+    doubled["stimulation"][0, 3]["stim_pattern"] = 2.0 * doubled["stimulation"][0, 3]["stim_pattern"]
+    with pytest.raises(ValueError, match="0.01 to 0.02 A.*one for all"):
+        tactus_eit.eidors.protocol(doubled)
