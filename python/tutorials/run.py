@@ -23,9 +23,19 @@ PROJECT = HERE.parents[1]
 PAGES = PROJECT / "docs" / "tutorials" / "python"
 
 #: What a tutorial needs besides numpy, and the files that are made before it runs: arguments of tactus-lab.
-MODULES = {"compare_pyeit": ["pyeit"], "sessions": ["pandas"]}
-PREPARED = {"sessions": ["scene", "run", "month", "--every", "3600", "--frames", "721", "--logbook", "month"]}
-ARGUMENTS = {"sessions": ["month/scene_month_1.tactus"]}
+MODULES = {"compare_pyeit": ["pyeit"], "own_mesh": ["scipy"], "sessions": ["pandas"]}
+PREPARED = {
+    "drift": ["scene", "run", "month", "--every", "3600", "--frames", "241", "--logbook", "month"],
+    "own_recording": ["scene", "run", "paper-test1", "--every", "60", "--frames", "5", "--out", "frames"],
+    "paper_test1": ["scene", "run", "paper-test1", "--every", "60", "--frames", "17", "--out", "frames"],
+    "sessions": ["scene", "run", "month", "--every", "3600", "--frames", "721", "--logbook", "month"],
+}
+ARGUMENTS = {
+    "drift": ["month/scene_month_1.tactus"],
+    "own_recording": ["frames"],
+    "paper_test1": ["frames"],
+    "sessions": ["month/scene_month_1.tactus"],
+}
 
 # the output has times in some lines, which differ from run to run
 TIMED = re.compile(r"^time of .*$", re.MULTILINE)
