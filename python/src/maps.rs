@@ -74,12 +74,14 @@ impl Maps {
     /// Maps of frames (V, shape (frames, readings), NaN where a reading is missing): relative changes of conductance, shape
     /// (frames, region), and the number of readings left out of each, shape (frames,). baselines: one for each frame, by
     /// default the one of the constructor.
-    #[pyo3(signature = (frames, baselines=None))]
+    /// progress: called after each frame with the number of frames that are done, and of all.
+    #[pyo3(signature = (frames, baselines=None, progress=None))]
     fn maps<'py>(
         &self,
         py: Python<'py>,
         frames: &Bound<'py, PyAny>,
         baselines: Option<&Bound<'py, PyAny>>,
+        progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<RowsAndCounts<'py>> {
         let given = rows_of_readings(frames, "frames", self.readings)?;
         let count = given.shape[0];
@@ -100,6 +102,9 @@ impl Maps {
             values.extend_from_slice(&map.values);
             masked.push(map.masked as i64);
             py.check_signals()?;
+            if let Some(progress) = progress {
+                progress.call1((row + 1, count))?;
+            }
         }
         Ok((
             rows(py, values, [count, self.region])?,

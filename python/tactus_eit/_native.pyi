@@ -1,6 +1,7 @@
 """Types of the engine's classes; shapes and units are in their docstrings."""
 
 import os
+from collections.abc import Callable
 from typing import Any, final
 
 import numpy as np
@@ -120,7 +121,12 @@ class Maps:
         noise: float | None,
         baseline: ArrayLike,
     ) -> Maps: ...
-    def maps(self, frames: ArrayLike, baselines: ArrayLike | None = None) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
+    def maps(
+        self,
+        frames: ArrayLike,
+        baselines: ArrayLike | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
     def judged(self, frames: ArrayLike) -> list[tuple[str, list[tuple[str, int | None, str]]]]: ...
     def noise_figure(self) -> float | None: ...
     @property

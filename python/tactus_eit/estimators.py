@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import os
+from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -113,17 +114,27 @@ class _Estimator:
         self.notes_ = self._maps.notes
         return self
 
-    def predict(self, frames: ArrayLike, *, baselines: ArrayLike | None = None) -> NDArray[np.float64]:
+    def predict(
+        self,
+        frames: ArrayLike,
+        *,
+        baselines: ArrayLike | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> NDArray[np.float64]:
         """Maps of frames: relative changes of conductance of the triangles of ``mesh.region``; -1: all conductance is lost.
 
         frames: voltages, V, signed: shape (frames, readings), or (readings,). Returns (frames, region), or (region,).
         baselines: one for each frame, of the same shape, in the place of ``baseline_``: see ``Drift``.
+        progress: called after each frame with the number of frames that are done, and of all; what it raises ends the work.
+        Ctrl-C ends it after the frame that is being made.
         Sets ``masked_``, the number of readings left out of each frame: shape (frames,).
         """
+        if progress is not None and not callable(progress):
+            raise TypeError(f"argument 'progress': it is a {type(progress).__name__}; expected a function of two numbers")
         fitted = self._fitted()
         rows = self._rows("frames", frames)
         others = None if baselines is None else self._rows("baselines", baselines)
-        maps, self.masked_ = fitted.maps(rows, others)
+        maps, self.masked_ = fitted.maps(rows, others, progress)
         return maps[0] if np.ndim(frames) == 1 else maps
 
     def judge(self, frames: ArrayLike) -> list[Quality]:

@@ -73,6 +73,24 @@ def test_forward_model_of_a_file(file, mesh, protocol, contact, form):
     np.testing.assert_allclose(forward.mesh.electrode_lengths, mesh.electrode_lengths, rtol=1e-12)
 
 
+def test_maps_of_the_voltages_of_a_file(tmp_path, mesh, protocol, contact):
+    """As the manual shows it: vh.meas and vi.meas have a column for each frame."""
+    case = Forward(mesh, protocol, contact)
+    pressed = np.hypot(*(mesh.centroids - [0.05, 0.0]).T) < 0.03
+    # stimulations are sorted by their electrodes in the file, and so are the readings
+    order = np.lexsort((protocol.inject[:, 1], protocol.inject[:, 0]))
+    volts = AMPERES * case.solve([np.full(len(pressed), 1e-3), np.where(pressed, 0.5e-3, 1e-3)])[:, order]
+    saved = {"fmdl": model_of(mesh, protocol, contact), "vh": {"meas": volts[:1].T}, "vi": {"meas": volts[[1, 1]].T}}
+    io.savemat(tmp_path / "tank.mat", saved)
+    file = io.loadmat(tmp_path / "tank.mat")
+    forward = eidors.forward(file["fmdl"])
+    model = tactus_eit.OneStep(forward, current=eidors.current(file["fmdl"])).fit(file["vh"]["meas"][0, 0].ravel())
+    change = model.predict(file["vi"]["meas"][0, 0].T)
+    assert change.shape == (2, len(mesh.triangles))
+    found = forward.mesh.centroids[forward.mesh.region][change[0].argmin()]
+    assert np.hypot(*(found - [0.05, 0.0])) < 0.03
+
+
 def test_methods_of_the_classes_are_the_same(file, protocol):
     model = io.loadmat(file)["fmdl"]
     assert Mesh.from_eidors(model).hash == eidors.mesh(model).hash

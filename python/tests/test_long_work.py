@@ -1,0 +1,67 @@
+"""Long work shows how far it is, and ends on Ctrl-C."""
+
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from tactus_eit import Drift, OneStep, TotalVariation
+
+MANY = 20_000
+
+
+def interrupted(call):
+    """Runs a call that gets the signal of Ctrl-C after 0.3 s; returns the time after the signal, s."""
+    main = threading.main_thread().ident
+    sent = []
+
+    def interrupt():
+        sent.append(time.monotonic())
+        signal.pthread_kill(main, signal.SIGINT)
+
+    timer = threading.Timer(0.3, interrupt)
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        call()
+    timer.join()
+    return time.monotonic() - sent[0]
+
+
+def test_ctrl_c_ends_long_work(forward, baseline, frame):
+    frames = np.tile(frame, (MANY, 1))
+    variation = TotalVariation(forward).fit(baseline)
+    drift = Drift(forward).fit(baseline)
+    sigma = np.full((MANY, len(forward.mesh.triangles)), 1e-3)
+    # a tenth of what all frames would take at least
+    for call in (
+        lambda: variation.predict(frames),
+        lambda: variation.judge(frames),
+        lambda: drift.follow(frames, np.arange(1.0, MANY + 1)),
+        lambda: forward.solve(sigma),
+    ):
+        assert interrupted(call) < 2.0
+    # and all of them can be used afterwards
+    assert variation.predict(frame).shape == forward.mesh.region.shape
+    assert drift.follow(frame, 1e9).known[0]["judgement"] in ("empty", "loaded", "unknown")
+
+
+def test_progress_is_called_after_each_frame(forward, baseline, frame):
+    calls = []
+    OneStep(forward).fit(baseline).predict([frame] * 3, progress=lambda done, total: calls.append((done, total)))
+    assert calls == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_what_progress_raises_ends_the_work(forward, baseline, frame):
+    class Enough(Exception):
+        pass
+
+    def stop(done, total):
+        if done == 2:
+            raise Enough
+
+    with pytest.raises(Enough):
+        OneStep(forward).fit(baseline).predict([frame] * 3, progress=stop)
+    with pytest.raises(TypeError, match="'progress'.*float"):
+        OneStep(forward).fit(baseline).predict(frame, progress=1.0)
