@@ -41,7 +41,8 @@ pub fn command() -> clap::Command {
     help_examples::with_examples(Arguments::command(), include_str!("examples.txt"))
 }
 
-/// Runs the program; `words` are the arguments, starting with the program's name. Exit code 0 done, 1 failed, 2 usage.
+/// Runs the program; `words` are the arguments, starting with the program's name. The exit codes are
+/// those of [`studies::EXIT_TABLE`].
 pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     let words: Vec<OsString> = words.into_iter().collect();
     let json = survey::asks_for_json(&words);
@@ -71,15 +72,12 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
 /// Prints on standard error why the command failed, as text or as one JSON object in the form of `tactus --json`.
 fn report(failure: &Failure, json: bool) -> ExitCode {
     let text = failure.to_string();
-    let (kind, code) = match failure.is_usage() {
-        true => ("usage", 2),
-        false => ("failed", 1),
-    };
+    let row = failure.exit().row();
     match json {
-        true => eprintln!("{}", survey::error_line(kind, code, &text)),
+        true => eprintln!("{}", survey::error_line(row.kind, row.code, &text)),
         false => eprintln!("tactus-lab: {}", survey::printable_lines(&text)),
     }
-    ExitCode::from(code)
+    ExitCode::from(row.code)
 }
 
 fn perform(command: &Command) -> Result<(), Failure> {
@@ -172,6 +170,7 @@ mod outputs {
                 "calibrate --frames",
                 "calibrate --presses",
                 "dataset --case",
+                "dataset --parts",
                 "dataset --settings",
                 "evaluate --model",
                 "evaluate --set",

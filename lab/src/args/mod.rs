@@ -1,16 +1,12 @@
 //! The command line as data.
 
 mod calibrate;
-mod honesty;
 mod learning;
-mod months;
 mod numbers;
-mod paper;
 mod reconstruct;
 mod scene;
 mod solve;
-mod stability;
-mod tradeoff;
+mod study;
 
 use std::path::PathBuf;
 
@@ -22,17 +18,16 @@ use studies::evaluation::test_set::TestSetName;
 use numbers::cases as set_cases;
 
 pub(crate) use calibrate::CalibrateOptions;
-pub(crate) use honesty::HonestyOptions;
 pub(crate) use learning::{
     DataOptions, DeepOptions, LinearOptions, Network, Profile, TrainOptions,
 };
-pub(crate) use months::MonthsOptions;
-pub(crate) use paper::PaperOptions;
 pub(crate) use reconstruct::ReconstructOptions;
 pub(crate) use scene::{ExplainOptions, RunOptions, SceneCommand, SessionOptions};
 pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, TransferOptions};
-pub(crate) use stability::StabilityOptions;
-pub(crate) use tradeoff::{AdviseOptions, TradeoffOptions};
+pub(crate) use study::{
+    AdviseOptions, DataSetShards, HonestyOptions, MonthsOptions, PaperOptions, StabilityOptions,
+    TradeoffOptions,
+};
 
 /// Meshes, forward solutions, sensitivities, training and reconstruction, offline.
 #[derive(Debug, Parser)]
@@ -166,9 +161,8 @@ pub(crate) struct TestSetOptions {
 
 #[derive(Debug, Args)]
 pub(crate) struct DatasetOptions {
-    /// Shard: I/N with I from 0 to N - 1
-    #[arg(long, value_name = "I/N", default_value = "0/1")]
-    pub(crate) shard: String,
+    #[command(flatten)]
+    pub(crate) shards: DataSetShards,
     /// Random seed; the set does not depend on the shards
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,

@@ -1,39 +1,29 @@
 //! `tactus-lab dataset`.
 
-use eit::{Preset, TrainingSettings};
+use eit::{Case, Preset, TrainingSettings};
+use shards::{Shard, StopRequest, missing_list};
 use studies::{Failure, progress};
 use survey::Amps;
-use training::dataset::make_shard;
+use training::dataset::{MadeShard, make_shard, merge, missing};
 
 use crate::args::DatasetOptions;
 use crate::geometry;
 use crate::output::print_line;
 
-/// Makes or resumes one shard.
+/// Makes or resumes one shard, lists the incomplete ones, or merges them.
 pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
     let case = match &options.case {
         Some(folder) => geometry::read(folder)?,
         None => geometry::case(&Preset::default(), Amps(1e-3))?,
     };
-    let mut settings: TrainingSettings = match &options.settings {
-        None => TrainingSettings::default(),
-        Some(path) => {
-            let text = std::fs::read_to_string(path)
-                .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;
-            toml::from_str(&text).map_err(|fault| {
-                Failure::because(format!("{}: {}", path.display(), fault.message()))
-            })?
-        }
-    };
-    settings.seed = options.seed;
-    if let Some(cases) = options.cases {
-        settings.cases = cases;
+    let settings = settings(options)?;
+    if let Some(of) = options.shards.missing {
+        let missing = missing(&case, &settings, of, &options.out)?;
+        print_line!("{}", missing_list(&missing));
+        return Ok(());
     }
-    let part = shard(&options.shard)?;
-    let bars = progress::Training::default();
-    let show = |done, of| bars.show(training::samples::Stage::Cases, done, of);
-    let made = make_shard(&case, &settings, part, &options.out, &show)?;
-    drop(bars);
+    let stop = stop_request()?;
+    let made = make(options, &case, &settings, &stop)?;
     match made.sha256 {
         None => print_line!(
             "{}: is there already, {} cases",
@@ -52,27 +42,41 @@ pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// `I/N` with 0 <= I < N.
-fn shard(text: &str) -> Result<[usize; 2], Failure> {
-    text.split_once('/')
-        .and_then(|(index, of)| Some([index.parse().ok()?, of.parse().ok()?]))
-        .filter(|[index, of]| index < of)
-        .ok_or_else(|| {
-            Failure::usage(format!(
-                "--shard {text}: I/N is expected with I from 0 to N - 1, e.g. 0/4"
-            ))
-        })
+fn make(
+    options: &DatasetOptions,
+    case: &Case,
+    settings: &TrainingSettings,
+    stop: &StopRequest,
+) -> Result<MadeShard, Failure> {
+    if let (Some(of), Some(parts)) = (options.shards.merge, &options.shards.parts) {
+        return Ok(merge(case, settings, [parts, &options.out], of, stop)?);
+    }
+    let shard = options.shards.shard.unwrap_or(Shard::WHOLE);
+    let bars = progress::Training::default();
+    let show = |done, of| bars.show(training::samples::Stage::Cases, done, of);
+    let made = make_shard(case, settings, shard, &options.out, stop, &show)?;
+    Ok(made)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::shard;
-
-    #[test]
-    fn shards_are_read_as_part_of_whole() {
-        assert_eq!(shard("2/3").unwrap(), [2, 3]);
-        for wrong in ["3/3", "1", "a/b", "-1/2"] {
-            assert!(shard(wrong).is_err());
+fn settings(options: &DatasetOptions) -> Result<TrainingSettings, Failure> {
+    let mut settings: TrainingSettings = match &options.settings {
+        None => TrainingSettings::default(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;
+            toml::from_str(&text).map_err(|fault| {
+                Failure::configuration(format!("{}: {}", path.display(), fault.message()))
+            })?
         }
+    };
+    settings.seed = options.seed;
+    if let Some(cases) = options.cases {
+        settings.cases = cases;
     }
+    Ok(settings)
+}
+
+/// From now on SIGTERM ends the command after the work in progress.
+pub(crate) fn stop_request() -> Result<StopRequest, Failure> {
+    StopRequest::on_sigterm().map_err(|cause| Failure::of("SIGTERM cannot be handled", &cause))
 }

@@ -23,7 +23,11 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("drift", &["eit", "survey"]),
     ("phantom", &["eit", "outfile", "survey"]),
     ("imaging", &["drift", "eit", "logbook", "outfile", "survey"]),
-    ("training", &["eit", "outfile", "phantom", "survey"]),
+    ("shards", &["outfile"]),
+    (
+        "training",
+        &["eit", "outfile", "phantom", "shards", "survey"],
+    ),
     ("rig", &["outfile", "scpi", "survey"]),
     ("keithley-6221", &["rig", "scpi", "survey"]),
     ("keysight-34980a", &["rig", "scpi", "survey"]),
@@ -58,6 +62,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "outfile",
             "phantom",
             "render",
+            "shards",
             "simulator",
             "survey",
             "training",
@@ -77,6 +82,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "outfile",
             "phantom",
             "render",
+            "shards",
             "simulator",
             "studies",
             "survey",
@@ -195,7 +201,7 @@ fn service_links_neither_lab_nor_training_nor_studies() {
             open.extend(allowed.get(name).copied().unwrap_or_default());
         }
     }
-    for offline in ["lab", "training", "studies"] {
+    for offline in ["lab", "training", "studies", "shards"] {
         assert!(
             !reached.contains(offline),
             "the table lets the service link {offline}"

@@ -5,14 +5,17 @@ use std::path::Path;
 
 use imaging::recorded::RecordedError;
 use outfile::{Existing, OutFileError};
+use shards::ShardError;
 use training::TrainError;
 use training::dataset::DataSetError;
 
-/// An error with its chain of causes, and whether it is a usage error.
+use crate::exit::Exit;
+
+/// An error with its chain of causes, and the exit code of a command that ends with it.
 #[derive(Debug)]
 pub struct Failure {
     message: String,
-    usage: bool,
+    exit: Exit,
 }
 
 impl Failure {
@@ -20,7 +23,15 @@ impl Failure {
     pub fn usage(message: impl Into<String>) -> Self {
         Self {
             message: message.into(),
-            usage: true,
+            exit: Exit::Usage,
+        }
+    }
+
+    /// A file with settings that cannot be used.
+    pub fn configuration(message: impl Into<String>) -> Self {
+        Self {
+            message: message.into(),
+            exit: Exit::Configuration,
         }
     }
 
@@ -28,7 +39,7 @@ impl Failure {
     pub fn of(attempt: &str, cause: &dyn std::error::Error) -> Self {
         Self {
             message: format!("{attempt}: {}", survey::error_chain(cause)),
-            usage: false,
+            exit: Exit::Failed,
         }
     }
 
@@ -36,13 +47,13 @@ impl Failure {
     pub fn because(message: impl Into<String>) -> Self {
         Self {
             message: message.into(),
-            usage: false,
+            exit: Exit::Failed,
         }
     }
 
-    /// Whether it is a usage error.
-    pub fn is_usage(&self) -> bool {
-        self.usage
+    /// How a command with this error ends.
+    pub fn exit(&self) -> Exit {
+        self.exit
     }
 }
 
@@ -54,7 +65,26 @@ impl fmt::Display for Failure {
 
 impl From<DataSetError> for Failure {
     fn from(fault: DataSetError) -> Self {
-        Self::because(survey::error_chain(&fault))
+        match fault {
+            DataSetError::Shard(fault) => fault.into(),
+            other => Self::because(survey::error_chain(&other)),
+        }
+    }
+}
+
+impl From<ShardError> for Failure {
+    fn from(fault: ShardError) -> Self {
+        Self {
+            message: survey::error_chain(&fault),
+            exit: match fault {
+                ShardError::Held(_) | ShardError::Stopped { .. } => Exit::TryAgain,
+                ShardError::Differs { .. } => Exit::Usage,
+                ShardError::Missing { .. }
+                | ShardError::Damaged { .. }
+                | ShardError::Io { .. }
+                | ShardError::Output(_) => Exit::Failed,
+            },
+        }
     }
 }
 

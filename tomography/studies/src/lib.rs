@@ -11,6 +11,7 @@
 
 mod artifact_cache;
 pub mod evaluation;
+mod exit;
 mod failure;
 pub mod honesty;
 mod html;
@@ -22,6 +23,7 @@ pub mod stability;
 pub mod tradeoff;
 
 pub use artifact_cache::Program;
+pub use exit::{EXIT_TABLE, Exit, ExitRow};
 pub(crate) use failure::write_tables;
 pub use failure::{Failure, write};
 pub use readings::{add_noise, measured};

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use outfile::OutFileError;
+use shards::ShardError;
 
 use crate::samples::{SampleError, TrainError};
 
@@ -32,6 +33,9 @@ pub enum DataSetError {
     /// A case cannot be solved.
     #[error("the training set")]
     Sample(#[from] SampleError),
+    /// A shard that is held by another process, of other settings, stopped or missing.
+    #[error(transparent)]
+    Shard(#[from] ShardError),
     /// A file that exists is not replaced.
     #[error(transparent)]
     Output(#[from] OutFileError),

@@ -4,27 +4,31 @@
 //! A shard `shard-I-of-N.tset` holds the cases c with c * N / cases = I of one set: a header line of JSON, then a
 //! record for each case, little-endian: the number of changed triangles (u32), the normalised readings (f32), and (u32,
 //! f32) for each change. When it is complete, its manifest `shard-I-of-N.json` with the SHA-256 of the file is written.
-//! An incomplete shard is `.part`; its complete records are reused when the command is repeated. Case c depends on
-//! settings and seed only.
+//! An incomplete shard is `.part`, locked by the process that makes it; its complete records are reused when the command
+//! is repeated. Case c depends on settings and seed only, so merged shards are the file of an undivided run.
 
 mod error;
+mod folder;
+mod merge;
 mod read;
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use eit::model::fingerprint;
 use eit::{Case, TrainingSettings};
 use outfile::Existing;
 use rayon::prelude::*;
-use rustix::fs::OFlags;
-use serde_json::json;
+use serde_json::{Value, json};
+use shards::{PartFile, Shard, ShardError, StopRequest};
 
 use crate::samples::{Sample, Samples, Simulation};
 pub use error::DataSetError;
+use folder::Paths;
+pub use folder::missing;
+pub use merge::merge;
 pub use read::DataSet;
 
 /// Cases solved in parallel between two writes.
@@ -33,7 +37,7 @@ const LAYOUT: u32 = 1;
 
 /// A shard of a set, new or existing.
 #[derive(Debug)]
-pub struct Shard {
+pub struct MadeShard {
     /// Its file.
     pub file: PathBuf,
     /// The cases of the set in it.
@@ -44,78 +48,53 @@ pub struct Shard {
     pub sha256: Option<String>,
 }
 
-/// Makes or resumes shard `index` of `of` in `folder`; an existing shard is unchanged. `progress` is called with the
-/// number of completed cases and the number of cases in the shard.
+/// Makes or resumes a shard in `folder`; an existing shard is unchanged. `progress` is called with the number of
+/// completed cases and the number of cases in the shard.
 ///
 /// # Errors
-/// Files that cannot be read or written, or that belong to another set; a case that cannot be solved.
+/// Files that cannot be read or written, that belong to another set, or that another process writes; a case that cannot
+/// be solved; SIGTERM, after the cases in work.
 pub fn make_shard(
     case: &Case,
     settings: &TrainingSettings,
-    [index, of]: [usize; 2],
+    shard: Shard,
     folder: &Path,
+    stop: &StopRequest,
     progress: &dyn Fn(usize, usize),
-) -> Result<Shard, DataSetError> {
-    outfile::make_folder(folder, Existing::Replace)?;
-    let sigma0 = case.unloaded_conductance();
+) -> Result<MadeShard, DataSetError> {
+    outfile::check_folder(folder, Existing::Replace)?;
+    let header = header(case, settings, shard);
+    folder::refuse_others(folder, &header, shard)?;
+    let paths = Paths::new(folder, shard);
+    let cases = shard.items(settings.cases);
+    let complete = || MadeShard {
+        file: paths.whole.clone(),
+        kept: cases.len(),
+        cases: cases.clone(),
+        sha256: None,
+    };
+    if paths.manifest.exists() {
+        return Ok(complete());
+    }
     let simulation = Simulation::new(
         &case.mesh,
         &case.contact_ohm_m,
-        &sigma0,
+        &case.unloaded_conductance(),
         &case.protocol,
         settings,
     )?;
-    let header = header(case, settings, &simulation, index, of);
-    let name = format!("shard-{index}-of-{of}");
-    let paths = Paths {
-        whole: folder.join(format!("{name}.tset")),
-        part: folder.join(format!("{name}.part")),
-        manifest: folder.join(format!("{name}.json")),
-    };
-    let cases = cases_of(index, of, settings.cases);
-    if let Some(manifest) = read::manifest(&paths.manifest)? {
-        if manifest["header"] == header {
-            return Ok(Shard {
-                file: paths.whole,
-                kept: cases.len(),
-                cases,
-                sha256: None,
-            });
-        }
-        return Err(DataSetError::unusable(
-            &paths.manifest,
-            ": is a shard of another set (settings, seed or geometry differ); give another --out",
-        ));
+    outfile::make_folder(folder, Existing::Replace)?;
+    let mut part = PartFile::lock(&paths.part)?;
+    // both may have changed before the lock was taken
+    if paths.manifest.exists() {
+        part.remove()?;
+        return Ok(complete());
     }
+    folder::refuse_others(folder, &header, shard)?;
     let head = format!("{header}\n");
-    // a run may have been killed between the rename after the last record and the manifest
-    for path in [&paths.part, &paths.whole] {
-        if !begins(path, &head)? {
-            return Err(DataSetError::unusable(
-                path,
-                " is no shard of this set: remove it, or give another --out",
-            ));
-        }
-    }
-    let kept = make(&simulation, &head, cases.clone(), &paths.part, progress)?;
-    let bytes = std::fs::metadata(&paths.part).map_or(0, |data| data.len());
-    let hash = read::hash_of(&paths.part)?;
-    std::fs::rename(&paths.part, &paths.whole)
-        .map_err(|cause| DataSetError::io(&paths.whole, cause))?;
-    let manifest = json!({
-        "file": format!("{name}.tset"),
-        "bytes": bytes,
-        "sha256": hash,
-        "first": cases.start,
-        "cases": cases.len(),
-        "header": header,
-    });
-    outfile::write(
-        &paths.manifest,
-        Existing::Refuse,
-        format!("{manifest:#}\n").as_bytes(),
-    )?;
-    Ok(Shard {
+    let kept = make(&simulation, &head, cases.clone(), &mut part, stop, progress)?;
+    let hash = folder::close(part, &paths, &header, &cases)?;
+    Ok(MadeShard {
         file: paths.whole,
         cases,
         kept,
@@ -123,25 +102,8 @@ pub fn make_shard(
     })
 }
 
-struct Paths {
-    whole: PathBuf,
-    part: PathBuf,
-    manifest: PathBuf,
-}
-
-/// The cases of a shard.
-fn cases_of(index: usize, of: usize, cases: usize) -> Range<usize> {
-    cases * index / of..cases * (index + 1) / of
-}
-
 /// The header, which contains everything that determines the bits of a shard.
-fn header(
-    case: &Case,
-    settings: &TrainingSettings,
-    simulation: &Simulation,
-    index: usize,
-    of: usize,
-) -> serde_json::Value {
+fn header(case: &Case, settings: &TrainingSettings, shard: Shard) -> Value {
     let sheet = json!({
         "contact_ohm_m": case.contact_ohm_m,
         "sigma0": case.unloaded_conductance(),
@@ -152,27 +114,10 @@ fn header(
         "survey": case.protocol.hash(),
         "contacts_and_sigma0": fingerprint(sheet.to_string().as_bytes()),
         "settings": settings,
-        "inputs": simulation.inputs(),
-        "outputs": simulation.outputs(),
-        "shard": [index, of],
+        "inputs": case.protocol.len(),
+        "outputs": case.mesh.region().len(),
+        "shard": [shard.index(), shard.of()],
     })
-}
-
-/// Whether a file is absent, or begins with the header or with a part of it written by a killed run.
-fn begins(path: &Path, head: &str) -> Result<bool, DataSetError> {
-    let failed = |cause: std::io::Error| DataSetError::io(path, cause);
-    match std::fs::symlink_metadata(path) {
-        Ok(found) if found.is_file() => {}
-        Ok(_) => return Ok(false),
-        Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(true),
-        Err(cause) => return Err(failed(cause)),
-    }
-    let mut begin = Vec::new();
-    let file = File::open(path).map_err(failed)?;
-    file.take(head.len() as u64)
-        .read_to_end(&mut begin)
-        .map_err(failed)?;
-    Ok(head.as_bytes().starts_with(&begin))
 }
 
 /// Writes the missing records; returns the number of existing ones.
@@ -180,21 +125,15 @@ fn make(
     simulation: &Simulation,
     head: &str,
     range: Range<usize>,
-    part: &Path,
+    part: &mut PartFile,
+    stop: &StopRequest,
     progress: &dyn Fn(usize, usize),
 ) -> Result<usize, DataSetError> {
-    let failed = |cause: std::io::Error| full(part, &cause);
-    let file = OpenOptions::new()
-        .read(true)
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .custom_flags((OFlags::NOFOLLOW | OFlags::CLOEXEC).bits() as i32)
-        .open(part)
-        .map_err(failed)?;
-    let (kept, end) = resume(&file, head, simulation.inputs(), range.len()).map_err(failed)?;
-    file.set_len(end).map_err(failed)?;
-    let mut writer = BufWriter::new(file);
+    let path = part.path().to_owned();
+    let failed = |cause: std::io::Error| full(&path, &cause);
+    let (kept, end) = resume(&part.file, head, simulation.inputs(), range.len()).map_err(failed)?;
+    part.file.set_len(end).map_err(failed)?;
+    let mut writer = BufWriter::new(&part.file);
     writer.seek(SeekFrom::Start(end)).map_err(failed)?;
     if end == 0 {
         writer.write_all(head.as_bytes()).map_err(failed)?;
@@ -203,6 +142,14 @@ fn make(
     progress(kept, range.len());
     let mut first = range.start + kept;
     while first < range.end {
+        if stop.is_set() {
+            part.file.sync_all().map_err(failed)?;
+            return Err(DataSetError::Shard(ShardError::Stopped {
+                done: first - range.start,
+                of: range.len(),
+                path,
+            }));
+        }
         let last = (first + BLOCK).min(range.end);
         let samples = (first..last)
             .into_par_iter()
@@ -215,7 +162,7 @@ fn make(
         first = last;
         progress(first - range.start, range.len());
     }
-    writer.get_ref().sync_all().map_err(failed)?;
+    writer.flush().map_err(failed)?;
     Ok(kept)
 }
 
@@ -277,16 +224,6 @@ fn resume(file: &File, head: &str, inputs: usize, most: usize) -> std::io::Resul
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn shards_cover_every_case_once() {
-        for cases in [1, 7, 100] {
-            for of in [1, 3, 8] {
-                let all: Vec<usize> = (0..of).flat_map(|i| cases_of(i, of, cases)).collect();
-                assert_eq!(all, (0..cases).collect::<Vec<_>>());
-            }
-        }
-    }
 
     /// A disk that is full after this number of bytes.
     struct Small(usize);

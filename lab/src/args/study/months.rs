@@ -4,21 +4,21 @@ use clap::Args;
 use outfile::OutFolder;
 use studies::months::{Family, LongScene};
 
-use super::Replacing;
+use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct MonthsOptions {
     /// Sheets of each kind of drift for single frames against the baseline of day 0
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = super::numbers::any_count)]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = crate::args::numbers::any_count)]
     pub(crate) sheets: usize,
     /// Presses of each diameter on each of eight days of such a sheet
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = super::numbers::cases)]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = crate::args::numbers::cases)]
     pub(crate) presses: usize,
     /// Kinds of drift (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "DRIFT")]
     pub(crate) drift: Vec<Family>,
     /// Virtual days with a tracked baseline, number of days; 0 for none
-    #[arg(long, value_name = "N", default_value_t = 90.0, value_parser = super::numbers::days)]
+    #[arg(long, value_name = "N", default_value_t = 90.0, value_parser = crate::args::numbers::days)]
     pub(crate) days: f64,
     /// Scenes that are tracked (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "SCENE")]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use outfile::GrowingFolder;
 
-use super::Replacing;
+use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct PaperOptions {

@@ -6,7 +6,7 @@ use clap::Args;
 use outfile::GrowingFolder;
 use studies::tradeoff::PanelName;
 
-use super::Replacing;
+use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct TradeoffOptions {

@@ -4,18 +4,18 @@ use clap::Args;
 use outfile::OutFolder;
 use studies::honesty::{MapMethod, TargetKind};
 
-use super::Replacing;
+use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct HonestyOptions {
     /// Number of healthy frames at each noise
-    #[arg(long, value_name = "N", default_value_t = 2000, value_parser = super::numbers::any_count)]
+    #[arg(long, value_name = "N", default_value_t = 2000, value_parser = crate::args::numbers::any_count)]
     pub(crate) count: usize,
     /// Number of frames of each fault at each noise
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = super::numbers::any_count)]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = crate::args::numbers::any_count)]
     pub(crate) faults: usize,
     /// Compare maps of five methods with the truth: frames of each kind of load at each noise [default: none]
-    #[arg(long, value_name = "N", value_parser = super::numbers::cases)]
+    #[arg(long, value_name = "N", value_parser = crate::args::numbers::cases)]
     pub(crate) maps: Option<usize>,
     /// Kinds of load whose maps are compared (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "LOAD")]
@@ -27,7 +27,7 @@ pub(crate) struct HonestyOptions {
     #[arg(long)]
     pub(crate) unstated: bool,
     /// Noise of one reading (standard deviation), uV (repeatable) [default: 2 and 20]
-    #[arg(long, value_name = "UV", value_parser = super::numbers::noise_uv, allow_hyphen_values = true)]
+    #[arg(long, value_name = "UV", value_parser = crate::args::numbers::noise_uv, allow_hyphen_values = true)]
     pub(crate) noise_uv: Vec<f64>,
     /// Seed of loads and noise
     #[arg(long, value_name = "N", default_value_t = 19)]

@@ -3,7 +3,7 @@
 use clap::Args;
 use outfile::OutFolder;
 
-use super::Replacing;
+use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct StabilityOptions {

@@ -1,0 +1,6 @@
+//! Studies, and work in shards.
+
+mod paper;
+mod shards;
+mod stability;
+mod tradeoff;

@@ -1,0 +1,323 @@
+//! A list of independent items, computed in shards and read again.
+//!
+//! A complete shard is `shard-I-of-N.jsonl`: a line with what the work is and its settings, a line for each item, and a
+//! line with the number of items and the SHA-256 of the lines before it. An incomplete shard is `shard-I-of-N.part`; its
+//! complete lines are kept when the command is repeated.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use outfile::Existing;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+
+use crate::{PartFile, Shard, ShardError, StopRequest, exact};
+
+const LAYOUT: u32 = 1;
+
+/// Independent items of work in a fixed order.
+#[derive(Debug)]
+pub struct Study<'a> {
+    /// The command.
+    pub name: &'a str,
+    /// Everything that determines the results. Shards with other settings are refused.
+    pub settings: Value,
+    /// A name for each item.
+    pub items: Vec<String>,
+}
+
+/// How much of a study a command does.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Division {
+    /// Everything, in this process.
+    Whole,
+    /// One shard, into a folder of parts.
+    Shard(Shard, PathBuf),
+    /// Nothing: which of this number of shards are not complete in the folder.
+    Missing(usize, PathBuf),
+    /// Nothing: the results are read from this number of shards in the folder.
+    Merge(usize, PathBuf),
+}
+
+/// A complete shard.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Made {
+    /// Its file.
+    pub file: PathBuf,
+    /// Its items.
+    pub items: usize,
+    /// Those of an earlier run.
+    pub kept: usize,
+}
+
+/// What a command has done.
+#[derive(Debug)]
+pub enum Outcome<T> {
+    /// Every result, in the order of the items.
+    All(Vec<T>),
+    /// One shard.
+    Made(Made),
+    /// The numbers of the shards that are not complete.
+    Missing(Vec<usize>),
+}
+
+impl Study<'_> {
+    /// Does the work of a division. `compute` gets the number of an item.
+    ///
+    /// # Errors
+    /// The first item that fails; a file that cannot be read or written; shards that are missing, damaged, of other
+    /// settings or held by another process; SIGTERM.
+    pub fn perform<T: Serialize + DeserializeOwned, E: From<ShardError>>(
+        &self,
+        division: &Division,
+        stop: &StopRequest,
+        compute: &mut dyn FnMut(usize) -> Result<T, E>,
+    ) -> Result<Outcome<T>, E> {
+        Ok(match division {
+            Division::Whole => Outcome::All(
+                (0..self.items.len())
+                    .map(compute)
+                    .collect::<Result<_, E>>()?,
+            ),
+            Division::Shard(shard, folder) => {
+                Outcome::Made(self.make(*shard, folder, stop, compute)?)
+            }
+            Division::Missing(of, folder) => Outcome::Missing(self.missing(*of, folder)?),
+            Division::Merge(of, folder) => Outcome::All(self.merge(*of, folder)?),
+        })
+    }
+
+    fn make<T: Serialize, E: From<ShardError>>(
+        &self,
+        shard: Shard,
+        folder: &Path,
+        stop: &StopRequest,
+        compute: &mut dyn FnMut(usize) -> Result<T, E>,
+    ) -> Result<Made, E> {
+        let range = shard.items(self.items.len());
+        let whole = self.file(shard, folder);
+        let complete = || Made {
+            file: whole.clone(),
+            items: range.len(),
+            kept: range.len(),
+        };
+        // every shard in the folder, so that no work is done that cannot be merged
+        for other in Shard::all(shard.of()) {
+            for path in [self.file(other, folder), part(other, folder)] {
+                self.check(&path, other)?;
+            }
+        }
+        if whole.exists() {
+            return Ok(complete());
+        }
+        outfile::make_folder(folder, Existing::Replace).map_err(ShardError::from)?;
+        let mut held = PartFile::lock(&part(shard, folder))?;
+        if whole.exists() {
+            held.remove()?;
+            return Ok(complete());
+        }
+        self.check(held.path(), shard)?;
+        let (lines, mut hasher) = self.resume(&mut held, shard)?;
+        let path = held.path().to_owned();
+        let failed = ShardError::io(&path);
+        for (done, item) in range.clone().enumerate().skip(lines) {
+            if stop.is_set() {
+                held.file.sync_all().map_err(&failed)?;
+                return Err(E::from(ShardError::Stopped {
+                    path: path.clone(),
+                    done,
+                    of: range.len(),
+                }));
+            }
+            let result = serde_json::to_value(compute(item)?)
+                .map_err(|cause| failed(std::io::Error::from(cause)))?;
+            let line = json!({
+                "item": item,
+                "name": self.items[item],
+                "result": exact::encode(result),
+            });
+            put(&held.file, &mut hasher, &line).map_err(&failed)?;
+        }
+        let end = json!({ "items": range.len(), "sha256": hex(hasher.clone()) });
+        put(&held.file, &mut hasher, &end).map_err(&failed)?;
+        held.finish(&whole)?;
+        Ok(Made {
+            file: whole,
+            items: range.len(),
+            kept: lines,
+        })
+    }
+
+    fn missing(&self, of: usize, folder: &Path) -> Result<Vec<usize>, ShardError> {
+        let mut missing = Vec::new();
+        for shard in Shard::all(of) {
+            let path = self.file(shard, folder);
+            self.check(&path, shard)?;
+            if !path.exists() {
+                missing.push(shard.index());
+            }
+        }
+        Ok(missing)
+    }
+
+    fn merge<T: DeserializeOwned>(&self, of: usize, folder: &Path) -> Result<Vec<T>, ShardError> {
+        let missing = self.missing(of, folder)?;
+        if !missing.is_empty() {
+            let names: Vec<String> = Shard::all(of)
+                .filter(|shard| missing.contains(&shard.index()))
+                .map(|shard| format!("{}.jsonl", shard.name()))
+                .collect();
+            return Err(ShardError::missing(folder, &names));
+        }
+        let mut all = Vec::new();
+        for shard in Shard::all(of) {
+            self.read(&self.file(shard, folder), shard, &mut all)?;
+        }
+        Ok(all)
+    }
+
+    /// Appends the results of a complete shard.
+    fn read<T: DeserializeOwned>(
+        &self,
+        path: &Path,
+        shard: Shard,
+        all: &mut Vec<T>,
+    ) -> Result<(), ShardError> {
+        let damaged = |why: &str| {
+            ShardError::damaged(path, format!("{why}: delete it and make this shard again"))
+        };
+        let text = std::fs::read_to_string(path).map_err(ShardError::io(path))?;
+        let range = shard.items(self.items.len());
+        let (content, end) = text
+            .strip_suffix('\n')
+            .and_then(|text| text.rsplit_once('\n'))
+            .ok_or_else(|| damaged("it has no end"))?;
+        let mut hasher = Sha256::new();
+        hasher.update(content);
+        hasher.update("\n");
+        let end: Value = serde_json::from_str(end).map_err(|_| damaged("its end is no JSON"))?;
+        if end["sha256"] != hex(hasher) || end["items"] != range.len() {
+            return Err(damaged("its content does not match its checksum"));
+        }
+        let mut lines = content.lines().skip(1);
+        for item in range {
+            let result = lines
+                .next()
+                .and_then(|line| result_of(line, item))
+                .and_then(|value| serde_json::from_value(exact::decode(value)).ok());
+            all.push(result.ok_or_else(|| {
+                damaged(&format!("item {item} ({}) is not there", self.items[item]))
+            })?);
+        }
+        Ok(())
+    }
+
+    fn file(&self, shard: Shard, folder: &Path) -> PathBuf {
+        folder.join(format!("{}.jsonl", shard.name()))
+    }
+
+    fn header(&self, shard: Shard) -> Value {
+        json!({
+            "layout": LAYOUT,
+            "work": self.name,
+            "version": env!("CARGO_PKG_VERSION"),
+            "settings": self.settings,
+            "names": self.items,
+            "shard": [shard.index(), shard.of()],
+        })
+    }
+
+    /// Refuses a file, if there is one, with another header. A header that is cut off is that of a killed process.
+    fn check(&self, path: &Path, shard: Shard) -> Result<(), ShardError> {
+        let mut file = match File::open(path) {
+            Ok(file) => file,
+            Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(cause) => return Err(ShardError::io(path)(cause)),
+        };
+        match first_line(&mut file).map_err(ShardError::io(path))? {
+            None => Ok(()),
+            Some(line) => {
+                let there: Value = serde_json::from_slice(&line).map_err(|_| {
+                    ShardError::damaged(path, "it is no shard: remove it, or name another folder")
+                })?;
+                ShardError::refuse_difference(path, &there, &self.header(shard))
+            }
+        }
+    }
+
+    /// Cuts a part after its last complete item, or begins it; returns its items and the hash of its lines.
+    fn resume(&self, held: &mut PartFile, shard: Shard) -> Result<(usize, Sha256), ShardError> {
+        let path = held.path().to_owned();
+        let failed = ShardError::io(&path);
+        let mut bytes = Vec::new();
+        held.file.read_to_end(&mut bytes).map_err(&failed)?;
+        let mut hasher = Sha256::new();
+        let (mut at, mut count) = (0, 0);
+        let range = shard.items(self.items.len());
+        for line in bytes.split_inclusive(|byte| *byte == b'\n') {
+            let known = match at {
+                0 => line.ends_with(b"\n"),
+                _ => {
+                    let text = std::str::from_utf8(line).ok();
+                    let item = range.start + count;
+                    let complete = item < range.end
+                        && text
+                            .and_then(|text| text.strip_suffix('\n'))
+                            .and_then(|text| result_of(text, item))
+                            .is_some();
+                    count += usize::from(complete);
+                    complete
+                }
+            };
+            if !known {
+                break;
+            }
+            hasher.update(line);
+            at += line.len();
+        }
+        held.file.set_len(at as u64).map_err(&failed)?;
+        held.file
+            .seek(SeekFrom::Start(at as u64))
+            .map_err(&failed)?;
+        if at == 0 {
+            put(&held.file, &mut hasher, &self.header(shard)).map_err(&failed)?;
+        }
+        Ok((count, hasher))
+    }
+}
+
+fn part(shard: Shard, folder: &Path) -> PathBuf {
+    folder.join(format!("{}.part", shard.name()))
+}
+
+/// The result on the line of an item.
+fn result_of(line: &str, item: usize) -> Option<Value> {
+    let mut value: Value = serde_json::from_str(line).ok()?;
+    (value["item"] == item && value.get("result").is_some()).then(|| value["result"].take())
+}
+
+fn put(mut file: &File, hasher: &mut Sha256, line: &Value) -> std::io::Result<()> {
+    let text = format!("{line}\n");
+    hasher.update(&text);
+    file.write_all(text.as_bytes())
+}
+
+/// The first line without its end; `None` if it has no end.
+fn first_line(file: &mut File) -> std::io::Result<Option<Vec<u8>>> {
+    let mut reader = std::io::BufReader::new(file);
+    let mut line = Vec::new();
+    std::io::BufRead::read_until(&mut reader, b'\n', &mut line)?;
+    Ok((line.pop() == Some(b'\n')).then_some(line))
+}
+
+fn hex(hasher: Sha256) -> String {
+    let digest = hasher.finalize();
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+#[path = "study_tests.rs"]
+mod tests;

@@ -1,0 +1,165 @@
+//! The files of a set in a folder: names, manifests, and what does not belong to the set.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use eit::{Case, TrainingSettings};
+use outfile::Existing;
+use serde_json::{Value, json};
+use shards::{PartFile, Shard, ShardError};
+
+use super::{DataSetError, header, read};
+
+/// Longer than any header, bytes: settings with the noise of measured frames are the longest.
+const LONGEST: u64 = 1 << 28;
+
+/// The files of a shard.
+pub(super) struct Paths {
+    name: String,
+    pub(super) whole: PathBuf,
+    pub(super) part: PathBuf,
+    pub(super) manifest: PathBuf,
+}
+
+impl Paths {
+    pub(super) fn new(folder: &Path, shard: Shard) -> Self {
+        let name = shard.name();
+        Self {
+            whole: folder.join(format!("{name}.tset")),
+            part: folder.join(format!("{name}.part")),
+            manifest: folder.join(format!("{name}.json")),
+            name,
+        }
+    }
+}
+
+/// Numbers of the shards of a set that are not complete in a folder.
+///
+/// # Errors
+/// A shard of another set, or a folder that cannot be read.
+pub fn missing(
+    case: &Case,
+    settings: &TrainingSettings,
+    of: usize,
+    folder: &Path,
+) -> Result<Vec<usize>, DataSetError> {
+    let mut missing = Vec::new();
+    for shard in Shard::all(of) {
+        let paths = Paths::new(folder, shard);
+        match read::manifest(&paths.manifest)? {
+            None => missing.push(shard.index()),
+            Some(manifest) => {
+                let here = header(case, settings, shard);
+                ShardError::refuse_difference(&paths.manifest, &manifest["header"], &here)?;
+            }
+        }
+    }
+    Ok(missing)
+}
+
+/// Gives a complete part its name, then writes its manifest; returns the hash of the file.
+pub(super) fn close(
+    part: PartFile,
+    paths: &Paths,
+    header: &Value,
+    cases: &Range<usize>,
+) -> Result<String, DataSetError> {
+    let bytes = std::fs::metadata(&paths.part).map_or(0, |data| data.len());
+    let hash = read::hash_of(&paths.part)?;
+    part.finish(&paths.whole)?;
+    let manifest = json!({
+        "file": format!("{}.tset", paths.name),
+        "bytes": bytes,
+        "sha256": hash,
+        "first": cases.start,
+        "cases": cases.len(),
+        "header": header,
+    });
+    outfile::write(
+        &paths.manifest,
+        Existing::Refuse,
+        format!("{manifest:#}\n").as_bytes(),
+    )?;
+    Ok(hash)
+}
+
+/// Refuses a folder with a shard of another set, complete or not: the shard to be made could not be used with it.
+pub(super) fn refuse_others(
+    folder: &Path,
+    header: &Value,
+    shard: Shard,
+) -> Result<(), DataSetError> {
+    let entries = match std::fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(cause) => return Err(DataSetError::io(folder, cause)),
+    };
+    let mut paths = Vec::new();
+    for entry in entries {
+        paths.push(
+            entry
+                .map_err(|cause| DataSetError::io(folder, cause))?
+                .path(),
+        );
+    }
+    paths.sort();
+    let own = Paths::new(folder, shard);
+    for path in paths {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if !name.starts_with("shard-") {
+            continue;
+        }
+        let there = match path.extension().and_then(|ending| ending.to_str()) {
+            Some("json") => read::manifest(&path)?.map(|manifest| manifest["header"].clone()),
+            // a run may have been killed between the rename after the last record and the manifest
+            Some("part" | "tset") => {
+                let own = path == own.part || path == own.whole;
+                first_line(&path, own.then_some(header))?
+            }
+            _ => None,
+        };
+        let Some(there) = there else { continue };
+        let mut here = header.clone();
+        // other shards of the same division belong to the set
+        if there["shard"][1] == here["shard"][1] && path != own.part && path != own.whole {
+            here["shard"] = there["shard"].clone();
+        }
+        ShardError::refuse_difference(&path, &there, &here)?;
+    }
+    Ok(())
+}
+
+/// The header of a shard; `None` if the process that wrote it was killed before its end. `own` is the header of the shard
+/// that will be written there.
+fn first_line(path: &Path, own: Option<&Value>) -> Result<Option<Value>, DataSetError> {
+    let failed = |cause: std::io::Error| DataSetError::io(path, cause);
+    let refused = || {
+        DataSetError::unusable(
+            path,
+            " is no shard of this set: remove it, or give another --out",
+        )
+    };
+    let found = std::fs::symlink_metadata(path).map_err(failed)?;
+    if !found.is_file() {
+        return if own.is_some() {
+            Err(refused())
+        } else {
+            Ok(None)
+        };
+    }
+    let mut line = Vec::new();
+    BufReader::new(File::open(path).map_err(failed)?.take(LONGEST))
+        .read_until(b'\n', &mut line)
+        .map_err(failed)?;
+    if line.ends_with(b"\n") {
+        return serde_json::from_slice(&line)
+            .map(Some)
+            .map_err(|_| refused());
+    }
+    match own {
+        Some(own) if !own.to_string().as_bytes().starts_with(&line) => Err(refused()),
+        _ => Ok(None),
+    }
+}
