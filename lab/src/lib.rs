@@ -124,6 +124,7 @@ mod outputs {
                     "calibrate --case c --method best --out {}",
                 ),
                 ("dataset --out", "dataset --out {}"),
+                ("evaluate --parts", "evaluate --shard 0/1 --parts {}"),
                 ("evaluate --picture", "evaluate --picture {}"),
                 ("forward --out", "forward --case c --sigma s --out {}"),
                 (
@@ -137,6 +138,10 @@ mod outputs {
                 ),
                 ("jacobian --out", "jacobian --case c --sigma s --out {}"),
                 ("judge --out", "judge --set presses-10 --out {}"),
+                (
+                    "judge --parts",
+                    "judge --set presses-10 --shard 0/1 --parts {}",
+                ),
                 ("mesh --out", "mesh --preset disc-tank --out {}"),
                 ("months --out", "months --quick --out {}"),
                 ("paper --out", "paper --quick --out {}"),
@@ -147,7 +152,15 @@ mod outputs {
                 ("scene run --logbook", "scene run quiet --logbook {}"),
                 ("scene run --out", "scene run quiet --out {}"),
                 ("stability --out", "stability --only 1 --out {}"),
+                (
+                    "stability --parts",
+                    "stability --only 1 --shard 0/1 --parts {}",
+                ),
                 ("tradeoff --out", "tradeoff --quick --out {}"),
+                (
+                    "tradeoff --parts",
+                    "tradeoff --quick --shard 0/1 --parts {} --out {}",
+                ),
                 ("train dnn --out", "train dnn --profile paper --out {}"),
                 (
                     "train linear --out",

@@ -26,7 +26,7 @@ pub(crate) use scene::{ExplainOptions, RunOptions, SceneCommand, SessionOptions}
 pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, TransferOptions};
 pub(crate) use study::{
     AdviseOptions, DataSetShards, HonestyOptions, MonthsOptions, PaperOptions, StabilityOptions,
-    TradeoffOptions,
+    StudyShards, TradeoffOptions,
 };
 
 /// Meshes, forward solutions, sensitivities, training and reconstruction, offline.
@@ -153,8 +153,10 @@ pub(crate) struct TestSetOptions {
     #[arg(long, value_name = "DIR")]
     pub(crate) case: Option<PathBuf>,
     /// Folder to write, new or empty
-    #[arg(long, value_name = "DIR")]
-    pub(crate) out: OutFolder,
+    #[arg(long, value_name = "DIR", required_unless_present_any = ["shard", "missing"])]
+    pub(crate) out: Option<OutFolder>,
+    #[command(flatten)]
+    pub(crate) shards: StudyShards,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
 }
@@ -199,8 +201,10 @@ pub(crate) struct EvaluateOptions {
     #[arg(long, value_name = "N")]
     pub(crate) count: Option<usize>,
     /// Draw accuracy against time, PNG
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["shard", "missing"])]
     pub(crate) picture: Option<OutPath>,
+    #[command(flatten)]
+    pub(crate) shards: StudyShards,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
     /// Print one JSON object per set and method

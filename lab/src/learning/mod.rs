@@ -11,7 +11,7 @@ mod rbf;
 use studies::Failure;
 
 use crate::args::Network;
-pub(crate) use dataset::dataset;
+pub(crate) use dataset::{dataset, stop_request};
 
 /// Trains and writes the model file.
 pub(crate) fn train(network: &Network) -> Result<(), Failure> {

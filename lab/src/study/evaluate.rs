@@ -1,15 +1,15 @@
 //! `tactus-lab judge` and `tactus-lab evaluate`: test sets, and a table of all methods on them.
 
-use std::path::PathBuf;
-
-use eit::{PaperSheet, Preset};
+use eit::Preset;
 use imaging::PresetName;
-use outfile::Existing;
 use render::{WorkPoint, work_precision_png};
+use shards::{Division, Study};
 use studies::Failure;
-use studies::evaluation::test_set::{self, TestSet, TestSetName};
+use studies::evaluation::test_set::{self, TestSet};
 use studies::evaluation::{Figures, figures, maps, of_frames};
 
+use super::chosen::{Method, Sets, methods, settings};
+use super::division::{divided, report_of};
 use crate::args::{EvaluateOptions, TestSetOptions};
 use crate::geometry;
 use crate::output::print_line;
@@ -31,10 +31,16 @@ pub(crate) fn judge(options: &TestSetOptions) -> Result<(), Failure> {
         sheet,
         case,
     };
-    let count = test_set::make(&set, &options.out, options.replacing.existing())?;
+    let (division, stop) = divided(&options.shards)?;
+    let frames = report_of(test_set::frames(&set, &division, &stop)?);
+    // without a folder there is a shard or a list of missing ones
+    let (Some(frames), Some(folder)) = (frames, &options.out) else {
+        return Ok(());
+    };
+    let count = frames.write(folder, options.replacing.existing())?;
     print_line!(
         "{}: baseline and {count} frames of {}, {:e} V of noise on each reading, seed {}",
-        options.out.display(),
+        folder.display(),
         options.set.name(),
         options.noise_v,
         options.seed
@@ -42,15 +48,6 @@ pub(crate) fn judge(options: &TestSetOptions) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Default methods.
-const METHODS: [&str; 6] = [
-    "one-step",
-    "one-step --loss-only",
-    "tv",
-    "tv --loss-only",
-    "linear",
-    "best",
-];
 /// The paper's times per frame (section 5.4), ms.
 const PAPER: [(&str, f64); 3] = [
     ("paper: TV", 650.0),
@@ -72,73 +69,62 @@ new             share of the frames that a trained model calls unlike its traini
 ms              median time of a frame, ms
 A - stands where the method has no such figure.";
 
-/// Evaluates methods and prints the table; without sets, makes the standard ones first.
+/// Figures of one method on one set.
+#[derive(serde::Serialize, serde::Deserialize)]
+struct Line {
+    figures: Figures,
+    noise_figure: Option<f64>,
+    novel_share: Option<f64>,
+}
+
+/// Evaluates methods and prints the table; without sets, makes the standard ones first. A method on a set is an item of
+/// work in shards.
 pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
-    let made = match options.set.is_empty() {
-        true => Some(Made::new(options)?),
-        false => None,
-    };
-    let sets: Vec<PathBuf> = match &made {
-        Some(made) => made.sets.clone(),
-        None => options.set.clone(),
-    };
-    let mut methods: Vec<(String, Vec<String>)> = options
-        .method
-        .iter()
-        .map(|text| {
-            let words = text.split_whitespace().map(str::to_owned);
-            let with: Vec<String> = ["--method".to_owned()].into_iter().chain(words).collect();
-            (text.clone(), with)
-        })
+    let methods = methods(options);
+    let sets = Sets::of(options);
+    let (division, stop) = divided(&options.shards)?;
+    let pairs: Vec<(usize, &Method)> = (0..sets.len())
+        .flat_map(|set| methods.iter().map(move |method| (set, method)))
         .collect();
-    for model in &options.model {
-        let path = model.display().to_string();
-        let name = model
-            .file_stem()
-            .map_or(path.clone(), |stem| stem.to_string_lossy().into_owned());
-        methods.push((name, vec!["--model".to_owned(), path]));
-    }
-    if methods.is_empty() {
-        methods = METHODS
-            .iter()
-            .map(|text| {
-                let words = text.split(' ').map(str::to_owned);
-                let with: Vec<String> = ["--method".to_owned()].into_iter().chain(words).collect();
-                ((*text).to_owned(), with)
-            })
-            .collect();
-    }
-    if !options.json {
-        print_line!(
-            "{:<22} {:<24} {:>6} {:>8} {:>8} {:>6} {:>6} {:>6} {:>6} {:>9} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>9}",
-            "set",
-            "method",
-            "frames",
-            "mean mm",
-            "worst",
-            "corr",
-            "error",
-            "Dice",
-            "SSIM",
-            "AR",
-            "PE",
-            "RES",
-            "SD",
-            "RNG",
-            "NF",
-            "new",
-            "ms"
-        );
-    }
-    let mut all = Vec::new();
-    for folder in &sets {
-        for (name, words) in &methods {
-            let judged = maps(folder, name, words)?;
-            let figures = figures(name, &judged, &of_frames(&judged)?);
-            let (own_noise, novel) = (judged.noise_figure(), judged.novel_share());
-            show(&figures, own_noise, novel, options.json);
-            all.push(figures);
+    let settings = match division {
+        Division::Whole => serde_json::Value::Null,
+        Division::Shard(..) | Division::Missing(..) | Division::Merge(..) => {
+            settings(options, &sets)?
         }
+    };
+    let study = Study {
+        name: "evaluate",
+        settings,
+        items: pairs
+            .iter()
+            .map(|(set, method)| format!("{}: {}", sets.name(*set), method.name))
+            .collect(),
+    };
+    let whole = division == Division::Whole;
+    if whole && !options.json {
+        print_heading();
+    }
+    let outcome = study.perform(&division, &stop, &mut |item| {
+        let (set, Method { name, words }) = pairs[item];
+        let judged = maps(&sets.folder(set)?, name, words)?;
+        let line = Line {
+            figures: figures(name, &judged, &of_frames(&judged)?),
+            noise_figure: judged.noise_figure(),
+            novel_share: judged.novel_share(),
+        };
+        if whole {
+            show(&line, options.json);
+        }
+        Ok::<_, Failure>(line)
+    })?;
+    let Some(all) = report_of(outcome) else {
+        return Ok(());
+    };
+    if !whole {
+        if !options.json {
+            print_heading();
+        }
+        all.iter().for_each(|line| show(line, options.json));
     }
     if !options.json {
         print_line!("\n{LEGEND}");
@@ -146,7 +132,7 @@ pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     if let Some(path) = &options.picture {
         let points: Vec<WorkPoint> = all
             .iter()
-            .map(|figures| WorkPoint {
+            .map(|Line { figures, .. }| WorkPoint {
                 panel: figures.set.clone(),
                 name: figures.method.clone(),
                 ms: figures.ms,
@@ -169,8 +155,36 @@ pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     Ok(())
 }
 
+fn print_heading() {
+    print_line!(
+        "{:<22} {:<24} {:>6} {:>8} {:>8} {:>6} {:>6} {:>6} {:>6} {:>9} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>9}",
+        "set",
+        "method",
+        "frames",
+        "mean mm",
+        "worst",
+        "corr",
+        "error",
+        "Dice",
+        "SSIM",
+        "AR",
+        "PE",
+        "RES",
+        "SD",
+        "RNG",
+        "NF",
+        "new",
+        "ms"
+    );
+}
+
 /// Prints one line; noise figure and share of novel frames belong to the method, not to its maps.
-fn show(figures: &Figures, noise_figure: Option<f64>, novel_share: Option<f64>, json: bool) {
+fn show(line: &Line, json: bool) {
+    let Line {
+        figures,
+        noise_figure,
+        novel_share,
+    } = line;
     let [ar, pe, res, sd, rng] = figures.greit;
     if json {
         let number = |value: f64| value.is_finite().then_some(value);
@@ -215,49 +229,5 @@ fn show(figures: &Figures, noise_figure: Option<f64>, novel_share: Option<f64>, 
             novel_share.map_or("-".to_owned(), |share| format!("{share:.2}")),
             figures.ms
         );
-    }
-}
-
-/// Standard sets in a temporary folder, which is removed afterwards.
-struct Made {
-    folder: PathBuf,
-    sets: Vec<PathBuf>,
-}
-
-impl Made {
-    fn new(options: &EvaluateOptions) -> Result<Self, Failure> {
-        let folder = std::env::temp_dir().join(format!("tactus-evaluate-{}", std::process::id()));
-        let mut made = Self {
-            folder: folder.clone(),
-            sets: Vec::new(),
-        };
-        for (set, noise_v, name) in [
-            (TestSetName::Presses10, 2e-6, "presses-10"),
-            (TestSetName::Presses30, 2e-6, "presses-30"),
-            (TestSetName::Polygons, 2e-6, "polygons"),
-            (TestSetName::Polygons, 396e-6, "polygons-396uV"),
-        ] {
-            let out = folder.join(name);
-            let set = TestSet {
-                set,
-                noise_v,
-                seed: options.seed,
-                count: options.count,
-                spray: None,
-                sheet_seed: None,
-                sheet: PaperSheet::default(),
-                case: None,
-            };
-            test_set::make(&set, &out, Existing::Refuse)?;
-            made.sets.push(out);
-        }
-        Ok(made)
-    }
-}
-
-impl Drop for Made {
-    fn drop(&mut self) {
-        // a folder that cannot be removed is left to the system's cleaning of temporary files
-        let _ = std::fs::remove_dir_all(&self.folder);
     }
 }

@@ -1,6 +1,8 @@
 //! Commands of the studies: convert options to settings of `studies`, print results.
 
 mod advise;
+mod chosen;
+mod division;
 mod evaluate;
 
 use studies::honesty::{MapMethod, TargetKind};
@@ -15,6 +17,7 @@ use crate::args::{HonestyOptions, MonthsOptions, PaperOptions, StabilityOptions,
 use crate::output::{print_line, print_text};
 use crate::program::TactusLab;
 pub(crate) use advise::advise;
+use division::{divided, report_of};
 pub(crate) use evaluate::{evaluate, judge};
 
 /// `tactus-lab paper`.
@@ -61,12 +64,13 @@ pub(crate) fn tradeoff(options: &TradeoffOptions) -> Result<(), Failure> {
         folder: options.out.as_ref().map(|folder| folder.to_path_buf()),
         existing: options.replacing.existing(),
     };
-    let page = diagrams::run(&settings, &TactusLab, &mut |panel| {
+    let (division, stop) = divided(&options.shards)?;
+    let outcome = diagrams::run(&settings, &TactusLab, &division, &stop, &mut |panel| {
         for line in panel.lines(options.json) {
             print_line!("{line}");
         }
     })?;
-    if let (Some(path), false) = (page, options.json) {
+    if let (Some(Some(path)), false) = (report_of(outcome), options.json) {
         print_line!("{}", path.display());
     }
     Ok(())
@@ -74,7 +78,10 @@ pub(crate) fn tradeoff(options: &TradeoffOptions) -> Result<(), Failure> {
 
 /// `tactus-lab stability`: a violated bound is an error.
 pub(crate) fn stability(options: &StabilityOptions) -> Result<(), Failure> {
-    let table = hard_cases::run(&options.only)?;
+    let (division, stop) = divided(&options.shards)?;
+    let Some(table) = report_of(hard_cases::run(&options.only, &division, &stop)?) else {
+        return Ok(());
+    };
     print_tables(options.json, || table.lines(), || table.text());
     if let Some(folder) = &options.out {
         table.write(folder, options.replacing.existing())?;

@@ -37,9 +37,56 @@ pub(crate) fn decode(value: Value) -> Value {
     }
 }
 
+/// For `#[serde(with)]`: a number that may be NaN or infinite, which JSON does not have.
+pub mod any_f64 {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(untagged)]
+    enum Either {
+        Number(f64),
+        Text(String),
+    }
+
+    /// # Errors
+    /// The serializer's.
+    pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        let either = match value.is_finite() {
+            true => Either::Number(*value),
+            false => Either::Text(value.to_string()),
+        };
+        either.serialize(serializer)
+    }
+
+    /// # Errors
+    /// Not a number.
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        match Either::deserialize(deserializer)? {
+            Either::Number(value) => Ok(value),
+            Either::Text(text) => text.parse().map_err(D::Error::custom),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_that_json_lacks_come_back() {
+        #[derive(serde::Serialize, serde::Deserialize)]
+        struct One(#[serde(with = "any_f64")] f64);
+        for number in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.1] {
+            let text = encode(serde_json::to_value(One(number)).unwrap()).to_string();
+            let back = decode(serde_json::from_str(&text).unwrap());
+            let One(found) = serde_json::from_value(back).unwrap();
+            assert!(
+                found == number || (found.is_nan() && number.is_nan()),
+                "{text}"
+            );
+        }
+    }
 
     #[test]
     fn a_hundred_thousand_numbers_come_back_to_the_bit() {

@@ -14,7 +14,8 @@ mod stop;
 mod study;
 
 pub use error::{ShardError, difference};
-pub use part::PartFile;
+pub use exact::any_f64;
+pub use part::{PartFile, wait_for};
 pub use shard::{Shard, missing_list, parse_count};
 pub use stop::StopRequest;
 pub use study::{Division, Made, Outcome, Study};

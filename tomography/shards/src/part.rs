@@ -81,6 +81,23 @@ impl PartFile {
     }
 }
 
+/// Waits until no other process holds the lock file `path`, and holds it as long as the result lives. For work that
+/// several shards need and one of them does.
+///
+/// # Errors
+/// The file cannot be created or locked.
+pub fn wait_for(path: &Path) -> Result<File, ShardError> {
+    let file = OpenOptions::new()
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .custom_flags((OFlags::NOFOLLOW | OFlags::CLOEXEC).bits() as i32)
+        .open(path)
+        .map_err(ShardError::io(path))?;
+    file.lock().map_err(ShardError::io(path))?;
+    Ok(file)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

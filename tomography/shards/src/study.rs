@@ -55,13 +55,27 @@ pub struct Made {
 
 /// What a command has done.
 #[derive(Debug)]
-pub enum Outcome<T> {
-    /// Every result, in the order of the items.
-    All(Vec<T>),
+pub enum Outcome<R> {
+    /// Every result, in the order of the items, or what is made of them.
+    All(R),
     /// One shard.
     Made(Made),
     /// The numbers of the shards that are not complete.
     Missing(Vec<usize>),
+}
+
+impl<R> Outcome<R> {
+    /// Makes the ordinary output of all results.
+    ///
+    /// # Errors
+    /// Those of `report`.
+    pub fn then<S, E>(self, report: impl FnOnce(R) -> Result<S, E>) -> Result<Outcome<S>, E> {
+        Ok(match self {
+            Self::All(results) => Outcome::All(report(results)?),
+            Self::Made(made) => Outcome::Made(made),
+            Self::Missing(numbers) => Outcome::Missing(numbers),
+        })
+    }
 }
 
 impl Study<'_> {
@@ -75,7 +89,7 @@ impl Study<'_> {
         division: &Division,
         stop: &StopRequest,
         compute: &mut dyn FnMut(usize) -> Result<T, E>,
-    ) -> Result<Outcome<T>, E> {
+    ) -> Result<Outcome<Vec<T>>, E> {
         Ok(match division {
             Division::Whole => Outcome::All(
                 (0..self.items.len())

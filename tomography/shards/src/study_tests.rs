@@ -13,11 +13,11 @@ fn compute(item: usize) -> Result<Vec<f64>, ShardError> {
     Ok(vec![(item as f64).sqrt() / 3.0, 1e-300 / 7.0])
 }
 
-fn perform(seed: u64, division: &Division) -> Result<Outcome<Vec<f64>>, ShardError> {
+fn perform(seed: u64, division: &Division) -> Result<Outcome<Vec<Vec<f64>>>, ShardError> {
     study(seed).perform(division, &StopRequest::default(), &mut compute)
 }
 
-fn all(outcome: Outcome<Vec<f64>>) -> Vec<u64> {
+fn all(outcome: Outcome<Vec<Vec<f64>>>) -> Vec<u64> {
     let Outcome::All(results) = outcome else {
         panic!("no results: {outcome:?}");
     };

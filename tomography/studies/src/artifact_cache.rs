@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use eit::Case;
 use outfile::Existing;
@@ -77,16 +78,31 @@ impl<'p> ArtifactCache<'p> {
 
     /// A file or folder `name` made by `words` with `--out`: reused if the same words made it, otherwise made again.
     pub(crate) fn made(&self, name: &str, words: &[&str]) -> Result<PathBuf, Failure> {
+        Ok(self.made_in(name, words)?.0)
+    }
+
+    /// As [`made`](Self::made), with the time that the command took, s, if it was run now. One process makes a thing;
+    /// others that need it wait.
+    pub(crate) fn made_in(
+        &self,
+        name: &str,
+        words: &[&str],
+    ) -> Result<(PathBuf, Option<f64>), Failure> {
         let path = self.path(name);
         let command = words.join(" ");
-        let beside = beside(&path);
-        if path.exists()
-            && self
-                .made_by(&beside, &path)?
-                .is_some_and(|text| text == command)
-        {
-            return Ok(path);
+        let beside = beside(&path, "command");
+        let known = || -> Result<bool, Failure> {
+            let made_by = self.made_by(&beside, &path)?;
+            Ok(path.exists() && made_by.is_some_and(|text| text == command))
+        };
+        if known()? {
+            return Ok((path, None));
         }
+        let _held = shards::wait_for(&self::beside(&path, "lock"))?;
+        if known()? {
+            return Ok((path, None));
+        }
+        let start = Instant::now();
         eprintln!("tactus-lab {command} --out {}", path.display());
         let line = command_line(&command, &path);
         self.program
@@ -94,7 +110,7 @@ impl<'p> ArtifactCache<'p> {
             .map_err(|fault| Failure::because(format!("{command}: {fault}")))?;
         self.program.run(&line)?;
         write(&beside, Existing::Replace, format!("{command}\n"))?;
-        Ok(path)
+        Ok((path, Some(start.elapsed().as_secs_f64())))
     }
 
     /// The command in a file `.command`; `None` if it does not exist.
@@ -132,9 +148,10 @@ fn command_line(command: &str, path: &Path) -> Vec<OsString> {
         .collect()
 }
 
-/// The command file of a path: `models/dnn.safetensors.command` for `models/dnn.safetensors`.
-fn beside(path: &Path) -> PathBuf {
+/// The file of a path with another ending: `models/dnn.safetensors.command` for `models/dnn.safetensors`.
+fn beside(path: &Path, ending: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
-    name.push(".command");
+    name.push(".");
+    name.push(ending);
     PathBuf::from(name)
 }

@@ -27,3 +27,11 @@ pub use exit::{EXIT_TABLE, Exit, ExitRow};
 pub(crate) use failure::write_tables;
 pub use failure::{Failure, write};
 pub use readings::{add_noise, measured};
+
+/// What numbers depend on besides the options of a study.
+pub fn build() -> serde_json::Value {
+    serde_json::json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "build": if cfg!(debug_assertions) { "development" } else { "release" },
+    })
+}

@@ -10,6 +10,6 @@ mod tradeoff;
 pub(crate) use honesty::HonestyOptions;
 pub(crate) use months::MonthsOptions;
 pub(crate) use paper::PaperOptions;
-pub(crate) use shards::DataSetShards;
+pub(crate) use shards::{DataSetShards, StudyShards};
 pub(crate) use stability::StabilityOptions;
 pub(crate) use tradeoff::{AdviseOptions, TradeoffOptions};

@@ -6,6 +6,7 @@ use clap::Args;
 use outfile::GrowingFolder;
 use studies::tradeoff::PanelName;
 
+use super::shards::StudyShards;
 use crate::args::Replacing;
 
 #[derive(Debug, Args)]
@@ -22,9 +23,11 @@ pub(crate) struct TradeoffOptions {
     /// Random seed; only times differ between runs
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
-    /// Folder for the page, its figures and tables [default: tradeoff-quick or tradeoff-full]
+    /// Folder for the page, its figures and tables, the same for all shards [default: tradeoff-quick or tradeoff-full]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<GrowingFolder>,
+    #[command(flatten)]
+    pub(crate) shards: StudyShards,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
     /// Print every point, one JSON object per line

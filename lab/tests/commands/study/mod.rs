@@ -1,5 +1,6 @@
 //! Studies, and work in shards.
 
+mod division;
 mod paper;
 mod shards;
 mod stability;

@@ -1,6 +1,8 @@
 //! Figures of merit of a method's maps: per frame, and their means over a set.
 
 use eit::metrics::likeness;
+use serde::{Deserialize, Serialize};
+use shards::any_f64;
 
 use super::maps::{Frame, Judged};
 use super::raster::Raster;
@@ -27,7 +29,7 @@ pub struct OfFrame {
 }
 
 /// Means over the frames of one set, for one method.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Figures {
     /// The set and its noise.
     pub set: String,
@@ -36,21 +38,45 @@ pub struct Figures {
     /// Number of frames.
     pub frames: usize,
     /// Mean location error.
+    #[serde(with = "any_f64")]
     pub error_mm: f64,
     /// Largest location error.
+    #[serde(with = "any_f64")]
     pub worst_mm: f64,
     /// Correlation of the map with the truth, weighted by area.
+    #[serde(with = "any_f64")]
     pub correlation: f64,
     /// Norm of the difference from the truth over the norm of the truth.
+    #[serde(with = "any_f64")]
     pub relative_error: f64,
     /// Overlap of the parts at or above half of the largest loss.
+    #[serde(with = "any_f64")]
     pub dice: f64,
     /// Structural similarity of the rasters.
+    #[serde(with = "any_f64")]
     pub ssim: f64,
     /// NaN if no map shows anything to measure.
+    #[serde(with = "five")]
     pub greit: [f64; 5],
     /// Median time per frame.
+    #[serde(with = "any_f64")]
     pub ms: f64,
+}
+
+/// Five numbers that may be NaN.
+mod five {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    #[derive(Serialize, Deserialize)]
+    struct Number(#[serde(with = "shards::any_f64")] f64);
+
+    pub(super) fn serialize<S: Serializer>(values: &[f64; 5], to: S) -> Result<S::Ok, S::Error> {
+        values.map(Number).serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 5], D::Error> {
+        Ok(<[Number; 5]>::deserialize(from)?.map(|Number(value)| value))
+    }
 }
 
 /// Figures of every frame.

@@ -12,7 +12,9 @@ mod solvers;
 use std::path::Path;
 
 use outfile::Existing;
+use shards::{Division, StopRequest, Study};
 
+use crate::build;
 use crate::failure::{Failure, write_tables};
 use crate::progress;
 use cases::{contacts, contrast, creep, inverse, layers, meshes, order, radial, readings};
@@ -82,24 +84,38 @@ const fn not_built(number: u8, name: &'static str) -> Case {
 #[derive(Debug)]
 pub struct Table(Vec<(&'static Case, Option<Outcome>)>);
 
-/// Runs the cases with these numbers, 1 to 40, or all if empty.
+/// Runs the cases with these numbers, 1 to 40, or all if empty. A case is an item of work in shards.
 ///
 /// # Errors
-/// A case that cannot be computed. A violated bound is not an error, see [`Table::broken`].
-pub fn run(only: &[u8]) -> Result<Table, Failure> {
+/// A case that cannot be computed, or shards that cannot be used. A violated bound is not an error, see
+/// [`Table::broken`].
+pub fn run(
+    only: &[u8],
+    division: &Division,
+    stop: &StopRequest,
+) -> Result<shards::Outcome<Table>, Failure> {
     let wanted: Vec<&Case> = CASES
         .iter()
         .filter(|case| only.is_empty() || only.contains(&case.number))
         .collect();
+    let study = Study {
+        name: "stability",
+        settings: build(),
+        items: wanted
+            .iter()
+            .map(|case| format!("{} {}", case.number, case.name))
+            .collect(),
+    };
     let bar = progress::bar(wanted.len(), "hard cases");
-    let mut found = Vec::new();
-    for case in wanted {
-        let outcome = case.run.map(|run| run()).transpose()?;
+    let outcome = study.perform(division, stop, &mut |item| {
+        let outcome = wanted[item].run.map(|run| run()).transpose();
         bar.inc(1);
-        found.push((case, outcome));
-    }
+        outcome
+    })?;
     bar.finish_and_clear();
-    Ok(Table(found))
+    outcome.then(|outcomes: Vec<Option<Outcome>>| {
+        Ok(Table(wanted.iter().copied().zip(outcomes).collect()))
+    })
 }
 
 impl Table {
@@ -192,7 +208,7 @@ fn text(found: &[(&Case, Option<Outcome>)]) -> String {
             );
         }
         for check in &outcome.checks {
-            match check.naive {
+            match &check.naive {
                 Naive::Fails(_, instead) => {
                     notes += &format!("{:>4}  naive: {instead}\n", case.number);
                 }
@@ -223,7 +239,7 @@ fn lines(found: &[(&Case, Option<Outcome>)]) -> Vec<serde_json::Value> {
             continue;
         };
         for check in &outcome.checks {
-            let (naive, breaks) = match check.naive {
+            let (naive, breaks) = match &check.naive {
                 Naive::Error(error) => (serde_json::json!(error), Some(true)),
                 Naive::Fails(_, instead) => (serde_json::json!(instead), Some(true)),
                 Naive::Absent(why) => (serde_json::json!(why), None),

@@ -1,35 +1,44 @@
 //! Result of a hard case: the error of the naive implementation, ours, the bound, and whether it holds.
 
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
+
 use crate::failure::Failure;
 
+/// A text of the code, or of a shard.
+type Text = Cow<'static, str>;
+
 /// Result of the naive implementation.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Naive {
     /// Its error, in the measure of the check.
-    Error(f64),
+    Error(#[serde(with = "shards::any_f64")] f64),
     /// Its error was computed and is not finite: the error, and a description.
-    Fails(f64, &'static str),
+    Fails(#[serde(with = "shards::any_f64")] f64, Text),
     /// There is no naive implementation of this figure: why not. Nothing is compared.
-    Absent(&'static str),
+    Absent(Text),
     /// It does not fail here; the note of the case explains why.
-    Sound(f64),
+    Sound(#[serde(with = "shards::any_f64")] f64),
 }
 
 /// Side of the bound on which a figure must be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum Side {
     AtMost,
     AtLeast,
 }
 
 /// One line of the table.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Check {
     /// What is measured.
-    pub(crate) what: &'static str,
+    pub(crate) what: Text,
     pub(crate) naive: Naive,
+    #[serde(with = "shards::any_f64")]
     pub(crate) ours: f64,
     pub(crate) side: Side,
+    #[serde(with = "shards::any_f64")]
     pub(crate) bound: f64,
 }
 
@@ -37,7 +46,7 @@ impl Check {
     /// An error that may be at most `bound`.
     pub(crate) fn at_most(what: &'static str, naive: Naive, ours: f64, bound: f64) -> Self {
         Self {
-            what,
+            what: what.into(),
             naive,
             ours,
             side: Side::AtMost,
@@ -67,17 +76,17 @@ impl Check {
 
     /// Whether the naive implementation violates the bound, or is stated not to.
     pub(crate) fn naive_is_as_expected(&self) -> bool {
-        match self.naive {
-            Naive::Error(figure) => !self.within(figure),
+        match &self.naive {
+            Naive::Error(figure) => !self.within(*figure),
             Naive::Fails(figure, _) => !figure.is_finite(),
             Naive::Absent(_) => true,
-            Naive::Sound(figure) => self.within(figure),
+            Naive::Sound(figure) => self.within(*figure),
         }
     }
 }
 
 /// Result of a case.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Outcome {
     pub(crate) checks: Vec<Check>,
     /// Explanation of an unusual bound or of a naive implementation that does not fail; usually empty.
@@ -131,7 +140,7 @@ pub(crate) fn naive(error: f64, instead: &'static str) -> Naive {
     if error.is_finite() {
         Naive::Error(error)
     } else {
-        Naive::Fails(error, instead)
+        Naive::Fails(error, instead.into())
     }
 }
 
@@ -152,8 +161,8 @@ mod tests {
         let message = |naive| Check::at_most("x", naive, 0.5, 1.0).naive_is_as_expected();
         assert!(message(Naive::Error(2.0)) && !message(Naive::Error(0.5)));
         assert!(message(Naive::Sound(0.5)) && !message(Naive::Sound(2.0)));
-        assert!(message(naive(f64::NAN, "fails")) && !message(Naive::Fails(2.0, "fails")));
-        assert!(message(Naive::Absent("no form")));
+        assert!(message(naive(f64::NAN, "fails")) && !message(Naive::Fails(2.0, "fails".into())));
+        assert!(message(Naive::Absent("no form".into())));
     }
 
     #[test]

@@ -17,6 +17,7 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 use outfile::Existing;
+use shards::{Division, Outcome, StopRequest, Study};
 
 use crate::artifact_cache::{ArtifactCache, Program};
 use crate::failure::{Failure, write};
@@ -111,15 +112,18 @@ impl Effort {
 }
 
 /// Makes missing diagrams, draws them and writes the page; returns the path of the page if all diagrams were made.
-/// Calls `done` with each diagram.
+/// Calls `done` with each diagram. A diagram is an item of work in shards; its models and test sets are made once, in
+/// the folder that all shards use.
 ///
 /// # Errors
-/// A folder that belongs to another command, a damaged table, or a study that fails.
+/// A folder that belongs to another command, a damaged table, shards that cannot be used, or a study that fails.
 pub fn run(
     settings: &Settings,
     program: &dyn Program,
+    division: &Division,
+    stop: &StopRequest,
     done: &mut dyn FnMut(&Panel),
-) -> Result<Option<PathBuf>, Failure> {
+) -> Result<Outcome<Option<PathBuf>>, Failure> {
     let effort = Effort {
         full: settings.full,
         seed: settings.seed,
@@ -128,21 +132,61 @@ pub fn run(
         Some(folder) => folder.clone(),
         None => PathBuf::from(format!("tradeoff-{}", effort.name())),
     };
-    let place = ArtifactCache::new(folder, "tradeoff", settings.existing, program)?;
-    let wanted = |name: &&PanelName| settings.only.is_empty() || settings.only.contains(name);
-    let mut panels = Vec::new();
-    for name in PanelName::value_variants().iter().filter(wanted) {
-        let panel = made(*name, &effort, &place)?;
-        panel.draw(&place)?;
-        done(&panel);
-        panels.push(panel);
+    let wanted = |name: &PanelName| settings.only.is_empty() || settings.only.contains(name);
+    let names: Vec<PanelName> = PanelName::value_variants()
+        .iter()
+        .copied()
+        .filter(wanted)
+        .collect();
+    let mut described = effort.described();
+    if let Some(fields) = described.as_object_mut() {
+        // times depend on it, errors do not
+        fields.remove("threads");
     }
-    if !settings.only.is_empty() {
-        return Ok(None);
-    }
-    let path = place.path("index.html");
-    write(&path, Existing::Replace, page::page(&effort, &panels))?;
-    Ok(Some(path))
+    let study = Study {
+        name: "tradeoff",
+        settings: described,
+        items: names.iter().map(|name| name.name()).collect(),
+    };
+    let place = match division {
+        Division::Missing(..) => None,
+        _ => Some(ArtifactCache::new(
+            folder,
+            "tradeoff",
+            settings.existing,
+            program,
+        )?),
+    };
+    let place = place.as_ref();
+    let whole = *division == Division::Whole;
+    let outcome = study.perform(division, stop, &mut |item| {
+        let place = place.expect("a list of missing shards computes nothing");
+        let panel = made(names[item], &effort, place)?;
+        if whole {
+            panel.draw(place)?;
+            done(&panel);
+        }
+        Ok::<_, Failure>((panel, effort.described()))
+    })?;
+    outcome.then(|panels: Vec<(Panel, serde_json::Value)>| {
+        let place = place.expect("a list of missing shards has no results");
+        if !whole {
+            for (name, (panel, made_with)) in names.iter().zip(&panels) {
+                let mut table = panel.described(&effort);
+                table["settings"] = made_with.clone();
+                place.write(&format!("{}.json", name.name()), &table)?;
+                panel.draw(place)?;
+                done(panel);
+            }
+        }
+        if !settings.only.is_empty() {
+            return Ok(None);
+        }
+        let path = place.path("index.html");
+        let panels: Vec<Panel> = panels.into_iter().map(|(panel, _)| panel).collect();
+        write(&path, Existing::Replace, page::page(&effort, &panels))?;
+        Ok(Some(path))
+    })
 }
 
 /// The diagram from its table if the same settings made it, otherwise computed.

@@ -1,7 +1,6 @@
 //! Models and test sets for several diagrams.
 
 use std::path::PathBuf;
-use std::time::Instant;
 
 use outfile::Existing;
 
@@ -21,19 +20,15 @@ impl Trained {
     pub(crate) fn new(place: &ArtifactCache<'_>, words: &[&str]) -> Result<Self, Failure> {
         let name = words[1..].join("-").replace("--", "").replace('=', "-");
         let name = format!("models/{name}.safetensors");
-        let start = Instant::now();
-        let file = place.made(&name, words)?;
-        let took = start.elapsed().as_secs_f64();
+        let (file, took) = place.made_in(&name, words)?;
         let kept = place.path(&format!("{name}.seconds"));
-        let seconds = match std::fs::read_to_string(&kept)
-            .ok()
-            .and_then(|text| text.trim().parse().ok())
-        {
-            Some(seconds) if took < 0.5 * seconds => seconds,
-            _ => {
+        let stored = || std::fs::read_to_string(&kept).ok()?.trim().parse().ok();
+        let seconds = match took {
+            Some(took) => {
                 crate::failure::write(&kept, Existing::Replace, format!("{took}\n"))?;
                 took
             }
+            None => stored().unwrap_or(f64::NAN),
         };
         Ok(Self { file, seconds })
     }

@@ -1,11 +1,15 @@
 //! The hard cases by number: each satisfies its bound, and the naive implementation violates it or is stated not to.
 
 use serde_json::Value;
+use shards::{Division, Outcome, StopRequest};
 use studies::stability;
 
 /// Lines of the table for one case.
 fn found(number: u8) -> Vec<Value> {
-    let table = stability::run(&[number]).unwrap();
+    let whole = stability::run(&[number], &Division::Whole, &StopRequest::default());
+    let Ok(Outcome::All(table)) = whole else {
+        panic!("no table: {whole:?}");
+    };
     println!("{}", table.text());
     assert!(table.broken().is_empty());
     table.lines()

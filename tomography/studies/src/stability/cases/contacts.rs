@@ -257,7 +257,7 @@ pub(crate) fn narrow_electrode() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             TOO_FEW,
-            Naive::Absent("a mesh of triangles alone names no electrode"),
+            Naive::Absent("a mesh of triangles alone names no electrode".into()),
             unreported as f64,
             0.0,
         ),

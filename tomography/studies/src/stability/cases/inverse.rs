@@ -227,7 +227,7 @@ pub(crate) fn ends_of_lambda() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "maps of it that pass as 'no load'",
-            Naive::Absent("a matrix states no assumptions"),
+            Naive::Absent("a matrix states no assumptions".into()),
             f64::from(u8::from(!flagged)),
             0.0,
         ),

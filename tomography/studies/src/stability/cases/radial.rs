@@ -197,7 +197,7 @@ pub(crate) fn duplicates() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "rank reported of ten neurons on six different samples",
-            Naive::Absent("the paper's training counts neurons, not independent ones"),
+            Naive::Absent("the paper's training counts neurons, not independent ones".into()),
             report.rank as f64,
             6.0,
         ),
@@ -262,13 +262,13 @@ pub(crate) fn heavy_tails() -> Result<Outcome, Failure> {
     Ok(Outcome::of([
         Check::at_least(
             "b over the median distance, two samples of 200 far out",
-            Naive::Absent("Eq. 13 gives b and nothing to compare it with"),
+            Naive::Absent("Eq. 13 gives b and nothing to compare it with".into()),
             ruled,
             SPREAD_RULED,
         ),
         Check::at_most(
             "the same without them",
-            Naive::Absent("Eq. 13 gives b and nothing to compare it with"),
+            Naive::Absent("Eq. 13 gives b and nothing to compare it with".into()),
             light,
             SPREAD_RULED,
         ),

@@ -137,7 +137,7 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "maps whose count of masked readings is wrong",
-            Naive::Absent("what takes 9.9e37 for a voltage masks nothing"),
+            Naive::Absent("what takes 9.9e37 for a voltage masks nothing".into()),
             miscounted as f64,
             0.0,
         ),
@@ -229,7 +229,7 @@ pub(crate) fn reversed_leads() -> Result<Outcome, Failure> {
         ),
         Check::at_most(
             "a source with its leads reversed, accepted",
-            Naive::Absent("a magnitude has no sign to check"),
+            Naive::Absent("a magnitude has no sign to check".into()),
             f64::from(u8::from(taken)),
             0.0,
         ),

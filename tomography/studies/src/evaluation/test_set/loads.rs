@@ -1,0 +1,188 @@
+//! The loads of a test set, drawn from its random stream.
+
+use std::f64::consts::TAU;
+
+use eit::{Case, Mesh};
+use phantom::{Load, Shape, loss_of_pressure, paper, pressure_kpa};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::TestSetName;
+use crate::failure::Failure;
+
+/// Loss of conductance under a press.
+const LOSS: f64 = 0.5;
+/// Algorithm 1 of the paper: maximum polygons, radius (mm), vertices.
+const POLYGONS: usize = 4;
+const RADIUS_MM: f64 = 70.0;
+const VERTICES: usize = 5;
+
+/// Masses (kg) and diameters (mm) of the presses of known mass, used in turn.
+const MASSES_KG: [f64; 6] = [0.2, 0.5, 1.0, 2.0, 3.0, 4.0];
+const DIAMETERS_MM: [f64; 4] = [25.0, 30.0, 40.0, 50.0];
+
+/// The load of one frame.
+pub(crate) struct Pressed {
+    /// Mass, kg, if known.
+    pub(super) mass: Option<f64>,
+    pub(crate) loads: Vec<Load>,
+    /// Centre and diameter, mm, if the load is one disc.
+    pub(super) disc: Option<([f64; 2], f64)>,
+}
+
+/// The load of frame `k` of a set.
+pub(super) fn draw(set: TestSetName, k: usize, mesh: &Mesh, random: &mut ChaCha8Rng) -> Pressed {
+    match set {
+        TestSetName::Presses10 => press(mesh, 10.0, random),
+        TestSetName::Presses30 => press(mesh, 30.0, random),
+        TestSetName::Polygons => polygons(mesh, random),
+        TestSetName::Test1 => disc(paper::s1(paper::test1_positions()[k]), 10.0),
+        TestSetName::Test2 => {
+            let shape = [paper::s2, paper::s3, paper::s4][k / 3];
+            Pressed {
+                mass: None,
+                loads: vec![shape(paper::TEST2_MM[k % 3])],
+                disc: None,
+            }
+        }
+        TestSetName::Masses => mass(mesh, k, random),
+        TestSetName::Sizes => press(mesh, 20.0 * (1 + k / 4) as f64, random),
+    }
+}
+
+/// Relative change of every triangle of the case's region by covered shares; overlaps multiply.
+///
+/// # Errors
+/// A load without an area.
+pub fn true_map(case: &Case, loads: &[Load]) -> Result<Vec<f64>, Failure> {
+    let mut kept = vec![1.0; case.mesh.triangles().len()];
+    for load in loads {
+        let covered = load
+            .coverage(&case.mesh)
+            .map_err(|fault| Failure::of("the truth", &fault))?;
+        for (triangle, share) in covered {
+            kept[triangle] *= 1.0 - load.loss * share;
+        }
+    }
+    Ok(case.mesh.region().iter().map(|&t| kept[t] - 1.0).collect())
+}
+
+/// Lowest and highest corner of the region's centroids, mm.
+pub(crate) fn bounds(mesh: &Mesh) -> [[f64; 2]; 2] {
+    let mut low = [f64::INFINITY; 2];
+    let mut high = [f64::NEG_INFINITY; 2];
+    for centroid in mesh.region_centroids() {
+        for axis in 0..2 {
+            low[axis] = low[axis].min(centroid[axis] * 1e3);
+            high[axis] = high[axis].max(centroid[axis] * 1e3);
+        }
+    }
+    [low, high]
+}
+
+/// A disc at a random position, completely inside the region; diameter in mm.
+pub(crate) fn press(mesh: &Mesh, diameter: f64, random: &mut ChaCha8Rng) -> Pressed {
+    let [low, high] = bounds(mesh);
+    let margin = 0.5 * diameter;
+    let centre = [0, 1].map(|axis| {
+        let (from, to) = (low[axis] + margin, high[axis] - margin);
+        from + random.random::<f64>() * (to - from)
+    });
+    disc(Load::disc(centre, diameter, LOSS), diameter)
+}
+
+fn disc(load: Load, diameter: f64) -> Pressed {
+    Pressed {
+        mass: None,
+        disc: Some((load.centre_mm, diameter)),
+        loads: vec![load],
+    }
+}
+
+/// A press of known mass: all combinations of mass and diameter in turn, so that pressures repeat at several positions.
+fn mass(mesh: &Mesh, k: usize, random: &mut ChaCha8Rng) -> Pressed {
+    let (mass, diameter) = (MASSES_KG[k % 6], DIAMETERS_MM[(k + k / 12) % 4]);
+    let mut pressed = press(mesh, diameter, random);
+    let kpa = pressure_kpa(1e3 * mass, pressed.loads[0].shape.area());
+    pressed.loads[0].loss = loss_of_pressure(kpa, paper::HALF_KPA);
+    pressed.mass = Some(mass);
+    pressed
+}
+
+/// A case of Algorithm 1 with a load: drawn again until it has one. The polygons are clipped at the region's border as
+/// in training.
+pub(crate) fn polygons(mesh: &Mesh, random: &mut ChaCha8Rng) -> Pressed {
+    let [low, high] = bounds(mesh);
+    loop {
+        let mut loads = Vec::new();
+        for _ in 0..random.random_range(0..=POLYGONS) {
+            let centre =
+                [0, 1].map(|axis| low[axis] + random.random::<f64>() * (high[axis] - low[axis]));
+            let radius = random.random::<f64>() * RADIUS_MM;
+            let mut angles: Vec<f64> = (0..random.random_range(0..=VERTICES))
+                .map(|_| random.random::<f64>() * TAU)
+                .collect();
+            let loss = random.random::<f64>();
+            angles.sort_by(f64::total_cmp);
+            let points: Vec<[f64; 2]> = angles
+                .iter()
+                .map(|angle| {
+                    [
+                        centre[0] + radius * angle.cos(),
+                        centre[1] + radius * angle.sin(),
+                    ]
+                })
+                .collect();
+            let points = within(points, [low, high])
+                .into_iter()
+                .map(|p| [p[0] - centre[0], p[1] - centre[1]])
+                .collect();
+            let load = Load {
+                name: format!("polygon {}", loads.len() + 1),
+                shape: Shape::Polygon { points_mm: points },
+                centre_mm: centre,
+                turn_deg: 0.0,
+                loss,
+            };
+            if load.check().is_ok() {
+                loads.push(load);
+            }
+        }
+        let seen = |load: &Load| load.coverage(mesh).is_ok_and(|covered| !covered.is_empty());
+        loads.retain(seen);
+        if !loads.is_empty() {
+            return Pressed {
+                mass: None,
+                loads,
+                disc: None,
+            };
+        }
+    }
+}
+
+/// A convex polygon clipped by a box (Sutherland and Hodgman).
+fn within(mut points: Vec<[f64; 2]>, [low, high]: [[f64; 2]; 2]) -> Vec<[f64; 2]> {
+    for (axis, border, sign) in [
+        (0, low[0], 1.0),
+        (0, high[0], -1.0),
+        (1, low[1], 1.0),
+        (1, high[1], -1.0),
+    ] {
+        let depth = |p: &[f64; 2]| sign * (p[axis] - border);
+        let count = points.len();
+        let mut kept: Vec<[f64; 2]> = Vec::with_capacity(count + 1);
+        for k in 0..count {
+            let (p, q) = (points[(k + count - 1) % count], points[k]);
+            if (depth(&p) >= 0.0) != (depth(&q) >= 0.0) {
+                let share = depth(&p) / (depth(&p) - depth(&q));
+                kept.push([0, 1].map(|i| p[i] + share * (q[i] - p[i])));
+            }
+            if depth(&q) >= 0.0 {
+                kept.push(q);
+            }
+        }
+        points = kept;
+    }
+    points.dedup_by(|a, b| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-9);
+    points
+}
