@@ -146,6 +146,10 @@ mod outputs {
                 ("months --out", "months --quick --out {}"),
                 ("paper --out", "paper --quick --out {}"),
                 (
+                    "paper --parts",
+                    "paper --quick --shard 0/1 --parts {} --out {}",
+                ),
+                (
                     "reconstruct --out",
                     "reconstruct --case c --frames f --out {}",
                 ),

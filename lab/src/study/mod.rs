@@ -35,7 +35,12 @@ pub(crate) fn paper(options: &PaperOptions) -> Result<(), Failure> {
         folder: options.out.as_ref().map(|folder| folder.to_path_buf()),
         existing: options.replacing.existing(),
     };
-    match paper_study::run(&settings, &TactusLab)? {
+    let (division, stop) = divided(&options.shards)?;
+    let outcome = paper_study::run(&settings, &TactusLab, &division, &stop)?;
+    let Some(made) = report_of(outcome) else {
+        return Ok(());
+    };
+    match made {
         Made::Figure(files) => files
             .iter()
             .for_each(|file| print_line!("{}", file.display())),

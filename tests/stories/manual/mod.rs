@@ -8,6 +8,7 @@
 //! - **console**: the console blocks of README and manual run on a simulated rig
 
 mod cargo_commands;
+mod cluster;
 mod commands;
 mod console;
 mod links;

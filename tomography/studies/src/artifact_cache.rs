@@ -46,9 +46,14 @@ impl<'p> ArtifactCache<'p> {
         program: &'p dyn Program,
     ) -> Result<Self, Failure> {
         let made_by = folder.join(MADE_BY);
-        let own = std::fs::read_to_string(&made_by).is_ok_and(|text| text.trim_end() == command);
-        if !own {
-            outfile::make_folder(&folder, existing)?;
+        let own = || std::fs::read_to_string(&made_by).is_ok_and(|text| text.trim_end() == command);
+        // again after a look into the folder: another shard may have just created it
+        if !own() && !only_own_files(&folder) && !own() {
+            outfile::check_folder(&folder, existing)?;
+        }
+        outfile::make_folder(&folder, Existing::Replace)?;
+        let _held = shards::wait_for(&beside(&made_by, "lock"))?;
+        if !own() {
             write(&made_by, existing, format!("{command}\n"))?;
         }
         for inner in ["models", "sets"] {
@@ -139,6 +144,22 @@ impl<'p> ArtifactCache<'p> {
     pub(crate) fn resident_bytes(&self, model: &Path) -> Option<u64> {
         self.program.resident_bytes(model)
     }
+}
+
+/// Whether a folder is absent, or has no other files than those of [`ArtifactCache::new`], which another process may be
+/// writing.
+fn only_own_files(folder: &Path) -> bool {
+    let Ok(mut entries) = std::fs::read_dir(folder) else {
+        return true;
+    };
+    entries.all(|entry| {
+        entry.is_ok_and(|entry| {
+            let name = entry.file_name();
+            name.to_string_lossy()
+                .trim_start_matches('.')
+                .starts_with("tactus-lab")
+        })
+    })
 }
 
 fn command_line(command: &str, path: &Path) -> Vec<OsString> {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use outfile::GrowingFolder;
 
+use super::shards::StudyShards;
 use crate::args::Replacing;
 
 #[derive(Debug, Args)]
@@ -21,9 +22,11 @@ pub(crate) struct PaperOptions {
     /// Random seed; only times differ between runs
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,
-    /// Folder for the page, its figures and tables [default: paper-quick or paper-full]
+    /// Folder for the page, its figures and tables, the same for all shards [default: paper-quick or paper-full]
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<GrowingFolder>,
+    #[command(flatten)]
+    pub(crate) shards: StudyShards,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
     /// Print the table of claims, one JSON object per line

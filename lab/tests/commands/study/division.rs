@@ -56,20 +56,20 @@ fn merged_evaluation_equals_that_of_one_process() {
         "judge --set presses-30 --count 2 --seed 11 --out {}",
         &[&set],
     ));
-    let line = "evaluate --json --set {} --method one-step --method tv --method linear";
-    let whole = text(with_threads("2", line, &[&set]));
-    let listed = make_shards(line, 3, &[&set], &parts);
+    let line = "evaluate --json --set {} --set {} --method one-step --method tv-paper";
+    let whole = text(with_threads("2", line, &[&set, &set]));
+    let listed = make_shards(line, 3, &[&set, &set], &parts);
     assert_eq!(listed, "0\n");
     let merge = format!("{line} --merge 3 --parts {{}}");
-    let merged = text(with_threads("8", &merge, &[&set, &parts]));
+    let merged = text(with_threads("8", &merge, &[&set, &set, &parts]));
     assert_eq!(without_times(&merged), without_times(&whole));
-    assert_eq!(merged.lines().count(), 3);
+    assert_eq!(merged.lines().count(), 4);
     // another set in the same folder is another study
     done(&words(
         "judge --set presses-30 --count 2 --seed 12 --force --out {}",
         &[&set],
     ));
-    let refused = with_threads("1", &merge, &[&set, &parts]);
+    let refused = with_threads("1", &merge, &[&set, &set, &parts]);
     let message = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert_eq!(refused.status.code(), Some(2), "{message}");
     assert!(
@@ -157,4 +157,46 @@ fn shards_without_a_folder_are_refused() {
         assert_eq!(refused.status.code(), Some(2), "{line}");
         assert!(!parts.exists() && !other.exists(), "{line}");
     }
+}
+
+#[test]
+fn merged_figure_equals_that_of_one_process() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let line = "paper --quick --figure 7 --out {}";
+    text(with_threads("2", line, &[&at("whole")]));
+    // both at the same time: each model and test set is made by one of them
+    let shards: Vec<_> = ["0/2", "1/2"]
+        .into_iter()
+        .map(|shard| {
+            Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
+                .args(words(
+                    &format!("{line} --shard {shard} --parts {{}}"),
+                    &[&at("shared"), &at("parts")],
+                ))
+                .stderr(std::process::Stdio::piped())
+                .spawn()
+                .unwrap()
+        })
+        .collect();
+    let mut messages = String::new();
+    for shard in shards {
+        let output = shard.wait_with_output().unwrap();
+        messages += &String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{messages}");
+    }
+    for made in ["judge --set test-2", "train dnn", "train linear"] {
+        let runs = messages
+            .lines()
+            .filter(|line| line.starts_with(&format!("tactus-lab {made}")));
+        assert_eq!(runs.count(), 1, "{made}: {messages}");
+    }
+    let merge = format!("{line} --merge 2 --parts {{}}");
+    text(with_threads("8", &merge, &[&at("merged"), &at("parts")]));
+    for file in ["figure-7.png", "figure-7.svg", "figure-7-each.svg"] {
+        let read = |name: &str| std::fs::read(at(name).join(file)).unwrap();
+        assert!(read("merged") == read("whole"), "{file}");
+    }
+    // nothing is evaluated or trained for the report
+    assert!(!at("merged").join("sets/test-2-2uV").exists());
 }

@@ -190,3 +190,25 @@ fn missing_shards_are_listed_and_merged_when_made() {
     let (code, message) = refused(line, &[&case, &at("parts")]);
     assert_eq!(code, Some(2), "{message}");
 }
+
+#[test]
+fn shards_made_at_the_same_time_do_not_disturb_each_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let out = folder.path().join("set");
+    let children: Vec<Child> = (0..60)
+        .map(|index| {
+            let line = format!("dataset --shard {index}/60 --cases 120 --case {{}} --out {{}}");
+            started(&line, &[&case, &out])
+        })
+        .collect();
+    for child in children {
+        let (code, message) = ended(&child.wait_with_output().unwrap());
+        assert_eq!(code, Some(0), "{message}");
+    }
+    let output = lab(&words(
+        "dataset --missing 60 --cases 120 --case {} --out {}",
+        &[&case, &out],
+    ));
+    assert_eq!(output.stdout, b"\n");
+}

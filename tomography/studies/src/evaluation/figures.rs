@@ -10,21 +10,26 @@ use super::statistics::{average, median};
 use crate::failure::Failure;
 
 /// Figures of merit of one map.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct OfFrame {
     /// Distance from the true to the found position, if the load is one disc and the method finds one.
     pub error_mm: Option<f64>,
     /// Correlation of the map with the truth, weighted by area.
+    #[serde(with = "any_f64")]
     pub correlation: f64,
     /// Norm of the difference from the truth over the norm of the truth.
+    #[serde(with = "any_f64")]
     pub relative_error: f64,
     /// Overlap of the parts at or above half of the largest loss.
+    #[serde(with = "any_f64")]
     pub dice: f64,
     /// Structural similarity of the rasters.
+    #[serde(with = "any_f64")]
     pub ssim: f64,
     /// Amplitude, position error, resolution, shape deformation, ringing; `None` if the map shows nothing to measure.
     pub greit: Option<[f64; 5]>,
     /// The largest loss of the map, relative.
+    #[serde(with = "any_f64")]
     pub peak: f64,
 }
 

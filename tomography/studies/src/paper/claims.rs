@@ -285,11 +285,11 @@ fn noise(plan: &Plan, experiments: &Experiments) -> Option<Claim> {
     let share = |method: &'static str| -> Option<f64> {
         let draws: Vec<&Outcome> = experiments.at(method, 1, largest, 0.0).collect();
         let count = draws.len() as f64;
-        let frames = draws.first()?.frames.len();
+        let frames = draws.first()?.maps.len();
         let (mut differing, mut whole) = (0.0, 0.0);
         for k in 0..frames {
-            for t in 0..draws[0].frames[k].map.values.len() {
-                let values = || draws.iter().map(|draw| draw.frames[k].map.values[t]);
+            for t in 0..draws[0].maps[k].map.values.len() {
+                let values = || draws.iter().map(|draw| draw.maps[k].map.values[t]);
                 let mean = values().sum::<f64>() / count;
                 differing += values().map(|v| (v - mean).powi(2)).sum::<f64>() / (count - 1.0);
                 whole += mean * mean;

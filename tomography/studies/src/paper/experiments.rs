@@ -1,19 +1,17 @@
 //! The paper's two tests with every method: at each noise level, over draws of the noise, and on unevenly sprayed
 //! sheets.
 
-use super::plan::{Method, Plan};
-use crate::artifact_cache::ArtifactCache;
-use eit::Case;
-
-use crate::evaluation::{Figures, Frame, OfFrame, figures, maps, of_frames};
+use super::evaluation::{Artifact, Evaluations, FoundMap, Job};
+use super::plan::{DEEP, Method, Plan, RBF, TV};
+use crate::evaluation::{Figures, OfFrame};
 use crate::failure::Failure;
 
 /// Result of one method on one set.
 pub(super) struct Outcome {
     pub(super) method: &'static str,
     pub(super) set: Set,
-    pub(super) case: Case,
-    pub(super) frames: Vec<Frame>,
+    /// Its maps, for the paper's three methods.
+    pub(super) maps: Vec<FoundMap>,
     /// Figures of each frame.
     pub(super) of_frames: Vec<OfFrame>,
     /// Their means.
@@ -53,7 +51,7 @@ impl Experiments {
     /// Runs the experiments, or only those needed for one figure.
     pub(super) fn run(
         plan: &Plan,
-        place: &ArtifactCache<'_>,
+        evaluations: &Evaluations,
         methods: &[Method],
         figure: Option<u8>,
     ) -> Result<Self, Failure> {
@@ -85,23 +83,27 @@ impl Experiments {
         }
         let mut results = Vec::new();
         for set in sets {
-            let folder = folder(plan, place, set)?;
             for method in methods {
-                let papers = method.model.is_some() || method.name == super::plan::TV;
+                let papers = method.source.is_model() || method.name == TV;
                 // draws and sprayed sheets are for the paper's methods; the others would take hours
                 if (set.draw > 0 || set.spray > 0.0 || figure.is_some()) && !papers {
                     continue;
                 }
-                let judged = maps(&folder, method.name, &method.words)?;
-                let of_frames = of_frames(&judged)?;
+                let evaluated = evaluations.of(Job {
+                    method: method.name.to_owned(),
+                    source: method.source.clone(),
+                    set: test_set(plan, set),
+                    maps: [TV, DEEP, RBF].contains(&method.name),
+                })?;
+                let Some(figures) = evaluated.figures else {
+                    continue;
+                };
                 results.push(Outcome {
                     method: method.name,
                     set,
-                    figures: figures(method.name, &judged, &of_frames),
-                    of_frames,
-                    // the reconstructor is not kept: there are dozens of sets, and a network has 85 MB
-                    case: judged.case,
-                    frames: judged.frames,
+                    figures,
+                    of_frames: evaluated.of_frames,
+                    maps: evaluated.maps,
                 });
             }
         }
@@ -164,12 +166,8 @@ impl Experiments {
     }
 }
 
-/// The folder of a test set.
-pub(super) fn folder(
-    plan: &Plan,
-    place: &ArtifactCache<'_>,
-    set: Set,
-) -> Result<std::path::PathBuf, Failure> {
+/// A test set.
+pub(super) fn test_set(plan: &Plan, set: Set) -> Artifact {
     // never the seed of the training
     let seed = (1000 * (plan.seed + 1) + set.draw).to_string();
     let test = format!("test-{}", set.test);
@@ -192,5 +190,5 @@ pub(super) fn folder(
     if set.draw > 0 {
         name += &format!("-draw-{}", set.draw);
     }
-    place.made(&name, &words)
+    Artifact::new(name, &words)
 }

@@ -47,6 +47,7 @@ pub(super) fn mesh(place: &ArtifactCache<'_>, case: &Case) -> Result<Figure, Fai
 /// The paper's Figures 4 to 7, or one of them, each with a common scale and with a scale per map.
 pub(super) fn tests(
     place: &ArtifactCache<'_>,
+    case: &Case,
     experiments: &Experiments,
     wanted: &dyn Fn(u8) -> bool,
 ) -> Result<Vec<Figure>, Failure> {
@@ -59,7 +60,7 @@ pub(super) fn tests(
             continue;
         };
         let maps: Vec<(Map, Style)> = outcome
-            .frames
+            .maps
             .iter()
             .enumerate()
             .map(|(k, frame)| {
@@ -72,7 +73,7 @@ pub(super) fn tests(
                     }),
                     ..Style::default()
                 };
-                (in_siemens(&frame.map, &outcome.case), style)
+                (in_siemens(&frame.map, case), style)
             })
             .collect();
         let title =
@@ -81,7 +82,7 @@ pub(super) fn tests(
             place,
             &format!("figure-{number}"),
             &title,
-            &outcome.case,
+            case,
             &maps,
             4,
         )?);
@@ -97,7 +98,7 @@ pub(super) fn tests(
         let mut maps = Vec::new();
         for (row, load) in loads.iter().enumerate() {
             for outcome in &outcomes {
-                let Some(frame) = outcome.frames.get(3 * row + 1) else {
+                let Some(frame) = outcome.maps.get(3 * row + 1) else {
                     continue;
                 };
                 let style = Style {
@@ -107,12 +108,12 @@ pub(super) fn tests(
                     true_outline: load.outline(),
                     ..Style::default()
                 };
-                maps.push((in_siemens(&frame.map, &outcome.case), style));
+                maps.push((in_siemens(&frame.map, case), style));
             }
         }
-        if let Some(outcome) = outcomes.first() {
+        if !outcomes.is_empty() {
             let title = "Test #2: S2, S3 and S4 by three methods (the paper's Figure 7)";
-            figures.extend(both(place, "figure-7", title, &outcome.case, &maps, 3)?);
+            figures.extend(both(place, "figure-7", title, case, &maps, 3)?);
         }
     }
     Ok(figures)

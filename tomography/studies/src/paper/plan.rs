@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use eit::{Model, Report, model};
 
+use super::evaluation::{Artifact, Source};
 use crate::artifact_cache::ArtifactCache;
 use crate::failure::Failure;
 
@@ -35,9 +36,9 @@ pub(super) struct Plan {
 pub(super) struct Method {
     /// Name on the page.
     pub(super) name: &'static str,
-    /// Arguments of `reconstruct`.
-    pub(super) words: Vec<String>,
-    /// Its model, for a trained method.
+    /// Its options, or how its model is made.
+    pub(super) source: Source,
+    /// Its model, for a trained method that was loaded.
     pub(super) model: Option<Trained>,
 }
 
@@ -146,8 +147,8 @@ impl Plan {
         .collect()
     }
 
-    /// All methods, with trained networks.
-    pub(super) fn models(&self, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Failure> {
+    /// All methods; their networks are not made yet.
+    pub(super) fn methods(&self) -> Vec<Method> {
         let seed = self.seed.to_string();
         let cases = self.cases.to_string();
         let deep: Vec<String> = ["train", "dnn", "--profile", "paper"]
@@ -175,36 +176,21 @@ impl Plan {
         let linear: Vec<String> = linear.map(str::to_owned).to_vec();
         let plain = |name: &'static str, words: &str| Method {
             name,
-            words: words.split(' ').map(str::to_owned).collect(),
+            source: Source::options(words.split(' ')),
             model: None,
         };
-        let trained =
-            |name: &'static str, file: &str, words: &[String]| -> Result<Method, Failure> {
-                let words: Vec<&str> = words.iter().map(String::as_str).collect();
-                let file = place.made(file, &words)?;
-                let loaded = model::load(&file)
-                    .map_err(|fault| Failure::of("cannot use a trained model", &fault))?;
-                let resident = place.resident_bytes(&file);
-                let bytes = std::fs::metadata(&file)
-                    .map_err(|cause| Failure::of(&format!("{}", file.display()), &cause))?
-                    .len();
-                Ok(Method {
-                    name,
-                    words: vec!["--model".to_owned(), file.display().to_string()],
-                    model: Some(Trained {
-                        bytes,
-                        hash: loaded.hash().to_owned(),
-                        weights: weights(&loaded),
-                        resident,
-                        command: format!("tactus-lab {}", words.join(" ")),
-                        file,
-                    }),
-                })
-            };
+        let trained = |name: &'static str, file: &str, words: Vec<String>| Method {
+            name,
+            source: Source::Model(Artifact {
+                name: file.to_owned(),
+                words,
+            }),
+            model: None,
+        };
         let mut methods = vec![
             plain(TV, "--method tv-paper"),
-            trained(DEEP, "models/dnn-paper.safetensors", &deep)?,
-            trained(RBF, RBF_FILE, &self.rbf("paper", &[]))?,
+            trained(DEEP, "models/dnn-paper.safetensors", deep),
+            trained(RBF, RBF_FILE, self.rbf("paper", &[])),
             plain("TV", "--method tv"),
             plain("TV, losses only", "--method tv --loss-only"),
             plain("one-step", "--method one-step"),
@@ -212,18 +198,46 @@ impl Plan {
             trained(
                 "linear, trained",
                 "models/linear-matched.safetensors",
-                &linear,
-            )?,
+                linear,
+            ),
             trained(
                 "RBF, matched",
                 "models/rbf-matched.safetensors",
-                &self.rbf("matched", &[]),
-            )?,
+                self.rbf("matched", &[]),
+            ),
         ];
         if self.best {
             methods.push(plain("best", "--method best"));
         }
-        Ok(methods)
+        methods
+    }
+
+    /// Makes and loads the models of the methods.
+    pub(super) fn load(
+        &self,
+        place: &ArtifactCache<'_>,
+        methods: &mut [Method],
+    ) -> Result<(), Failure> {
+        for method in methods.iter_mut().filter(|method| method.model.is_none()) {
+            let Source::Model(artifact) = &method.source else {
+                continue;
+            };
+            let file = artifact.make(place)?;
+            let loaded = model::load(&file)
+                .map_err(|fault| Failure::of("cannot use a trained model", &fault))?;
+            let bytes = std::fs::metadata(&file)
+                .map_err(|cause| Failure::of(&format!("{}", file.display()), &cause))?
+                .len();
+            method.model = Some(Trained {
+                bytes,
+                hash: loaded.hash().to_owned(),
+                weights: weights(&loaded),
+                resident: place.resident_bytes(&file),
+                command: format!("tactus-lab {}", artifact.words.join(" ")),
+                file,
+            });
+        }
+        Ok(())
     }
 }
 

@@ -1,9 +1,9 @@
 //! Experiments that vary one parameter: the size of a load, Eq. 13's spread, the sheet and its electrodes.
 
-use super::experiments::{self, FIGURES_AT, Set};
+use super::evaluation::{Artifact, Evaluations, Job, Source, TEST_SET};
+use super::experiments::{FIGURES_AT, Set, test_set};
 use super::plan::{DEEP, Method, Plan, RBF, RBF_FILE, TV};
-use crate::artifact_cache::ArtifactCache;
-use crate::evaluation::{maps, mean_and_deviation, of_frames};
+use crate::evaluation::{OfFrame, mean_and_deviation};
 use crate::failure::Failure;
 
 /// Results for one varied parameter.
@@ -47,13 +47,13 @@ impl Sweep {
 
 pub(super) fn run(
     plan: &Plan,
-    place: &ArtifactCache<'_>,
+    evaluations: &Evaluations,
     methods: &[Method],
 ) -> Result<Vec<Sweep>, Failure> {
-    let mut sweeps = vec![alphas(plan, place)?];
-    sweeps.extend(sizes(plan, place, methods)?);
-    sweeps.push(spreads(plan, place)?);
-    sweeps.extend(sheets(plan, place)?);
+    let mut sweeps = vec![alphas(plan, evaluations)?];
+    sweeps.extend(sizes(plan, evaluations, methods)?);
+    sweeps.push(spreads(plan, evaluations)?);
+    sweeps.extend(sheets(plan, evaluations)?);
     Ok(sweeps)
 }
 
@@ -62,14 +62,30 @@ fn judging(plan: &Plan) -> String {
     (1000 * (plan.seed + 1)).to_string()
 }
 
+/// Figures of the frames of a set by one method.
+fn figures_of(
+    evaluations: &Evaluations,
+    method: &str,
+    source: &Source,
+    set: &Artifact,
+) -> Result<Vec<OfFrame>, Failure> {
+    let evaluated = evaluations.of(Job {
+        method: method.to_owned(),
+        source: source.clone(),
+        set: set.clone(),
+        maps: false,
+    })?;
+    Ok(evaluated.of_frames)
+}
+
 /// Loads of 20 to 140 mm, beyond the largest in training.
 fn sizes(
     plan: &Plan,
-    place: &ArtifactCache<'_>,
+    evaluations: &Evaluations,
     methods: &[Method],
 ) -> Result<Vec<Sweep>, Failure> {
     let seed = judging(plan);
-    let set = place.made("sets/sizes", &["judge", "--set", "sizes", "--seed", &seed])?;
+    let set = Artifact::new("sets/sizes", &["judge", "--set", "sizes", "--seed", &seed]);
     let (mut errors, mut dice) = (Vec::new(), Vec::new());
     for method in methods {
         let shown = [
@@ -83,8 +99,7 @@ fn sizes(
         if !shown.contains(&method.name) {
             continue;
         }
-        let judged = maps(&set, method.name, &method.words)?;
-        let frames = of_frames(&judged)?;
+        let frames = figures_of(evaluations, method.name, &method.source, &set)?;
         // four of each size, in order
         for (k, four) in frames.chunks(4).enumerate() {
             let across = 20.0 * (k + 1) as f64;
@@ -133,7 +148,7 @@ fn sizes(
 }
 
 /// alpha of Eq. 4, and true total variation for comparison.
-fn alphas(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
+fn alphas(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
     let mut points = Vec::new();
     // a horizontal line: true total variation does not depend on this alpha
     let power = |exponent: Option<&i32>| exponent.map(|&exponent| 10.0_f64.powi(exponent));
@@ -142,10 +157,10 @@ fn alphas(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
         .filter_map(power)
         .collect();
     for noise_uv in plan.noises.iter().copied().filter(|uv| *uv <= 20.0) {
-        let set = experiments::folder(plan, place, Set::even(1, noise_uv))?;
+        let set = test_set(plan, Set::even(1, noise_uv));
         let mut error = |curve: String, across: &[f64], words: &[&str]| -> Result<(), Failure> {
-            let words: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
-            let frames = of_frames(&maps(&set, &curve, &words)?)?;
+            let source = Source::options(words.iter().copied());
+            let frames = figures_of(evaluations, &curve, &source, &set)?;
             let errors: Vec<f64> = frames.iter().filter_map(|frame| frame.error_mm).collect();
             if errors.is_empty() {
                 return Ok(());
@@ -192,13 +207,13 @@ fn alphas(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
 }
 
 /// Eq. 13's spread times a factor, on held-out cases of Algorithm 1.
-fn spreads(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
+fn spreads(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
     let seed = judging(plan);
     let count = if plan.best { "100" } else { "10" };
     let mut points = Vec::new();
     for noise in ["2e-6", "396e-6"] {
-        let set = place.made(
-            &format!("sets/polygons-{noise}"),
+        let set = Artifact::new(
+            format!("sets/polygons-{noise}"),
             &[
                 "judge",
                 "--set",
@@ -210,7 +225,7 @@ fn spreads(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
                 "--seed",
                 &seed,
             ],
-        )?;
+        );
         for &times in plan.spreads {
             let factor = times.to_string();
             // the factor 1 is the paper's network, which exists already
@@ -221,11 +236,8 @@ fn spreads(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
                     plan.rbf("paper", &["--spread-times", &factor]),
                 ),
             };
-            let words: Vec<&str> = words.iter().map(String::as_str).collect();
-            let file = place.made(&name, &words)?;
-            let model = ["--model".to_owned(), file.display().to_string()];
-            let name = format!("{noise} V");
-            let frames = of_frames(&maps(&set, &name, &model)?)?;
+            let source = Source::Model(Artifact { name, words });
+            let frames = figures_of(evaluations, &format!("{noise} V"), &source, &set)?;
             let values: Vec<f64> = frames.iter().map(|frame| frame.correlation).collect();
             let (up, spread) = mean_and_deviation(&values);
             points.push(Point {
@@ -250,7 +262,7 @@ fn spreads(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Sweep, Failure> {
 }
 
 /// Other sheets and electrodes, with presses of 10 mm.
-fn sheets(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Vec<Sweep>, Failure> {
+fn sheets(plan: &Plan, evaluations: &Evaluations) -> Result<Vec<Sweep>, Failure> {
     let seed = judging(plan);
     let count = if plan.best { "16" } else { "4" };
     let (mut electrodes, mut sizes) = (Vec::new(), Vec::new());
@@ -277,25 +289,19 @@ fn sheets(plan: &Plan, place: &ArtifactCache<'_>) -> Result<Vec<Sweep>, Failure>
             words.extend(["--measure", measure]);
         }
         let name = format!("sets/sheet-{scale}-{ring}");
-        let set = place.made(&name, &words)?;
-        let case = set.display().to_string();
-        let trained = plan.rbf("paper", &["--case", &case]);
-        let trained: Vec<&str> = trained.iter().map(String::as_str).collect();
-        let file = place.made(
-            &format!("models/rbf-sheet-{scale}-{ring}.safetensors"),
-            &trained,
-        )?;
-        for (method, words) in [
-            (RBF, vec!["--model".to_owned(), file.display().to_string()]),
+        let set = Artifact::new(name, &words);
+        let trained = Artifact {
+            name: format!("models/rbf-sheet-{scale}-{ring}.safetensors"),
+            words: plan.rbf("paper", &["--case", TEST_SET]),
+        };
+        for (method, source) in [
+            (RBF, Source::Model(trained)),
             (
                 "one-step, losses only",
-                ["--method", "one-step", "--loss-only"]
-                    .map(str::to_owned)
-                    .to_vec(),
+                Source::options(["--method", "one-step", "--loss-only"]),
             ),
         ] {
-            let judged = maps(&set, method, &words)?;
-            let frames = of_frames(&judged)?;
+            let frames = figures_of(evaluations, method, &source, &set)?;
             let errors: Vec<f64> = frames.iter().filter_map(|frame| frame.error_mm).collect();
             if errors.is_empty() {
                 continue;

@@ -77,9 +77,10 @@ pub(super) fn close(
         "cases": cases.len(),
         "header": header,
     });
+    // another process that waited for the lock may have made the same file since
     outfile::write(
         &paths.manifest,
-        Existing::Refuse,
+        Existing::Replace,
         format!("{manifest:#}\n").as_bytes(),
     )?;
     Ok(hash)
@@ -141,7 +142,13 @@ fn first_line(path: &Path, own: Option<&Value>) -> Result<Option<Value>, DataSet
             " is no shard of this set: remove it, or give another --out",
         )
     };
-    let found = std::fs::symlink_metadata(path).map_err(failed)?;
+    // another process may have completed and renamed its part since the folder was listed
+    let absent = |cause: &std::io::Error| cause.kind() == std::io::ErrorKind::NotFound;
+    let found = match std::fs::symlink_metadata(path) {
+        Ok(found) => found,
+        Err(cause) if absent(&cause) => return Ok(None),
+        Err(cause) => return Err(failed(cause)),
+    };
     if !found.is_file() {
         return if own.is_some() {
             Err(refused())
@@ -149,8 +156,13 @@ fn first_line(path: &Path, own: Option<&Value>) -> Result<Option<Value>, DataSet
             Ok(None)
         };
     }
+    let file = match File::open(path) {
+        Ok(file) => file,
+        Err(cause) if absent(&cause) => return Ok(None),
+        Err(cause) => return Err(failed(cause)),
+    };
     let mut line = Vec::new();
-    BufReader::new(File::open(path).map_err(failed)?.take(LONGEST))
+    BufReader::new(file.take(LONGEST))
         .read_until(b'\n', &mut line)
         .map_err(failed)?;
     if line.ends_with(b"\n") {

@@ -1,0 +1,166 @@
+//! The evaluations of the study: methods on test sets, each an item of work in shards. The code that uses the results
+//! also lists them, in a first pass without results, so that list and use agree.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use survey::Map;
+
+use crate::artifact_cache::ArtifactCache;
+use crate::evaluation::{Figures, OfFrame, figures, maps, of_frames};
+use crate::failure::Failure;
+
+/// In the command of a model: the folder of the test set that it is evaluated on.
+pub(super) const TEST_SET: &str = "{set}";
+
+/// A file or folder of the output folder, and the command that makes it.
+#[derive(Debug, Clone)]
+pub(super) struct Artifact {
+    pub(super) name: String,
+    pub(super) words: Vec<String>,
+}
+
+impl Artifact {
+    pub(super) fn new(name: impl Into<String>, words: &[&str]) -> Self {
+        Self {
+            name: name.into(),
+            words: words.iter().map(|word| (*word).to_owned()).collect(),
+        }
+    }
+
+    /// Its path; it is made if it does not exist.
+    pub(super) fn make(&self, place: &ArtifactCache<'_>) -> Result<PathBuf, Failure> {
+        let words: Vec<&str> = self.words.iter().map(String::as_str).collect();
+        place.made(&self.name, &words)
+    }
+}
+
+/// Options of `reconstruct`, or a model that is made.
+#[derive(Debug, Clone)]
+pub(super) enum Source {
+    Options(Vec<String>),
+    Model(Artifact),
+}
+
+impl Source {
+    pub(super) fn options<'w>(words: impl IntoIterator<Item = &'w str>) -> Self {
+        Self::Options(words.into_iter().map(str::to_owned).collect())
+    }
+
+    pub(super) fn is_model(&self) -> bool {
+        matches!(self, Self::Model(_))
+    }
+}
+
+/// A method on a test set.
+#[derive(Debug, Clone)]
+pub(super) struct Job {
+    /// The method, for people.
+    pub(super) method: String,
+    pub(super) source: Source,
+    pub(super) set: Artifact,
+    /// Whether the maps are drawn or compared, besides their figures.
+    pub(super) maps: bool,
+}
+
+impl Job {
+    /// Everything that determines the result, but for the build.
+    pub(super) fn name(&self) -> String {
+        let source = match &self.source {
+            Source::Options(words) => words.join(" "),
+            Source::Model(artifact) => format!("{} by {}", artifact.name, artifact.words.join(" ")),
+        };
+        let maps = if self.maps { ", with maps" } else { "" };
+        format!(
+            "{} by {}: {source}{maps}",
+            self.set.name,
+            self.set.words.join(" ")
+        )
+    }
+
+    /// Makes what the job needs, and evaluates the method.
+    pub(super) fn run(&self, place: &ArtifactCache<'_>) -> Result<Evaluated, Failure> {
+        let folder = self.set.make(place)?;
+        let words = match &self.source {
+            Source::Options(words) => words.clone(),
+            Source::Model(artifact) => {
+                let mut artifact = artifact.clone();
+                for word in artifact.words.iter_mut().filter(|word| *word == TEST_SET) {
+                    *word = folder.display().to_string();
+                }
+                let file = artifact.make(place)?;
+                vec!["--model".to_owned(), file.display().to_string()]
+            }
+        };
+        let judged = maps(&folder, &self.method, &words)?;
+        let of_frames = of_frames(&judged)?;
+        let figures = figures(&self.method, &judged, &of_frames);
+        let kept = judged.frames.into_iter().filter(|_| self.maps);
+        Ok(Evaluated {
+            figures: Some(figures),
+            of_frames,
+            maps: kept
+                .map(|frame| FoundMap {
+                    map: frame.map,
+                    place: frame.place,
+                })
+                .collect(),
+        })
+    }
+}
+
+/// A map, and where the load is, if it is one disc.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct FoundMap {
+    pub(super) map: Map,
+    pub(super) place: Option<[f64; 2]>,
+}
+
+/// The result of a job; empty in the first pass.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(super) struct Evaluated {
+    pub(super) figures: Option<Figures>,
+    pub(super) of_frames: Vec<OfFrame>,
+    pub(super) maps: Vec<FoundMap>,
+}
+
+/// The jobs of a study, or their results.
+pub(super) enum Evaluations {
+    /// The first pass collects the jobs.
+    Listing(RefCell<Vec<Job>>),
+    /// The second pass uses the results, by the names of the jobs.
+    Known(BTreeMap<String, Evaluated>),
+}
+
+impl Evaluations {
+    pub(super) fn listing() -> Self {
+        Self::Listing(RefCell::new(Vec::new()))
+    }
+
+    /// The result of a job; in the first pass, an empty one.
+    pub(super) fn of(&self, job: Job) -> Result<Evaluated, Failure> {
+        match self {
+            Self::Listing(jobs) => {
+                jobs.borrow_mut().push(job);
+                Ok(Evaluated::default())
+            }
+            Self::Known(results) => results
+                .get(&job.name())
+                .cloned()
+                .ok_or_else(|| Failure::because(format!("{} was not evaluated", job.name()))),
+        }
+    }
+
+    /// The collected jobs, each once, in the order of their use.
+    pub(super) fn jobs(self) -> Vec<Job> {
+        let Self::Listing(jobs) = self else {
+            return Vec::new();
+        };
+        let mut names = std::collections::BTreeSet::new();
+        let mut jobs = jobs.into_inner();
+        jobs.retain(|job| names.insert(job.name()));
+        jobs
+    }
+}
