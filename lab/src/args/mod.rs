@@ -153,7 +153,7 @@ pub(crate) struct TestSetOptions {
     #[arg(long, value_name = "DIR")]
     pub(crate) case: Option<PathBuf>,
     /// Folder to write, new or empty
-    #[arg(long, value_name = "DIR", required_unless_present_any = ["shard", "missing"])]
+    #[arg(long, value_name = "DIR", required_unless_present_any = ["shard", "missing"], conflicts_with_all = ["shard", "missing"])]
     pub(crate) out: Option<OutFolder>,
     #[command(flatten)]
     pub(crate) shards: StudyShards,

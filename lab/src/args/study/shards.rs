@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use outfile::GrowingFolder;
 use shards::{Division, Shard, parse_count};
 
@@ -25,18 +25,19 @@ pub(crate) struct DataSetShards {
 
 /// Shards of a study.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("share").args(["shard", "missing", "merge"]))]
 pub(crate) struct StudyShards {
     /// Compute only shard I of N, I from 0 to N - 1, into the folder of --parts
-    #[arg(long, value_name = "I/N", requires = "parts", conflicts_with_all = ["missing", "merge"])]
+    #[arg(long, value_name = "I/N", requires = "parts")]
     shard: Option<Shard>,
     /// Print the numbers of the N shards that are not complete, in the form of `sbatch --array` [default: compute]
-    #[arg(long, value_name = "N", value_parser = parse_count, requires = "parts", conflicts_with = "merge")]
+    #[arg(long, value_name = "N", value_parser = parse_count, requires = "parts")]
     missing: Option<usize>,
     /// Make the ordinary result of the N complete shards in the folder of --parts [default: compute]
     #[arg(long, value_name = "N", value_parser = parse_count, requires = "parts")]
     merge: Option<usize>,
     /// Folder of the shards
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", requires = "share")]
     parts: Option<GrowingFolder>,
 }
 

@@ -150,6 +150,8 @@ fn shards_without_a_folder_are_refused() {
         "stability --only 40 --merge 2",
         "evaluate --missing 2 --merge 2 --parts {}",
         "evaluate --shard 0/2 --parts {} --picture {}",
+        "judge --set presses-10 --shard 0/2 --parts {} --out {}",
+        "stability --only 40 --parts {}",
     ] {
         let folder = tempfile::tempdir().unwrap();
         let (parts, other) = (folder.path().join("parts"), folder.path().join("other"));
