@@ -185,6 +185,7 @@ pub fn frames(
             "count": drawn.len(),
             "noise_v": options.noise_v,
             "spray": options.spray,
+            "sheet_seed": options.sheet_seed,
             "geometry": case.mesh.hash(),
             "survey": case.protocol.hash(),
             "currents": case.currents,
