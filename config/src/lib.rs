@@ -12,6 +12,7 @@
 //! ```
 
 mod alarm;
+mod archive;
 pub mod numbers;
 mod observing;
 pub mod problems;
@@ -23,6 +24,7 @@ use imaging::{GeometrySettings, ReconstructionSettings};
 use serde::{Deserialize, Serialize};
 
 pub use alarm::{AlarmSettings, HealthValue, Limit, Watched};
+pub use archive::ArchiveSection;
 pub use observing::{MetricsSection, NotifySection};
 
 /// The whole file.
@@ -73,6 +75,9 @@ pub struct Config {
     pub notify: NotifySection,
     /// `[metrics]`.
     pub metrics: MetricsSection,
+    /// `[archive]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub archive: Option<ArchiveSection>,
 }
 
 /// Where frames come from.
@@ -457,6 +462,9 @@ impl Config {
             if name.contains(['/', '.']) {
                 *name = folder.join(&*name).to_string_lossy().into_owned();
             }
+        }
+        if let Some(archive) = &mut self.archive {
+            archive.resolve(folder);
         }
         self.record
             .directory

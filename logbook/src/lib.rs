@@ -72,6 +72,9 @@ pub use crate::maintenance::prune::{
     ExportMarker, KeptSession, Pruned, Removed, Retention, exported, folder_bytes, mark_exported,
     prune,
 };
+pub use crate::maintenance::receipts::{
+    ArchiveReceipt, archived, mark_archived, receipt, sha256_of,
+};
 pub use crate::maintenance::repair::{CUT, LostFrames, Repaired, repair};
 pub use crate::maintenance::verify::{Finding, Gap, Verified, parts, verify};
 pub use crate::writer::size::{Volume, volume};
@@ -79,7 +82,9 @@ pub use header::{
     About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,
     SessionSummary, Taken,
 };
-pub use quantities::{append_quantities, quantities};
+pub use quantities::{
+    QuantityLine, QuantityLines, append_quantities, quantities_file, quantity_lines,
+};
 pub use reader::{Frames, SessionReader};
 pub use tracking::{keep_tracking, tracking};
 pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage};

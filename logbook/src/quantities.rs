@@ -15,7 +15,8 @@ const QUANTITIES: &str = "quantities";
 /// Digits of the checksum.
 const DIGITS: usize = 8;
 
-fn path(dir: &Path, id: &str) -> PathBuf {
+/// The file with the quantities of a session.
+pub fn quantities_file(dir: &Path, id: &str) -> PathBuf {
     dir.join(id).with_extension(QUANTITIES)
 }
 
@@ -24,7 +25,7 @@ fn path(dir: &Path, id: &str) -> PathBuf {
 /// # Errors
 /// A disk error.
 pub fn append_quantities(dir: &Path, id: &str, json: &str) -> Result<(), LogbookError> {
-    let path = path(dir, id);
+    let path = quantities_file(dir, id);
     let line = format!("{} {json}\n", &checksum(json)[..DIGITS]);
     let append = || -> std::io::Result<()> {
         let mut file = OpenOptions::new()
@@ -52,25 +53,46 @@ fn ends_with_newline(file: &mut std::fs::File) -> std::io::Result<bool> {
     Ok(last == *b"\n")
 }
 
-/// The lines of JSON of this session, and the number of lines that are damaged; `None` if there is no file.
+/// A line of quantities.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct QuantityLine {
+    /// Number of the line in the file, from 1. Lines are only appended, so it stays the same.
+    pub number: u64,
+    /// Its JSON.
+    pub json: String,
+}
+
+/// The quantities of a session.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct QuantityLines {
+    /// The lines that are whole, in the order of writing.
+    pub lines: Vec<QuantityLine>,
+    /// How many are damaged.
+    pub damaged: usize,
+}
+
+/// The quantities of this session; `None` if there is no file.
 ///
 /// # Errors
 /// A file that cannot be read.
-pub fn quantities(dir: &Path, id: &str) -> Result<Option<(Vec<String>, usize)>, LogbookError> {
-    let path = path(dir, id);
+pub fn quantity_lines(dir: &Path, id: &str) -> Result<Option<QuantityLines>, LogbookError> {
+    let path = quantities_file(dir, id);
     let text = match std::fs::read(&path) {
         Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
         Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(LogbookError::disk(&path, "read the quantities of", source)),
     };
     let (mut lines, mut damaged) = (Vec::new(), 0);
-    for line in text.lines() {
+    for (number, line) in (1..).zip(text.lines()) {
         match line.split_once(' ') {
-            Some((sum, json)) if sum == &checksum(json)[..DIGITS] => lines.push(json.to_owned()),
+            Some((sum, json)) if sum == &checksum(json)[..DIGITS] => lines.push(QuantityLine {
+                number,
+                json: json.to_owned(),
+            }),
             _ => damaged += 1,
         }
     }
-    Ok(Some((lines, damaged)))
+    Ok(Some(QuantityLines { lines, damaged }))
 }
 
 #[cfg(test)]
@@ -81,7 +103,7 @@ mod tests {
     fn lines_are_appended_and_damaged_ones_are_counted() {
         let folder = tempfile::tempdir().unwrap();
         let dir = folder.path();
-        assert_eq!(quantities(dir, "m1").unwrap(), None);
+        assert_eq!(quantity_lines(dir, "m1").unwrap(), None);
         append_quantities(dir, "m1", "{\"a\":1}").unwrap();
         append_quantities(dir, "m1", "{\"a\":2}").unwrap();
         let file = dir.join("m1.quantities");
@@ -89,10 +111,13 @@ mod tests {
         // a power cut in the second line, then a third one
         std::fs::write(&file, &whole[..whole.len() - 3]).unwrap();
         append_quantities(dir, "m1", "{\"a\":3}").unwrap();
-        let (lines, damaged) = quantities(dir, "m1").unwrap().unwrap();
-        assert_eq!(
-            (lines.join(""), damaged),
-            ("{\"a\":1}{\"a\":3}".to_owned(), 1)
-        );
+        let found = quantity_lines(dir, "m1").unwrap().unwrap();
+        let lines: Vec<_> = found
+            .lines
+            .iter()
+            .map(|line| (line.number, line.json.as_str()))
+            .collect();
+        assert_eq!(lines, [(1, "{\"a\":1}"), (3, "{\"a\":3}")]);
+        assert_eq!(found.damaged, 1);
     }
 }

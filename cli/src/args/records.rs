@@ -81,6 +81,9 @@ pub struct Prune {
     /// Remove only sessions that `tactus export --format csv` has exported completely; without another rule: all of them
     #[arg(long, group = "rule")]
     pub exported_only: bool,
+    /// Remove only sessions that the archive holds as they are now, with a receipt of `tactus-archive`; without another rule: all of them
+    #[arg(long, group = "rule")]
+    pub archived_only: bool,
     /// Only list what would be removed
     #[arg(long)]
     pub dry_run: bool,

@@ -181,6 +181,7 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
         older_than: asked.older_than,
         keep_bytes: asked.keep_bytes,
         exported_only: asked.exported_only,
+        archived_only: asked.archived_only,
         ring: false,
     };
     let (verb, participle) = match asked.dry_run {

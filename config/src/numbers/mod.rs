@@ -130,6 +130,7 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("notify.no_frame_s", Above(0.0, LONGEST_S)),
     ("notify.deadline_s", Above(0.0, 600.0)),
     ("notify.again_s", Above(0.0, LONGEST_S)),
+    ("archive.every_s", Within(1.0, 86_400.0)),
 ];
 
 /// Longest free text, bytes: a note, or a description of sheet, foam, ink and operator.

@@ -3,5 +3,6 @@
 
 pub(crate) mod leftovers;
 pub(crate) mod prune;
+pub(crate) mod receipts;
 pub(crate) mod repair;
 pub(crate) mod verify;

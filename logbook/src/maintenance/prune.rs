@@ -27,6 +27,8 @@ pub struct Retention {
     pub keep_bytes: Option<u64>,
     /// Of those only completely exported ones; alone: all exported ones.
     pub exported_only: bool,
+    /// Of those only ones that the archive holds; alone: all that it holds.
+    pub archived_only: bool,
     /// Whether the earlier, closed parts of a running session may be removed too (a ring).
     pub ring: bool,
 }
@@ -163,6 +165,8 @@ pub fn prune(
             Some("it is the newest baseline")
         } else if retention.exported_only && exported(&session.path).is_none() {
             Some("it has not been exported")
+        } else if retention.archived_only && super::receipts::archived(&session.path).is_none() {
+            Some("the archive has no receipt for it as it is now")
         } else if session.kind == SessionKind::Baseline
             && needed
                 .get_or_insert_with(|| needed_baselines(&sessions, &going))
@@ -233,8 +237,16 @@ fn due(
         }
         _ => {}
     }
-    (retention.exported_only && retention.older_than.is_none() && retention.keep_bytes.is_none())
-        .then(|| "it has been exported".to_owned())
+    let rules = [
+        (retention.exported_only, "exported"),
+        (retention.archived_only, "archived"),
+    ];
+    let names: Vec<&str> = rules
+        .iter()
+        .filter_map(|(set, name)| set.then_some(*name))
+        .collect();
+    let alone = retention.older_than.is_none() && retention.keep_bytes.is_none();
+    (alone && !names.is_empty()).then(|| format!("it has been {}", names.join(" and ")))
 }
 
 /// The files of a folder by session: its own file, journals, marker, transcripts of failed frames. One directory scan;

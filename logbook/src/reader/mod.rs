@@ -124,7 +124,7 @@ impl SessionReader {
     }
 
     /// Whether no companion journal is part of the session.
-    pub(crate) fn is_folded(&self) -> bool {
+    pub fn is_folded(&self) -> bool {
         self.mode == JournalMode::Rollback
     }
 

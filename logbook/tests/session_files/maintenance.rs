@@ -1,5 +1,7 @@
 //! Records looked over, saved from damage, and pruned.
 
+mod receipts;
+
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 

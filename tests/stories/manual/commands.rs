@@ -6,12 +6,13 @@ use clap::{Arg, Command};
 use super::pages;
 
 /// The programs' own definitions.
-pub fn programs() -> [Command; 4] {
+pub fn programs() -> [Command; 5] {
     [
         cli::command(),
         daemon::command(),
         simulator::command(),
         lab::command(),
+        archive::command(),
     ]
 }
 

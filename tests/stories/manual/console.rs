@@ -85,7 +85,14 @@ impl Player {
         let place = &line.place;
         let program = line.words[0].as_str();
         assert!(
-            ["tactus", "tactusd", "tactus-sim", "tactus-lab"].contains(&program),
+            [
+                "tactus",
+                "tactusd",
+                "tactus-sim",
+                "tactus-lab",
+                "tactus-archive"
+            ]
+            .contains(&program),
             "{place}: `{program}` cannot be run here: mark the block `console,norun`"
         );
         if program == "tactusd" && line.words[1..] == ["--config", "config.toml"] {

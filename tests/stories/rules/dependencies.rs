@@ -135,7 +135,15 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     (
         "archive",
-        &["config", "dbus", "imaging", "logbook", "outfile", "survey"],
+        &[
+            "config",
+            "dbus",
+            "help-examples",
+            "imaging",
+            "logbook",
+            "outfile",
+            "survey",
+        ],
     ),
     (
         "demo",

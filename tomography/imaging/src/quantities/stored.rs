@@ -70,13 +70,14 @@ pub fn stored(
     folder: &Path,
     session: &str,
 ) -> Result<Option<(Vec<QuantityRow>, usize)>, LogbookError> {
-    let Some((lines, mut damaged)) = logbook::quantities(folder, session)? else {
+    let Some(found) = logbook::quantity_lines(folder, session)? else {
         return Ok(None);
     };
+    let mut damaged = found.damaged;
     let mut rows = Vec::new();
-    for line in lines {
+    for line in found.lines {
         // a later version may have quantities that this one does not know
-        let Ok(span) = serde_json::from_str::<StoredSpan>(&line) else {
+        let Ok(span) = serde_json::from_str::<StoredSpan>(&line.json) else {
             damaged += 1;
             continue;
         };

@@ -1,0 +1,75 @@
+//! The command line of `tactus-archive`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed or not everything is archived, 2 usage, 75 store or catalogue cannot \
+                          be reached now: try again later, 78 configuration";
+
+/// Takes closed sessions to the archive: files to a store, their catalogue to PostgreSQL.
+#[derive(Debug, Parser)]
+#[command(name = "tactus-archive", version, max_term_width = 100, after_long_help = EXIT_CODES)]
+pub(crate) struct Arguments {
+    /// The configuration of the daemon, with a section [archive]; relative paths in it are relative to its folder.
+    #[arg(
+        long,
+        value_name = "FILE",
+        default_value = "/etc/tactus/config.toml",
+        global = true
+    )]
+    pub config: PathBuf,
+    /// Print one JSON object per line.
+    #[arg(long, global = true)]
+    pub json: bool,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Take everything to the archive that it lacks, once
+    Push,
+    /// Take everything to the archive that it lacks, again and again; waits longer after failures
+    Run,
+    /// Compare the record of this machine with the catalogue
+    Status,
+    /// Get the parts of a session out of the archive, each verified by its hash
+    Pull(Pull),
+    /// Read every part in the store and compare it with the catalogue
+    Verify(Filter),
+    /// Create the tables of the catalogue, or bring them to this version (as the owner of the database)
+    Migrate,
+    /// Give a site to a role of PostgreSQL, which may then add and see its rows (as the owner of the database)
+    AddSite(AddSite),
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Filter {
+    /// Only of this site [default: all that the role may see]
+    #[arg(long, value_name = "NAME")]
+    pub site: Option<String>,
+    /// Only of this machine [default: all]
+    #[arg(long, value_name = "NAME")]
+    pub daq: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Pull {
+    /// Session: its whole id
+    pub session: String,
+    /// Existing folder for the files; a file that is there already is kept and verified
+    #[arg(long, value_name = "FOLDER")]
+    pub into: PathBuf,
+    #[command(flatten)]
+    pub of: Filter,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct AddSite {
+    /// The site: a to z, 0 to 9, _ and -
+    pub site: String,
+    /// An existing role that may log in
+    #[arg(long, value_name = "ROLE")]
+    pub role: String,
+}

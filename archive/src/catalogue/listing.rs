@@ -1,0 +1,79 @@
+//! What the catalogue lists: the parts of sites, machines and sessions.
+
+use serde::Serialize;
+
+use super::{Catalogue, CatalogueError};
+use crate::store::PartName;
+
+/// Which parts.
+#[derive(Debug, Clone, Default)]
+pub struct Selection {
+    /// Of this site; of all that this role may see if `None`.
+    pub site: Option<String>,
+    /// Of this machine.
+    pub daq: Option<String>,
+    /// Of this session.
+    pub session: Option<String>,
+}
+
+/// A part as the catalogue has it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ArchivedPart {
+    /// Site.
+    pub site: String,
+    /// Machine.
+    pub daq: String,
+    /// Session.
+    pub session: String,
+    /// Part.
+    pub part: String,
+    /// SHA-256, hexadecimal.
+    pub sha256: String,
+    /// Size, bytes.
+    pub bytes: u64,
+    /// Sequence of its first frame.
+    pub first_sequence: u64,
+    /// Frames in it.
+    pub frames: u64,
+}
+
+impl ArchivedPart {
+    /// Its name in the store.
+    pub fn name(&self) -> PartName {
+        PartName {
+            site: self.site.clone(),
+            daq: self.daq.clone(),
+            session: self.session.clone(),
+            part: self.part.clone(),
+            sha256: self.sha256.clone(),
+        }
+    }
+}
+
+impl Catalogue {
+    /// The parts of a selection, session by session in the order of their frames.
+    ///
+    /// # Errors
+    /// The server refuses.
+    pub async fn parts(&self, selected: &Selection) -> Result<Vec<ArchivedPart>, CatalogueError> {
+        let query = "SELECT site, daq, session, part, encode(sha256, 'hex'), bytes, first_sequence, frames FROM tactus.part
+            WHERE ($1::text IS NULL OR site = $1) AND ($2::text IS NULL OR daq = $2) AND ($3::text IS NULL OR session = $3)
+            ORDER BY site, daq, session, first_sequence, started";
+        let Selection { site, daq, session } = selected;
+        let rows = self
+            .within(self.client.query(query, &[site, daq, session]))
+            .await?;
+        let number = |count: i64| u64::try_from(count).unwrap_or_default();
+        let part = |row: &tokio_postgres::Row| ArchivedPart {
+            site: row.get(0),
+            daq: row.get(1),
+            session: row.get(2),
+            part: row.get(3),
+            sha256: row.get(4),
+            bytes: number(row.get(5)),
+            first_sequence: number(row.get(6)),
+            frames: number(row.get(7)),
+        };
+        Ok(rows.iter().map(part).collect())
+    }
+}

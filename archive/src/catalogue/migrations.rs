@@ -1,0 +1,80 @@
+//! The tables of the catalogue, version by version.
+
+use tokio_postgres::{Client, GenericClient};
+
+use super::error::{CatalogueError, Endpoint};
+
+/// Each version's name and statements, in order; version 1 is the first.
+const MIGRATIONS: &[(&str, &str)] = &[(
+    "0001-catalogue",
+    include_str!("migrations/0001-catalogue.sql"),
+)];
+
+/// Any number: programs that migrate at the same time wait for each other.
+const LOCK: i64 = 0x7461_6374_7573;
+
+/// The version that this program knows.
+pub(super) const VERSION: i32 = MIGRATIONS.len() as i32;
+
+/// Version of the tables; 0 without any.
+pub(super) async fn version(
+    client: &impl GenericClient,
+    endpoint: &Endpoint,
+) -> Result<i32, CatalogueError> {
+    let refused = |error| endpoint.refused(error);
+    let exists = "SELECT to_regclass('tactus.migration') IS NOT NULL";
+    if !client
+        .query_one(exists, &[])
+        .await
+        .map_err(refused)?
+        .get::<_, bool>(0)
+    {
+        return Ok(0);
+    }
+    let version = "SELECT coalesce(max(version), 0) FROM tactus.migration";
+    Ok(client
+        .query_one(version, &[])
+        .await
+        .map_err(refused)?
+        .get(0))
+}
+
+/// Brings the tables to the version of this program, all or nothing; returns the names of what was applied.
+pub(super) async fn apply(
+    client: &mut Client,
+    endpoint: &Endpoint,
+) -> Result<Vec<&'static str>, CatalogueError> {
+    let refused = |error| endpoint.refused(error);
+    let transaction = client.transaction().await.map_err(refused)?;
+    transaction
+        .execute("SELECT pg_advisory_xact_lock($1)", &[&LOCK])
+        .await
+        .map_err(refused)?;
+    let has = version(&transaction, endpoint).await?;
+    if has > VERSION {
+        return Err(CatalogueError::Newer {
+            has,
+            knows: VERSION,
+        });
+    }
+    let mut applied = Vec::new();
+    for (number, (name, statements)) in (1..).zip(MIGRATIONS) {
+        if number <= has {
+            continue;
+        }
+        transaction
+            .batch_execute(statements)
+            .await
+            .map_err(refused)?;
+        transaction
+            .execute(
+                "INSERT INTO tactus.migration (version, name) VALUES ($1, $2)",
+                &[&number, name],
+            )
+            .await
+            .map_err(refused)?;
+        applied.push(*name);
+    }
+    transaction.commit().await.map_err(refused)?;
+    Ok(applied)
+}

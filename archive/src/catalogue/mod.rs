@@ -1,0 +1,209 @@
+//! The catalogue of the archive in PostgreSQL: which parts there are, their events, the quantities of each minute.
+
+mod connection;
+mod error;
+mod listing;
+mod migrations;
+mod rows;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use logbook::QuantityLine;
+use tokio_postgres::Client;
+
+pub use connection::Access;
+pub use error::CatalogueError;
+pub use listing::{ArchivedPart, Selection};
+
+use crate::part::Part;
+use error::Endpoint;
+
+/// Time for one answer of the server.
+const ANSWER: Duration = Duration::from_secs(60);
+
+/// A connection to the catalogue.
+#[derive(Debug)]
+pub struct Catalogue {
+    client: Client,
+    endpoint: Endpoint,
+}
+
+impl Catalogue {
+    /// Connects. The tables must be there for everything but [`Catalogue::migrate`].
+    ///
+    /// # Errors
+    /// The settings are wrong, or the server cannot be reached or refuses.
+    pub async fn connect(access: &Access) -> Result<Self, CatalogueError> {
+        let (client, endpoint) = connection::connect(access).await?;
+        Ok(Self { client, endpoint })
+    }
+
+    /// For messages: the server.
+    pub fn place(&self) -> &str {
+        &self.endpoint.place
+    }
+
+    /// Creates the tables, or brings them to the version of this program; returns the names of what was applied.
+    ///
+    /// # Errors
+    /// No rights, or tables of a later version.
+    pub async fn migrate(&mut self) -> Result<Vec<&'static str>, CatalogueError> {
+        migrations::apply(&mut self.client, &self.endpoint).await
+    }
+
+    /// Gives a site to a role, which may then add and see its rows.
+    ///
+    /// # Errors
+    /// No rights, or the site belongs to another role.
+    pub async fn add_site(&self, site: &str, role: &str) -> Result<(), CatalogueError> {
+        self.check_version().await?;
+        let insert = "INSERT INTO tactus.site (name, role) VALUES ($1, $2::text::name) ON CONFLICT DO NOTHING";
+        self.within(self.client.execute(insert, &[&site, &role]))
+            .await?;
+        let of = "SELECT role::text FROM tactus.site WHERE name = $1";
+        let row = self.within(self.client.query_one(of, &[&site])).await?;
+        if row.get::<_, &str>(0) != role {
+            return Err(CatalogueError::SiteTaken {
+                site: site.to_owned(),
+                role: role.to_owned(),
+            });
+        }
+        // an identifier cannot be a parameter
+        let quoted = "SELECT format('GRANT tactus_uploader TO %I', $1::text)";
+        let row = self.within(self.client.query_one(quoted, &[&role])).await?;
+        self.within(self.client.batch_execute(row.get(0))).await
+    }
+
+    /// Checks that the tables are those of this program, and that the site belongs to the role of this connection.
+    ///
+    /// # Errors
+    /// No tables, other tables, no such site, or a site of another role.
+    pub async fn check(&self, site: &str) -> Result<(), CatalogueError> {
+        self.check_version().await?;
+        let state = "SELECT tactus.site_state($1)";
+        let row = self.within(self.client.query_one(state, &[&site])).await?;
+        let (site, role) = (site.to_owned(), self.endpoint.role.clone());
+        match row.get(0) {
+            "own" => Ok(()),
+            "other" => Err(CatalogueError::SiteTaken { site, role }),
+            _ => Err(CatalogueError::NoSite { site, role }),
+        }
+    }
+
+    /// Checks that the tables are those of this program.
+    ///
+    /// # Errors
+    /// No tables, or other ones.
+    pub async fn check_version(&self) -> Result<(), CatalogueError> {
+        let has = migrations::version(&self.client, &self.endpoint).await?;
+        match has.cmp(&migrations::VERSION) {
+            std::cmp::Ordering::Equal => Ok(()),
+            std::cmp::Ordering::Less => Err(CatalogueError::NoCatalogue {
+                database: self.endpoint.database.clone(),
+            }),
+            std::cmp::Ordering::Greater => Err(CatalogueError::Newer {
+                has,
+                knows: migrations::VERSION,
+            }),
+        }
+    }
+
+    /// SHA-256 of those of these parts that the catalogue has.
+    ///
+    /// # Errors
+    /// The server refuses.
+    pub async fn known_parts(
+        &self,
+        site: &str,
+        daq: &str,
+        parts: &[&str],
+    ) -> Result<BTreeMap<String, String>, CatalogueError> {
+        let query = "SELECT part, encode(sha256, 'hex') FROM tactus.part WHERE site = $1 AND daq = $2 AND part = ANY ($3)";
+        let rows = self
+            .within(self.client.query(query, &[&site, &daq, &parts]))
+            .await?;
+        Ok(rows.iter().map(|row| (row.get(0), row.get(1))).collect())
+    }
+
+    /// Number of the last line of quantities of these sessions; a session without any is left out.
+    ///
+    /// # Errors
+    /// The server refuses.
+    pub async fn known_lines(
+        &self,
+        site: &str,
+        daq: &str,
+        sessions: &[&str],
+    ) -> Result<BTreeMap<String, u64>, CatalogueError> {
+        // one look into the index for each session
+        let query = "SELECT wanted, (SELECT max(line) FROM tactus.quantity WHERE site = $1 AND daq = $2 AND session = wanted)
+                     FROM unnest($3::text[]) AS wanted";
+        let rows = self
+            .within(self.client.query(query, &[&site, &daq, &sessions]))
+            .await?;
+        let lines = rows.iter().filter_map(|row| {
+            let last: i32 = row.get::<_, Option<i32>>(1)?;
+            Some((row.get(0), u64::try_from(last).unwrap_or_default()))
+        });
+        Ok(lines.collect())
+    }
+
+    /// Enters a part that the store holds, with its events and new lines of quantities of its session: all or nothing.
+    /// A part that is there with the same content changes nothing.
+    ///
+    /// # Errors
+    /// The part is there with another content, or the server refuses.
+    pub async fn enter(
+        &mut self,
+        part: &Part,
+        lines: &[QuantityLine],
+    ) -> Result<(), CatalogueError> {
+        let endpoint = self.endpoint.clone();
+        let deadline = rows::Deadline::of(&endpoint);
+        let transaction = deadline.within(self.client.transaction()).await?;
+        // a receipt follows: the commit must be on the server's disk, whatever its configuration
+        deadline
+            .within(transaction.batch_execute("SET LOCAL synchronous_commit = on"))
+            .await?;
+        rows::part(&transaction, &deadline, part).await?;
+        rows::events(&transaction, &deadline, part).await?;
+        let name = &part.name;
+        rows::quantities(
+            &transaction,
+            &deadline,
+            (&name.site, &name.daq, &name.session),
+            lines,
+        )
+        .await?;
+        deadline.within(transaction.commit()).await
+    }
+
+    /// Enters lines of quantities of a session: all or nothing.
+    ///
+    /// # Errors
+    /// The server refuses.
+    pub async fn enter_lines(
+        &mut self,
+        site: &str,
+        daq: &str,
+        session: &str,
+        lines: &[QuantityLine],
+    ) -> Result<(), CatalogueError> {
+        let endpoint = self.endpoint.clone();
+        let deadline = rows::Deadline::of(&endpoint);
+        let transaction = deadline.within(self.client.transaction()).await?;
+        deadline
+            .within(transaction.batch_execute("SET LOCAL synchronous_commit = on"))
+            .await?;
+        rows::quantities(&transaction, &deadline, (site, daq, session), lines).await?;
+        deadline.within(transaction.commit()).await
+    }
+
+    async fn within<T>(
+        &self,
+        answer: impl Future<Output = Result<T, tokio_postgres::Error>>,
+    ) -> Result<T, CatalogueError> {
+        rows::Deadline::of(&self.endpoint).within(answer).await
+    }
+}

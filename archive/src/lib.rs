@@ -1,0 +1,27 @@
+//! The archive: closed sessions of many sites in one place.
+//!
+//! - **part**: a closed file of a session; it never changes again
+//! - **store**: holds the files of parts, each under the hash of its content ([`Store`], [`Directory`])
+//! - **catalogue**: PostgreSQL; which parts there are, their events and alarms, the quantities of each minute
+//!   ([`Catalogue`])
+//! - **receipt**: a file beside a part, written when the store holds it (read back) and the catalogue's row is committed
+//!
+//! [`Uploader`] takes to the archive what it lacks. Every step may be repeated or interrupted: the key of a part is its
+//! content, and rows are only inserted.
+
+mod args;
+mod catalogue;
+mod part;
+mod program;
+mod retrieval;
+mod settings;
+mod store;
+mod upload;
+
+pub use catalogue::{Access, ArchivedPart, Catalogue, CatalogueError, Selection};
+pub use part::{Part, PartError};
+pub use program::{command, run};
+pub use retrieval::{Holding, RetrievalError, pull, verify};
+pub use settings::{Settings, SettingsError};
+pub use store::{Directory, PartName, Store, StoreError, Stored, WholeFileError, name_fault};
+pub use upload::{Owner, Status, Step, UploadError, Uploader};

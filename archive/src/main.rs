@@ -1,0 +1,5 @@
+//! `tactus-archive`; the code is in the library.
+
+fn main() -> std::process::ExitCode {
+    archive::run(std::env::args_os())
+}

@@ -1,0 +1,111 @@
+//! A closed part, read for the archive.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use chrono::{DateTime, Utc};
+use logbook::{Closing, Event, LogbookError, SessionHeader, SessionReader, sha256_of};
+
+use crate::store::PartName;
+
+/// A closed part.
+#[derive(Debug)]
+pub struct Part {
+    /// Its name in the store.
+    pub name: PartName,
+    /// Size, bytes.
+    pub bytes: u64,
+    /// Its metadata.
+    pub header: SessionHeader,
+    /// Frames in it.
+    pub frames: u64,
+    /// Wall time of the last frame.
+    pub last: Option<DateTime<Utc>>,
+    /// How it ended.
+    pub closing: Closing,
+    /// What happened.
+    pub events: Vec<Event>,
+    /// The file, open.
+    pub file: File,
+}
+
+/// Why a part cannot be archived.
+#[derive(Debug, thiserror::Error)]
+pub enum PartError {
+    /// The file cannot be read as a session.
+    #[error("cannot be archived; `tactus sessions verify` shows what is wrong")]
+    Unreadable(#[source] LogbookError),
+    /// The file cannot be read.
+    #[error("{} cannot be read", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Error of the system.
+        #[source]
+        source: std::io::Error,
+    },
+    /// It is not closed.
+    #[error("{} is not closed: it is archived when its session ends or goes on in the next part", .0.display())]
+    Open(PathBuf),
+    /// Its last rows are in a journal beside it.
+    #[error("{} is closed, and its last rows are still in a journal beside it (-wal): they are taken into the file when the daemon starts again", .0.display())]
+    Unfolded(PathBuf),
+    /// The file was renamed or copied.
+    #[error("{} holds part {id}: a copy is not archived, the file {id}.tactus is", path.display())]
+    OtherName {
+        /// The file.
+        path: PathBuf,
+        /// Its id.
+        id: String,
+    },
+}
+
+impl Part {
+    /// Reads a closed part of this site and machine; hashes the whole file.
+    ///
+    /// # Errors
+    /// It is open, damaged or a copy under another name.
+    pub fn read(path: &Path, site: &str, daq: &str) -> Result<Self, PartError> {
+        let io = |source| PartError::Io {
+            path: path.to_owned(),
+            source,
+        };
+        let file = File::open(path).map_err(io)?;
+        let session = SessionReader::open(path).map_err(PartError::Unreadable)?;
+        let header = session.header().clone();
+        if path
+            .file_stem()
+            .is_none_or(|stem| stem != header.id.as_str())
+        {
+            return Err(PartError::OtherName {
+                path: path.to_owned(),
+                id: header.id,
+            });
+        }
+        let Some(closing) = session.closed().cloned() else {
+            return Err(PartError::Open(path.to_owned()));
+        };
+        if !session.is_folded() {
+            return Err(PartError::Unfolded(path.to_owned()));
+        }
+        let summary = session.summary().map_err(PartError::Unreadable)?;
+        let events = session.events().map_err(PartError::Unreadable)?;
+        let (sha256, bytes) = sha256_of(&file).map_err(io)?;
+        Ok(Self {
+            name: PartName {
+                site: site.to_owned(),
+                daq: daq.to_owned(),
+                session: header.session().to_owned(),
+                part: header.id.clone(),
+                sha256,
+            },
+            bytes,
+            header,
+            frames: summary.frames,
+            last: summary.last,
+            closing,
+            events,
+            file,
+        })
+    }
+}

@@ -1,0 +1,82 @@
+//! How a command failed, and its exit code.
+
+use std::process::ExitCode;
+
+use survey::error_chain;
+
+use crate::catalogue::CatalogueError;
+use crate::retrieval::RetrievalError;
+use crate::settings::SettingsError;
+use crate::store::StoreError;
+use crate::upload::UploadError;
+
+/// How a command failed.
+#[derive(Debug)]
+pub(super) enum Failure {
+    Failed(String),
+    Usage(String),
+    /// Store or catalogue cannot be reached now.
+    Temporary(String),
+    Configuration(String),
+}
+
+impl Failure {
+    pub(super) fn settings(error: &SettingsError) -> Self {
+        Self::Configuration(error_chain(error))
+    }
+
+    pub(super) fn store(error: &StoreError) -> Self {
+        Self::of(error_chain(error), error.is_temporary())
+    }
+
+    pub(super) fn retrieval(error: &RetrievalError) -> Self {
+        match error {
+            RetrievalError::Store(error) => Self::store(error),
+            other => Self::Failed(error_chain(other)),
+        }
+    }
+
+    fn of(text: String, temporary: bool) -> Self {
+        match temporary {
+            true => Self::Temporary(text),
+            false => Self::Failed(text),
+        }
+    }
+
+    /// Prints the failure on standard error, as text or as one JSON object.
+    pub(super) fn report(&self, json: bool) -> ExitCode {
+        let (kind, code, text) = match self {
+            Self::Failed(text) => ("failed", 1, text),
+            Self::Usage(text) => ("usage", 2, text),
+            Self::Temporary(text) => ("temporary", 75, text),
+            Self::Configuration(text) => ("configuration", 78, text),
+        };
+        match json {
+            true => eprintln!("{}", survey::error_line(kind, code, text)),
+            false => eprintln!("tactus-archive: {}", survey::printable_lines(text)),
+        }
+        ExitCode::from(code)
+    }
+}
+
+impl From<CatalogueError> for Failure {
+    fn from(error: CatalogueError) -> Self {
+        let text = error_chain(&error);
+        match error {
+            CatalogueError::Dsn(_) | CatalogueError::Ca(_) | CatalogueError::Password(_) => {
+                Self::Configuration(text)
+            }
+            error => Self::of(text, error.is_temporary()),
+        }
+    }
+}
+
+impl From<UploadError> for Failure {
+    fn from(error: UploadError) -> Self {
+        match error {
+            UploadError::Catalogue(error) => error.into(),
+            UploadError::Store(error) => Self::store(&error),
+            other => Self::of(error_chain(&other), other.is_temporary()),
+        }
+    }
+}

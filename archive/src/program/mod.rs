@@ -1,0 +1,195 @@
+//! The commands of `tactus-archive`.
+
+mod failure;
+mod output;
+mod service;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{CommandFactory, FromArgMatches};
+
+use crate::args::{AddSite, Arguments, Command, Filter, Pull};
+use crate::catalogue::{Catalogue, Selection};
+use crate::retrieval::{self, Holding};
+use crate::settings::Settings;
+use crate::store::{Directory, Store, name_fault};
+use crate::upload::{Status, Step, Uploader};
+use failure::Failure;
+use output::Printer;
+
+/// The definition of the command line: every command and option, for reference pages and completions.
+pub fn command() -> clap::Command {
+    help_examples::with_examples(Arguments::command(), include_str!("../examples.txt"))
+}
+
+/// Runs the program; `words` are the arguments, starting with the program's name.
+pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let words: Vec<OsString> = words.into_iter().collect();
+    let json = survey::asks_for_json(&words);
+    let parsed = command()
+        .try_get_matches_from(&words)
+        .and_then(|matches| Arguments::from_arg_matches(&matches));
+    let arguments = match parsed {
+        Ok(arguments) => arguments,
+        Err(refusal) if json && refusal.use_stderr() => {
+            return Failure::Usage(refusal.render().to_string()).report(json);
+        }
+        Err(refusal) => {
+            // also for --help and --version, which are no errors; a closed terminal is ignored
+            let _ = refusal.print();
+            return ExitCode::from(if refusal.use_stderr() { 2 } else { 0 });
+        }
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build();
+    let done = match runtime {
+        Ok(runtime) => runtime.block_on(perform(&arguments)),
+        Err(error) => Err(Failure::Failed(error.to_string())),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(json),
+    }
+}
+
+async fn perform(arguments: &Arguments) -> Result<(), Failure> {
+    let settings = Settings::read(&arguments.config).map_err(|error| Failure::settings(&error))?;
+    let mut printer = Printer::new(arguments.json);
+    match &arguments.command {
+        Command::Push => push(&settings, &mut printer).await,
+        Command::Run => service::run(&settings, &mut printer).await,
+        Command::Status => status(&settings, &mut printer).await,
+        Command::Pull(requested) => pull(&settings, requested, &mut printer).await,
+        Command::Verify(filter) => verify(&settings, filter, &mut printer).await,
+        Command::Migrate => migrate(&settings, &mut printer).await,
+        Command::AddSite(requested) => add_site(&settings, requested).await,
+    }
+}
+
+async fn push(settings: &Settings, printer: &mut Printer) -> Result<(), Failure> {
+    let mut catalogue = Catalogue::connect(&settings.access).await?;
+    catalogue.check(&settings.owner.site).await?;
+    let store = Directory::new(&settings.store);
+    let mut uploader = Uploader::new(&settings.record, settings.owner.clone());
+    let mut problems = 0;
+    let mut refused = Ok(());
+    let mut report = |step: Step| {
+        problems += usize::from(matches!(step, Step::Problem { .. }));
+        let printed = printer.line(&step, output::step);
+        if refused.is_ok() {
+            refused = printed;
+        }
+    };
+    uploader.pass(&store, &mut catalogue, &mut report).await?;
+    refused?;
+    match problems {
+        0 => Ok(()),
+        count => Err(Failure::Failed(format!(
+            "{count} problems: see above; everything else is archived"
+        ))),
+    }
+}
+
+async fn status(settings: &Settings, printer: &mut Printer) -> Result<(), Failure> {
+    let catalogue = Catalogue::connect(&settings.access).await?;
+    catalogue.check(&settings.owner.site).await?;
+    let mut uploader = Uploader::new(&settings.record, settings.owner.clone());
+    let found: Status = uploader.status(&catalogue).await.map_err(Failure::from)?;
+    printer.line(&found, output::status)?;
+    match found.missing.len() {
+        0 => Ok(()),
+        count => Err(Failure::Failed(format!(
+            "{count} closed parts are not archived; `tactus-archive push` takes them there"
+        ))),
+    }
+}
+
+fn selection(filter: &Filter, session: Option<&str>) -> Selection {
+    Selection {
+        site: filter.site.clone(),
+        daq: filter.daq.clone(),
+        session: session.map(str::to_owned),
+    }
+}
+
+async fn pull(settings: &Settings, requested: &Pull, printer: &mut Printer) -> Result<(), Failure> {
+    if !requested.into.is_dir() {
+        let folder = requested.into.display();
+        return Err(Failure::Usage(format!(
+            "--into: {folder} is no folder: create it first"
+        )));
+    }
+    let catalogue = Catalogue::connect(&settings.access).await?;
+    catalogue.check_version().await?;
+    let parts = catalogue
+        .parts(&selection(&requested.of, Some(&requested.session)))
+        .await?;
+    let Some(first) = parts.first() else {
+        return Err(Failure::Failed(format!(
+            "the archive has no session '{}' that this role may see; `tactus-archive verify` lists what it has",
+            requested.session
+        )));
+    };
+    if let Some(other) = parts
+        .iter()
+        .find(|part| (&part.site, &part.daq) != (&first.site, &first.daq))
+    {
+        return Err(Failure::Usage(format!(
+            "several machines have a session '{}': {}/{} and {}/{}; choose one by --site and --daq",
+            requested.session, first.site, first.daq, other.site, other.daq
+        )));
+    }
+    let store = Directory::new(&settings.store);
+    for part in &parts {
+        let path = retrieval::pull(&store, part, &requested.into)
+            .map_err(|error| Failure::retrieval(&error))?;
+        let line = output::Pulled { part, path };
+        printer.line(&line, output::pulled)?;
+    }
+    Ok(())
+}
+
+async fn verify(
+    settings: &Settings,
+    filter: &Filter,
+    printer: &mut Printer,
+) -> Result<(), Failure> {
+    let catalogue = Catalogue::connect(&settings.access).await?;
+    catalogue.check_version().await?;
+    let store = Directory::new(&settings.store);
+    let parts = catalogue.parts(&selection(filter, None)).await?;
+    let mut bad = 0;
+    for part in &parts {
+        let holding = retrieval::verify(&store, part).map_err(|error| Failure::store(&error))?;
+        bad += usize::from(holding != Holding::Whole);
+        let line = output::Verified {
+            part,
+            holding: &holding,
+        };
+        printer.line(&line, output::verified)?;
+    }
+    match bad {
+        0 => Ok(()),
+        bad => Err(Failure::Failed(format!(
+            "{bad} of {} parts are not whole in {}: push them again from where they were recorded",
+            parts.len(),
+            store.place()
+        ))),
+    }
+}
+
+async fn migrate(settings: &Settings, printer: &mut Printer) -> Result<(), Failure> {
+    let mut catalogue = Catalogue::connect(&settings.access).await?;
+    let applied = catalogue.migrate().await?;
+    printer.line(&output::Migrated { applied }, output::migrated)
+}
+
+async fn add_site(settings: &Settings, requested: &AddSite) -> Result<(), Failure> {
+    if let Some(fault) = name_fault(&requested.site) {
+        return Err(Failure::Usage(format!("SITE: {fault}")));
+    }
+    let catalogue = Catalogue::connect(&settings.access).await?;
+    Ok(catalogue.add_site(&requested.site, &requested.role).await?)
+}

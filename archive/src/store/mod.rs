@@ -1,0 +1,158 @@
+//! Where the files of parts are: the name of a part, and what a store must do.
+
+mod directory;
+mod whole_file;
+
+use std::fmt;
+use std::fs::File;
+use std::io::Read;
+use std::path::PathBuf;
+
+pub use directory::Directory;
+pub use whole_file::{WholeFileError, write_whole};
+
+/// The name of a part in a store: `SITE/DAQ/SESSION/PART.SHA256.tactus`. The hash is of the content, so a name never
+/// stands for two contents.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PartName {
+    /// The site.
+    pub site: String,
+    /// The machine within the site.
+    pub daq: String,
+    /// The session.
+    pub session: String,
+    /// The part.
+    pub part: String,
+    /// SHA-256 of the part, hexadecimal.
+    pub sha256: String,
+}
+
+impl fmt::Display for PartName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            site,
+            daq,
+            session,
+            part,
+            sha256,
+        } = self;
+        write!(f, "{site}/{daq}/{session}/{part}.{sha256}.tactus")
+    }
+}
+
+/// What is wrong with a name of a site or a machine; `None` if it can be part of the name of a file everywhere.
+pub fn name_fault(name: &str) -> Option<String> {
+    let good =
+        |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || b"_-".contains(&byte);
+    let begins = name
+        .as_bytes()
+        .first()
+        .is_some_and(u8::is_ascii_alphanumeric);
+    let allowed = begins && name.len() <= 64 && name.bytes().all(good);
+    (!allowed).then(|| {
+        format!(
+            "'{name}' is no name: use a to z, 0 to 9, _ and -, with a letter or digit first (1 to 64 of them)"
+        )
+    })
+}
+
+/// A part as the store holds it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stored {
+    /// Size, bytes.
+    pub bytes: u64,
+    /// Whether the store held it before.
+    pub existed: bool,
+}
+
+/// A store of parts. Parts are written once: a store never replaces one.
+pub trait Store {
+    /// Stores a part, reads it back and compares its hash with that of the name. A part that is there already is only
+    /// read back.
+    ///
+    /// # Errors
+    /// The content does not have the hash of the name, on either side; no space; the store cannot be written.
+    fn put(&self, name: &PartName, from: &mut File) -> Result<Stored, StoreError>;
+
+    /// Opens a part for reading.
+    ///
+    /// # Errors
+    /// It is not there, or cannot be read.
+    fn open(&self, name: &PartName) -> Result<Box<dyn Read + '_>, StoreError>;
+
+    /// For messages: where it is.
+    fn place(&self) -> String;
+}
+
+/// Why a store refuses.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// No space, or no quota.
+    #[error("the store {place} is full: make space there; nothing of {name} was kept")]
+    Full {
+        /// The store.
+        place: String,
+        /// The part.
+        name: String,
+        /// Error of the system.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The file that was read is not the one that was hashed.
+    #[error(
+        "{name}: the file was changed while it was copied (its SHA-256 is now {found}); nothing was kept"
+    )]
+    SourceChanged {
+        /// The part.
+        name: String,
+        /// Hash of what was read.
+        found: String,
+    },
+    /// What the store holds is not what the name says.
+    #[error(
+        "{name} in the store {place} is damaged: its SHA-256 is {found}; remove that file, and push the part again from where it was recorded"
+    )]
+    Altered {
+        /// The store.
+        place: String,
+        /// The part.
+        name: String,
+        /// Hash of what the store holds.
+        found: String,
+    },
+    /// The store does not hold it.
+    #[error("{name} is not in the store {place}")]
+    Missing {
+        /// The store.
+        place: String,
+        /// The part.
+        name: String,
+    },
+    /// The store does not exist.
+    #[error("the store {} is not there: mount or create it (it is not created, so that an unmounted share is not taken for an empty store)", path.display())]
+    NoStore {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Another error of the system.
+    #[error("cannot {attempt} {}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// Error of the system.
+        #[source]
+        source: std::io::Error,
+    },
+}
+
+impl StoreError {
+    /// Whether the same may succeed later without anybody changing the configuration or the part.
+    pub fn is_temporary(&self) -> bool {
+        matches!(
+            self,
+            Self::Full { .. } | Self::NoStore { .. } | Self::Io { .. } | Self::SourceChanged { .. }
+        )
+    }
+}

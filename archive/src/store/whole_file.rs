@@ -1,0 +1,182 @@
+//! Writes a file that appears under its name whole or not at all, and never in the place of another one.
+
+use std::fs::{File, OpenOptions};
+use std::io::{Error, ErrorKind, Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+use logbook::sha256_of;
+use rustix::fs::{Advice, fadvise};
+
+/// End of the name of a file that is not whole.
+const UNFINISHED: &str = "unfinished";
+
+/// Why a file was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum WholeFileError {
+    /// The content that came has another hash.
+    #[error("the content has SHA-256 {found}, not the one of its name; nothing was kept")]
+    Source {
+        /// Hash of what came.
+        found: String,
+    },
+    /// What is on the disk has another hash than what was written.
+    #[error("{} was read back with SHA-256 {found}: the disk or the network altered it; nothing was kept", path.display())]
+    ReadBack {
+        /// The file.
+        path: PathBuf,
+        /// Hash of what was read.
+        found: String,
+    },
+    /// There is a file of this name.
+    #[error("{} exists already", .0.display())]
+    Exists(PathBuf),
+    /// An error of the system.
+    #[error("cannot {attempt} {}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// Error of the system.
+        #[source]
+        source: Error,
+    },
+}
+
+/// Writes a file with this SHA-256 and reads it back; returns its size. The folder must exist.
+///
+/// # Errors
+/// There is a file of this name, the content has another hash, or an error of the system. Nothing is left then.
+pub fn write_whole(from: &mut dyn Read, path: &Path, sha256: &str) -> Result<u64, WholeFileError> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let copy = path.with_file_name(format!(
+        "{}{}.{UNFINISHED}",
+        beginning(&name),
+        std::process::id()
+    ));
+    tidy(path);
+    let written = write_copy(from, &copy, path, sha256);
+    let _ = std::fs::remove_file(&copy);
+    let bytes = written?;
+    sync_folder_of(path)?;
+    Ok(bytes)
+}
+
+fn write_copy(
+    from: &mut dyn Read,
+    copy: &Path,
+    path: &Path,
+    sha256: &str,
+) -> Result<u64, WholeFileError> {
+    let failed = |attempt| {
+        move |source| WholeFileError::Io {
+            path: path.to_owned(),
+            attempt,
+            source,
+        }
+    };
+    let mut to = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .mode(0o440)
+        .open(copy)
+        .map_err(failed("create"))?;
+    let mut tee = Tee {
+        from,
+        to: &mut to,
+        refused: None,
+    };
+    let read = sha256_of(&mut tee);
+    if let Some(refused) = tee.refused {
+        return Err(failed("write")(refused));
+    }
+    let (found, _) = read.map_err(failed("read what is written to"))?;
+    if found != sha256 {
+        return Err(WholeFileError::Source { found });
+    }
+    to.sync_all().map_err(failed("sync"))?;
+    drop(to);
+    let bytes = read_back(copy, sha256)?;
+    // a link never replaces a file, on network file systems too
+    std::fs::hard_link(copy, path).map_err(|source| match source.kind() {
+        ErrorKind::AlreadyExists => WholeFileError::Exists(path.to_owned()),
+        _ => failed("name")(source),
+    })?;
+    Ok(bytes)
+}
+
+/// Compares the hash of a file with the wanted one; from the disk and not from memory, as far as the system allows it.
+pub(super) fn read_back(path: &Path, sha256: &str) -> Result<u64, WholeFileError> {
+    let failed = |source| WholeFileError::Io {
+        path: path.to_owned(),
+        attempt: "read back",
+        source,
+    };
+    let file = File::open(path).map_err(failed)?;
+    // a hint: a file system that does not know it is read as it is
+    let _ = fadvise(&file, 0, None, Advice::DontNeed);
+    let (found, bytes) = sha256_of(file).map_err(failed)?;
+    match found == sha256 {
+        true => Ok(bytes),
+        false => Err(WholeFileError::ReadBack {
+            path: path.to_owned(),
+            found,
+        }),
+    }
+}
+
+/// Writes the entries of the folder of a file to the disk.
+pub(super) fn sync_folder_of(path: &Path) -> Result<(), WholeFileError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let synced = File::open(folder).and_then(|folder| folder.sync_all());
+    synced.map_err(|source| WholeFileError::Io {
+        path: folder.to_owned(),
+        attempt: "sync",
+        source,
+    })
+}
+
+/// Removes what interrupted copies of this file left. A copy that another process makes at the same time fails and is
+/// made again later.
+pub(super) fn tidy(path: &Path) {
+    let (Some(folder), Some(name)) = (path.parent(), path.file_name()) else {
+        return;
+    };
+    let begin = beginning(&name.to_string_lossy());
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return;
+    };
+    for entry in entries.flatten() {
+        let file = entry.file_name();
+        let file = file.to_string_lossy();
+        if file.starts_with(&begin) && file.ends_with(UNFINISHED) {
+            // what cannot be removed takes space and harms nothing
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// Beginning of the names of unfinished copies of a file.
+fn beginning(name: &str) -> String {
+    format!(".{name}.")
+}
+
+/// Reads, and writes what was read to a file.
+struct Tee<'a> {
+    from: &'a mut dyn Read,
+    to: &'a mut File,
+    /// Why the file could not be written.
+    refused: Option<Error>,
+}
+
+impl Read for Tee<'_> {
+    fn read(&mut self, block: &mut [u8]) -> std::io::Result<usize> {
+        let read = self.from.read(block)?;
+        self.to.write_all(&block[..read]).map_err(|cause| {
+            self.refused = Some(cause);
+            Error::other("the copy could not be written")
+        })?;
+        Ok(read)
+    }
+}

@@ -1,0 +1,378 @@
+//! Takes to the archive what it lacks: closed parts of a record, and new lines of quantities.
+//!
+//! The catalogue is asked each time; what is remembered here only saves reading files again.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::time::SystemTime;
+
+use chrono::{DateTime, Utc};
+use logbook::{ArchiveReceipt, Index, LogbookError, QuantityLine};
+use serde::Serialize;
+
+use crate::catalogue::{Catalogue, CatalogueError};
+use crate::part::Part;
+use crate::store::{Store, StoreError};
+
+/// Whose record it is.
+#[derive(Debug, Clone)]
+pub struct Owner {
+    /// The site.
+    pub site: String,
+    /// The machine.
+    pub daq: String,
+}
+
+/// What happened to a part or to the quantities of a session.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(tag = "what", rename_all = "kebab-case")]
+pub enum Step {
+    /// The archive has taken a part.
+    Archived {
+        /// The part.
+        part: String,
+        /// Its name in the store.
+        stored_as: String,
+        /// Size, bytes.
+        bytes: u64,
+        /// Frames in it.
+        frames: u64,
+    },
+    /// The archive has it; the receipt was missing.
+    Receipt {
+        /// The part.
+        part: String,
+    },
+    /// Lines of quantities were added.
+    Quantities {
+        /// The session.
+        session: String,
+        /// How many.
+        lines: u64,
+    },
+    /// A part that is not archived, or has no receipt; the others are.
+    Problem {
+        /// The part or file.
+        part: String,
+        /// What is wrong, and what to do.
+        text: String,
+    },
+}
+
+/// Why the whole pass ended.
+#[derive(Debug, thiserror::Error)]
+pub enum UploadError {
+    /// The record cannot be read.
+    #[error(transparent)]
+    Record(#[from] LogbookError),
+    /// The store refuses.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The catalogue refuses.
+    #[error(transparent)]
+    Catalogue(#[from] CatalogueError),
+}
+
+impl UploadError {
+    /// Whether the same may succeed later without a change of the configuration.
+    pub fn is_temporary(&self) -> bool {
+        match self {
+            Self::Record(_) => true,
+            Self::Store(error) => error.is_temporary(),
+            Self::Catalogue(error) => error.is_temporary(),
+        }
+    }
+}
+
+/// How far record and archive agree.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Status {
+    /// Closed parts of the record.
+    pub closed: usize,
+    /// Those of them that the catalogue has.
+    pub archived: usize,
+    /// Ids of those that it lacks.
+    pub missing: Vec<String>,
+    /// Sessions that are recorded now, or were not closed.
+    pub open: usize,
+    /// Lines of quantities that the catalogue lacks.
+    pub missing_lines: u64,
+}
+
+/// Size and time of a file of quantities.
+type Stamp = (u64, SystemTime);
+
+/// The uploader of one record.
+#[derive(Debug)]
+pub struct Uploader {
+    folder: PathBuf,
+    owner: Owner,
+    index: Index,
+    /// Files of quantities that the catalogue has, with its number of the last line.
+    complete: BTreeMap<String, (Stamp, u64)>,
+}
+
+/// A closed part of the record.
+struct Closed {
+    id: String,
+    session: String,
+    path: PathBuf,
+}
+
+impl Uploader {
+    /// The uploader of the record in a folder.
+    pub fn new(folder: impl Into<PathBuf>, owner: Owner) -> Self {
+        let folder = folder.into();
+        Self {
+            index: Index::load(&folder),
+            folder,
+            owner,
+            complete: BTreeMap::new(),
+        }
+    }
+
+    /// Compares the record with the catalogue; changes nothing.
+    ///
+    /// # Errors
+    /// The record cannot be read, or the catalogue refuses.
+    pub async fn status(&mut self, catalogue: &Catalogue) -> Result<Status, UploadError> {
+        let (closed, sessions, open) = self.listed()?;
+        let known = self.known_parts(catalogue, &closed).await?;
+        let mut there = self.known_lines(catalogue, &sessions).await?;
+        let mut missing_lines = 0;
+        for session in &sessions {
+            missing_lines += self.new_lines(session, &mut there)?.len() as u64;
+        }
+        let missing = closed
+            .iter()
+            .filter(|part| !known.contains_key(&part.id))
+            .map(|part| part.id.clone())
+            .collect();
+        Ok(Status {
+            closed: closed.len(),
+            archived: known.len(),
+            missing,
+            open,
+            missing_lines,
+        })
+    }
+
+    /// Takes everything to the archive that it lacks, the oldest first; reports each step. A damaged part is reported and
+    /// does not hold up the others.
+    ///
+    /// # Errors
+    /// Store or catalogue refuse; what was done before stays, and the next pass continues.
+    pub async fn pass(
+        &mut self,
+        store: &dyn Store,
+        catalogue: &mut Catalogue,
+        report: &mut dyn FnMut(Step),
+    ) -> Result<(), UploadError> {
+        let (closed, sessions, _) = self.listed()?;
+        for file in self.index.unreadable() {
+            report(Step::Problem {
+                part: file.path.display().to_string(),
+                text: survey::error_chain(&*file.why),
+            });
+        }
+        let mut known = self.known_parts(catalogue, &closed).await?;
+        let mut there = self.known_lines(catalogue, &sessions).await?;
+        for part in &closed {
+            if known.contains_key(&part.id) {
+                continue;
+            }
+            match self.push(part, store, catalogue, &mut there).await? {
+                Ok(stored) => {
+                    known.insert(part.id.clone(), stored.name.sha256.clone());
+                    report(Step::Archived {
+                        part: part.id.clone(),
+                        stored_as: stored.name.to_string(),
+                        bytes: stored.bytes,
+                        frames: stored.frames,
+                    });
+                }
+                Err(text) => report(problem(part, text)),
+            }
+        }
+        for session in &sessions {
+            let lines = self.new_lines(session, &mut there)?;
+            if lines.is_empty() {
+                continue;
+            }
+            let Owner { site, daq } = &self.owner;
+            catalogue.enter_lines(site, daq, session, &lines).await?;
+            there.insert(session.clone(), lines.last().map_or(0, |line| line.number));
+            report(Step::Quantities {
+                session: session.clone(),
+                lines: lines.len() as u64,
+            });
+        }
+        for part in &closed {
+            let Some(sha256) = known.get(&part.id) else {
+                continue;
+            };
+            let lines = there.get(&part.session).copied().unwrap_or_default();
+            match self.confirm(part, sha256, lines) {
+                Ok(false) => {}
+                Ok(true) => report(Step::Receipt {
+                    part: part.id.clone(),
+                }),
+                Err(text) => report(problem(part, text)),
+            }
+        }
+        Ok(())
+    }
+
+    /// The closed parts, the sessions of all parts, and how many parts are open.
+    fn listed(&mut self) -> Result<(Vec<Closed>, Vec<String>, usize), UploadError> {
+        self.index.refresh()?;
+        let (mut closed, mut sessions, mut open) = (Vec::new(), BTreeSet::new(), 0);
+        for found in self.index.sessions() {
+            // a copy under another name
+            if found
+                .path
+                .file_stem()
+                .is_none_or(|stem| stem != found.id.as_str())
+            {
+                continue;
+            }
+            sessions.insert(found.session().to_owned());
+            match found.closed {
+                Some(_) => closed.push(Closed {
+                    id: found.id.clone(),
+                    session: found.session().to_owned(),
+                    path: found.path.clone(),
+                }),
+                None => open += 1,
+            }
+        }
+        Ok((closed, sessions.into_iter().collect(), open))
+    }
+
+    async fn known_parts(
+        &self,
+        catalogue: &Catalogue,
+        closed: &[Closed],
+    ) -> Result<BTreeMap<String, String>, CatalogueError> {
+        let ids: Vec<&str> = closed.iter().map(|part| part.id.as_str()).collect();
+        catalogue
+            .known_parts(&self.owner.site, &self.owner.daq, &ids)
+            .await
+    }
+
+    async fn known_lines(
+        &self,
+        catalogue: &Catalogue,
+        sessions: &[String],
+    ) -> Result<BTreeMap<String, u64>, CatalogueError> {
+        let names: Vec<&str> = sessions.iter().map(String::as_str).collect();
+        catalogue
+            .known_lines(&self.owner.site, &self.owner.daq, &names)
+            .await
+    }
+
+    /// One part with its events, and the quantities of its session. The inner error is of this part only.
+    async fn push(
+        &mut self,
+        part: &Closed,
+        store: &dyn Store,
+        catalogue: &mut Catalogue,
+        there: &mut BTreeMap<String, u64>,
+    ) -> Result<Result<Part, String>, UploadError> {
+        let mut read = match Part::read(&part.path, &self.owner.site, &self.owner.daq) {
+            Ok(read) => read,
+            Err(error) => return Ok(Err(survey::error_chain(&error))),
+        };
+        match store.put(&read.name, &mut read.file) {
+            Ok(_) => {}
+            Err(error @ (StoreError::Altered { .. } | StoreError::SourceChanged { .. })) => {
+                return Ok(Err(survey::error_chain(&error)));
+            }
+            Err(error) => return Err(error.into()),
+        }
+        let lines = self.new_lines(&part.session, there)?;
+        match catalogue.enter(&read, &lines).await {
+            Ok(()) => {}
+            Err(error @ CatalogueError::Conflict { .. }) => return Ok(Err(error.to_string())),
+            Err(error) => return Err(error.into()),
+        }
+        if let Some(last) = lines.last() {
+            there.insert(part.session.clone(), last.number);
+        }
+        Ok(Ok(read))
+    }
+
+    /// The lines of quantities that the catalogue lacks. Remembers files that it has completely.
+    fn new_lines(
+        &mut self,
+        session: &str,
+        there: &mut BTreeMap<String, u64>,
+    ) -> Result<Vec<QuantityLine>, LogbookError> {
+        let known = there.get(session).copied().unwrap_or_default();
+        let file = logbook::quantities_file(&self.folder, session);
+        let stamp = std::fs::metadata(file)
+            .and_then(|found| Ok((found.len(), found.modified()?)))
+            .ok();
+        let Some(stamp) = stamp else {
+            return Ok(Vec::new());
+        };
+        if self.complete.get(session) == Some(&(stamp, known)) {
+            return Ok(Vec::new());
+        }
+        let found = logbook::quantity_lines(&self.folder, session)?;
+        let mut lines = found.map(|found| found.lines).unwrap_or_default();
+        lines.retain(|line| line.number > known);
+        if lines.is_empty() {
+            self.complete.insert(session.to_owned(), (stamp, known));
+        }
+        Ok(lines)
+    }
+
+    /// Writes the receipt of an archived part, unless it is there; whether it was written.
+    fn confirm(&self, part: &Closed, sha256: &str, lines: u64) -> Result<bool, String> {
+        let found = std::fs::metadata(&part.path).map_err(|error| error.to_string())?;
+        let modified: DateTime<Utc> = found.modified().map_err(|error| error.to_string())?.into();
+        // quantities lie beside the first part
+        let lines = if part.id == part.session { lines } else { 0 };
+        let before = logbook::receipt(&part.path);
+        let same_file = before.as_ref().is_some_and(|receipt| {
+            receipt.sha256 == sha256 && receipt.bytes == found.len() && modified <= receipt.at
+        });
+        if same_file && before.is_some_and(|receipt| receipt.quantity_lines >= lines) {
+            return Ok(false);
+        }
+        let read = Part::read(&part.path, &self.owner.site, &self.owner.daq)
+            .map_err(|error| survey::error_chain(&error))?;
+        if read.name.sha256 != sha256 {
+            let conflict = CatalogueError::Conflict {
+                part: part.id.clone(),
+                site: self.owner.site.clone(),
+                daq: self.owner.daq.clone(),
+                archived: sha256.to_owned(),
+                found: read.name.sha256,
+            };
+            return Err(conflict.to_string());
+        }
+        let receipt = ArchiveReceipt {
+            at: Utc::now(),
+            sha256: sha256.to_owned(),
+            bytes: read.bytes,
+            stored_as: read.name.to_string(),
+            quantity_lines: lines,
+        };
+        logbook::mark_archived(&part.path, &receipt).map_err(|error| {
+            format!(
+                "is archived, and its receipt cannot be written: {}",
+                survey::error_chain(&error)
+            )
+        })?;
+        Ok(true)
+    }
+}
+
+fn problem(part: &Closed, text: String) -> Step {
+    Step::Problem {
+        part: part.id.clone(),
+        text,
+    }
+}

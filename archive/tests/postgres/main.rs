@@ -1,0 +1,21 @@
+//! The archive against a real PostgreSQL: pushes, repetitions, faults, kills, refusals.
+
+mod faults;
+mod kills;
+mod pushes;
+mod refusals;
+mod server;
+mod site;
+
+use server::Server;
+use site::Site;
+
+/// A server with the catalogue, and a site of it; `None` without PostgreSQL.
+fn archive(site: &str) -> Option<(Server, Site)> {
+    let server = Server::start()?;
+    let owner = Site::new(&server, "owner");
+    let done = owner.owner(&server, &["migrate"]);
+    assert!(done.status.success(), "{done:?}");
+    let site = Site::added(&server, site);
+    Some((server, site))
+}

@@ -1,0 +1,203 @@
+//! A machine with a record, a store and a configuration.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::Duration;
+
+use chrono::{DateTime, Utc};
+use logbook::{SessionHeader, SessionWriter, append_quantities};
+use survey::{Amps, Frame, Protocol, Reading, Settings, Volts};
+use tempfile::TempDir;
+
+use crate::server::{DATABASE, OWNER, PASSWORD, Server};
+
+pub fn at(second: i64) -> DateTime<Utc> {
+    DateTime::from_timestamp(1_800_000_000 + second, 0).unwrap()
+}
+
+pub struct Site {
+    pub folder: TempDir,
+    pub name: String,
+}
+
+impl Site {
+    /// A site whose role exists and owns it in the catalogue.
+    pub fn added(server: &Server, name: &str) -> Self {
+        let site = Self::new(server, name);
+        server.add_role(name);
+        let done = site.owner(server, &["add-site", name, "--role", name]);
+        assert!(done.status.success(), "{done:?}");
+        site
+    }
+
+    /// A site that the catalogue does not know.
+    pub fn new(server: &Server, name: &str) -> Self {
+        let site = Self {
+            folder: tempfile::tempdir().unwrap(),
+            name: name.to_owned(),
+        };
+        std::fs::create_dir(site.record()).unwrap();
+        std::fs::create_dir(site.store()).unwrap();
+        site.write_private("password", PASSWORD);
+        site.configure(
+            &format!(
+                "host={} port={} dbname={DATABASE} user={name}",
+                server.socket().display(),
+                server.port()
+            ),
+            "",
+        );
+        site
+    }
+
+    pub fn record(&self) -> PathBuf {
+        self.folder.path().join("record")
+    }
+
+    pub fn store(&self) -> PathBuf {
+        self.folder.path().join("store")
+    }
+
+    pub fn write_private(&self, name: &str, text: &str) {
+        use std::os::unix::fs::PermissionsExt;
+        let path = self.folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        std::fs::set_permissions(path, PermissionsExt::from_mode(0o600)).unwrap();
+    }
+
+    /// Writes the configuration.
+    pub fn configure(&self, dsn: &str, more: &str) {
+        let text = format!(
+            "[record]\ndirectory = \"record\"\n[archive]\nsite = \"{}\"\ndaq = \"bed3\"\nstore = \"store\"\ndsn = \"{dsn}\"\n\
+             password_file = \"password\"\nevery_s = 1.0\n{more}",
+            self.name
+        );
+        std::fs::write(self.folder.path().join("config.toml"), text).unwrap();
+    }
+
+    pub fn command(&self, words: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_tactus-archive"));
+        command
+            .args(words)
+            .arg("--config")
+            .arg(self.folder.path().join("config.toml"));
+        command
+    }
+
+    pub fn run(&self, words: &[&str]) -> Output {
+        self.command(words).output().expect("the program runs")
+    }
+
+    /// Runs to success; what it printed.
+    pub fn done(&self, words: &[&str]) -> String {
+        let output = self.run(words);
+        let error = String::from_utf8_lossy(&output.stderr);
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success(), "{words:?}: {text}{error}");
+        text
+    }
+
+    /// Runs to a failure with this exit code; what it printed on standard error.
+    pub fn refused(&self, words: &[&str], code: i32) -> String {
+        let output = self.run(words);
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(code), "{words:?}: {error}");
+        error
+    }
+
+    /// Runs as the owner of the catalogue.
+    pub fn owner(&self, server: &Server, words: &[&str]) -> Output {
+        let text = format!(
+            "[archive]\nsite = \"{}\"\nstore = \"store\"\ndsn = \"host={} port={} dbname={DATABASE} user={OWNER}\"\n",
+            self.name,
+            server.socket().display(),
+            server.port()
+        );
+        let path = self.folder.path().join("owner.toml");
+        std::fs::write(&path, text).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_tactus-archive"));
+        command.args(words).arg("--config").arg(path);
+        command.output().expect("the program runs")
+    }
+
+    /// The files of parts in the store, and any other file there.
+    pub fn stored(&self) -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        let mut open = vec![self.store()];
+        while let Some(folder) = open.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                match path.is_dir() {
+                    true => open.push(path),
+                    false => files.push(path),
+                }
+            }
+        }
+        files.sort();
+        files
+    }
+
+    /// Records a closed session of parts with three frames and four events each, and three minutes of quantities a part.
+    pub fn record_session(&self, id: &str, parts: u64) {
+        let mut writer = begun(&self.record(), id, 1);
+        for part in 2..=parts {
+            writer.roll(at(10 * part as i64)).unwrap();
+            frames(&mut writer, part);
+        }
+        for minute in 1..=3 * parts {
+            add_minute(&self.record(), id, minute);
+        }
+        writer.close(at(3600), "asked to stop").unwrap();
+    }
+}
+
+/// A line of quantities.
+pub fn add_minute(record: &Path, id: &str, minute: u64) {
+    let begin = 1_800_000_000 + 60 * minute;
+    let json = format!(
+        "{{\"begin_s\":{begin},\"of\":\"kpa\",\"regions\":[{{\"name\":\"sheet\",\"values\":{{\"peak\":[1.0,2.0,{minute}.5,60,59],\"area\":[3.0,4.0,5.0,60,60]}}}}]}}"
+    );
+    append_quantities(record, id, &json).unwrap();
+}
+
+/// A session that is recorded, with its first part's frames.
+pub fn begun(record: &Path, id: &str, part: u64) -> SessionWriter {
+    let header = SessionHeader::new(id, at(0), Protocol::sheffield(8).unwrap());
+    let mut writer = SessionWriter::create(record, &header).unwrap();
+    frames(&mut writer, part);
+    writer
+}
+
+fn frames(writer: &mut SessionWriter, part: u64) {
+    let protocol = Protocol::sheffield(8).unwrap();
+    for number in 3 * part - 2..=3 * part {
+        let readings = (0..protocol.len())
+            .map(|k| Reading::Ok(Volts(1e-3 * (number as f64 + k as f64).sin())));
+        let frame = Frame {
+            extra: Vec::new(),
+            sequence: number,
+            readings: readings.collect(),
+            monotonic: Duration::from_secs(number),
+            wall: at(number as i64),
+            duration: Duration::from_millis(900),
+            settings: Settings {
+                precautions: survey::Precautions::default(),
+                protocol_hash: protocol.hash(),
+                current: Amps(1e-3),
+                range: Volts(1.0),
+                nplc: 1.0,
+                settle: Duration::ZERO,
+                wiring: "w".into(),
+            },
+            compliance: Vec::new(),
+            simulated: true,
+        };
+        writer.append(&frame, None).unwrap();
+        writer
+            .event(at(number as i64), "note", "zero \0 byte")
+            .unwrap();
+    }
+    writer
+        .event(at(3 * part as i64), "alarm-active", "heel: ppi is 9 kPa")
+        .unwrap();
+}

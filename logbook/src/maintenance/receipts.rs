@@ -1,0 +1,84 @@
+//! Receipts of the archive: a file beside a closed part, written when the archive holds it.
+
+use std::io::Read;
+use std::path::Path;
+
+use chrono::{DateTime, Utc};
+use outfile::Existing;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::LogbookError;
+
+/// End of the name of a receipt.
+const ARCHIVED: &str = "archived.json";
+
+/// The archive's receipt of a part.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ArchiveReceipt {
+    /// When the receipt was written.
+    pub at: DateTime<Utc>,
+    /// SHA-256 of the part, hexadecimal, computed from what the store holds.
+    pub sha256: String,
+    /// Size of the part, bytes.
+    pub bytes: u64,
+    /// Where the part is in the store.
+    pub stored_as: String,
+    /// Lines of the session's quantities in the archive.
+    pub quantity_lines: u64,
+}
+
+/// SHA-256 of all that is read, hexadecimal, and the number of bytes.
+///
+/// # Errors
+/// It cannot be read.
+pub fn sha256_of(mut from: impl Read) -> std::io::Result<(String, u64)> {
+    let mut hash = Sha256::new();
+    let mut bytes = 0;
+    let mut block = vec![0; 1 << 16];
+    loop {
+        let read = match from.read(&mut block) {
+            Ok(0) => break,
+            Ok(read) => read,
+            Err(cause) if cause.kind() == std::io::ErrorKind::Interrupted => continue,
+            Err(cause) => return Err(cause),
+        };
+        hash.update(&block[..read]);
+        bytes += read as u64;
+    }
+    let digits = hash
+        .finalize()
+        .into_iter()
+        .map(|byte| format!("{byte:02x}"));
+    Ok((digits.collect(), bytes))
+}
+
+/// Writes the receipt of a part beside it.
+///
+/// # Errors
+/// It cannot be written.
+pub fn mark_archived(path: impl AsRef<Path>, receipt: &ArchiveReceipt) -> Result<(), LogbookError> {
+    let mark = path.as_ref().with_extension(ARCHIVED);
+    let text = serde_json::to_string(receipt).unwrap_or_default() + "\n";
+    outfile::write(&mark, Existing::Replace, text.as_bytes())
+        .map_err(|refused| LogbookError::disk(&mark, "write the receipt", refused.into_io()))
+}
+
+/// The receipt beside a part; `None` if there is none. Whether it is of the file as it is now is for
+/// [`archived`] to say.
+pub fn receipt(path: impl AsRef<Path>) -> Option<ArchiveReceipt> {
+    let text = std::fs::read_to_string(path.as_ref().with_extension(ARCHIVED)).ok()?;
+    serde_json::from_str(&text).ok()
+}
+
+/// The receipt of a part, if the archive holds the part as it is now and all quantities beside it. Reads the whole part.
+pub fn archived(path: impl AsRef<Path>) -> Option<ArchiveReceipt> {
+    let path = path.as_ref();
+    let receipt = receipt(path)?;
+    let (sha256, bytes) = sha256_of(std::fs::File::open(path).ok()?).ok()?;
+    let dir = crate::files::folder_of(path);
+    let beside = crate::quantity_lines(dir, crate::files::id_of(path)).ok()?;
+    let lines = beside.map_or(0, |found| found.lines.last().map_or(0, |last| last.number));
+    (sha256 == receipt.sha256 && bytes == receipt.bytes && lines <= receipt.quantity_lines)
+        .then_some(receipt)
+}
