@@ -9,8 +9,8 @@ use crate::drawing::scale::step;
 use crate::drawing::text_fitting::{shortened, two_lines};
 use crate::{Extent, PictureError, Range, Sheet, Style};
 
-const PAPER: RGBColor = RGBColor(236, 236, 238);
-const ALARM: RGBColor = RGBColor(176, 64, 0);
+pub(crate) const PAPER: RGBColor = RGBColor(236, 236, 238);
+pub(crate) const ALARM: RGBColor = RGBColor(176, 64, 0);
 /// Space between the sheet's edge and the axes for the electrodes' numbers, in points.
 pub(crate) const RING: f64 = 20.0;
 
@@ -63,31 +63,18 @@ impl Panel {
         Ok(())
     }
 
-    /// Outline, electrodes, axes, marks.
+    /// Outline, electrodes, axes.
     pub(crate) fn furniture<DB: DrawingBackend>(
         &self,
         pen: &Pen<'_, DB>,
         sheet: &Sheet,
-        style: &Style,
     ) -> Result<(), PictureError> {
         for corners in &sheet.outline {
             let closed = corners.iter().chain(corners.first());
             pen.line(closed.map(|point| self.place(*point)), PALE, 1.0)?;
         }
         self.electrodes(pen, sheet)?;
-        self.axes(pen)?;
-        if !style.true_outline.is_empty() {
-            let corners: Vec<_> = style.true_outline.iter().map(|p| self.place(*p)).collect();
-            dashed(pen, &corners)?;
-        }
-        if let Some(place) = style.true_position {
-            let radius = (place.radius * self.per_metre).max(8.0);
-            circle(pen, self.place(place.centre), radius)?;
-        }
-        if let Some(found) = style.found {
-            cross(pen, self.place(found), self.words * 0.32)?;
-        }
-        Ok(())
+        self.axes(pen)
     }
 
     fn electrodes<DB: DrawingBackend>(
@@ -305,25 +292,6 @@ pub(crate) fn heading<DB: DrawingBackend>(
     Ok(())
 }
 
-/// Explanation of the marks; empty without marks.
-pub(crate) fn legend<DB: DrawingBackend>(
-    pen: &Pen<'_, DB>,
-    [mut x, y]: [f64; 2],
-    truth: bool,
-    found: bool,
-) -> Result<(), PictureError> {
-    if truth {
-        circle(pen, [x + 6.0, y], 6.0)?;
-        pen.text("true place", [x + 18.0, y], 13.0, INK, Anchor::Left)?;
-        x += 106.0;
-    }
-    if found {
-        cross(pen, [x + 6.0, y], 5.5)?;
-        pen.text("found", [x + 18.0, y], 13.0, INK, Anchor::Left)?;
-    }
-    Ok(())
-}
-
 /// The line under the title: why the map is not sound, whether it shows nothing above its noise, the method, and the number of missing
 /// readings.
 pub(crate) fn caption(map: &Map, style: &Style) -> String {
@@ -355,69 +323,6 @@ pub(crate) fn small_title<DB: DrawingBackend>(
 ) -> Result<(), PictureError> {
     let title = shortened(title, available, |words| pen.bold_width(words, size))?;
     pen.bold(&title, at, size, INK, Anchor::Centre)
-}
-
-fn circle<DB: DrawingBackend>(
-    pen: &Pen<'_, DB>,
-    centre: [f64; 2],
-    radius: f64,
-) -> Result<(), PictureError> {
-    let dashes = ((radius * 0.9) as usize).clamp(6, 40);
-    let at = |turn: f64| {
-        let angle = turn * std::f64::consts::TAU;
-        [
-            centre[0] + radius * angle.cos(),
-            centre[1] + radius * angle.sin(),
-        ]
-    };
-    // White below, so that it is visible on dark colours.
-    pen.line((0..=72).map(|k| at(f64::from(k) / 72.0)), WHITE, 2.2)?;
-    for dash in 0..dashes {
-        let arc = (0..=6).map(|k| at((dash as f64 + 0.58 * f64::from(k) / 6.0) / dashes as f64));
-        pen.line(arc, INK, 1.4)?;
-    }
-    Ok(())
-}
-
-/// A closed dashed line, white below.
-fn dashed<DB: DrawingBackend>(pen: &Pen<'_, DB>, corners: &[[f64; 2]]) -> Result<(), PictureError> {
-    const DASH: f64 = 4.0;
-    const GAP: f64 = 3.0;
-    pen.line(corners.iter().chain(corners.first()).copied(), WHITE, 2.2)?;
-    // position of the line in the pattern of dash and gap
-    let mut along = 0.0;
-    for (a, b) in corners.iter().zip(corners.iter().cycle().skip(1)) {
-        let length = (b[0] - a[0]).hypot(b[1] - a[1]);
-        let at = |s: f64| [0, 1].map(|i| a[i] + s / length.max(f64::MIN_POSITIVE) * (b[i] - a[i]));
-        let mut from = 0.0;
-        while from < length {
-            let left = if along < DASH { DASH } else { DASH + GAP } - along;
-            let to = (from + left).min(length);
-            if along < DASH {
-                pen.line([at(from), at(to)], INK, 1.4)?;
-            }
-            along = if to - from < left {
-                along + (to - from)
-            } else {
-                (along + left) % (DASH + GAP)
-            };
-            from = to;
-        }
-    }
-    Ok(())
-}
-
-fn cross<DB: DrawingBackend>(
-    pen: &Pen<'_, DB>,
-    [x, y]: [f64; 2],
-    arm: f64,
-) -> Result<(), PictureError> {
-    let thick = (arm * 0.3).clamp(1.2, 1.8);
-    for (colour, width, arm) in [(WHITE, thick + 1.4, arm + 0.6), (INK, thick, arm)] {
-        pen.line([[x - arm, y - arm], [x + arm, y + arm]], colour, width)?;
-        pen.line([[x - arm, y + arm], [x + arm, y - arm]], colour, width)?;
-    }
-    Ok(())
 }
 
 /// Interval of the electrodes' numbers: every one if there is space, otherwise every fifth or tenth.

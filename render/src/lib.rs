@@ -31,9 +31,12 @@
 mod chart;
 pub(crate) mod charts;
 pub(crate) mod drawing;
+mod film;
 mod hot_spot;
 mod image;
+mod marks;
 mod mesh;
+mod page;
 mod raster;
 mod terminal;
 
@@ -42,6 +45,7 @@ pub use crate::charts::curves::{Axis, Curve, Curves, curves_png, curves_svg};
 pub use crate::charts::work_precision::{WorkPoint, work_precision_png};
 pub use crate::drawing::colour::{Rgb, colour};
 pub use crate::drawing::scale::Range;
+pub use film::{Film, Pace};
 pub use hot_spot::hot_spots;
 pub use image::{png, png_grid, svg, svg_grid};
 pub use mesh::{mesh_png, mesh_svg};
@@ -84,6 +88,17 @@ pub struct TruePlace {
     pub radius: f64,
 }
 
+/// A hot spot: a ring of the size of its area.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpotMark {
+    /// Its number.
+    pub number: u64,
+    /// Its centre, m.
+    pub centre: [f64; 2],
+    /// Its area, m2; a ring has a radius of at least 5 points.
+    pub area: f64,
+}
+
 /// Texts and marks of a picture.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Style {
@@ -99,6 +114,9 @@ pub struct Style {
     pub true_outline: Vec<[f64; 2]>,
     /// Position found, m: a cross.
     pub found: Option<[f64; 2]>,
+    /// Hot spots: numbered rings. `None` if they were not looked for; otherwise the marks are explained even if there is none,
+    /// so that pictures of one session have one size.
+    pub hot_spots: Option<Vec<SpotMark>>,
     /// Present if nothing in the map is above its noise: the noise, as a relative loss. The picture is then grey with a
     /// label, and its scale does not depend on the map unless fixed.
     pub nothing_above: Option<f64>,

@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use crate::chart::{Panel, RING, heading};
 use crate::drawing::canvas::{Drawing, PALE};
 use crate::drawing::pen::Pen;
-use crate::{PictureError, Sheet, Style};
+use crate::{PictureError, Sheet};
 
 const WIDTH: f64 = 640.0;
 const REGION: RGBColor = RGBColor(206, 224, 240);
@@ -79,7 +79,7 @@ impl Drawing for Plot<'_> {
             let corners = [a, b, c, a].map(|p| self.panel.place(*p));
             pen.line(corners, PALE, 0.4)?;
         }
-        self.panel.furniture(pen, self.sheet, &Style::default())?;
+        self.panel.furniture(pen, self.sheet)?;
         let below = format!(
             "{} triangles, {} of them in the region of interest (shaded), {} electrodes",
             self.all.len(),

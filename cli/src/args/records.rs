@@ -11,8 +11,9 @@ use super::{Replacing, span};
 use crate::options::choices::{
     BaselineRule, Format, GeometryChoice, MethodArguments, Scale, TrackedArguments,
 };
+use crate::options::instant::Instant;
 use crate::options::moment::Moment;
-use crate::options::numbers::pixels;
+use crate::options::numbers::{film_speed, pixels};
 
 /// Options of `log`.
 #[derive(Debug, Clone, Default, Args)]
@@ -109,6 +110,22 @@ pub struct Export {
     /// Sequence number of the frame whose map is drawn (default: the last one)
     #[arg(long, value_name = "SEQUENCE")]
     pub frame: Option<u64>,
+    /// Instant of the picture: a frame's number, a time since the first frame (10m), a time ('2026-11-22 14:00' local,
+    /// 2026-11-22T14:00:00Z), or an event: the first of a kind (alarm-active), the second of a kind (alarm-active:2), or its number
+    /// in `tactus events` (event:7). The last frame that had begun by then is drawn
+    #[arg(
+        long,
+        value_name = "TIME|EVENT",
+        conflicts_with = "frame",
+        allow_hyphen_values = true
+    )]
+    pub at: Option<Instant>,
+    /// Time between two pictures of a film: 10s, 2m [default: a 600th of the session, but not less than the time between two frames]
+    #[arg(long, value_name = "SPAN", value_parser = span)]
+    pub every: Option<Duration>,
+    /// How many times faster than the session the film runs [default: 10 pictures a second]
+    #[arg(long, value_name = "TIMES", value_parser = film_speed)]
+    pub speed: Option<f64>,
     /// Pixels along each side of a raster
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = pixels)]
     pub raster: usize,

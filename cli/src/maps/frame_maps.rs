@@ -71,6 +71,11 @@ impl<'a> FrameMaps<'a> {
         })
     }
 
+    /// Whether the baseline is followed, so that every frame counts.
+    pub(crate) fn follows(&self) -> bool {
+        self.follower.is_some()
+    }
+
     /// Follows a frame whose map is not asked for.
     ///
     /// # Errors

@@ -5,6 +5,7 @@ pub(crate) mod compared;
 pub(crate) mod drawing;
 pub(crate) mod follower;
 pub(crate) mod frame_maps;
+pub(crate) mod pictures;
 pub(crate) mod playback;
 pub(crate) mod quantities;
 pub(crate) mod reconstruction;

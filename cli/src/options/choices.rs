@@ -52,10 +52,19 @@ pub enum Format {
     Mat,
     /// A picture of one map.
     Png,
+    /// A film of the session as an animated PNG; see --every and --speed.
+    Apng,
     /// A drawing of one map.
     Svg,
     /// One map as pixels by GREIT's convention: CSV, one line per row of pixels, the top row first, `nan` outside.
     Raster,
+}
+
+impl Format {
+    /// Whether it shows one map.
+    pub(crate) fn is_picture(self) -> bool {
+        matches!(self, Self::Png | Self::Svg | Self::Raster)
+    }
 }
 
 /// Scale of a map.

@@ -3,6 +3,7 @@
 pub(crate) mod about;
 pub(crate) mod choices;
 pub(crate) mod duration;
+pub(crate) mod instant;
 pub(crate) mod measuring;
 pub(crate) mod moment;
 pub(crate) mod numbers;

@@ -10,6 +10,11 @@ pub(crate) fn speed(text: &str) -> Result<f64, String> {
         .map_err(|refusal| format!("{refusal}: {meaning}"))
 }
 
+/// How many times faster than the session a film of it runs.
+pub(crate) fn film_speed(text: &str) -> Result<f64, String> {
+    Bounds::Within(0.001, 1e6).parse(text)
+}
+
 /// Integration time, power-line cycles; the valid values depend on the voltmeter.
 pub(crate) fn nplc(text: &str) -> Result<f64, String> {
     Bounds::Within(0.001, 1000.0).parse(text)
@@ -41,7 +46,7 @@ mod tests {
 
     #[test]
     fn extremes_are_refused_with_what_is_allowed() {
-        let parsers = [speed, nplc, millimetres, degrees];
+        let parsers = [speed, film_speed, nplc, millimetres, degrees];
         for text in ["inf", "-inf", "nan", "1e308", "-1e308", "1e999", "", "x"] {
             for parse in parsers {
                 let refusal = parse(text).unwrap_err();

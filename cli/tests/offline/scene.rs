@@ -104,6 +104,16 @@ pub fn session_without_baseline(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
+/// [`session`] with alarms that become active half a second after the second and the third frame.
+pub fn session_with_alarms(folder: &Path) -> PathBuf {
+    let header = SessionHeader::new("m20270115_1", at(0), protocol());
+    let course = Course {
+        alarms: true,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course)
+}
+
 /// A baseline session without frames.
 pub fn baseline_session(folder: &Path) {
     let header = SessionHeader {
@@ -177,6 +187,8 @@ struct Course {
     thirds: bool,
     /// No baseline.
     bare: bool,
+    /// An alarm with the second frame and another with the third.
+    alarms: bool,
 }
 
 fn record(
@@ -250,6 +262,13 @@ fn record(
         writer
             .append(&frame(second, readings), map.as_ref())
             .expect("written");
+        if course.alarms && second > 1 {
+            let behind = at(second) + Duration::from_millis(500);
+            let text = format!("pressed: load of frame {second} <is> above 3 & stays");
+            writer
+                .event(behind, "alarm-active", &text)
+                .expect("written");
+        }
         if course.rolled {
             writer.roll(at(second)).expect("another part");
         }

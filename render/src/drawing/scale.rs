@@ -86,6 +86,27 @@ impl Range {
         Ok(Self { grey, ..range })
     }
 
+    /// One range for the maps of a film: that of those that show something above their noise.
+    ///
+    /// # Errors
+    /// As [`Range::of`].
+    pub fn of_film<'a>(
+        maps: impl Iterator<Item = (&'a Map, &'a Style)> + Clone,
+    ) -> Result<Self, PictureError> {
+        let significant = |(_, style): &(&Map, &Style)| style.nothing_above.is_none();
+        if let Some((map, style)) = maps.clone().next()
+            && !maps.clone().any(|pair| significant(&pair))
+        {
+            let range = Self::styled(map, style)?;
+            return Ok(Self {
+                grey: false,
+                ..range
+            });
+        }
+        let chosen = maps.filter(significant);
+        Self::of(chosen.map(|(map, style)| (map, style.scale)))
+    }
+
     /// A value relative to the larger end: negative for loads.
     pub(crate) fn share(&self, value: f64) -> f64 {
         -self.unit.load(value) / self.low.abs().max(self.high)

@@ -1,6 +1,8 @@
 //! `tactus export`: writes a recorded session as tables or as a file of another program, or a frame's map as a picture.
 
 mod csv;
+mod film;
+mod instant;
 mod mat;
 mod netcdf;
 mod picture;
@@ -41,6 +43,10 @@ struct Written {
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
     quality: Option<MapQuality>,
+    /// For a film: pictures, time between them in the session, and how many times faster it runs.
+    pictures: Option<usize>,
+    every_s: Option<f64>,
+    speed: Option<f64>,
 }
 
 impl Written {
@@ -74,12 +80,23 @@ pub(crate) fn run(
             "--maps belongs to --format nc; `tactus replay SESSION --out maps.csv` writes maps as a table".to_owned(),
         ));
     }
+    if export.at.is_some() && !export.format.is_picture() {
+        return Err(Failure::Usage(
+            "--at belongs to --format png, svg and raster, which draw one map".to_owned(),
+        ));
+    }
+    if (export.every.is_some() || export.speed.is_some()) && export.format != Format::Apng {
+        return Err(Failure::Usage(
+            "--every and --speed belong to --format apng; `tactus quantities` has an --every of its own".to_owned(),
+        ));
+    }
     let path = session_files::session_file(global, &export.session)?;
     let session = SessionParts::open(&path)?;
     match export.format {
         Format::Csv => csv::tables(&session, export, printer),
         Format::Nc => netcdf::write(&path, &session, export, printer),
         Format::Mat => mat::write(&session, export, printer),
+        Format::Apng => film::write(&path, &session, export, printer),
         Format::Png | Format::Svg | Format::Raster => {
             picture::picture(&path, &session, export, printer)
         }

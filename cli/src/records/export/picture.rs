@@ -6,14 +6,13 @@ use std::path::Path;
 use eit::Pressure;
 use imaging::recorded::{Recording, SessionParts};
 
-use super::Written;
+use super::{Written, instant};
 use crate::args::Export;
 use crate::failure::Failure;
 use crate::maps::drawing;
-use crate::maps::follower::Follower;
+use crate::maps::pictures::Pictures;
 use crate::options::choices::Format;
 use crate::output::Printer;
-use crate::output::time::local;
 
 /// Writes the picture and reports its path.
 pub(super) fn picture(
@@ -24,41 +23,18 @@ pub(super) fn picture(
 ) -> Result<(), Failure> {
     let header = session.header();
     super::check_comparable(session)?;
-    let sequence = match export.frame {
-        Some(sequence) => sequence,
-        None => session.last_sequence()?,
+    let sequence = match (&export.at, export.frame) {
+        (Some(instant), _) => instant::frame_at(session, instant)?,
+        (None, Some(sequence)) => sequence,
+        (None, None) => session.last_sequence()?,
     };
-    let record = session.frame(sequence)?;
     let recording = Recording::from_session(path, None, false)?;
+    let frame = recording.frame(sequence)?;
     let reconstruction = super::reconstruction(export, &recording)?;
-    let of_frame = Follower::of(&reconstruction, &export.tracked, &recording)?
-        .map(|mut follower| follower.up_to(&recording, sequence))
-        .transpose()?;
-    let (baseline, readings) = match &of_frame {
-        Some(frame) => (&frame.baseline, &frame.readings),
-        None => (&recording.unloaded.readings, &record.frame.readings),
-    };
-    let map = reconstruction.map(baseline, readings)?;
-    let found = reconstruction.field.found(&map, reconstruction.noise);
-    let pressure = reconstruction.pressure(&map)?;
-    let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));
-    let shown = calibrated.as_ref().unwrap_or(&map);
-    let title = drawing::title(
-        format!(
-            "{}, frame {sequence}, {}",
-            header.id,
-            local(record.frame.wall),
-        ),
-        of_frame.as_ref().map(|frame| &frame.tracked),
-    );
-    let style = drawing::style(
-        title,
-        (export.scale, shown.unit),
-        header.simulated,
-        found,
-        &map,
-        reconstruction.noise,
-    )?;
+    let pictures = Pictures::new(&reconstruction, &export.tracked, &recording)?;
+    let (picture, style) = pictures.only(&frame, export.scale)?;
+    let (map, shown, found) = (&picture.made.map, &picture.shown, picture.found);
+    let pressure = picture.made.pressure.as_ref();
     let (what, bytes) = match export.format {
         Format::Svg => (
             "svg",
@@ -68,7 +44,7 @@ pub(super) fn picture(
             "raster",
             drawing::raster(&reconstruction.field, shown, export.raster)?.into_bytes(),
         ),
-        Format::Png | Format::Csv | Format::Nc | Format::Mat => {
+        Format::Png | Format::Apng | Format::Csv | Format::Nc | Format::Mat => {
             ("png", drawing::png(&reconstruction.field, shown, &style)?)
         }
     };
@@ -89,9 +65,10 @@ pub(super) fn picture(
         significant: map.is_significant(reconstruction.noise),
         noise: reconstruction.noise,
         unit: Some(drawing::unit(shown)),
-        newtons: pressure.as_ref().map(|pressure| pressure.newtons),
-        largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
+        newtons: pressure.map(|pressure| pressure.newtons),
+        largest_kpa: pressure.map(Pressure::largest_kpa),
         quality: map.quality.clone(),
+        ..Written::default()
     };
     printer.record(&written, |written| {
         format!(

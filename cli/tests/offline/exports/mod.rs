@@ -1,7 +1,9 @@
 //! Files for other programs, read back by the libraries that those programs use.
 
+mod films;
 mod mat;
 mod netcdf;
+mod pictures;
 mod refusals;
 
 use std::collections::BTreeMap;

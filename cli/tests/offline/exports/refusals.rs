@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::scene::{baseline_session, refused, session, session_without_baseline};
 
 /// The files of a folder beside the sessions, sorted.
-fn left(folder: &Path) -> Vec<String> {
+pub(super) fn left(folder: &Path) -> Vec<String> {
     let names = std::fs::read_dir(folder).unwrap();
     let names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let mut names: Vec<String> = names.filter(|name| !name.contains(".tactus")).collect();

@@ -172,6 +172,25 @@ impl Recording {
         })
     }
 
+    /// The frame with this number.
+    ///
+    /// # Errors
+    /// It does not exist or cannot be read.
+    pub fn frame(&self, sequence: u64) -> Result<RecordedFrame, LogbookError> {
+        match &self.source {
+            Source::Table(rows) => {
+                let found = rows.iter().find(|frame| frame.sequence == sequence);
+                found.cloned().ok_or_else(|| LogbookError::NoSuchFrame {
+                    path: PathBuf::from(&self.name),
+                    sequence,
+                    frames: rows.len() as u64,
+                    first: 1,
+                })
+            }
+            Source::Session { parts, negate } => Ok(of_record(parts.frame(sequence)?, *negate)),
+        }
+    }
+
     /// Number of frames in [`Recording::frames`], including unreadable ones.
     ///
     /// # Errors
@@ -290,12 +309,11 @@ fn recorded(
     from: u64,
     negate: bool,
 ) -> impl Iterator<Item = Result<RecordedFrame, LogbookError>> {
-    parts
-        .frames_from(from)
-        .map(move |record| Ok(recorded_frame(record?, negate)))
+    let frame = move |record: Result<Record, _>| Ok(of_record(record?, negate));
+    parts.frames_from(from).map(frame)
 }
 
-fn recorded_frame(record: Record, negate: bool) -> RecordedFrame {
+fn of_record(record: Record, negate: bool) -> RecordedFrame {
     let mut readings = record.frame.readings;
     if negate {
         change_signs(&mut readings);
