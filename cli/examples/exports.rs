@@ -161,7 +161,9 @@ fn record(folder: &Path, frames: u64) -> Result<(), Box<dyn std::error::Error>> 
                 extra: Vec::new(),
                 sequence: 0,
                 readings: readings(second),
-                monotonic: Duration::from_secs(second),
+                monotonic: Duration::from_micros(
+                    (at(second) - begin).num_microseconds().unwrap_or(0) as u64,
+                ),
                 wall: at(second),
                 duration: Duration::from_millis(800),
                 settings: settings.clone(),

@@ -114,6 +114,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
         Command::Doctor(requested) => doctor::run(&global, &requested, printer),
         Command::Events { session } => crate::records::events::run(&global, &session, printer),
         Command::Export(export) => crate::records::export::run(&global, &export, printer),
+        Command::Report(requested) => crate::records::report::run(&global, &requested, printer),
         Command::Replay(replay) => crate::maps::replay::run(&global, &replay, printer),
         Command::Quantities(requested) => {
             crate::maps::quantities::run(&global, &requested, printer)
@@ -193,6 +194,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     | Command::Events { .. }
                     | Command::Doctor(_)
                     | Command::Export(_)
+                    | Command::Report(_)
                     | Command::Replay(_)
                     | Command::Quantities(_)
                     | Command::Top(_)
@@ -219,6 +221,7 @@ mod outputs {
         let paths = Paths {
             outputs: &[
                 ("export --out", "export s --format csv --out {}"),
+                ("report --out", "report s --out {}"),
                 ("replay --out", "replay s --out {}"),
                 ("replay --png", "replay s --png {}"),
                 ("transcript --out", "transcript --out {}"),
@@ -230,6 +233,9 @@ mod outputs {
                 "export --calibration",
                 "export --case",
                 "export --model",
+                "report --calibration",
+                "report --case",
+                "report --model",
                 "replay --calibration",
                 "replay --case",
                 "replay --frames",

@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
 use std::path::Path;
 
-use outfile::{Existing, OutFile, OutFileError};
+use outfile::{Existing, NewFolder, OutFile, OutFileError};
 
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
@@ -130,4 +130,30 @@ fn a_transcript_grows_under_its_name_in_a_new_file_only() {
     symlink("elsewhere", folder.path().join("link")).unwrap();
     assert!(outfile::create_in_place(&folder.path().join("link")).is_err());
     assert_eq!(names(folder.path()), ["link", "talk.jsonl"]);
+}
+
+#[test]
+fn a_new_folder_appears_whole_or_not_at_all() {
+    let parent = tempfile::tempdir().unwrap();
+    let path = parent.path().join("report");
+    let mut folder = NewFolder::create(&path).unwrap();
+    folder.put("a.html", b"one").unwrap();
+    assert!(folder.put("a.html", b"two").is_err(), "a name twice");
+    assert!(!path.exists());
+    drop(folder);
+    assert_eq!(names(parent.path()), Vec::<String>::new());
+    for existing in [false, true] {
+        if existing {
+            std::fs::remove_file(path.join("a.html")).unwrap();
+        }
+        let mut folder = NewFolder::create(&path).unwrap();
+        folder.put("a.html", b"one").unwrap();
+        assert_eq!(folder.finish().unwrap(), path);
+        assert_eq!(names(&path), ["a.html"], "{existing}");
+        assert_eq!(names(parent.path()), ["report"]);
+    }
+    let refused = NewFolder::create(&path).unwrap_err();
+    assert!(matches!(refused, OutFileError::NotEmpty(_)), "{refused}");
+    assert!(NewFolder::create(&path.join("a.html")).is_err());
+    assert!(NewFolder::create(&parent.path().join("no/report")).is_err());
 }

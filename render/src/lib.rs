@@ -41,6 +41,7 @@ mod raster;
 mod terminal;
 
 pub use crate::chart::nothing_above;
+pub use crate::charts::course::{Course, CourseLine, course_svg};
 pub use crate::charts::curves::{Axis, Curve, Curves, curves_png, curves_svg};
 pub use crate::charts::work_precision::{WorkPoint, work_precision_png};
 pub use crate::drawing::colour::{Rgb, colour};

@@ -15,7 +15,8 @@ use outfile::{Existing, GrowingFolder};
 use crate::options::duration::{SpanError, parse_span};
 use crate::output::Colour;
 pub use records::{
-    Export, Log, Prune, Quantities, RecordingSource, Repair, Replay, SessionsCommand, Verify,
+    Export, Log, Prune, Quantities, RecordingSource, Repair, Replay, Report, SessionsCommand,
+    Verify,
 };
 pub use rig::{
     AlarmOrder, AlarmsCommand, Discover, Doctor, InstrumentsCommand, NotifyCommand, Transcript,
@@ -133,6 +134,8 @@ pub enum Command {
     Doctor(Doctor),
     /// Write a session's frames as CSV, or a frame's map as PNG or SVG
     Export(Export),
+    /// Write what happened in a session as one HTML page for reading and printing: worst moments, curves, alarms, gaps, health
+    Report(Box<Report>),
     /// Reconstruct a recording offline: a case folder, or a session
     Replay(Box<Replay>),
     /// Print load, contact area, peak pressure index, centre of pressure, dose and other quantities of a recording

@@ -221,6 +221,39 @@ pub struct Replay {
     pub geometry: GeometryChoice,
 }
 
+/// Options of `report`.
+#[derive(Debug, Args)]
+pub struct Report {
+    /// Session: an id, the beginning of one, `last`, or a session file
+    pub session: String,
+    /// New or empty directory for the page, index.html
+    #[arg(long, short, value_name = "DIR")]
+    pub out: OutFolder,
+    /// A calibration of this mesh and method (`tactus-lab calibrate`): pressures and loads in kPa and newtons [default: the
+    /// session's, unless another method is named]
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub method: MethodArguments,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub tracked: TrackedArguments,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub geometry: GeometryChoice,
+}
+
+impl Report {
+    /// Whether maps are asked for other than those that the session was recorded with.
+    pub(crate) fn names_reconstruction(&self) -> bool {
+        self.calibration.is_some()
+            || self.tracked != TrackedArguments::default()
+            || self.method != MethodArguments::default()
+            || self.geometry != GeometryChoice::default()
+    }
+}
+
 /// Options of `quantities`.
 #[derive(Debug, Args)]
 pub struct Quantities {

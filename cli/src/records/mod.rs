@@ -6,5 +6,6 @@ pub(crate) mod events;
 pub(crate) mod export;
 pub(crate) mod log;
 pub(crate) mod maintenance;
+pub(crate) mod report;
 pub(crate) mod sessions;
 pub(crate) mod show;

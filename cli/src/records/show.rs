@@ -109,6 +109,33 @@ pub(crate) fn run(
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
     let session = SessionParts::open(&session_files::session_file(global, named)?)?;
+    let details = details(&session)?;
+    let times = Times::of(&session);
+    printer.record(&details, |details| page(details, &times))
+}
+
+/// What `sessions show` prints of a session, a name and a text each.
+pub(crate) fn entries(session: &SessionParts) -> Result<Vec<(String, String)>, Failure> {
+    Ok(lines(&details(session)?, &Times::of(session)))
+}
+
+/// Begin and end for people.
+struct Times {
+    started: String,
+    ended: Option<String>,
+}
+
+impl Times {
+    fn of(session: &SessionParts) -> Self {
+        let last_part = session.each().last().unwrap_or(&session.each()[0]);
+        Self {
+            started: local(session.header().started),
+            ended: last_part.closed().map(|closing| local(closing.at)),
+        }
+    }
+}
+
+fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
     let header = session.header();
     let last_part = session.each().last().unwrap_or(&session.each()[0]);
     let last = last_part.last()?;
@@ -122,7 +149,7 @@ pub(crate) fn run(
     let span = last
         .as_ref()
         .map(|record| (record.frame.wall - header.started).as_seconds_f64());
-    let shown = SessionDetails {
+    Ok(SessionDetails {
         id: header.id.clone(),
         kind: header.kind.as_str(),
         simulated: header.simulated,
@@ -176,18 +203,26 @@ pub(crate) fn run(
         geometry_hash: header.geometry_hash.clone(),
         config_hash: header.config_hash.clone(),
         build: header.build.clone(),
-    };
-    let started = local(header.started);
-    let ended = closed.map(|closing| local(closing.at));
-    printer.record(&shown, |shown| page(shown, &started, ended.as_deref()))
+    })
 }
 
-/// One entry per line: what is not known is left out, except where that matters.
-fn page(shown: &SessionDetails, started: &str, ended: Option<&str>) -> String {
-    let mut lines: Vec<(&str, String)> = Vec::new();
-    let mut push = |name, text: String| {
+/// One entry per line.
+fn page(shown: &SessionDetails, times: &Times) -> String {
+    let lines = lines(shown, times);
+    let width = lines.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+    let lines: Vec<String> = lines
+        .iter()
+        .map(|(name, text)| format!("{:width$}  {}", printable(name), printable(text)))
+        .collect();
+    lines.join("\n")
+}
+
+/// Names and texts: what is not known is left out, except where that matters.
+fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
+    let mut lines: Vec<(String, String)> = Vec::new();
+    let mut push = |name: &str, text: String| {
         if !text.is_empty() {
-            lines.push((name, text));
+            lines.push((name.to_owned(), text));
         }
     };
     let simulated = if shown.simulated { " (SIMULATED)" } else { "" };
@@ -195,10 +230,10 @@ fn page(shown: &SessionDetails, started: &str, ended: Option<&str>) -> String {
         "session",
         format!("{}, {}{simulated}", shown.id, shown.kind),
     );
-    push("started", started.to_owned());
+    push("started", times.started.clone());
     push(
         "ended",
-        match (ended, &shown.reason) {
+        match (&times.ended, &shown.reason) {
             (Some(ended), Some(reason)) => format!("{ended}, {reason}"),
             _ => "not yet, or its daemon was killed".to_owned(),
         },
@@ -290,12 +325,7 @@ fn page(shown: &SessionDetails, started: &str, ended: Option<&str>) -> String {
     for part in &shown.parts {
         push("file", part.clone());
     }
-    let width = lines.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
-    let lines: Vec<String> = lines
-        .iter()
-        .map(|(name, text)| format!("{:width$}  {}", printable(name), printable(text)))
-        .collect();
-    lines.join("\n")
+    lines
 }
 
 fn on_off(set: bool) -> &'static str {

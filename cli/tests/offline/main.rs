@@ -4,5 +4,6 @@ mod exports;
 mod files;
 mod hostile;
 mod maps;
+mod report;
 mod scene;
 mod upkeep;

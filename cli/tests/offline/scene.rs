@@ -114,6 +114,16 @@ pub fn session_with_alarms(folder: &Path) -> PathBuf {
     record(folder, header, None, |_, record, _| record, course)
 }
 
+/// [`session`] with two frames more, the last ten minutes after the fourth.
+pub fn session_paused(folder: &Path) -> PathBuf {
+    let header = SessionHeader::new("m20270115_1", at(0), protocol());
+    let course = Course {
+        paused: true,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course)
+}
+
 /// A baseline session without frames.
 pub fn baseline_session(folder: &Path) {
     let header = SessionHeader {
@@ -187,6 +197,8 @@ struct Course {
     thirds: bool,
     /// No baseline.
     bare: bool,
+    /// Two frames more, the last ten minutes after the fourth, with an event that explains it.
+    paused: bool,
     /// An alarm with the second frame and another with the third.
     alarms: bool,
 }
@@ -250,7 +262,12 @@ fn record(
     if !course.bare {
         writer.baseline(&baseline).expect("written");
     }
-    for (second, readings) in [(1, unloaded.clone()), (2, gap), (3, loaded)] {
+    let mut frames = vec![(1, unloaded.clone()), (2, gap), (3, loaded.clone())];
+    if course.paused {
+        frames.extend([(4, loaded.clone()), (604, loaded)]);
+    }
+    let end = frames.last().map_or(0, |(second, _)| second + 1);
+    for (second, readings) in frames {
         let map = reconstructor.map(|reconstructor| {
             let map = reconstructor
                 .reconstruct(&unloaded, &readings)
@@ -269,11 +286,15 @@ fn record(
                 .event(behind, "alarm-active", &text)
                 .expect("written");
         }
+        if course.paused && second == 4 {
+            let text = "no frames while the disk was slow";
+            writer.event(at(5), "paused", text).expect("written");
+        }
         if course.rolled {
             writer.roll(at(second)).expect("another part");
         }
     }
     let path = writer.path().to_owned();
-    writer.close(at(4), "count reached").expect("closed");
+    writer.close(at(end), "count reached").expect("closed");
     path
 }

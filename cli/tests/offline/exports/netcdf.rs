@@ -1,5 +1,7 @@
 //! netCDF files, read by xarray and scipy.
 
+use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
+
 use super::{BEFORE_VOLTAGES, Cells, bits, python, read, tables};
 use crate::scene::{done, session, session_at_thirds_of_a_second, session_in_parts};
 
@@ -130,4 +132,68 @@ fn netcdf_of_parts_is_that_of_the_whole() {
     for name in ["voltage", "sequence", "time", "quality"] {
         assert_eq!(whole[name].bits(), parts[name].bits(), "{name}");
     }
+}
+
+#[test]
+fn stored_quantities_are_those_of_the_command() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let row = |minute: i64, region: &str, quantity, mean: f64| QuantityRow {
+        begin_s: 1_800_000_000 + 60 * minute,
+        region: region.into(),
+        quantity,
+        of: LoadUnit::Pressure,
+        min: mean / 3.0,
+        mean,
+        max: mean * 1.7,
+        frames: 60,
+        known: 59,
+    };
+    for (minute, mean) in [(0, 0.1), (1, 12.3), (7, 1e-7)] {
+        let mut rows = vec![
+            row(minute, "sheet", Quantity::Load, mean),
+            row(minute, "sheet", Quantity::CentreX, 2.0 * mean),
+        ];
+        // a quantity without a value has no row
+        if minute != 1 {
+            rows.push(row(minute, "heel", Quantity::Load, 0.3 * mean));
+        }
+        store(folder.path(), "m20270115_1", &rows).unwrap();
+    }
+    let table = done(folder.path(), &["quantities", "last", "--csv"]);
+    std::fs::write(folder.path().join("table.csv"), table).unwrap();
+    let table = Cells::read(&folder.path().join("table.csv"));
+    let export = ["export", "last", "--format", "nc", "--out", "out.nc"];
+    done(folder.path(), &export);
+    let read = read(&python, "read_nc.py", &folder.path().join("out.nc"));
+    let minutes = [1_800_000_000.0, 1_800_000_060.0, 1_800_000_420.0];
+    assert_eq!(read["minute"].numbers(), minutes);
+    assert_eq!(read["region:names"].values[0], "sheet heel");
+    assert_eq!(read["load_mean:units"].values[0], "N");
+    assert_eq!(read["load_mean"].shape, [3, 2]);
+    assert!(!read.contains_key("peak_mean"));
+    for ending in ["min", "mean", "max"] {
+        let of = |region: &str, quantity: &str| -> Vec<f64> {
+            let rows = std::iter::zip(table.column("region"), table.column("quantity"));
+            let chosen = rows.zip(table.numbers(ending));
+            let chosen = chosen.filter(|(row, _)| *row == (region, quantity));
+            chosen.map(|(_, value)| value).collect()
+        };
+        let (sheet, heel) = (of("sheet", "load"), of("heel", "load"));
+        let load = [sheet[0], heel[0], sheet[1], f64::NAN, sheet[2], heel[1]];
+        assert_eq!(
+            read[&format!("load_{ending}")].bits(),
+            bits(load),
+            "{ending}"
+        );
+        let nan = f64::NAN;
+        let centre = of("sheet", "centre-x");
+        let centre = [centre[0], nan, centre[1], nan, centre[2], nan];
+        let name = format!("centre_x_{ending}");
+        assert_eq!(read[&name].bits(), bits(centre), "{ending}");
+    }
+    // the frames are as without quantities
+    assert_eq!(read["voltage"].shape, [3, 208]);
+    assert_eq!(read["sequence"].numbers(), [1.0, 2.0, 3.0]);
 }

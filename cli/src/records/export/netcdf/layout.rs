@@ -27,7 +27,7 @@ enum Values {
 /// The definition of a file.
 pub(super) struct Layout {
     set: DataSet,
-    fixed: Vec<(&'static str, Values)>,
+    fixed: Vec<(String, Values)>,
 }
 
 impl Layout {
@@ -58,25 +58,25 @@ impl Layout {
 
     pub(super) fn whole_numbers(
         &mut self,
-        name: &'static str,
+        name: &str,
         dimensions: &[&str],
         values: Vec<i32>,
         texts: Texts<'_>,
     ) -> Result<(), Failure> {
         self.variable(name, dimensions, DataType::I32, texts)?;
-        self.fixed.push((name, Values::Whole(values)));
+        self.fixed.push((name.to_owned(), Values::Whole(values)));
         Ok(())
     }
 
     pub(super) fn numbers(
         &mut self,
-        name: &'static str,
+        name: &str,
         dimensions: &[&str],
         values: Vec<f64>,
         texts: Texts<'_>,
     ) -> Result<(), Failure> {
         self.variable(name, dimensions, DataType::F64, texts)?;
-        self.fixed.push((name, Values::Real(values)));
+        self.fixed.push((name.to_owned(), Values::Real(values)));
         Ok(())
     }
 

@@ -2,6 +2,7 @@
 
 mod layout;
 mod maps;
+mod quantities;
 
 use std::io::Write;
 use std::path::Path;
@@ -69,7 +70,12 @@ pub(super) fn write(
         )),
         _ => None,
     };
-    let layout = layout(session, &first, reconstruction.as_ref())?;
+    let mut layout = layout(session, &first, reconstruction.as_ref())?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let lost = quantities::quantities(&mut layout, folder, header.session())?;
+    if lost > 0 {
+        eprintln!("tactus: {lost} of the stored minutes of quantities are damaged and left out");
+    }
     let mut file = OutFile::create(&export.out, export.replacing.existing())?;
     file.put(&layout.bytes()?)?;
     let (mut written, mut last) = (0_u32, header.first_sequence - 1);

@@ -1,0 +1,153 @@
+//! `tactus report`: what happened in a session, as one HTML page that prints to A4.
+
+mod charts;
+mod health;
+mod html;
+mod moments;
+mod page;
+mod rows;
+mod sections;
+
+use std::io::Write;
+use std::path::Path;
+
+use imaging::recorded::{Recording, SessionParts};
+use logbook::{Event, Verified};
+use outfile::NewFolder;
+use serde::Serialize;
+
+use crate::args::{Global, Report};
+use crate::failure::Failure;
+use crate::maps::reconstruction::Reconstruction;
+use crate::output::Printer;
+use crate::output::progress::progress;
+use crate::records::events;
+use crate::session_files;
+use health::Health;
+use moments::Moment;
+use rows::SessionRows;
+
+/// The line of `report --json`; see `docs/reference/json.md`.
+#[derive(Debug, Serialize)]
+struct Written {
+    path: String,
+    session: String,
+    simulated: bool,
+    frames: u64,
+    events: usize,
+    gaps: usize,
+    unexplained: usize,
+    maps: usize,
+}
+
+/// All that the page shows.
+struct Facts<'a> {
+    session: &'a SessionParts,
+    verified: Verified,
+    events: Vec<Event>,
+    health: Health,
+    /// The reason where no maps can be made.
+    maps: Result<MapFacts<'a>, String>,
+}
+
+impl Facts<'_> {
+    /// The events by which a rule or the daemon raised an alarm.
+    fn alarms(&self) -> impl Iterator<Item = &Event> {
+        let raised = ["alarm", "alarm-active"];
+        let events = self.events.iter();
+        events.filter(move |event| raised.contains(&event.kind.as_str()))
+    }
+}
+
+/// What the maps of a session show.
+struct MapFacts<'a> {
+    reconstruction: &'a Reconstruction,
+    rows: SessionRows,
+    moments: Vec<Moment>,
+}
+
+/// Writes the page and reports its path.
+pub(crate) fn run(
+    global: &Global,
+    requested: &Report,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let mut folder = NewFolder::create(&requested.out)?;
+    let path = session_files::session_file(global, &requested.session)?;
+    let session = SessionParts::open(&path)?;
+    let header = session.header();
+    let bar = progress(Some(session.len()?), printer.is_terminal());
+    let verified = logbook::verify(&path, |frames| bar.set_position(frames))?;
+    bar.finish_and_clear();
+    let prepared = match prepared(&path, requested) {
+        Ok(prepared) => Ok(prepared),
+        // a page without maps is better than none; a wrong option is not a matter of the session
+        Err(error @ (Failure::Usage(_) | Failure::Configuration(_)))
+            if requested.names_reconstruction() =>
+        {
+            return Err(error);
+        }
+        Err(other) => Err(other.to_string()),
+    };
+    let maps = match &prepared {
+        Ok((recording, reconstruction)) => Ok(map_facts(
+            &path,
+            recording,
+            reconstruction,
+            requested,
+            printer,
+        )?),
+        Err(why) => Err(why.clone()),
+    };
+    let facts = Facts {
+        session: &session,
+        verified,
+        events: events::of_session(&session)?,
+        health: Health::of(&session),
+        maps,
+    };
+    let html = page::html(&facts)?;
+    folder.put("index.html", html.as_bytes())?;
+    let folder = folder.finish()?;
+    let gaps = &facts.verified.gaps;
+    let written = Written {
+        path: folder.join("index.html").display().to_string(),
+        session: header.id.clone(),
+        simulated: header.simulated,
+        frames: facts.verified.frames,
+        events: facts.events.len(),
+        gaps: gaps.len(),
+        unexplained: gaps.iter().filter(|gap| gap.explained.is_none()).count(),
+        maps: facts.maps.as_ref().map_or(0, |maps| maps.moments.len()),
+    };
+    printer.record(&written, |written| format!("report    {}", written.path))
+}
+
+fn prepared(path: &Path, requested: &Report) -> Result<(Recording, Reconstruction), Failure> {
+    let recording = Recording::from_session(path, None, false)?;
+    let reconstruction = Reconstruction::new(
+        &requested.method,
+        &requested.geometry,
+        requested.calibration.as_deref(),
+        &requested.tracked,
+        &recording,
+    )?;
+    Ok((recording, reconstruction))
+}
+
+fn map_facts<'a>(
+    path: &Path,
+    recording: &'a Recording,
+    reconstruction: &'a Reconstruction,
+    requested: &Report,
+    printer: &Printer<impl Write>,
+) -> Result<MapFacts<'a>, Failure> {
+    let on_terminal = printer.is_terminal();
+    let rows = SessionRows::of(path, recording, reconstruction, requested, on_terminal)?;
+    let moments = moments::worst(&rows, recording, reconstruction, requested, on_terminal)?;
+    Ok(MapFacts {
+        reconstruction,
+        rows,
+        moments,
+    })
+}

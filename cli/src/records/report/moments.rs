@@ -1,0 +1,163 @@
+//! The worst moments of a session, with their maps.
+
+use chrono::DateTime;
+use imaging::quantities::{Quantity, QuantityRow, SHEET, rounded};
+use imaging::recorded::{RecordedFrame, Recording};
+use imaging::tracking::seconds;
+use render::Style;
+use survey::Map;
+
+use super::rows::SessionRows;
+use crate::args::Report;
+use crate::failure::Failure;
+use crate::maps::pictures::Pictures;
+use crate::maps::reconstruction::Reconstruction;
+use crate::options::choices::Scale;
+use crate::options::duration::display_long;
+use crate::output::progress::progress;
+use crate::output::time::local;
+
+/// The quantities whose largest value is a worst moment.
+const WORST: [Quantity; 3] = [Quantity::Ppi, Quantity::Load, Quantity::Unrelieved];
+/// Maps made to find the frame in its span.
+const MAPS: usize = 60;
+
+/// A moment with its map.
+pub(super) struct Moment {
+    /// What was largest, in words, with its value.
+    pub(super) what: String,
+    pub(super) map: Map,
+    pub(super) style: Style,
+}
+
+/// A span in which a quantity was largest, and the best frame in it so far.
+struct Search<'a> {
+    row: &'a QuantityRow,
+    every: usize,
+    seen: usize,
+    best: Option<(f64, Map, Style)>,
+}
+
+impl Search<'_> {
+    fn holds(&self, frame: &RecordedFrame, span_s: u32) -> bool {
+        let end = self.row.begin_s + i64::from(span_s);
+        let at = frame.wall.map_or(frame.sequence as f64, seconds);
+        (self.row.begin_s as f64..end as f64).contains(&at)
+    }
+}
+
+/// The maps of the worst moments, in the order of [`WORST`]; one map for moments in one frame.
+pub(super) fn worst(
+    rows: &SessionRows,
+    recording: &Recording,
+    reconstruction: &Reconstruction,
+    requested: &Report,
+    on_terminal: bool,
+) -> Result<Vec<Moment>, Failure> {
+    let spans = WORST
+        .into_iter()
+        .filter_map(|quantity| rows.worst(quantity));
+    let mut searches: Vec<Search<'_>> = spans
+        .map(|row| Search {
+            row,
+            every: 1,
+            seen: 0,
+            best: None,
+        })
+        .collect();
+    for frame in recording.frames().filter_map(Result::ok) {
+        for search in &mut searches {
+            search.seen += usize::from(search.holds(&frame, rows.span_s));
+        }
+    }
+    for search in &mut searches {
+        search.every = search.seen.div_ceil(MAPS).max(1);
+        search.seen = 0;
+    }
+    let mut pictures = Pictures::new(reconstruction, &requested.tracked, recording)?;
+    let bar = progress(Some(recording.len()? as u64), on_terminal);
+    for frame in recording.frames().filter_map(Result::ok) {
+        bar.inc(1);
+        let mut wanted = Vec::new();
+        for (index, search) in searches.iter_mut().enumerate() {
+            if search.holds(&frame, rows.span_s) {
+                if search.seen.is_multiple_of(search.every) {
+                    wanted.push(index);
+                }
+                search.seen += 1;
+            }
+        }
+        if wanted.is_empty() {
+            pictures.pass(&frame)?;
+            continue;
+        }
+        let picture = match pictures.map(&frame) {
+            Ok(picture) => picture,
+            Err(Failure::Failed(_)) => continue,
+            Err(other) => return Err(other),
+        };
+        let sheet = picture
+            .quantities
+            .regions
+            .iter()
+            .find(|region| region.name == SHEET);
+        for index in wanted {
+            let search = &mut searches[index];
+            // a time depends on all frames before: its largest value is that of the span's last frame
+            let value = match search.row.quantity {
+                Quantity::Unrelieved => search.seen as f64,
+                quantity => match sheet.and_then(|sheet| sheet.values.get(quantity)) {
+                    Some(value) => value,
+                    None => continue,
+                },
+            };
+            if search.best.as_ref().is_none_or(|(best, ..)| value > *best) {
+                let style = pictures.style(&frame, &picture, Scale::Own)?;
+                let time = frame.wall.map_or_else(|| frame.label.clone(), local);
+                let style = Style {
+                    title: time,
+                    ..style
+                };
+                search.best = Some((value, picture.shown.clone(), style));
+            }
+        }
+    }
+    bar.finish_and_clear();
+    let mut moments: Vec<Moment> = Vec::new();
+    for search in searches {
+        let Some((_, map, style)) = search.best else {
+            continue;
+        };
+        let what = words(search.row);
+        match moments
+            .iter_mut()
+            .find(|other| other.style.title == style.title)
+        {
+            Some(same) => same.what = format!("{}; {what}", same.what),
+            None => moments.push(Moment { what, map, style }),
+        }
+    }
+    Ok(moments)
+}
+
+/// A quantity with its largest value.
+fn words(row: &QuantityRow) -> String {
+    let name = match row.quantity {
+        Quantity::Unrelieved => row.quantity.words().to_owned(),
+        quantity => format!("largest {}", quantity.words()),
+    };
+    format!("{name}: {}", value(row))
+}
+
+/// The largest value with its unit.
+pub(super) fn value(row: &QuantityRow) -> String {
+    match row.quantity {
+        Quantity::Unrelieved => display_long(row.max),
+        quantity => format!("{} {}", rounded(row.max), quantity.unit(row.of)),
+    }
+}
+
+/// When the span of a row began.
+pub(super) fn begin(row: &QuantityRow) -> String {
+    DateTime::from_timestamp(row.begin_s, 0).map_or_else(String::new, local)
+}

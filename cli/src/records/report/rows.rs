@@ -1,0 +1,167 @@
+//! The quantities of a session in spans of time: those stored with it, or of a selection of its frames.
+
+use std::path::Path;
+
+use imaging::quantities::{Quantity, QuantityRow, Rows, SHEET, STORED_S, joined, stored};
+use imaging::recorded::{Origin, Recording};
+use imaging::tracking::seconds;
+
+use crate::args::Report;
+use crate::failure::Failure;
+use crate::maps::pictures::Pictures;
+use crate::maps::reconstruction::Reconstruction;
+use crate::output::progress::progress;
+
+/// Spans of a chart.
+const SPANS: u32 = 480;
+/// Maps made for a session without stored quantities.
+const MAPS: usize = 1500;
+
+/// Rows of all regions and quantities.
+pub(super) struct SessionRows {
+    pub(super) rows: Vec<QuantityRow>,
+    /// Length of a span, s.
+    pub(super) span_s: u32,
+    /// Where the rows are from, as a sentence.
+    pub(super) origin: String,
+}
+
+impl SessionRows {
+    pub(super) fn of(
+        path: &Path,
+        recording: &Recording,
+        reconstruction: &Reconstruction,
+        requested: &Report,
+        on_terminal: bool,
+    ) -> Result<Self, Failure> {
+        if let (Origin::Session(header), false) =
+            (&recording.origin, requested.names_reconstruction())
+        {
+            let folder = path.parent().unwrap_or(Path::new("."));
+            if let Some((rows, damaged)) = stored(folder, header.session())?
+                && let (Some(first), Some(last)) = (rows.first(), rows.last())
+            {
+                let span_s = span_s((last.begin_s - first.begin_s) as f64);
+                let lost = match damaged {
+                    0 => String::new(),
+                    _ => format!("; {damaged} minutes are damaged and left out"),
+                };
+                return Ok(Self {
+                    rows: joined(&rows, span_s),
+                    span_s,
+                    origin: format!(
+                        "Quantities of every frame, stored by the daemon while it recorded{lost}."
+                    ),
+                });
+            }
+        }
+        Self::computed(recording, reconstruction, requested, on_terminal)
+    }
+
+    fn computed(
+        recording: &Recording,
+        reconstruction: &Reconstruction,
+        requested: &Report,
+        on_terminal: bool,
+    ) -> Result<Self, Failure> {
+        let frames = recording.len()?;
+        let every = frames.div_ceil(MAPS).max(1);
+        let times = || {
+            recording
+                .frames()
+                .filter_map(Result::ok)
+                .filter_map(|frame| frame.wall)
+        };
+        let first = times().next();
+        let last = times().last();
+        let whole = first.zip(last).map_or(0.0, |(first, last)| {
+            (last - first).as_seconds_f64().max(0.0)
+        });
+        // each span has a frame
+        let span_s =
+            span_s(whole.max(f64::from(STORED_S) * (every as f64 * whole / frames.max(1) as f64)));
+        let mut pictures = Pictures::new(reconstruction, &requested.tracked, recording)?;
+        let mut collected = Rows::new(span_s);
+        let mut rows = Vec::new();
+        let bar = progress(Some(frames as u64), on_terminal);
+        let (mut used, mut without) = (0, 0);
+        for (index, frame) in recording.frames().filter_map(Result::ok).enumerate() {
+            bar.inc(1);
+            if !index.is_multiple_of(every) {
+                pictures.pass(&frame)?;
+                continue;
+            }
+            match pictures.map(&frame) {
+                Ok(picture) => {
+                    let at_s = frame.wall.map_or(frame.sequence as f64, seconds);
+                    rows.extend(collected.take(at_s, &picture.quantities));
+                    used += 1;
+                }
+                Err(Failure::Failed(_)) => without += 1,
+                Err(other) => return Err(other),
+            }
+        }
+        rows.extend(collected.end());
+        bar.finish_and_clear();
+        let lost = match without {
+            0 => String::new(),
+            _ => format!(" {without} more have no map."),
+        };
+        Ok(Self {
+            rows,
+            span_s,
+            origin: format!(
+                "The session has no stored quantities of this method; they were computed for this report from {used} of {frames} \
+                 frames, evenly chosen: shorter events between these are not shown.{lost}"
+            ),
+        })
+    }
+
+    /// The rows of a quantity in a region.
+    pub(super) fn of_region(
+        &self,
+        quantity: Quantity,
+        region: &str,
+    ) -> impl Iterator<Item = &QuantityRow> {
+        self.rows
+            .iter()
+            .filter(move |row| row.quantity == quantity && row.region == region)
+    }
+
+    /// The span of the whole sheet with the largest value of a quantity; `None` where it is nowhere above zero.
+    pub(super) fn worst(&self, quantity: Quantity) -> Option<&QuantityRow> {
+        self.of_region(quantity, SHEET)
+            .filter(|row| row.max > 0.0)
+            .max_by(|a, b| a.max.total_cmp(&b.max))
+    }
+
+    /// The names of the regions, in their order.
+    pub(super) fn regions(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = Vec::new();
+        for row in &self.rows {
+            if !names.contains(&row.region.as_str()) {
+                names.push(&row.region);
+            }
+        }
+        names
+    }
+}
+
+/// Length of the spans of a session: whole minutes, at most [`SPANS`] of them.
+fn span_s(whole_s: f64) -> u32 {
+    let minutes = (whole_s / f64::from(SPANS * STORED_S)).ceil().max(1.0);
+    STORED_S.saturating_mul(minutes as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spans_are_whole_minutes() {
+        assert_eq!(span_s(0.0), 60);
+        assert_eq!(span_s(8.0 * 3600.0), 60);
+        assert_eq!(span_s(24.0 * 3600.0), 180);
+        assert_eq!(span_s(30.0 * 86_400.0) % 60, 0);
+    }
+}

@@ -1,0 +1,152 @@
+//! The report of a session: one page without scripts, complete or not there at all.
+
+use std::path::Path;
+
+use crate::scene::{
+    done, lines, refused, session_paused, session_with_alarms, session_without_baseline,
+};
+
+const METHOD: [&str; 4] = ["--preset", "disc-tank", "--noise-v", "2e-6"];
+
+fn report(folder: &Path, session: &str) -> (String, serde_json::Value) {
+    let command = ["report", session, "--json", "--out", "out"];
+    let printed = done(folder, &[&command[..], &METHOD].concat());
+    let names = std::fs::read_dir(folder.join("out")).unwrap();
+    let names: Vec<_> = names.map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(names, ["index.html"]);
+    let page = std::fs::read_to_string(folder.join("out/index.html")).unwrap();
+    (page, lines(&printed)[0].clone())
+}
+
+/// The names of a folder, sorted.
+fn names(folder: &Path) -> Vec<String> {
+    let names = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = names
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn a_report_is_one_page_that_loads_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    session_with_alarms(folder.path());
+    let (page, line) = report(folder.path(), "last");
+    assert_eq!(line["simulated"], true);
+    assert_eq!(
+        (&line["frames"], &line["events"], &line["gaps"]),
+        (&3.into(), &2.into(), &0.into())
+    );
+    // the frame with an overload, and the last one
+    assert_eq!(line["maps"], 2);
+    for words in [
+        "SIMULATED",
+        "not a medical device",
+        "<h2>Summary</h2>",
+        "<h2>Worst moments</h2>",
+        "<h2>Course</h2>",
+        "<h2>Alarms and events</h2>",
+        "<h2>Gaps</h2>",
+        "<h2>Health</h2>",
+        "<h2>Settings and origin</h2>",
+        "three frames",
+        "1.000000 mA",
+        "readings over range</td><td>1 (33.33 %)",
+        "load of frame 3 &lt;is&gt; above 3 &amp; stays",
+        "b20270115_1",
+        "the session has no calibration",
+    ] {
+        assert!(page.contains(words), "{words}");
+    }
+    for foreign in [
+        "<script", "src=", "href=", "url(", "@import", "<link", "onload",
+    ] {
+        assert!(!page.contains(foreign), "{foreign}");
+    }
+    // the maps, and a chart for each quantity that has values
+    assert!(page.matches("<svg").count() >= 5);
+    let [open, closed] = ["<svg", "</svg>"].map(|tag| page.matches(tag).count());
+    assert_eq!(open, closed);
+}
+
+#[test]
+fn numbers_of_a_report_are_those_of_quantities() {
+    let folder = tempfile::tempdir().unwrap();
+    session_with_alarms(folder.path());
+    let (page, _) = report(folder.path(), "last");
+    let quantities = ["quantities", "last", "--json"];
+    let rows = lines(&done(folder.path(), &[&quantities[..], &METHOD].concat()));
+    for (quantity, words) in [
+        ("ppi", "largest peak pressure index"),
+        ("load", "largest load"),
+    ] {
+        let row = rows
+            .iter()
+            .find(|row| row["quantity"] == quantity && row["region"] == "sheet");
+        let row = row.unwrap();
+        let largest = row["max"].as_f64().unwrap();
+        let rounded = match largest {
+            100.0.. => format!("{largest:.0}"),
+            10.0.. => format!("{largest:.1}"),
+            1.0.. => format!("{largest:.2}"),
+            _ => format!("{largest:.3}"),
+        };
+        let unit = row["unit"].as_str().unwrap();
+        let shown = format!("{words}: {rounded} {unit}");
+        assert!(page.contains(&shown), "{shown}");
+    }
+}
+
+#[test]
+fn a_gap_is_shown_with_its_explanation() {
+    let folder = tempfile::tempdir().unwrap();
+    session_paused(folder.path());
+    let (page, line) = report(folder.path(), "last");
+    assert_eq!(
+        (&line["gaps"], &line["unexplained"]),
+        (&1.into(), &0.into())
+    );
+    let (_, gaps) = page.split_once("<h2>Gaps</h2>").unwrap();
+    let (gaps, _) = gaps.split_once("<h2>").unwrap();
+    assert!(gaps.contains("<td>10.0 min</td>"), "{gaps}");
+    assert!(gaps.contains("the disk was slow"), "{gaps}");
+}
+
+#[test]
+fn a_session_that_has_no_maps_has_a_report() {
+    let folder = tempfile::tempdir().unwrap();
+    session_without_baseline(folder.path());
+    let (page, line) = report(folder.path(), "bare");
+    assert_eq!(line["maps"], 0);
+    assert!(page.contains("holds no baseline"));
+    assert!(page.contains("<h2>Health</h2>") && !page.contains("<h2>Course</h2>"));
+}
+
+#[test]
+fn a_report_that_cannot_be_written_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    session_with_alarms(folder.path());
+    std::fs::create_dir(folder.path().join("full")).unwrap();
+    std::fs::write(folder.path().join("full/mine"), "mine").unwrap();
+    std::fs::write(folder.path().join("file"), "mine").unwrap();
+    let before = names(folder.path());
+    let of = |out: &str, more: &[&str], code| {
+        let command = ["report", "last", "--out", out];
+        let message = refused(folder.path(), &[&command[..], more].concat(), code);
+        assert_eq!(names(folder.path()), before);
+        message
+    };
+    let message = of("full", &METHOD, 1);
+    assert!(message.contains("full is not empty"), "{message}");
+    let message = of("file", &METHOD, 1);
+    assert!(message.contains("file is no folder"), "{message}");
+    let message = of("no/out", &METHOD, 1);
+    assert!(message.contains("no/out"), "{message}");
+    // a wrong option is refused, where a session without a geometry only has no maps
+    let message = of("new", &["--preset", "disc-tank", "--electrodes", "8"], 78);
+    assert!(message.contains('8'), "{message}");
+    // an empty folder is filled
+    std::fs::create_dir(folder.path().join("out")).unwrap();
+    report(folder.path(), "last");
+}
