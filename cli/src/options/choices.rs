@@ -50,6 +50,9 @@ pub enum Format {
     Nc,
     /// A MAT-file for EIDORS with voltages, stimulation, forward model and baseline; and a script that loads it.
     Mat,
+    /// Parquet files: frames, and beside them events and stored quantities (NAME.events.parquet, NAME.quantities.parquet). Not in
+    /// every build.
+    Parquet,
     /// A picture of one map.
     Png,
     /// A film of the session as an animated PNG; see --every and --speed.

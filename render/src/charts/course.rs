@@ -109,8 +109,8 @@ impl<'a> Plot<'a> {
             pen.area(&around, band)?;
             let mean = run.iter().map(|p| [self.across(p[0]), self.up(p[2])]);
             match run {
-                [_] => {
-                    let [[x, y]] = [mean.last().unwrap_or_default()];
+                [point] => {
+                    let [x, y] = [self.across(point[0]), self.up(point[2])];
                     pen.line([[x - 1.5, y], [x + 1.5, y]], colour, 2.0)?;
                 }
                 _ => pen.line(mean, colour, 1.4)?,

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use imaging::recorded::{SessionParts, table_time};
 use logbook::Record;
 use outfile::OutFile;
-use survey::{Baseline, Protocol};
+use survey::{Baseline, Frame, Protocol};
 
 use super::{Written, reason};
 use crate::args::Export;
@@ -109,17 +109,6 @@ fn frames_heading(readings: usize) -> String {
 
 fn frame_row(record: &Record) -> String {
     let frame = &record.frame;
-    let electrodes: Vec<String> = frame
-        .compliance
-        .iter()
-        .map(|electrode| electrode.0.to_string())
-        .collect();
-    let missing: Vec<String> = frame
-        .readings
-        .iter()
-        .enumerate()
-        .filter_map(|(index, &reading)| Some(format!("m{index}:{}", reason(reading)?)))
-        .collect();
     let mut row = format!(
         "{},{},{},{},{},{},{},{},{},{},{}",
         frame.sequence,
@@ -131,8 +120,8 @@ fn frame_row(record: &Record) -> String {
         record.quality.overloads,
         record.quality.timeouts,
         record.quality.not_measured,
-        electrodes.join(" "),
-        missing.join(" "),
+        electrodes(frame),
+        missing(frame),
     );
     for reading in &frame.readings {
         row.push(',');
@@ -140,6 +129,22 @@ fn frame_row(record: &Record) -> String {
     }
     row.push('\n');
     row
+}
+
+/// The electrodes at which the source was in compliance, from 0.
+pub(super) fn electrodes(frame: &Frame) -> String {
+    let numbers = frame.compliance.iter();
+    let numbers: Vec<String> = numbers.map(|electrode| electrode.0.to_string()).collect();
+    numbers.join(" ")
+}
+
+/// The missing readings of a frame, each with the reason.
+pub(super) fn missing(frame: &Frame) -> String {
+    let readings = frame.readings.iter().enumerate();
+    let missing: Vec<String> = readings
+        .filter_map(|(index, &reading)| Some(format!("m{index}:{}", reason(reading)?)))
+        .collect();
+    missing.join(" ")
 }
 
 fn baseline_table(protocol: &Protocol, baseline: &Baseline) -> String {

@@ -320,7 +320,7 @@ mod tests {
     use super::*;
 
     fn plan(
-        whole_s: i64,
+        whole_s: u64,
         frames: u64,
         every_s: Option<f64>,
         speed: Option<f64>,
@@ -328,7 +328,7 @@ mod tests {
         let first = DateTime::from_timestamp(1_800_000_000, 0).unwrap();
         Plan::of(
             first,
-            first + TimeDelta::seconds(whole_s),
+            first + std::time::Duration::from_secs(whole_s),
             frames,
             (every_s, speed),
         )

@@ -1,5 +1,7 @@
 //! The frame of an instant of a session.
 
+use std::time::Duration;
+
 use chrono::{DateTime, TimeDelta, Utc};
 use imaging::recorded::SessionParts;
 use logbook::Event;
@@ -12,7 +14,7 @@ use crate::output::time::local;
 use crate::records::events;
 
 /// How far a time may lie beside the frames: times are often written to the minute.
-const BESIDE: TimeDelta = TimeDelta::minutes(1);
+const BESIDE: Duration = Duration::from_secs(60);
 
 /// The number of the last frame that had begun at this instant; of the first frame, if none had.
 ///

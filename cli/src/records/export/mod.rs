@@ -5,6 +5,8 @@ mod film;
 mod instant;
 mod mat;
 mod netcdf;
+#[cfg(feature = "parquet")]
+mod parquet;
 mod picture;
 
 use std::io::Write;
@@ -96,6 +98,14 @@ pub(crate) fn run(
         Format::Csv => csv::tables(&session, export, printer),
         Format::Nc => netcdf::write(&path, &session, export, printer),
         Format::Mat => mat::write(&session, export, printer),
+        #[cfg(feature = "parquet")]
+        Format::Parquet => parquet::write(&path, &session, export, printer),
+        #[cfg(not(feature = "parquet"))]
+        Format::Parquet => Err(Failure::Usage(
+            "this tactus was built without Parquet: take that of the Debian package, or build it with `--features parquet`; --format nc \
+             and csv have the same numbers"
+                .to_owned(),
+        )),
         Format::Apng => film::write(&path, &session, export, printer),
         Format::Png | Format::Svg | Format::Raster => {
             picture::picture(&path, &session, export, printer)

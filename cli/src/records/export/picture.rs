@@ -44,7 +44,7 @@ pub(super) fn picture(
             "raster",
             drawing::raster(&reconstruction.field, shown, export.raster)?.into_bytes(),
         ),
-        Format::Png | Format::Apng | Format::Csv | Format::Nc | Format::Mat => {
+        Format::Png | Format::Apng | Format::Csv | Format::Parquet | Format::Nc | Format::Mat => {
             ("png", drawing::png(&reconstruction.field, shown, &style)?)
         }
     };

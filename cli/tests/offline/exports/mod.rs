@@ -3,6 +3,8 @@
 mod films;
 mod mat;
 mod netcdf;
+#[cfg(feature = "parquet")]
+mod parquet;
 mod pictures;
 mod refusals;
 
