@@ -83,6 +83,7 @@ fn report(failure: &Failure, json: bool) -> ExitCode {
 fn perform(command: &Command) -> Result<(), Failure> {
     match command {
         Command::Mesh(options) => geometry::mesh(options),
+        Command::Sheet(options) => geometry::sheet(options),
         Command::Forward(options) => geometry::forward(options),
         Command::Jacobian(options) => geometry::jacobian(options),
         Command::Transfer(options) => geometry::transfer(options),
@@ -155,6 +156,7 @@ mod outputs {
                 ),
                 ("scene run --logbook", "scene run quiet --logbook {}"),
                 ("scene run --out", "scene run quiet --out {}"),
+                ("sheet --out", "sheet --case c --out {}"),
                 ("stability --out", "stability --only 1 --out {}"),
                 (
                     "stability --parts",
@@ -203,6 +205,10 @@ mod outputs {
                 "reconstruct --case",
                 "reconstruct --frames",
                 "reconstruct --model",
+                "scene run --config",
+                "sheet --case",
+                "sheet --frames",
+                "sheet --session",
                 "train dnn --case",
                 // replaced if it is a checkpoint of the same training, otherwise refused
                 "train dnn --checkpoint",

@@ -23,7 +23,7 @@ pub(crate) use learning::{
 };
 pub(crate) use reconstruct::ReconstructOptions;
 pub(crate) use scene::{ExplainOptions, RunOptions, SceneCommand, SessionOptions};
-pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, TransferOptions};
+pub(crate) use solve::{ForwardOptions, JacobianOptions, Of, SheetOptions, TransferOptions};
 pub(crate) use study::{
     AdviseOptions, DataSetShards, HonestyOptions, MonthsOptions, PaperOptions, StabilityOptions,
     StudyShards, TradeoffOptions,
@@ -56,6 +56,8 @@ impl Replacing {
 pub(crate) enum Command {
     /// Make a case folder from a preset geometry, and print the quality of its mesh
     Mesh(MeshOptions),
+    /// Fit the sheet behind a baseline: how unevenly it was sprayed, and its contacts, as a case folder to reconstruct on
+    Sheet(SheetOptions),
     /// Solve the forward model: readings of a case for one conductance or many
     Forward(ForwardOptions),
     /// Compute the sensitivity of a case's readings to conductances or contacts: one row per reading

@@ -1,11 +1,36 @@
-//! Options of `forward`, `jacobian` and `transfer`.
+//! Options of `sheet`, `forward`, `jacobian` and `transfer`.
 
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use outfile::OutPath;
+use imaging::recorded::BaselineRule;
+use outfile::{OutFolder, OutPath};
 
 use super::Replacing;
+
+#[derive(Debug, Args)]
+pub(crate) struct SheetOptions {
+    /// Case folder of the nominal sheet, with frames.csv (the baseline first, unless it has baseline.csv)
+    #[arg(long, value_name = "DIR")]
+    pub(crate) case: PathBuf,
+    /// Frames [default: frames.csv in the case folder]
+    #[arg(long, value_name = "FILE", conflicts_with = "session")]
+    pub(crate) frames: Option<PathBuf>,
+    /// Take the baseline of this session file
+    #[arg(long, value_name = "FILE")]
+    pub(crate) session: Option<PathBuf>,
+    /// Baseline: a file or first:N [default: baseline.csv in the case folder, else the first frame; of a session its own]
+    #[arg(long, value_name = "FILE|first:N")]
+    pub(crate) baseline: Option<BaselineRule>,
+    /// Case folder to write, new or empty
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: OutFolder,
+    #[command(flatten)]
+    pub(crate) replacing: Replacing,
+    /// Print one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+}
 
 #[derive(Debug, Args)]
 pub(crate) struct ForwardOptions {

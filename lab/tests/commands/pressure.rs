@@ -137,6 +137,70 @@ fn known_masses_come_back_in_newtons() {
     assert!(why.contains("loss"), "{why}");
 }
 
+/// Force over mass of presses that were not used for the fit, less one, on an unevenly sprayed sheet.
+fn on_an_uneven_sheet(at: &Path, fitted: bool) -> Vec<f64> {
+    let run = |words: &str| {
+        let method = ["--method", "one-step --loss-only"];
+        let words: Vec<&str> = words
+            .split(' ')
+            .flat_map(|word| {
+                if word == "METHOD" {
+                    method.to_vec()
+                } else {
+                    vec![word]
+                }
+            })
+            .collect();
+        done(lab(&words, at))
+    };
+    let case = if fitted { "fitted" } else { "known" };
+    run("judge --set masses --seed 3 --spray 0.1 --spray-seed 5 --force --out known");
+    run("judge --set masses --seed 9 --count 12 --spray 0.1 --spray-seed 5 --force --out judged");
+    if fitted {
+        let line = run("sheet --case known --json --force --out fitted");
+        let line: serde_json::Value = serde_json::from_str(&line).unwrap();
+        let unevenness = line["unevenness"].as_f64().unwrap();
+        assert!((0.05..0.15).contains(&unevenness), "{line}");
+        assert!(line["misfit"].as_f64() < Some(0.01), "{line}");
+        assert!(line["nominal_misfit"].as_f64() > Some(0.05), "{line}");
+    }
+    run(&format!(
+        "calibrate --case {case} --frames known/frames.csv --presses known/presses.csv METHOD --noise-v 2e-6 --force --out sheet.toml"
+    ));
+    let found = run(&format!(
+        "reconstruct --case {case} --frames judged/frames.csv --method one-step --loss-only --noise-v 2e-6 --calibration sheet.toml \
+         --json --force --out kpa.csv"
+    ));
+    let newtons = found.lines().skip(1).map(|line| {
+        let frame: serde_json::Value = serde_json::from_str(line).unwrap();
+        frame["newtons"].as_f64().unwrap()
+    });
+    let presses = std::fs::read_to_string(at.join("judged/presses.csv")).unwrap();
+    let masses = presses.lines().skip(1).map(|line| {
+        let mass: f64 = line.rsplit(',').next().unwrap().parse().unwrap();
+        9.80665 * mass
+    });
+    newtons
+        .zip(masses)
+        .map(|(found, force)| found / force - 1.0)
+        .collect()
+}
+
+#[test]
+fn masses_on_an_uneven_sheet_need_the_fitted_sheet() {
+    let folder = tempfile::tempdir().unwrap();
+    let rms = |off: &[f64]| (off.iter().map(|x| x * x).sum::<f64>() / off.len() as f64).sqrt();
+    let worst = |off: &[f64]| off.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    let off = on_an_uneven_sheet(folder.path(), true);
+    println!("fitted sheet: rms {:.3}, {off:.3?}", rms(&off));
+    assert_eq!(off.len(), 12);
+    assert!(rms(&off) < 0.08 && worst(&off) < 0.2, "{off:.3?}");
+    // the limits are not met without the fit
+    let off = on_an_uneven_sheet(folder.path(), false);
+    println!("nominal sheet: rms {:.3}, {off:.3?}", rms(&off));
+    assert!(rms(&off) > 0.08 && worst(&off) > 0.2, "{off:.3?}");
+}
+
 #[test]
 fn sets_of_one_spray_seed_have_one_sheet() {
     let folder = tempfile::tempdir().unwrap();
