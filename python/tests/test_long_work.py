@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from tactus_eit import Drift, OneStep, TotalVariation
+from tactus_eit import Drift, Forward, Mesh, OneStep, Protocol, TotalVariation
 
 MANY = 20_000
 
@@ -33,13 +33,15 @@ def test_ctrl_c_ends_long_work(forward, baseline, frame):
     frames = np.tile(frame, (MANY, 1))
     variation = TotalVariation(forward).fit(baseline)
     drift = Drift(forward).fit(baseline)
-    sigma = np.full((MANY, len(forward.mesh.triangles)), 1e-3)
-    # a tenth of what all frames would take at least
+    sheet = Forward(Mesh.sheet(), Protocol.sheffield(26))
+    # 2 ms a row
+    sigma = np.full((3000, len(sheet.mesh.triangles)), 1e-3)
+    # each would take 6 s or more
     for call in (
         lambda: variation.predict(frames),
         lambda: variation.judge(frames),
         lambda: drift.follow(frames, np.arange(1.0, MANY + 1)),
-        lambda: forward.solve(sigma),
+        lambda: sheet.solve(sigma),
     ):
         assert interrupted(call) < 2.0
     # and all of them can be used afterwards
