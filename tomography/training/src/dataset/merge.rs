@@ -86,7 +86,7 @@ pub fn merge(
     })
 }
 
-/// Copies all bytes; an error says whether reading failed.
+/// Copies all bytes. An error comes with `true` if reading failed, `false` if writing failed.
 fn copy(from: &mut impl Read, to: &mut impl Write) -> Result<(), (bool, std::io::Error)> {
     let mut piece = vec![0; 1 << 16];
     loop {
