@@ -3,8 +3,10 @@
 //! 7 days, a frame of 598 readings every 10 s. All machines have the same frames: their files are links, so that the
 //! disk holds the record once and the store once for each machine (3 GB).
 
+#[expect(dead_code, reason = "the rest is for other measurements")]
 #[path = "../../logbook/tests/example_frames/noisy.rs"]
 mod noisy;
+#[expect(dead_code, reason = "the rest is for the tests")]
 #[path = "../tests/postgres/server.rs"]
 mod server;
 

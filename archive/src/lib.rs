@@ -11,6 +11,7 @@
 
 mod args;
 mod catalogue;
+mod credentials;
 mod part;
 mod program;
 mod retrieval;
@@ -23,5 +24,8 @@ pub use part::{Part, PartError};
 pub use program::{command, run};
 pub use retrieval::{Holding, RetrievalError, pull, verify};
 pub use settings::{Settings, SettingsError};
-pub use store::{Directory, PartName, Store, StoreError, Stored, WholeFileError, name_fault};
+pub use store::{
+    BucketAccess, Directory, Objects, PartName, Store, StoreError, Stored, WholeFileError,
+    name_fault,
+};
 pub use upload::{Owner, Status, Step, UploadError, Uploader};

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use config::ArchiveSection;
 use config::problems::{Problem, Source};
 
 use crate::catalogue::Access;
-use crate::store::name_fault;
+use crate::credentials::{certificates, secret};
+use crate::store::{BucketAccess, Directory, Objects, Store, name_fault};
 use crate::upload::Owner;
 
 /// What `[archive]` and `[record]` say.
@@ -14,14 +16,38 @@ use crate::upload::Owner;
 pub struct Settings {
     /// Site and machine.
     pub owner: Owner,
-    /// Folder of the store.
-    pub store: PathBuf,
+    /// The store.
+    pub store: StorePlace,
     /// The catalogue.
     pub access: Access,
     /// Period of `run`.
     pub every: Duration,
     /// Folder of the record.
     pub record: PathBuf,
+}
+
+/// Where the store is.
+#[derive(Debug, Clone)]
+pub enum StorePlace {
+    /// A folder.
+    Folder(PathBuf),
+    /// A bucket of an S3-compatible server.
+    Bucket(BucketAccess),
+}
+
+impl StorePlace {
+    /// The store; nothing is read or written yet.
+    ///
+    /// # Errors
+    /// The address of a bucket cannot be used.
+    pub fn open(&self) -> Result<Box<dyn Store>, SettingsError> {
+        match self {
+            Self::Folder(folder) => Ok(Box::new(Directory::new(folder))),
+            Self::Bucket(access) => Objects::new(access)
+                .map(|store| Box::new(store) as Box<dyn Store>)
+                .map_err(SettingsError::Endpoint),
+        }
+    }
 }
 
 /// Why there are no settings.
@@ -36,6 +62,9 @@ pub enum SettingsError {
         #[source]
         source: std::io::Error,
     },
+    /// The address of a bucket is wrong.
+    #[error("archive.store_endpoint: {0}")]
+    Endpoint(String),
     /// Values are missing or wrong.
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
     Problems(Vec<Problem>),
@@ -72,22 +101,28 @@ impl Settings {
                 problems.push(source.problem(key, fault));
             }
         }
-        if archive.store.as_os_str().is_empty() {
-            problems
-                .push(source.problem("archive.store", "is missing: name the folder of the store"));
+        let store = match archive.bucket() {
+            Some(_) => bucket(&archive).map(StorePlace::Bucket),
+            None if archive.store.is_empty() => Err((
+                "store",
+                "is missing: name the folder of the store, or s3://BUCKET".to_owned(),
+            )),
+            None => Ok(StorePlace::Folder(PathBuf::from(&archive.store))),
+        };
+        if let Err((key, fault)) = &store {
+            problems.push(source.problem(&format!("archive.{key}"), fault.as_str()));
         }
         if archive.dsn.is_empty() {
             let text = "is missing: write `host=HOST dbname=DATABASE user=ROLE`";
             problems.push(source.problem("archive.dsn", text));
         }
-        match problems.is_empty() {
-            false => Err(SettingsError::Problems(problems)),
-            true => Ok(Self {
+        match store {
+            Ok(store) if problems.is_empty() => Ok(Self {
                 owner: Owner {
                     site: archive.site,
                     daq,
                 },
-                store: archive.store,
+                store,
                 access: Access {
                     dsn: archive.dsn,
                     ca: archive.ca,
@@ -96,8 +131,50 @@ impl Settings {
                 every: survey::duration(archive.every_s),
                 record: config.record.directory.unwrap_or_default(),
             }),
+            _ => Err(SettingsError::Problems(problems)),
         }
     }
+}
+
+/// Region of a server that has none.
+const REGION: &str = "us-east-1";
+/// Name of the systemd credential with the keys of the bucket.
+const CREDENTIAL: &str = "archive-store-keys";
+
+/// How the bucket of a section is reached; the error names the key that is wrong.
+fn bucket(archive: &ArchiveSection) -> Result<BucketAccess, (&'static str, String)> {
+    let name = archive.bucket().unwrap_or_default();
+    let good = |byte: u8| byte.is_ascii_alphanumeric() || b".-_".contains(&byte);
+    if name.is_empty() || !name.bytes().all(good) {
+        return Err(("store", format!("'{name}' is no bucket: write s3://BUCKET")));
+    }
+    let Some(endpoint) = archive.store_endpoint.clone() else {
+        let text = "is missing: the address of the bucket's server, https://HOST";
+        return Err(("store_endpoint", text.to_owned()));
+    };
+    let folder = std::env::var_os("CREDENTIALS_DIRECTORY");
+    let keys = secret(archive.store_keys_file.as_deref(), CREDENTIAL, folder);
+    let keys = keys.map_err(|fault| ("store_keys_file", fault))?;
+    let lines = keys.as_deref().and_then(|text| text.split_once('\n'));
+    let Some((key, secret)) = lines else {
+        let text = "is missing, or has not two lines: the name of the key, and the key";
+        return Err(("store_keys_file", text.to_owned()));
+    };
+    let authorities = match &archive.store_ca {
+        Some(path) => certificates(path).map_err(|fault| ("store_ca", fault))?,
+        None => Vec::new(),
+    };
+    Ok(BucketAccess {
+        endpoint,
+        region: archive
+            .store_region
+            .clone()
+            .unwrap_or_else(|| REGION.to_owned()),
+        bucket: name.to_owned(),
+        authorities: authorities.iter().map(|der| der.to_vec()).collect(),
+        key: key.trim().to_owned(),
+        secret: secret.trim().to_owned(),
+    })
 }
 
 /// The host's name in lower case, without its domain.
@@ -143,7 +220,9 @@ mod tests {
     fn paths_are_relative_to_the_file_of_the_settings() {
         let text = "[archive]\nsite = \"berlin\"\nstore = \"store\"\ndsn = \"host=localhost dbname=a user=b\"\nca = \"ca.pem\"\n";
         let settings = read(text).unwrap();
-        assert!(settings.store.is_absolute() && settings.store.ends_with("store"));
+        assert!(
+            matches!(&settings.store, StorePlace::Folder(folder) if folder.is_absolute() && folder.ends_with("store"))
+        );
         assert!(settings.access.ca.is_some_and(|ca| ca.is_absolute()));
         assert_eq!(settings.every, Duration::from_secs(60));
         assert!(name_fault(&settings.owner.daq).is_none());

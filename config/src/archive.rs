@@ -13,8 +13,20 @@ pub struct ArchiveSection {
     /// This machine within its site; its host name if not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub daq: Option<String>,
-    /// Folder of the store.
-    pub store: PathBuf,
+    /// Folder of the store, or `s3://BUCKET`.
+    pub store: String,
+    /// Address of the S3-compatible server of a bucket.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub store_endpoint: Option<String>,
+    /// Region of the bucket.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub store_region: Option<String>,
+    /// A file with the name of the key and the key of the bucket, a line each.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub store_keys_file: Option<PathBuf>,
+    /// Certificates (PEM) that the certificate of the bucket's server must be issued by.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub store_ca: Option<PathBuf>,
     /// PostgreSQL of the catalogue, as URL or `key=value` words, without a password.
     pub dsn: String,
     /// Certificates (PEM) that the server's certificate must be issued by.
@@ -32,7 +44,11 @@ impl Default for ArchiveSection {
         Self {
             site: String::new(),
             daq: None,
-            store: PathBuf::new(),
+            store: String::new(),
+            store_endpoint: None,
+            store_region: None,
+            store_keys_file: None,
+            store_ca: None,
             dsn: String::new(),
             ca: None,
             password_file: None,
@@ -42,13 +58,24 @@ impl Default for ArchiveSection {
 }
 
 impl ArchiveSection {
+    /// The bucket that `store` names; `None` for a folder.
+    pub fn bucket(&self) -> Option<&str> {
+        self.store.strip_prefix("s3://")
+    }
+
     /// Resolves paths against `folder`; an empty path stays empty, so that it can be reported as missing.
     pub(crate) fn resolve(&mut self, folder: &Path) {
-        let given = [&mut self.ca, &mut self.password_file];
-        for path in given.into_iter().flatten().chain([&mut self.store]) {
-            if !path.as_os_str().is_empty() {
-                *path = folder.join(&*path);
-            }
+        let given = [
+            &mut self.ca,
+            &mut self.password_file,
+            &mut self.store_keys_file,
+            &mut self.store_ca,
+        ];
+        for path in given.into_iter().flatten() {
+            *path = folder.join(&*path);
+        }
+        if !self.store.is_empty() && self.bucket().is_none() {
+            self.store = folder.join(&self.store).to_string_lossy().into_owned();
         }
     }
 }

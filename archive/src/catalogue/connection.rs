@@ -1,13 +1,9 @@
 //! Connecting to PostgreSQL: the settings, TLS, the password.
 
-use std::net::IpAddr;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use rustls::pki_types::CertificateDer;
-use rustls::pki_types::pem::PemObject;
 use rustls::{ClientConfig, RootCertStore};
 use tokio_postgres::config::{Host, SslMode};
 use tokio_postgres::tls::MakeTlsConnect;
@@ -15,13 +11,12 @@ use tokio_postgres::{Client, Config, NoTls, Socket};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
 use super::error::{CatalogueError, Endpoint};
+use crate::credentials::{certificates, is_loopback, secret};
 
 /// Time for a connection.
 const CONNECT: Duration = Duration::from_secs(10);
 /// Name of the systemd credential with the password.
 const CREDENTIAL: &str = "archive-password";
-/// Bytes of a password file; a longer one is another file.
-const LONGEST_PASSWORD: u64 = 4096;
 
 /// Where the catalogue is.
 #[derive(Debug, Clone)]
@@ -37,7 +32,11 @@ pub struct Access {
 /// A connection, and what messages about it name.
 pub(super) async fn connect(access: &Access) -> Result<(Client, Endpoint), CatalogueError> {
     let (mut config, endpoint) = parsed(access)?;
-    if let Some(password) = password(access.password_file.as_deref())? {
+    let file = access.password_file.as_deref();
+    let credentials = std::env::var_os("CREDENTIALS_DIRECTORY");
+    if let Some(password) =
+        secret(file, CREDENTIAL, credentials).map_err(CatalogueError::Password)?
+    {
         config.password(password);
     }
     config
@@ -139,71 +138,20 @@ fn parsed(access: &Access) -> Result<(Config, Endpoint), CatalogueError> {
     Ok((config, endpoint))
 }
 
-fn is_loopback(name: &str) -> bool {
-    name == "localhost"
-        || name
-            .parse::<IpAddr>()
-            .is_ok_and(|address| address.is_loopback())
-}
-
 /// TLS that trusts the certificates of a file and nothing else.
 fn trusting(ca: &Path) -> Result<ClientConfig, CatalogueError> {
     let wrong = |why: String| CatalogueError::Ca(format!("{}: {why}", ca.display()));
     let mut roots = RootCertStore::empty();
-    let certificates =
-        CertificateDer::pem_file_iter(ca).map_err(|error| wrong(survey::error_chain(&error)))?;
-    for certificate in certificates {
-        let certificate = certificate.map_err(|error| wrong(survey::error_chain(&error)))?;
+    for certificate in certificates(ca).map_err(CatalogueError::Ca)? {
         roots
             .add(certificate)
             .map_err(|error| wrong(error.to_string()))?;
-    }
-    if roots.is_empty() {
-        return Err(wrong(
-            "holds no certificate in PEM form (`-----BEGIN CERTIFICATE-----`)".into(),
-        ));
     }
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let versions = ClientConfig::builder_with_provider(provider)
         .with_safe_default_protocol_versions()
         .map_err(|error| wrong(error.to_string()))?;
     Ok(versions.with_root_certificates(roots).with_no_client_auth())
-}
-
-/// The password: of the file, else of the systemd credential, if there is one.
-fn password(file: Option<&Path>) -> Result<Option<String>, CatalogueError> {
-    let wrong =
-        |path: &Path, why: &str| CatalogueError::Password(format!("{}: {why}", path.display()));
-    let path = match (file, std::env::var_os("CREDENTIALS_DIRECTORY")) {
-        (Some(file), _) => {
-            let found = std::fs::metadata(file).map_err(|error| wrong(file, &error.to_string()))?;
-            if !found.is_file() || found.len() > LONGEST_PASSWORD {
-                return Err(wrong(file, "is no file of one password"));
-            }
-            let mode = found.mode() & 0o777;
-            if mode & 0o077 != 0 {
-                return Err(wrong(
-                    file,
-                    &format!("others may read it (mode {mode:04o}): chmod 0600"),
-                ));
-            }
-            file.to_owned()
-        }
-        (None, Some(folder)) => {
-            let path = Path::new(&folder).join(CREDENTIAL);
-            if !path.exists() {
-                return Ok(None);
-            }
-            path
-        }
-        (None, None) => return Ok(None),
-    };
-    let text = std::fs::read_to_string(&path).map_err(|error| wrong(&path, &error.to_string()))?;
-    let password = text.trim_end_matches(['\n', '\r']);
-    match password.is_empty() {
-        true => Err(wrong(&path, "is empty")),
-        false => Ok(Some(password.to_owned())),
-    }
 }
 
 #[cfg(test)]
@@ -247,33 +195,5 @@ mod tests {
             };
             assert!(parsed(&access).is_ok(), "{own}");
         }
-    }
-
-    #[test]
-    fn password_that_others_may_read_is_refused() {
-        use std::os::unix::fs::PermissionsExt;
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("password");
-        std::fs::write(&file, "secret\n").unwrap();
-        let allow = |mode| {
-            std::fs::set_permissions(&file, std::fs::Permissions::from_mode(mode)).unwrap();
-            password(Some(&file))
-        };
-        assert_eq!(allow(0o600).unwrap().as_deref(), Some("secret"));
-        for mode in [0o640, 0o604, 0o644] {
-            let text = allow(mode).unwrap_err().to_string();
-            assert!(text.contains("chmod 0600"), "{text}");
-        }
-        let missing = password(Some(&folder.path().join("none"))).unwrap_err();
-        assert!(missing.to_string().contains("none"), "{missing}");
-    }
-
-    #[test]
-    fn file_without_certificates_is_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("ca.pem");
-        std::fs::write(&file, "no certificate").unwrap();
-        let text = trusting(&file).unwrap_err().to_string();
-        assert!(text.contains("ca.pem") && text.contains("PEM"), "{text}");
     }
 }

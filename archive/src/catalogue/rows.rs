@@ -216,7 +216,7 @@ pub(super) async fn quantities(
 ) -> Result<(), CatalogueError> {
     let insert = "INSERT INTO tactus.quantity (site, daq, session, line, begin, span)
         SELECT $1, $2, $3, q.line, to_timestamp(q.begin_s), q.span
-        FROM unnest($4::int4[], $5::float8[], $6::jsonb[]) AS q (line, begin_s, span)
+        FROM unnest($4::int4[], $5::float8[], $6::json[]) AS q (line, begin_s, span)
         ON CONFLICT DO NOTHING";
     for chunk in lines.chunks(ROWS) {
         let (mut numbers, mut begins, mut spans) = (Vec::new(), Vec::new(), Vec::new());

@@ -13,7 +13,7 @@ use crate::args::{AddSite, Arguments, Command, Filter, Pull};
 use crate::catalogue::{Catalogue, Selection};
 use crate::retrieval::{self, Holding};
 use crate::settings::Settings;
-use crate::store::{Directory, Store, name_fault};
+use crate::store::name_fault;
 use crate::upload::{Status, Step, Uploader};
 use failure::Failure;
 use output::Printer;
@@ -71,7 +71,10 @@ async fn perform(arguments: &Arguments) -> Result<(), Failure> {
 async fn push(settings: &Settings, printer: &mut Printer) -> Result<(), Failure> {
     let mut catalogue = Catalogue::connect(&settings.access).await?;
     catalogue.check(&settings.owner.site).await?;
-    let store = Directory::new(&settings.store);
+    let store = settings
+        .store
+        .open()
+        .map_err(|error| Failure::settings(&error))?;
     let mut uploader = Uploader::new(&settings.record, settings.owner.clone());
     let mut problems = 0;
     let mut refused = Ok(());
@@ -82,7 +85,7 @@ async fn push(settings: &Settings, printer: &mut Printer) -> Result<(), Failure>
             refused = printed;
         }
     };
-    uploader.pass(&store, &mut catalogue, &mut report).await?;
+    uploader.pass(&*store, &mut catalogue, &mut report).await?;
     refused?;
     match problems {
         0 => Ok(()),
@@ -141,9 +144,12 @@ async fn pull(settings: &Settings, requested: &Pull, printer: &mut Printer) -> R
             requested.session, first.site, first.daq, other.site, other.daq
         )));
     }
-    let store = Directory::new(&settings.store);
+    let store = settings
+        .store
+        .open()
+        .map_err(|error| Failure::settings(&error))?;
     for part in &parts {
-        let path = retrieval::pull(&store, part, &requested.into)
+        let path = retrieval::pull(&*store, part, &requested.into)
             .map_err(|error| Failure::retrieval(&error))?;
         let line = output::Pulled { part, path };
         printer.line(&line, output::pulled)?;
@@ -158,11 +164,14 @@ async fn verify(
 ) -> Result<(), Failure> {
     let catalogue = Catalogue::connect(&settings.access).await?;
     catalogue.check_version().await?;
-    let store = Directory::new(&settings.store);
+    let store = settings
+        .store
+        .open()
+        .map_err(|error| Failure::settings(&error))?;
     let parts = catalogue.parts(&selection(filter, None)).await?;
     let mut bad = 0;
     for part in &parts {
-        let holding = retrieval::verify(&store, part).map_err(|error| Failure::store(&error))?;
+        let holding = retrieval::verify(&*store, part).map_err(|error| Failure::store(&error))?;
         bad += usize::from(holding != Holding::Whole);
         let line = output::Verified {
             part,

@@ -8,7 +8,7 @@ use super::failure::Failure;
 use super::output::{self, Printer};
 use crate::catalogue::Catalogue;
 use crate::settings::Settings;
-use crate::store::Directory;
+use crate::store::Store;
 use crate::upload::{Step, UploadError, Uploader};
 
 /// Longest wait after failures.
@@ -18,7 +18,10 @@ const AGAIN: u32 = 60;
 
 /// Runs passes until the process is ended, which it may be at any time. Ends by itself only if the configuration is wrong.
 pub(super) async fn run(settings: &Settings, printer: &mut Printer) -> Result<(), Failure> {
-    let store = Directory::new(&settings.store);
+    let store = settings
+        .store
+        .open()
+        .map_err(|error| Failure::settings(&error))?;
     let mut uploader = Uploader::new(&settings.record, settings.owner.clone());
     let mut catalogue = None;
     let mut reported: Vec<Step> = Vec::new();
@@ -30,7 +33,7 @@ pub(super) async fn run(settings: &Settings, printer: &mut Printer) -> Result<()
         passes = passes.wrapping_add(1);
         let outcome = pass(
             settings,
-            &store,
+            &*store,
             &mut uploader,
             &mut catalogue,
             &mut |step| {
@@ -74,7 +77,7 @@ pub(super) async fn run(settings: &Settings, printer: &mut Printer) -> Result<()
 
 async fn pass(
     settings: &Settings,
-    store: &Directory,
+    store: &dyn Store,
     uploader: &mut Uploader,
     connected: &mut Option<Catalogue>,
     report: &mut dyn FnMut(Step),

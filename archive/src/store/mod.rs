@@ -1,6 +1,7 @@
 //! Where the files of parts are: the name of a part, and what a store must do.
 
 mod directory;
+mod objects;
 mod whole_file;
 
 use std::fmt;
@@ -9,6 +10,7 @@ use std::io::Read;
 use std::path::PathBuf;
 
 pub use directory::Directory;
+pub use objects::{BucketAccess, Objects};
 pub use whole_file::{WholeFileError, write_whole};
 
 /// The name of a part in a store: `SITE/DAQ/SESSION/PART.SHA256.tactus`. The hash is of the content, so a name never
@@ -134,6 +136,31 @@ pub enum StoreError {
         /// The folder.
         path: PathBuf,
     },
+    /// The server of a bucket cannot be reached.
+    #[error(
+        "cannot reach the store {place}; its server may be down, or archive.store_endpoint names another place"
+    )]
+    Unreachable {
+        /// The store.
+        place: String,
+        /// The cause.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The server of a bucket refuses.
+    #[error(
+        "the store {place} refuses {name}: {why} (HTTP {status}); NoSuchBucket: create the bucket; AccessDenied, InvalidAccessKeyId, SignatureDoesNotMatch: correct archive.store_keys_file or the rights of the key"
+    )]
+    Refused {
+        /// The store.
+        place: String,
+        /// The part.
+        name: String,
+        /// Status of HTTP.
+        status: u16,
+        /// The server's word for it.
+        why: String,
+    },
     /// Another error of the system.
     #[error("cannot {attempt} {}", path.display())]
     Io {
@@ -150,9 +177,17 @@ pub enum StoreError {
 impl StoreError {
     /// Whether the same may succeed later without anybody changing the configuration or the part.
     pub fn is_temporary(&self) -> bool {
+        if let Self::Refused { status, .. } = self {
+            // a conflict of two writers, too many requests, a fault of the server
+            return matches!(status, 409 | 429 | 500..);
+        }
         matches!(
             self,
-            Self::Full { .. } | Self::NoStore { .. } | Self::Io { .. } | Self::SourceChanged { .. }
+            Self::Unreachable { .. }
+                | Self::Full { .. }
+                | Self::NoStore { .. }
+                | Self::Io { .. }
+                | Self::SourceChanged { .. }
         )
     }
 }

@@ -89,6 +89,42 @@ fn another_content_under_a_known_name_is_a_conflict() {
 }
 
 #[test]
+fn catalogue_refuses_a_second_content_of_a_part() {
+    let Some((server, site)) = archive("berlin") else {
+        return;
+    };
+    site.record_session("m1", 1);
+    let path = site.record().join("m1.tactus");
+    let access = archive::Access {
+        dsn: format!(
+            "host={} port={} dbname=tactus user=berlin",
+            server.socket().display(),
+            server.port()
+        ),
+        ca: None,
+        password_file: Some(site.folder.path().join("password")),
+    };
+    let enter = async |path: &std::path::Path| {
+        let mut catalogue = archive::Catalogue::connect(&access).await?;
+        let part = archive::Part::read(path, "berlin", "bed3").unwrap();
+        catalogue.enter(&part, &[]).await
+    };
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    // the same content twice is fine
+    runtime.block_on(enter(&path)).unwrap();
+    runtime.block_on(enter(&path)).unwrap();
+    let events = server.sql("SELECT count(*) FROM tactus.event");
+    altered(&path);
+    let error = runtime.block_on(enter(&path)).unwrap_err();
+    assert!(
+        matches!(error, archive::CatalogueError::Conflict { .. }),
+        "{error}"
+    );
+    assert_eq!(server.sql("SELECT count(*) FROM tactus.event"), events);
+    assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "1");
+}
+
+#[test]
 fn damaged_part_does_not_hold_up_the_others() {
     let Some((server, site)) = archive("berlin") else {
         return;

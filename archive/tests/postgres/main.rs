@@ -2,6 +2,7 @@
 
 mod faults;
 mod kills;
+mod objects;
 mod pushes;
 mod refusals;
 mod server;

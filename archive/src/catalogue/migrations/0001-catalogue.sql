@@ -92,7 +92,7 @@ CREATE TABLE tactus.quantity (
     session text NOT NULL,
     line integer NOT NULL CHECK (line > 0),
     begin timestamptz NOT NULL,
-    span jsonb NOT NULL,
+    span json NOT NULL,
     PRIMARY KEY (site, daq, session, line),
     FOREIGN KEY (site) REFERENCES tactus.site (name)
 );
@@ -110,8 +110,8 @@ SELECT
     (value.value ->> 3)::bigint AS frames,
     (value.value ->> 4)::bigint AS known
 FROM tactus.quantity AS q
-CROSS JOIN LATERAL jsonb_array_elements(q.span -> 'regions') AS region
-CROSS JOIN LATERAL jsonb_each(region -> 'values') AS value;
+CROSS JOIN LATERAL json_array_elements(q.span -> 'regions') AS region
+CROSS JOIN LATERAL json_each(region -> 'values') AS value;
 
 -- A session over its parts. `complete`: it ended, and no frame between its first and last part is missing.
 CREATE VIEW tactus.session_summary WITH (security_invoker = true) AS

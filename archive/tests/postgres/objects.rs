@@ -1,0 +1,138 @@
+//! A bucket as the store, served by moto's S3 server.
+
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::archive;
+use crate::server::DATABASE;
+
+/// A server of S3 on this machine; ends with the test.
+struct Moto {
+    child: Child,
+    endpoint: String,
+}
+
+impl Moto {
+    /// `None` (reported, kind `PYTHON`) where it cannot be installed.
+    fn start() -> Option<Self> {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+        let python = needs::python(folder, "moto", &["moto[server,s3]==5.2.5"])?;
+        let port = std::net::TcpListener::bind("127.0.0.1:0").and_then(|free| free.local_addr());
+        let port = port.expect("a port").port();
+        let child = Command::new(python)
+            .args([
+                "-m",
+                "moto.server",
+                "-H",
+                "127.0.0.1",
+                "-p",
+                &port.to_string(),
+            ])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("moto starts");
+        let server = Self {
+            child,
+            endpoint: format!("http://127.0.0.1:{port}"),
+        };
+        let limit = Instant::now() + Duration::from_secs(60);
+        while TcpStream::connect(("127.0.0.1", port)).is_err() {
+            assert!(Instant::now() < limit, "moto does not listen");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        Some(server)
+    }
+
+    /// A request with a signature that this server does not check.
+    fn request(&self, method: &str, path: &str, content: &str) -> String {
+        use std::io::{Read, Write};
+        let address = self.endpoint.trim_start_matches("http://");
+        let mut stream = TcpStream::connect(address).unwrap();
+        let length = content.len();
+        write!(
+            stream,
+            "{method} {path} HTTP/1.1\r\nHost: {address}\r\nContent-Length: {length}\r\nConnection: close\r\n\
+             Authorization: AWS4-HMAC-SHA256 Credential=name/20260101/us-east-1/s3/aws4_request\r\n\r\n{content}"
+        )
+        .unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    }
+}
+
+impl Drop for Moto {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn parts_go_to_a_bucket_once_and_come_back() {
+    let Some((server, site)) = archive("berlin") else {
+        return;
+    };
+    let Some(moto) = Moto::start() else {
+        return;
+    };
+    let dsn = format!(
+        "host={} port={} dbname={DATABASE} user=berlin",
+        server.socket().display(),
+        server.port()
+    );
+    site.configure(&dsn, "store_keys_file = \"keys\"\n");
+    let path = site.folder.path().join("config.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let bucket = format!(
+        "store = \"s3://parts\"\nstore_endpoint = \"{}\"\n",
+        moto.endpoint
+    );
+    std::fs::write(&path, text.replace("store = \"store\"\n", &bucket)).unwrap();
+    let error = site.refused(&["push"], 78);
+    assert!(error.contains("archive.store_keys_file"), "{error}");
+    site.write_private("keys", "name\nsecret\n");
+    site.record_session("m1", 2);
+    let error = site.refused(&["push"], 1);
+    assert!(error.contains("NoSuchBucket"), "{error}");
+    assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "0");
+    moto.request("PUT", "/parts", "");
+    assert_eq!(site.done(&["push"]).matches(": archived as").count(), 2);
+    assert_eq!(site.done(&["verify"]).matches(": whole").count(), 2);
+    // the catalogue is lost: the parts are there already, and are entered again
+    server.sql("DELETE FROM tactus.alarm; DELETE FROM tactus.event; DELETE FROM tactus.part");
+    assert_eq!(site.done(&["push"]).matches(": archived as").count(), 2);
+    let into = site.folder.path().join("back");
+    std::fs::create_dir(&into).unwrap();
+    site.done(&["pull", "m1", "--into", &into.to_string_lossy()]);
+    for id in ["m1.tactus", "m1_p2.tactus"] {
+        let same =
+            std::fs::read(into.join(id)).unwrap() == std::fs::read(site.record().join(id)).unwrap();
+        assert!(same, "{id}");
+    }
+    // altered in the bucket
+    let name = server.sql("SELECT stored_as FROM tactus.part WHERE part = 'm1'");
+    moto.request("PUT", &format!("/parts/{name}"), "another content");
+    let output = site.run(&["verify"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("DAMAGED"));
+    server.sql("DELETE FROM tactus.alarm; DELETE FROM tactus.event; DELETE FROM tactus.part");
+    let output = site.run(&["push"]);
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        text.contains("m1: NOT ARCHIVED") && text.contains("m1_p2: archived"),
+        "{text}"
+    );
+    moto.request("DELETE", &format!("/parts/{name}"), "");
+    site.done(&["push"]);
+    site.done(&["verify"]);
+    // nobody answers
+    drop(moto);
+    site.record_session("m2", 1);
+    let error = site.refused(&["push"], 75);
+    assert!(error.contains("cannot reach the store"), "{error}");
+}
