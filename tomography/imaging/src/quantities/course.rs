@@ -32,6 +32,8 @@ pub(super) struct Course {
     /// Time and loads of the last known frame.
     last: Option<(f64, Vec<f64>)>,
     dose: Vec<f64>,
+    /// What each dose has too much by the rounding of its sum: months of frames are added one by one.
+    dose_excess: Vec<f64>,
     unrelieved: Vec<f64>,
     /// Time since each triangle fell below the threshold.
     relieved: Vec<f64>,
@@ -68,6 +70,7 @@ impl Course {
             settings,
             last: None,
             dose: vec![0.0; triangles],
+            dose_excess: vec![0.0; triangles],
             unrelieved: vec![0.0; triangles],
             relieved: vec![0.0; triangles],
             parts: VecDeque::new(),
@@ -97,7 +100,7 @@ impl Course {
             let step = at_s - before_s;
             if step > 0.0 && step <= hold_s {
                 for (triangle, value) in before.iter().enumerate() {
-                    self.dose[triangle] += (value - threshold).max(0.0) * step;
+                    self.add_dose(triangle, (value - threshold).max(0.0) * step);
                     if *value >= threshold {
                         self.unrelieved[triangle] += step;
                         self.relieved[triangle] = 0.0;
@@ -115,6 +118,14 @@ impl Course {
         for (path, values) in self.paths.iter_mut().zip(of_regions) {
             path.take(at_s, values, hold_s);
         }
+    }
+
+    /// Adds to a dose, with Kahan's compensation.
+    fn add_dose(&mut self, triangle: usize, part: f64) {
+        let part = part - self.dose_excess[triangle];
+        let sum = self.dose[triangle] + part;
+        self.dose_excess[triangle] = (sum - self.dose[triangle]) - part;
+        self.dose[triangle] = sum;
     }
 
     /// Adds a frame's time to the window.

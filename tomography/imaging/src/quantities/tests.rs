@@ -204,6 +204,47 @@ fn dose_and_time_without_relief_by_hand() {
 }
 
 #[test]
+fn a_dose_of_90_days_keeps_twelve_digits() {
+    let settings = CourseSettings {
+        threshold: 0.0,
+        relief_s: 60.0,
+        window_s: 14_400.0,
+        hold_s: 900.0,
+    };
+    let mut course = Course::new(settings, 1, 0);
+    let begin = 1_800_000_000.0;
+    let seconds = 90 * 86_400;
+    for second in 0..=seconds {
+        course.take(begin + f64::from(second), &[0.1], &[]);
+    }
+    let exact = 0.1 * f64::from(seconds);
+    let error = (course.dose()[0] - exact).abs() / exact;
+    // a plain sum is off by 1e-10
+    assert!(error <= 1e-12, "{error:e}");
+    // a clock that is set back, and a gap, add nothing
+    let before = course.dose()[0];
+    course.take(begin, &[0.1], &[]);
+    course.take(begin + 901.0, &[0.1], &[]);
+    assert_eq!(course.dose()[0], before);
+}
+
+#[test]
+fn a_gap_is_no_relief() {
+    let (surface, mut course) = course();
+    let mut take = |at: f64| {
+        let mut loads = vec![0.0; 8];
+        loads[0] = 3.0;
+        course.take(at, &loads, &[Values::default()]);
+        completed(&surface, &course).get(Quantity::Unrelieved)
+    };
+    take(0.0);
+    assert_eq!(take(50.0), Some(50.0));
+    // an hour without frames: the time goes on from where it was
+    assert_eq!(take(3650.0), Some(50.0));
+    assert_eq!(take(3660.0), Some(60.0));
+}
+
+#[test]
 fn the_unrelieved_area_is_known_after_a_whole_window() {
     let (surface, mut course) = course();
     let mut loads = vec![0.0; 8];
