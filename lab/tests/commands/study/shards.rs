@@ -212,3 +212,23 @@ fn shards_made_at_the_same_time_do_not_disturb_each_other() {
     ));
     assert_eq!(output.stdout, b"\n");
 }
+
+#[test]
+fn held_shard_of_a_study_ends_with_75_until_released() {
+    let folder = tempfile::tempdir().unwrap();
+    let parts = folder.path().join("parts");
+    std::fs::create_dir(&parts).unwrap();
+    let held = std::fs::File::create(parts.join("shard-0-of-1.part")).unwrap();
+    held.try_lock().unwrap();
+    let line = "stability --only 40 --shard 0/1 --parts {}";
+    let (code, message) = refused(line, &[&parts]);
+    assert_eq!(code, Some(75), "{message}");
+    assert!(message.contains("shard-0-of-1.part"), "{message}");
+    let (code, message) = refused(&format!("{line} --json"), &[&parts]);
+    assert_eq!(code, Some(75));
+    assert!(message.contains(r#""kind":"busy","code":75"#), "{message}");
+    drop(held);
+    done(&words(line, &[&parts]));
+    assert!(parts.join("shard-0-of-1.jsonl").is_file());
+    assert!(!parts.join("shard-0-of-1.part").exists());
+}
