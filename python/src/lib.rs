@@ -12,6 +12,7 @@ mod mesh;
 mod outcome;
 mod protocol;
 mod session;
+mod sizes;
 
 /// The engine behind `tactus_eit`.
 #[pyo3::pymodule(gil_used = false)]

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 
 use crate::arguments::{Expected, Values, pairs};
 use crate::outcome::{detached, refused, rows};
+use crate::sizes::{electrodes, fine, millimetres, seeded};
 
 /// A triangulated sheet with electrodes on its boundary.
 ///
@@ -177,7 +178,8 @@ impl Mesh {
         };
         let tank = DiscTank {
             radius_mm: millimetres("radius", radius)?.unwrap_or(usual.radius_mm),
-            electrodes: self::electrodes("electrodes", electrodes)?.unwrap_or(usual.electrodes),
+            electrodes: crate::sizes::electrodes("electrodes", electrodes)?
+                .unwrap_or(usual.electrodes),
             arc_deg: arc_deg.map_or(Ok(usual.arc_deg), |given| arc.positive(given))?,
             first_deg: first_deg.map_or(Ok(usual.first_deg), |given| first.number(given))?,
             fineness: fine(fineness)?,
@@ -337,51 +339,6 @@ fn points<'py>(py: Python<'py>, points: &[[f64; 2]]) -> PyResult<Bound<'py, PyAr
         points.iter().flatten().copied().collect(),
         [points.len(), 2],
     )
-}
-
-/// A length in m as the mm of the presets; a decimal number of m is the same decimal number of mm, to the bit.
-fn millimetres(name: &str, metres: Option<&Bound<'_, PyAny>>) -> PyResult<Option<f64>> {
-    let expected = Expected {
-        name,
-        about: "a length in m, above 0",
-    };
-    let metres = metres.map(|metres| expected.positive(metres)).transpose()?;
-    Ok(metres.map(|metres| {
-        let picometres = (1e12 * metres).round();
-        match picometres > 0.0 && picometres < 9e15 {
-            true => picometres / 1e9,
-            false => 1e3 * metres,
-        }
-    }))
-}
-
-fn electrodes(name: &str, given: Option<&Bound<'_, PyAny>>) -> PyResult<Option<usize>> {
-    let expected = Expected {
-        name,
-        about: "a number of electrodes from 1 to 256",
-    };
-    let Some(given) = given else { return Ok(None) };
-    match expected.count(given)? {
-        count @ 1..=256 => Ok(Some(count)),
-        count => Err(expected.value_error(&format!("it is {count}"))),
-    }
-}
-
-fn fine(fineness: Option<&Bound<'_, PyAny>>) -> PyResult<f64> {
-    let expected = Expected {
-        name: "fineness",
-        about: "a number from 0.25 to 8",
-    };
-    fineness.map_or(Ok(1.0), |given| expected.number(given))
-}
-
-fn seeded(seeding: Option<&Bound<'_, PyAny>>) -> PyResult<u32> {
-    let expected = Expected {
-        name: "seeding",
-        about: "an integer from 0 to 4294967295",
-    };
-    let count = seeding.map_or(Ok(0), |given| expected.count(given))?;
-    u32::try_from(count).map_err(|_| expected.value_error(&format!("it is {count}")))
 }
 
 /// A fault of a mesh with the way to mend it in Python.

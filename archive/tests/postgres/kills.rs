@@ -42,7 +42,9 @@ fn kills_of_both_ends_lose_and_double_nothing() {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        std::thread::sleep(Duration::from_secs_f64(1.2 * whole * random(&mut state)));
+        std::thread::sleep(Duration::from_micros(
+            (1.2e6 * whole * random(&mut state)) as u64,
+        ));
         match round % 2 {
             0 => {
                 let _ = push.kill();
