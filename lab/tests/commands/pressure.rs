@@ -211,9 +211,10 @@ fn sets_of_one_spray_seed_have_one_sheet() {
         );
         done(lab(&words.split(' ').collect::<Vec<_>>(), at));
         let read = |name: &str| std::fs::read_to_string(at.join("set").join(name)).unwrap();
+        // after the heading
         let frames = read("frames.csv");
         (
-            frames.lines().next().unwrap_or_default().to_owned(),
+            frames.lines().nth(1).unwrap().to_owned(),
             read("presses.csv"),
         )
     };
