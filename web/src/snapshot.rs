@@ -173,29 +173,34 @@ impl AlarmState {
         self.calls() || !self.acknowledged || self.level.as_deref() == Some("invalid")
     }
 
-    /// What it says, in a few words.
-    pub fn words(&self) -> String {
-        let invalid = self.level.as_deref() == Some("invalid");
-        let mut words = match (self.active, invalid) {
+    /// What it says and what it waits for, a few words each.
+    pub fn standing(&self) -> Vec<String> {
+        let mut words = vec![match (self.active, self.level.as_deref()) {
             (true, _) => format!("ACTIVE, {}", self.severity),
-            (false, true) => "CANNOT BE JUDGED".to_owned(),
-            (false, false) => self.level.clone().unwrap_or("not judged now".to_owned()),
-        };
+            (false, Some("invalid")) => "CANNOT BE JUDGED".to_owned(),
+            (false, Some(level)) => level.to_owned(),
+            (false, None) => "not judged now".to_owned(),
+        }];
         if !self.acknowledged {
-            words.push_str(", not acknowledged");
+            words.push("not acknowledged".to_owned());
         }
         if self.held {
-            words.push_str(", waits for a reset");
-        }
-        for (name, by) in [
-            ("shelved", &self.shelved),
-            ("out of service", &self.out_of_service),
-        ] {
-            if let Some(by) = by {
-                words.push_str(&format!(", {name} {by}"));
-            }
+            words.push("waits for a reset".to_owned());
         }
         words
+    }
+
+    /// The same with who shelved it or took it out of service, in one line.
+    pub fn words(&self) -> String {
+        let mut words = self.standing();
+        let aside = [
+            ("shelved", &self.shelved),
+            ("out of service", &self.out_of_service),
+        ];
+        for (name, by) in aside {
+            words.extend(by.as_ref().map(|by| format!("{name} {by}")));
+        }
+        words.join(", ")
     }
 }
 

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use logbook::QuantityLine;
-use tokio_postgres::Client;
+use tokio_postgres::{Client, Transaction};
 
 pub use connection::Access;
 pub use error::CatalogueError;
@@ -159,13 +159,7 @@ impl Catalogue {
         part: &Part,
         lines: &[QuantityLine],
     ) -> Result<(), CatalogueError> {
-        let endpoint = self.endpoint.clone();
-        let deadline = rows::Deadline::of(&endpoint);
-        let transaction = deadline.within(self.client.transaction()).await?;
-        // a receipt follows: the commit must be on the server's disk, whatever its configuration
-        deadline
-            .within(transaction.batch_execute("SET LOCAL synchronous_commit = on"))
-            .await?;
+        let (transaction, deadline) = self.begin().await?;
         rows::part(&transaction, &deadline, part).await?;
         rows::events(&transaction, &deadline, part).await?;
         let name = &part.name;
@@ -190,14 +184,20 @@ impl Catalogue {
         session: &str,
         lines: &[QuantityLine],
     ) -> Result<(), CatalogueError> {
-        let endpoint = self.endpoint.clone();
-        let deadline = rows::Deadline::of(&endpoint);
+        let (transaction, deadline) = self.begin().await?;
+        rows::quantities(&transaction, &deadline, (site, daq, session), lines).await?;
+        deadline.within(transaction.commit()).await
+    }
+
+    /// Begins what is entered whole or not at all.
+    async fn begin(&mut self) -> Result<(Transaction<'_>, rows::Deadline<'_>), CatalogueError> {
+        let deadline = rows::Deadline::of(&self.endpoint);
         let transaction = deadline.within(self.client.transaction()).await?;
+        // a receipt follows: the commit must be on the server's disk, whatever its configuration
         deadline
             .within(transaction.batch_execute("SET LOCAL synchronous_commit = on"))
             .await?;
-        rows::quantities(&transaction, &deadline, (site, daq, session), lines).await?;
-        deadline.within(transaction.commit()).await
+        Ok((transaction, deadline))
     }
 
     async fn within<T>(

@@ -1,6 +1,8 @@
 //! The archive against a real PostgreSQL: pushes, repetitions, faults, kills, refusals.
 
 mod faults;
+#[path = "../../../logbook/tests/example_frames/taken.rs"]
+mod frames;
 mod kills;
 mod objects;
 mod pushes;

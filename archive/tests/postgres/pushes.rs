@@ -3,7 +3,8 @@
 use logbook::{Retention, SessionReader, archived, prune};
 
 use crate::archive;
-use crate::site::{add_minute, at, begun};
+use crate::frames::at;
+use crate::site::{add_minute, begun};
 
 fn lines(text: &str) -> Vec<serde_json::Value> {
     text.lines()

@@ -2,18 +2,13 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::time::Duration;
 
-use chrono::{DateTime, Utc};
 use logbook::{SessionHeader, SessionWriter, append_quantities};
-use survey::{Amps, Frame, Protocol, Reading, Settings, Volts};
+use survey::{Protocol, Reading, Volts};
 use tempfile::TempDir;
 
+use crate::frames::{at, taken};
 use crate::server::{DATABASE, OWNER, PASSWORD, Server};
-
-pub fn at(second: i64) -> DateTime<Utc> {
-    DateTime::from_timestamp(1_800_000_000 + second, 0).unwrap()
-}
 
 pub struct Site {
     pub folder: TempDir,
@@ -173,25 +168,7 @@ fn frames(writer: &mut SessionWriter, part: u64) {
     for number in 3 * part - 2..=3 * part {
         let readings = (0..protocol.len())
             .map(|k| Reading::Ok(Volts(1e-3 * (number as f64 + k as f64).sin())));
-        let frame = Frame {
-            extra: Vec::new(),
-            sequence: number,
-            readings: readings.collect(),
-            monotonic: Duration::from_secs(number),
-            wall: at(number as i64),
-            duration: Duration::from_millis(900),
-            settings: Settings {
-                precautions: survey::Precautions::default(),
-                protocol_hash: protocol.hash(),
-                current: Amps(1e-3),
-                range: Volts(1.0),
-                nplc: 1.0,
-                settle: Duration::ZERO,
-                wiring: "w".into(),
-            },
-            compliance: Vec::new(),
-            simulated: true,
-        };
+        let frame = taken(&protocol, number, number as i64, readings.collect());
         writer.append(&frame, None).unwrap();
         writer
             .event(at(number as i64), "note", "zero \0 byte")

@@ -15,8 +15,8 @@ use outfile::{Existing, GrowingFolder};
 use crate::options::duration::{SpanError, parse_span};
 use crate::output::Colour;
 pub use records::{
-    Export, Log, Prune, Quantities, RecordingSource, Repair, Replay, Report, SessionsCommand,
-    Verify,
+    Export, Log, MapOptions, Prune, Quantities, RecordingSource, Repair, Replay, Report,
+    SessionsCommand, Verify,
 };
 pub use rig::{
     AlarmOrder, AlarmsCommand, Discover, Doctor, InstrumentsCommand, NotifyCommand, Transcript,

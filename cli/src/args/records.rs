@@ -137,16 +137,34 @@ pub struct Export {
         allow_hyphen_values = true
     )]
     pub scale: Scale,
-    /// A calibration of this mesh and method (`tactus-lab calibrate`): maps in kPa, and each map's load in newtons [default: the
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub asked: MapOptions,
+}
+
+/// How `export`, `replay`, `report` and `quantities` make their maps.
+#[derive(Debug, Default, PartialEq, Args)]
+pub struct MapOptions {
+    /// A calibration of this mesh and method (`tactus-lab calibrate`): pressures and loads in kPa and newtons [default: the
     /// session's, unless another method is named]
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     #[command(flatten)]
+    #[allow(missing_docs)]
     pub method: MethodArguments,
     #[command(flatten)]
+    #[allow(missing_docs)]
     pub tracked: TrackedArguments,
     #[command(flatten)]
+    #[allow(missing_docs)]
     pub geometry: GeometryChoice,
+}
+
+impl MapOptions {
+    /// Whether maps are asked for other than those that the session was recorded with.
+    pub(crate) fn differ(&self) -> bool {
+        *self != Self::default()
+    }
 }
 
 /// What `replay` and `quantities` read.
@@ -209,16 +227,9 @@ pub struct Replay {
     /// Print one line per frame, without a map
     #[arg(long)]
     pub no_map: bool,
-    /// A calibration of this mesh and method (`tactus-lab calibrate`): maps in kPa, and each map's load in newtons [default: the
-    /// session's, unless another method is named]
-    #[arg(long, value_name = "FILE")]
-    pub calibration: Option<PathBuf>,
     #[command(flatten)]
-    pub method: MethodArguments,
-    #[command(flatten)]
-    pub tracked: TrackedArguments,
-    #[command(flatten)]
-    pub geometry: GeometryChoice,
+    #[allow(missing_docs)]
+    pub asked: MapOptions,
 }
 
 /// Options of `report`.
@@ -229,29 +240,9 @@ pub struct Report {
     /// New or empty directory for the page, index.html
     #[arg(long, short, value_name = "DIR")]
     pub out: OutFolder,
-    /// A calibration of this mesh and method (`tactus-lab calibrate`): pressures and loads in kPa and newtons [default: the
-    /// session's, unless another method is named]
-    #[arg(long, value_name = "FILE")]
-    pub calibration: Option<PathBuf>,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub method: MethodArguments,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub tracked: TrackedArguments,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub geometry: GeometryChoice,
-}
-
-impl Report {
-    /// Whether maps are asked for other than those that the session was recorded with.
-    pub(crate) fn names_reconstruction(&self) -> bool {
-        self.calibration.is_some()
-            || self.tracked != TrackedArguments::default()
-            || self.method != MethodArguments::default()
-            || self.geometry != GeometryChoice::default()
-    }
+    pub asked: MapOptions,
 }
 
 /// Options of `quantities`.
@@ -281,19 +272,9 @@ pub struct Quantities {
     /// Pressures in mmHg instead of kPa; needs a calibration
     #[arg(long)]
     pub mmhg: bool,
-    /// A calibration of this mesh and method (`tactus-lab calibrate`): pressures and loads in kPa and newtons [default: the
-    /// session's, unless another method is named]
-    #[arg(long, value_name = "FILE")]
-    pub calibration: Option<PathBuf>,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub method: MethodArguments,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub tracked: TrackedArguments,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub geometry: GeometryChoice,
+    pub asked: MapOptions,
 }
 
 /// A quantity by its name.

@@ -59,9 +59,9 @@ fn the_recording_of_the_story_is_read() {
         panic!()
     };
     assert_eq!(replay.from.baseline, Some(BaselineRule::First(16)));
-    assert_eq!(replay.geometry.preset, Some(PresetName::DiscTank));
+    assert_eq!(replay.asked.geometry.preset, Some(PresetName::DiscTank));
     assert!(replay.from.negate);
-    assert_eq!(replay.method.prior, None);
+    assert_eq!(replay.asked.method.prior, None);
 }
 
 #[test]

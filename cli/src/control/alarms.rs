@@ -5,6 +5,7 @@ use std::io::Write;
 use chrono::DateTime;
 use dbus::{AlarmReport, Options};
 use serde::Serialize;
+use web::AlarmState;
 
 use crate::args::{AlarmOrder, AlarmsCommand};
 use crate::connection::Daemon;
@@ -32,6 +33,9 @@ struct Alarm {
     out_of_service: Option<String>,
     acknowledged_by: Option<String>,
     guidance: Option<String>,
+    /// The same as the page and the dashboard see it.
+    #[serde(skip)]
+    seen: AlarmState,
     #[serde(skip)]
     changed_ns: Option<i64>,
     #[serde(skip)]
@@ -42,6 +46,7 @@ impl From<AlarmReport> for Alarm {
     fn from(reported: AlarmReport) -> Self {
         let time = |ns: Option<i64>| ns.map(|ns| utc(DateTime::from_timestamp_nanos(ns)));
         Self {
+            seen: AlarmState::from(reported.clone()),
             name: reported.name.unwrap_or_default(),
             built_in: reported.built_in.unwrap_or(false),
             severity: reported.severity.unwrap_or_default(),
@@ -66,11 +71,6 @@ impl From<AlarmReport> for Alarm {
 }
 
 impl Alarm {
-    /// Whether it is active, and neither shelved nor out of service.
-    fn calls(&self) -> bool {
-        self.active && self.shelved.is_none() && self.out_of_service.is_none()
-    }
-
     /// Whether a person should see it without `--all`.
     fn matters(&self) -> bool {
         let aside = self.shelved.is_some() || self.out_of_service.is_some();
@@ -80,19 +80,7 @@ impl Alarm {
 
     /// The state in a few words.
     fn state(&self) -> String {
-        let mut words = Vec::new();
-        match (self.active, self.level.as_deref()) {
-            (true, _) => words.push(format!("ACTIVE, {}", self.severity)),
-            (false, Some("invalid")) => words.push("CANNOT BE JUDGED".to_owned()),
-            (false, Some(level)) => words.push(level.to_owned()),
-            (false, None) => words.push("not judged now".to_owned()),
-        }
-        if !self.acknowledged {
-            words.push("not acknowledged".to_owned());
-        }
-        if self.held {
-            words.push("waits for a reset".to_owned());
-        }
+        let mut words = self.seen.standing();
         if let Some(by) = &self.shelved {
             words.push(match self.shelved_until_ns {
                 Some(ns) => format!(
@@ -156,7 +144,7 @@ pub(crate) async fn run(
     print(&listed, requested.all, printer)?;
     let calling: Vec<&str> = listed
         .iter()
-        .filter(|alarm| alarm.calls())
+        .filter(|alarm| alarm.seen.calls())
         .map(|alarm| alarm.name.as_str())
         .collect();
     match calling.len() {
@@ -287,12 +275,12 @@ mod tests {
             ..reported("heel", Some("major"))
         };
         let alarm = Alarm::from(shelved);
-        assert!(!alarm.calls() && alarm.matters());
+        assert!(!alarm.seen.calls() && alarm.matters());
         assert!(
             alarm
                 .state()
                 .ends_with("shelved until it ends by user 1000: known")
         );
-        assert!(Alarm::from(reported("heel", Some("major"))).calls());
+        assert!(Alarm::from(reported("heel", Some("major"))).seen.calls());
     }
 }

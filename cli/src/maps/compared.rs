@@ -3,7 +3,6 @@
 use eit::Pressure;
 use imaging::quantities::{ComparedReadings, FrameQuantities, JudgedMap, Quantifier};
 use imaging::recorded::{RecordedFrame, Recording};
-use imaging::tracking::seconds;
 use imaging::{Tracked, TrackedFrame};
 use survey::{Map, Reading};
 
@@ -34,11 +33,19 @@ impl<'a> Compared<'a> {
             None => (&recording.unloaded.readings, &recorded.readings),
         };
         Self {
-            at_s: recorded.wall.map_or(recorded.sequence as f64, seconds),
+            at_s: recorded.at_s(),
             baseline,
             readings,
             tracked: followed.map(|frame| &frame.tracked),
         }
+    }
+
+    /// The map.
+    ///
+    /// # Errors
+    /// Too many missing readings, or readings that the method cannot use.
+    pub(crate) fn map(&self, reconstruction: &Reconstruction) -> Result<Map, Failure> {
+        reconstruction.map(self.baseline, self.readings)
     }
 
     /// The quantities and the map; a frame without a map has no quantities, and the reason.
@@ -50,7 +57,7 @@ impl<'a> Compared<'a> {
         reconstruction: &Reconstruction,
         quantifier: &mut Quantifier,
     ) -> Result<(FrameQuantities, Option<ShownMap>), Failure> {
-        let map = match reconstruction.map(self.baseline, self.readings) {
+        let map = match self.map(reconstruction) {
             Ok(map) => map,
             Err(refused) => {
                 let without = FrameQuantities {

@@ -100,25 +100,22 @@ impl Follower {
         self.tracking.compare(&frame.readings)
     }
 
-    /// The frame with this number, after all frames before it that were not followed yet.
+    /// Follows all frames before this number that were not followed yet.
     ///
     /// # Errors
-    /// As [`Follower::follow`], or no such frame.
-    pub(crate) fn up_to(
+    /// As [`Follower::follow`].
+    pub(crate) fn pass_before(
         &mut self,
         recording: &Recording,
         sequence: u64,
-    ) -> Result<TrackedFrame, Failure> {
+    ) -> Result<(), Failure> {
         for frame in recording.frames_from(self.next).filter_map(Result::ok) {
             if frame.sequence >= sequence {
-                return self.follow(&frame);
+                break;
             }
             self.pass(&frame)?;
         }
-        Err(Failure::Failed(format!(
-            "{} has no frame {sequence}",
-            recording.name
-        )))
+        Ok(())
     }
 }
 

@@ -3,16 +3,17 @@
 use eit::Pressure;
 use imaging::recorded::{RecordedFrame, Recording};
 use imaging::{Tracked, TrackedArguments};
-use survey::{Map, Reading};
+use survey::Map;
 
 use crate::failure::Failure;
+use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 
 /// Makes the maps of a recording.
 pub(crate) struct FrameMaps<'a> {
     reconstruction: &'a Reconstruction,
-    unloaded: &'a [Reading],
+    recording: &'a Recording,
     follower: Option<Follower>,
 }
 
@@ -36,7 +37,7 @@ impl<'a> FrameMaps<'a> {
     ) -> Result<Self, Failure> {
         Ok(Self {
             reconstruction,
-            unloaded: &recording.unloaded.readings,
+            recording,
             follower: Follower::of(reconstruction, tracked, recording)?,
         })
     }
@@ -51,13 +52,9 @@ impl<'a> FrameMaps<'a> {
             .as_mut()
             .map(|follower| follower.follow(frame))
             .transpose()?;
-        let (baseline, readings) = match &followed {
-            Some(followed) => (&followed.baseline[..], &followed.readings),
-            None => (self.unloaded, &frame.readings),
-        };
-        let map = self
-            .reconstruction
-            .map(baseline, readings)
+        let compared = Compared::new(self.recording, frame, followed.as_ref());
+        let map = compared
+            .map(self.reconstruction)
             .map_err(|failure| match failure {
                 Failure::Failed(text) => {
                     Failure::Failed(format!("frame {}: {text}", frame.sequence))
@@ -71,9 +68,15 @@ impl<'a> FrameMaps<'a> {
         })
     }
 
-    /// Whether the baseline is followed, so that every frame counts.
-    pub(crate) fn follows(&self) -> bool {
-        self.follower.is_some()
+    /// Follows the frames before this number, if the baseline is followed.
+    ///
+    /// # Errors
+    /// A frame that cannot be followed.
+    pub(crate) fn pass_before(&mut self, sequence: u64) -> Result<(), Failure> {
+        match &mut self.follower {
+            Some(follower) => follower.pass_before(self.recording, sequence),
+            None => Ok(()),
+        }
     }
 
     /// Follows a frame whose map is not asked for.

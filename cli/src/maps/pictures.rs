@@ -3,7 +3,6 @@
 use imaging::TrackedArguments;
 use imaging::quantities::{FrameQuantities, JudgedMap, Quantifier, Quantity, SpotTrack};
 use imaging::recorded::{RecordedFrame, Recording};
-use imaging::tracking::seconds;
 use render::{SpotMark, Style};
 use survey::Map;
 
@@ -11,7 +10,6 @@ use crate::failure::Failure;
 use crate::maps::drawing;
 use crate::maps::frame_maps::{FrameMap, FrameMaps};
 use crate::maps::reconstruction::Reconstruction;
-use crate::maps::session_settings;
 use crate::options::choices::Scale;
 use crate::output::time::local;
 
@@ -43,19 +41,12 @@ impl<'a> Pictures<'a> {
         tracked: &TrackedArguments,
         recording: &'a Recording,
     ) -> Result<Self, Failure> {
-        let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
-        let quantifier = reconstruction.quantifier(&settings, &regions);
         Ok(Self {
             recording,
             reconstruction,
             maps: FrameMaps::new(reconstruction, tracked, recording)?,
-            quantifier: quantifier.map_err(|error| Failure::Configuration(error.to_string()))?,
+            quantifier: reconstruction.quantifier(recording)?,
         })
-    }
-
-    /// Whether every frame must be given, because the baseline is followed.
-    pub(crate) fn follows(&self) -> bool {
-        self.maps.follows()
     }
 
     /// Follows a frame without a picture.
@@ -80,7 +71,7 @@ impl<'a> Pictures<'a> {
             tracked: made.tracked.as_ref(),
             compared: None,
         };
-        let at_s = frame.wall.map_or(frame.sequence as f64, seconds);
+        let at_s = frame.at_s();
         let quantities = self.quantifier.take(at_s, Some(&judged));
         let calibrated = made
             .pressure
@@ -103,14 +94,7 @@ impl<'a> Pictures<'a> {
         frame: &RecordedFrame,
         scale: Scale,
     ) -> Result<(PictureMap, Style), Failure> {
-        if self.follows() {
-            for before in self.recording.frames().filter_map(Result::ok) {
-                if before.sequence >= frame.sequence {
-                    break;
-                }
-                self.pass(&before)?;
-            }
-        }
+        self.maps.pass_before(frame.sequence)?;
         let picture = self.map(frame)?;
         let style = self.style(frame, &picture, scale)?;
         Ok((picture, style))

@@ -9,7 +9,6 @@ use imaging::quantities::{
     Rows, STORED_S, joined, rounded, stored,
 };
 use imaging::recorded::{RecordedFrame, Recording, SessionParts, table_time};
-use imaging::tracking::seconds;
 use serde::Serialize;
 
 use crate::args::{Global, Quantities};
@@ -18,8 +17,6 @@ use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::{self, Thinning};
-use crate::maps::session_settings;
-use crate::options::choices::{GeometryChoice, MethodArguments, TrackedArguments};
 use crate::output::Printer;
 use crate::output::progress::progress;
 use crate::output::time::{local, utc};
@@ -58,18 +55,9 @@ pub(crate) fn run(
     if let Some((rows, damaged)) = stored_rows(global, requested)? {
         return print_stored(requested, &rows, damaged, printer);
     }
-    let recording = recording::open(global, source, requested.geometry.electrodes)?;
-    let reconstruction = Reconstruction::new(
-        &requested.method,
-        &requested.geometry,
-        requested.calibration.as_deref(),
-        &requested.tracked,
-        &recording,
-    )?;
-    let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
-    let mut quantifier = reconstruction
-        .quantifier(&settings, &regions)
-        .map_err(|error| Failure::Configuration(error.to_string()))?;
+    let recording = recording::open(global, source, requested.asked.geometry.electrodes)?;
+    let reconstruction = Reconstruction::asked(&requested.asked, &recording)?;
+    let mut quantifier = reconstruction.quantifier(&recording)?;
     check_region(requested.region.as_deref(), &quantifier, &recording)?;
     if requested.mmhg && quantifier.unit() == LoadUnit::RelativeLoss {
         return Err(not_calibrated(&recording.name));
@@ -77,7 +65,7 @@ pub(crate) fn run(
     if requested.each_frame {
         quantifier = quantifier.with_deviation(reconstruction.deviation());
     }
-    let mut follower = Follower::of(&reconstruction, &requested.tracked, &recording)?;
+    let mut follower = Follower::of(&reconstruction, &requested.asked.tracked, &recording)?;
     let mut output = Output::new(requested);
     if !requested.csv {
         for remark in &reconstruction.remarks {
@@ -213,7 +201,7 @@ impl<'a> Output<'a> {
         if self.requested.each_frame {
             self.frame(recorded, &frame, printer)?;
         } else {
-            let at_s = recorded.wall.map_or(recorded.sequence as f64, seconds);
+            let at_s = recorded.at_s();
             let ended = self.rows.take(at_s, &frame);
             self.spans(&ended, printer)?;
         }
@@ -425,10 +413,7 @@ impl Quantities {
             || source.negate
             || source.from.is_some()
             || source.to.is_some()
-            || self.calibration.is_some()
-            || self.tracked != TrackedArguments::default()
-            || self.method != MethodArguments::default()
-            || self.geometry != GeometryChoice::default()
+            || self.asked.differ()
     }
 
     fn has(&self, region: &str) -> bool {

@@ -5,7 +5,7 @@ use std::path::Path;
 use eit::inverse::learned::network::is_onnx;
 use eit::{DiscTank, Mesh, PaperSheet, Preset, Pressure};
 use imaging::noise::Noise;
-use imaging::quantities::{Deviation, Quantifier, QuantitySettings, RegionError, RegionSettings};
+use imaging::quantities::{Deviation, Quantifier};
 use imaging::recorded::{Fitted, Origin, Recording};
 use imaging::{
     BuildError, Conditions, Geometry, MethodArguments, Model, TrackedArguments, Tracking, has_mesh,
@@ -13,8 +13,10 @@ use imaging::{
 };
 use survey::{Map, Protocol, Reading};
 
+use crate::args::MapOptions;
 use crate::failure::Failure;
 use crate::maps::drawing::Field;
+use crate::maps::session_settings;
 use crate::maps::settings::ChosenSettings;
 use crate::options::choices::{GeometryChoice, PresetName};
 
@@ -36,6 +38,21 @@ pub(crate) struct Reconstruction {
 }
 
 impl Reconstruction {
+    /// As the options of a command ask for it.
+    ///
+    /// # Errors
+    /// As [`Reconstruction::new`].
+    pub(crate) fn asked(asked: &MapOptions, recording: &Recording) -> Result<Self, Failure> {
+        let calibration = asked.calibration.as_deref();
+        Self::new(
+            &asked.method,
+            &asked.geometry,
+            calibration,
+            &asked.tracked,
+            recording,
+        )
+    }
+
     /// Loads the model, or prepares the method for the geometry given by options, folder or session.
     ///
     /// # Errors
@@ -134,16 +151,14 @@ impl Reconstruction {
         self.model.calibration.is_some()
     }
 
-    /// Computes quantities of the maps.
+    /// Computes quantities of the maps, with the thresholds and regions of the recording.
     ///
     /// # Errors
-    /// A region that lies beside the maps.
-    pub(crate) fn quantifier(
-        &self,
-        settings: &QuantitySettings,
-        regions: &[RegionSettings],
-    ) -> Result<Quantifier, RegionError> {
-        Quantifier::new(&self.model, settings, regions)
+    /// A session with an invalid configuration, or a region that lies beside the maps.
+    pub(crate) fn quantifier(&self, recording: &Recording) -> Result<Quantifier, Failure> {
+        let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
+        Quantifier::new(&self.model, &settings, &regions)
+            .map_err(|error| Failure::Configuration(error.to_string()))
     }
 
     /// Standard deviations of quantities; `None` where the noise is not known.
@@ -268,7 +283,7 @@ pub(crate) fn choose_geometry(
                     folder.display()
                 )));
             }
-            Origin::Session(header) => crate::maps::session_settings::geometry(header)?,
+            Origin::Session(header) => session_settings::geometry(header)?,
         }
     };
     let geometry = geometry

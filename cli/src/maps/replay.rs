@@ -61,17 +61,11 @@ pub(crate) fn run(
         every: replay.every,
         count: replay.count,
     };
-    let recording = recording::open(global, &replay.from, replay.geometry.electrodes)?;
+    let recording = recording::open(global, &replay.from, replay.asked.geometry.electrodes)?;
     let count = recording::count(&recording, &replay.from, thinning)?;
     let frames = recording::frames(&recording, &replay.from, thinning)?;
-    let reconstruction = Reconstruction::new(
-        &replay.method,
-        &replay.geometry,
-        replay.calibration.as_deref(),
-        &replay.tracked,
-        &recording,
-    )?;
-    let mut maps = FrameMaps::new(&reconstruction, &replay.tracked, &recording)?;
+    let reconstruction = Reconstruction::asked(&replay.asked, &recording)?;
+    let mut maps = FrameMaps::new(&reconstruction, &replay.asked.tracked, &recording)?;
     introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();
     if let Some(directory) = &replay.png {

@@ -2,7 +2,6 @@
 
 use std::io::Write;
 
-use imaging::recorded::SessionParts;
 use serde::Serialize;
 use survey::printable;
 
@@ -19,15 +18,6 @@ struct Event {
     at: String,
     kind: String,
     text: String,
-}
-
-/// The events of all parts of a session, in their order.
-pub(crate) fn of_session(session: &SessionParts) -> Result<Vec<logbook::Event>, Failure> {
-    let mut events = Vec::new();
-    for part in session.each() {
-        events.extend(part.events()?);
-    }
-    Ok(events)
 }
 
 pub(crate) fn run(

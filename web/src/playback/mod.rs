@@ -21,11 +21,11 @@ pub trait Recordings: Send + Sync {
     /// A sentence: the folder cannot be read.
     fn list(&self) -> Result<Vec<SessionEntry>, String>;
 
-    /// Opens a session of the list by its id.
+    /// Opens a session of the list by its id; `None` if the list has none of this id, which is never taken for a path.
     ///
     /// # Errors
     /// A sentence: it cannot be read, or has no maps.
-    fn open(&self, id: &str) -> Result<Arc<dyn Playback>, String>;
+    fn open(&self, id: &str) -> Result<Option<Arc<dyn Playback>>, String>;
 }
 
 /// An open session. Its methods may be called at the same time; a map takes as long as its method.

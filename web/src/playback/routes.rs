@@ -55,21 +55,16 @@ impl Shared {
         self,
         work: impl FnOnce(&Self) -> Result<T, (StatusCode, String)> + Send + 'static,
     ) -> Result<T, (StatusCode, String)> {
-        let stopped = |_| {
+        let stops = || {
             refused(
                 StatusCode::SERVICE_UNAVAILABLE,
                 "the server stops".to_owned(),
             )
         };
         let permit = Arc::clone(&self.workers).acquire_owned().await;
-        let _permit = permit.map_err(|_| {
-            refused(
-                StatusCode::SERVICE_UNAVAILABLE,
-                "the server stops".to_owned(),
-            )
-        })?;
+        let _permit = permit.map_err(|_| stops())?;
         let worker = tokio::task::spawn_blocking(move || work(&self));
-        worker.await.map_err(stopped)?
+        worker.await.map_err(|_| stops())?
     }
 
     /// The session with this id, opened where it is not.
@@ -84,13 +79,10 @@ impl Shared {
             return Ok(playback);
         }
         let failed = |why| refused(StatusCode::CONFLICT, why);
-        // an id is looked for in the list, so that none is taken for a path
-        let listed = self.recordings.list().map_err(failed)?;
-        if !listed.iter().any(|entry| entry.id == id) {
+        let playback = self.recordings.open(id).map_err(failed)?.ok_or_else(|| {
             let text = format!("no session {id} is recorded here");
-            return Err(refused(StatusCode::NOT_FOUND, text));
-        }
-        let playback = self.recordings.open(id).map_err(failed)?;
+            refused(StatusCode::NOT_FOUND, text)
+        })?;
         if open.len() >= OPEN {
             open.remove(0);
         }

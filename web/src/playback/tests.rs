@@ -29,9 +29,12 @@ impl Recordings for Shelf {
         Ok(["m1", "m2", "m3"].map(entry).to_vec())
     }
 
-    fn open(&self, id: &str) -> Result<Arc<dyn Playback>, String> {
+    fn open(&self, id: &str) -> Result<Option<Arc<dyn Playback>>, String> {
+        if !["m1", "m2", "m3"].contains(&id) {
+            return Ok(None);
+        }
         self.opened.fetch_add(1, Ordering::Relaxed);
-        Ok(Arc::new(Session(Overview {
+        Ok(Some(Arc::new(Session(Overview {
             id: id.to_owned(),
             note: String::new(),
             simulated: true,
@@ -44,7 +47,7 @@ impl Recordings for Shelf {
                 name: "hip".to_owned(),
                 corners_mm: vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
             }],
-        })))
+        }))))
     }
 }
 

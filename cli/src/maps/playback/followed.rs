@@ -6,13 +6,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 use imaging::quantities::{QuantityRow, Rows, STORED_S, stored};
-use imaging::recorded::{RecordedFrame, Recording};
+use imaging::recorded::Recording;
 
 use crate::failure::Failure;
 use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
-use crate::maps::session_settings;
 use crate::options::choices::TrackedArguments;
 
 /// States of the tracked baseline that are kept: 0.4 MB each for 26 electrodes.
@@ -159,10 +158,8 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
     }
     let tracking = Reconstruction::tracking_of(&recording)?;
     let mut follower = Follower::new(tracking, &TrackedArguments::default(), &recording)?;
-    let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
-    let mut quantifier = reconstruction
-        .quantifier(&settings, &regions)
-        .map_err(|error| Failure::Configuration(error.to_string()))?;
+    let mut quantifier = reconstruction.quantifier(&recording)?;
+    let hold_s = quantifier.settings().hold_s;
     let (every, keep) = (total.div_ceil(MAPS).max(1), total.div_ceil(STATES).max(1));
     let unrelieved_every = total.div_ceil(every * UNRELIEVED).max(1) * every;
     if !is_stored {
@@ -175,7 +172,7 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
         };
     }
     let mut rows = Rows::new(STORED_S);
-    let mut last: Option<RecordedFrame> = None;
+    let mut last_s: Option<f64> = None;
     for (index, frame) in recording.frames().filter_map(Result::ok).enumerate() {
         if shared.cancelled.load(Ordering::Relaxed) {
             return Ok(());
@@ -192,7 +189,7 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
             };
             let compared = Compared::new(&recording, &frame, followed.as_ref());
             let (quantities, _) = compared.quantities(reconstruction, &mut quantifier)?;
-            let at_s = frame.wall.map_or(0.0, imaging::tracking::seconds);
+            let at_s = frame.at_s();
             let ended = rows.take(at_s, &quantities);
             let mut known = shared.known();
             if !is_stored {
@@ -202,18 +199,13 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
                 let values = quantifier.unrelieved().iter().map(|s| *s as f32);
                 known.unrelieved.push((frame.sequence, values.collect()));
             }
-            if last
-                .as_ref()
-                .is_some_and(|last| apart_s(last, &frame) > settings.hold_s)
-                && every > 1
-            {
+            if every > 1 && last_s.is_some_and(|last_s| at_s - last_s > hold_s) {
                 known.no_unrelieved = Some(format!(
                     "time without relief is not known: of this long session every {every}th frame is looked at, and these lie \
-                     more than {} s apart",
-                    settings.hold_s
+                     more than {hold_s} s apart"
                 ));
             }
-            last = Some(frame.clone());
+            last_s = Some(at_s);
         } else if let Some(follower) = &mut follower {
             follower.pass(&frame)?;
         }
@@ -224,12 +216,4 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
         shared.known().rows.extend(rows.end());
     }
     Ok(())
-}
-
-/// Time from one frame to the next, s.
-fn apart_s(before: &RecordedFrame, after: &RecordedFrame) -> f64 {
-    match (before.wall, after.wall) {
-        (Some(before), Some(after)) => 1e-3 * (after - before).num_milliseconds() as f64,
-        _ => 0.0,
-    }
 }

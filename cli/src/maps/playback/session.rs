@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use chrono::DateTime;
 use eit::Pressure;
 use imaging::quantities::{FrameQuantities, LoadUnit, Quantifier, Quantity, STORED_S, joined};
-use imaging::recorded::{Origin, RecordedFrame, Recording, SessionParts};
+use imaging::recorded::{Origin, RecordedFrame, Recording};
 use imaging::{Method, MethodArguments};
 use render::Sheet;
 use survey::{Map, Reading};
@@ -61,7 +61,7 @@ impl PlayedSession {
             },
         };
         let reconstruction = Arc::new(prepared(&method, &recording)?);
-        let overview = overview(path, &recording)?;
+        let overview = overview(&recording)?;
         Ok(Self {
             path: path.to_owned(),
             overview,
@@ -151,7 +151,8 @@ impl PlayedSession {
             .max_by_key(Follower::next);
         let (mut follower, mut followed) = (nearest, None);
         if let Some(follower) = &mut follower {
-            followed = Some(follower.up_to(&exact.recording, frame.sequence)?);
+            follower.pass_before(&exact.recording, frame.sequence)?;
+            followed = Some(follower.follow(frame)?);
         }
         exact.follower = follower;
         let compared = Compared::new(&exact.recording, frame, followed.as_ref());
@@ -195,10 +196,7 @@ impl Exact {
             Some(fast) => fast,
             None => Arc::new(prepared(&MethodArguments::default(), &recording)?),
         };
-        let (settings, regions) = session_settings::of_quantities(&recording.origin)?;
-        let quantifier = reconstruction
-            .quantifier(&settings, &regions)
-            .map_err(|error| Failure::Configuration(error.to_string()))?;
+        let quantifier = reconstruction.quantifier(&recording)?;
         let deviation = reconstruction.deviation().filter(|_| is_fast);
         Ok(Self {
             quantifier: quantifier.with_deviation(deviation),
@@ -333,23 +331,21 @@ fn without_course(mut quantities: FrameQuantities) -> FrameQuantities {
     quantities
 }
 
-fn overview(path: &Path, recording: &Recording) -> Result<Overview, Failure> {
-    let parts = SessionParts::open(path)?;
-    let header = parts.header();
+fn overview(recording: &Recording) -> Result<Overview, Failure> {
     let ends = recording.ends()?;
     let (first_frame, last_frame) =
         ends.ok_or_else(|| Failure::Failed(format!("{} has no readable frame", recording.name)))?;
     let first = found(recording, Place::Frame(first_frame))?;
     let last = recording.frame_at(DateTime::<chrono::Utc>::MAX_UTC)?;
-    let mut events = Vec::new();
-    for part in parts.each() {
-        let of_part = part.events()?;
-        events.extend(of_part.into_iter().map(|event| EventState {
-            wall_ms: event.at.timestamp_millis(),
-            kind: event.kind,
-            text: event.text,
-        }));
-    }
+    let events = recording.events()?.into_iter().map(|event| EventState {
+        wall_ms: event.at.timestamp_millis(),
+        kind: event.kind,
+        text: event.text,
+    });
+    let note = match &recording.origin {
+        Origin::Session(header) => header.note.clone(),
+        Origin::Folder(_) => String::new(),
+    };
     // a region that the daemon refused has no quantities, and is not drawn
     let (_, regions) = session_settings::of_quantities(&recording.origin)?;
     let regions = regions.iter().filter_map(|region| {
@@ -365,12 +361,12 @@ fn overview(path: &Path, recording: &Recording) -> Result<Overview, Failure> {
     Ok(Overview {
         regions: regions.collect(),
         id: recording.name.clone(),
-        note: header.note.clone(),
-        simulated: header.simulated,
+        note,
+        simulated: recording.simulated == Some(true),
         first_frame,
         last_frame,
         first_ms: wall_ms(&first),
         last_ms: last.as_ref().map_or(wall_ms(&first), wall_ms),
-        events,
+        events: events.collect(),
     })
 }

@@ -67,7 +67,7 @@ pub(super) fn tables(
             header,
             current,
             baseline.as_ref(),
-            &export.geometry,
+            &export.asked.geometry,
             existing,
         )?;
         say(printer, "case", &companions.case, written)?;

@@ -42,7 +42,7 @@ pub(super) fn write(
     let plan = Plan::new(session, export)?;
     let recording = Recording::from_session(path, None, false)?;
     let reconstruction = super::reconstruction(export, &recording)?;
-    let mut pictures = Pictures::new(&reconstruction, &export.tracked, &recording)?;
+    let mut pictures = Pictures::new(&reconstruction, &export.asked.tracked, &recording)?;
     // before the work: a file that cannot be written
     let mut file = OutFile::create(&export.out, export.replacing.existing())?;
     let shots = shots(

@@ -11,7 +11,6 @@ use crate::failure::Failure;
 use crate::options::instant::{ANY_KIND, Instant};
 use crate::options::moment::Moment;
 use crate::output::time::local;
-use crate::records::events;
 
 /// How far a time may lie beside the frames: times are often written to the minute.
 const BESIDE: Duration = Duration::from_secs(60);
@@ -52,7 +51,7 @@ pub(super) fn frame_at(session: &SessionParts, instant: &Instant) -> Result<u64,
 }
 
 fn event(session: &SessionParts, kind: &str, number: usize) -> Result<Event, Failure> {
-    let all = events::of_session(session)?;
+    let all = session.events()?;
     let of_kind = |event: &&Event| kind == ANY_KIND || event.kind == kind;
     let count = all.iter().filter(of_kind).count();
     if let Some(found) = all.iter().filter(of_kind).nth(number - 1) {

@@ -156,13 +156,7 @@ fn each_frame(
 
 /// The reconstruction that the options ask for.
 fn reconstruction(export: &Export, recording: &Recording) -> Result<Reconstruction, Failure> {
-    Reconstruction::new(
-        &export.method,
-        &export.geometry,
-        export.calibration.as_deref(),
-        &export.tracked,
-        recording,
-    )
+    Reconstruction::asked(&export.asked, recording)
 }
 
 /// The failure of a file from which damaged frames are missing.

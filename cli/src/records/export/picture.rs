@@ -31,7 +31,7 @@ pub(super) fn picture(
     let recording = Recording::from_session(path, None, false)?;
     let frame = recording.frame(sequence)?;
     let reconstruction = super::reconstruction(export, &recording)?;
-    let pictures = Pictures::new(&reconstruction, &export.tracked, &recording)?;
+    let pictures = Pictures::new(&reconstruction, &export.asked.tracked, &recording)?;
     let (picture, style) = pictures.only(&frame, export.scale)?;
     let (map, shown, found) = (&picture.made.map, &picture.shown, picture.found);
     let pressure = picture.made.pressure.as_ref();

@@ -21,7 +21,6 @@ use crate::failure::Failure;
 use crate::maps::reconstruction::Reconstruction;
 use crate::output::Printer;
 use crate::output::progress::progress;
-use crate::records::events;
 use crate::session_files;
 use health::Health;
 use moments::Moment;
@@ -83,7 +82,7 @@ pub(crate) fn run(
         Ok(prepared) => Ok(prepared),
         // a page without maps is better than none; a wrong option is not a matter of the session
         Err(error @ (Failure::Usage(_) | Failure::Configuration(_)))
-            if requested.names_reconstruction() =>
+            if requested.asked.differ() =>
         {
             return Err(error);
         }
@@ -102,7 +101,7 @@ pub(crate) fn run(
     let facts = Facts {
         session: &session,
         verified,
-        events: events::of_session(&session)?,
+        events: session.events()?,
         health: Health::of(&session),
         maps,
     };
@@ -125,13 +124,7 @@ pub(crate) fn run(
 
 fn prepared(path: &Path, requested: &Report) -> Result<(Recording, Reconstruction), Failure> {
     let recording = Recording::from_session(path, None, false)?;
-    let reconstruction = Reconstruction::new(
-        &requested.method,
-        &requested.geometry,
-        requested.calibration.as_deref(),
-        &requested.tracked,
-        &recording,
-    )?;
+    let reconstruction = Reconstruction::asked(&requested.asked, &recording)?;
     Ok((recording, reconstruction))
 }
 

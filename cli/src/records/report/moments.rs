@@ -3,7 +3,6 @@
 use chrono::DateTime;
 use imaging::quantities::{Quantity, QuantityRow, SHEET, rounded};
 use imaging::recorded::{RecordedFrame, Recording};
-use imaging::tracking::seconds;
 use render::Style;
 use survey::Map;
 
@@ -41,7 +40,7 @@ struct Search<'a> {
 impl Search<'_> {
     fn holds(&self, frame: &RecordedFrame, span_s: u32) -> bool {
         let end = self.row.begin_s + i64::from(span_s);
-        let at = frame.wall.map_or(frame.sequence as f64, seconds);
+        let at = frame.at_s();
         (self.row.begin_s as f64..end as f64).contains(&at)
     }
 }
@@ -74,7 +73,7 @@ pub(super) fn worst(
         search.every = search.seen.div_ceil(MAPS).max(1);
         search.seen = 0;
     }
-    let mut pictures = Pictures::new(reconstruction, &requested.tracked, recording)?;
+    let mut pictures = Pictures::new(reconstruction, &requested.asked.tracked, recording)?;
     let bar = progress(Some(recording.len()? as u64), on_terminal);
     for frame in recording.frames().filter_map(Result::ok) {
         bar.inc(1);

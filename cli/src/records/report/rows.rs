@@ -4,7 +4,6 @@ use std::path::Path;
 
 use imaging::quantities::{Quantity, QuantityRow, Rows, SHEET, STORED_S, joined, stored};
 use imaging::recorded::{Origin, Recording};
-use imaging::tracking::seconds;
 
 use crate::args::Report;
 use crate::failure::Failure;
@@ -34,9 +33,7 @@ impl SessionRows {
         requested: &Report,
         on_terminal: bool,
     ) -> Result<Self, Failure> {
-        if let (Origin::Session(header), false) =
-            (&recording.origin, requested.names_reconstruction())
-        {
+        if let (Origin::Session(header), false) = (&recording.origin, requested.asked.differ()) {
             let folder = path.parent().unwrap_or(Path::new("."));
             if let Some((rows, damaged)) = stored(folder, header.session())?
                 && let (Some(first), Some(last)) = (rows.first(), rows.last())
@@ -80,7 +77,7 @@ impl SessionRows {
         // each span has a frame
         let span_s =
             span_s(whole.max(f64::from(STORED_S) * (every as f64 * whole / frames.max(1) as f64)));
-        let mut pictures = Pictures::new(reconstruction, &requested.tracked, recording)?;
+        let mut pictures = Pictures::new(reconstruction, &requested.asked.tracked, recording)?;
         let mut collected = Rows::new(span_s);
         let mut rows = Vec::new();
         let bar = progress(Some(frames as u64), on_terminal);
@@ -93,7 +90,7 @@ impl SessionRows {
             }
             match pictures.map(&frame) {
                 Ok(picture) => {
-                    let at_s = frame.wall.map_or(frame.sequence as f64, seconds);
+                    let at_s = frame.at_s();
                     rows.extend(collected.take(at_s, &picture.quantities));
                     used += 1;
                 }

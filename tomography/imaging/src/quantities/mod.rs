@@ -206,6 +206,11 @@ impl Quantifier {
         self.unit
     }
 
+    /// Its thresholds and windows.
+    pub fn settings(&self) -> &QuantitySettings {
+        &self.settings
+    }
+
     /// The surface that it works on.
     pub fn surface(&self) -> &Surface {
         &self.surface

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use chrono::{DateTime, Utc};
-use logbook::{LogbookError, MapRecord, Record, SessionHeader};
+use logbook::{Event, LogbookError, MapRecord, Record, SessionHeader};
 use survey::{Amps, Protocol, Reading};
 
 use super::readings::{change_signs, first, mean};
@@ -27,6 +27,13 @@ pub struct RecordedFrame {
     pub readings: Vec<Reading>,
     /// The stored record of the map made during the session.
     pub map: Option<MapRecord>,
+}
+
+impl RecordedFrame {
+    /// Its time, s of the Unix epoch; its number where it has no time.
+    pub fn at_s(&self) -> f64 {
+        self.wall.map_or(self.sequence as f64, seconds)
+    }
 }
 
 /// Origin of a recording, which also determines its mesh.
@@ -225,6 +232,17 @@ impl Recording {
         let path = parts.each()[0].path();
         let folder = path.parent().unwrap_or(Path::new("."));
         Ok(kept(folder, header.session())?)
+    }
+
+    /// The events of a session, in their order; a table has none.
+    ///
+    /// # Errors
+    /// A part that cannot be read.
+    pub fn events(&self) -> Result<Vec<Event>, LogbookError> {
+        match &self.source {
+            Source::Table(_) => Ok(Vec::new()),
+            Source::Session { parts, .. } => parts.events(),
+        }
     }
 
     /// Whether its frames have times.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use logbook::{LogbookError, Record, SessionHeader, SessionReader};
+use logbook::{Event, LogbookError, Record, SessionHeader, SessionReader};
 use survey::Baseline;
 
 /// The parts of a session in order, at least one.
@@ -46,6 +46,18 @@ impl SessionParts {
     /// The baseline cannot be read.
     pub fn baseline(&self) -> Result<Option<Baseline>, LogbookError> {
         self.0[0].baseline()
+    }
+
+    /// The events of all parts, in their order.
+    ///
+    /// # Errors
+    /// A part that cannot be read.
+    pub fn events(&self) -> Result<Vec<Event>, LogbookError> {
+        let mut events = Vec::new();
+        for part in &self.0 {
+            events.extend(part.events()?);
+        }
+        Ok(events)
     }
 
     /// Number of frames.

@@ -51,7 +51,7 @@ pub(super) fn write(
     }
     let first = super::first_frame(session)?;
     check_size(session)?;
-    let geometry = match case_folder::mesh_of(header, &export.geometry) {
+    let geometry = match case_folder::mesh_of(header, &export.asked.geometry) {
         Ok(geometry) => Some(geometry),
         Err(why) => {
             complain(&format!(

@@ -65,7 +65,7 @@ pub(super) fn write(
         .transpose()?;
     let mut maps = match (&recording, &reconstruction) {
         (Some(recording), Some(reconstruction)) => Some(MapVariables::new(
-            FrameMaps::new(reconstruction, &export.tracked, recording)?,
+            FrameMaps::new(reconstruction, &export.asked.tracked, recording)?,
             reconstruction,
         )),
         _ => None,

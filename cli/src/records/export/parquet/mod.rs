@@ -16,7 +16,6 @@ use super::{Written, volts};
 use crate::args::Export;
 use crate::failure::Failure;
 use crate::output::Printer;
-use crate::records::events;
 use table::{Column, Kind, Table};
 
 /// Frames of a group of rows: 20 MB in memory for 598 readings.
@@ -69,7 +68,7 @@ pub(super) fn write(
     let beside = |what: &str| export.out.with_extension(format!("{what}.parquet"));
     let folder = path.parent().unwrap_or(Path::new("."));
     let (rows, lost) = stored(folder, header.session())?.unwrap_or_default();
-    let events = events::of_session(session)?;
+    let events = session.events()?;
     let frames = OutFile::create(&export.out, existing)?;
     let event_file = OutFile::create(&beside("events"), existing)?;
     let quantity_file = match rows.is_empty() {
