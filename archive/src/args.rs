@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Take everything to the archive that it lacks, once
     Push,
-    /// Take everything to the archive that it lacks, again and again; waits longer after failures
+    /// Take everything to the archive that it lacks, again and again; publish live topics where the configuration has [mqtt]
     Run,
     /// Compare the record of this machine with the catalogue
     Status,

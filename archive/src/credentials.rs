@@ -4,9 +4,11 @@ use std::ffi::OsString;
 use std::net::IpAddr;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject;
+use rustls::{ClientConfig, RootCertStore};
 
 /// Bytes of a file with a secret; a longer one is another file.
 const LONGEST: u64 = 4096;
@@ -64,6 +66,20 @@ pub(crate) fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, 
         )),
         false => Ok(found),
     }
+}
+
+/// TLS that trusts the certificates of a file and nothing else.
+pub(crate) fn trusting(ca: &Path) -> Result<ClientConfig, String> {
+    let wrong = |error: rustls::Error| format!("{}: {error}", ca.display());
+    let mut roots = RootCertStore::empty();
+    for certificate in certificates(ca)? {
+        roots.add(certificate).map_err(wrong)?;
+    }
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let versions = ClientConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .map_err(wrong)?;
+    Ok(versions.with_root_certificates(roots).with_no_client_auth())
 }
 
 /// Whether a host is this machine.

@@ -6,12 +6,15 @@
 //!   ([`Catalogue`])
 //! - **receipt**: a file beside a part, written when the store holds it (read back) and the catalogue's row is committed
 //!
+//! - **live topics**: what the daemon reports at present, on an MQTT broker; for eyes only ([`LiveSettings`])
+//!
 //! [`Uploader`] takes to the archive what it lacks. Every step may be repeated or interrupted: the key of a part is its
 //! content, and rows are only inserted.
 
 mod args;
 mod catalogue;
 mod credentials;
+mod live;
 mod part;
 mod program;
 mod retrieval;
@@ -20,6 +23,7 @@ mod store;
 mod upload;
 
 pub use catalogue::{Access, ArchivedPart, Catalogue, CatalogueError, Selection};
+pub use live::LiveSettings;
 pub use part::{Part, PartError};
 pub use program::{command, run};
 pub use retrieval::{Holding, RetrievalError, pull, verify};

@@ -8,10 +8,11 @@ use config::problems::{Problem, Source};
 
 use crate::catalogue::Access;
 use crate::credentials::{certificates, secret};
+use crate::live::LiveSettings;
 use crate::store::{BucketAccess, Directory, Objects, Store, name_fault};
 use crate::upload::Owner;
 
-/// What `[archive]` and `[record]` say.
+/// What `[archive]`, `[mqtt]` and `[record]` say.
 #[derive(Debug, Clone)]
 pub struct Settings {
     /// Site and machine.
@@ -24,6 +25,8 @@ pub struct Settings {
     pub every: Duration,
     /// Folder of the record.
     pub record: PathBuf,
+    /// The live topics, if there are any.
+    pub live: Option<LiveSettings>,
 }
 
 /// Where the store is.
@@ -116,12 +119,20 @@ impl Settings {
             let text = "is missing: write `host=HOST dbname=DATABASE user=ROLE`";
             problems.push(source.problem("archive.dsn", text));
         }
-        match store {
-            Ok(store) if problems.is_empty() => Ok(Self {
-                owner: Owner {
-                    site: archive.site,
-                    daq,
-                },
+        let owner = Owner {
+            site: archive.site,
+            daq,
+        };
+        let live = config
+            .mqtt
+            .map(|mqtt| LiveSettings::of(&mqtt, &config.bus, &owner))
+            .transpose()
+            .map_err(|(key, fault)| {
+                problems.push(source.problem(&format!("mqtt.{key}"), fault));
+            });
+        match (store, live) {
+            (Ok(store), Ok(live)) if problems.is_empty() => Ok(Self {
+                owner,
                 store,
                 access: Access {
                     dsn: archive.dsn,
@@ -130,6 +141,7 @@ impl Settings {
                 },
                 every: survey::duration(archive.every_s),
                 record: config.record.directory.unwrap_or_default(),
+                live,
             }),
             _ => Err(SettingsError::Problems(problems)),
         }
@@ -214,6 +226,57 @@ mod tests {
         assert!(none.contains("archive: is missing"), "{none}");
         let fast = read("[archive]\nevery_s = 0.0\n").unwrap_err();
         assert!(fast.contains("archive.every_s"), "{fast}");
+    }
+
+    #[test]
+    fn each_wrong_setting_of_live_topics_is_reported() {
+        let archive = "[archive]\nsite = \"berlin\"\nstore = \"store\"\ndsn = \"host=localhost dbname=a user=b\"\n[mqtt]\n";
+        for (mqtt, words) in [
+            ("every_s = 10.0\n", "config.toml:5:2: mqtt.host: is missing"),
+            (
+                "host = \"broker.example.org\"\n",
+                "config.toml:6:8: mqtt.host: broker.example.org is another machine: give mqtt.ca",
+            ),
+            (
+                "host = \"localhost\"\npassword_file = \"p\"\n",
+                "config.toml:7:17: mqtt.password_file: needs mqtt.user",
+            ),
+            (
+                "host = \"localhost\"\nhome_assistant = \"a/#\"\n",
+                "config.toml:7:18: mqtt.home_assistant: is no topic",
+            ),
+            (
+                "host = \"localhost\"\nport = 65536\n",
+                "config.toml:7:8: mqtt.port: ",
+            ),
+            (
+                "host = \"localhost\"\nport = 0\n",
+                "config.toml:7:8: mqtt.port: ",
+            ),
+            (
+                "host = \"localhost\"\nevery_s = 0.1\n",
+                "config.toml:7:11: mqtt.every_s: ",
+            ),
+            ("hots = \"localhost\"\n", "config.toml:6:1"),
+            (
+                "host = \"localhost\"\n[bus]\npeer = false\n",
+                "config.toml:6:8: mqtt.host: needs a bus of the daemon",
+            ),
+        ] {
+            let text = read(&format!("{archive}{mqtt}")).unwrap_err();
+            assert!(text.contains(words), "{mqtt}: {text}");
+        }
+        let live = |mqtt: &str| read(&format!("{archive}{mqtt}")).unwrap().live.unwrap();
+        assert_eq!(live("host = \"127.0.0.1\"\n").port, 1883);
+        let remote = live("host = \"broker.example.org\"\nca = \"ca.pem\"\n");
+        assert_eq!(remote.port, 8883);
+        assert!(remote.ca.is_some_and(|ca| ca.is_absolute()));
+        assert!(
+            read(archive.trim_end_matches("[mqtt]\n"))
+                .unwrap()
+                .live
+                .is_none()
+        );
     }
 
     #[test]

@@ -13,6 +13,7 @@
 
 mod alarm;
 mod archive;
+mod mqtt;
 pub mod numbers;
 mod observing;
 pub mod problems;
@@ -25,6 +26,7 @@ use serde::{Deserialize, Serialize};
 
 pub use alarm::{AlarmSettings, HealthValue, Limit, Watched};
 pub use archive::ArchiveSection;
+pub use mqtt::MqttSection;
 pub use observing::{MetricsSection, NotifySection};
 
 /// The whole file.
@@ -78,6 +80,9 @@ pub struct Config {
     /// `[archive]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub archive: Option<ArchiveSection>,
+    /// `[mqtt]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mqtt: Option<MqttSection>,
 }
 
 /// Where frames come from.
@@ -465,6 +470,14 @@ impl Config {
         }
         if let Some(archive) = &mut self.archive {
             archive.resolve(folder);
+        }
+        if let Some(mqtt) = &mut self.mqtt {
+            for path in [&mut mqtt.ca, &mut mqtt.password_file]
+                .into_iter()
+                .flatten()
+            {
+                *path = folder.join(&*path);
+            }
         }
         self.record
             .directory

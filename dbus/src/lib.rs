@@ -5,6 +5,7 @@
 //! - **session**: a baseline being recorded or a measurement (`Session1`), running or recently ended
 //! - **fault**: one error name for each kind ([`Fault`]); **options**: the last `a{sv}` argument of a method ([`SessionOptions`]...)
 //! - **dictionaries**: the `a{sv}` that the daemon sends ([`Health`], [`PlanDetails`], ...)
+//! - **json**: what the daemon reports, as programs print and publish it ([`json::Status`], [`json::Alarm`])
 //! - **record**: one frame, map or end in the full-rate stream ([`stream`])
 //!
 //! The proxies do not cache properties that may change: every read queries the daemon. The daemon emits PropertiesChanged;
@@ -25,6 +26,7 @@ mod alarms1;
 mod dictionaries;
 mod fault;
 mod instrument1;
+pub mod json;
 mod manager1;
 mod options;
 mod session1;

@@ -1,17 +1,15 @@
 //! Connecting to PostgreSQL: the settings, TLS, the password.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::PathBuf;
 use std::time::Duration;
 
-use rustls::{ClientConfig, RootCertStore};
 use tokio_postgres::config::{Host, SslMode};
 use tokio_postgres::tls::MakeTlsConnect;
 use tokio_postgres::{Client, Config, NoTls, Socket};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
 use super::error::{CatalogueError, Endpoint};
-use crate::credentials::{certificates, is_loopback, secret};
+use crate::credentials::{is_loopback, secret, trusting};
 
 /// Time for a connection.
 const CONNECT: Duration = Duration::from_secs(10);
@@ -45,7 +43,8 @@ pub(super) async fn connect(access: &Access) -> Result<(Client, Endpoint), Catal
         .application_name("tactus-archive");
     let client = match &access.ca {
         Some(ca) if endpoint.ca.is_some() => {
-            open(&config, MakeRustlsConnect::new(trusting(ca)?), &endpoint).await?
+            let tls = trusting(ca).map_err(CatalogueError::Ca)?;
+            open(&config, MakeRustlsConnect::new(tls), &endpoint).await?
         }
         _ => open(&config, NoTls, &endpoint).await?,
     };
@@ -136,22 +135,6 @@ fn parsed(access: &Access) -> Result<(Config, Endpoint), CatalogueError> {
         ca: ca.map(|path| path.display().to_string()),
     };
     Ok((config, endpoint))
-}
-
-/// TLS that trusts the certificates of a file and nothing else.
-fn trusting(ca: &Path) -> Result<ClientConfig, CatalogueError> {
-    let wrong = |why: String| CatalogueError::Ca(format!("{}: {why}", ca.display()));
-    let mut roots = RootCertStore::empty();
-    for certificate in certificates(ca).map_err(CatalogueError::Ca)? {
-        roots
-            .add(certificate)
-            .map_err(|error| wrong(error.to_string()))?;
-    }
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let versions = ClientConfig::builder_with_provider(provider)
-        .with_safe_default_protocol_versions()
-        .map_err(|error| wrong(error.to_string()))?;
-    Ok(versions.with_root_certificates(roots).with_no_client_auth())
 }
 
 #[cfg(test)]

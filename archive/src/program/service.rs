@@ -7,6 +7,7 @@ use survey::error_chain;
 use super::failure::Failure;
 use super::output::{self, Printer};
 use crate::catalogue::Catalogue;
+use crate::live;
 use crate::settings::Settings;
 use crate::store::Store;
 use crate::upload::{Step, UploadError, Uploader};
@@ -22,6 +23,9 @@ pub(super) async fn run(settings: &Settings, printer: &mut Printer) -> Result<()
         .store
         .open()
         .map_err(|error| Failure::settings(&error))?;
+    if let Some(live) = settings.live.clone() {
+        live::start(live).map_err(Failure::Configuration)?;
+    }
     let mut uploader = Uploader::new(&settings.record, settings.owner.clone());
     let mut catalogue = None;
     let mut reported: Vec<Step> = Vec::new();

@@ -1,5 +1,6 @@
 //! The archive against a real PostgreSQL: pushes, repetitions, faults, kills, refusals.
 
+mod authority;
 mod faults;
 #[path = "../../../logbook/tests/example_frames/taken.rs"]
 mod frames;

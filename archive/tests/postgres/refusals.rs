@@ -1,8 +1,7 @@
 //! Wrong settings and missing rights are named, and sites are separated.
 
-use std::process::Command;
-
 use crate::archive;
+use crate::authority::{authority, issue};
 use crate::server::{DATABASE, PASSWORD, Server};
 use crate::site::Site;
 
@@ -149,35 +148,9 @@ fn server_is_trusted_by_its_authority_only() {
         return;
     }
     let folder = site.folder.path();
-    let authority = |name: &str| {
-        let request = [
-            "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=test",
-        ];
-        let made = Command::new("openssl")
-            .current_dir(folder)
-            .args(request)
-            .args(["-addext", "basicConstraints=critical,CA:TRUE"])
-            .args([
-                "-keyout",
-                &format!("{name}.key"),
-                "-out",
-                &format!("{name}.pem"),
-            ])
-            .output()
-            .unwrap();
-        assert!(made.status.success(), "{made:?}");
-    };
-    authority("ca");
-    authority("other");
-    let issue = "openssl req -newkey rsa:2048 -nodes -subj /CN=localhost -keyout server.key -out server.csr &&
-        printf 'subjectAltName=DNS:localhost,IP:127.0.0.1\\nbasicConstraints=CA:FALSE\\n' > server.ext &&
-        openssl x509 -req -in server.csr -CA ca.pem -CAkey ca.key -CAcreateserial -days 2 -extfile server.ext -out server.crt";
-    let made = Command::new("sh")
-        .current_dir(folder)
-        .args(["-c", issue])
-        .output()
-        .unwrap();
-    assert!(made.status.success(), "{made:?}");
+    authority(folder, "ca");
+    authority(folder, "other");
+    issue(folder, "ca", "server");
     for name in ["server.key", "server.crt"] {
         server.write(name, &std::fs::read_to_string(folder.join(name)).unwrap());
     }

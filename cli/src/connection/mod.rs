@@ -207,11 +207,6 @@ fn resolve_id<'a>(named: &str, ids: &[&'a str]) -> Result<Option<&'a str>, Failu
     )))
 }
 
-/// The D-Bus contract uses an empty text for an absent one.
-pub(crate) fn nonempty(text: String) -> Option<String> {
-    Some(text).filter(|text| !text.is_empty())
-}
-
 fn timed_out(what: &str, patience: Duration) -> Failure {
     Failure::Timeout(format!(
         "{what}: no answer within {}; look at its journal, or wait longer with --timeout",

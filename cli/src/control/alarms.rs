@@ -12,27 +12,13 @@ use crate::connection::Daemon;
 use crate::failure::Failure;
 use crate::output::Printer;
 use crate::output::table::columns;
-use crate::output::time::{local, utc};
+use crate::output::time::local;
 
-/// A line of `alarms --json`; see `docs/reference/json.md`.
+/// An alarm, and what only people read of it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Alarm {
-    name: String,
-    built_in: bool,
-    severity: String,
-    level: Option<String>,
-    active: bool,
-    acknowledged: bool,
-    held: bool,
-    changed: Option<String>,
-    cause: Option<String>,
-    invalid: Option<String>,
-    suppressed: Option<String>,
-    shelved: Option<String>,
-    shelved_until: Option<String>,
-    out_of_service: Option<String>,
-    acknowledged_by: Option<String>,
-    guidance: Option<String>,
+    #[serde(flatten)]
+    line: dbus::json::Alarm,
     /// The same as the page and the dashboard see it.
     #[serde(skip)]
     seen: AlarmState,
@@ -44,28 +30,11 @@ struct Alarm {
 
 impl From<AlarmReport> for Alarm {
     fn from(reported: AlarmReport) -> Self {
-        let time = |ns: Option<i64>| ns.map(|ns| utc(DateTime::from_timestamp_nanos(ns)));
         Self {
             seen: AlarmState::from(reported.clone()),
-            name: reported.name.unwrap_or_default(),
-            built_in: reported.built_in.unwrap_or(false),
-            severity: reported.severity.unwrap_or_default(),
-            level: reported.level,
-            active: reported.active.unwrap_or(false),
-            // of a daemon that does not report it nothing is claimed
-            acknowledged: reported.acknowledged.unwrap_or(false),
-            held: reported.held.unwrap_or(false),
-            changed: time(reported.changed_ns),
-            cause: reported.cause,
-            invalid: reported.invalid,
-            suppressed: reported.suppressed,
-            shelved: reported.shelved,
-            shelved_until: time(reported.shelved_until_ns),
-            out_of_service: reported.out_of_service,
-            acknowledged_by: reported.acknowledged_by,
-            guidance: reported.guidance,
             changed_ns: reported.changed_ns,
             shelved_until_ns: reported.shelved_until_ns,
+            line: reported.into(),
         }
     }
 }
@@ -73,15 +42,15 @@ impl From<AlarmReport> for Alarm {
 impl Alarm {
     /// Whether a person should see it without `--all`.
     fn matters(&self) -> bool {
-        let aside = self.shelved.is_some() || self.out_of_service.is_some();
-        let invalid = self.level.as_deref() == Some("invalid");
-        self.active || !self.acknowledged || aside || invalid
+        let aside = self.line.shelved.is_some() || self.line.out_of_service.is_some();
+        let invalid = self.line.level.as_deref() == Some("invalid");
+        self.line.active || !self.line.acknowledged || aside || invalid
     }
 
     /// The state in a few words.
     fn state(&self) -> String {
         let mut words = self.seen.standing();
-        if let Some(by) = &self.shelved {
+        if let Some(by) = &self.line.shelved {
             words.push(match self.shelved_until_ns {
                 Some(ns) => format!(
                     "shelved until {} {by}",
@@ -90,7 +59,7 @@ impl Alarm {
                 None => format!("shelved until it ends {by}"),
             });
         }
-        if let Some(by) = &self.out_of_service {
+        if let Some(by) = &self.line.out_of_service {
             words.push(format!("out of service {by}"));
         }
         words.join(", ")
@@ -100,16 +69,16 @@ impl Alarm {
         let changed = self
             .changed_ns
             .map(|ns| local(DateTime::from_timestamp_nanos(ns)));
-        let why = match (self.active, &self.invalid, &self.suppressed) {
+        let why = match (self.line.active, &self.line.invalid, &self.line.suppressed) {
             (false, Some(why), _) | (false, None, Some(why)) => Some(why.clone()),
-            _ => self.cause.clone(),
+            _ => self.line.cause.clone(),
         };
         let mut text = why.unwrap_or_default();
-        if let Some(guidance) = self.guidance.as_ref().filter(|_| self.active) {
+        if let Some(guidance) = self.line.guidance.as_ref().filter(|_| self.line.active) {
             text = format!("{text}. {guidance}");
         }
         [
-            self.name.clone(),
+            self.line.name.clone(),
             self.state(),
             changed.unwrap_or_default(),
             text,
@@ -133,11 +102,11 @@ pub(crate) async fn run(
     let listed = daemon.ask("the alarms", alarms.list()).await?;
     let listed: Vec<Alarm> = listed.into_iter().map(Alarm::from).collect();
     if let Some(order) = &requested.order {
-        let of = listed.iter().find(|alarm| alarm.name == order.name());
+        let of = listed.iter().find(|alarm| alarm.line.name == order.name());
         return match of {
-            Some(alarm) => {
-                printer.record(alarm, |alarm| format!("{}: {}", alarm.name, alarm.state()))
-            }
+            Some(alarm) => printer.record(alarm, |alarm| {
+                format!("{}: {}", alarm.line.name, alarm.state())
+            }),
             None => printer.text(&format!("{}: is gone", order.name())),
         };
     }
@@ -145,7 +114,7 @@ pub(crate) async fn run(
     let calling: Vec<&str> = listed
         .iter()
         .filter(|alarm| alarm.seen.calls())
-        .map(|alarm| alarm.name.as_str())
+        .map(|alarm| alarm.line.name.as_str())
         .collect();
     match calling.len() {
         0 => Ok(()),
@@ -170,7 +139,10 @@ fn print(listed: &[Alarm], all: bool, printer: &mut Printer<impl Write>) -> Resu
         .map(Alarm::row)
         .collect();
     if shown.is_empty() {
-        let judged = listed.iter().filter(|alarm| alarm.level.is_some()).count();
+        let judged = listed
+            .iter()
+            .filter(|alarm| alarm.line.level.is_some())
+            .count();
         return printer.text(&format!(
             "no alarm is active or waits to be acknowledged; {judged} of {} are judged now (--all lists them)",
             listed.len()

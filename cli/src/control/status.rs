@@ -2,178 +2,45 @@
 
 use std::io::Write;
 
-use serde::Serialize;
-use survey::MapUnit;
+use dbus::json::{MapSummary, Recovery, Status};
 
-use crate::connection::{Daemon, nonempty};
-use crate::control::health::Health;
+use crate::connection::Daemon;
+use crate::control::health;
 use crate::failure::Failure;
 use crate::maps::drawing::map_summary;
 use crate::output::Printer;
 
-/// The line of `status --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-struct Status {
-    state: String,
-    simulated: bool,
-    source: String,
-    method: String,
-    baseline: Option<String>,
-    session: Option<Running>,
-    source_state: String,
-    recovery: Option<Recovery>,
-    record_directory: String,
-    last_error: Option<String>,
-    version: String,
-    bus: String,
-    health: Health,
+/// The number of the attempt, the missing instruments and the time of the next attempt.
+pub(crate) fn attempts(recovery: &Recovery) -> String {
+    let tries = match recovery.tries {
+        0 => "reconnecting".to_owned(),
+        tries => format!("reconnecting, {tries} tries so far"),
+    };
+    let next = match (recovery.person, recovery.next_s) {
+        (true, _) => "waiting for you: `tactus instruments accept`".to_owned(),
+        (false, Some(next)) => format!("the next in {next:.1} s"),
+        (false, None) => "one under way".to_owned(),
+    };
+    format!("{tries}, {next}: {}", recovery.what)
 }
 
-/// A lost rig that the daemon tries to reconnect.
-#[derive(Debug, Serialize)]
-pub(crate) struct Recovery {
-    what: String,
-    tries: u64,
-    next_s: Option<f64>,
-    person: bool,
-}
-
-impl Recovery {
-    /// `None` if nothing is lost.
-    pub(crate) fn from(reported: dbus::Recovery) -> Option<Self> {
-        Some(Self {
-            what: reported.what?,
-            tries: reported.tries.unwrap_or(0),
-            next_s: reported.next_s,
-            person: reported.person.unwrap_or(false),
-        })
+fn last_map(map: &MapSummary) -> String {
+    let pressed = map.newtons.zip(map.largest_kpa);
+    let mut text = format!(
+        "frame {}: {}",
+        map.sequence,
+        map_summary(map.largest_loss.unwrap_or(0.0), pressed, map.noise)
+    );
+    if let (Some(quality), Some(doubts)) = (&map.quality, &map.doubts) {
+        text.push_str(&format!(", {quality}: {doubts}"));
     }
-
-    /// The number of the attempt, the missing instruments and the time of the next attempt.
-    pub(crate) fn for_a_person(&self) -> String {
-        let tries = match self.tries {
-            0 => "reconnecting".to_owned(),
-            tries => format!("reconnecting, {tries} tries so far"),
-        };
-        let next = match (self.person, self.next_s) {
-            (true, _) => "waiting for you: `tactus instruments accept`".to_owned(),
-            (false, Some(next)) => format!("the next in {next:.1} s"),
-            (false, None) => "one under way".to_owned(),
-        };
-        format!("{tries}, {next}: {}", self.what)
+    if map.known == Some(false) {
+        text.push_str(", not known to be true (`tactus watch` says why)");
     }
-}
-
-#[derive(Debug, Serialize)]
-struct Running {
-    id: String,
-    kind: String,
-    state: String,
-    frames_acquired: u64,
-    frames_durable: u64,
-    frames_dropped: u64,
-    frames_failed: u64,
-    last_error: Option<String>,
-    map: Option<MapSummary>,
-}
-
-/// The last map and its computing times.
-#[derive(Debug, Serialize)]
-struct MapSummary {
-    sequence: u64,
-    /// `kPa` with a calibration, otherwise relative.
-    unit: &'static str,
-    largest_loss: Option<f64>,
-    significant: Option<bool>,
-    noise: Option<f64>,
-    newtons: Option<f64>,
-    largest_kpa: Option<f64>,
-    /// `sound`, `doubtful` or `unreliable`.
-    quality: Option<String>,
-    doubts: Option<String>,
-    /// Whether the tracked baseline says that the map is true.
-    known: Option<bool>,
-    reconstruction_s: Option<f64>,
-    durable_s: Option<f64>,
-}
-
-impl MapSummary {
-    /// `None` before the first map, and for a baseline session.
-    fn from(status: &dbus::SessionStatus) -> Option<Self> {
-        let map = status.map.as_ref()?;
-        Some(Self {
-            sequence: status.map_sequence?,
-            unit: match map.newtons {
-                Some(_) => MapUnit::Pressure.label(),
-                None => MapUnit::RelativeConductance.caption(),
-            },
-            largest_loss: map.largest_loss,
-            significant: map.significant,
-            noise: map.noise,
-            newtons: map.newtons,
-            largest_kpa: map.largest_kpa,
-            quality: map.quality.clone(),
-            doubts: map.doubts.clone(),
-            known: map.known,
-            reconstruction_s: map.reconstruction_s,
-            durable_s: map.durable_s,
-        })
+    if let Some(seconds) = map.reconstruction_s {
+        text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));
     }
-
-    fn for_a_person(&self) -> String {
-        let pressed = self.newtons.zip(self.largest_kpa);
-        let mut text = format!(
-            "frame {}: {}",
-            self.sequence,
-            map_summary(self.largest_loss.unwrap_or(0.0), pressed, self.noise)
-        );
-        if let (Some(quality), Some(doubts)) = (&self.quality, &self.doubts) {
-            text.push_str(&format!(", {quality}: {doubts}"));
-        }
-        if self.known == Some(false) {
-            text.push_str(", not known to be true (`tactus watch` says why)");
-        }
-        if let Some(seconds) = self.reconstruction_s {
-            text.push_str(&format!(", made in {:.3} ms", 1e3 * seconds));
-        }
-        text
-    }
-}
-
-impl Running {
-    fn from(status: dbus::SessionStatus) -> Self {
-        Self {
-            map: MapSummary::from(&status),
-            id: status.id.unwrap_or_default(),
-            kind: status.kind.unwrap_or_default(),
-            state: status.state.unwrap_or_default(),
-            frames_acquired: status.frames_acquired.unwrap_or(0),
-            frames_durable: status.frames_durable.unwrap_or(0),
-            frames_dropped: status.frames_dropped.unwrap_or(0),
-            frames_failed: status.frames_failed.unwrap_or(0),
-            last_error: status.last_error.and_then(nonempty),
-        }
-    }
-}
-
-impl Status {
-    fn from(status: dbus::Status, bus: String) -> Self {
-        Self {
-            state: status.state.unwrap_or_default(),
-            simulated: status.simulated.unwrap_or(false),
-            source: status.source.unwrap_or_default(),
-            method: status.method.unwrap_or_default(),
-            baseline: status.baseline_id.and_then(nonempty),
-            session: status.session.map(Running::from),
-            source_state: status.source_state.unwrap_or_default(),
-            recovery: status.recovery.and_then(Recovery::from),
-            record_directory: status.record_directory.unwrap_or_default(),
-            last_error: status.last_error.and_then(nonempty),
-            version: status.version.unwrap_or_default(),
-            bus,
-            health: status.health.unwrap_or_default().into(),
-        }
-    }
+    text
 }
 
 pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
@@ -183,8 +50,7 @@ pub(crate) async fn run(daemon: &Daemon, printer: &mut Printer<impl Write>) -> R
 }
 
 fn for_a_person(status: &Status) -> String {
-    let health = &status.health;
-    let mut lines = health.verdict();
+    let mut lines = health::verdict(&status.health);
     lines.extend([
         format!(
             "state      {}{}",
@@ -198,7 +64,7 @@ fn for_a_person(status: &Status) -> String {
         format!("source     {}", status.source),
         format!("method     {}", status.method),
         match &status.baseline {
-            Some(id) => format!("baseline   {id}{}", health.age_of_baseline()),
+            Some(id) => format!("baseline   {id}{}", health::age_of_baseline(&status.health)),
             None => {
                 "baseline   none; take all loads off the sheet and run `tactus baseline record`"
                     .to_owned()
@@ -213,13 +79,13 @@ fn for_a_person(status: &Status) -> String {
                 session.id, session.kind, session.state, session.frames_durable,
             ));
             if let Some(map) = &session.map {
-                lines.push(format!("map        {}", map.for_a_person()));
+                lines.push(format!("map        {}", last_map(map)));
             }
         }
     }
-    lines.extend(health.for_a_person());
+    lines.extend(health::for_a_person(&status.health));
     if let Some(recovery) = &status.recovery {
-        lines.push(format!("rig        {}", recovery.for_a_person()));
+        lines.push(format!("rig        {}", attempts(recovery)));
     }
     lines.push(format!("record     {}", status.record_directory));
     lines.push(format!(
@@ -232,6 +98,9 @@ fn for_a_person(status: &Status) -> String {
 
 #[cfg(test)]
 mod tests {
+    use dbus::json::{Health, Running};
+    use survey::MapUnit;
+
     use crate::control::status::*;
 
     fn status() -> Status {
@@ -292,6 +161,23 @@ mod tests {
              \"instruments\":[],\"baseline_age_s\":null,\"disk_free_bytes\":null,\"disk_bytes_per_day\":null,\
              \"disk_days\":null,\"relay\":null}}\n"
         );
+    }
+
+    #[test]
+    fn units_of_the_json_are_those_of_maps() {
+        let unit = |newtons| {
+            let session = dbus::SessionStatus {
+                map_sequence: Some(7),
+                map: Some(dbus::MapDetails {
+                    newtons,
+                    ..dbus::MapDetails::default()
+                }),
+                ..dbus::SessionStatus::default()
+            };
+            Running::from(session).map.unwrap().unit
+        };
+        assert_eq!(unit(Some(1.0)), MapUnit::Pressure.label());
+        assert_eq!(unit(None), MapUnit::RelativeConductance.caption());
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
+use dbus::json::Recovery;
 use dbus::{Session1Proxy, StreamOptions};
 use survey::printable;
 use tokio::signal::unix::{SignalKind, signal};
@@ -13,7 +14,7 @@ use tokio::time::Instant;
 
 use crate::args::Watch;
 use crate::connection::Daemon;
-use crate::control::status::Recovery;
+use crate::control::status::attempts;
 use crate::control::viewer::{self, Viewer};
 use crate::failure::Failure;
 use crate::maps::drawing::Field;
@@ -209,7 +210,7 @@ fn reason(id: &str, status: dbus::Status) -> (String, Option<String>) {
         return (format!("waiting: {id} does not run any more"), None);
     }
     if let Some(recovery) = status.recovery.and_then(Recovery::from) {
-        return (format!("waiting: {}", recovery.for_a_person()), None);
+        return (format!("waiting: {}", attempts(&recovery)), None);
     }
     if session.state.as_deref() == Some("suspended") {
         return (format!("waiting: {id} is suspended"), None);

@@ -1,11 +1,9 @@
 //! Wall time as text.
 
-use chrono::{DateTime, Local, SecondsFormat, Utc};
+use chrono::{DateTime, Local, Utc};
 
-/// Wall time in JSON and TOML: UTC. Tables have `imaging::recorded::table_time`.
-pub(crate) fn utc(time: DateTime<Utc>) -> String {
-    time.to_rfc3339_opts(SecondsFormat::AutoSi, true)
-}
+// in JSON and TOML; tables have `imaging::recorded::table_time`
+pub(crate) use dbus::json::utc;
 
 /// Wall time for people: local, to the second, with the offset from UTC.
 pub(crate) fn local(time: DateTime<Utc>) -> String {

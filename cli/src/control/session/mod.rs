@@ -7,11 +7,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use dbus::json::nonempty;
 use dbus::{Session1Proxy, SessionOptions};
 use serde::Serialize;
 
 use crate::args::{Start, Step, Stop};
-use crate::connection::{Daemon, fault, nonempty};
+use crate::connection::{Daemon, fault};
 use crate::failure::Failure;
 use crate::options::duration::display_span;
 use crate::output::Printer;

@@ -1,0 +1,138 @@
+//! Asks the daemon over its bus: in equal periods, and at once after an event.
+
+use std::pin::pin;
+use std::time::Duration;
+
+use dbus::{
+    Address, Alarms1Proxy, Happened, HappenedStream, LatestQuantities, Manager1Proxy, Session1Proxy,
+};
+use tokio::time::{Instant, sleep, sleep_until, timeout};
+use zbus::Connection;
+use zbus::proxy::CacheProperties;
+
+use super::latest::Latest;
+use super::topics::{Reported, Topics};
+
+/// Time for an answer of the daemon.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Wait before another connection.
+const RETRY: Duration = Duration::from_secs(5);
+/// Events send the messages at most as often.
+const AT_MOST: Duration = Duration::from_secs(1);
+
+type Fault = Box<dyn std::error::Error + Send + Sync>;
+
+/// Keeps the messages up to date, for ever.
+pub(super) async fn observe(
+    address: &Address,
+    every: Duration,
+    mut topics: Topics,
+    latest: &Latest,
+) {
+    loop {
+        let why = match connected(address, every, &mut topics, latest).await {
+            Ok(()) => format!("the daemon at {address} has ended"),
+            Err(fault) => survey::error_chain(&*fault),
+        };
+        latest.replace(topics.without_daemon(&why));
+        sleep(RETRY).await;
+    }
+}
+
+/// One connection, until it ends.
+async fn connected(
+    address: &Address,
+    every: Duration,
+    topics: &mut Topics,
+    latest: &Latest,
+) -> Result<(), Fault> {
+    let late = |_| {
+        format!(
+            "the daemon at {address} did not answer within {} s",
+            PATIENCE.as_secs()
+        )
+    };
+    let (connection, _) = timeout(PATIENCE, dbus::connect(Some(address)))
+        .await
+        .map_err(late)??;
+    let manager = Manager1Proxy::builder(&connection)
+        .cache_properties(CacheProperties::No)
+        .build()
+        .await?;
+    let alarms = Alarms1Proxy::new(&connection).await?;
+    let mut events = manager.receive_happened().await?;
+    loop {
+        let began = Instant::now();
+        let asked = timeout(PATIENCE, ask(address, &connection, &manager, &alarms));
+        let mut asked = pin!(asked);
+        let mut due = began + every;
+        // the events are read while it answers: an unread one would hold up the answer
+        let reported = loop {
+            tokio::select! {
+                reported = &mut asked => break reported.map_err(late)??,
+                event = dbus::next(&mut events) => match event {
+                    None => return Ok(()),
+                    Some(_) => due = began + AT_MOST,
+                },
+            }
+        };
+        latest.replace(topics.messages(reported));
+        if !wait(&mut events, began, due).await {
+            return Ok(());
+        }
+    }
+}
+
+/// Waits until `due`, or shortly after an event; whether there is still a connection.
+async fn wait(events: &mut HappenedStream, began: Instant, mut due: Instant) -> bool {
+    loop {
+        tokio::select! {
+            () = sleep_until(due) => return true,
+            event = next(events) => match event {
+                None => return false,
+                Some(_) => due = due.min(began + AT_MOST),
+            },
+        }
+    }
+}
+
+async fn next(events: &mut HappenedStream) -> Option<Happened> {
+    dbus::next(events).await
+}
+
+async fn ask(
+    address: &Address,
+    connection: &Connection,
+    manager: &Manager1Proxy<'_>,
+    alarms: &Alarms1Proxy<'_>,
+) -> Result<Reported, Fault> {
+    let status = manager.status().await?;
+    let session = status
+        .session
+        .as_ref()
+        .and_then(|session| session.id.clone());
+    let quantities = match session {
+        // it may have ended since, have no map yet, or be a baseline
+        Some(id) => quantities(connection, &id)
+            .await
+            .ok()
+            .map(|found| (id, found)),
+        None => None,
+    };
+    Ok(Reported {
+        daemon: address.to_string(),
+        status,
+        // a daemon of an earlier version has none
+        alarms: alarms.list().await.unwrap_or_default(),
+        quantities,
+    })
+}
+
+async fn quantities(connection: &Connection, id: &str) -> Result<LatestQuantities, Fault> {
+    let session = Session1Proxy::builder(connection)
+        .path(dbus::session_path(id)?)
+        .cache_properties(CacheProperties::No)
+        .build()
+        .await?;
+    Ok(session.quantities().await?)
+}

@@ -1,0 +1,151 @@
+//! Live topics: what the daemon reports, published on an MQTT broker. For eyes only, never the record: a broker may lose messages,
+//! and none is kept for it. Nothing here waits for uploads, and no upload waits for this: it has a thread of its own.
+//!
+//! - **daemon**: asks the daemon over its bus, as any client does
+//! - **topics**: the messages for its answers; **home_assistant**: the message that announces them there
+//! - **latest**: the newest message of each topic, which is all that is kept
+//! - **broker**: publishes them
+
+mod broker;
+mod daemon;
+mod home_assistant;
+mod latest;
+mod topics;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use rumqttc::{TlsConfiguration, Transport};
+
+use crate::credentials::{is_loopback, secret, trusting};
+use crate::upload::Owner;
+use broker::Broker;
+use latest::Latest;
+use topics::Topics;
+
+/// Name of the systemd credential with the password.
+const CREDENTIAL: &str = "mqtt-password";
+/// A message is deleted by the broker after as many periods without the next one.
+const EXPIRES: u32 = 6;
+/// It is kept at least that long.
+const KEPT: Duration = Duration::from_secs(60);
+
+/// Where the live topics are, and what they report.
+#[derive(Debug, Clone)]
+pub struct LiveSettings {
+    /// Site and machine.
+    pub owner: Owner,
+    /// Address of the daemon.
+    pub daemon: dbus::Address,
+    /// Host of the broker.
+    pub host: String,
+    /// Its port.
+    pub port: u16,
+    /// Certificates that the broker's must be issued by.
+    pub ca: Option<PathBuf>,
+    /// The user at the broker.
+    pub user: Option<String>,
+    /// A file with the password.
+    pub password_file: Option<PathBuf>,
+    /// Period of the messages.
+    pub every: Duration,
+    /// First part of the topics on which Home Assistant looks for devices.
+    pub home_assistant: Option<String>,
+}
+
+impl LiveSettings {
+    /// The settings of `[mqtt]`; the error names the key that is wrong.
+    pub(crate) fn of(
+        mqtt: &config::MqttSection,
+        bus: &config::BusSection,
+        owner: &Owner,
+    ) -> Result<Self, (&'static str, String)> {
+        if mqtt.host.is_empty() {
+            return Err(("host", "is missing: name the host of the broker".to_owned()));
+        }
+        if mqtt.ca.is_none() && !is_loopback(&mqtt.host) {
+            let text = format!(
+                "{} is another machine: give mqtt.ca, the certificates of its authority",
+                mqtt.host
+            );
+            return Err(("host", text));
+        }
+        if mqtt.user.is_none() && mqtt.password_file.is_some() {
+            return Err(("password_file", "needs mqtt.user".to_owned()));
+        }
+        let prefix = mqtt.home_assistant.as_deref();
+        if prefix.is_some_and(|prefix| prefix.is_empty() || prefix.contains(['+', '#', '\0'])) {
+            let text = "is no topic: write for example \"homeassistant\"";
+            return Err(("home_assistant", text.to_owned()));
+        }
+        let daemon = match bus {
+            bus if bus.peer => bus.peer_path.clone().map(dbus::Address::Unix),
+            bus if bus.system => Some(dbus::Address::System),
+            bus if bus.session => Some(dbus::Address::Session),
+            _ => None,
+        };
+        let Some(daemon) = daemon else {
+            let text = "needs a bus of the daemon: set one of bus.peer, bus.system, bus.session";
+            return Err(("host", text.to_owned()));
+        };
+        Ok(Self {
+            owner: owner.clone(),
+            daemon,
+            host: mqtt.host.clone(),
+            port: mqtt.port.unwrap_or(match mqtt.ca {
+                Some(_) => 8883,
+                None => 1883,
+            }),
+            ca: mqtt.ca.clone(),
+            user: mqtt.user.clone(),
+            password_file: mqtt.password_file.clone(),
+            every: survey::duration(mqtt.every_s),
+            home_assistant: mqtt.home_assistant.clone(),
+        })
+    }
+}
+
+/// Publishes in a thread of its own until the process ends. Faults of daemon and broker are reported on standard error and end
+/// nothing.
+///
+/// # Errors
+/// Password or certificates cannot be read, or there is no thread; the text names the key.
+pub(crate) fn start(settings: LiveSettings) -> Result<(), String> {
+    let password = match settings.user {
+        None => None,
+        Some(_) => {
+            let folder = std::env::var_os("CREDENTIALS_DIRECTORY");
+            let file = settings.password_file.as_deref();
+            secret(file, CREDENTIAL, folder)
+                .map_err(|fault| format!("mqtt.password_file: {fault}"))?
+        }
+    };
+    let transport = match &settings.ca {
+        None => Transport::tcp(),
+        Some(ca) => {
+            let tls = trusting(ca).map_err(|fault| format!("mqtt.ca: {fault}"))?;
+            Transport::tls_with_config(TlsConfiguration::from(tls))
+        }
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|fault| fault.to_string())?;
+    let kept = settings.every.saturating_mul(EXPIRES).max(KEPT);
+    let publish = move || {
+        let latest = Latest::default();
+        let topics = Topics::new(&settings.owner, settings.home_assistant.clone(), kept);
+        let broker = Broker::new(&settings, password, transport, &topics, kept);
+        runtime.block_on(async {
+            tokio::join!(
+                daemon::observe(&settings.daemon, settings.every, topics, &latest),
+                broker::deliver(&broker, &latest)
+            )
+        });
+    };
+    std::thread::Builder::new()
+        .name("mqtt".to_owned())
+        .spawn(publish)
+        .map_err(|fault| format!("no thread for mqtt: {fault}"))?;
+    Ok(())
+}

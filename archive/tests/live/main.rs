@@ -1,0 +1,18 @@
+//! The live topics against a real mosquitto and a daemon's bus that a test serves.
+
+mod access;
+#[path = "../postgres/authority.rs"]
+mod authority;
+mod daemon;
+#[path = "../../../logbook/tests/example_frames/taken.rs"]
+mod frames;
+mod mosquitto;
+mod outages;
+mod publisher;
+#[expect(dead_code, reason = "the rest is for the tests of the archive")]
+#[path = "../postgres/server.rs"]
+mod server;
+#[expect(dead_code, reason = "the rest is for the tests of the archive")]
+#[path = "../postgres/site.rs"]
+mod site;
+mod topics;

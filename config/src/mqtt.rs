@@ -1,0 +1,44 @@
+//! Settings of the live topics: where the present values go.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+/// `[mqtt]`, read by `tactus-archive run` only.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MqttSection {
+    /// Host of the broker.
+    pub host: String,
+    /// Its port; 1883 if not given, 8883 with `ca`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub port: Option<u16>,
+    /// Certificates (PEM) that the broker's certificate must be issued by.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ca: Option<PathBuf>,
+    /// The user at the broker.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub user: Option<String>,
+    /// A file with the password.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub password_file: Option<PathBuf>,
+    /// Period of the messages, s.
+    pub every_s: f64,
+    /// First part of the topics on which Home Assistant looks for devices; none are announced without it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub home_assistant: Option<String>,
+}
+
+impl Default for MqttSection {
+    fn default() -> Self {
+        Self {
+            host: String::new(),
+            port: None,
+            ca: None,
+            user: None,
+            password_file: None,
+            every_s: 10.0,
+            home_assistant: None,
+        }
+    }
+}

@@ -1,0 +1,26 @@
+//! What the daemon reports, as the JSON of `tactus status`, `tactus alarms` and the live topics: one line each, with the same fields
+//! wherever it is written. Draws and prints nothing.
+
+mod alarm;
+mod health;
+mod status;
+
+use chrono::{DateTime, SecondsFormat, Utc};
+
+pub use alarm::Alarm;
+pub use health::{ActiveAlarm, Gap, Gaps, Health, InstrumentState, LastFrame, RelayLife};
+pub use status::{MapSummary, Recovery, Running, Status};
+
+/// Wall time in JSON: UTC, RFC 3339.
+pub fn utc(time: DateTime<Utc>) -> String {
+    time.to_rfc3339_opts(SecondsFormat::AutoSi, true)
+}
+
+fn utc_of_ns(ns: i64) -> String {
+    utc(DateTime::from_timestamp_nanos(ns))
+}
+
+/// A text, `None` if it is empty: properties of the bus are never absent.
+pub fn nonempty(text: String) -> Option<String> {
+    (!text.is_empty()).then_some(text)
+}
