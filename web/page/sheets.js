@@ -24,7 +24,7 @@ function problems(machine) {
   if (machine.invalid_alarms.length) found.push({ text: `cannot be judged: ${machine.invalid_alarms.join(", ")}` });
   if (machine.silent_s === null || machine.silent_s > limit) found.push({ text: `silent ${machine.silent_s === null ? "" : "for "}${ago(machine.silent_s)}` });
   if (machine.clock_ahead_s !== null) found.push({ text: `its clock is ${ago(machine.clock_ahead_s)} ahead` });
-  if (machine.known !== null && machine.known < KNOWN) found.push({ text: `maps known in ${Math.floor(100 * machine.known)} % of the last hour` });
+  if (machine.known !== null && machine.known < KNOWN) found.push({ text: `maps known in ${Math.floor(100 * machine.known)} % of the last ten minutes` });
   return found;
 }
 

@@ -74,7 +74,7 @@ pub(crate) fn router(
         .layer(DefaultBodyLimit::max(LONGEST_COMMAND))
         .fallback(|| async { (StatusCode::NOT_FOUND, "no such page\n") })
         .with_state(shared)
-        .merge(sheets::router(Arc::clone(&recordings)))
+        .merge(sheets::router(recordings.sheets()))
         .merge(playback::routes::router(recordings))
         .layer(middleware::from_fn_with_state(guard, guard::check))
 }

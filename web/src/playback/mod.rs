@@ -29,7 +29,7 @@ pub trait Recordings: Send + Sync {
     fn open(&self, id: &str) -> Result<Option<Arc<dyn Playback>>, String>;
 
     /// All sheets of an archive, where the page has one.
-    fn sheets(&self) -> Option<&dyn Sheets> {
+    fn sheets(&self) -> Option<Arc<dyn Sheets>> {
         None
     }
 }

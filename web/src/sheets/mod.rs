@@ -14,7 +14,6 @@ use serde_json::Value;
 use tokio::sync::Semaphore;
 
 use crate::answer::json;
-use crate::playback::Recordings;
 
 /// Requests that ask the catalogue at the same time.
 const WORKERS: usize = 2;
@@ -27,7 +26,7 @@ pub trait Sheets: Send + Sync {
     /// A sentence: the catalogue cannot be read.
     fn machines(&self) -> Result<Value, String>;
 
-    /// The newest sessions of a machine, the newest first. [`Recordings::open`] opens one by `archive:SITE/DAQ/ID`.
+    /// The newest sessions of a machine, the newest first. [`crate::Recordings::open`] opens one by `archive:SITE/DAQ/ID`.
     ///
     /// # Errors
     /// As [`Sheets::machines`].
@@ -36,17 +35,17 @@ pub trait Sheets: Send + Sync {
 
 #[derive(Clone)]
 struct Shared {
-    recordings: Arc<dyn Recordings>,
+    sheets: Option<Arc<dyn Sheets>>,
     workers: Arc<Semaphore>,
 }
 
-/// The routes of all sheets.
-pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
+/// The routes of all sheets; without an archive they refuse.
+pub(crate) fn router(sheets: Option<Arc<dyn Sheets>>) -> Router {
     Router::new()
         .route("/api/sheets", get(machines))
         .route("/api/sheets/{site}/{daq}", get(sessions))
         .with_state(Shared {
-            recordings,
+            sheets,
             workers: Arc::new(Semaphore::new(WORKERS)),
         })
 }
@@ -71,25 +70,21 @@ impl Shared {
         self,
         question: impl FnOnce(&dyn Sheets) -> Result<Value, String> + Send + 'static,
     ) -> Answer {
+        let Some(sheets) = self.sheets else {
+            let text = "this page has no archive; `tactus web --archive` shows all sheets\n";
+            return Err((StatusCode::NOT_FOUND, text.to_owned()));
+        };
         let stops = || {
             (
                 StatusCode::SERVICE_UNAVAILABLE,
                 "the server stops\n".to_owned(),
             )
         };
-        let permit = Arc::clone(&self.workers).acquire_owned().await;
+        let permit = self.workers.acquire_owned().await;
         let _permit = permit.map_err(|_| stops())?;
-        let recordings = self.recordings;
-        let worker = tokio::task::spawn_blocking(move || match recordings.sheets() {
-            Some(sheets) => {
-                question(sheets).map_err(|why| (StatusCode::CONFLICT, format!("{why}\n")))
-            }
-            None => Err((
-                StatusCode::NOT_FOUND,
-                "this page has no archive; `tactus web --archive` shows all sheets\n".to_owned(),
-            )),
-        });
-        let found = worker.await.map_err(|_| stops())??;
+        let worker = tokio::task::spawn_blocking(move || question(&*sheets));
+        let found = worker.await.map_err(|_| stops())?;
+        let found = found.map_err(|why| (StatusCode::CONFLICT, format!("{why}\n")))?;
         Ok(json(found.to_string().into()))
     }
 }

@@ -7,6 +7,7 @@ use crate::playback::{Playback, Recordings, SessionEntry};
 use crate::tests::{code, served_from};
 
 /// An archive of one machine, or one that cannot be reached.
+#[derive(Clone, Copy)]
 struct Archive {
     reachable: bool,
 }
@@ -33,8 +34,8 @@ impl Recordings for Archive {
         Ok(None)
     }
 
-    fn sheets(&self) -> Option<&dyn Sheets> {
-        Some(self)
+    fn sheets(&self) -> Option<Arc<dyn Sheets>> {
+        Some(Arc::new(*self))
     }
 }
 

@@ -20,7 +20,7 @@ use session::PlayedSession;
 pub(crate) struct RecordedSessions {
     global: Global,
     #[cfg(feature = "archive")]
-    archive: Option<archived::ArchivedSheets>,
+    archive: Option<Arc<archived::ArchivedSheets>>,
     /// Directories that were found once: that of the daemon cannot be asked for while it does not run.
     places: Mutex<Vec<PathBuf>>,
 }
@@ -37,7 +37,7 @@ impl RecordedSessions {
             global: global.clone(),
             #[cfg(feature = "archive")]
             archive: match requested.archive {
-                true => Some(archived::ArchivedSheets::open(global)?),
+                true => Some(Arc::new(archived::ArchivedSheets::open(global)?)),
                 false => None,
             },
             places: Mutex::new(session_files::directories(global)?),
@@ -93,10 +93,9 @@ impl Recordings for RecordedSessions {
     }
 
     #[cfg(feature = "archive")]
-    fn sheets(&self) -> Option<&dyn web::Sheets> {
-        self.archive
-            .as_ref()
-            .map(|sheets| sheets as &dyn web::Sheets)
+    fn sheets(&self) -> Option<Arc<dyn web::Sheets>> {
+        let sheets = self.archive.clone()?;
+        Some(sheets)
     }
 
     fn open(&self, id: &str) -> Result<Option<Arc<dyn Playback>>, String> {
