@@ -51,7 +51,8 @@ impl Catalogue {
                 silent_s, clock_ahead_s, known, alarms, invalid_alarms
             FROM tactus.machine_state ORDER BY site, daq";
         // to compile this query takes longer than to run it for a thousand machines
-        self.within(self.client.batch_execute("SET jit = off")).await?;
+        self.within(self.client.batch_execute("SET jit = off"))
+            .await?;
         let rows = self.within(self.client.query(query, &[])).await?;
         let count = |number: i64| u64::try_from(number).unwrap_or_default();
         let machine = |row: &Row| Machine {

@@ -4,7 +4,7 @@ use archive::{ArchiveReader, ReadError, SessionFilter};
 
 use crate::archive;
 use crate::frames::at;
-use crate::server::{DATABASE, Server};
+use crate::server::{DATABASE, OWNER, Server};
 use crate::site::{Site, add_minute, begun};
 
 /// A role that only reads, and the configuration of its machine.
@@ -300,4 +300,37 @@ fn reader_may_read_all_sites_and_write_nothing() {
         server.sql_as("paris", "SELECT count(*) FROM tactus.machine_state"),
         "0"
     );
+}
+
+#[test]
+fn catalogue_of_the_first_version_is_brought_to_this_one() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    server.sql(include_str!(
+        "../../src/catalogue/migrations/0001-catalogue.sql"
+    ));
+    let first = "INSERT INTO tactus.migration (version, name) VALUES (1, '0001-catalogue')";
+    server.sql(first);
+    server.add_role("berlin");
+    server.sql(
+        "INSERT INTO tactus.site VALUES ('berlin', 'berlin'); GRANT tactus_uploader TO berlin",
+    );
+    server.sql("INSERT INTO tactus.quantity VALUES ('berlin', 'bed9', 'm0', 1, now() - interval '1 day', '{}')");
+    let site = Site::new(&server, "berlin");
+    site.record_session("m1", 1);
+    let waits = site.refused(&["push"], 1);
+    assert!(waits.contains("tactus-archive migrate"), "{waits}");
+    let owner = Site::new(&server, OWNER);
+    for printed in ["applied: 0002-reading", "the catalogue is up to date"] {
+        let done = owner.owner(&server, &["migrate"]);
+        assert!(done.status.success(), "{done:?}");
+        assert_eq!(String::from_utf8(done.stdout).unwrap().trim(), printed);
+    }
+    site.done(&["push"]);
+    let seen = server.sql_as(
+        "berlin",
+        "SELECT daq, session, frames FROM tactus.machine_state ORDER BY daq",
+    );
+    assert_eq!(seen, "bed3|m1|3\nbed9|m0|0");
 }
