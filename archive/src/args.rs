@@ -4,8 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed or not everything is archived, 2 usage, 75 store or catalogue cannot \
-                          be reached now: try again later, 78 configuration";
+use crate::catalogue::ArchivedName;
+
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed or not everything is archived, 2 usage, 3 no such session, 75 store or \
+                          catalogue cannot be reached now: try again later, 78 configuration";
 
 /// Takes closed sessions to the archive: files to a store, their catalogue to PostgreSQL.
 #[derive(Debug, Parser)]
@@ -28,24 +30,32 @@ pub(crate) struct Arguments {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Take everything to the archive that it lacks, once
-    Push,
+    #[command(flatten)]
+    Task(Task),
     /// Take everything to the archive that it lacks, again and again; publish live topics where the configuration has [mqtt]
     Run,
-    /// Compare the record of this machine with the catalogue
-    Status,
-    /// Get the parts of a session out of the archive, each verified by its hash
-    Pull(Pull),
-    /// Read every part in the store and compare it with the catalogue
-    Verify(Filter),
     /// Create the tables of the catalogue, or bring them to this version (as the owner of the database)
     Migrate,
     /// Give a site to a role of PostgreSQL, which may then add and see its rows (as the owner of the database)
     AddSite(AddSite),
 }
 
+/// What `tactus archive` does too.
+#[derive(Debug, Subcommand)]
+pub enum Task {
+    /// Take everything to the archive that it lacks, once
+    Push,
+    /// Compare the record of this machine with the catalogue
+    Status,
+    /// Get the parts of a session out of the archive, each verified by its hash
+    Pull(Pull),
+    /// Read every part in the store and compare it with the catalogue
+    Verify(Filter),
+}
+
+/// Of which machines.
 #[derive(Debug, Args)]
-pub(crate) struct Filter {
+pub struct Filter {
     /// Only of this site [default: all that the role may see]
     #[arg(long, value_name = "NAME")]
     pub site: Option<String>,
@@ -54,13 +64,15 @@ pub(crate) struct Filter {
     pub daq: Option<String>,
 }
 
+/// Options of `pull`.
 #[derive(Debug, Args)]
-pub(crate) struct Pull {
-    /// Session: its whole id
-    pub session: String,
+pub struct Pull {
+    /// Session: SITE/DAQ/SESSION, its id, the beginning of one, or `last`
+    pub session: ArchivedName,
     /// Existing folder for the files; a file that is there already is kept and verified
     #[arg(long, value_name = "FOLDER")]
     pub into: PathBuf,
+    /// The machines that are searched.
     #[command(flatten)]
     pub of: Filter,
 }

@@ -8,7 +8,8 @@
 //!
 //! - **live topics**: what the daemon reports at present, on an MQTT broker; for eyes only ([`LiveSettings`])
 //!
-//! [`Uploader`] takes to the archive what it lacks. Every step may be repeated or interrupted: the key of a part is its
+//! [`ArchiveReader`] lists what there is and fetches sessions. [`Uploader`] takes to the archive what it lacks. Every step
+//! may be repeated or interrupted: the key of a part is its
 //! content, and rows are only inserted.
 
 mod args;
@@ -17,15 +18,21 @@ mod credentials;
 mod live;
 mod part;
 mod program;
+mod reader;
 mod retrieval;
 mod settings;
 mod store;
 mod upload;
 
-pub use catalogue::{Access, ArchivedPart, Catalogue, CatalogueError, Selection};
+pub use args::{Filter, Pull, Task};
+pub use catalogue::{
+    Access, ArchivedName, ArchivedPart, ArchivedSession, Catalogue, CatalogueError, Machine,
+    Selection, SessionFilter, SessionName,
+};
 pub use live::LiveSettings;
 pub use part::{Part, PartError};
-pub use program::{command, run};
+pub use program::{Failure, command, perform_task, run};
+pub use reader::{ArchiveReader, FetchedSession, ReadError};
 pub use retrieval::{Holding, RetrievalError, pull, verify};
 pub use settings::{Settings, SettingsError};
 pub use store::{

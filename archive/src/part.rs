@@ -25,6 +25,8 @@ pub struct Part {
     pub closing: Closing,
     /// What happened.
     pub events: Vec<Event>,
+    /// The tracked baseline that its session began with, beside the first part.
+    pub tracking: Option<String>,
     /// The file, open.
     pub file: File,
 }
@@ -91,6 +93,13 @@ impl Part {
         let summary = session.summary().map_err(PartError::Unreadable)?;
         let events = session.events().map_err(PartError::Unreadable)?;
         let (sha256, bytes) = sha256_of(&file).map_err(io)?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let tracking = match header.id == header.session() {
+            // a damaged state stays one: it is refused where maps are made again, and the frames are archived
+            true => logbook::tracking(folder, &header.id)
+                .unwrap_or_else(|error| Some(error.to_string())),
+            false => None,
+        };
         Ok(Self {
             name: PartName {
                 site: site.to_owned(),
@@ -105,6 +114,7 @@ impl Part {
             last: summary.last,
             closing,
             events,
+            tracking,
             file,
         })
     }

@@ -23,9 +23,25 @@ pub enum RetrievalError {
         #[source]
         source: WholeFileError,
     },
+    /// A row of the catalogue would lead to another folder.
+    #[error(
+        "'{0}' in the catalogue is no name of a site, machine, session or part: nothing is read or written"
+    )]
+    Name(String),
     /// Another file has its name.
     #[error("{} exists already and is not this part: name another folder", .0.display())]
     Exists(PathBuf),
+}
+
+/// Whoever may insert rows chooses their names: none may lead out of a folder.
+pub(crate) fn check_names(part: &ArchivedPart) -> Result<(), RetrievalError> {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"_-".contains(&byte);
+    let is_good = |name: &String| !name.is_empty() && name.len() <= 128 && name.bytes().all(plain);
+    let names = [&part.site, &part.daq, &part.session, &part.part];
+    match names.into_iter().find(|name| !is_good(name)) {
+        None => Ok(()),
+        Some(wrong) => Err(RetrievalError::Name(wrong.clone())),
+    }
 }
 
 /// Writes a part to `folder/PART.tactus`, if it is not there; returns its path.
@@ -37,6 +53,7 @@ pub fn pull(
     part: &ArchivedPart,
     folder: &Path,
 ) -> Result<PathBuf, RetrievalError> {
+    check_names(part)?;
     let path = folder.join(format!("{}.tactus", part.part));
     let file = |source| RetrievalError::File {
         part: part.part.clone(),
@@ -75,12 +92,13 @@ pub enum Holding {
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn verify(store: &dyn Store, part: &ArchivedPart) -> Result<Holding, StoreError> {
+pub fn verify(store: &dyn Store, part: &ArchivedPart) -> Result<Holding, RetrievalError> {
+    check_names(part)?;
     let name = part.name();
     let from = match store.open(&name) {
         Ok(from) => from,
         Err(StoreError::Missing { .. }) => return Ok(Holding::Missing),
-        Err(error) => return Err(error),
+        Err(error) => return Err(error.into()),
     };
     let (found, _) = sha256_of(from).map_err(|source| StoreError::Io {
         path: name.to_string().into(),

@@ -79,6 +79,18 @@ impl Settings {
     /// # Errors
     /// It cannot be read, or has problems, each with file, line and column.
     pub fn read(path: &Path) -> Result<Self, SettingsError> {
+        Self::read_as(path, false)
+    }
+
+    /// Reads the configuration of a machine that may only read the archive, and is of no site.
+    ///
+    /// # Errors
+    /// As [`Settings::read`].
+    pub fn read_for_reader(path: &Path) -> Result<Self, SettingsError> {
+        Self::read_as(path, true)
+    }
+
+    fn read_as(path: &Path, reader: bool) -> Result<Self, SettingsError> {
         let text = std::fs::read_to_string(path).map_err(|source| SettingsError::Unreadable {
             path: path.to_owned(),
             source,
@@ -92,14 +104,18 @@ impl Settings {
         let folder = path.parent().unwrap_or(Path::new("."));
         let config = config.resolved(folder);
         let Some(archive) = config.archive else {
-            let text = "is missing: without it nothing is archived";
+            let text = match reader {
+                true => "is missing: it says where the archive is",
+                false => "is missing: without it nothing is archived",
+            };
             return Err(SettingsError::Problems(vec![
                 source.problem("archive", text),
             ]));
         };
         let daq = archive.daq.clone().unwrap_or_else(host_name);
         let mut problems = Vec::new();
-        for (key, name) in [("archive.site", &archive.site), ("archive.daq", &daq)] {
+        let own = [("archive.site", &archive.site), ("archive.daq", &daq)];
+        for (key, name) in own.into_iter().filter(|_| !reader) {
             if let Some(fault) = name_fault(name) {
                 problems.push(source.problem(key, fault));
             }

@@ -5,8 +5,8 @@
 //! scripts. It does not depend on instruments or on the daemon's internals. All output is real: without a daemon it
 //! reports how to start one, and a missing reading is a blank, never a number.
 //!
-//! The modules build on each other in this order: `options` and `output`; `connection` (to the daemon) and
-//! `session_files`; `maps`; and the commands in `control`, `instruments`, `records` and `doctor`.
+//! The modules build on each other in this order: `options` and `output`; `connection` (to the daemon), `archived` (sessions in
+//! the archive) and `session_files`; `maps`; and the commands in `control`, `instruments`, `records` and `doctor`.
 //!
 //! ```
 //! use std::process::ExitCode;
@@ -14,6 +14,8 @@
 //! assert_eq!(format!("{done:?}"), format!("{:?}", ExitCode::SUCCESS));
 //! ```
 
+#[cfg(feature = "archive")]
+mod archived;
 mod args;
 mod connection;
 mod control;
@@ -42,7 +44,11 @@ pub use crate::options::duration::{SpanError, parse_span};
 
 /// The definition of the command line: every command and option, for reference pages and completions.
 pub fn command() -> clap::Command {
-    help_examples::with_examples(Arguments::command(), include_str!("examples.txt"))
+    let mut examples = include_str!("examples.txt").to_owned();
+    if cfg!(feature = "archive") {
+        examples.push_str(include_str!("examples-archive.txt"));
+    }
+    help_examples::with_examples(Arguments::command(), &examples)
 }
 
 /// Runs `tactus` with the arguments of the process, the program's name first, and returns its exit code.
@@ -103,13 +109,15 @@ fn manual(folder: &Path) -> Result<(), Failure> {
 fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
     let Arguments { global, command } = arguments;
     match command {
-        Command::Sessions { what: None } => crate::records::sessions::run(&global, printer),
+        Command::Sessions(requested) => match &requested.what {
+            None => crate::records::sessions::run(&global, &requested, printer),
+            Some(what) => crate::records::maintenance::run(&global, what, printer),
+        },
+        #[cfg(feature = "archive")]
+        Command::Archive { task } => crate::archived::run(&global, &task),
         Command::Baseline {
             what: BaselineCommand::List,
         } => crate::records::sessions::baselines(&global, printer),
-        Command::Sessions { what: Some(what) } => {
-            crate::records::maintenance::run(&global, &what, printer)
-        }
         Command::Log(log) if !log.follow => crate::records::log::run(&global, &log, printer),
         Command::Doctor(requested) => doctor::run(&global, &requested, printer),
         Command::Events { session } => crate::records::events::run(&global, &session, printer),
@@ -190,7 +198,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Baseline {
                         what: BaselineCommand::List,
                     }
-                    | Command::Sessions { .. }
+                    | Command::Sessions(_)
                     | Command::Events { .. }
                     | Command::Doctor(_)
                     | Command::Export(_)
@@ -201,6 +209,10 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     | Command::Web(_)
                     | Command::Completions { .. }
                     | Command::Man { .. } => {
+                        unreachable!("the offline commands were taken above")
+                    }
+                    #[cfg(feature = "archive")]
+                    Command::Archive { .. } => {
                         unreachable!("the offline commands were taken above")
                     }
                 }
@@ -230,6 +242,10 @@ mod outputs {
             inputs: &[
                 "--state",
                 "doctor --config",
+                #[cfg(feature = "archive")]
+                "--archive-config",
+                #[cfg(feature = "archive")]
+                "archive pull --into",
                 "export --calibration",
                 "export --case",
                 "export --model",

@@ -114,9 +114,28 @@ fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
     logbook::find(place, session.session()).map_err(|error| refused(&error))
 }
 
-/// The file of a session: a path unchanged; `last`; otherwise the id (or its beginning) in the first of [`directories`]
-/// that has it.
+/// What begins the name of a session in the archive.
+pub(crate) const ARCHIVE: &str = "archive:";
+
+/// The file of a session of the archive, fetched into the cache.
+fn archived(global: &Global, named: &str) -> Result<PathBuf, Failure> {
+    #[cfg(feature = "archive")]
+    return Ok(crate::archived::fetch(global, named)?.path);
+    #[cfg(not(feature = "archive"))]
+    {
+        let _ = global;
+        Err(Failure::Usage(format!(
+            "{ARCHIVE}{named}: this build reads no archive; build it with `--features archive` (the Debian package has it)"
+        )))
+    }
+}
+
+/// The file of a session: a path unchanged; `archive:` and the name of a session in the archive; `last`; otherwise the id (or
+/// its beginning) in the first of [`directories`] that has it.
 pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Failure> {
+    if let Some(named) = named.strip_prefix(ARCHIVE) {
+        return archived(global, named);
+    }
     let path = Path::new(named);
     if path.is_file() {
         return Ok(path.to_owned());

@@ -30,9 +30,11 @@ async function begin() {
       option.textContent = `${moment(entry.started_ms)}, ${entry.frames} frames${entry.closed ? "" : ", not closed"}${entry.note ? `, ${entry.note}` : ""} (${entry.id})`;
       return option;
     }));
-    if (!sessions.length) return trouble("no session is recorded here; tactus start records one");
     const named = new URLSearchParams(location.search).get("session");
+    // one of the archive is not in the list
+    if (named && !sessions.some(entry => entry.id === named)) byId("sessions").prepend(new Option(named, named));
     if (named) byId("sessions").value = named;
+    else if (!sessions.length) return trouble("no session is recorded here; tactus start records one");
     await open(byId("sessions").value || sessions[0].id);
   } catch (error) {
     trouble(error.message);

@@ -13,6 +13,7 @@ mod live;
 mod page;
 mod playback;
 mod routes;
+mod sheets;
 mod snapshot;
 #[cfg(test)]
 mod tests;
@@ -31,6 +32,7 @@ pub use live::follow;
 pub use playback::{
     Course, MapKind, Overview, Place, Playback, PlayedMap, Recordings, RegionShape, SessionEntry,
 };
+pub use sheets::Sheets;
 pub use snapshot::{
     AlarmState, DaemonState, EventState, FrameState, Live, SessionState, Snapshot, State,
 };

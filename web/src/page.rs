@@ -1,7 +1,7 @@
 //! The files of the page, in the program.
 
 /// Path, media type, content.
-pub(crate) const FILES: [(&str, &str, &str); 11] = [
+pub(crate) const FILES: [(&str, &str, &str); 13] = [
     (
         "/",
         "text/html; charset=utf-8",
@@ -56,5 +56,15 @@ pub(crate) const FILES: [(&str, &str, &str); 11] = [
         "/region.js",
         "text/javascript; charset=utf-8",
         include_str!("../page/region.js"),
+    ),
+    (
+        "/sheets",
+        "text/html; charset=utf-8",
+        include_str!("../page/sheets.html"),
+    ),
+    (
+        "/sheets.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/sheets.js"),
     ),
 ];

@@ -18,6 +18,7 @@ use crate::control::{self, Call};
 use crate::guard::{self, Guard};
 use crate::page;
 use crate::playback::{self, Recordings};
+use crate::sheets;
 use crate::snapshot::Live;
 use crate::{Control, Settings};
 
@@ -73,6 +74,7 @@ pub(crate) fn router(
         .layer(DefaultBodyLimit::max(LONGEST_COMMAND))
         .fallback(|| async { (StatusCode::NOT_FOUND, "no such page\n") })
         .with_state(shared)
+        .merge(sheets::router(recordings.sheets()))
         .merge(playback::routes::router(recordings))
         .layer(middleware::from_fn_with_state(guard, guard::check))
 }

@@ -28,7 +28,7 @@ async fn served_with(control: Option<Control>) -> Served {
 }
 
 /// A place without sessions.
-struct NoRecordings;
+pub(crate) struct NoRecordings;
 
 impl Recordings for NoRecordings {
     fn list(&self) -> Result<Vec<SessionEntry>, String> {
@@ -176,6 +176,8 @@ async fn data_need_the_token_and_the_page_does_not() {
         "/api/sessions/m1",
         "/api/sessions/m1/course",
         "/api/sessions/m1/maps/quick/frame/1",
+        "/api/sheets",
+        "/api/sheets/berlin/bed3",
     ] {
         for header in &wrong {
             let headers = [served.host(), header.clone()];

@@ -81,7 +81,7 @@ pub enum CatalogueError {
     },
     /// The role lacks rights.
     #[error(
-        "role '{role}' may not do this: {why}; the owner of the catalogue runs `tactus-archive add-site SITE --role {role}`"
+        "role '{role}' may not do this: {why}; the owner of the catalogue runs `tactus-archive add-site SITE --role {role}`, or, for a role that only reads, `GRANT tactus_reader TO {role}`"
     )]
     NoRights {
         /// The role.

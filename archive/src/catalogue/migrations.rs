@@ -5,10 +5,13 @@ use tokio_postgres::{Client, GenericClient};
 use super::error::{CatalogueError, Endpoint};
 
 /// Each version's name and statements, in order; version 1 is the first.
-const MIGRATIONS: &[(&str, &str)] = &[(
-    "0001-catalogue",
-    include_str!("migrations/0001-catalogue.sql"),
-)];
+const MIGRATIONS: &[(&str, &str)] = &[
+    (
+        "0001-catalogue",
+        include_str!("migrations/0001-catalogue.sql"),
+    ),
+    ("0002-reading", include_str!("migrations/0002-reading.sql")),
+];
 
 /// Any number: programs that migrate at the same time wait for each other.
 const LOCK: i64 = 0x7461_6374_7573;

@@ -3,8 +3,10 @@
 mod connection;
 mod error;
 mod listing;
+mod machines;
 mod migrations;
 mod rows;
+mod sessions;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -15,6 +17,9 @@ use tokio_postgres::{Client, Transaction};
 pub use connection::Access;
 pub use error::CatalogueError;
 pub use listing::{ArchivedPart, Selection};
+pub use machines::Machine;
+pub(crate) use sessions::Unfound;
+pub use sessions::{ArchivedName, ArchivedSession, SessionFilter, SessionName};
 
 use crate::part::Part;
 use error::Endpoint;

@@ -93,6 +93,13 @@ pub(super) async fn part(
             ],
         ))
         .await?;
+    if let Some(state) = &part.tracking {
+        let tracking = "INSERT INTO tactus.tracking (site, daq, session, state) VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING";
+        let state = storable(state);
+        deadline
+            .within(transaction.execute(tracking, &[&name.site, &name.daq, &name.session, &state]))
+            .await?;
+    }
     let insert = "INSERT INTO tactus.part
         (site, daq, part, session, sha256, bytes, stored_as, continues, first_sequence, frames, started, last, closed, closed_reason)
         VALUES ($1, $2, $3, $4, decode($5::text, 'hex'), $6, $7, $8, $9, $10, $11, $12, $13, $14) ON CONFLICT DO NOTHING";

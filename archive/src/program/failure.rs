@@ -5,18 +5,24 @@ use std::process::ExitCode;
 use survey::error_chain;
 
 use crate::catalogue::CatalogueError;
+use crate::reader::ReadError;
 use crate::retrieval::RetrievalError;
 use crate::settings::SettingsError;
 use crate::store::StoreError;
 use crate::upload::UploadError;
 
-/// How a command failed.
+/// How a command failed, with a text that names what to do.
 #[derive(Debug)]
-pub(super) enum Failure {
+pub enum Failure {
+    /// It failed.
     Failed(String),
+    /// The command line is wrong.
     Usage(String),
+    /// There is no such session.
+    Missing(String),
     /// Store or catalogue cannot be reached now.
     Temporary(String),
+    /// The configuration is wrong.
     Configuration(String),
 }
 
@@ -48,6 +54,7 @@ impl Failure {
         let (kind, code, text) = match self {
             Self::Failed(text) => ("failed", 1, text),
             Self::Usage(text) => ("usage", 2, text),
+            Self::Missing(text) => ("missing", 3, text),
             Self::Temporary(text) => ("temporary", 75, text),
             Self::Configuration(text) => ("configuration", 78, text),
         };
@@ -67,6 +74,21 @@ impl From<CatalogueError> for Failure {
                 Self::Configuration(text)
             }
             error => Self::of(text, error.is_temporary()),
+        }
+    }
+}
+
+impl From<ReadError> for Failure {
+    fn from(error: ReadError) -> Self {
+        match error {
+            ReadError::Settings(error) => Self::settings(&error),
+            ReadError::Catalogue(error) => error.into(),
+            ReadError::Retrieval(error) => Self::retrieval(&error),
+            ReadError::NoSuchSession(_) => Self::Missing(error_chain(&error)),
+            ReadError::Ambiguous { .. } => Self::Usage(error_chain(&error)),
+            ReadError::Cache { .. } | ReadError::Record(_) | ReadError::Runtime(_) => {
+                Self::Failed(error_chain(&error))
+            }
         }
     }
 }

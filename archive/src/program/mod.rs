@@ -5,17 +5,20 @@ mod output;
 mod service;
 
 use std::ffi::OsString;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches};
 
-use crate::args::{AddSite, Arguments, Command, Filter, Pull};
+use crate::args::{AddSite, Arguments, Command, Filter, Pull, Task};
 use crate::catalogue::{Catalogue, Selection};
+use crate::reader;
 use crate::retrieval::{self, Holding};
 use crate::settings::Settings;
 use crate::store::name_fault;
 use crate::upload::{Status, Step, Uploader};
-use failure::Failure;
+
+pub use failure::Failure;
 use output::Printer;
 
 /// The definition of the command line: every command and option, for reference pages and completions.
@@ -55,16 +58,48 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 async fn perform(arguments: &Arguments) -> Result<(), Failure> {
-    let settings = Settings::read(&arguments.config).map_err(|error| Failure::settings(&error))?;
+    let config = &arguments.config;
+    let settings = match &arguments.command {
+        Command::Task(task) => read_settings(config, task)?,
+        _ => Settings::read(config).map_err(|error| Failure::settings(&error))?,
+    };
     let mut printer = Printer::new(arguments.json);
     match &arguments.command {
-        Command::Push => push(&settings, &mut printer).await,
+        Command::Task(task) => carry_out(&settings, task, &mut printer).await,
         Command::Run => service::run(&settings, &mut printer).await,
-        Command::Status => status(&settings, &mut printer).await,
-        Command::Pull(requested) => pull(&settings, requested, &mut printer).await,
-        Command::Verify(filter) => verify(&settings, filter, &mut printer).await,
         Command::Migrate => migrate(&settings, &mut printer).await,
         Command::AddSite(requested) => add_site(&settings, requested).await,
+    }
+}
+
+/// A task for another program: prints on standard output.
+///
+/// # Errors
+/// As `tactus-archive` fails.
+pub fn perform_task(config: &Path, json: bool, task: &Task) -> Result<(), Failure> {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build();
+    let runtime = runtime.map_err(|error| Failure::Failed(error.to_string()))?;
+    let settings = read_settings(config, task)?;
+    runtime.block_on(carry_out(&settings, task, &mut Printer::new(json)))
+}
+
+/// Only what is recorded on this machine needs a site.
+fn read_settings(config: &Path, task: &Task) -> Result<Settings, Failure> {
+    let read = match task {
+        Task::Push | Task::Status => Settings::read(config),
+        Task::Pull(_) | Task::Verify(_) => Settings::read_for_reader(config),
+    };
+    read.map_err(|error| Failure::settings(&error))
+}
+
+async fn carry_out(settings: &Settings, task: &Task, printer: &mut Printer) -> Result<(), Failure> {
+    match task {
+        Task::Push => push(settings, printer).await,
+        Task::Status => status(settings, printer).await,
+        Task::Pull(requested) => pull(settings, requested, printer).await,
+        Task::Verify(filter) => verify(settings, filter, printer).await,
     }
 }
 
@@ -109,14 +144,6 @@ async fn status(settings: &Settings, printer: &mut Printer) -> Result<(), Failur
     }
 }
 
-fn selection(filter: &Filter, session: Option<&str>) -> Selection {
-    Selection {
-        site: filter.site.clone(),
-        daq: filter.daq.clone(),
-        session: session.map(str::to_owned),
-    }
-}
-
 async fn pull(settings: &Settings, requested: &Pull, printer: &mut Printer) -> Result<(), Failure> {
     if !requested.into.is_dir() {
         let folder = requested.into.display();
@@ -126,24 +153,12 @@ async fn pull(settings: &Settings, requested: &Pull, printer: &mut Printer) -> R
     }
     let catalogue = Catalogue::connect(&settings.access).await?;
     catalogue.check_version().await?;
-    let parts = catalogue
-        .parts(&selection(&requested.of, Some(&requested.session)))
-        .await?;
-    let Some(first) = parts.first() else {
-        return Err(Failure::Failed(format!(
-            "the archive has no session '{}' that this role may see; `tactus-archive verify` lists what it has",
-            requested.session
-        )));
-    };
-    if let Some(other) = parts
-        .iter()
-        .find(|part| (&part.site, &part.daq) != (&first.site, &first.daq))
-    {
-        return Err(Failure::Usage(format!(
-            "several machines have a session '{}': {}/{} and {}/{}; choose one by --site and --daq",
-            requested.session, first.site, first.daq, other.site, other.daq
-        )));
-    }
+    let wanted = requested
+        .session
+        .clone()
+        .within(requested.of.site.as_deref(), requested.of.daq.as_deref());
+    let session = reader::found(&catalogue, &wanted).await?;
+    let parts = catalogue.parts(&session.selection()).await?;
     let store = settings
         .store
         .open()
@@ -168,10 +183,16 @@ async fn verify(
         .store
         .open()
         .map_err(|error| Failure::settings(&error))?;
-    let parts = catalogue.parts(&selection(filter, None)).await?;
+    let of = Selection {
+        site: filter.site.clone(),
+        daq: filter.daq.clone(),
+        session: None,
+    };
+    let parts = catalogue.parts(&of).await?;
     let mut bad = 0;
     for part in &parts {
-        let holding = retrieval::verify(&*store, part).map_err(|error| Failure::store(&error))?;
+        let holding =
+            retrieval::verify(&*store, part).map_err(|error| Failure::retrieval(&error))?;
         bad += usize::from(holding != Holding::Whole);
         let line = output::Verified {
             part,

@@ -1,12 +1,14 @@
 //! The archive against a real PostgreSQL: pushes, repetitions, faults, kills, refusals.
 
 mod authority;
+mod dashboard;
 mod faults;
 #[path = "../../../logbook/tests/example_frames/taken.rs"]
 mod frames;
 mod kills;
 mod objects;
 mod pushes;
+mod reading;
 mod refusals;
 mod server;
 mod site;

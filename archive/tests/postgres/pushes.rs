@@ -135,7 +135,7 @@ fn archived_session_is_pruned_and_comes_back_the_same() {
             .len(),
         0
     );
-    let missing = site.refused(&["pull", "m9", "--into", &into], 1);
+    let missing = site.refused(&["pull", "m9", "--into", &into], 3);
     assert!(missing.contains("no session 'm9'"), "{missing}");
     std::fs::remove_file(back.join("m1.tactus")).unwrap();
     std::fs::write(back.join("m1.tactus"), "another file").unwrap();

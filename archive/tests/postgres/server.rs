@@ -258,6 +258,16 @@ impl Server {
         String::from_utf8_lossy(&done.stderr).into_owned()
     }
 
+    /// Runs statements as a role, and returns what they print.
+    pub fn sql_as(&self, role: &str, statements: &str) -> String {
+        let mut command = self.psql(DATABASE, statements);
+        command.args(["-U", role]).env("PGPASSWORD", PASSWORD);
+        let done = command.output().expect("psql runs");
+        let error = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success(), "{role}: {statements}: {error}");
+        String::from_utf8_lossy(&done.stdout).trim().to_owned()
+    }
+
     /// A role that may log in with [`PASSWORD`].
     pub fn add_role(&self, role: &str) {
         self.sql(&format!("CREATE ROLE {role} LOGIN PASSWORD '{PASSWORD}'"));

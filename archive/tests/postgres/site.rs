@@ -150,7 +150,7 @@ impl Site {
 pub fn add_minute(record: &Path, id: &str, minute: u64) {
     let begin = 1_800_000_000 + 60 * minute;
     let json = format!(
-        "{{\"begin_s\":{begin},\"of\":\"kpa\",\"regions\":[{{\"name\":\"sheet\",\"values\":{{\"peak\":[1.0,2.0,{minute}.5,60,59],\"area\":[3.0,4.0,5.0,60,60]}}}}]}}"
+        "{{\"begin_s\":{begin},\"of\":\"kpa\",\"regions\":[{{\"name\":\"sheet\",\"values\":{{\"peak\":[1.0,2.0,{minute}.5,60,59],\"area\":[3.0,4.0,5.0,60,60],\"known\":[0.0,0.75,1.0,60,60]}}}}]}}"
     );
     append_quantities(record, id, &json).unwrap();
 }

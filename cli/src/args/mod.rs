@@ -15,7 +15,7 @@ use outfile::{Existing, GrowingFolder};
 use crate::options::duration::{SpanError, parse_span};
 use crate::output::Colour;
 pub use records::{
-    Export, Log, MapOptions, Prune, Quantities, RecordingSource, Repair, Replay, Report,
+    Export, Log, MapOptions, Prune, Quantities, RecordingSource, Repair, Replay, Report, Sessions,
     SessionsCommand, Verify,
 };
 pub use rig::{
@@ -67,6 +67,15 @@ pub struct Global {
         help_heading = "Global options"
     )]
     pub state: Option<PathBuf>,
+    /// Configuration with the section [archive], for sessions in the archive (default: TACTUS_ARCHIVE, else /etc/tactus/config.toml)
+    #[cfg(feature = "archive")]
+    #[arg(
+        long,
+        global = true,
+        value_name = "FILE",
+        help_heading = "Global options"
+    )]
+    pub archive_config: Option<PathBuf>,
     /// Print one JSON object per line instead of text
     #[arg(long, global = true, help_heading = "Global options")]
     pub json: bool,
@@ -112,9 +121,12 @@ pub enum Command {
     /// Show the running daemon in a browser: map, quantities, state, events. Only this machine's users with the printed address can read it
     Web(Web),
     /// List recorded sessions, from the running daemon's directory and the usual ones; check, repair, prune them
-    Sessions {
+    Sessions(Sessions),
+    /// Take closed sessions to the archive, or get them back; the same as `tactus-archive`
+    #[cfg(feature = "archive")]
+    Archive {
         #[command(subcommand)]
-        what: Option<SessionsCommand>,
+        task: archive::Task,
     },
     /// Show the events of a session and its rig: failed frames, lost and reconnected instruments
     Events {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use chrono::{DateTime, Utc};
 use clap::{Args, Subcommand};
 use imaging::quantities::Quantity;
 use outfile::{OutFolder, OutPath};
@@ -12,7 +13,7 @@ use crate::options::choices::{
     BaselineRule, Format, GeometryChoice, MethodArguments, Scale, TrackedArguments,
 };
 use crate::options::instant::Instant;
-use crate::options::moment::Moment;
+use crate::options::moment::{Moment, wall_time};
 use crate::options::numbers::{film_speed, pixels};
 
 /// Options of `log`.
@@ -30,6 +31,33 @@ pub struct Log {
     /// Continue with new events; needs the daemon
     #[arg(long)]
     pub follow: bool,
+}
+
+/// Options of `sessions`.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct Sessions {
+    /// Check, repair or prune them.
+    #[command(subcommand)]
+    pub what: Option<SessionsCommand>,
+    /// Only sessions that had not ended by this time ('2026-11-22 14:00' local, 2026-11-22T14:00:00Z), or this long before now (7d) [default: all]
+    #[arg(long, value_name = "TIME", value_parser = wall_time)]
+    pub from: Option<DateTime<Utc>>,
+    /// Only sessions that had begun before this time, or this long before now [default: all]
+    #[arg(long, value_name = "TIME", value_parser = wall_time)]
+    pub to: Option<DateTime<Utc>>,
+    /// List the sessions of the archive instead; other commands take one as `archive:SITE/DAQ/SESSION`
+    #[cfg(feature = "archive")]
+    #[arg(long)]
+    pub archive: bool,
+    /// Only of this site of the archive [default: all that the role may see]
+    #[cfg(feature = "archive")]
+    #[arg(long, value_name = "NAME", requires = "archive")]
+    pub site: Option<String>,
+    /// Only of this machine of the archive [default: all]
+    #[cfg(feature = "archive")]
+    #[arg(long, value_name = "NAME", requires = "archive")]
+    pub daq: Option<String>,
 }
 
 /// Commands of `sessions`.

@@ -178,6 +178,10 @@ pub struct Web {
     /// Let the page command the daemon, with your rights: start, stop, baseline, alarms, and presses on a simulated sheet
     #[arg(long)]
     pub control: bool,
+    /// Also show all sheets of the archive, and play their sessions: the catalogue is read with the rights of its configuration
+    #[cfg(feature = "archive")]
+    #[arg(long)]
+    pub archive: bool,
     /// Only print the address
     #[arg(long)]
     pub no_browser: bool,

@@ -83,6 +83,8 @@ async fn no_daemon_says_how_to_start_one() {
     let global = Global {
         bus: Some(format!("unix:{}/peer", folder.path().display())),
         state: None,
+        #[cfg(feature = "archive")]
+        archive_config: None,
         json: false,
         colour: crate::output::Colour::Never,
         timeout: Duration::from_secs(5),

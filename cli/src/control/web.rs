@@ -33,7 +33,7 @@ pub(crate) fn run(
     settings.control = requested.control.then(|| Control {
         address: address.clone(),
     });
-    let recordings = Arc::new(RecordedSessions::new(global)?);
+    let recordings = Arc::new(RecordedSessions::new(global, requested)?);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()

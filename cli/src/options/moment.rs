@@ -43,6 +43,25 @@ impl std::str::FromStr for Moment {
     }
 }
 
+/// A wall time: as it is, or so long before now.
+///
+/// # Errors
+/// Another text.
+pub(crate) fn wall_time(text: &str) -> Result<DateTime<Utc>, String> {
+    let at = match text.parse() {
+        Ok(Moment::At(at)) => Some(at),
+        Ok(Moment::Since(before)) => chrono::TimeDelta::from_std(before)
+            .ok()
+            .and_then(|before| Utc::now().checked_sub_signed(before)),
+        _ => None,
+    };
+    at.ok_or_else(|| {
+        format!(
+            "'{text}' is no time; write '2026-11-22 14:00' (local), 2026-11-22T14:00:00Z, or a time before now: 7d"
+        )
+    })
+}
+
 impl Moment {
     /// How a frame lies to this place: before, at or after it; `None` where the frame has no time and the place is one.
     pub(crate) fn compare(
@@ -84,6 +103,18 @@ mod tests {
         for wrong in ["", "noon", "-1", "1.5", "2026-11-22"] {
             let refusal = wrong.parse::<Moment>().unwrap_err();
             assert!(refusal.contains("120"), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn wall_times_are_given_or_lie_before_now() {
+        let at = wall_time("2026-11-22T13:00:00Z").unwrap();
+        assert_eq!(at.timestamp(), 1_795_352_400);
+        let (before, now) = (wall_time("2h").unwrap(), Utc::now());
+        assert!((7200..7260).contains(&(now - before).num_seconds()));
+        for wrong in ["12", "noon", "", "99999999999w"] {
+            let text = wall_time(wrong).unwrap_err();
+            assert!(text.contains("7d"), "{wrong}: {text}");
         }
     }
 

@@ -7,7 +7,7 @@ use logbook::{SessionKind, SessionSummary};
 use serde::Serialize;
 use survey::printable;
 
-use crate::args::Global;
+use crate::args::{Global, Sessions};
 use crate::failure::Failure;
 use crate::output::table::columns;
 use crate::output::time::{local, utc};
@@ -64,9 +64,23 @@ struct Baseline {
     in_use: Option<bool>,
 }
 
-/// Every recorded session.
-pub(crate) fn run(global: &Global, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
-    let (places, sessions) = list(global, |_| true)?;
+/// Every recorded session, or those of the archive.
+pub(crate) fn run(
+    global: &Global,
+    requested: &Sessions,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    #[cfg(feature = "archive")]
+    if requested.archive {
+        return crate::archived::list(global, requested, printer);
+    }
+    let within = |session: &SessionSummary| {
+        let ended = session.closed.as_ref().map(|closing| closing.at);
+        let begun_in_time = requested.to.is_none_or(|to| session.started < to);
+        let ended_in_time = |from| ended.is_none_or(|ended| from <= ended);
+        begun_in_time && requested.from.is_none_or(ended_in_time)
+    };
+    let (places, sessions) = list(global, within)?;
     if printer.is_json() {
         return sessions
             .iter()

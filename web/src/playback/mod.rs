@@ -12,6 +12,7 @@ use render::Sheet;
 use serde::Serialize;
 
 use crate::EventState;
+use crate::sheets::Sheets;
 
 /// The recorded sessions.
 pub trait Recordings: Send + Sync {
@@ -26,6 +27,11 @@ pub trait Recordings: Send + Sync {
     /// # Errors
     /// A sentence: it cannot be read, or has no maps.
     fn open(&self, id: &str) -> Result<Option<Arc<dyn Playback>>, String>;
+
+    /// All sheets of an archive, where the page has one.
+    fn sheets(&self) -> Option<Arc<dyn Sheets>> {
+        None
+    }
 }
 
 /// An open session. Its methods may be called at the same time; a map takes as long as its method.

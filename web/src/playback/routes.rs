@@ -25,6 +25,8 @@ struct Shared {
     recordings: Arc<dyn Recordings>,
     /// Those that were used last, the newest at the end.
     open: Arc<Mutex<Vec<Arc<dyn Playback>>>>,
+    /// Held while one is opened: a session of an archive may be fetched for minutes, and the open ones are played meanwhile.
+    opening: Arc<Mutex<()>>,
     workers: Arc<Semaphore>,
 }
 
@@ -38,6 +40,7 @@ pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
         .with_state(Shared {
             recordings,
             open: Arc::default(),
+            opening: Arc::default(),
             workers: Arc::new(Semaphore::new(WORKERS)),
         })
 }
@@ -67,15 +70,25 @@ impl Shared {
         worker.await.map_err(|_| stops())?
     }
 
+    /// The session with this id if it is open.
+    fn opened(&self, id: &str) -> Option<Arc<dyn Playback>> {
+        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        let place = open
+            .iter()
+            .position(|playback| playback.overview().id == id)?;
+        let playback = open.remove(place);
+        open.push(Arc::clone(&playback));
+        Some(playback)
+    }
+
     /// The session with this id, opened where it is not.
     fn playback(&self, id: &str) -> Result<Arc<dyn Playback>, (StatusCode, String)> {
-        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(place) = open
-            .iter()
-            .position(|playback| playback.overview().id == id)
-        {
-            let playback = open.remove(place);
-            open.push(Arc::clone(&playback));
+        if let Some(playback) = self.opened(id) {
+            return Ok(playback);
+        }
+        let _opening = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
+        // by the one who opened it meanwhile
+        if let Some(playback) = self.opened(id) {
             return Ok(playback);
         }
         let failed = |why| refused(StatusCode::CONFLICT, why);
@@ -83,6 +96,7 @@ impl Shared {
             let text = format!("no session {id} is recorded here");
             refused(StatusCode::NOT_FOUND, text)
         })?;
+        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         if open.len() >= OPEN {
             open.remove(0);
         }

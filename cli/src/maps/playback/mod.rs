@@ -1,22 +1,26 @@
 //! Recorded sessions for the page of `tactus web`.
 
+#[cfg(feature = "archive")]
+mod archived;
 mod followed;
 mod session;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use logbook::{SessionKind, SessionSummary};
 use web::{Playback, Recordings, SessionEntry};
 
-use crate::args::Global;
+use crate::args::{Global, Web};
 use crate::failure::Failure;
 use crate::session_files;
 use session::PlayedSession;
 
-/// The sessions of the directories that the options name.
+/// The sessions of the directories that the options name, and of an archive.
 pub(crate) struct RecordedSessions {
     global: Global,
+    #[cfg(feature = "archive")]
+    archive: Option<Arc<archived::ArchivedSheets>>,
     /// Directories that were found once: that of the daemon cannot be asked for while it does not run.
     places: Mutex<Vec<PathBuf>>,
 }
@@ -25,10 +29,17 @@ impl RecordedSessions {
     /// Looks for the directories now, so that those of a running daemon are known when it ends. Not from asynchronous code.
     ///
     /// # Errors
-    /// An invalid `--bus` address.
-    pub(crate) fn new(global: &Global) -> Result<Self, Failure> {
+    /// An invalid `--bus` address, or a wrong configuration of the archive.
+    pub(crate) fn new(global: &Global, requested: &Web) -> Result<Self, Failure> {
+        #[cfg(not(feature = "archive"))]
+        let _ = requested;
         Ok(Self {
             global: global.clone(),
+            #[cfg(feature = "archive")]
+            archive: match requested.archive {
+                true => Some(Arc::new(archived::ArchivedSheets::open(global)?)),
+                false => None,
+            },
             places: Mutex::new(session_files::directories(global)?),
         })
     }
@@ -81,12 +92,31 @@ impl Recordings for RecordedSessions {
         Ok(entries)
     }
 
+    #[cfg(feature = "archive")]
+    fn sheets(&self) -> Option<Arc<dyn web::Sheets>> {
+        let sheets = self.archive.clone()?;
+        Some(sheets)
+    }
+
     fn open(&self, id: &str) -> Result<Option<Arc<dyn Playback>>, String> {
+        let opened = |path: &Path| -> Result<Option<Arc<dyn Playback>>, String> {
+            let opened = PlayedSession::open(path, id).map_err(|why| why.to_string())?;
+            Ok(Some(Arc::new(opened)))
+        };
+        if let Some(named) = id.strip_prefix(session_files::ARCHIVE) {
+            #[cfg(feature = "archive")]
+            if let Some(sheets) = &self.archive {
+                let path = sheets.fetch(named).map_err(|why| why.to_string())?;
+                return opened(&path);
+            }
+            return Err(format!(
+                "this page has no archive, so {named} cannot be played; `tactus web --archive` can"
+            ));
+        }
         let summaries = self.summaries()?;
         // the first part, or the earliest that is still there
         let part = summaries.iter().rev().find(|part| part.session() == id);
         let Some(part) = part else { return Ok(None) };
-        let opened = PlayedSession::open(&part.path).map_err(|why| why.to_string())?;
-        Ok(Some(Arc::new(opened)))
+        opened(&part.path)
     }
 }

@@ -49,8 +49,8 @@ struct Exact {
 }
 
 impl PlayedSession {
-    /// Opens a session and starts to follow its baseline.
-    pub(super) fn open(path: &Path) -> Result<Self, Failure> {
+    /// Opens a session and starts to follow its baseline; the page calls it by this id.
+    pub(super) fn open(path: &Path, id: &str) -> Result<Self, Failure> {
         let recording = Recording::from_session(path, None, false)?;
         let own = is_fast(&recording);
         let method = match own {
@@ -61,7 +61,10 @@ impl PlayedSession {
             },
         };
         let reconstruction = Arc::new(prepared(&method, &recording)?);
-        let overview = overview(&recording)?;
+        let overview = Overview {
+            id: id.to_owned(),
+            ..overview(&recording)?
+        };
         Ok(Self {
             path: path.to_owned(),
             overview,

@@ -1,0 +1,190 @@
+//! Reading the archive from a program without a runtime of its own: lists, and sessions fetched into a cache.
+
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+
+use logbook::LogbookError;
+use tokio::runtime::Runtime;
+
+use crate::catalogue::{
+    ArchivedName, ArchivedSession, Catalogue, CatalogueError, Machine, SessionFilter, SessionName,
+    Unfound,
+};
+use crate::retrieval::{self, RetrievalError};
+use crate::settings::{Settings, SettingsError};
+
+/// Why the archive cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The catalogue refuses.
+    #[error(transparent)]
+    Catalogue(#[from] CatalogueError),
+    /// A part cannot be fetched.
+    #[error(transparent)]
+    Retrieval(#[from] RetrievalError),
+    /// No session has this name.
+    #[error(
+        "the archive has no session '{0}' that this role may see; `tactus sessions --archive` lists what it has"
+    )]
+    NoSuchSession(String),
+    /// Several sessions have it.
+    #[error("'{name}' stands for several sessions of the archive: {}; write more of the name", .found.join(", "))]
+    Ambiguous {
+        /// The name.
+        name: String,
+        /// Whole names of some of them.
+        found: Vec<String>,
+    },
+    /// The cache cannot be written.
+    #[error("cannot write to the cache {}", path.display())]
+    Cache {
+        /// The folder.
+        path: PathBuf,
+        /// Error of the system.
+        #[source]
+        source: std::io::Error,
+    },
+    /// What lies beside the parts in the cache cannot be written.
+    #[error(transparent)]
+    Record(#[from] LogbookError),
+    /// The system gives no runtime.
+    #[error("the program cannot wait for anything")]
+    Runtime(#[source] std::io::Error),
+}
+
+/// A session in the cache.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FetchedSession {
+    /// Its whole name.
+    pub name: SessionName,
+    /// Its first archived part; the others lie beside it.
+    pub path: PathBuf,
+}
+
+/// The archive for reading. Each method connects anew, so that a server that was restarted is no matter. Not to be used from
+/// asynchronous code.
+#[derive(Debug, Clone)]
+pub struct ArchiveReader {
+    settings: Settings,
+}
+
+impl ArchiveReader {
+    /// Reads `[archive]` of a configuration; its `site` and `daq` need not be there. Connects to nothing.
+    ///
+    /// # Errors
+    /// The configuration is wrong.
+    pub fn open(config: &Path) -> Result<Self, ReadError> {
+        let settings = Settings::read_for_reader(config)?;
+        Ok(Self { settings })
+    }
+
+    /// Sessions, the oldest first.
+    ///
+    /// # Errors
+    /// The catalogue refuses.
+    pub fn sessions(&self, filter: &SessionFilter) -> Result<Vec<ArchivedSession>, ReadError> {
+        runtime()?.block_on(async { Ok(self.catalogue().await?.sessions(filter).await?) })
+    }
+
+    /// All machines.
+    ///
+    /// # Errors
+    /// The catalogue refuses.
+    pub fn machines(&self) -> Result<Vec<Machine>, ReadError> {
+        runtime()?.block_on(async { Ok(self.catalogue().await?.machines().await?) })
+    }
+
+    /// Fetches what the cache lacks of a session, and compares all of it with the catalogue: parts by their hashes, then the stored
+    /// quantities and the tracked baseline that it began with.
+    ///
+    /// # Errors
+    /// No or several sessions of this name, a part that the store lacks or holds with another content, a cache that cannot be
+    /// written. Every file of the cache is whole then.
+    pub fn fetch(&self, wanted: &ArchivedName, cache: &Path) -> Result<FetchedSession, ReadError> {
+        runtime()?.block_on(async {
+            let catalogue = self.catalogue().await?;
+            let name = found(&catalogue, wanted).await?;
+            let parts = catalogue.parts(&name.selection()).await?;
+            let store = self.settings.store.open()?;
+            for part in &parts {
+                retrieval::check_names(part)?;
+            }
+            let folder = cache.join(&name.site).join(&name.daq).join(&name.session);
+            let made = DirBuilder::new()
+                .recursive(true)
+                .mode(0o700)
+                .create(&folder);
+            made.map_err(|source| ReadError::Cache {
+                path: folder.clone(),
+                source,
+            })?;
+            let mut first = None;
+            for part in &parts {
+                let path = retrieval::pull(&*store, part, &folder)?;
+                first.get_or_insert(path);
+            }
+            beside(&catalogue, &name, &folder).await?;
+            let path = first.ok_or_else(|| ReadError::NoSuchSession(name.to_string()))?;
+            Ok(FetchedSession { name, path })
+        })
+    }
+
+    async fn catalogue(&self) -> Result<Catalogue, CatalogueError> {
+        let catalogue = Catalogue::connect(&self.settings.access).await?;
+        catalogue.check_version().await?;
+        Ok(catalogue)
+    }
+}
+
+fn runtime() -> Result<Runtime, ReadError> {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build();
+    runtime.map_err(ReadError::Runtime)
+}
+
+/// The session of a name.
+pub(crate) async fn found(
+    catalogue: &Catalogue,
+    wanted: &ArchivedName,
+) -> Result<SessionName, ReadError> {
+    catalogue
+        .session_named(wanted)
+        .await?
+        .map_err(|unfound| match unfound {
+            Unfound::None => ReadError::NoSuchSession(wanted.to_string()),
+            Unfound::Several(found) => ReadError::Ambiguous {
+                name: wanted.to_string(),
+                found: found.iter().map(ToString::to_string).collect(),
+            },
+        })
+}
+
+/// Writes what lies beside the parts of a session.
+async fn beside(catalogue: &Catalogue, name: &SessionName, folder: &Path) -> Result<(), ReadError> {
+    if let Some(state) = catalogue.tracking(name).await? {
+        logbook::keep_tracking(folder, &name.session, &state)?;
+    }
+    let lines = catalogue.quantity_lines(name).await?;
+    let there = logbook::quantity_lines(folder, &name.session)?;
+    let there = there.map(|there| there.lines).unwrap_or_default();
+    if there.iter().map(|line| &line.json).eq(&lines) {
+        return Ok(());
+    }
+    // written under another name first, so that a file of this name is always whole
+    let unfinished = format!("{}_unfinished_{}", name.session, std::process::id());
+    let from = logbook::quantities_file(folder, &unfinished);
+    let cache = |source| ReadError::Cache {
+        path: folder.to_owned(),
+        source,
+    };
+    let _ = std::fs::remove_file(&from);
+    for line in &lines {
+        logbook::append_quantities(folder, &unfinished, line)?;
+    }
+    std::fs::rename(&from, logbook::quantities_file(folder, &name.session)).map_err(cache)
+}
