@@ -73,9 +73,11 @@ impl Sessions {
             // The session has no lock to release.
             Command::System(System::ReleaseLock) => false,
             Command::Functions(Functions::Measure(..)) => true,
-            Command::Route(_) | Command::Sense(_) | Command::Functions(_) | Command::System(_) => {
-                !query
-            }
+            Command::Route(_)
+            | Command::Sense(_)
+            | Command::Functions(_)
+            | Command::Calculate(_)
+            | Command::System(_) => !query,
         }
     }
 

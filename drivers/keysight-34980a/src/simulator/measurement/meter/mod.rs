@@ -1,6 +1,7 @@
 //! The internal voltmeter: settings of every channel, scan list, trigger, and the running measurement (section 5).
 
 mod channels;
+mod computations;
 mod functions;
 mod settings;
 
@@ -80,6 +81,9 @@ impl Meter {
     pub(crate) fn enable(&mut self, enabled: bool) {
         self.enabled = enabled;
         self.memory.clear();
+        if !enabled {
+            self.stop_computations();
+        }
     }
 
     pub(crate) fn is_enabled(&self) -> bool {
@@ -276,6 +280,9 @@ impl Meter {
                 nplc,
                 measured,
                 again: false,
+                scale: self.scale(channel),
+                limits: self.limits(channel),
+                alarm: self.alarm_of(channel),
             }
         };
         if list.len().max(1) * self.settings.samples as usize > self.memory.most() {
@@ -312,7 +319,7 @@ impl Meter {
             relays.clear_for_scan(&banks);
             relays.tell(now, wires);
         }
-        self.memory.clear();
+        self.memory.restart();
         let run = Run::new(entries, pace, sweeps, now);
         self.began = run.start();
         self.run = Some(run);
@@ -397,6 +404,9 @@ impl Meter {
         self.settings
             .others
             .retain(|(relay, _), _| relay.is_none_or(|relay| relay.0 / 1000 != slot));
+        self.settings
+            .computations
+            .retain(|relay| relay.0 / 1000 != slot);
     }
 
     pub(crate) fn source(&self) -> TriggerSource {
