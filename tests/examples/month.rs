@@ -141,16 +141,12 @@ fn month() -> Result<(), Failure> {
             order = shuffled(seed.wrapping_add(next));
             Killed
         });
-        month.frames(next)?;
+        let before = month.frames(next);
+        before.map_err(|failure| month.explained(&format!("before {blow:?}"), failure))?;
         month.bar.set_message(format!("{blow:?}"));
-        month.strike(blow).map_err(|failure| {
-            let log = month
-                .daemon
-                .as_ref()
-                .map(DaemonProcess::log)
-                .unwrap_or_default();
-            format!("{blow:?} at frame {next}: {failure}\n{log}")
-        })?;
+        let struck_by = month.strike(blow);
+        struck_by
+            .map_err(|failure| month.explained(&format!("{blow:?} at frame {next}"), failure))?;
         *struck.entry(format!("{blow:?}")).or_default() += 1;
         next = month.durable()? + PEACE;
     }
@@ -291,6 +287,12 @@ impl Month {
             self.daemon = Some(self.stage.start_daemon()?);
         }
         self.frames(durable + 3)
+    }
+
+    /// A failure with the daemon's log.
+    fn explained(&self, when: &str, failure: Failure) -> Failure {
+        let log = self.daemon.as_ref().map(DaemonProcess::log);
+        format!("{when}: {failure}\n{}", log.unwrap_or_default()).into()
     }
 
     fn kill(&mut self) -> Result<(), Failure> {

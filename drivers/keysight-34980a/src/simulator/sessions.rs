@@ -48,6 +48,10 @@ impl Sessions {
         self.busy.insert(session, until);
     }
 
+    pub(crate) fn free(&mut self, session: Session) {
+        self.busy.remove(&session);
+    }
+
     pub(crate) fn is_locked(&self) -> bool {
         self.lock.is_some()
     }

@@ -217,6 +217,7 @@ impl Simulator34980a {
     pub(crate) fn stop_measuring(&mut self, at: Duration, wires: &mut dyn Wires) {
         self.meter.abort(at, &mut self.relays, wires);
         self.settle_deferred(false);
+        self.free_deferred();
     }
 
     fn check_slot(&self, slot: Option<u32>) -> Result<(), QueuedError> {
