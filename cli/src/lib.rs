@@ -17,6 +17,7 @@
 #[cfg(feature = "archive")]
 mod archived;
 mod args;
+mod completions;
 mod connection;
 mod control;
 mod doctor;
@@ -129,11 +130,7 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
         }
         Command::Top(requested) => crate::control::top::run(&global, &requested, printer),
         Command::Web(requested) => crate::control::web::run(&global, &requested, printer),
-        Command::Completions { shell } => {
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut crate::command(), "tactus", &mut script);
-            printer.raw(&script)
-        }
+        Command::Completions { shell } => printer.raw(&completions::script(shell)),
         Command::Man { folder } => manual(&folder),
         live => {
             let runtime = tokio::runtime::Builder::new_current_thread()

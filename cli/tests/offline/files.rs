@@ -1,5 +1,7 @@
 //! Lists, tables, errors.
 
+use std::path::Path;
+
 use crate::scene::{
     baseline_session, done, lines, refused, session, session_at_thirds_of_a_second, tactus,
 };
@@ -225,6 +227,68 @@ fn completions_know_every_command() {
         let script = done(folder.path(), &["completions", shell]);
         for command in ["status", "baseline", "watch", "export", "replay"] {
             assert!(script.contains(command), "{shell}: {command}");
+        }
+    }
+}
+
+/// What a shell completes after these words, the last of which is incomplete.
+fn completed(folder: &Path, shell: &str, words: &[&str]) -> Option<Vec<String>> {
+    let script = folder.join(format!("tactus.{shell}"));
+    std::fs::write(&script, done(folder, &["completions", shell])).unwrap();
+    let script = script.display();
+    let asked = match shell {
+        "bash" => {
+            let words: Vec<String> = words.iter().map(|word| format!("'{word}'")).collect();
+            let (count, last) = (words.len() - 1, &words[words.len() - 1]);
+            let before = &words[count - 1];
+            let words = words.join(" ");
+            format!(
+                "source {script}; COMP_WORDS=({words}); COMP_CWORD={count}; \
+                 _tactus_and_ids tactus {last} {before}; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+            )
+        }
+        _ => format!("source {script}; complete -C '{}'", words.join(" ")),
+    };
+    let programs = Path::new(env!("CARGO_BIN_EXE_tactus")).parent().unwrap();
+    let path = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
+    let output = std::process::Command::new(shell)
+        .args(["-c", &asked])
+        .env("PATH", path)
+        .env("TACTUS_STATE", folder)
+        .env("TACTUS_BUS", format!("unix:{}/peer", folder.display()))
+        .env("HOME", folder)
+        .output()
+        .ok()?;
+    let out = String::from_utf8(output.stdout).unwrap();
+    Some(out.lines().map(str::to_owned).collect())
+}
+
+#[test]
+fn session_ids_are_completed_where_one_is_taken() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    session(path);
+    for shell in ["bash", "fish"] {
+        let Some(after) = completed(path, shell, &["tactus", "events", ""]) else {
+            needs::lacking("SHELLS", &format!("{shell} is not installed"));
+            continue;
+        };
+        for id in ["m20270115_1", "last"] {
+            assert!(after.iter().any(|word| word == id), "{shell}: {after:?}");
+        }
+        for words in [
+            &["tactus", "sessions", "show", "m2"][..],
+            &["tactus", "log", "--session", "m2"],
+        ] {
+            let after = completed(path, shell, words).unwrap();
+            assert_eq!(after, ["m20270115_1"], "{shell}: {words:?}");
+        }
+        for words in [&["tactus", "doctor", "m2"][..], &["tactus", "log", "m2"]] {
+            let after = completed(path, shell, words).unwrap();
+            assert!(
+                !after.concat().contains("m20270115_1"),
+                "{shell}: {after:?}"
+            );
         }
     }
 }

@@ -255,6 +255,15 @@ parameters! {
     StatisticFormat: Other, "CALCulate2:FORMat", Kind::Choice(&["MEAN", "SDEViation", "MAXimum", "MINimum", "PKPK"]);
     /// Whether the statistic is computed.
     Statistic: Other, "CALCulate2:STATe", Kind::Switch(false);
+    /// Whether compliance is tested, and the output lines show the result (public drivers; lines are connected to
+    /// nothing).
+    LimitTest: Other, "CALCulate3:LIMit[:STATe]", Kind::Switch(false);
+    /// The output lines in compliance.
+    LimitPattern: Other, "CALCulate3:LIMit:SOURce", whole(0.0, 15.0, 0.0);
+    /// Whether the output lines show the forced pattern.
+    ForcedOutput: Other, "CALCulate3:FORCe:STATe", Kind::Switch(false);
+    /// The forced pattern.
+    ForcedPattern: Other, "CALCulate3:FORCe:PATTern", whole(0.0, 15.0, 0.0);
     /// Whether delta readings are averaged.
     Average: Other, "SENSe:AVERage[:STATe]", Kind::Switch(false);
     /// How delta readings are averaged.

@@ -83,6 +83,7 @@ fn every_command() -> Vec<Command> {
         Command::MathReading,
         Command::MakeStatistic,
         Command::StatisticReading,
+        Command::LimitFailed,
         Command::EnableErrors(vec![[-440, -100], [900, 900]]),
         Command::DisableErrors(vec![[-113, -113]]),
         Command::EnabledErrors,

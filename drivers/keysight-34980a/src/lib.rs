@@ -38,9 +38,9 @@ mod simulator;
 mod wiring;
 
 pub use command::{
-    Channels, Command, Detail, Field, Function, Functions, HeaderForm, Measure, MeasurementRequest,
-    Message, Protection, Quantity, Range, Route, Sense, Setting, SettingValue, StatusGroup, System,
-    TriggerSource,
+    Calculate, Channels, Command, Detail, Field, Function, Functions, HeaderForm, Limit, Measure,
+    MeasurementRequest, Message, Protection, Quantity, Range, Route, Scaling, ScalingQuantity,
+    Sense, Setting, SettingValue, Statistic, StatusGroup, System, TriggerSource,
 };
 pub use driver::Keysight34980a;
 pub use meter::{INTEGRATION, OVERRANGE, RANGES, range_for, reading_timing, resolution};

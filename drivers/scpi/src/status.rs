@@ -104,12 +104,14 @@ impl StandardEvent {
     }
 }
 
-/// The whole status system: three groups, the standard events, and the status byte. The measurement group is
-/// Keithley's; other instruments do not use it.
+/// The whole status system: four groups, the standard events, and the status byte. The measurement group is Keithley's,
+/// the alarm group Agilent's; an instrument without a group leaves it alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StatusModel {
     /// Measurement group, summed up in status bit 0.
     pub measurement: StatusRegister,
+    /// Alarm group, summed up in status bit 1.
+    pub alarm: StatusRegister,
     /// Questionable group, summed up in status bit 3.
     pub questionable: StatusRegister,
     /// Operation group, summed up in status bit 7.
@@ -167,6 +169,7 @@ impl StatusModel {
     /// Reply to `*STB?`. The caller passes whether its queues hold errors and replies.
     pub fn status_byte(&self, errors_wait: bool, message_available: bool) -> u8 {
         let bits = u8::from(self.measurement.summary())
+            | u8::from(self.alarm.summary()) << 1
             | u8::from(errors_wait) << 2
             | u8::from(self.questionable.summary()) << 3
             | u8::from(message_available) << 4
@@ -182,14 +185,16 @@ impl StatusModel {
     /// The registers' part of `*CLS`: clears the events and keeps the enable masks.
     pub fn clear(&mut self) {
         self.measurement.clear();
+        self.alarm.clear();
         self.questionable.clear();
         self.operation.clear();
         self.standard = 0;
     }
 
-    /// `STAT:PRES`: sets the enable masks of the three groups to 0; those of `*ESE` and `*SRE` stay.
+    /// `STAT:PRES`: sets the enable masks of the groups to 0; those of `*ESE` and `*SRE` stay.
     pub fn preset(&mut self) {
         self.measurement.set_enable(0);
+        self.alarm.set_enable(0);
         self.questionable.set_enable(0);
         self.operation.set_enable(0);
     }

@@ -59,6 +59,11 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
         None
     }
 
+    /// Whether the postponed reply is there before its time.
+    fn has_reply(&self, _session: u32) -> bool {
+        false
+    }
+
     /// The time of its next action without a message.
     fn due(&self) -> Option<Duration> {
         None

@@ -97,6 +97,10 @@ impl SimulatedInstrument for Mainframe {
         self.simulator.fetch(Session(session), at, outside)
     }
 
+    fn has_reply(&self, session: u32) -> bool {
+        self.simulator.has_readings_for(Session(session))
+    }
+
     fn due(&self) -> Option<Duration> {
         self.simulator.due()
     }

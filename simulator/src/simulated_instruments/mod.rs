@@ -321,6 +321,12 @@ impl SimulatedInstruments {
         }
     }
 
+    /// Whether the mainframe's postponed reply is there: its measurement was aborted.
+    pub(crate) fn has_reply(&self, session: u32) -> bool {
+        let mainframe = self.place(Instrument::Mainframe);
+        mainframe.instrument.has_reply(session)
+    }
+
     /// The postponed reply, after its time.
     pub(crate) fn fetch(&mut self, session: u32) -> Option<String> {
         self.catch_up();

@@ -55,10 +55,12 @@ impl SimulatedRig {
         received
     }
 
-    /// Performs what is due.
-    pub(crate) fn catch_up(&self) {
+    /// Performs what is due; returns whether a session's postponed reply is there before its time.
+    pub(crate) fn catch_up(&self, session: u32) -> bool {
         self.apply_due_faults();
-        self.instruments().catch_up();
+        let mut instruments = self.instruments();
+        instruments.catch_up();
+        instruments.has_reply(session)
     }
 
     /// The mainframe's postponed reply, after its time.

@@ -160,14 +160,15 @@ impl ClientSession {
         let end = self.due(received.wait) + slowness;
         // Each reading needs a solution of the sheet: they are computed during the wait, not at its end.
         let step = (received.wait / 8).clamp(SHORTEST_STEP, LONGEST_STEP);
-        while received.later && end.saturating_duration_since(Instant::now()) > 2 * step {
+        let mut aborted = false;
+        while received.later && !aborted && end.saturating_duration_since(Instant::now()) > 2 * step
+        {
             tokio::time::sleep(step).await;
-            let rig = self.rig.clone();
-            tokio::task::spawn_blocking(move || rig.catch_up())
-                .await
-                .ok();
+            let (rig, session) = (self.rig.clone(), self.session);
+            let there = tokio::task::spawn_blocking(move || rig.catch_up(session)).await;
+            aborted = there.unwrap_or_default();
         }
-        if !(received.wait + slowness).is_zero() {
+        if !aborted && !(received.wait + slowness).is_zero() {
             tokio::time::sleep_until(end).await;
         }
         let text = if received.later {

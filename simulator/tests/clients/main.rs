@@ -200,11 +200,11 @@ fn zeroconf_and_avahi_find_every_service() {
     );
     assert!(reported.contains("vxi-11 service on port"), "{reported}");
     assert_eq!(served.terminate(), Some(0));
-    // A clean stop withdraws the announcement, which takes effect within five seconds.
+    // A clean stop withdraws the announcement; without that it would live for 120 s (RFC 6762 section 10).
     let stopped = Instant::now();
     let browse = ["--terminate", "--parsable", "_lxi._tcp"];
     while avahi.ask("avahi-browse", &browse).contains(&serial) {
-        assert!(stopped.elapsed() < Duration::from_secs(5));
+        assert!(stopped.elapsed() < Duration::from_secs(60));
     }
 }
 

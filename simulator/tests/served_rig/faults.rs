@@ -222,7 +222,7 @@ async fn replies_go_wrong_as_a_person_says() {
     served.fault("half-line 34980a");
     assert!(mainframe.ask_within("*IDN?", short).await.is_err());
     let mut mainframe = link(&served, "34980a").await;
-    served.fault("late 34980a 0.6");
+    served.fault("late 34980a 600");
     assert!(mainframe.ask_within("*IDN?", short).await.is_err());
     let mut mainframe = link(&served, "34980a").await;
     served.fault("slow 34980a 0.2");

@@ -42,7 +42,7 @@ impl Client {
     fn of(served: &Served) -> Self {
         let stream = TcpStream::connect(served.address("vxi11")).unwrap();
         stream
-            .set_read_timeout(Some(Duration::from_secs(20)))
+            .set_read_timeout(Some(Duration::from_secs(DEADLINE)))
             .unwrap();
         Self { stream, xid: 0 }
     }
@@ -254,15 +254,17 @@ fn vxi11_trigger_follows_earlier_messages_and_has_a_reply() {
     assert_eq!(client.code(link), 0);
 }
 
-/// 20 s of integration: longer than the test may take.
-const LONG_SCAN: &[u8] = b"CONF:VOLT:DC 1,(@1001:1010);:VOLT:DC:NPLC 100,(@1001:1010);:READ?\n";
+/// More than two hours of integration: a test that waits for its end is killed first.
+const LONG_SCAN: &[u8] =
+    b"CONF:VOLT:DC 1,(@1001:1010);:VOLT:DC:NPLC 200,(@1001:1010);:TRIG:COUN 100;:READ?\n";
+/// Ends a hung test, s.
+const DEADLINE: u64 = 120;
 
 #[test]
 fn device_clear_aborts_measurement_and_poll_does_not_wait() {
     let served = Served::start_in_time(&["--port-vxi11", "0"]);
     let mut client = Client::of(&served);
     let link = client.create(b"inst0").unwrap();
-    let begun = Instant::now();
     assert_eq!(client.write(link, LONG_SCAN, END), 0);
     // Nothing is available yet: the status is returned immediately.
     assert_eq!(word(&client.generic(13, link, 0, 0), 1) & 16, 0);
@@ -274,11 +276,6 @@ fn device_clear_aborts_measurement_and_poll_does_not_wait() {
         "+0;+10"
     );
     assert_eq!(client.code(link), 0);
-    assert!(
-        begun.elapsed() < Duration::from_secs(10),
-        "{:?}",
-        begun.elapsed()
-    );
 }
 
 #[test]
@@ -287,7 +284,6 @@ fn an_abort_ends_a_read_that_waits() {
     let mut client = Client::of(&served);
     let link = client.create(b"inst0").unwrap();
     assert_eq!(client.write(link, LONG_SCAN, END), 0);
-    let begun = Instant::now();
     let mut other = Client::of(&served);
     // The abort fails until the read has started; then the read ends.
     let (ended, reported) = std::sync::mpsc::channel::<()>();
@@ -297,14 +293,9 @@ fn an_abort_ends_a_read_that_waits() {
             assert_eq!((word(&aborted, 0), word(&aborted, 1)), (0, 0));
         }
     });
-    assert_eq!(client.read(link, 100, 15_000, None).0, 23);
+    assert_eq!(client.read(link, 100, 3_600_000, None).0, 23);
     drop(ended);
     aborter.join().unwrap();
-    assert!(
-        begun.elapsed() < Duration::from_secs(10),
-        "{:?}",
-        begun.elapsed()
-    );
 }
 
 #[test]
@@ -326,7 +317,7 @@ fn one_link_locks_the_others_out() {
     // A closed connection releases its locks.
     assert_eq!(other.lock(stranger, 0, 0), 0);
     drop(other);
-    assert_eq!(mine.lock(link, WAIT_FOR_LOCK, 20_000), 0);
+    assert_eq!(mine.lock(link, WAIT_FOR_LOCK, 3_600_000), 0);
     let destroyed = mine.call(23, Arguments::default().word(link));
     assert_eq!(word(&destroyed, 0), 0);
     assert_eq!(mine.write(link, b"*IDN?", END), 4);

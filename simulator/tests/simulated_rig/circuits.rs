@@ -162,7 +162,15 @@ async fn source_change_during_a_scan_shows_in_later_readings() {
     writer.write_all(b"READ?\n").await.unwrap();
     tokio::time::sleep(Duration::from_millis(500)).await;
     rig.receive(Instrument::Mainframe, "ABOR");
+    let aborted = tokio::time::Instant::now();
     message.clear();
     reader.read_line(&mut message).await.unwrap();
     assert_eq!(message.trim().split(',').count(), 2, "{message}");
+    // at once, not at the end of the scan
+    assert!(aborted.elapsed() <= Duration::from_millis(100));
+    let next = "*IDN?\n";
+    writer.write_all(next.as_bytes()).await.unwrap();
+    message.clear();
+    reader.read_line(&mut message).await.unwrap();
+    assert!(aborted.elapsed() <= Duration::from_millis(200));
 }

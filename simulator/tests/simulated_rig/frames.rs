@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::drivers::{board_rig, frame, mainframe_rig, plan, simulated};
 use phantom::Scene;
 use rig::{CurrentSource, Move, Switch, Voltmeter};
-use simulator::{Instrument, SimulatedRig};
+use simulator::{Instrument, Pace, Profile, SimulatedRig};
 use survey::{Amps, Dipole, Electrode, Frame, Reading, Relay, Volts, Wiring};
 
 /// Current times transfer impedance, directly from the phantom.
@@ -190,6 +190,46 @@ async fn low_compliance_flags_all_readings_and_names_electrodes() {
             .iter()
             .all(|reading| *reading == Reading::NotMeasured)
     );
+    assert_off(&sim);
+}
+
+/// Allowed time from compliance to off: the relays' time, the query, and the source's own messages.
+const OFF_WITHIN: Duration = Duration::from_millis(100);
+
+#[tokio::test(start_paused = true)]
+async fn compliance_switches_the_source_off_within_100_ms() {
+    let wiring = keysight_34980a::pairs_34924a(1, 26).unwrap();
+    let profile = Profile::shipped("pairs-34924a")
+        .unwrap()
+        .at_pace(Pace::Real);
+    let sim = SimulatedRig::new(&profile, Scene::quiet()).unwrap();
+    let rig = mainframe_rig(&sim).await;
+    let mut plan = plan(&wiring);
+    plan.compliance = Volts(0.2);
+    let never = rig::Stop::never();
+    let (meter, clock) = (crate::drivers::METER, crate::drivers::Frozen);
+    let mut frame = std::pin::pin!(rig::acquire(&rig, &plan, meter, clock, &never));
+    let (mut since, mut longest, mut times) = (None, Duration::ZERO, 0);
+    let frame = loop {
+        tokio::select! {
+            frame = &mut frame => break frame.unwrap(),
+            () = tokio::time::sleep(Duration::from_millis(1)) => {}
+        }
+        if sim.status().source.in_compliance {
+            let since = since.get_or_insert_with(|| {
+                times += 1;
+                tokio::time::Instant::now()
+            });
+            longest = longest.max(since.elapsed());
+        } else {
+            since = None;
+        }
+    };
+    assert_eq!(frame.compliance.len(), 26);
+    // each injection is one: the source is off in between
+    assert_eq!(times, 26);
+    println!("{longest:?} from compliance to off");
+    assert!(longest <= OFF_WITHIN, "{longest:?}");
     assert_off(&sim);
 }
 

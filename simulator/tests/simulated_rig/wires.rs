@@ -183,18 +183,18 @@ async fn the_transcript_tells_what_went_over_the_wires() {
     assert_eq!(error, "+0,\"No error\"");
 }
 
-#[tokio::test]
-async fn frames_in_instant_time_cost_milliseconds() {
+#[tokio::test(start_paused = true)]
+async fn frames_in_instant_time_wait_for_nothing() {
     let sim = simulated("pairs-34924a", Scene::quiet());
     let rig = mainframe_rig(&sim).await;
     frame(&rig, &pairs()).await.unwrap();
-    let before = std::time::Instant::now();
+    let (before, computing) = (tokio::time::Instant::now(), std::time::Instant::now());
     for _ in 0..10 {
         frame(&rig, &pairs()).await.unwrap();
     }
-    let each = before.elapsed() / 10;
-    println!("{each:?} a frame");
-    assert!(each < Duration::from_secs(1), "{each:?}");
+    println!("{:?} of computing a frame", computing.elapsed() / 10);
+    // the paused clock moves only while everything waits for it
+    assert_eq!(before.elapsed(), Duration::ZERO);
 }
 
 #[tokio::test(start_paused = true)]
@@ -234,8 +234,13 @@ fn commands_named_as_refused_are_undefined() {
         let command = cells[2].trim_matches('`');
         rig.receive(instrument, command);
         let error = rig.receive(instrument, "SYST:ERR?").0.unwrap();
-        assert!(error.starts_with("-113,"), "{command}: {error}");
+        // a header that is known, with an argument that is not
+        let code = match cells[1].contains("(-108)") {
+            true => "-108,",
+            false => "-113,",
+        };
+        assert!(error.starts_with(code), "{command}: {error}");
         rows += 1;
     }
-    assert!(rows >= 5, "{rows} rows");
+    assert!(rows >= 8, "{rows} rows");
 }

@@ -44,6 +44,7 @@ pub(super) const PLAIN: &[(&str, Command)] = &[
     ("CALCulate:DATA:FRESh?", Command::MathReading),
     ("CALCulate2:IMMediate", Command::MakeStatistic),
     ("CALCulate2:DATA?", Command::StatisticReading),
+    ("CALCulate3:LIMit:FAIL?", Command::LimitFailed),
     ("SYSTem:COMMunicate:SERial:ENTer?", Command::SerialEnter),
     ("TRACe:CLEar", Command::ClearBuffer),
     ("TRACe:DATA?", Command::BufferData),

@@ -126,6 +126,8 @@ pub enum Command {
     MakeStatistic,
     /// Read the statistic of the buffer.
     StatisticReading,
+    /// Read whether the tested output is in compliance.
+    LimitFailed,
     /// Send a line to the 2182A.
     SerialSend(String),
     /// Read the reply of the 2182A to that line.

@@ -154,6 +154,7 @@ impl fmt::Display for Command {
             | Command::MathReading
             | Command::MakeStatistic
             | Command::StatisticReading
+            | Command::LimitFailed
             | Command::EnabledErrors
             | Command::DisabledErrors
             | Command::SerialEnter

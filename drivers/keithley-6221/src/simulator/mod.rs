@@ -358,6 +358,10 @@ impl Simulator6221 {
             | Command::MathReading
             | Command::MakeStatistic
             | Command::StatisticReading => return Err(ParseError::DataStale),
+            Command::LimitFailed => {
+                let tested = self.values.is_on(crate::Parameter::LimitTest);
+                return Ok(bit(tested && self.in_compliance()));
+            }
             Command::EnableErrors(numbers) => self.queued = status::joined(numbers),
             Command::DisableErrors(numbers) => self.disable_errors(numbers),
             Command::EnabledErrors => return Ok(Some(error_numbers(&self.queued))),

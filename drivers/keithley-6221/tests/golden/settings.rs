@@ -285,7 +285,8 @@ fn section_4_commands_that_public_drivers_send() {
             "STAT:QUE:ENAB (one);:SYST:ERR?",
             "-171,\"Invalid expression\"",
         ),
-        ("CALC3:LIM:STAT ON", "-"),
+        ("CALC3:LIM:STAT ON;STAT?;FAIL?", "1;0"),
+        ("SYST:KEY 1", "-"),
         ("SYST:ERR?", "-113,\"Undefined header\""),
     ]);
 }

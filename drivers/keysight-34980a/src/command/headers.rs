@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use scpi::{Call, ParseError};
 
 use super::grammar::Table;
-use super::{Command, function, measure, route, sense, system};
+use super::{Command, calculate, function, measure, route, sense, system};
 
 static GRAMMAR: LazyLock<Table> = LazyLock::new(|| {
     let mut table = Table::default();
@@ -15,6 +15,7 @@ static GRAMMAR: LazyLock<Table> = LazyLock::new(|| {
     sense::rows(&mut table);
     system::rows(&mut table);
     function::rows(&mut table);
+    calculate::rows(&mut table);
     table
 });
 

@@ -19,7 +19,7 @@ pub enum TriggerSource {
     External,
     /// The timer.
     Timer,
-    /// An alarm, 1 to 4. The simulator has no alarms, so the sweep waits.
+    /// An alarm, 1 to 4, of a channel that is monitored. The simulator monitors none, so the sweep waits.
     Alarm(u8),
 }
 

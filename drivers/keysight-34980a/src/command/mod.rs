@@ -2,9 +2,10 @@
 //! module only.
 //!
 //! Chapters as in the fact sheet: switching and sequences (sections 4, 6), configuration (5), measuring and memory (5),
-//! the mainframe and its status (1, 3, 7). Numbers are parsed to the values that the instrument uses: a range is the
+//! computations on readings (corrections), the mainframe and its status (1, 3, 7). Numbers are parsed to the values that the instrument uses: a range is the
 //! smallest that holds the value, an integration time the next available one.
 
+mod calculate;
 mod function;
 mod grammar;
 mod headers;
@@ -20,6 +21,9 @@ use std::str::FromStr;
 
 use scpi::{Call, ChannelList, Common, ParseError};
 
+#[cfg(feature = "simulator")]
+pub(crate) use calculate::LARGEST;
+pub use calculate::{Calculate, Limit, Scaling, ScalingQuantity, Statistic};
 pub use function::{Detail, Function, Functions, MeasurementRequest, SettingValue};
 #[cfg(feature = "simulator")]
 pub(crate) use function::{FREQUENCIES, ValueKind, value_kind};
@@ -49,6 +53,8 @@ pub enum Command {
     Functions(Functions),
     /// Triggers, readings, memory, the format of readings.
     Measure(Measure),
+    /// Scaling, limits, alarms, statistics of readings.
+    Calculate(Calculate),
     /// Modules, errors, clock, lock, status.
     System(System),
 }
@@ -74,6 +80,7 @@ impl fmt::Display for Command {
             Self::Sense(sense) => write!(f, "{sense}"),
             Self::Functions(functions) => write!(f, "{functions}"),
             Self::Measure(measure) => write!(f, "{measure}"),
+            Self::Calculate(calculate) => write!(f, "{calculate}"),
             Self::System(system) => write!(f, "{system}"),
         }
     }
@@ -101,7 +108,7 @@ macro_rules! chapters {
         }
     )* };
 }
-chapters!(Common Route Sense Functions Measure System);
+chapters!(Common Route Sense Functions Measure Calculate System);
 
 /// Commands that are sent in one segment.
 #[derive(Debug, Clone, PartialEq, Default)]

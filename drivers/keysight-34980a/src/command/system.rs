@@ -14,6 +14,8 @@ pub enum StatusGroup {
     Operation,
     /// Overload, memory.
     Questionable,
+    /// Alarms, and their queue (help: STATus:ALARm).
+    Alarm,
 }
 
 /// Row protection of a 34934A. Its physics belongs to the simulated rig.
@@ -92,6 +94,12 @@ pub enum System {
     Display,
     /// Restore the normal display.
     ClearDisplay,
+    /// Light the display, or switch it off (34970A manual p. 270).
+    SetDisplayOn(bool),
+    /// Read whether the display is on.
+    DisplayOn,
+    /// Read the mains frequency, Hz (corrections of 2026-11-22).
+    LineFrequency,
     /// Sound the beeper.
     Beep,
     /// As `*RST`.
@@ -108,13 +116,14 @@ pub enum System {
     SetEnable(StatusGroup, u16),
     /// Read the enable mask of a group's events.
     Enable(StatusGroup),
-    /// Clear the enable masks of both groups.
+    /// Clear the enable masks of the groups.
     PresetStatus,
 }
 
-const GROUPS: [(&str, StatusGroup); 2] = [
+const GROUPS: [(&str, StatusGroup); 3] = [
     ("OPERation", StatusGroup::Operation),
     ("QUEStionable", StatusGroup::Questionable),
+    ("ALARm", StatusGroup::Alarm),
 ];
 
 const PROTECTIONS: [(&str, Protection); 4] = [
@@ -190,6 +199,14 @@ pub(super) fn rows(table: &mut Table) {
         let [time] = call.exactly()?;
         let time = time.number(Unit::Second)?.within(0.0, 60.0, 0.0)?;
         Ok(S::Delay((time * 1e3).round() / 1e3))
+    });
+    table.add("DISPlay", |call| {
+        let [on] = call.exactly()?;
+        on.boolean().map(S::SetDisplayOn)
+    });
+    table.add("DISPlay?", |call| plain(call, S::DisplayOn));
+    table.add("CALibration:LFRequency?", |call| {
+        plain(call, S::LineFrequency)
     });
     table.add("DISPlay:TEXT", |call| {
         let [text] = call.exactly()?;
@@ -281,6 +298,9 @@ impl fmt::Display for System {
             Self::SetDisplay(text) => write!(f, "DISP:TEXT {}", quote(text)),
             Self::Display => f.write_str("DISP:TEXT?"),
             Self::ClearDisplay => f.write_str("DISP:TEXT:CLE"),
+            Self::SetDisplayOn(on) => write!(f, "DISP {}", OnOff(*on)),
+            Self::DisplayOn => f.write_str("DISP?"),
+            Self::LineFrequency => f.write_str("CAL:LFR?"),
             Self::Beep => f.write_str("SYST:BEEP"),
             Self::Preset => f.write_str("SYST:PRES"),
             Self::Save(place) => write!(f, "*SAV {place}"),

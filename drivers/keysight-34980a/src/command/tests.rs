@@ -251,6 +251,9 @@ fn every_system(list: &ChannelList) -> Vec<System> {
         S::SetDisplay("a; \"b\"".to_owned()),
         S::Display,
         S::ClearDisplay,
+        S::SetDisplayOn(false),
+        S::DisplayOn,
+        S::LineFrequency,
         S::Beep,
         S::Preset,
         S::PresetStatus,
@@ -263,13 +266,66 @@ fn every_system(list: &ChannelList) -> Vec<System> {
     ] {
         commands.push(S::SetProtection(3, protection));
     }
-    for group in [StatusGroup::Operation, StatusGroup::Questionable] {
+    for group in [
+        StatusGroup::Operation,
+        StatusGroup::Questionable,
+        StatusGroup::Alarm,
+    ] {
         commands.extend([
             S::Events(group),
             S::Conditions(group),
             S::SetEnable(group, 65_535),
             S::Enable(group),
         ]);
+    }
+    commands
+}
+
+fn every_calculation(list: &ChannelList, channels: &Channels) -> Vec<Calculate> {
+    use Calculate as C;
+    let mut commands = vec![
+        C::ClearStatistics(channels.clone()),
+        C::SetAlarmSource(4, list.clone()),
+        C::SetAlarmSource(1, ChannelList::default()),
+        C::AlarmSource(2),
+        C::NextAlarm,
+    ];
+    for scaling in [
+        Scaling::Gain(-1.25e3),
+        Scaling::Offset(0.1),
+        Scaling::Unit("#_9".to_owned()),
+        Scaling::State(true),
+    ] {
+        commands.push(C::SetScaling(scaling, channels.clone()));
+    }
+    for quantity in [
+        ScalingQuantity::Gain,
+        ScalingQuantity::Offset,
+        ScalingQuantity::Unit,
+        ScalingQuantity::State,
+    ] {
+        commands.push(C::Scaling(quantity, channels.clone()));
+    }
+    for limit in [Limit::Lower, Limit::Upper] {
+        commands.extend([
+            C::SetLimit(limit, Numeric::Value(2.5), list.clone()),
+            C::SetLimit(limit, Numeric::Def, list.clone()),
+            C::Limit(limit, None, list.clone()),
+            C::Limit(limit, Some(Numeric::Min), list.clone()),
+            C::SetLimitState(limit, true, list.clone()),
+            C::LimitState(limit, list.clone()),
+        ]);
+    }
+    for statistic in [
+        Statistic::Minimum,
+        Statistic::MinimumTime,
+        Statistic::Maximum,
+        Statistic::MaximumTime,
+        Statistic::Average,
+        Statistic::PeakToPeak,
+        Statistic::Count,
+    ] {
+        commands.push(C::Statistic(statistic, channels.clone()));
     }
     commands
 }
@@ -296,7 +352,9 @@ fn every_command() -> Vec<Command> {
     .to_vec();
     commands.extend(every_route(&list).into_iter().map(Command::from));
     commands.extend(every_system(&list).into_iter().map(Command::from));
-    for channels in [None, Some(ChannelList::default()), Some(list)] {
+    for channels in [None, Some(ChannelList::default()), Some(list.clone())] {
+        let calculations = every_calculation(&list, &channels);
+        commands.extend(calculations.into_iter().map(Command::from));
         commands.extend(every_sense(&channels).into_iter().map(Command::from));
         commands.extend(every_function(&channels).into_iter().map(Command::from));
         commands.extend(every_measure(&channels).into_iter().map(Command::from));
@@ -374,6 +432,11 @@ fn what_cannot_be_is_refused_by_its_own_number() {
         ("SYST:MOD:ROW:PROT 1,AUTO", ParseError::IllegalParameter),
         ("TRIG:COUN 0", ParseError::OutOfRange),
         ("TRIG:SOUR ALAR5", ParseError::IllegalParameter),
+        ("CALC:SCAL:GAIN 1.1E15", ParseError::OutOfRange),
+        ("CALC:SCAL:UNIT 'ABCD'", ParseError::IllegalParameter),
+        ("CALC:SCAL:UNIT 'A%'", ParseError::IllegalParameter),
+        ("CALC:LIM:UPP 1", ParseError::MissingParameter),
+        ("OUTP:ALAR5:SOUR?", ParseError::UndefinedHeader),
         (
             "ROUT:SEQ:DEF 1A,\"ROUT:OPEN:ALL\"",
             ParseError::NumericNotAllowed,

@@ -19,7 +19,7 @@ mod relays;
 mod sequences;
 mod sessions;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 use scpi::{ErrorEntry, ErrorQueue, ParseError, StandardEvent, StatusModel};
@@ -30,6 +30,7 @@ use crate::modules::Module;
 use crate::simulator::errors::QueuedError;
 use crate::simulator::execute::Execution;
 use crate::simulator::measurement::deferred::Deferred;
+use crate::simulator::measurement::memory::Stored;
 use crate::simulator::measurement::meter::{Meter, Settings};
 use calendar::Calendar;
 use relays::Relays;
@@ -176,7 +177,10 @@ pub struct Simulator34980a {
     calendar: Calendar,
     status: StatusModel,
     errors: ErrorQueue,
+    /// Readings that crossed a limit, with the numbers of their alarms, oldest first.
+    alarms: VecDeque<(Stored, u8)>,
     display: String,
+    display_on: bool,
     /// The settings stored by `*SAV`; they survive `*RST` and power off.
     kept: [Option<Settings>; MEMORIES as usize],
     /// User labels of channels; they survive `*RST` and power off.
@@ -201,7 +205,9 @@ impl Simulator34980a {
             calendar: Calendar::new(settings.clock),
             status: StatusModel::new(),
             errors: ErrorQueue::new(ERRORS),
+            alarms: VecDeque::new(),
             display: String::new(),
+            display_on: true,
             kept: Default::default(),
             labels: BTreeMap::new(),
             overlap: false,
@@ -257,7 +263,9 @@ impl Simulator34980a {
         self.sessions = Sessions::default();
         self.status = StatusModel::new();
         self.errors.clear();
+        self.clear_alarms();
         self.display.clear();
+        self.display_on = true;
         self.overlap = false;
         self.completion_awaited = false;
         self.relays.tell(at, wires);
@@ -363,6 +371,7 @@ impl Simulator34980a {
         for bit in noticed.overload {
             self.status.questionable.latch(bit);
         }
+        self.raise_alarms(noticed.alarms);
         let overflown = self.meter.memory().is_overflown();
         self.status.questionable.set(MEMORY_OVERFLOW, overflown);
         let pending = self.meter.is_measuring(now)

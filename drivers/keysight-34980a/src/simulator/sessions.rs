@@ -48,6 +48,10 @@ impl Sessions {
         self.busy.insert(session, until);
     }
 
+    pub(crate) fn free(&mut self, session: Session) {
+        self.busy.remove(&session);
+    }
+
     pub(crate) fn is_locked(&self) -> bool {
         self.lock.is_some()
     }
@@ -73,9 +77,11 @@ impl Sessions {
             // The session has no lock to release.
             Command::System(System::ReleaseLock) => false,
             Command::Functions(Functions::Measure(..)) => true,
-            Command::Route(_) | Command::Sense(_) | Command::Functions(_) | Command::System(_) => {
-                !query
-            }
+            Command::Route(_)
+            | Command::Sense(_)
+            | Command::Functions(_)
+            | Command::Calculate(_)
+            | Command::System(_) => !query,
         }
     }
 

@@ -1,5 +1,6 @@
 //! Execution of each command. Every match is exhaustive: a new command does not compile until it is handled.
 
+mod calculate;
 mod measure;
 mod system;
 
@@ -42,6 +43,7 @@ impl Simulator34980a {
             Command::Sense(sense) => self.execute_sense(sense, execution),
             Command::Functions(functions) => self.execute_functions(functions, execution),
             Command::Measure(measure) => self.execute_measure(measure, execution),
+            Command::Calculate(calculate) => self.execute_calculate(calculate, execution),
             Command::System(system) => self.execute_system(system, execution),
         }
     }
@@ -59,6 +61,7 @@ impl Simulator34980a {
             Common::ClearStatus => {
                 self.status.clear();
                 self.errors.clear();
+                self.clear_alarms();
                 self.completion_awaited = false;
             }
             Common::SetEventEnable(mask) => self.status.set_standard_enable(mask),
@@ -91,6 +94,7 @@ impl Simulator34980a {
         self.completion_awaited = false;
         self.overlap = false;
         self.display.clear();
+        self.display_on = true;
         self.relays.reset_protection();
         let moves = self.relays.open(|_| true);
         self.moved(moves, execution);
@@ -213,6 +217,7 @@ impl Simulator34980a {
     pub(crate) fn stop_measuring(&mut self, at: Duration, wires: &mut dyn Wires) {
         self.meter.abort(at, &mut self.relays, wires);
         self.settle_deferred(false);
+        self.free_deferred();
     }
 
     fn check_slot(&self, slot: Option<u32>) -> Result<(), QueuedError> {

@@ -65,8 +65,15 @@ impl Simulator34980a {
             System::SetDisplay(text) => self.display = text,
             System::Display => return Ok(Some(quote(&self.display))),
             System::ClearDisplay => self.display.clear(),
+            System::SetDisplayOn(on) => self.display_on = on,
+            System::DisplayOn => return yes_no(self.display_on),
+            System::LineFrequency => return Ok(Some(format!("{:+}", self.settings.line_hz))),
             System::Beep => {}
-            System::Preset => self.reset(execution),
+            System::Preset => {
+                let computations = self.meter.computations();
+                self.reset(execution);
+                self.meter.take_computations(computations);
+            }
             System::Save(place) => {
                 self.kept[usize::from(place)] = Some(self.meter.settings.clone())
             }
@@ -95,6 +102,7 @@ impl Simulator34980a {
         match group {
             StatusGroup::Operation => &mut self.status.operation,
             StatusGroup::Questionable => &mut self.status.questionable,
+            StatusGroup::Alarm => &mut self.status.alarm,
         }
     }
 

@@ -55,13 +55,22 @@ impl Simulator34980a {
         if deferred.session != session {
             return None;
         }
-        self.pass(at.max(deferred.end), wires);
+        // An aborted measurement has its readings before its time.
+        if deferred.readings.is_none() {
+            self.pass(at.max(deferred.end), wires);
+        }
         self.settle_deferred(true);
         let deferred = self.deferred.take()?;
         let parts = [deferred.before, deferred.readings];
         let parts = parts.into_iter().flatten().filter(|part| !part.is_empty());
         let text = parts.collect::<Vec<_>>().join(";");
         (!text.is_empty()).then_some(text)
+    }
+
+    /// Whether the readings of the reply that a session waits for are there: another session may have aborted them.
+    pub fn has_readings_for(&self, session: Session) -> bool {
+        let mut deferred = self.deferred.iter();
+        deferred.any(|deferred| deferred.session == session && deferred.readings.is_some())
     }
 
     /// A measurement has begun whose readings form the reply.
@@ -82,6 +91,14 @@ impl Simulator34980a {
         {
             let readings = self.meter.memory().read(deferred.end);
             deferred.readings = Some(self.meter.settings.format.write(readings, &self.calendar));
+        }
+    }
+
+    /// A session whose measurement was aborted need not wait any more.
+    pub(crate) fn free_deferred(&mut self) {
+        let aborted = self.deferred.as_ref().filter(|it| it.readings.is_some());
+        if let Some(aborted) = aborted {
+            self.sessions.free(aborted.session);
         }
     }
 

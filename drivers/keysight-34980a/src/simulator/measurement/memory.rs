@@ -1,4 +1,4 @@
-//! Readings in memory, and their text form (section 5).
+//! Readings in memory, their statistics, and their text form (section 5).
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -6,8 +6,9 @@ use std::time::Duration;
 use scpi::format_nr3_signed;
 use survey::Relay;
 
-use crate::command::Field;
+use crate::command::{Field, Limit};
 use crate::simulator::calendar::Calendar;
+use crate::simulator::measurement::computation::Mark;
 
 /// One reading.
 #[derive(Debug, Clone, Copy)]
@@ -15,11 +16,52 @@ pub(crate) struct Stored {
     /// Infinite for an overload.
     pub(crate) value: f64,
     /// Its unit.
-    pub(crate) mark: &'static str,
+    pub(crate) mark: Mark,
     /// Since the start of the scan.
     pub(crate) since: Duration,
     pub(crate) at: Duration,
     pub(crate) channel: Option<Relay>,
+    /// The limit that the reading exceeds.
+    pub(crate) exceeded: Option<Limit>,
+}
+
+/// The statistics of at least one reading.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Summary {
+    pub(crate) least: Stored,
+    pub(crate) most: Stored,
+    pub(crate) count: u32,
+    sum: f64,
+}
+
+impl Summary {
+    pub(crate) fn mean(&self) -> f64 {
+        self.sum / f64::from(self.count)
+    }
+
+    /// The statistics with one more reading.
+    pub(crate) fn and(before: Option<Self>, reading: Stored) -> Self {
+        let Some(before) = before else {
+            return Self {
+                least: reading,
+                most: reading,
+                count: 1,
+                sum: reading.value,
+            };
+        };
+        let mut both = Self {
+            count: before.count.saturating_add(1),
+            sum: before.sum + reading.value,
+            ..before
+        };
+        if reading.value < both.least.value {
+            both.least = reading;
+        }
+        if reading.value > both.most.value {
+            both.most = reading;
+        }
+        both
+    }
 }
 
 /// Readings in the order of their time. Those of a READ? are stored before their time has come.
@@ -30,6 +72,10 @@ pub(crate) struct Memory {
     overflown: bool,
     /// The last reading of each channel that was removed.
     taken: BTreeMap<Option<Relay>, Stored>,
+    /// Statistics of the removed readings of each channel since the start of the measurement.
+    removed: BTreeMap<Option<Relay>, Summary>,
+    /// Readings up to this time do not belong to a channel's statistics.
+    cleared: BTreeMap<Option<Relay>, Duration>,
 }
 
 impl Memory {
@@ -39,6 +85,8 @@ impl Memory {
             most: most.max(1),
             overflown: false,
             taken: BTreeMap::new(),
+            removed: BTreeMap::new(),
+            cleared: BTreeMap::new(),
         }
     }
 
@@ -50,18 +98,57 @@ impl Memory {
     /// Adds a reading; a full memory drops the oldest.
     pub(crate) fn push(&mut self, reading: Stored) {
         if self.readings.len() == self.most {
-            let oldest = self.readings.pop_front();
-            self.taken
-                .extend(oldest.map(|oldest| (oldest.channel, oldest)));
+            if let Some(oldest) = self.readings.pop_front() {
+                self.remember(oldest);
+            }
             self.overflown = true;
         }
         self.readings.push_back(reading);
     }
 
+    /// Removes all readings; the statistics stay.
     pub(crate) fn clear(&mut self) {
-        self.readings.clear();
+        for reading in std::mem::take(&mut self.readings) {
+            self.remember(reading);
+        }
         self.taken.clear();
         self.overflown = false;
+    }
+
+    /// Removes all readings and statistics, for a new measurement.
+    pub(crate) fn restart(&mut self) {
+        *self = Self::new(self.most);
+    }
+
+    fn remember(&mut self, reading: Stored) {
+        self.taken.insert(reading.channel, reading);
+        if self.counts(&reading) {
+            let before = self.removed.get(&reading.channel).copied();
+            let summary = Summary::and(before, reading);
+            self.removed.insert(reading.channel, summary);
+        }
+    }
+
+    fn counts(&self, reading: &Stored) -> bool {
+        let cleared = self.cleared.get(&reading.channel);
+        cleared.is_none_or(|cleared| reading.at > *cleared)
+    }
+
+    /// The statistics of a channel's readings up to this time; `None` without a reading.
+    pub(crate) fn summary(&self, channel: Option<Relay>, now: Duration) -> Option<Summary> {
+        let removed = self.removed.get(&channel).copied();
+        let there = self.read(now);
+        there
+            .filter(|reading| reading.channel == channel && self.counts(reading))
+            .fold(removed, |before, reading| {
+                Some(Summary::and(before, *reading))
+            })
+    }
+
+    /// Clears the statistics of a channel.
+    pub(crate) fn clear_summary(&mut self, channel: Option<Relay>, now: Duration) {
+        self.removed.remove(&channel);
+        self.cleared.insert(channel, now);
     }
 
     pub(crate) fn is_overflown(&self) -> bool {
@@ -89,8 +176,9 @@ impl Memory {
     pub(crate) fn take(&mut self, count: usize, now: Duration) -> Vec<Stored> {
         let count = count.min(self.points(now));
         let taken: Vec<Stored> = self.readings.drain(..count).collect();
-        self.taken
-            .extend(taken.iter().map(|reading| (reading.channel, *reading)));
+        for reading in &taken {
+            self.remember(*reading);
+        }
         taken
     }
 
@@ -132,7 +220,7 @@ impl ReadingFormat {
                 match field {
                     Field::Unit => {
                         text.push(' ');
-                        text.push_str(reading.mark);
+                        text.push_str(reading.mark.text());
                     }
                     Field::Time if self.absolute => {
                         text.push(',');
@@ -145,7 +233,11 @@ impl ReadingFormat {
                         let number = reading.channel.map_or(0, |relay| relay.0);
                         text.push_str(&format!(",{number}"));
                     }
-                    Field::Alarm => text.push_str(",0"),
+                    Field::Alarm => text.push_str(match reading.exceeded {
+                        None => ",0",
+                        Some(Limit::Lower) => ",1",
+                        Some(Limit::Upper) => ",2",
+                    }),
                 }
             }
         }

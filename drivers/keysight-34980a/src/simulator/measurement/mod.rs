@@ -1,5 +1,6 @@
 //! The internal voltmeter and its measurements (fact sheet, section 5). Relays and status belong to the mainframe.
 
+pub(crate) mod computation;
 pub(crate) mod deferred;
 pub(crate) mod functions;
 pub(crate) mod memory;

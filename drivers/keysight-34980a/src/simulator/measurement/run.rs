@@ -1,12 +1,13 @@
 //! A running measurement: sweeps through a list of channels, each reading at its own instant.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use survey::{Relay, Volts};
 
-use crate::command::{Function, Range};
+use crate::command::{Function, Limit, Range};
 use crate::meter::RANGES;
+use crate::simulator::measurement::computation::{Limits, Mark, Scale};
 use crate::simulator::measurement::functions::{FunctionSettings, OVER_RANGE, over};
 use crate::simulator::measurement::memory::{Memory, Stored};
 use crate::simulator::relays::{Relays, ScanRelays};
@@ -24,6 +25,10 @@ pub(crate) struct ScanEntry {
     pub(crate) nplc: f64,
     /// A further sample of the same channel: its relays stay as they are.
     pub(crate) again: bool,
+    pub(crate) scale: Scale,
+    pub(crate) limits: Limits,
+    /// The alarm of the limits, 1 to 4.
+    pub(crate) alarm: u8,
 }
 
 /// The measured quantity.
@@ -36,11 +41,11 @@ pub(crate) enum Measured {
 }
 
 impl Measured {
-    fn mark(&self) -> &'static str {
-        match self {
+    fn mark(&self) -> Mark {
+        Mark::Function(match self {
             Self::Volts(_) => Function::DcVolts.mark(),
             Self::Other(settings) => settings.mark(),
-        }
+        })
     }
 
     pub(crate) fn four_wire(&self) -> bool {
@@ -89,6 +94,8 @@ pub(crate) struct StatusEvents {
     /// Bits of the questionable register.
     pub(crate) overload: BTreeSet<u8>,
     pub(crate) threshold: bool,
+    /// Readings that crossed a limit, with the numbers of their alarms.
+    pub(crate) alarms: Vec<(Stored, u8)>,
 }
 
 #[derive(Debug)]
@@ -100,6 +107,8 @@ pub(crate) struct Run {
     sweeps: Option<u32>,
     done: u32,
     phase: Phase,
+    /// The limits that the channels' last readings exceed.
+    exceeded: BTreeMap<Relay, Limit>,
 }
 
 impl Run {
@@ -116,6 +125,7 @@ impl Run {
             pace,
             sweeps,
             done: 0,
+            exceeded: BTreeMap::new(),
             phase: match pace {
                 SweepStart::Triggered => Phase::Waiting,
                 SweepStart::Continuous | SweepStart::Timer(_) => Phase::Due(0, now),
@@ -227,13 +237,19 @@ impl Run {
                     if value.is_infinite() {
                         noticed.overload.insert(entry.measured.overload());
                     }
-                    memory.push(Stored {
+                    let (value, mark) = entry.scale.applied(value, entry.measured.mark());
+                    let reading = Stored {
                         value,
-                        mark: entry.measured.mark(),
+                        mark,
                         since: at.saturating_sub(self.start),
                         at,
                         channel: entry.channel,
-                    });
+                        exceeded: entry.limits.exceeded(value),
+                    };
+                    if self.crosses(&reading) {
+                        noticed.alarms.push((reading, entry.alarm));
+                    }
+                    memory.push(reading);
                     if self.entries.get(index + 1).is_some_and(|next| next.again) {
                         self.phase = Phase::Measuring(index + 1, at, joined);
                         continue;
@@ -256,6 +272,18 @@ impl Run {
                 }
             }
         }
+    }
+
+    /// Whether a reading exceeds a limit that the channel's last reading did not exceed.
+    fn crosses(&mut self, reading: &Stored) -> bool {
+        let Some(channel) = reading.channel else {
+            return false;
+        };
+        let before = match reading.exceeded {
+            Some(limit) => self.exceeded.insert(channel, limit),
+            None => self.exceeded.remove(&channel),
+        };
+        reading.exceeded.is_some() && before != reading.exceeded
     }
 
     /// Skips sweeps whose readings would be overwritten before they could be read: after a long time without calls only

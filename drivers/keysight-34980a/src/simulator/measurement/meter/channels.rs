@@ -37,6 +37,9 @@ impl Meter {
         }
         self.settings.format.fields.clear();
         self.reset_samples();
+        for target in self.targets(relays, channels)? {
+            self.forget_computations(target);
+        }
         self.change(relays, channels, |target, _| {
             *target = setup;
             Ok(())

@@ -55,6 +55,7 @@ impl Meter {
                 .others
                 .insert(key(target, request.function), settings);
             self.put(target, Setup::default().measuring(request.function));
+            self.forget_computations(target);
         }
         Ok(count)
     }
@@ -75,6 +76,7 @@ impl Meter {
         for target in &targets {
             let setup = self.setup(relays, *target).measuring(function);
             self.put(*target, setup);
+            self.suspend_computations(*target);
         }
         Ok(targets.len())
     }
@@ -120,7 +122,14 @@ impl Meter {
         self.memory.clear();
         let count = new.len();
         let times = matches!(detail, Detail::Nplc | Detail::Aperture | Detail::Resolution);
+        let unit = matches!(
+            detail,
+            Detail::Probe | Detail::Couple | Detail::Rtd | Detail::Thermistor | Detail::Degrees
+        );
         for (target, settings) in new {
+            if unit {
+                self.suspend_computations(target);
+            }
             self.settings.others.insert(key(target, function), settings);
             let mut setup = self.setup(relays, target);
             if times && setup.without_zero_below_a_cycle(settings.cycles(self.line_hz)) {

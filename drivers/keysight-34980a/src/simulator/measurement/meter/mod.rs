@@ -1,20 +1,20 @@
 //! The internal voltmeter: settings of every channel, scan list, trigger, and the running measurement (section 5).
 
 mod channels;
+mod computations;
 mod functions;
 mod settings;
+mod triggers;
 
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use scpi::{Numeric, ParseError, format_nr3_signed};
+use scpi::ParseError;
 use survey::Relay;
 
 pub(crate) use crate::simulator::measurement::meter::settings::Settings;
 
-use crate::command::{
-    Function, LONGEST_TIMER, LONGEST_TRIGGER_DELAY, MOST_SAMPLES, MOST_SWEEPS, TriggerSource,
-};
+use crate::command::{Function, TriggerSource};
 use crate::modules::Contact;
 use crate::simulator::Wires;
 use crate::simulator::errors::QueuedError;
@@ -80,6 +80,9 @@ impl Meter {
     pub(crate) fn enable(&mut self, enabled: bool) {
         self.enabled = enabled;
         self.memory.clear();
+        if !enabled {
+            self.stop_computations();
+        }
     }
 
     pub(crate) fn is_enabled(&self) -> bool {
@@ -108,14 +111,6 @@ impl Meter {
 
     pub(crate) fn take_noticed(&mut self) -> StatusEvents {
         std::mem::take(&mut self.noticed)
-    }
-
-    pub(crate) fn threshold(&self) -> u32 {
-        self.settings.threshold
-    }
-
-    pub(crate) fn set_threshold(&mut self, threshold: u32) {
-        self.settings.threshold = threshold;
     }
 
     pub(crate) fn is_measuring(&self, now: Duration) -> bool {
@@ -276,6 +271,9 @@ impl Meter {
                 nplc,
                 measured,
                 again: false,
+                scale: self.scale(channel),
+                limits: self.limits(channel),
+                alarm: self.alarm_of(channel),
             }
         };
         if list.len().max(1) * self.settings.samples as usize > self.memory.most() {
@@ -312,7 +310,7 @@ impl Meter {
             relays.clear_for_scan(&banks);
             relays.tell(now, wires);
         }
-        self.memory.clear();
+        self.memory.restart();
         let run = Run::new(entries, pace, sweeps, now);
         self.began = run.start();
         self.run = Some(run);
@@ -397,88 +395,9 @@ impl Meter {
         self.settings
             .others
             .retain(|(relay, _), _| relay.is_none_or(|relay| relay.0 / 1000 != slot));
-    }
-
-    pub(crate) fn source(&self) -> TriggerSource {
-        self.settings.source
-    }
-
-    pub(crate) fn set_source(&mut self, source: TriggerSource) {
-        self.settings.source = source;
-        self.memory.clear();
-    }
-
-    /// Reply with the timer, or a limit of it.
-    pub(crate) fn timer(&self, limit: Option<Numeric>) -> String {
-        let value = match limit {
-            None => self.settings.timer,
-            Some(Numeric::Min) => 0.0,
-            Some(Numeric::Max) => LONGEST_TIMER,
-            Some(_) => 10.0,
-        };
-        format_nr3_signed(value, 8)
-    }
-
-    pub(crate) fn set_timer(&mut self, timer: f64) {
-        self.settings.timer = timer;
-        self.memory.clear();
-    }
-
-    /// Reply with the number of sweeps, or a limit of it.
-    pub(crate) fn sweeps(&self, limit: Option<Numeric>) -> String {
-        let count = match limit {
-            None => self.settings.count,
-            Some(Numeric::Max) => Some(MOST_SWEEPS),
-            Some(_) => Some(1),
-        };
-        match count {
-            Some(count) => format!("{count:+}"),
-            None => format_nr3_signed(f64::INFINITY, 8),
-        }
-    }
-
-    pub(crate) fn set_count(&mut self, count: Option<u32>) {
-        self.settings.count = count;
-        self.memory.clear();
-    }
-
-    /// Reply with the number of samples, or a limit of it.
-    pub(crate) fn samples(&self, limit: Option<Numeric>) -> String {
-        let count = match limit {
-            None => self.settings.samples,
-            Some(Numeric::Max) => MOST_SAMPLES,
-            Some(_) => 1,
-        };
-        format!("{count:+}")
-    }
-
-    pub(crate) fn set_samples(&mut self, samples: u32) {
-        self.settings.samples = samples;
-        self.memory.clear();
-    }
-
-    /// Reply with the delay after a trigger, or a limit of it.
-    pub(crate) fn trigger_delay(&self, limit: Option<Numeric>) -> String {
-        let delay = match limit {
-            None => self.settings.trigger_delay.unwrap_or(0.0),
-            Some(Numeric::Max) => LONGEST_TRIGGER_DELAY,
-            Some(_) => 0.0,
-        };
-        format_nr3_signed(delay, 8)
-    }
-
-    pub(crate) fn trigger_delay_is_auto(&self) -> bool {
-        self.settings.trigger_delay.is_none()
-    }
-
-    pub(crate) fn set_trigger_delay(&mut self, delay: Option<f64>) {
-        self.settings.trigger_delay = delay;
-        self.memory.clear();
-    }
-
-    /// CONF and MEAS? set one sample, and the delay after a trigger to automatic.
-    fn reset_samples(&mut self) {
-        (self.settings.samples, self.settings.trigger_delay) = (1, None);
+        self.settings
+            .computations
+            .retain(|relay| relay.0 / 1000 != slot);
     }
 
     fn setup(&self, relays: &Relays, channel: Option<Relay>) -> Setup {

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use survey::Relay;
 
 use crate::command::{Function, TriggerSource};
+use crate::simulator::measurement::computation::{Limits, Scale};
 use crate::simulator::measurement::functions::FunctionSettings;
 use crate::simulator::measurement::memory::ReadingFormat;
 use crate::simulator::measurement::meter::Meter;
@@ -31,6 +32,16 @@ pub(crate) struct Settings {
     pub(super) trigger_delay: Option<f64>,
     pub(crate) format: ReadingFormat,
     pub(super) threshold: u32,
+    pub(super) computations: Computations,
+}
+
+/// What is computed from readings, where it has been set. `SYST:PRES` leaves it alone.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Computations {
+    pub(super) scales: BTreeMap<Option<Relay>, Scale>,
+    pub(super) limits: BTreeMap<Relay, Limits>,
+    /// The alarms to which channels were assigned; the others raise alarm 1 (34970A manual p. 250).
+    pub(super) alarms: BTreeMap<Relay, u8>,
 }
 
 impl Default for Settings {
@@ -48,6 +59,7 @@ impl Default for Settings {
             trigger_delay: None,
             format: ReadingFormat::default(),
             threshold: 1,
+            computations: Computations::default(),
         }
     }
 }
@@ -62,6 +74,7 @@ impl Meter {
             .others
             .retain(|(relay, _), _| relay.as_ref().is_none_or(is_there));
         self.settings.scan.retain(is_there);
+        self.settings.computations.retain(is_there);
         self.memory.clear();
     }
 }
