@@ -15,7 +15,7 @@ use survey::{MapQuality, Reading, Reason, Volts};
 use crate::arguments::{Expected, Values};
 use crate::baseline::{Recorded, unlike};
 use crate::forward::Forward;
-use crate::outcome::{detached, interruptible, rows};
+use crate::outcome::{Steps, detached, interruptible, rows, short};
 
 /// An array with a row a frame, and a count for each.
 type RowsAndCounts<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>);
@@ -92,8 +92,7 @@ impl Maps {
             .transpose()?;
         let (model, unloaded) = (Arc::clone(&self.model), Arc::clone(&self.unloaded));
         let (each, region) = (self.readings, self.region);
-        let progress = progress.map(|progress| (progress, count));
-        let made = interruptible(py, progress, move |steps| {
+        let work = move |steps: &Steps| {
             let mut values = Vec::with_capacity(count * region);
             let mut masked = Vec::with_capacity(count);
             for (row, frame) in given.values.chunks_exact(each).enumerate() {
@@ -110,7 +109,11 @@ impl Maps {
                 }
             }
             Ok((values, masked))
-        })?;
+        };
+        let made = match progress {
+            None if count == 1 && !self.model.slow => short(py, work),
+            _ => interruptible(py, progress.map(|progress| (progress, count)), work),
+        }?;
         let (values, masked) = made.map_err(|(row, fault)| unmapped(row, &fault))?;
         Ok((
             rows(py, values, [count, self.region])?,

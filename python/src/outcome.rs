@@ -60,7 +60,8 @@ impl Steps {
 /// Runs long work on a thread of its own, so that Ctrl-C ends the call at once. The engine cannot leave a factorisation half
 /// done: the work then ends at its next step without a result that anybody gets.
 ///
-/// progress: called with the number of steps that are done, and of all; what it raises ends the work.
+/// progress: called with the number of steps that are done, and of all; what it raises ends the work. See [`short`] for work
+/// that takes less time than a new thread.
 pub(crate) fn interruptible<T: Send + 'static>(
     py: Python<'_>,
     progress: Option<(&Bound<'_, PyAny>, usize)>,
@@ -87,6 +88,15 @@ pub(crate) fn interruptible<T: Send + 'static>(
     // it has reported its end
     let result = py.detach(|| worker.join()).and_then(|result| result);
     result.map_err(|cause| defect(cause.as_ref()))
+}
+
+/// Does the same work on the calling thread.
+pub(crate) fn short<T: Send>(py: Python<'_>, work: impl FnOnce(&Steps) -> T + Send) -> PyResult<T> {
+    let steps = Steps {
+        count: None,
+        stopped: Arc::default(),
+    };
+    detached(py, || work(&steps))
 }
 
 /// Waits until the worker has ended.
