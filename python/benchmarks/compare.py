@@ -42,12 +42,15 @@ CALLS, TURN = 10, 0.1
 
 
 def disc(electrodes, triangles):
-    """Fineness of the disc whose number of triangles is nearest."""
+    """Fineness and mesh of a disc with about this number of triangles."""
     import tactus_eit
 
-    sizes = [round(float(size), 3) for size in np.geomspace(0.25, 4.0, 60)]
-    count = {size: len(tactus_eit.Mesh.disc(electrodes=electrodes, fineness=size).triangles) for size in sizes}
-    return min(sizes, key=lambda size: abs(count[size] - triangles))
+    fineness = 1.0
+    for _ in range(3):
+        mesh = tactus_eit.Mesh.disc(electrodes=electrodes, fineness=fineness)
+        # 0.25 to 8 are possible
+        fineness = round(float(np.clip(fineness * np.sqrt(triangles / len(mesh.triangles)), 0.25, 8.0)), 3)
+    return fineness, tactus_eit.Mesh.disc(electrodes=electrodes, fineness=fineness)
 
 
 # --- one engine in a process of its own: a function that makes its works, from the mesh and two frames
@@ -215,9 +218,7 @@ def shortest(engines, work):
 
 def measured(electrodes, triangles, options):
     """Number of triangles, works by name with the time of each engine, memory of each, and why an engine gave up."""
-    import tactus_eit
-
-    fineness = disc(electrodes, triangles)
+    fineness, mesh = disc(electrodes, triangles)
     here = [sys.executable, __file__, "--gigabytes", options.gigabytes, "--serve"]
     engines = {name: Engine([*here, name, electrodes, fineness], options.limit) for name in ENGINES}
     rust = Engine([options.rust, electrodes, fineness], options.limit) if options.rust else None
@@ -234,7 +235,7 @@ def measured(electrodes, triangles, options):
         for engine in [*engines.values(), *([rust] if rust else [])]:
             engine.close()
     why = {name: engine.why for name, engine in engines.items()}
-    return len(tactus_eit.Mesh.disc(electrodes=electrodes, fineness=fineness).triangles), times, memory, beside, why
+    return len(mesh.triangles), times, memory, beside, why
 
 
 def cell(value, ours, why):
