@@ -220,7 +220,7 @@ def measured(electrodes, triangles, options):
     """Number of triangles, works by name with the time of each engine, memory of each, and why an engine gave up."""
     fineness, mesh = disc(electrodes, triangles)
     here = [sys.executable, __file__, "--gigabytes", options.gigabytes, "--serve"]
-    engines = {name: Engine([*here, name, electrodes, fineness], options.limit) for name in ENGINES}
+    engines = {name: Engine([*here, name, electrodes, fineness], options.limit) for name in options.engines}
     rust = Engine([options.rust, electrodes, fineness], options.limit) if options.rust else None
     try:
         times = {work: shortest(engines, work) for work in WORKS}
@@ -258,27 +258,31 @@ def main():
     parser.add_argument("--electrodes", type=int, nargs="+", default=[16, 26, 32])
     parser.add_argument("--limit", type=float, default=120.0, help="longest turn, s [%(default)s]")
     parser.add_argument("--gigabytes", type=float, default=6.0, help="most memory of one engine, of its address space [%(default)s]")
+    parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES), help="by default all")
     parser.add_argument("--serve", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.serve:
         engine, electrodes, fineness = options.serve
         return serve(engine, int(electrodes), float(fineness), options.gigabytes)
-    options.rust = build()
+    # beside Python only
+    options.rust = build() if "tactus_eit" in options.engines else None
     print(f"pyEIT {version('pyeit')}, scipy {version('scipy')}, numpy {np.__version__}, Python {platform.python_version()}, {platform.machine()}")
     print("\nShortest times in ms, memory in MB; in brackets how often that of tactus_eit fits in it.\n")
-    print("| triangles | electrodes | work | pyEIT | scipy | tactus_eit |\n|---:|---:|---|---:|---:|---:|", flush=True)
+    others = [name for name in options.engines if name != "tactus_eit"]
+    print(f"| {' | '.join(['triangles', 'electrodes', 'work', *others, 'tactus_eit'])} |\n|---:|---:|---|{'---:|' * (len(others) + 1)}", flush=True)
     rows = []
     for triangles in options.triangles:
         for electrodes in options.electrodes:
             count, times, memory, beside, why = measured(electrodes, triangles, options)
-            for work, taken in times.items():
+            table = {work: {name: 1e3 * taken for name, taken in each.items()} for work, each in times.items()}
+            table["memory"] = {name: taken / 1e6 for name, taken in memory.items() if taken is not None}
+            for work, taken in table.items():
                 mine = taken.get("tactus_eit")
-                cells = [cell(taken.get(name) and 1e3 * taken[name], mine and 1e3 * mine, why[name]) for name in ("pyEIT", "scipy")]
-                print(f"| {count:,} | {electrodes} | {work} | {' | '.join(cells)} | {cell(mine and 1e3 * mine, None, why['tactus_eit'])} |", flush=True)
-            taken = {name: None if value is None else value / 1e6 for name, value in memory.items()}
-            cells = [cell(taken[name], taken["tactus_eit"], why[name]) for name in ("pyEIT", "scipy")]
-            print(f"| {count:,} | {electrodes} | memory | {' | '.join(cells)} | {cell(taken['tactus_eit'], None, why['tactus_eit'])} |", flush=True)
+                cells = [*(cell(taken.get(name), mine, why[name]) for name in others), cell(mine, None, why.get("tactus_eit"))]
+                print(f"| {count:,} | {electrodes} | {work} | {' | '.join(cells)} |", flush=True)
             rows += [(count, electrodes, work, *pair) for work, pair in beside.items() if pair]
+    if not rows:
+        return
     print("\nThe same calls through Python and in Rust, ms.\n")
     print("| triangles | electrodes | work | Python | Rust | ratio |\n|---:|---:|---|---:|---:|---:|")
     for count, electrodes, work, python, rust in rows:
