@@ -12,7 +12,7 @@ use crate::arguments::Expected;
 use crate::forward::Forward;
 use crate::maps::{readings, rows_of_readings};
 use crate::mesh::conductances;
-use crate::outcome::{detached, refused};
+use crate::outcome::{interruptible, refused};
 
 /// A baseline with the model fitted to it.
 pub(crate) struct Recorded {
@@ -20,6 +20,7 @@ pub(crate) struct Recorded {
     pub(crate) unloaded: Unloaded,
     /// Standard deviation of one reading, V, where it is stated.
     noise_v: Option<f64>,
+    protocol: Protocol,
 }
 
 impl Recorded {
@@ -63,24 +64,25 @@ impl Recorded {
             .chunks_exact(protocol.len())
             .map(readings)
             .collect();
-        let (fitted, unloaded) = detached(py, || -> Result<_, BuildError> {
+        let protocol = protocol.clone();
+        interruptible(py, None, move |_| {
             let each: Vec<&[Reading]> = each.iter().map(Vec::as_slice).collect();
             let unloaded = Unloaded::mean(&each);
             let currents = vec![current; protocol.len()];
-            let fitted = Fitted::new(geometry, protocol, &currents, &unloaded)?;
-            Ok((fitted, unloaded))
+            let fitted = Fitted::new(geometry, &protocol, &currents, &unloaded)?;
+            Ok(Self {
+                fitted,
+                unloaded,
+                noise_v,
+                protocol,
+            })
         })?
-        .map_err(|fault| unlike(&fault))?;
-        Ok(Self {
-            fitted,
-            unloaded,
-            noise_v,
-        })
+        .map_err(|fault| unlike(&fault))
     }
 
     /// The conditions for a method.
-    pub(crate) fn conditions<'a>(&'a self, protocol: &'a Protocol) -> Conditions<'a> {
-        let mut conditions = self.fitted.conditions(protocol);
+    pub(crate) fn conditions(&self) -> Conditions<'_> {
+        let mut conditions = self.fitted.conditions(&self.protocol);
         if self.noise_v.is_some() {
             (conditions.noise_v, conditions.noise_assumed) = (self.noise_v, false);
         }

@@ -11,7 +11,7 @@ use crate::arguments::Expected;
 use crate::baseline::Recorded;
 use crate::forward::Forward;
 use crate::maps::{readings, rows_of_readings};
-use crate::outcome::{detached, refused, rows};
+use crate::outcome::{detached, interruptible, refused, rows};
 
 /// Baselines and frames, an array with a row a frame each, and what is known of each frame as JSON.
 type Followed<'py> = (
@@ -46,8 +46,7 @@ impl Tracker {
         };
         let at_s = seconds.number(time)?;
         let recorded = Recorded::new(py, forward, sigma0, current, noise, baseline)?;
-        let protocol = &forward.protocol.get().0;
-        let conditions = recorded.conditions(protocol);
+        let conditions = recorded.conditions();
         let known = conditions.noise_v.filter(|_| !conditions.noise_assumed);
         let noise_v = known.ok_or_else(|| {
             PyValueError::new_err(
@@ -55,22 +54,30 @@ impl Tracker {
                  frames of the baseline",
             )
         })?;
-        let tracking = detached(py, || {
-            Tracking::new(&conditions, &recorded.unloaded.readings, noise_v, at_s)
+        let tracking = interruptible(py, None, move |_| {
+            Tracking::new(
+                &recorded.conditions(),
+                &recorded.unloaded.readings,
+                noise_v,
+                at_s,
+            )
         })?;
         Ok(Self {
             tracking: Mutex::new(tracking.map_err(|fault| refused(&fault))?),
-            readings: protocol.len(),
+            readings: forward.protocol.get().0.len(),
         })
     }
 
     /// Follows frames (V, shape (frames, readings), NaN where a reading is missing) of the times (s, shape (frames,)), in order.
     /// Returns the baseline of each, each without the readings of faulty electrodes, and what is known of each as JSON.
+    /// progress: called after each frame with the number of frames that are done, and of all.
+    #[pyo3(signature = (frames, times, progress=None))]
     fn follow<'py>(
         &self,
         py: Python<'py>,
         frames: &Bound<'py, PyAny>,
         times: &Bound<'py, PyAny>,
+        progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Followed<'py>> {
         let given = rows_of_readings(frames, "frames", self.readings)?;
         let count = given.shape[0];
@@ -104,6 +111,9 @@ impl Tracker {
             masked.extend(followed.readings.iter().map(volts));
             known.push(json(&followed.tracked)?);
             py.check_signals()?;
+            if let Some(progress) = progress {
+                progress.call1((row + 1, count))?;
+            }
         }
         Ok((
             rows(py, baselines, [count, self.readings])?,

@@ -1,12 +1,13 @@
 //! The Python package `tactus_eit`: numpy arrays in, numpy arrays out, SI units, frames in rows.
 //!
-//! Not included: mathematics (crates `eit` and `imaging`), reading of session files (crate `logbook`). Arguments are copied
-//! before the interpreter's lock is released.
+//! Not included: mathematics (crates `eit` and `imaging`), reading of session files (crate `logbook`), records of the daemon's
+//! stream (crate `dbus`). Arguments are copied before the interpreter's lock is released.
 
 mod arguments;
 mod baseline;
 mod drift;
 mod forward;
+mod live;
 mod maps;
 mod mesh;
 mod outcome;
@@ -21,6 +22,8 @@ mod _native {
     use crate::drift::Tracker;
     #[pymodule_export]
     use crate::forward::Forward;
+    #[pymodule_export]
+    use crate::live::Stream;
     #[pymodule_export]
     use crate::maps::{Maps, as_frames, likeness, merit};
     #[pymodule_export]

@@ -1,5 +1,7 @@
 //! Reconstruction, and figures of merit of its maps.
 
+use std::sync::Arc;
+
 use eit::ReconstructError;
 use eit::metrics::{Image, likeness as compared};
 use imaging::recorded::Unloaded;
@@ -13,7 +15,7 @@ use survey::{MapQuality, Reading, Reason, Volts};
 use crate::arguments::{Expected, Values};
 use crate::baseline::{Recorded, unlike};
 use crate::forward::Forward;
-use crate::outcome::{detached, rows};
+use crate::outcome::{Steps, detached, interruptible, rows, short};
 
 /// An array with a row a frame, and a count for each.
 type RowsAndCounts<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>);
@@ -24,9 +26,9 @@ type JudgedMap = (&'static str, Vec<(String, Option<usize>, String)>);
 /// A prepared reconstruction. The classes OneStep and TotalVariation make it from their parameters.
 #[pyclass(frozen, module = "tactus_eit._native")]
 pub(crate) struct Maps {
-    model: Model,
+    model: Arc<Model>,
     notes: Vec<String>,
-    unloaded: Unloaded,
+    unloaded: Arc<Unloaded>,
     sigma0: Vec<f64>,
     readings: usize,
     region: usize,
@@ -51,9 +53,9 @@ impl Maps {
         let settings: ReconstructionSettings = serde_json::from_str(settings)
             .map_err(|fault| PyValueError::new_err(fault.to_string()))?;
         let recorded = Recorded::new(py, forward, sigma0, current, noise, baseline)?;
-        let protocol = &forward.protocol.get().0;
-        let model = detached(py, || {
-            imaging::build(&settings, &recorded.conditions(protocol))
+        let (model, recorded) = interruptible(py, None, move |_| {
+            let model = imaging::build(&settings, &recorded.conditions())?;
+            Ok((model, recorded))
         })?
         .map_err(|fault| unlike(&fault))?;
         let Recorded {
@@ -62,12 +64,12 @@ impl Maps {
         let mut notes = fitted.notes;
         notes.extend(model.notes.iter().cloned());
         Ok(Self {
-            model,
+            model: Arc::new(model),
             notes,
-            unloaded,
+            unloaded: Arc::new(unloaded),
             region: fitted.geometry.mesh.region().len(),
             sigma0: fitted.geometry.sigma0,
-            readings: protocol.len(),
+            readings: forward.protocol.get().0.len(),
         })
     }
 
@@ -88,24 +90,31 @@ impl Maps {
         let others = baselines
             .map(|rows| self.of_each(rows, count))
             .transpose()?;
-        let mut values = Vec::with_capacity(count * self.region);
-        let mut masked = Vec::with_capacity(count);
-        for (row, frame) in given.values.chunks_exact(self.readings).enumerate() {
-            let frame = readings(frame);
-            let baseline = others
-                .as_ref()
-                .map_or(&self.unloaded.readings, |rows| &rows[row]);
-            let map = detached(py, || {
-                self.model.reconstructor.reconstruct(baseline, &frame)
-            })?;
-            let map = map.map_err(|fault| unmapped(row, &fault))?;
-            values.extend_from_slice(&map.values);
-            masked.push(map.masked as i64);
-            py.check_signals()?;
-            if let Some(progress) = progress {
-                progress.call1((row + 1, count))?;
+        let (model, unloaded) = (Arc::clone(&self.model), Arc::clone(&self.unloaded));
+        let (each, region) = (self.readings, self.region);
+        let work = move |steps: &Steps| {
+            let mut values = Vec::with_capacity(count * region);
+            let mut masked = Vec::with_capacity(count);
+            for (row, frame) in given.values.chunks_exact(each).enumerate() {
+                let frame = readings(frame);
+                let baseline = others
+                    .as_ref()
+                    .map_or(&unloaded.readings, |rows| &rows[row]);
+                let map = model.reconstructor.reconstruct(baseline, &frame);
+                let map = map.map_err(|fault| (row, fault))?;
+                values.extend_from_slice(&map.values);
+                masked.push(map.masked as i64);
+                if !steps.done(row + 1) {
+                    break;
+                }
             }
-        }
+            Ok((values, masked))
+        };
+        let made = match progress {
+            None if count == 1 && !self.model.slow => short(py, work),
+            _ => interruptible(py, progress.map(|progress| (progress, count)), work),
+        }?;
+        let (values, masked) = made.map_err(|(row, fault)| unmapped(row, &fault))?;
         Ok((
             rows(py, values, [count, self.region])?,
             PyArray1::from_vec(py, masked),
@@ -113,27 +122,38 @@ impl Maps {
     }
 
     /// How far the map of each frame can be believed: its verdict, and the kind, electrode (from 0, or None) and text of each
-    /// reason.
-    fn judged(&self, py: Python<'_>, frames: &Bound<'_, PyAny>) -> PyResult<Vec<JudgedMap>> {
+    /// reason. progress: as of maps.
+    #[pyo3(signature = (frames, progress=None))]
+    fn judged(
+        &self,
+        py: Python<'_>,
+        frames: &Bound<'_, PyAny>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Vec<JudgedMap>> {
         let given = rows_of_readings(frames, "frames", self.readings)?;
-        let mut judged = Vec::with_capacity(given.shape[0]);
-        for (row, frame) in given.values.chunks_exact(self.readings).enumerate() {
-            let frame = readings(frame);
-            let map = detached(py, || {
-                self.model.reconstruct(&self.unloaded.readings, &frame)
-            })?;
-            let map = map.map_err(|fault| unmapped(row, &fault))?;
-            // every model that `imaging::build` makes judges its maps
-            let quality = map.quality.unwrap_or_else(|| MapQuality::of(&[]));
-            let reason = |reason: Reason| {
-                let from_zero = reason.electrode.map(|number| number.saturating_sub(1));
-                (reason.kind, from_zero, reason.text)
-            };
-            let reasons = quality.reasons.into_iter().map(reason).collect();
-            judged.push((quality.verdict.word(), reasons));
-            py.check_signals()?;
-        }
-        Ok(judged)
+        let (model, unloaded) = (Arc::clone(&self.model), Arc::clone(&self.unloaded));
+        let each = self.readings;
+        let progress = progress.map(|progress| (progress, given.shape[0]));
+        let made = interruptible(py, progress, move |steps| {
+            let mut judged = Vec::with_capacity(given.shape[0]);
+            for (row, frame) in given.values.chunks_exact(each).enumerate() {
+                let map = model.reconstruct(&unloaded.readings, &readings(frame));
+                let map = map.map_err(|fault| (row, fault))?;
+                // every model that `imaging::build` makes judges its maps
+                let quality = map.quality.unwrap_or_else(|| MapQuality::of(&[]));
+                let reason = |reason: Reason| {
+                    let from_zero = reason.electrode.map(|number| number.saturating_sub(1));
+                    (reason.kind, from_zero, reason.text)
+                };
+                let reasons = quality.reasons.into_iter().map(reason).collect();
+                judged.push((quality.verdict.word(), reasons));
+                if !steps.done(row + 1) {
+                    break;
+                }
+            }
+            Ok(judged)
+        })?;
+        made.map_err(|(row, fault)| unmapped(row, &fault))
     }
 
     /// Name of the method.

@@ -18,6 +18,7 @@ True
 from ._native import Forward, Mesh, Protocol, likeness, merit
 from .drift import Drift, Followed
 from .estimators import Network, OneStep, Quality, Reason, Shapes, TotalVariation
+from .live import Live, LiveFrame, LiveMap, connect
 from .order import OrderCheck, check
 from .record import QUALITY_FLAGS, Event, Session, open_session
 
@@ -27,6 +28,9 @@ __all__ = [
     "Event",
     "Followed",
     "Forward",
+    "Live",
+    "LiveFrame",
+    "LiveMap",
     "Mesh",
     "Network",
     "OneStep",
@@ -38,6 +42,7 @@ __all__ = [
     "Shapes",
     "TotalVariation",
     "check",
+    "connect",
     "likeness",
     "merit",
     "open_session",

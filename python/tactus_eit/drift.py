@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._native import Forward, Tracker, as_frames
+from .parameters import as_progress
 
 
 class Followed(NamedTuple):
@@ -60,14 +62,18 @@ class Drift:
         self._tracker = Tracker(self.forward, sigma0, self.current, noise, rows, time)
         return self
 
-    def follow(self, frames: ArrayLike, times: ArrayLike) -> Followed:
+    def follow(
+        self, frames: ArrayLike, times: ArrayLike, *, progress: Callable[[int, int], object] | None = None
+    ) -> Followed:
         """Follows frames in order; the next call goes on from the last frame of this one.
 
         frames: V, signed, NaN where a reading is missing: shape (frames, readings), or (readings,). times: s, ascending: shape
-        (frames,), or a number for one frame. Ctrl-C ends it between two frames; those before it have been followed.
+        (frames,), or a number for one frame. progress: as of ``OneStep.predict``. Ctrl-C ends it between two frames; those before it
+        have been followed.
         """
+        called = as_progress(progress)
         rows = self._rows("frames", frames, missing=True)
-        baselines, masked, known = self._fitted().follow(rows, np.atleast_1d(np.asarray(times)))
+        baselines, masked, known = self._fitted().follow(rows, np.atleast_1d(np.asarray(times)), called)
         return Followed(baselines, masked, [json.loads(each) for each in known])
 
     def state(self) -> str:

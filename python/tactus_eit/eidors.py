@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
+from .triangulation import tidied
 
 # currents and gains that differ by less are equal but for rounding
 _ROUNDING = 1e-9
@@ -40,28 +41,24 @@ def mesh(model: Any) -> _native.Mesh:
     if elems.ndim != 2 or elems.shape[1] != 3 or not len(elems):
         raise ValueError(f"argument 'model': elems has shape {elems.shape}; expected triangles, shape (triangles, 3)")
     triangles = _from_one(elems, len(nodes), "model.elems")
-    (p, q, r) = nodes[triangles].transpose(1, 0, 2)
-    turned = (q - p)[:, 0] * (r - p)[:, 1] < (q - p)[:, 1] * (r - p)[:, 0]
-    triangles[turned] = triangles[turned][:, ::-1]
-    used, inverse = np.unique(triangles, return_inverse=True)
-    triangles = inverse.reshape(-1, 3)
+    kept, tidy, number = tidied(nodes, triangles)
     # a side of one triangle only is an edge of the outline
-    sides = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    keys = sides.min(axis=1) * len(used) + sides.max(axis=1)
+    sides = tidy[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    keys = sides.min(axis=1) * len(kept) + sides.max(axis=1)
     _, first, counts = np.unique(keys, return_index=True, return_counts=True)
     outline = sides[first[counts == 1]]
     edges = []
-    for number, electrode in enumerate(_electrodes(model), 1):
-        name = f"model.electrode({number}).nodes"
-        own = _from_one(np.ravel(_numbers(_field(electrode, "nodes", f"model.electrode({number})"), name)), len(nodes), name)
-        covered = outline[np.isin(used[outline], own).all(axis=1)]
+    for at, electrode in enumerate(_electrodes(model), 1):
+        name = f"model.electrode({at}).nodes"
+        own = _from_one(np.ravel(_numbers(_field(electrode, "nodes", f"model.electrode({at})"), name)), len(nodes), name)
+        covered = outline[np.isin(outline, number[own]).all(axis=1)]
         if not len(covered):
             raise ValueError(
-                f"argument 'model': electrode({number}) covers no edge of the outline with its {len(own)} nodes; expected an electrode of "
+                f"argument 'model': electrode({at}) covers no edge of the outline with its {len(own)} nodes; expected an electrode of "
                 "the complete electrode model, with two neighbouring nodes or more"
             )
         edges.append(covered)
-    return _native.Mesh(nodes[used], triangles, edges)
+    return _native.Mesh(kept, tidy, edges)
 
 
 def protocol(model: Any) -> _native.Protocol:

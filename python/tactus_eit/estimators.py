@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import inspect
 import json
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -13,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._native import Forward, Maps, as_frames
 from .order import OrderCheck, check
+from .parameters import as_positive, as_progress, as_truth, as_word
 
 _Self = TypeVar("_Self", bound="_Estimator")
 
@@ -81,10 +84,10 @@ class _Estimator:
 
     def _settings(self) -> dict[str, Any]:
         """The settings of the engine; each subclass adds its own."""
-        return {"loss_only": _truth("losses_only", self.losses_only)}
+        return {"loss_only": as_truth("losses_only", self.losses_only)}
 
     def fit(self: _Self, baseline: ArrayLike, *, noise: float | None = None) -> _Self:
-        """Prepares the maps: one forward solution, one Jacobian, one factorisation. Returns self.
+        """Prepares the maps: one forward solution, one Jacobian, one factorisation. Ctrl-C ends it. Returns self.
 
         baseline: voltages of the sheet without a load, V, signed: shape (readings,), or (frames, readings), whose mean is
             taken.
@@ -101,7 +104,7 @@ class _Estimator:
         rows = self._rows("baseline", baseline)
         sigma0 = self.forward.mesh.sigma0 if self.sigma0 is None else self.sigma0
         order = None
-        if _truth("check_order", self.check_order):
+        if as_truth("check_order", self.check_order):
             order = check(rows, self.forward, sigma0=sigma0)
             if not order.ok:
                 raise ValueError(f"argument 'baseline': {order.text}; check_order=False leaves this check out")
@@ -125,26 +128,25 @@ class _Estimator:
 
         frames: voltages, V, signed: shape (frames, readings), or (readings,). Returns (frames, region), or (region,).
         baselines: one for each frame, of the same shape, in the place of ``baseline_``: see ``Drift``.
-        progress: called after each frame with the number of frames that are done, and of all; what it raises ends the work.
-        Ctrl-C ends it after the frame that is being made.
+        progress: called after each frame with the number of frames that are done, and of all; what it raises ends the work, as
+        Ctrl-C does.
         Sets ``masked_``, the number of readings left out of each frame: shape (frames,).
         """
-        if progress is not None and not callable(progress):
-            raise TypeError(f"argument 'progress': it is a {type(progress).__name__}; expected a function of two numbers")
+        called = as_progress(progress)
         fitted = self._fitted()
         rows = self._rows("frames", frames)
         others = None if baselines is None else self._rows("baselines", baselines)
-        maps, self.masked_ = fitted.maps(rows, others, progress)
+        maps, self.masked_ = fitted.maps(rows, others, called)
         return maps[0] if np.ndim(frames) == 1 else maps
 
-    def judge(self, frames: ArrayLike) -> list[Quality]:
-        """How far the map of each frame can be believed, a Quality for each: shapes as of ``predict``.
+    def judge(self, frames: ArrayLike, *, progress: Callable[[int, int], object] | None = None) -> list[Quality]:
+        """How far the map of each frame can be believed, a Quality for each: shapes and progress as of ``predict``.
 
         Compares the frames with the model of the whole sheet and with the noise: a dead electrode, a change of a contact,
         readings that no map explains. Makes the maps for that, so it takes longer than ``predict``.
         """
-        fitted = self._fitted()
-        judged = fitted.judged(self._rows("frames", frames))
+        called = as_progress(progress)
+        judged = self._fitted().judged(self._rows("frames", frames), called)
         return [Quality(verdict, tuple(Reason(*reason) for reason in reasons)) for verdict, reasons in judged]
 
     @property
@@ -158,7 +160,7 @@ class _Estimator:
         return self._maps
 
     def _rows(self, name: str, volts: ArrayLike) -> NDArray[np.float64]:
-        mask = _word("missing", self.missing, "refuse", "mask") == "mask"
+        mask = as_word("missing", self.missing, "refuse", "mask") == "mask"
         return as_frames(volts, name, len(self.forward.protocol), mask)
 
 
@@ -216,17 +218,17 @@ class OneStep(_Estimator):
 
     def _settings(self) -> dict[str, Any]:
         settings = {"method": "one-step", **super()._settings(), **_strength(self.lam, self.unknowns)}
-        prior = _word("prior", self.prior, "noser", "tikhonov", "laplace", "gaussian")
+        prior = as_word("prior", self.prior, "noser", "tikhonov", "laplace", "gaussian")
         if prior != "noser":
             settings["prior"] = prior
         if self.exponent is not None:
-            settings["exponent"] = _positive("exponent", self.exponent)
+            settings["exponent"] = as_positive("exponent", self.exponent)
         if self.length is not None:
-            settings["length_mm"] = 1e3 * _positive("length", self.length)
+            settings["length_mm"] = 1e3 * as_positive("length", self.length)
         if self.noise_figure is not None:
             if self.lam != "evidence":
                 raise ValueError("argument 'noise_figure': 'lam' is given too; expected one of both")
-            settings["noise_figure"] = _positive("noise_figure", self.noise_figure)
+            settings["noise_figure"] = as_positive("noise_figure", self.noise_figure)
             del settings["choose"]
         return settings
 
@@ -270,7 +272,7 @@ class TotalVariation(_Estimator):
 
     def _settings(self) -> dict[str, Any]:
         settings = {"method": "tv", **super()._settings(), **_strength(self.lam, self.unknowns)}
-        return {**settings, "gap": _positive("gap", self.gap)}
+        return {**settings, "gap": as_positive("gap", self.gap)}
 
 
 class Shapes(_Estimator):
@@ -316,11 +318,16 @@ class Shapes(_Estimator):
 
 
 class Network(_Estimator):
-    """A trained model from a file: what ``tactus-lab train`` writes (safetensors).
+    """A trained model from a file: what ``tactus-lab train`` writes (.safetensors), or a network trained elsewhere (.onnx).
 
     forward: the Forward model; mesh and protocol must be those that the model was trained for. path: the file.
     losses_only: clips maps to losses. The other parameters are those of OneStep. Nothing is trained here: ``fit`` loads the
     file and takes the baseline.
+
+    An ONNX network has one f32 input, (frame - baseline) / max(abs(baseline)) of all readings, and one f32 output, the relative
+    change of conductance of the triangles of ``mesh.region``; all other dimensions are 1 or open. Its metadata properties
+    "tactus.survey" and "tactus.geometry" are compared with ``protocol.hash`` and ``mesh.hash`` where it has them. It is run by the
+    ONNX Runtime of the package onnxruntime, or by the library that the variable ORT_DYLIB_PATH names.
     """
 
     def __init__(
@@ -348,35 +355,32 @@ class Network(_Estimator):
         path = os.fspath(self.path)
         if not os.path.isfile(path):
             raise FileNotFoundError(f"argument 'path': there is no file {path!r}; expected a model file, e.g. of tactus-lab train")
+        if path.lower().endswith(".onnx"):
+            _find_onnx_runtime(path)
         return {"file": path, **super()._settings()}
+
+
+def _find_onnx_runtime(path: str) -> None:
+    """Names the library of the package onnxruntime to the engine, where the user has named none."""
+    if os.environ.get("ORT_DYLIB_PATH"):
+        return
+    # not imported: only its library is used
+    spec = importlib.util.find_spec("onnxruntime")
+    for folder in spec.submodule_search_locations or [] if spec else []:
+        for library in sorted(Path(folder, "capi").glob("libonnxruntime.*")):
+            os.environ["ORT_DYLIB_PATH"] = str(library)
+            return
+    raise ImportError(
+        f"{path!r} is run by ONNX Runtime, which is not installed: pip install onnxruntime, or name its library in the environment "
+        "variable ORT_DYLIB_PATH"
+    )
 
 
 def _strength(lam: str | float, unknowns: str) -> dict[str, Any]:
     """The settings of the hyper-parameter and of what is unknown."""
-    settings: dict[str, Any] = {"unknowns": _word("unknowns", unknowns, "sheet", "region")}
+    settings: dict[str, Any] = {"unknowns": as_word("unknowns", unknowns, "sheet", "region")}
     if isinstance(lam, str):
-        settings["choose"] = _word("lam", lam, "evidence", "l-curve", "noise", "or a number above 0")
+        settings["choose"] = as_word("lam", lam, "evidence", "l-curve", "noise", "or a number above 0")
     else:
-        settings["lambda"] = _positive("lam", lam)
+        settings["lambda"] = as_positive("lam", lam)
     return settings
-
-
-def _word(name: str, value: object, *words: str) -> str:
-    if not isinstance(value, str) or value not in words:
-        kind = ValueError if isinstance(value, str) else TypeError
-        raise kind(f"argument '{name}': it is {value!r}; expected one of {', '.join(map(repr, words))}")
-    return value
-
-
-def _positive(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise TypeError(f"argument '{name}': it is a {type(value).__name__}; expected a number above 0")
-    if not (0.0 < float(value) < np.inf):
-        raise ValueError(f"argument '{name}': it is {value}; expected a number above 0")
-    return float(value)
-
-
-def _truth(name: str, value: object) -> bool:
-    if not isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"argument '{name}': it is a {type(value).__name__}; expected True or False")
-    return bool(value)

@@ -3,6 +3,7 @@
 import signal
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,10 +55,22 @@ def test_ctrl_c_ends_long_work(forward, baseline, frame):
     assert drift.follow(frame, 1e9).known[0]["judgement"] in ("empty", "loaded", "unknown")
 
 
+def test_ctrl_c_ends_one_long_fit():
+    tank = Forward(Mesh.disc(electrodes=32, fineness=2.0), Protocol.sheffield(32))
+    baseline = 1e-3 * tank.solve(1e-3)
+    model = OneStep(tank, prior="gaussian")
+    interrupted(lambda: model.fit(baseline, noise=2e-6))
+    # the call has ended before its work, which nobody waits for
+    assert "tactus_eit" in {Path(task, "comm").read_text().strip() for task in Path("/proc/self/task").iterdir()}
+    assert not hasattr(model, "noise_")
+
+
 def test_progress_is_called_after_each_frame(forward, baseline, frame):
-    calls = []
-    OneStep(forward).fit(baseline).predict([frame] * 3, progress=lambda done, total: calls.append((done, total)))
-    assert calls == [(1, 3), (2, 3), (3, 3)]
+    model, drift = OneStep(forward).fit(baseline), Drift(forward).fit(baseline)
+    for call in (model.predict, model.judge, lambda frames, **more: drift.follow(frames, [1.0, 2.0, 3.0], **more)):
+        calls = []
+        call([frame] * 3, progress=lambda done, total, calls=calls: calls.append((done, total)))
+        assert calls == [(1, 3), (2, 3), (3, 3)]
 
 
 def test_what_progress_raises_ends_the_work(forward, baseline, frame):

@@ -74,14 +74,14 @@ pub enum OnnxError {
         meaning: &'static str,
     },
     /// Its metadata names another survey or geometry.
-    #[error("ONNX file {} was trained for {what} {message}, this is {what} {here}", .path.display())]
+    #[error("ONNX file {} was trained for {what} {value}, this is {what} {here}", .path.display())]
     Other {
         /// The file.
         path: PathBuf,
         /// `survey` or `geometry`.
         what: &'static str,
         /// The hash in the file.
-        message: String,
+        value: String,
         /// The hash of the survey or geometry in use.
         here: String,
     },
