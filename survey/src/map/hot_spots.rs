@@ -65,12 +65,19 @@ impl Adjacency {
     }
 
     /// The hot spots of a map, the highest first. `loads` has one value for each triangle; triangles below `least` belong to
-    /// none. Two maxima are one hot spot unless the map falls below half of the lower one between them.
+    /// none. Two maxima are one hot spot unless the map falls below half of the lower one between them. A patch that covers
+    /// the whole map has no place, and is none.
     pub fn hot_spots(&self, loads: &[f64], least: f64) -> Vec<HotSpot> {
         let mut order: Vec<usize> = (0..loads.len().min(self.areas.len()))
             .filter(|t| loads[*t] > 0.0 && loads[*t] >= least)
             .collect();
         order.sort_by(|a, b| loads[*b].total_cmp(&loads[*a]).then(a.cmp(b)));
+        if let (Some(highest), Some(lowest)) = (order.first(), order.last())
+            && order.len() == self.areas.len()
+            && loads[*lowest] >= SADDLE * loads[*highest]
+        {
+            return Vec::new();
+        }
         // patches grow from the highest triangle down; `peak_of[t]` is the first triangle of its patch
         let mut patch_of: Vec<Option<usize>> = vec![None; self.areas.len()];
         let mut merged_into: Vec<usize> = Vec::new();
@@ -188,5 +195,16 @@ mod tests {
         let speck = [0.0, 1.0, 1.0, 0.0, 0.0, 0.03, 0.0, 0.0, 0.0];
         assert_eq!(strip.hot_spots(&twice(&speck), 0.01).len(), 1);
         assert!(strip.hot_spots(&[-0.2; 18], 0.0).is_empty());
+    }
+
+    #[test]
+    fn an_even_load_on_the_whole_map_is_no_spot() {
+        let strip = strip(5);
+        assert!(strip.hot_spots(&[0.3; 10], 0.05).is_empty());
+        let uneven = twice(&[0.3, 0.2, 0.3, 0.2, 0.16]);
+        assert!(strip.hot_spots(&uneven, 0.05).is_empty());
+        // one place below half of the maximum: the rest is a patch
+        let bounded = twice(&[0.3, 0.3, 0.3, 0.3, 0.14]);
+        assert_eq!(strip.hot_spots(&bounded, 0.05).len(), 1);
     }
 }

@@ -64,6 +64,14 @@ pub(super) struct CoursePlaces {
     pub(super) unrelieved: Option<[f64; 2]>,
 }
 
+/// Adds to a sum of many small parts. `excess` begins at 0: what the sum has too much by rounding (Kahan).
+pub fn add_compensated(sum: &mut f64, excess: &mut f64, part: f64) {
+    let part = part - *excess;
+    let next = *sum + part;
+    *excess = (next - *sum) - part;
+    *sum = next;
+}
+
 impl Course {
     pub(super) fn new(settings: CourseSettings, triangles: usize, regions: usize) -> Self {
         Self {
@@ -100,7 +108,9 @@ impl Course {
             let step = at_s - before_s;
             if step > 0.0 && step <= hold_s {
                 for (triangle, value) in before.iter().enumerate() {
-                    self.add_dose(triangle, (value - threshold).max(0.0) * step);
+                    let part = (value - threshold).max(0.0) * step;
+                    let excess = &mut self.dose_excess[triangle];
+                    add_compensated(&mut self.dose[triangle], excess, part);
                     if *value >= threshold {
                         self.unrelieved[triangle] += step;
                         self.relieved[triangle] = 0.0;
@@ -118,14 +128,6 @@ impl Course {
         for (path, values) in self.paths.iter_mut().zip(of_regions) {
             path.take(at_s, values, hold_s);
         }
-    }
-
-    /// Adds to a dose, with Kahan's compensation.
-    fn add_dose(&mut self, triangle: usize, part: f64) {
-        let part = part - self.dose_excess[triangle];
-        let sum = self.dose[triangle] + part;
-        self.dose_excess[triangle] = (sum - self.dose[triangle]) - part;
-        self.dose[triangle] = sum;
     }
 
     /// Adds a frame's time to the window.

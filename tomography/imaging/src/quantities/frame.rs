@@ -23,7 +23,6 @@ pub(super) fn of_map(
 ) -> Vec<MapValues> {
     let means = surface.disc_means(loads);
     let gradients = surface.gradients(loads);
-    let spots = surface.adjacency().hot_spots(loads, threshold);
     let total = load(surface, &surface.region_list()[0], loads);
     surface
         .region_list()
@@ -46,8 +45,6 @@ pub(super) fn of_map(
             );
             let share = 1e2 * load(surface, region, loads) / total;
             values.set(Quantity::Dispersion, Some(share).filter(|_| total > 0.0));
-            let inside = spots.iter().filter(|spot| region.has(surface, spot.centre));
-            values.set(Quantity::HotSpots, Some(inside.count() as f64));
             found.peak = peak.filter(|t| loads[*t] > 0.0).map(at);
             found.ppi = ppi.filter(|t| means[*t] > 0.0).map(at);
             found
@@ -57,7 +54,7 @@ pub(super) fn of_map(
 
 impl SurfaceRegion {
     /// Whether the triangle nearest to a point lies in the region, at least half of it.
-    fn has(&self, surface: &Surface, point: [f64; 2]) -> bool {
+    pub(super) fn has(&self, surface: &Surface, point: [f64; 2]) -> bool {
         let distance = |at: &[f64; 2]| (at[0] - point[0]).hypot(at[1] - point[1]);
         let centroids = surface.adjacency().centroids();
         (0..centroids.len())

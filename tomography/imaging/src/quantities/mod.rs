@@ -26,14 +26,15 @@ use survey::{Map, Verdict};
 
 use crate::model::Model;
 use crate::tracking::Tracked;
+pub use course::add_compensated;
 use course::{Course, CourseSettings};
 pub use deviation::{ComparedReadings, Deviation};
 pub use minutes::{QuantityRow, Rows};
 pub use quantity::{LoadUnit, Quantity, Values};
-pub use region::{RegionError, RegionSettings, SHEET, check_regions, is_name};
+pub use region::{RegionError, RegionSettings, RegionShape, SHEET, check_regions, is_name};
 pub use stored::{STORED_S, joined, store, stored};
 pub use surface::Surface;
-use tracks::Tracks;
+use tracks::{STAYS, Tracks};
 pub use tracks::{SpotChange, SpotTrack};
 
 /// kPa of one mmHg.
@@ -182,7 +183,8 @@ impl Quantifier {
         self
     }
 
-    fn of_surface(surface: Surface, settings: QuantitySettings, unit: LoadUnit) -> Self {
+    /// For maps on a surface.
+    pub fn of_surface(surface: Surface, settings: QuantitySettings, unit: LoadUnit) -> Self {
         let course = CourseSettings {
             threshold: threshold(&settings, unit),
             relief_s: settings.relief_s,
@@ -239,8 +241,16 @@ impl Quantifier {
         let mut found = frame::of_map(&self.surface, &loads, self.threshold(), self.unit);
         let values: Vec<Values> = found.iter().map(|found| found.values).collect();
         self.course.take(at_s, &loads, &values);
-        let spots = self.surface.adjacency().hot_spots(&loads, self.threshold());
-        let changes = self.tracks.take(at_s, &spots);
+        let threshold = self.threshold();
+        let adjacency = self.surface.adjacency();
+        let spots = adjacency.hot_spots(&loads, STAYS * threshold);
+        let changes = self.tracks.take(at_s, &spots, threshold);
+        for (region, found) in self.surface.region_list().iter().zip(&mut found) {
+            let centres = self.tracks.centres();
+            let inside = centres.filter(|centre| region.has(&self.surface, *centre));
+            let count = inside.count() as f64;
+            found.values.set(Quantity::HotSpots, Some(count));
+        }
         let doubt = judged.tracked.filter(|tracked| !tracked.known);
         let known = if doubt.is_none() { 1.0 } else { 0.0 };
         let deviations = self.deviations(judged);

@@ -19,6 +19,15 @@ pub struct RegionSettings {
     pub polygon_mm: Option<Vec<[f64; 2]>>,
 }
 
+/// The shape of a named region.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RegionShape {
+    /// Its name.
+    pub name: String,
+    /// Its corners in order, mm.
+    pub corners_mm: Vec<[f64; 2]>,
+}
+
 /// Whether a text is a name of a region or an alarm: letters, digits, `-` and `_`, 32 at most.
 pub fn is_name(text: &str) -> bool {
     let character = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
@@ -60,6 +69,18 @@ pub enum RegionError {
 }
 
 impl RegionSettings {
+    /// Name and corners; `None` for a region that is wrong.
+    pub fn shape(&self) -> Option<RegionShape> {
+        let corners = self.corners().ok()?;
+        Some(RegionShape {
+            name: self.name.clone(),
+            corners_mm: corners
+                .iter()
+                .map(|corner| corner.map(|m| 1e3 * m))
+                .collect(),
+        })
+    }
+
     /// Corners of the region, m.
     ///
     /// # Errors

@@ -7,6 +7,9 @@ use survey::HotSpot;
 const LONGEST_STEP_M: f64 = 0.02;
 /// Distance from the last reported place after which a hot spot is reported as moved, m.
 const MOVED_M: f64 = 0.01;
+/// A hot spot that is followed stays one down to this share of the threshold: noise at the threshold neither ends nor begins it
+/// with every frame.
+pub(super) const STAYS: f64 = 0.8;
 
 /// A hot spot with its history.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -73,8 +76,9 @@ struct Track {
 }
 
 impl Tracks {
-    /// Takes the hot spots of the next frame, and returns what became of those before.
-    pub(super) fn take(&mut self, at_s: f64, spots: &[HotSpot]) -> Vec<SpotChange> {
+    /// Takes the hot spots of the next frame, and returns what became of those before. `threshold`: the least peak of a new one;
+    /// `spots` has those down to [`STAYS`] of it.
+    pub(super) fn take(&mut self, at_s: f64, spots: &[HotSpot], threshold: f64) -> Vec<SpotChange> {
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (old, track) in self.current.iter().enumerate() {
             for (new, spot) in spots.iter().enumerate() {
@@ -98,6 +102,7 @@ impl Tracks {
         for (spot, old) in spots.iter().zip(&track_of) {
             let track = match old {
                 Some(old) => before[*old].followed(spot, step),
+                None if spot.peak < threshold => continue,
                 None => {
                     self.numbered += 1;
                     changes.push(SpotChange::Appeared {
@@ -140,6 +145,11 @@ impl Tracks {
         }
         self.last_s = at_s;
         changes
+    }
+
+    /// Centres of the hot spots of the last frame, m.
+    pub(super) fn centres(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.current.iter().map(|track| track.spot.centre)
     }
 
     /// The hot spots of the last frame, the highest first.
@@ -194,11 +204,11 @@ mod tests {
     fn a_spot_keeps_its_number_while_it_moves() {
         let mut tracks = Tracks::default();
         assert_eq!(
-            tracks.take(0.0, &[spot(10.0, 300.0)]),
+            tracks.take(0.0, &[spot(10.0, 300.0)], 0.5),
             [SpotChange::Appeared { number: 1 }]
         );
-        assert_eq!(tracks.take(1.0, &[spot(16.0, 300.0)]), []);
-        let moved = tracks.take(2.0, &[spot(22.0, 300.0), spot(90.0, 300.0)]);
+        assert_eq!(tracks.take(1.0, &[spot(16.0, 300.0)], 0.5), []);
+        let moved = tracks.take(2.0, &[spot(22.0, 300.0), spot(90.0, 300.0)], 0.5);
         assert_eq!(moved[0], SpotChange::Appeared { number: 2 });
         assert!(
             matches!(moved[1], SpotChange::Moved { number: 1, distance_mm } if (distance_mm - 12.0).abs() < 1e-9)
@@ -215,8 +225,9 @@ mod tests {
         tracks.take(
             0.0,
             &[spot(10.0, 300.0), spot(41.0, 300.0), spot(200.0, 300.0)],
+            0.5,
         );
-        let changes = tracks.take(1.0, &[spot(25.0, 2800.0)]);
+        let changes = tracks.take(1.0, &[spot(25.0, 2800.0)], 0.5);
         assert!(
             matches!(changes[0], SpotChange::Moved { number: 1, .. }),
             "{changes:?}"
@@ -228,8 +239,27 @@ mod tests {
         assert_eq!(changes[1..], ended);
         // a number is never given twice
         assert_eq!(
-            tracks.take(2.0, &[spot(25.0, 2800.0), spot(200.0, 300.0)]),
+            tracks.take(2.0, &[spot(25.0, 2800.0), spot(200.0, 300.0)], 0.5),
             [SpotChange::Appeared { number: 4 }]
         );
+    }
+
+    #[test]
+    fn a_spot_at_the_threshold_neither_ends_nor_begins_anew() {
+        let weak = |peak| HotSpot {
+            peak,
+            ..spot(10.0, 300.0)
+        };
+        let mut tracks = Tracks::default();
+        assert_eq!(tracks.take(0.0, &[weak(0.49)], 0.5), []);
+        assert_eq!(
+            tracks.take(1.0, &[weak(0.5)], 0.5),
+            [SpotChange::Appeared { number: 1 }]
+        );
+        for (second, peak) in [(2.0, 0.499), (3.0, 0.501), (4.0, 0.41)] {
+            assert_eq!(tracks.take(second, &[weak(peak)], 0.5), []);
+        }
+        assert_eq!(tracks.list().len(), 1);
+        assert_eq!(tracks.take(5.0, &[], 0.5), [SpotChange::Gone { number: 1 }]);
     }
 }

@@ -17,7 +17,7 @@ use shards::{Division, StopRequest, Study};
 use crate::build;
 use crate::failure::{Failure, write_tables};
 use crate::progress;
-use cases::{contacts, contrast, creep, inverse, layers, meshes, order, radial, readings};
+use cases::{contacts, contrast, creep, inverse, layers, loads, meshes, order, radial, readings};
 use outcome::{Case, Check, Naive, Outcome, Side};
 
 /// Every case, in the order of the fact sheet.
@@ -57,8 +57,8 @@ const CASES: &[Case] = &[
     case(33, "sign of v0", readings::reversed_leads),
     case(34, "one bad channel", readings::one_spike),
     case(35, "summation order, threads", order::threads),
-    not_built(36, "hotspot segmentation"),
-    not_built(37, "dose over months"),
+    case(36, "hotspot segmentation", loads::hot_spots),
+    case(37, "dose over months", loads::dose),
     case(38, "degenerate polygons", order::polygons),
     not_built(39, "baseline equals load"),
     case(40, "viscoelastic step", creep::any_step),

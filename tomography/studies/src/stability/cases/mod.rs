@@ -6,6 +6,7 @@ pub(super) mod contrast;
 pub(super) mod creep;
 pub(super) mod inverse;
 pub(super) mod layers;
+pub(super) mod loads;
 pub(super) mod meshes;
 pub(super) mod order;
 pub(super) mod radial;
