@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 
 use crate::DriftError;
 use crate::model::DriftModel;
-use crate::whitened::{LoadTest, Whitened};
+use crate::whitened::{LOADED, LoadTest, Whitened};
 
 /// Error of the model as a share of the fitted signal.
 const MODEL_SHARE: f64 = 0.01;
@@ -52,6 +52,13 @@ pub struct DiscFit {
     pub chi: f64,
     /// Whether the fit is good enough for its covariance to hold.
     pub accepted: bool,
+}
+
+impl DiscFit {
+    /// Whether it is more than drift and noise of a sheet without load would show.
+    pub fn is_load(&self) -> bool {
+        self.score > LOADED
+    }
 }
 
 impl Whitened {

@@ -71,6 +71,8 @@ pub struct DriftModel {
     pub(crate) local_gram: DMatrix<f64>,
     /// Prior covariance of local change times sensitivity: a row per cell.
     local_map: DMatrix<f64>,
+    /// The same of a smooth field, over the whole sheet.
+    field_map: DMatrix<f64>,
     pub(crate) places: Vec<Place>,
     /// Data of a disc at each place with all of its conductance changed by one unit of ln.
     pub(crate) atoms: DMatrix<f64>,
@@ -150,6 +152,7 @@ impl DriftModel {
             field_gram: product(view(&by_cell), view(&field)),
             local_gram: product(view(&within), view(&local_map)),
             local_map,
+            field_map: field,
             contacts,
             potentials,
             by_cell,
@@ -280,6 +283,16 @@ impl DriftModel {
     pub(crate) fn local_map(&self, weights: &DVector<f64>) -> Vec<f64> {
         let cells = &self.local_map * weights;
         self.cells.of.iter().map(|&cell| cells[cell]).collect()
+    }
+
+    /// The same of a smooth field, by cell.
+    pub(crate) fn field_by_cell(&self, weights: &DVector<f64>) -> DVector<f64> {
+        &self.field_map * weights
+    }
+
+    /// The map of [`DriftModel::local_map`] by cell, with the centres of the cells, m.
+    pub(crate) fn local_by_cell(&self, weights: &DVector<f64>) -> (DVector<f64>, &[[f64; 2]]) {
+        (&self.local_map * weights, &self.cells.centres)
     }
 
     /// Lowest and highest corner of the sheet, m.

@@ -8,6 +8,9 @@ use nalgebra::{DMatrix, DVector};
 use crate::DriftError;
 use crate::model::{DriftModel, Place};
 
+/// Improvement of chi squared by a disc above which a frame is loaded, or a step is an event.
+pub(crate) const LOADED: f64 = 45.0;
+
 /// Data d with covariance S = L L', as L^-1 d. Rows without a value are left out (marginalised).
 #[derive(Debug, Clone)]
 pub struct Whitened {

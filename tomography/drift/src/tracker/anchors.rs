@@ -4,9 +4,9 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use super::bits;
-use super::load::LOADED;
 use crate::basis::Basis;
 use crate::model::DriftModel;
+use crate::whitened::LOADED;
 
 /// Ages of the anchors that are compared, days.
 const AGES: [f64; 3] = [1.0, 7.0, 30.0];

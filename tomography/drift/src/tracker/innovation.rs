@@ -6,11 +6,10 @@ use eit::linear_algebra::Definite;
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
 
-use super::load::LOADED;
 use super::{SAME_INTERVAL, Tracker};
 use crate::DriftError;
 use crate::electrodes::{Allowed, ElectrodeFault};
-use crate::whitened::{LoadTest, Whitened, factor};
+use crate::whitened::{LOADED, LoadTest, Whitened, factor};
 
 /// A frame on its way.
 #[derive(Clone)]

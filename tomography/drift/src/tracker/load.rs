@@ -6,8 +6,6 @@ use serde::{Deserialize, Serialize};
 use super::bits;
 use crate::disc::Disc;
 
-/// Improvement of chi squared by a disc above which a frame is loaded, or a step is an event.
-pub(crate) const LOADED: f64 = 45.0;
 /// Share of the largest signal of a load below which its rest is set, creep and ageing, not a load.
 pub(crate) const REST: f64 = 0.02;
 
@@ -23,6 +21,9 @@ pub(crate) struct Ledger {
     pub(crate) by_event: bool,
     /// Whether all loads went, and what is left is their rest.
     pub(crate) rest: bool,
+    /// Whether a person said that something lies there: only a person releases it.
+    #[serde(default)]
+    pub(crate) held: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -8,6 +8,7 @@ mod anchors;
 mod bits;
 mod innovation;
 mod load;
+mod orders;
 mod pace;
 mod state;
 
@@ -21,11 +22,13 @@ use crate::DriftError;
 use crate::basis::{Basis, PER_DAY};
 use crate::disc::DiscFit;
 use crate::electrodes::{ElectrodeCheck, ElectrodeFault};
+use crate::kinds::DriftKinds;
 use crate::model::DriftModel;
-use crate::whitened::{LoadTest, Whitened, best_places};
+use crate::whitened::{LOADED, LoadTest, Whitened, best_places};
 pub use anchors::AnchorAlarm;
 use innovation::{Frame, Steady};
-use load::{LOADED, REST};
+use load::REST;
+pub use orders::TrackingOrder;
 use pace::PACES;
 pub use state::TrackerState;
 
@@ -100,6 +103,10 @@ pub struct Answer {
     pub since_empty_s: f64,
     /// Whether the time of the frame was before that of the last.
     pub clock_went_back: bool,
+    /// Orders of a person that were carried out with this frame.
+    pub orders: Vec<TrackingOrder>,
+    /// Whether the sheet is loaded because a person said so.
+    pub held: bool,
 }
 
 /// Follows one sheet.
@@ -165,6 +172,15 @@ impl Tracker {
         self.state.baseline()
     }
 
+    /// The drift since the first baseline, which is so many days old, by kind.
+    ///
+    /// # Errors
+    /// A covariance that cannot be factored.
+    pub fn kinds(&self, days: f64) -> Result<DriftKinds, DriftError> {
+        let (change, error) = (self.state.baseline(), self.state.covariance());
+        self.model.kinds(&change, &error, days, self.state.pace())
+    }
+
     /// Follows a frame.
     ///
     /// # Errors
@@ -222,6 +238,8 @@ impl Tracker {
             agrees: None,
             since_empty_s: at_s - self.state.empty_s,
             clock_went_back,
+            orders: Vec::new(),
+            held: self.state.ledger.held,
         };
         if answer.masked.len() > MOST_MASKED || 2 * frame_now.rows.len() < self.prepared.rows.len()
         {
@@ -235,12 +253,15 @@ impl Tracker {
         let event = self.event(&frame_now)?;
         self.state.last = frame_now.data.as_slice().to_vec();
         self.state.last_rows.clone_from(&frame_now.rows);
-        if self.state.ledger.loaded() {
+        if self.carry_out(&mut answer, &mut frame_now, &now)? {
+            // a person has judged it
+        } else if self.state.ledger.loaded() {
             self.loaded(&mut answer, &frame_now, event, &now)?;
         } else {
             self.maybe_empty(&mut answer, &frame_now, event, &now)?;
         }
         answer.loads = self.state.ledger.loads();
+        answer.held = self.state.ledger.held;
         answer.pace = self.state.pace.pace;
         Ok(answer)
     }
@@ -375,6 +396,9 @@ impl Tracker {
         }
         self.state.ledger.follow(&frame.e);
         self.state.loaded_frames += 1;
+        if self.state.ledger.held {
+            return Ok(());
+        }
         if !(back_to_empty || self.state.loaded_frames.is_multiple_of(TEST_EVERY)) {
             return Ok(());
         }

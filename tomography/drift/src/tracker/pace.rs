@@ -100,6 +100,16 @@ impl Pace {
         Some(self.pace)
     }
 
+    /// These data are a new baseline, with the noise of one frame: what was between it and the last frame is no drift.
+    pub(crate) fn begin_again(&mut self, basis: &Basis, data: &DVector<f64>, at_s: f64) {
+        let data = basis.of(data);
+        for filter in &mut self.filters {
+            filter.mean.copy_from_slice(data.as_slice());
+            filter.variance.fill(1.0);
+        }
+        self.last_s = at_s;
+    }
+
     /// Local change of this standard deviation may have happened: after a load.
     pub(crate) fn changed_locally(&mut self, basis: &Basis, size: f64) {
         for filter in &mut self.filters {

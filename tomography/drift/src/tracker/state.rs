@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::anchors::Anchors;
 use super::load::Ledger;
+use super::orders::TrackingOrder;
 use super::pace::Pace;
 use super::{HEALED_S, bits};
 use crate::DriftError;
@@ -43,6 +44,9 @@ pub struct TrackerState {
     pub(super) pace: Pace,
     pub(super) anchors: Anchors,
     faults: Vec<Fault>,
+    /// Orders of a person that wait for a frame.
+    #[serde(default)]
+    pub(super) orders: Vec<TrackingOrder>,
 }
 
 /// A faulty electrode.
@@ -72,6 +76,7 @@ impl TrackerState {
             pace: Pace::new(rows, at_s),
             anchors: Anchors::default(),
             faults: Vec::new(),
+            orders: Vec::new(),
         };
         state.set_covariance(&model.noise);
         state.anchors.keep(&DVector::zeros(rows), at_s);
@@ -198,6 +203,11 @@ impl TrackerState {
     /// Loads that lie on the sheet.
     pub fn loads(&self) -> usize {
         self.ledger.loads()
+    }
+
+    /// Whether the sheet counts as loaded because a person said so.
+    pub fn held(&self) -> bool {
+        self.ledger.held
     }
 
     /// Seconds at a time since the last frame without load.

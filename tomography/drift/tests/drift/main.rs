@@ -1,5 +1,7 @@
 //! Drift of a sheet: single frames and the tracked baseline, with readings of a finer mesh than the model's.
 
+mod orders;
 mod sheet;
 mod single_frame;
 mod tracker;
+mod walk;

@@ -2,79 +2,11 @@
 
 use std::sync::Arc;
 
-use drift::{Answer, DriftModel, ElectrodeFault, Judgement, Sizes, Tracker, TrackerState};
-use nalgebra::DVector;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
+use drift::{ElectrodeFault, Judgement, Tracker, TrackerState};
 use survey::{Reading, Volts};
 
 use crate::sheet::Sheet;
-
-const EVERY_S: f64 = 600.0;
-
-/// A sheet whose data walk by the tracker's own rates times a pace.
-struct Walk {
-    sheet: Sheet,
-    model: Arc<DriftModel>,
-    drift: nalgebra::DMatrix<f64>,
-    at: DVector<f64>,
-    random: ChaCha8Rng,
-}
-
-impl Walk {
-    fn new(pace: f64) -> Self {
-        let sheet = Sheet::new();
-        let model = Arc::new(sheet.model());
-        let day = Sizes {
-            gain: 0.01,
-            contact: 0.08,
-            field: 2e-3,
-            local: 2e-3,
-        };
-        let step = model.drift(&day) * (pace * pace * EVERY_S / 86_400.0);
-        let step = step + model.noise() * 1e-9; // definite
-        Self {
-            drift: step.cholesky().unwrap().l(),
-            at: DVector::zeros(299),
-            random: ChaCha8Rng::seed_from_u64(5),
-            model,
-            sheet,
-        }
-    }
-
-    fn frame(&mut self, load: Option<(&DVector<f64>, f64)>) -> Vec<Reading> {
-        let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
-        let draw = DVector::from_fn(299, |_, _| normal());
-        self.at += &self.drift * draw;
-        let mut data = self.at.clone();
-        if let Some((change, by)) = load {
-            data += change * by;
-        }
-        let mut volts: Vec<f64> = self
-            .sheet
-            .baseline
-            .iter()
-            .map(|r| r.volts().unwrap().0)
-            .collect();
-        for row in 0..299 {
-            for reading in self.model.pairs().readings(row) {
-                volts[reading] += data[row] + 2e-6 * normal();
-            }
-        }
-        volts.into_iter().map(|v| Reading::Ok(Volts(v))).collect()
-    }
-}
-
-fn follow(
-    tracker: &mut Tracker,
-    walk: &mut Walk,
-    frame: usize,
-    load: Option<(&DVector<f64>, f64)>,
-) -> Answer {
-    let readings = walk.frame(load);
-    tracker.follow(&readings, EVERY_S * frame as f64).unwrap()
-}
+use crate::walk::{EVERY_S, Walk, follow};
 
 #[test]
 fn two_loads_come_and_go_and_nothing_is_learnt_of_them() {

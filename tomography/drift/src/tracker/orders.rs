@@ -1,0 +1,128 @@
+//! Orders of a person, who knows what lies on the sheet: they overrule what the tracker concludes from readings.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::innovation::{Frame, Steady};
+use super::{Answer, Judgement, Tracker};
+use crate::DriftError;
+
+/// What a person says of the sheet. It takes effect with the next frame that can be judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrackingOrder {
+    /// Nothing lies on the sheet: the frame is its baseline from now on, and baselines of the past are forgotten.
+    EmptyNow,
+    /// Something lies on the sheet: nothing is learnt until [`TrackingOrder::EmptyNow`]. A slow loss of conductance that an anchor shows
+    /// counts as part of it.
+    LoadedNow,
+    /// What changed since the baselines of the past is age: they are forgotten.
+    ForgetAnchor,
+}
+
+impl TrackingOrder {
+    /// All orders.
+    pub const ALL: [Self; 3] = [Self::EmptyNow, Self::LoadedNow, Self::ForgetAnchor];
+
+    /// Its name in records and on command lines.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::EmptyNow => "empty-now",
+            Self::LoadedNow => "loaded-now",
+            Self::ForgetAnchor => "forget-anchor",
+        }
+    }
+
+    /// The order of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|order| order.name() == name)
+    }
+
+    /// Whether both can wait for the same frame: the sheet is not empty and loaded at once.
+    fn agrees_with(self, other: Self) -> bool {
+        self != other && (self == Self::ForgetAnchor || other == Self::ForgetAnchor)
+    }
+}
+
+impl Tracker {
+    /// Takes an order for the next frame that can be judged. Of two orders that contradict each other the later one counts.
+    pub fn order(&mut self, order: TrackingOrder) {
+        let waiting = &mut self.state.orders;
+        waiting.retain(|earlier| earlier.agrees_with(order));
+        waiting.push(order);
+    }
+
+    /// Carries out the orders that waited for this frame; true if it is thereby judged.
+    pub(super) fn carry_out(
+        &mut self,
+        answer: &mut Answer,
+        frame: &mut Frame,
+        now: &Arc<Steady>,
+    ) -> Result<bool, DriftError> {
+        answer.orders = std::mem::take(&mut self.state.orders);
+        let mut judged = false;
+        for order in answer.orders.clone() {
+            match order {
+                TrackingOrder::EmptyNow => {
+                    self.begin_again(frame, now);
+                    answer.judgement = Judgement::Empty;
+                    answer.since_empty_s = 0.0;
+                    judged = true;
+                }
+                TrackingOrder::LoadedNow => self.hold(frame),
+                TrackingOrder::ForgetAnchor => self.forget_anchors(),
+            }
+        }
+        Ok(judged)
+    }
+
+    /// The frame is the baseline, known as well as one frame is. Pairs without readings stay as they are tracked.
+    fn begin_again(&mut self, frame: &Frame, now: &Steady) {
+        let rows = &frame.rows;
+        let measured = |row: usize| rows.binary_search(&row).is_ok();
+        let n = frame.data.len();
+        let covariance = DMatrix::from_fn(n, n, |i, j| match (measured(i), measured(j)) {
+            (true, true) => self.model.noise[(i, j)],
+            (false, false) => now.predicted[(i, j)],
+            _ => 0.0,
+        });
+        let step = DVector::from_fn(n, |row, _| if measured(row) { frame.e[row] } else { 0.0 });
+        self.state.correct(&step);
+        self.state.set_covariance(&covariance);
+        self.state.ledger.release();
+        self.state.restart();
+        self.steady = None;
+        self.state.empty_s = self.state.at_s;
+        let (baseline, at_s) = (self.state.baseline(), self.state.at_s);
+        self.state
+            .pace
+            .begin_again(&self.prepared.basis, &baseline, at_s);
+        self.forget_anchors();
+    }
+
+    /// The sheet is loaded until a person says that it is empty.
+    fn hold(&mut self, frame: &mut Frame) {
+        if !self.state.ledger.loaded() {
+            let (pace, at_s) = (self.state.pace.pace, self.state.at_s);
+            let (anchors, basis) = (&self.state.anchors, &self.prepared.basis);
+            let slow = anchors.alarm(&self.model, basis, &frame.data, pace, at_s);
+            if let Some(alarm) = slow.filter(|alarm| alarm.change < 0.0) {
+                // the load that came slowly was learnt as drift
+                let learnt = self.model.disc(alarm.centre, alarm.diameter) * alarm.change;
+                self.state.correct(&-&learnt);
+                frame.e += learnt;
+            }
+            self.state.ledger.begin(frame.data.len(), false);
+            self.state.loaded_frames = 0;
+        }
+        self.state.ledger.held = true;
+    }
+
+    fn forget_anchors(&mut self) {
+        self.state.anchors = Default::default();
+        let baseline = self.state.baseline();
+        self.state.anchors.keep(&baseline, self.state.at_s);
+    }
+}

@@ -1,0 +1,79 @@
+//! A sheet whose data are linear draws of drift, with a load or without.
+
+use std::sync::Arc;
+
+use drift::{Answer, DriftModel, Sizes, Tracker};
+use nalgebra::DVector;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use survey::{Reading, Volts};
+
+use crate::sheet::Sheet;
+
+/// Interval of the frames, s.
+pub const EVERY_S: f64 = 600.0;
+
+/// A sheet whose data walk by the tracker's own rates times a pace.
+pub struct Walk {
+    pub sheet: Sheet,
+    pub model: Arc<DriftModel>,
+    drift: nalgebra::DMatrix<f64>,
+    at: DVector<f64>,
+    random: ChaCha8Rng,
+}
+
+impl Walk {
+    pub fn new(pace: f64) -> Self {
+        let sheet = Sheet::new();
+        let model = Arc::new(sheet.model());
+        let day = Sizes {
+            gain: 0.01,
+            contact: 0.08,
+            field: 2e-3,
+            local: 2e-3,
+        };
+        let step = model.drift(&day) * (pace * pace * EVERY_S / 86_400.0);
+        let step = step + model.noise() * 1e-9; // definite
+        Self {
+            drift: step.cholesky().unwrap().l(),
+            at: DVector::zeros(299),
+            random: ChaCha8Rng::seed_from_u64(5),
+            model,
+            sheet,
+        }
+    }
+
+    pub fn frame(&mut self, load: Option<(&DVector<f64>, f64)>) -> Vec<Reading> {
+        let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
+        let draw = DVector::from_fn(299, |_, _| normal());
+        self.at += &self.drift * draw;
+        let mut data = self.at.clone();
+        if let Some((change, by)) = load {
+            data += change * by;
+        }
+        let mut volts: Vec<f64> = self
+            .sheet
+            .baseline
+            .iter()
+            .map(|r| r.volts().unwrap().0)
+            .collect();
+        for row in 0..299 {
+            for reading in self.model.pairs().readings(row) {
+                volts[reading] += data[row] + 2e-6 * normal();
+            }
+        }
+        volts.into_iter().map(|v| Reading::Ok(Volts(v))).collect()
+    }
+}
+
+/// Follows a frame of the walk.
+pub fn follow(
+    tracker: &mut Tracker,
+    walk: &mut Walk,
+    frame: usize,
+    load: Option<(&DVector<f64>, f64)>,
+) -> Answer {
+    let readings = walk.frame(load);
+    tracker.follow(&readings, EVERY_S * frame as f64).unwrap()
+}
