@@ -22,7 +22,7 @@ mod settings;
 mod store;
 mod upload;
 
-pub use catalogue::{Access, ArchivedPart, Catalogue, CatalogueError, Selection};
+pub use catalogue::{Access, ArchivedPart, Catalogue, CatalogueError, Migration, Selection};
 pub use live::LiveSettings;
 pub use part::{Part, PartError};
 pub use program::{command, run};
