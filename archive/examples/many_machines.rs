@@ -1,6 +1,7 @@
 //! Archives a week of many machines into one PostgreSQL and one folder, and measures it:
 //! `cargo run --release -p tactus-archive --example many_machines -- [MACHINES] [DAYS] [PERIOD_S]`, by default 100 machines,
-//! 7 days, a frame of 598 readings every 10 s. All machines have the same frames: their files are links, so that the
+//! 7 days, a frame of 598 readings every 10 s. Each day has 20 events, 4 of them of alarms. Then it says what the tables of 10,000
+//! machines would grow by, from the bytes of a row that it measured. All machines have the same frames: their files are links, so that the
 //! disk holds the record once and the store once for each machine (3 GB).
 
 #[expect(dead_code, reason = "the rest is for other measurements")]
@@ -28,6 +29,10 @@ const DAY: u64 = 86_400;
 const SITES: usize = 10;
 /// Pushes at the same time.
 const WORKERS: usize = 2;
+/// Events that each machine reports, a fifth of them of alarms.
+const EVENTS_A_DAY: u64 = 20;
+/// Machines that are extrapolated to.
+const MANY: f64 = 10_000.0;
 /// Passes of the service that are measured, a second apart.
 const PASSES: u64 = 60;
 
@@ -96,11 +101,39 @@ fn measure(machines: usize, days: u64, period: u64) -> Result<(), Fault> {
         whole.status.success(),
         began.elapsed().as_secs_f64()
     );
-    let sizes = "SELECT c.relname || ': ' || s.n_live_tup || ' rows, ' || pg_relation_size(c.oid) || ' bytes, indexes ' || pg_indexes_size(c.oid)
-        FROM pg_class c JOIN pg_stat_user_tables s ON s.relid = c.oid WHERE c.relname IN ('session', 'part', 'event', 'alarm', 'quantity') ORDER BY 1";
-    server.sql("ANALYZE");
-    println!("{}", server.sql(sizes));
+    on_paper(&server, machines as f64 * days as f64)?;
     one_machine(&configs[0], &folder.path().join("0"), days)
+}
+
+/// Rows and bytes of each table as they are here, after `machine_days` days of one machine, and for many machines a day.
+fn on_paper(server: &Server, machine_days: f64) -> Result<(), Fault> {
+    server.sql("VACUUM ANALYZE");
+    let sizes = "SELECT c.relname, s.n_live_tup, pg_table_size(c.oid), pg_indexes_size(c.oid)
+        FROM pg_class c JOIN pg_stat_user_tables s ON s.relid = c.oid
+        WHERE c.relname IN ('session', 'part', 'event', 'alarm', 'quantity') ORDER BY 1";
+    println!(
+        "table: rows here | bytes a row, of its indexes || {MANY} machines: rows a day | GB a day, of indexes | GB a year"
+    );
+    for line in server.sql(sizes).lines() {
+        let fields: Vec<&str> = line.split('|').collect();
+        let [table, rows, bytes, indexes] = fields[..] else {
+            return Err(format!("unexpected: {line}").into());
+        };
+        let (rows, bytes, indexes): (f64, f64, f64) =
+            (rows.parse()?, bytes.parse()?, indexes.parse()?);
+        // a machine begins a session a week
+        let a_day = rows / machine_days * MANY;
+        let gigabytes = |bytes: f64| bytes / rows * a_day / 1e9;
+        println!(
+            "{table}: {rows} | {:.0} {:.0} || {a_day:.0} | {:.3} {:.3} | {:.1}",
+            bytes / rows,
+            indexes / rows,
+            gigabytes(bytes),
+            gigabytes(indexes),
+            365.0 * gigabytes(bytes + indexes)
+        );
+    }
+    Ok(())
 }
 
 /// A session in daily parts with a row of quantities a minute; returns its frames.
@@ -120,7 +153,13 @@ fn record(folder: &Path, days: u64, period: u64) -> Result<u64, Fault> {
             let frames: Vec<_> = numbers.map(|number| rig.frame(number)).collect();
             writer.append_all(frames.iter().map(|frame| (frame, None)))?;
         }
-        writer.event(at(day * DAY), "note", "a day")?;
+        for number in 0..EVENTS_A_DAY {
+            let (kind, text) = match number % 5 {
+                0 => ("alarm-active", "heel: ppi is 9.1 kPa, above 8 kPa"),
+                _ => ("note", "the rig was cleaned and the sheet was looked at"),
+            };
+            writer.event(at(day * DAY + 3600 * number), kind, text)?;
+        }
     }
     writer.close(at(days * DAY), "asked to stop")?;
     for minute in 0..days * DAY / 60 {

@@ -82,6 +82,15 @@ pub(crate) fn trusting(ca: &Path) -> Result<ClientConfig, String> {
     Ok(versions.with_root_certificates(roots).with_no_client_auth())
 }
 
+/// Whether an error or one of its causes is of TLS: a certificate that is not trusted, or a peer that does not encrypt.
+pub(crate) fn is_about_tls(error: &(dyn std::error::Error + 'static)) -> bool {
+    std::iter::successors(Some(error), |cause| cause.source()).any(|cause| {
+        let inner = cause.downcast_ref::<std::io::Error>();
+        let inner = inner.and_then(std::io::Error::get_ref);
+        cause.is::<rustls::Error>() || inner.is_some_and(|inner| inner.is::<rustls::Error>())
+    })
+}
+
 /// Whether a host is this machine.
 pub(crate) fn is_loopback(name: &str) -> bool {
     name == "localhost"

@@ -27,7 +27,7 @@ mod upload;
 pub use args::{Filter, Pull, Task};
 pub use catalogue::{
     Access, ArchivedName, ArchivedPart, ArchivedSession, Catalogue, CatalogueError, Machine,
-    Selection, SessionFilter, SessionName,
+    Migration, Selection, SessionFilter, SessionName,
 };
 pub use live::LiveSettings;
 pub use part::{Part, PartError};

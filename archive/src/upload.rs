@@ -354,7 +354,8 @@ impl Uploader {
             return Err(conflict.to_string());
         }
         let receipt = ArchiveReceipt {
-            at: Utc::now(),
+            // with a clock that was put back, the file is of the future: the receipt is of the file as it is now all the same
+            at: Utc::now().max(modified),
             sha256: sha256.to_owned(),
             bytes: read.bytes,
             stored_as: read.name.to_string(),

@@ -1,6 +1,10 @@
 //! Why the catalogue refuses, in words that name what to do.
 
+use std::error::Error;
+
 use tokio_postgres::error::SqlState;
+
+use crate::credentials::is_about_tls;
 
 /// Why the catalogue refuses.
 #[derive(Debug, thiserror::Error)]
@@ -23,7 +27,7 @@ pub enum CatalogueError {
         place: String,
         /// The cause.
         #[source]
-        source: Box<dyn std::error::Error + Send + Sync>,
+        source: Box<dyn Error + Send + Sync>,
     },
     /// The server's certificate is not trusted, or it has none.
     #[error(
@@ -36,7 +40,7 @@ pub enum CatalogueError {
         ca: String,
         /// The cause.
         #[source]
-        source: Box<dyn std::error::Error + Send + Sync>,
+        source: Box<dyn Error + Send + Sync>,
     },
     /// Role or password are wrong.
     #[error(
@@ -184,14 +188,17 @@ impl Endpoint {
                 database: self.database.clone(),
             },
             Some(_) => self.refused(source),
-            None if is_about_tls(&source) => CatalogueError::Untrusted {
-                place,
-                ca: self
-                    .ca
-                    .clone()
-                    .unwrap_or_else(|| "archive.ca, which is not given,".into()),
-                source: source.into(),
-            },
+            // the library gives some of these causes no type of their own
+            None if is_about_tls(&source) || source.to_string().contains("TLS") => {
+                CatalogueError::Untrusted {
+                    place,
+                    ca: self
+                        .ca
+                        .clone()
+                        .unwrap_or_else(|| "archive.ca, which is not given,".into()),
+                    source: source.into(),
+                }
+            }
             None if is_about_password(&source) => CatalogueError::Login {
                 place,
                 role: self.role.clone(),
@@ -227,33 +234,8 @@ impl Endpoint {
     }
 }
 
-fn is_about_tls(error: &tokio_postgres::Error) -> bool {
-    chain_has(error, |cause| {
-        cause.is::<rustls::Error>()
-            || cause
-                .downcast_ref::<std::io::Error>()
-                .and_then(std::io::Error::get_ref)
-                .is_some_and(|inner| inner.is::<rustls::Error>())
-    }) || error.to_string().contains("TLS")
-}
-
 fn is_about_password(error: &tokio_postgres::Error) -> bool {
     // the library gives these causes no type of their own
-    chain_has(error, |cause| {
-        cause.to_string().contains("password missing")
-    })
-}
-
-fn chain_has(
-    error: &dyn std::error::Error,
-    wanted: impl Fn(&(dyn std::error::Error + 'static)) -> bool,
-) -> bool {
-    let mut next = error.source();
-    while let Some(cause) = next {
-        if wanted(cause) {
-            return true;
-        }
-        next = cause.source();
-    }
-    false
+    std::iter::successors(error.source(), |cause| (*cause).source())
+        .any(|cause| cause.to_string().contains("password missing"))
 }

@@ -1,5 +1,6 @@
 //! The tables of the catalogue, version by version.
 
+use serde::Serialize;
 use tokio_postgres::{Client, GenericClient};
 
 use super::error::{CatalogueError, Endpoint};
@@ -12,6 +13,9 @@ const MIGRATIONS: &[(&str, &str)] = &[
     ),
     ("0002-reading", include_str!("migrations/0002-reading.sql")),
 ];
+
+/// Makes the function that turns quantities into a hypertable where there is TimescaleDB.
+const HYPERTABLE: &str = include_str!("migrations/hypertable.sql");
 
 /// Any number: programs that migrate at the same time wait for each other.
 const LOCK: i64 = 0x7461_6374_7573;
@@ -42,11 +46,20 @@ pub(super) async fn version(
         .get(0))
 }
 
-/// Brings the tables to the version of this program, all or nothing; returns the names of what was applied.
+/// What a migration did.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Migration {
+    /// Names of what was applied.
+    pub applied: Vec<&'static str>,
+    /// Whether quantities are in a hypertable: `used`, or `refused: ` and why; `None` without TimescaleDB.
+    pub timescaledb: Option<String>,
+}
+
+/// Brings the tables to the version of this program, all or nothing.
 pub(super) async fn apply(
     client: &mut Client,
     endpoint: &Endpoint,
-) -> Result<Vec<&'static str>, CatalogueError> {
+) -> Result<Migration, CatalogueError> {
     let refused = |error| endpoint.refused(error);
     let transaction = client.transaction().await.map_err(refused)?;
     transaction
@@ -78,6 +91,22 @@ pub(super) async fn apply(
             .map_err(refused)?;
         applied.push(*name);
     }
+    transaction
+        .batch_execute(HYPERTABLE)
+        .await
+        .map_err(refused)?;
+    let row = transaction
+        .query_one("SELECT pg_temp.use_timescaledb()", &[])
+        .await
+        .map_err(refused)?;
+    let timescaledb = row.get(0);
+    transaction
+        .batch_execute("DROP FUNCTION pg_temp.use_timescaledb()")
+        .await
+        .map_err(refused)?;
     transaction.commit().await.map_err(refused)?;
-    Ok(applied)
+    Ok(Migration {
+        applied,
+        timescaledb,
+    })
 }

@@ -18,6 +18,7 @@ pub use connection::Access;
 pub use error::CatalogueError;
 pub use listing::{ArchivedPart, Selection};
 pub use machines::Machine;
+pub use migrations::Migration;
 pub(crate) use sessions::Unfound;
 pub use sessions::{ArchivedName, ArchivedSession, SessionFilter, SessionName};
 
@@ -49,11 +50,12 @@ impl Catalogue {
         &self.endpoint.place
     }
 
-    /// Creates the tables, or brings them to the version of this program; returns the names of what was applied.
+    /// Creates the tables, or brings them to the version of this program. Quantities become a hypertable where the database has
+    /// TimescaleDB.
     ///
     /// # Errors
     /// No rights, or tables of a later version.
-    pub async fn migrate(&mut self) -> Result<Vec<&'static str>, CatalogueError> {
+    pub async fn migrate(&mut self) -> Result<Migration, CatalogueError> {
         migrations::apply(&mut self.client, &self.endpoint).await
     }
 

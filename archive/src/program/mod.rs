@@ -212,8 +212,8 @@ async fn verify(
 
 async fn migrate(settings: &Settings, printer: &mut Printer) -> Result<(), Failure> {
     let mut catalogue = Catalogue::connect(&settings.access).await?;
-    let applied = catalogue.migrate().await?;
-    printer.line(&output::Migrated { applied }, output::migrated)
+    let migration = catalogue.migrate().await?;
+    printer.line(&migration, output::migrated)
 }
 
 async fn add_site(settings: &Settings, requested: &AddSite) -> Result<(), Failure> {

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::failure::Failure;
-use crate::catalogue::ArchivedPart;
+use crate::catalogue::{ArchivedPart, Migration};
 use crate::retrieval::Holding;
 use crate::upload::{Status, Step};
 
@@ -101,14 +101,13 @@ pub(super) fn verified(line: &Verified<'_>) -> String {
     format!("{}: {state}", line.part.name())
 }
 
-#[derive(Debug, Serialize)]
-pub(super) struct Migrated {
-    pub applied: Vec<&'static str>,
-}
-
-pub(super) fn migrated(line: &Migrated) -> String {
-    match line.applied.is_empty() {
+pub(super) fn migrated(line: &Migration) -> String {
+    let mut text = match line.applied.is_empty() {
         true => "the catalogue is up to date".to_owned(),
         false => format!("applied: {}", line.applied.join(", ")),
+    };
+    if let Some(timescaledb) = &line.timescaledb {
+        text.push_str(&format!("\nTimescaleDB for quantities: {timescaledb}"));
     }
+    text
 }

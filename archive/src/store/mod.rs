@@ -147,6 +147,17 @@ pub enum StoreError {
         #[source]
         source: std::io::Error,
     },
+    /// The certificate of a bucket's server is not trusted, or it has none.
+    #[error(
+        "no trusted connection to the store {place}: its certificate must be issued by archive.store_ca for this host name, and the clock of this machine right"
+    )]
+    Untrusted {
+        /// The store.
+        place: String,
+        /// The cause.
+        #[source]
+        source: std::io::Error,
+    },
     /// The server of a bucket refuses.
     #[error(
         "the store {place} refuses {name}: {why} (HTTP {status}); NoSuchBucket: create the bucket; AccessDenied, InvalidAccessKeyId, SignatureDoesNotMatch: correct archive.store_keys_file or the rights of the key"

@@ -106,13 +106,15 @@ impl Objects {
     }
 
     fn unreachable(&self, fault: ureq::Error) -> StoreError {
+        let place = self.place.clone();
         let source = match fault {
             ureq::Error::Io(source) => source,
+            ureq::Error::Rustls(source) => Error::other(source),
             other => Error::other(other),
         };
-        StoreError::Unreachable {
-            place: self.place.clone(),
-            source,
+        match crate::credentials::is_about_tls(&source) {
+            true => StoreError::Untrusted { place, source },
+            false => StoreError::Unreachable { place, source },
         }
     }
 

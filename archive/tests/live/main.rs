@@ -1,7 +1,7 @@
 //! The live topics against a real mosquitto and a daemon's bus that a test serves.
 
 mod access;
-#[path = "../postgres/authority.rs"]
+#[path = "../servers/authority.rs"]
 mod authority;
 mod daemon;
 #[path = "../../../logbook/tests/example_frames/taken.rs"]

@@ -1,17 +1,22 @@
 //! The archive against a real PostgreSQL: pushes, repetitions, faults, kills, refusals.
 
+#[path = "../servers/authority.rs"]
 mod authority;
+mod clocks;
 mod dashboard;
 mod faults;
 #[path = "../../../logbook/tests/example_frames/taken.rs"]
 mod frames;
 mod kills;
+mod link;
+mod links;
 mod objects;
 mod pushes;
 mod reading;
 mod refusals;
 mod server;
 mod site;
+mod timescale;
 
 use server::Server;
 use site::Site;

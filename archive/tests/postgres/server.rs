@@ -249,6 +249,26 @@ impl Server {
         self.sql_in(DATABASE, statements)
     }
 
+    /// Starts statements as the owner, which go on.
+    pub fn session(&self, statements: &str) -> Child {
+        let mut command = self.psql(DATABASE, statements);
+        command.stdout(Stdio::null()).stderr(Stdio::null());
+        command.spawn().expect("psql runs")
+    }
+
+    /// Waits until a query gives this.
+    pub fn wait_for(&self, query: &str, expected: &str) {
+        let limit = Instant::now() + Duration::from_secs(60);
+        loop {
+            let found = self.sql(query);
+            if found == expected {
+                return;
+            }
+            assert!(Instant::now() < limit, "{query}: {found}, not {expected}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     /// The error of statements that a role runs.
     pub fn refusal(&self, role: &str, statements: &str) -> String {
         let mut command = self.psql(DATABASE, statements);

@@ -137,7 +137,7 @@ impl Site {
         let mut writer = begun(&self.record(), id, 1);
         for part in 2..=parts {
             writer.roll(at(10 * part as i64)).unwrap();
-            frames(&mut writer, part);
+            more_frames(&mut writer, part);
         }
         for minute in 1..=3 * parts {
             add_minute(&self.record(), id, minute);
@@ -159,11 +159,12 @@ pub fn add_minute(record: &Path, id: &str, minute: u64) {
 pub fn begun(record: &Path, id: &str, part: u64) -> SessionWriter {
     let header = SessionHeader::new(id, at(0), Protocol::sheffield(8).unwrap());
     let mut writer = SessionWriter::create(record, &header).unwrap();
-    frames(&mut writer, part);
+    more_frames(&mut writer, part);
     writer
 }
 
-fn frames(writer: &mut SessionWriter, part: u64) {
+/// The three frames and four events of a part.
+pub fn more_frames(writer: &mut SessionWriter, part: u64) {
     let protocol = Protocol::sheffield(8).unwrap();
     for number in 3 * part - 2..=3 * part {
         let readings = (0..protocol.len())

@@ -6,6 +6,7 @@ mod dbus_contract;
 mod foreign_clients;
 mod hostile_text;
 mod json_output;
+mod live_topics;
 mod round_trips;
 mod session_names;
 mod watch_screen;

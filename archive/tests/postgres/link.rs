@@ -1,0 +1,141 @@
+//! A link between an uploader and a server that a test cuts, or that alters what goes through it.
+
+use std::io::{Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+/// The other end.
+#[derive(Debug, Clone)]
+pub enum Far {
+    /// A socket of this machine.
+    Socket(PathBuf),
+    /// A port of this machine.
+    Port(u16),
+}
+
+/// What the link does.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Doing {
+    /// It takes everything through.
+    Open,
+    /// It takes nothing through.
+    Cut,
+    /// It is cut when this text comes from the uploader, which does not arrive.
+    CutBefore(&'static [u8]),
+    /// It is cut when the server has answered to this text; the answer does not arrive.
+    CutAfter(&'static [u8]),
+    /// A bit of this text is altered on its way from the uploader, each time.
+    Alter(&'static [u8]),
+}
+
+pub struct Link {
+    port: u16,
+    doing: Arc<Mutex<Doing>>,
+}
+
+/// Both kinds of stream.
+trait Stream: Read + Write + Send {
+    fn end(&self);
+    fn twin(&self) -> Box<dyn Stream>;
+}
+
+impl Stream for TcpStream {
+    fn end(&self) {
+        let _ = self.shutdown(Shutdown::Both);
+    }
+    fn twin(&self) -> Box<dyn Stream> {
+        Box::new(self.try_clone().unwrap())
+    }
+}
+
+impl Stream for UnixStream {
+    fn end(&self) {
+        let _ = self.shutdown(Shutdown::Both);
+    }
+    fn twin(&self) -> Box<dyn Stream> {
+        Box::new(self.try_clone().unwrap())
+    }
+}
+
+impl Link {
+    /// An open link to the far end.
+    pub fn to(far: Far) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let doing = Arc::new(Mutex::new(Doing::Open));
+        let shared = Arc::clone(&doing);
+        std::thread::spawn(move || {
+            for near in listener.incoming() {
+                let Ok(near) = near else { return };
+                if *shared.lock().unwrap() == Doing::Cut {
+                    continue;
+                }
+                let opened: std::io::Result<Box<dyn Stream>> = match &far {
+                    Far::Socket(path) => UnixStream::connect(path).map(|s| Box::new(s) as _),
+                    Far::Port(port) => {
+                        TcpStream::connect(("127.0.0.1", *port)).map(|s| Box::new(s) as _)
+                    }
+                };
+                // the far end is not there: the near one is closed
+                let Ok(far) = opened else { continue };
+                carry(Box::new(near), far, &shared);
+            }
+        });
+        Self { port, doing }
+    }
+
+    pub fn port(&self) -> u16 {
+        self.port
+    }
+
+    pub fn set(&self, doing: Doing) {
+        *self.doing.lock().unwrap() = doing;
+    }
+}
+
+/// Takes a connection through, both ways.
+fn carry(near: Box<dyn Stream>, far: Box<dyn Stream>, doing: &Arc<Mutex<Doing>>) {
+    // whether the answer to the text is awaited
+    let cut = Arc::new(Mutex::new(false));
+    let (mut from, mut to) = (near.twin(), far.twin());
+    let (there, cut_there) = (Arc::clone(doing), Arc::clone(&cut));
+    std::thread::spawn(move || {
+        let mut block = vec![0; 1 << 16];
+        while let Ok(count @ 1..) = from.read(&mut block) {
+            let block = &mut block[..count];
+            let has = |text: &[u8]| block.windows(text.len()).position(|part| part == text);
+            let now = there.lock().unwrap().clone();
+            match now {
+                Doing::Cut => break,
+                Doing::CutBefore(text) if has(text).is_some() => break,
+                Doing::CutAfter(text) if has(text).is_some() => *cut_there.lock().unwrap() = true,
+                Doing::Alter(text) => {
+                    if let Some(at) = has(text) {
+                        block[at] ^= 1;
+                    }
+                }
+                _ => {}
+            }
+            if to.write_all(block).is_err() {
+                break;
+            }
+        }
+        from.end();
+        to.end();
+    });
+    let (mut from, mut to) = (far, near);
+    let there = Arc::clone(doing);
+    std::thread::spawn(move || {
+        let mut block = vec![0; 1 << 16];
+        while let Ok(count @ 1..) = from.read(&mut block) {
+            let ends = *cut.lock().unwrap() || *there.lock().unwrap() == Doing::Cut;
+            if ends || to.write_all(&block[..count]).is_err() {
+                break;
+            }
+        }
+        from.end();
+        to.end();
+    });
+}

@@ -1,0 +1,85 @@
+//! TimescaleDB is in no Debian: these tests put a stand-in into the database, which is what a migration sees of the extension. They show
+//! that the right statements are sent and that a refusal changes nothing, not what TimescaleDB makes of them.
+
+use crate::server::Server;
+use crate::site::Site;
+
+/// The extension, its list of hypertables, and `create_hypertable` with its rule about keys.
+const STAND_IN: &str = "SET allow_system_table_mods = on;
+    CREATE SCHEMA timescale;
+    INSERT INTO pg_catalog.pg_extension (oid, extname, extowner, extnamespace, extrelocatable, extversion)
+        VALUES (900001, 'timescaledb', 10, 'timescale'::regnamespace, false, '2.17.0');
+    CREATE SCHEMA timescaledb_information;
+    CREATE TABLE timescaledb_information.hypertables (hypertable_schema name, hypertable_name name, every interval);
+    CREATE FUNCTION timescale.create_hypertable(relation regclass, time_column_name name, chunk_time_interval interval, migrate_data boolean)
+    RETURNS void LANGUAGE plpgsql AS $$
+    BEGIN
+        IF EXISTS (SELECT FROM pg_index i WHERE i.indrelid = relation AND i.indisunique AND NOT EXISTS (
+            SELECT FROM pg_attribute a WHERE a.attrelid = relation AND a.attname = time_column_name AND a.attnum = ANY (i.indkey)))
+        THEN
+            RAISE EXCEPTION 'cannot create a unique index without the column \"%\" (used in partitioning)', time_column_name;
+        END IF;
+        INSERT INTO timescaledb_information.hypertables VALUES ('tactus', 'quantity', chunk_time_interval);
+    END $$;";
+
+const KEY: &str = "SELECT pg_get_constraintdef(oid) FROM pg_constraint WHERE conrelid = 'tactus.quantity'::regclass AND contype = 'p'";
+
+fn migrate(server: &Server, owner: &Site) -> serde_json::Value {
+    let output = owner.owner(server, &["migrate", "--json"]);
+    assert!(output.status.success(), "{output:?}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn quantities_are_a_hypertable_where_there_is_timescaledb() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let owner = Site::new(&server, "owner");
+    let line = migrate(&server, &owner);
+    assert_eq!(line["timescaledb"], serde_json::Value::Null, "{line}");
+    assert_eq!(server.sql(KEY), "PRIMARY KEY (site, daq, session, line)");
+    let site = Site::added(&server, "berlin");
+    site.record_session("m1", 1);
+    site.done(&["push"]);
+    // installed later
+    server.sql(STAND_IN);
+    let line = migrate(&server, &owner);
+    assert_eq!(line["timescaledb"], "used", "{line}");
+    assert_eq!(
+        server.sql(KEY),
+        "PRIMARY KEY (site, daq, session, line, begin)"
+    );
+    let made = "SELECT count(*), min(every) FROM timescaledb_information.hypertables";
+    assert_eq!(server.sql(made), "1|7 days");
+    // once
+    assert_eq!(migrate(&server, &owner)["timescaledb"], "used");
+    assert_eq!(server.sql(made), "1|7 days");
+    site.record_session("m2", 2);
+    site.done(&["push"]);
+    assert_eq!(site.done(&["push"]), "");
+    assert_eq!(server.sql("SELECT count(*) FROM tactus.quantity"), "9");
+    assert_eq!(
+        server.sql("SELECT count(*) FROM tactus.quantity_value"),
+        "18"
+    );
+}
+
+#[test]
+fn refusal_of_timescaledb_leaves_the_plain_table() {
+    let Some(server) = Server::start() else {
+        return;
+    };
+    let owner = Site::new(&server, "owner");
+    let refusal = "CREATE OR REPLACE FUNCTION timescale.create_hypertable(relation regclass, time_column_name name, chunk_time_interval interval, migrate_data boolean)
+        RETURNS void LANGUAGE plpgsql AS $$ BEGIN RAISE EXCEPTION 'no licence'; END $$";
+    server.sql(&format!("{STAND_IN} {refusal}"));
+    let line = migrate(&server, &owner);
+    assert_eq!(line["applied"][0], "0001-catalogue", "{line}");
+    assert_eq!(line["timescaledb"], "refused: no licence", "{line}");
+    assert_eq!(server.sql(KEY), "PRIMARY KEY (site, daq, session, line)");
+    let site = Site::added(&server, "berlin");
+    site.record_session("m1", 1);
+    site.done(&["push"]);
+    assert_eq!(server.sql("SELECT count(*) FROM tactus.quantity"), "3");
+}

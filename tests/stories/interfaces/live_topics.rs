@@ -1,0 +1,93 @@
+//! Live topics of a real daemon: the broker shows what the commands show.
+
+use std::process::Stdio;
+
+use dbus::{Address, Simulation1Proxy};
+use serde_json::Value;
+
+use crate::mosquitto::Mosquitto;
+use crate::test_rig::{self, Needs, ask, baseline, number, runtime};
+
+const RULE: &str =
+    "\n[[alarm]]\nname = \"heavy\"\nquantity = \"contact\"\nabove = 100.0\nfor_s = 0.0\n";
+/// A catalogue that nobody serves: the topics need none.
+const ARCHIVE: &str = "[archive]\nsite = \"berlin\"\ndaq = \"bed3\"\nstore = \"store\"\ndsn = \"host=127.0.0.1 port=1 dbname=a user=b\"\n";
+
+#[test]
+fn broker_shows_what_the_commands_show() {
+    let Some(broker) = Mosquitto::open() else {
+        return;
+    };
+    let live = format!(
+        "[mqtt]\nhost = \"127.0.0.1\"\nport = {}\nevery_s = 1.0\n",
+        broker.port()
+    );
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
+        format!("{config}{RULE}{ARCHIVE}{live}")
+    }) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    let mut archive = stage
+        .command("tactus-archive")
+        .args(["run", "--config"])
+        .arg(stage.config_path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the program runs");
+    let mut watcher = broker.watch();
+    let topic = |name: &str| format!("tactus/1/berlin/bed3/{name}");
+    watcher.wait(&topic("status"), |status| status["state"] == "idle");
+    baseline(&stage, 3);
+    let begun = ask(&stage, &["start", "--every", "500ms"]);
+    let id = begun[0]["session"].as_str().expect("its id").to_owned();
+    runtime().block_on(async {
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
+            .await
+            .expect("the daemon listens");
+        let hand = Simulation1Proxy::new(&connection).await.expect("a proxy");
+        hand.press("disc", 0.080, 0.135, 0.020, 0.5)
+            .await
+            .expect("a press");
+    });
+    let (_, alarm) = watcher.wait(&topic("alarm/heavy"), |alarm| alarm["active"] == true);
+    let (_, shown) = watcher.wait(&topic("quantities"), |shown| {
+        shown["session"] == id.as_str() && number(&shown["regions"][0]["values"], "contact") > 100.0
+    });
+    let listed = stage
+        .tactus(&["--json", "alarms"])
+        .expect("the program runs");
+    let listed = listed.stdout.lines();
+    let listed = listed.map(|line| serde_json::from_str::<Value>(line).expect("JSON"));
+    let heavy = listed.into_iter().find(|alarm| alarm["name"] == "heavy");
+    assert_eq!(heavy, Some(alarm));
+    ask(&stage, &["stop"]);
+    watcher.wait(&topic("session"), Value::is_null);
+    let keys = |value: &Value| {
+        value
+            .as_object()
+            .expect("an object")
+            .keys()
+            .cloned()
+            .collect::<Vec<_>>()
+    };
+    let (_, status) = watcher.wait(&topic("status"), |status| status["state"] == "idle");
+    let printed = ask(&stage, &["status"]);
+    assert_eq!(keys(&status), keys(&printed[0]));
+    assert_eq!(keys(&status["health"]), keys(&printed[0]["health"]));
+    assert_eq!(status["bus"], printed[0]["bus"]);
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    watcher.wait(&topic("status"), |status| status["state"] == "offline");
+    archive.kill().expect("it runs");
+    archive.wait().expect("it has ended");
+    // the same numbers as of the recorded frame
+    let each = ask(&stage, &["quantities", &id, "--each-frame"]);
+    let same = each.iter().find(|frame| frame["frame"] == shown["frame"]);
+    let same = same.expect("the frame is recorded");
+    assert_eq!(same["regions"][0]["values"], shown["regions"][0]["values"]);
+    assert_eq!(
+        (&same["wall"], &same["unit"]),
+        (&shown["wall"], &shown["unit"])
+    );
+}
