@@ -1,6 +1,5 @@
 //! The archive against a real PostgreSQL: pushes, repetitions, faults, kills, refusals.
 
-mod dashboard;
 mod faults;
 #[path = "../../../logbook/tests/example_frames/taken.rs"]
 mod frames;
