@@ -120,7 +120,9 @@ pub(crate) const ARCHIVE: &str = "archive:";
 /// The file of a session of the archive, fetched into the cache.
 fn archived(global: &Global, named: &str) -> Result<PathBuf, Failure> {
     #[cfg(feature = "archive")]
-    return Ok(crate::archived::fetch(global, named)?.path);
+    {
+        Ok(crate::archived::fetch(global, named)?.path)
+    }
     #[cfg(not(feature = "archive"))]
     {
         let _ = global;

@@ -33,6 +33,8 @@ const kind = found => !found.length ? "good" : found[0].bad ? "bad" : "warn";
 async function refresh() {
   try {
     machines = await (await ask("/api/sheets")).json();
+    // bed2 before bed10
+    machines.sort((a, b) => named(a).localeCompare(named(b), undefined, { numeric: true }));
     trouble("");
     byId("read").textContent = `read at ${clock(Date.now())}; alarms and events come with closed parts, quantities each minute`;
     draw();
@@ -44,7 +46,7 @@ async function refresh() {
 function draw() {
   const judged = machines.map(machine => ({ machine, found: problems(machine) }));
   const count = name => judged.filter(({ found }) => kind(found) === name).length;
-  byId("counts").textContent = `${machines.length} machines: ${count("bad")} with an active alarm, ${count("warn")} to look at, ${count("good")} well`;
+  byId("counts").textContent = `${machines.length} machine${machines.length === 1 ? "" : "s"}: ${count("bad")} with an active alarm, ${count("warn")} to look at, ${count("good")} well`;
   const sites = [...new Set(machines.map(machine => machine.site))];
   byId("sites").replaceChildren(...sites.map(site => {
     const line = document.createElement("p");

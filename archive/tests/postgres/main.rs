@@ -3,7 +3,6 @@
 #[path = "../servers/authority.rs"]
 mod authority;
 mod clocks;
-mod dashboard;
 mod faults;
 #[path = "../../../logbook/tests/example_frames/taken.rs"]
 mod frames;

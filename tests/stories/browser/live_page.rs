@@ -30,6 +30,7 @@ impl Page {
             ])
             .args(["web", "--no-browser"])
             .args(options)
+            .env("XDG_CACHE_HOME", stage.path().join("cache"))
             .stdout(Stdio::piped())
             .spawn()
             .expect("the program starts");

@@ -3,3 +3,7 @@
 mod driver;
 mod live_page;
 mod playback;
+#[path = "../../../archive/tests/postgres/server.rs"]
+#[allow(dead_code)]
+mod server;
+mod sheets;

@@ -5,7 +5,7 @@ use serde_json::Value;
 use crate::archive;
 use crate::site::Site;
 
-const DASHBOARD: &str = include_str!("../../grafana/tactus-sheets.json");
+const DASHBOARD: &str = include_str!("../../../grafana/tactus-sheets.json");
 
 /// What Grafana puts in place of the variables of a dashboard.
 const VARIABLES: [(&str, &str); 4] = [

@@ -1,5 +1,7 @@
 //! Reading the archive: the state of all machines, sessions by name, the cache.
 
+mod dashboard;
+
 use archive::{ArchiveReader, ReadError, SessionFilter};
 
 use crate::archive;
@@ -308,7 +310,7 @@ fn catalogue_of_the_first_version_is_brought_to_this_one() {
         return;
     };
     server.sql(include_str!(
-        "../../src/catalogue/migrations/0001-catalogue.sql"
+        "../../../src/catalogue/migrations/0001-catalogue.sql"
     ));
     let first = "INSERT INTO tactus.migration (version, name) VALUES (1, '0001-catalogue')";
     server.sql(first);
