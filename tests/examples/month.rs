@@ -56,11 +56,11 @@ const BLOWS: [Blow; 30] = [
     Instruments("wire 34980a silent", Some("wire 34980a sound")),
     Instruments("lost 34980a 1", None),
     Frozen,
-    Instruments("late 34980a 1.5 1", None),
+    Instruments("late 34980a 8 1", None),
     Instruments("doubled 34980a 1", None),
     PowerCut,
     Instruments("half-line 34980a 1", None),
-    Instruments("slow 34980a 1.5", Some("slow 34980a 0")),
+    Instruments("slow 34980a 8", Some("slow 34980a 0")),
     Killed,
     Instruments("reset 34980a", None),
     Instruments("queue-overflow 34980a", None),
@@ -73,7 +73,7 @@ const BLOWS: [Blow; 30] = [
     Killed,
     Instruments("wire 6221 silent", Some("wire 6221 sound")),
     Instruments("lost 6221 1", None),
-    Instruments("late 6221 1.5 1", None),
+    Instruments("late 6221 8 1", None),
     Instruments("doubled 6221 1", None),
     PowerCut,
     Instruments("half-line 6221 1", None),
@@ -167,7 +167,8 @@ fn month() -> Result<(), Failure> {
 
 /// The stories' rig, with its instruments on TCP, and parts of a few megabytes.
 fn configuration(source: &str, mainframe: &str) -> String {
-    let deadline = "deadline_ms = 1000";
+    // much longer than a reply takes on a busy machine, shorter than the late and slow ones above
+    let deadline = "deadline_ms = 5000";
     SIMULATED
         .replace(
             "kind = \"simulated\"\nprofile = \"STAGE/profile.toml\"\nscene = \"STAGE/scene.toml\"\n",
