@@ -242,7 +242,11 @@ def cell(value, ours, why):
     """A number and how often ours fits in it."""
     if value is None:
         return why or "-"
-    return f"{value:,.3g} ({value / ours:,.3g})" if ours else f"{value:,.3g}"
+    return f"{digits(value)} ({digits(value / ours)})" if ours else digits(value)
+
+
+def digits(value):
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def build():
@@ -286,7 +290,7 @@ def main():
     print("\nThe same calls through Python and in Rust, ms.\n")
     print("| triangles | electrodes | work | Python | Rust | ratio |\n|---:|---:|---|---:|---:|---:|")
     for count, electrodes, work, python, rust in rows:
-        print(f"| {count:,} | {electrodes} | {work} | {1e3 * python:,.3g} | {1e3 * rust:,.3g} | {python / rust:.3f} |")
+        print(f"| {count:,} | {electrodes} | {work} | {digits(1e3 * python)} | {digits(1e3 * rust)} | {python / rust:.3f} |")
 
 
 if __name__ == "__main__":

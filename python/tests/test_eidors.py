@@ -1,5 +1,6 @@
 """Structures of EIDORS in all forms in which scipy reads them."""
 
+import os
 import shutil
 import subprocess
 
@@ -73,22 +74,54 @@ def test_forward_model_of_a_file(file, mesh, protocol, contact, form):
     np.testing.assert_allclose(forward.mesh.electrode_lengths, mesh.electrode_lengths, rtol=1e-12)
 
 
-def test_maps_of_the_voltages_of_a_file(tmp_path, mesh, protocol, contact):
-    """As the manual shows it: vh.meas and vi.meas have a column for each frame."""
+@pytest.fixture
+def recorded(tmp_path, mesh, protocol, contact):
+    """A file with fmdl, and vh.meas and vi.meas, which have a column for each frame."""
     case = Forward(mesh, protocol, contact)
     pressed = np.hypot(*(mesh.centroids - [0.05, 0.0]).T) < 0.03
     # stimulations are sorted by their electrodes in the file, and so are the readings
     order = np.lexsort((protocol.inject[:, 1], protocol.inject[:, 0]))
-    volts = AMPERES * case.solve([np.full(len(pressed), 1e-3), np.where(pressed, 0.5e-3, 1e-3)])[:, order]
-    saved = {"fmdl": model_of(mesh, protocol, contact), "vh": {"meas": volts[:1].T}, "vi": {"meas": volts[[1, 1]].T}}
+    sigma = [np.full(len(pressed), 1e-3), np.where(pressed, 0.5e-3, 1e-3), np.where(pressed, 0.8e-3, 1e-3)]
+    volts = AMPERES * case.solve(sigma)[:, order]
+    saved = {"fmdl": model_of(mesh, protocol, contact), "vh": {"meas": volts[:1].T}, "vi": {"meas": volts[1:].T}}
     io.savemat(tmp_path / "tank.mat", saved)
-    file = io.loadmat(tmp_path / "tank.mat")
+    return tmp_path / "tank.mat"
+
+
+def maps_of(recorded):
+    """As the manual shows it."""
+    file = io.loadmat(recorded)
     forward = eidors.forward(file["fmdl"])
-    model = tactus_eit.OneStep(forward, current=eidors.current(file["fmdl"])).fit(file["vh"]["meas"][0, 0].ravel())
-    change = model.predict(file["vi"]["meas"][0, 0].T)
+    model = tactus_eit.OneStep(forward, current=eidors.current(file["fmdl"])).fit(file["vh"]["meas"][0, 0].ravel(), noise=2e-6)
+    return forward, model.predict(file["vi"]["meas"][0, 0].T)
+
+
+def test_maps_of_the_voltages_of_a_file(recorded, mesh):
+    forward, change = maps_of(recorded)
     assert change.shape == (2, len(mesh.triangles))
     found = forward.mesh.centroids[forward.mesh.region][change[0].argmin()]
     assert np.hypot(*(found - [0.05, 0.0])) < 0.03
+
+
+@pytest.mark.parametrize("writer", ["scipy", "scipy, deflated", "octave"])
+def test_tactus_lab_makes_the_same_maps_of_a_file(recorded, tmp_path, writer):
+    built = os.environ.get("TACTUS_LAB")
+    if not built:
+        pytest.skip("TACTUS_LAB does not name tactus-lab")
+    _, expected = maps_of(recorded)
+    if writer == "octave":
+        if shutil.which("octave") is None:
+            pytest.skip("octave is not installed")
+        script = "load tank.mat; vv = vi.meas; clear vi; save -v7 tank.mat"
+        done = subprocess.run(["octave", "--quiet", "--no-gui", "--eval", script], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    elif writer == "scipy, deflated":
+        read = io.loadmat(recorded)
+        io.savemat(recorded, {name: read[name] for name in ("fmdl", "vh", "vi")}, do_compression=True)
+    command = [built, "reconstruct", "--case", recorded, "--method", "one-step", "--noise-v", "2e-6", "--out", tmp_path / "maps.csv"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "maps.csv", delimiter=","), expected)
 
 
 def test_methods_of_the_classes_are_the_same(file, protocol):

@@ -5,7 +5,8 @@
 
 A tutorial is NAME.py, its page NAME.md with '-' in the place of '_'. The page has the whole script except its first docstring
 and the output, except lines with times; both are compared. Needs matplotlib; tutorials whose packages are missing are named and
-left out, an error with --all.
+left out, an error with --all. real_tanks needs the folder of recordings of others, TACTUS_DATA or ../shared/data; it is left out
+without, an error with TACTUS_REQUIRE_DATA=1.
 """
 
 import argparse
@@ -23,7 +24,12 @@ PROJECT = HERE.parents[1]
 PAGES = PROJECT / "docs" / "tutorials" / "python"
 
 #: What a tutorial needs besides numpy, and the files that are made before it runs: arguments of tactus-lab.
-MODULES = {"compare_pyeit": ["pyeit"], "own_mesh": ["scipy"], "sessions": ["pandas"]}
+MODULES = {
+    "compare_pyeit": ["pyeit"],
+    "network_from_pytorch": ["torch", "onnx", "onnxscript", "onnxruntime"],
+    "own_mesh": ["scipy"],
+    "sessions": ["pandas"],
+}
 PREPARED = {
     "drift": ["scene", "run", "month", "--every", "3600", "--frames", "241", "--logbook", "month"],
     "own_recording": ["scene", "run", "paper-test1", "--every", "60", "--frames", "5", "--out", "frames"],
@@ -34,6 +40,7 @@ ARGUMENTS = {
     "drift": ["month/scene_month_1.tactus"],
     "own_recording": ["frames"],
     "paper_test1": ["frames"],
+    "real_tanks": [os.environ.get("TACTUS_DATA") or str(PROJECT.parent / "shared" / "data")],
     "sessions": ["month/scene_month_1.tactus"],
 }
 
@@ -111,6 +118,11 @@ def main():
             print(f"{name}: not run, without {', '.join(lacking)}")
             if options.all:
                 raise SystemExit("install what is missing with pip")
+            continue
+        if name == "real_tanks" and not Path(*ARGUMENTS[name]).is_dir():
+            print(f"{name}: not run, without the folder {ARGUMENTS[name][0]}")
+            if os.environ.get("TACTUS_REQUIRE_DATA") == "1":
+                raise SystemExit("name the folder in TACTUS_DATA")
             continue
         with tempfile.TemporaryDirectory() as folder:
             output = run(name, folder)

@@ -13,8 +13,8 @@ use super::Replacing;
 
 #[derive(Debug, Clone, Args)]
 pub(crate) struct ReconstructOptions {
-    /// Case folder
-    #[arg(long, value_name = "DIR")]
+    /// Case folder, or a MAT-file of EIDORS with its model fmdl, its voltages vv and, of the baseline, v_homogeneous or vh
+    #[arg(long, value_name = "DIR|FILE.mat")]
     pub(crate) case: PathBuf,
     #[command(flatten)]
     pub(crate) depth: DepthArguments,
@@ -23,11 +23,11 @@ pub(crate) struct ReconstructOptions {
     #[command(flatten)]
     pub(crate) tracked: TrackedArguments,
     /// Frames, a row or a column a frame; a bare name is looked for in the case folder first [default: frames.csv in the case
-    /// folder]
+    /// folder, vv of a MAT-file]
     #[arg(long, value_name = "FILE")]
     pub(crate) frames: Option<PathBuf>,
     /// Baseline: a file (the mean of its frames) or first:N (the mean of the first N frames) [default: baseline.csv in the
-    /// case folder, else the first frame]
+    /// case folder, v_homogeneous or vh of a MAT-file, else the first frame]
     #[arg(long, value_name = "FILE|first:N")]
     pub(crate) baseline: Option<BaselineRule>,
     /// Negate all readings, for an instrument that returns magnitudes

@@ -7,6 +7,7 @@ use imaging::{DepthArguments, Geometry, PresetName};
 use studies::Failure;
 use survey::Amps;
 
+use super::eidors;
 use crate::args::MeshOptions;
 use crate::output::print_line;
 
@@ -77,9 +78,12 @@ pub(crate) fn with_depth(mut case: Case, options: &DepthArguments) -> Result<Cas
     Ok(case)
 }
 
-/// A case folder, with a warning on standard error if its electrodes are coarse.
-pub(crate) fn read(folder: &std::path::Path) -> Result<Case, Failure> {
-    let case = Case::read(folder).map_err(|fault| Failure::of("cannot read the case", &fault))?;
+/// A case folder or a MAT-file, with a warning on standard error if its electrodes are coarse.
+pub(crate) fn read(path: &std::path::Path) -> Result<Case, Failure> {
+    let case = match eidors::is_mat(path) {
+        true => eidors::case(path)?,
+        false => Case::read(path).map_err(|fault| Failure::of("cannot read the case", &fault))?,
+    };
     warn_of_coarse_electrodes(&case);
     Ok(case)
 }

@@ -1,10 +1,12 @@
-//! Commands on geometries: case folders from presets, forward solutions, sensitivities, transfer matrices.
+//! Commands on geometries: case folders from presets, models of EIDORS, forward solutions, sensitivities, transfer matrices.
 //! `maps` has the commands on frames and maps.
 
+mod eidors;
 mod mesh;
 mod sheet;
 mod solve;
 
+pub(crate) use eidors::{frames as eidors_frames, is_mat};
 pub(crate) use mesh::{case, mesh, preset, read, with_depth};
 pub(crate) use sheet::sheet;
 pub(crate) use solve::{forward, jacobian, transfer};

@@ -1,5 +1,6 @@
 //! `tactus-lab reconstruct`: maps of recorded frames.
 
+use std::path::Path;
 use std::time::Instant;
 
 use eit::{Case, matrix_text};
@@ -30,12 +31,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     {
         outfile::check(path, options.replacing.existing())?;
     }
-    let table = TableOptions {
-        frames: options.frames.as_deref(),
-        baseline: options.baseline.as_ref(),
-        negate: options.negate,
-    };
-    let recording = FrameTable::read(&options.case, &table, case.protocol.len())?;
+    let recording = frames(options, case.protocol.len())?;
     let calibration = options
         .calibration
         .as_deref()
@@ -142,6 +138,26 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         eprintln!("frame {:.3} ms", median(&mut times));
     }
     Ok(())
+}
+
+/// The frames of a MAT-file, or of a table.
+fn frames(options: &ReconstructOptions, readings: usize) -> Result<FrameTable, Failure> {
+    let baseline = options.baseline.as_ref();
+    let table = TableOptions {
+        frames: options.frames.as_deref(),
+        baseline,
+        negate: options.negate,
+    };
+    if !geometry::is_mat(&options.case) {
+        return Ok(FrameTable::read(&options.case, &table, readings)?);
+    }
+    if options.frames.is_none() {
+        return geometry::eidors_frames(&options.case, baseline, readings, options.negate);
+    }
+    let beside = options.case.parent();
+    let folder = beside.filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    Ok(FrameTable::read(folder, &table, readings)?)
 }
 
 /// The frames with the baseline that is followed through them; `None` where that is not asked for.

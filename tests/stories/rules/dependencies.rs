@@ -199,6 +199,22 @@ fn crates_depend_only_on_those_in_the_table() {
     );
 }
 
+/// The Python package lies outside of the workspace.
+#[test]
+fn python_package_depends_only_on_its_five() {
+    let manifest: toml::Table = text(&root().join("python/Cargo.toml"))
+        .parse()
+        .expect("a manifest is TOML");
+    let dependencies = manifest["dependencies"].as_table().expect("a table");
+    let ours: BTreeSet<&str> = dependencies
+        .iter()
+        .filter(|(_, how)| how.get("path").is_some())
+        .map(|(name, _)| name.as_str())
+        .collect();
+    let allowed = ["dbus", "eit", "imaging", "logbook", "survey"];
+    assert_eq!(ours, BTreeSet::from(allowed));
+}
+
 #[test]
 fn service_links_neither_lab_nor_training_nor_studies() {
     let allowed: BTreeMap<_, _> = MAY_USE.iter().copied().collect();
