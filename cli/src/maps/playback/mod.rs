@@ -1,13 +1,14 @@
 //! Recorded sessions for the page of `tactus web`.
 
 mod followed;
+mod history;
 mod session;
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use logbook::{SessionKind, SessionSummary};
-use web::{Playback, Recordings, SessionEntry};
+use web::{History, Playback, Recordings, SessionEntry};
 
 use crate::args::Global;
 use crate::failure::Failure;
@@ -88,5 +89,9 @@ impl Recordings for RecordedSessions {
         let Some(part) = part else { return Ok(None) };
         let opened = PlayedSession::open(&part.path).map_err(|why| why.to_string())?;
         Ok(Some(Arc::new(opened)))
+    }
+
+    fn history(&self, from_s: i64, to_s: i64, region: &str, spans: u32) -> Result<History, String> {
+        history::history(&self.summaries()?, (from_s, to_s), region, spans)
     }
 }
