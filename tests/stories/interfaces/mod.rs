@@ -8,4 +8,6 @@ mod hostile_text;
 mod json_output;
 mod round_trips;
 mod session_names;
+mod terminal;
+mod top_screen;
 mod watch_screen;
