@@ -9,15 +9,18 @@ class AlarmList {
     this.shown = "";
   }
 
+  // returns the names of those that call somebody
   show(alarms, control) {
     const matter = alarms.filter(alarm => alarm.active || !alarm.acknowledged || alarm.level === "invalid" || alarm.shelved || alarm.out_of_service);
     const text = JSON.stringify([matter, control]);
+    const calling = alarms.filter(alarm => alarm.active && !alarm.shelved && !alarm.out_of_service).map(alarm => alarm.name);
     // buttons must not change under the pointer
-    if (text === this.shown) return;
+    if (text === this.shown) return calling;
     this.shown = text;
     const rows = matter.map(alarm => this.row(alarm, control));
     if (!rows.length) rows.push(row([alarms.length ? "no alarm is active or waits to be acknowledged" : "this daemon has no alarms"]));
     this.table.replaceChildren(...rows);
+    return calling;
   }
 
   row(alarm, control) {

@@ -1,11 +1,28 @@
 "use strict";
-// Strip charts of the last minutes: for each pixel column the smallest and the largest value.
+// Charts of chosen quantities of a region: of the last ten minutes from the frames that arrive, of a longer time from the rows that
+// are stored with the sessions.
 
+const LIVE_MS = 10 * 60 * 1000;
+// longest list of frames for the last minutes
+const LIVE_FRAMES = 12000;
+// least time between two drawings of the last minutes, and between two requests of stored rows
+const LIVE_DRAW_MS = 250;
+const STORED_MS = 60 * 1000;
+// what a chart can show: quantities, and the health of the measurement
+const CHARTED = [
+  ...QUANTITIES,
+  ["gradient", "Largest gradient", "kPa/mm", "lost share/mm"],
+  ["hot-spots", "Hot spots", "", ""],
+  ["known", "Known to be true, share of frames", "", ""],
+  ["frames", "Frames a minute", "1/min", "1/min"],
+];
+const FIRST_CHARTS = ["load", "contact", "ppi", "unrelieved", "known"];
+const CHOICE = "tactus-charts";
+
+// A chart of points { timeMs, value }: for each pixel column the smallest and the largest value. A value that is null is not known.
 class StripChart {
-  constructor(parent, name, spanMs) {
+  constructor(parent, name) {
     this.name = name;
-    this.spanMs = spanMs;
-    this.points = [];
     const figure = document.createElement("figure");
     this.caption = document.createElement("figcaption");
     this.canvas = document.createElement("canvas");
@@ -14,43 +31,31 @@ class StripChart {
     parent.append(figure);
   }
 
-  // value null: not known
-  add(timeMs, value, unit) {
-    const last = this.points[this.points.length - 1];
-    if (last && timeMs < last.timeMs) this.points = [];
-    if (last && timeMs === last.timeMs) this.points.pop();
-    this.points.push({ timeMs, value });
-    while (this.points.length && this.points[0].timeMs < timeMs - this.spanMs) this.points.shift();
-    this.unit = unit;
-    this.draw();
-  }
-
-  draw() {
+  draw(points, unit, from, to) {
     const pixels = Math.max(1, window.devicePixelRatio || 1);
-    const [width, height] = [Math.round(this.canvas.clientWidth * pixels), Math.round(70 * pixels)];
+    const [width, height] = [Math.round(this.canvas.clientWidth * pixels), Math.round(64 * pixels)];
+    if (!width) return;
     this.canvas.width = width;
     this.canvas.height = height;
     const at = this.canvas.getContext("2d");
-    const end = this.points.length ? this.points[this.points.length - 1].timeMs : 0;
-    const known = this.points.filter(point => point.value !== null);
-    const top = Math.max(...known.map(point => point.value), 0) || 1;
+    const top = points.reduce((most, point) => Math.max(most, point.value ?? 0), 0) || 1;
     const columns = new Map();
-    for (const point of this.points) {
-      const column = Math.min(width - 1, Math.max(0, Math.round(width - 1 - (end - point.timeMs) / this.spanMs * (width - 1))));
+    for (const point of points) {
+      const column = Math.min(width - 1, Math.max(0, Math.round((point.timeMs - from) / (to - from) * (width - 1))));
       const seen = columns.get(column) || { low: Infinity, high: -Infinity, unknown: false };
       if (point.value === null) seen.unknown = true;
       else { seen.low = Math.min(seen.low, point.value); seen.high = Math.max(seen.high, point.value); }
       columns.set(column, seen);
     }
-    const y = value => height - 2 - value / top * (height - 6);
+    const y = value => height - 2 - Math.max(0, value) / top * (height - 6);
     let before = null;
+    at.strokeStyle = getComputedStyle(document.body).color;
     for (const [column, seen] of [...columns].sort((a, b) => a[0] - b[0])) {
       if (seen.unknown) {
         at.fillStyle = "rgba(160, 0, 0, 0.35)";
         at.fillRect(column, 0, Math.max(1, pixels), height);
       }
-      if (seen.high < 0) { before = null; continue; }
-      at.strokeStyle = getComputedStyle(document.body).color;
+      if (seen.high === -Infinity) { before = null; continue; }
       at.lineWidth = pixels;
       at.beginPath();
       if (before) at.moveTo(before[0], before[1]); else at.moveTo(column, y(seen.low));
@@ -59,9 +64,129 @@ class StripChart {
       at.stroke();
       before = [column, y(seen.low)];
     }
-    const last = this.points.length ? this.points[this.points.length - 1].value : null;
-    const now = last === null ? "not known" : `${rounded(last)} ${this.unit}`;
-    this.caption.textContent = `${this.name}: ${now} (up to ${rounded(top)} ${this.unit || ""})`;
+    const last = points.length ? points[points.length - 1].value : null;
+    const now = last === null ? "not known" : withUnit(last, unit);
+    this.caption.textContent = `${this.name}: ${now}; scale up to ${withUnit(top, unit)}`;
     this.canvas.setAttribute("aria-label", this.caption.textContent);
+  }
+}
+
+// All charts of the page. parts: elements { charts, axis, note, span, region, choices }.
+class Charts {
+  constructor(parts) {
+    Object.assign(this, parts);
+    this.frames = [];
+    this.drawn = [];
+    this.stored = null;
+    this.lastDraw = 0;
+    this.time = new TimeAxis(this.axis);
+    const kept = (localStorage.getItem(CHOICE) || "").split(",").filter(name => CHARTED.some(charted => charted[0] === name));
+    const chosen = kept.length ? kept : FIRST_CHARTS;
+    for (const [name, words] of CHARTED) {
+      const label = document.createElement("label");
+      const box = document.createElement("input");
+      Object.assign(box, { type: "checkbox", value: name, checked: chosen.includes(name) });
+      box.addEventListener("change", () => { localStorage.setItem(CHOICE, this.names().join()); this.build(); });
+      label.append(box, ` ${words}`);
+      this.choices.append(label);
+    }
+    this.span.addEventListener("change", () => this.build());
+    this.region.addEventListener("change", () => this.build());
+    setInterval(() => { if (this.hours()) this.refresh(); }, STORED_MS);
+    this.build();
+  }
+
+  names() { return [...this.choices.querySelectorAll("input:checked")].map(box => box.value); }
+
+  // hours back; 0: the last minutes
+  hours() { return parseInt(this.span.value, 10); }
+
+  setRegions(names) {
+    if (!names.length || names.join() === [...this.region.options].map(option => option.value).join()) return;
+    const chosen = this.region.value;
+    this.region.replaceChildren(...names.map(name => new Option(name, name)));
+    if (names.includes(chosen)) this.region.value = chosen;
+  }
+
+  build() {
+    this.charts.replaceChildren();
+    const long = this.hours() > 0;
+    this.drawn = this.names().map(name => {
+      const charted = CHARTED.find(charted => charted[0] === name);
+      return { charted, chart: long ? new CourseChart(this.charts, null) : new StripChart(this.charts, charted[1]) };
+    });
+    if (long) this.refresh(); else this.draw(true);
+  }
+
+  // a frame with its map
+  add(frame) {
+    const { quantities, wall_ms } = frame;
+    const last = this.frames[this.frames.length - 1];
+    if (last && wall_ms <= last.wall_ms) { if (wall_ms === last.wall_ms) return; this.frames = []; }
+    const values = new Map((quantities ? quantities.regions : []).map(region => [region.name, region.values]));
+    this.frames.push({ wall_ms, values, pressure: quantities && quantities.unit === "pressure" });
+    const gone = this.frames.findIndex(of => of.wall_ms >= wall_ms - LIVE_MS);
+    this.frames.splice(0, Math.max(gone, this.frames.length - LIVE_FRAMES));
+    if (quantities) this.setRegions(quantities.regions.map(region => region.name));
+    if (!this.hours()) this.draw(false);
+  }
+
+  draw(now) {
+    if (this.hours()) return this.drawStored();
+    if (!now && performance.now() - this.lastDraw < LIVE_DRAW_MS) return;
+    this.lastDraw = performance.now();
+    const last = this.frames[this.frames.length - 1];
+    const to = last ? last.wall_ms : Date.now();
+    let first = 0;
+    const counted = this.frames.map((frame, index) => {
+      while (this.frames[first].wall_ms < frame.wall_ms - 60000) first += 1;
+      return index - first + 1;
+    });
+    const region = this.region.value || "sheet";
+    for (const { charted: [name, , calibrated, plain], chart } of this.drawn) {
+      const points = this.frames.map((frame, index) => {
+        const value = name === "frames" ? counted[index] : (frame.values.get(region) || {})[name];
+        return { timeMs: frame.wall_ms, value: value === undefined ? null : value };
+      });
+      chart.draw(points, last && last.pressure ? calibrated : plain, to - LIVE_MS, to);
+    }
+    this.time.draw(to - LIVE_MS, to);
+    this.note.textContent = "From the frames since this page was opened, ten minutes at most. Red: not known.";
+  }
+
+  // rows of the sessions of a longer time
+  async refresh() {
+    const [hours, region] = [this.hours(), this.region.value || "sheet"];
+    try {
+      const stored = await (await ask(`/api/history/${hours}/${encodeURIComponent(region)}`)).json();
+      if (this.hours() !== hours || (this.region.value || "sheet") !== region) return;
+      this.stored = stored;
+      this.setRegions([...new Set(["sheet", ...stored.regions])]);
+    } catch (error) {
+      this.stored = null;
+      this.note.textContent = error.message;
+    }
+    this.drawStored();
+  }
+
+  drawStored() {
+    const { stored } = this;
+    if (!stored) return;
+    const spanMs = 1000 * stored.span_s;
+    const of = name => stored.rows.filter(row => row.quantity === name).map(row => ({ ...row, begin: 1000 * row.begin_s }));
+    const known = of("known");
+    const unknown = known.filter(row => row.mean < 1).map(row => row.begin);
+    for (const { charted: [name, words, calibrated, plain], chart } of this.drawn) {
+      const minutes = stored.span_s / 60;
+      const rows = name === "frames" ? known.map(row => ({ ...row, min: row.frames / minutes, mean: row.frames / minutes, max: row.frames / minutes })) : of(name);
+      chart.setRows(words, rows.length && rows[0].of === "pressure" ? calibrated : plain, rows, unknown, spanMs, []);
+      const last = rows.length ? rows[rows.length - 1].begin : null;
+      chart.draw(stored.from_ms, stored.to_ms, last, null);
+    }
+    this.time.draw(stored.from_ms, stored.to_ms);
+    const damaged = stored.damaged ? ` ${stored.damaged} damaged rows are left out.` : "";
+    this.note.textContent = stored.rows.length
+      ? `Smallest, mean and largest value of each ${duration(stored.span_s)} (h:min:s), stored with the sessions; the newest row is that of the last minute that ended. Red: not all frames are known. White: no frames.${damaged}`
+      : `No rows are stored in this time.${damaged}`;
   }
 }

@@ -70,4 +70,4 @@ function duration(seconds) {
 }
 
 // a value with its unit; times as h:min:s
-const withUnit = (value, unit) => unit === "s" ? duration(value) : `${rounded(value)} ${unit}`;
+const withUnit = (value, unit) => unit === "s" ? duration(value) : `${rounded(value)} ${unit}`.trim();

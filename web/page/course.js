@@ -3,7 +3,7 @@
 // and the moment that is shown.
 
 class CourseChart {
-  // seek: called with a time in ms
+  // seek: called with a time in ms; null for a chart that only shows
   constructor(parent, seek) {
     const figure = document.createElement("figure");
     this.caption = document.createElement("figcaption");
@@ -12,6 +12,7 @@ class CourseChart {
     figure.append(this.caption, this.canvas);
     parent.append(figure);
     this.rows = [];
+    if (!seek) return;
     const go = event => {
       const share = event.offsetX / this.canvas.clientWidth;
       seek(this.from + Math.max(0, Math.min(1, share)) * (this.to - this.from));

@@ -1,5 +1,25 @@
 "use strict";
-// Draws a map: one colour for each triangle, the outline, the electrodes, the 95 % region of the load and hot spots.
+// Draws a map: one colour for each triangle, the outline, the electrodes, the 95 % region of the load, hot spots and their tracks.
+
+// states of electrodes: colours that differ for the colour-blind too, and a sign
+const ELECTRODE_STATES = {
+  used: { colour: "#1a73e8", sign: "" },
+  doubtful: { colour: "#e69f00", sign: "?" },
+  left_out: { colour: "#d00000", sign: "\u2717" },
+};
+// time that tracks of hot spots show, and the least way between two points of one
+const TRACK_MS = 10 * 60 * 1000;
+const TRACK_STEP_MM = 1;
+
+// numbers of the electrodes that are not just used, with the reason: { state, text }
+function electrodeStates(frame) {
+  const states = new Map();
+  for (const reason of (frame && frame.quality && frame.quality.reasons) || []) {
+    if (reason.electrode) states.set(reason.electrode, { state: "doubtful", text: reason.text });
+  }
+  for (const number of (frame && frame.tracked && frame.tracked.masked) || []) states.set(number, { state: "left_out", text: "faulty" });
+  return states;
+}
 
 class SheetMap {
   constructor(canvas, bar) {
@@ -14,7 +34,12 @@ class SheetMap {
     this.signed = false;
     this.showNumbers = true;
     this.showRegion = true;
+    this.showTracks = false;
     this.waiting = false;
+    // number of a hot spot: points [x, y, time]
+    this.tracks = new Map();
+    // place of the keyboard's cursor, mm
+    this.cursor = null;
     // named regions: { name, corners_mm }; and the corners of one that is being drawn
     this.regions = [];
     this.drawn = [];
@@ -28,13 +53,30 @@ class SheetMap {
     this.low = [Math.min(...xs), Math.min(...ys)];
     this.high = [Math.max(...xs), Math.max(...ys)];
     this.values = null;
+    this.raster = null;
+    this.regions = geometry.regions || [];
+    this.tracks.clear();
   }
 
   setMap(values, frame, top) {
     this.values = values;
     this.frame = frame;
     this.top = top;
+    if (this.showTracks) this.track(frame);
     this.request();
+  }
+
+  track(frame) {
+    const spots = (frame.quantities && frame.quantities.spots) || [];
+    const kept = new Set(spots.map(spot => spot.number));
+    for (const number of this.tracks.keys()) if (!kept.has(number)) this.tracks.delete(number);
+    for (const { number, centre_mm: [x, y] } of spots) {
+      const points = this.tracks.get(number) || [];
+      const last = points[points.length - 1];
+      if (!last || Math.hypot(x - last[0], y - last[1]) >= TRACK_STEP_MM) points.push([x, y, frame.wall_ms]);
+      while (points.length > 1 && points[1][2] < frame.wall_ms - TRACK_MS) points.shift();
+      this.tracks.set(number, points);
+    }
   }
 
   request() {
@@ -68,23 +110,7 @@ class SheetMap {
     const ink = getComputedStyle(document.body).color;
     const at = this.canvas.getContext("2d");
     at.clearRect(0, 0, this.canvas.width, this.canvas.height);
-    const { nodes, triangles } = this.geometry;
-    if (this.values) {
-      at.lineWidth = 1;
-      for (let t = 0; t < this.values.length; t++) {
-        const [r, g, b] = this.colour(this.values[t] / this.top);
-        at.fillStyle = at.strokeStyle = `rgb(${r},${g},${b})`;
-        at.beginPath();
-        for (let k = 0; k < 3; k++) {
-          const n = 2 * triangles[3 * t + k];
-          const [x, y] = [this.x(nodes[n]), this.y(nodes[n + 1])];
-          if (k === 0) at.moveTo(x, y); else at.lineTo(x, y);
-        }
-        at.closePath();
-        at.fill();
-        at.stroke();
-      }
-    }
+    if (this.values) this.drawValues(at);
     at.strokeStyle = ink;
     at.lineWidth = this.pixels;
     let from = 0;
@@ -103,6 +129,62 @@ class SheetMap {
     if (this.drawn.length) this.polygon(at, "#c02020", this.drawn, "");
     if (this.showNumbers) this.electrodes(at, ink);
     this.marks(at, ink);
+    if (this.cursor) this.cross(at);
+  }
+
+  // the triangle of each pixel, from 1; 0 beside the map. It changes with the size only, so that a map is one pass over the pixels
+  rasterise() {
+    const { width, height } = this.canvas;
+    if (this.raster && this.raster.length === width * height && this.rasterWidth === width) return;
+    this.raster = new Int32Array(width * height);
+    this.rasterWidth = width;
+    this.image = new ImageData(width, height);
+    const { nodes, triangles } = this.geometry;
+    for (let t = 0; 3 * t < triangles.length; t++) {
+      const corners = [0, 1, 2].map(k => 2 * triangles[3 * t + k]).map(n => [this.x(nodes[n]), this.y(nodes[n + 1])]);
+      const ys = corners.map(corner => corner[1]);
+      const [low, high] = [Math.min(...ys), Math.max(...ys)];
+      const [first, last] = [Math.max(0, Math.floor(low - 0.5)), Math.min(height - 1, Math.ceil(high - 0.5))];
+      for (let row = first; row <= last; row++) {
+        // the side of a pixel at the border counts, so that no line between two triangles stays empty
+        const y = Math.min(Math.max(row + 0.5, low), high);
+        let [left, right] = [Infinity, -Infinity];
+        for (let k = 0; k < 3; k++) {
+          const [[x0, y0], [x1, y1]] = [corners[k], corners[(k + 1) % 3]];
+          if ((y - y0) * (y - y1) > 0) continue;
+          const x = y0 === y1 ? x0 : x0 + (x1 - x0) * (y - y0) / (y1 - y0);
+          left = Math.min(left, x, y0 === y1 ? x1 : x);
+          right = Math.max(right, x, y0 === y1 ? x1 : x);
+        }
+        const [from, to] = [Math.max(0, Math.floor(left)), Math.min(width - 1, Math.floor(right))];
+        for (let column = from; column <= to; column++) this.raster[row * width + column] = t + 1;
+      }
+    }
+  }
+
+  drawValues(at) {
+    this.rasterise();
+    const palette = new Uint32Array(this.values.length + 1);
+    for (let t = 0; t < this.values.length; t++) {
+      // red is the lowest byte
+      if (!Number.isNaN(this.values[t])) palette[t + 1] = this.colour(this.values[t] / this.top).reduce((all, part, k) => all + part * 256 ** k, 0xff000000);
+    }
+    const pixels = new Uint32Array(this.image.data.buffer);
+    for (let i = 0; i < pixels.length; i++) pixels[i] = palette[this.raster[i]];
+    at.putImageData(this.image, 0, 0);
+  }
+
+  cross(at) {
+    const [x, y] = [this.x(this.cursor[0]), this.y(this.cursor[1])];
+    const size = 9 * this.pixels;
+    for (const [colour, width] of [["#fff", 4], ["#000", 1.5]]) {
+      at.strokeStyle = colour;
+      at.lineWidth = width * this.pixels;
+      at.beginPath();
+      at.moveTo(x - size, y); at.lineTo(x + size, y);
+      at.moveTo(x, y - size); at.lineTo(x, y + size);
+      at.stroke();
+    }
   }
 
   polygon(at, colour, corners, name) {
@@ -127,7 +209,7 @@ class SheetMap {
   }
 
   electrodes(at, ink) {
-    const faulty = new Set((this.frame && this.frame.tracked && this.frame.tracked.masked) || []);
+    const states = electrodeStates(this.frame);
     const [cx, cy] = [(this.low[0] + this.high[0]) / 2, (this.low[1] + this.high[1]) / 2];
     at.font = `${11 * this.pixels}px system-ui, sans-serif`;
     at.textAlign = "center";
@@ -136,9 +218,13 @@ class SheetMap {
       const [x, y] = [this.geometry.electrodes[2 * e], this.geometry.electrodes[2 * e + 1]];
       const away = Math.hypot(x - cx, y - cy) || 1;
       const out = 17 * this.pixels;
-      at.fillStyle = faulty.has(e + 1) ? "#d00000" : ink;
-      const label = faulty.has(e + 1) ? `${e + 1}\u2717` : `${e + 1}`;
-      at.fillText(label, this.x(x) + out * (x - cx) / away, this.y(y) - out * (y - cy) / away);
+      const { colour, sign } = ELECTRODE_STATES[(states.get(e + 1) || { state: "used" }).state];
+      at.fillStyle = colour;
+      at.beginPath();
+      at.arc(this.x(x), this.y(y), 3 * this.pixels, 0, 2 * Math.PI);
+      at.fill();
+      at.fillStyle = sign ? colour : ink;
+      at.fillText(`${e + 1}${sign}`, this.x(x) + out * (x - cx) / away, this.y(y) - out * (y - cy) / away);
     }
   }
 
@@ -153,6 +239,13 @@ class SheetMap {
         place.half_axes_mm[1] * this.scale, -place.angle_deg * Math.PI / 180, 0, 2 * Math.PI);
       at.stroke();
       at.setLineDash([]);
+    }
+    at.strokeStyle = ink;
+    at.lineWidth = 1.5 * this.pixels;
+    for (const points of this.showTracks ? this.tracks.values() : []) {
+      at.beginPath();
+      for (const [x, y] of points) at.lineTo(this.x(x), this.y(y));
+      at.stroke();
     }
     const spots = (frame && frame.quantities && frame.quantities.spots) || [];
     at.font = `bold ${12 * this.pixels}px system-ui, sans-serif`;
@@ -189,14 +282,33 @@ class SheetMap {
   // value under a point of the canvas, in CSS pixels; null beside the map
   valueAt(cssX, cssY) {
     if (!this.values || !this.geometry || !this.scale) return null;
-    const [x, y] = this.place(cssX, cssY);
+    return this.valueAtPlace(this.place(cssX, cssY));
+  }
+
+  // the same at a place in mm
+  valueAtPlace([x, y]) {
+    if (!this.values || !this.raster) return null;
+    const [column, row] = [Math.floor(this.x(x)), Math.floor(this.y(y))];
+    if (column < 0 || column >= this.rasterWidth || row < 0 || row >= this.canvas.height) return null;
+    const triangle = this.raster[row * this.rasterWidth + column];
+    return triangle ? { x, y, value: this.values[triangle - 1] } : null;
+  }
+
+  // the largest value in each field of a grid over the sheet, upper row first: { columns: [mm], rows: [{ mm, values }] }; undefined
+  // where no triangle's centre lies
+  grid(count) {
     const { nodes, triangles } = this.geometry;
+    const width = [0, 1].map(axis => (this.high[axis] - this.low[axis]) / count);
+    const middle = (axis, k) => this.low[axis] + (k + 0.5) * width[axis];
+    const rows = Array.from({ length: count }, (_, k) => ({ mm: middle(1, count - 1 - k), values: new Array(count) }));
     for (let t = 0; t < this.values.length; t++) {
-      const [a, b, c] = [0, 1, 2].map(k => 2 * triangles[3 * t + k]);
-      const side = (p, q) => (nodes[q] - nodes[p]) * (y - nodes[p + 1]) - (nodes[q + 1] - nodes[p + 1]) * (x - nodes[p]);
-      const [s, u, v] = [side(a, b), side(b, c), side(c, a)];
-      if ((s >= 0 && u >= 0 && v >= 0) || (s <= 0 && u <= 0 && v <= 0)) return { x, y, value: this.values[t] };
+      const [column, row] = [0, 1].map(axis => {
+        const centre = [0, 1, 2].reduce((sum, k) => sum + nodes[2 * triangles[3 * t + k] + axis], 0) / 3;
+        return Math.max(0, Math.min(count - 1, Math.floor((centre - this.low[axis]) / width[axis])));
+      });
+      const { values } = rows[count - 1 - row];
+      values[column] = Math.max(values[column] ?? -Infinity, this.values[t]);
     }
-    return null;
+    return { columns: Array.from({ length: count }, (_, k) => middle(0, k)), rows };
   }
 }

@@ -1,49 +1,54 @@
 "use strict";
-// Follows /api/events and shows the state.
+// Follows /api/state and shows it.
 
-const SPAN_MS = 10 * 60 * 1000;
+// least time between two updates of the tables: people and screen readers read them
+const TABLES_MS = 250;
+// step of the cursor on the map, mm, and with Shift
+const STEP_MM = 5, FINE_STEP_MM = 1;
+// fields of the map's table on each side
+const GRID = 6;
 const map = new SheetMap(byId("map"), byId("bar"));
-const charts = ["load", "contact", "ppi", "unrelieved"].map(name => {
-  const quantity = QUANTITIES.find(quantity => quantity[0] === name);
-  return { quantity, chart: new StripChart(byId("charts"), quantity[1], SPAN_MS) };
+map.showTracks = true;
+const charts = new Charts({
+  charts: byId("charts"), axis: byId("axis"), note: byId("charts-note"), span: byId("span"), region: byId("chart-region"), choices: byId("chart-choices"),
 });
-let shownSession = null, shownSequence = null, fetching = false, latest = null;
+let shownSession = null, shownSequence = null, fetching = false, latest = null, tablesDue = null;
 
 const drawing = new RegionDrawing(map, byId("draw"), byId("drawn"));
 
 // a command; what the daemon answers is shown
 async function send(command) {
-  const answer = await fetch("/api/control", {
-    method: "POST",
-    headers: { Authorization: `Bearer ${secret}`, "Content-Type": "application/json" },
-    body: JSON.stringify(command),
-  });
-  byId("answer").textContent = answer.ok ? "" : `${command.call}: ${(await answer.text()).trim()}`;
+  byId("answer").className = "";
+  byId("answer").textContent = `${command.call}: sent`;
+  let [text, kind] = ["done", ""];
+  try {
+    const answer = await fetch("/api/control", {
+      method: "POST",
+      headers: { Authorization: `Bearer ${secret}`, "Content-Type": "application/json" },
+      body: JSON.stringify(command),
+    });
+    if (!answer.ok) [text, kind] = [(await answer.text()).trim(), "bad"];
+  } catch (error) {
+    [text, kind] = [`not known whether it was received (${error.message})`, "bad"];
+  }
+  byId("answer").className = kind;
+  byId("answer").textContent = `${command.call}: ${text}`;
 }
 const alarmList = new AlarmList(byId("alarms"), send);
 
-// events as they come; the connection is opened again when it ends
+// the next state when the last one has arrived
 async function follow() {
+  let version = null;
   for (;;) {
     try {
-      const reader = (await ask("/api/events")).body.pipeThrough(new TextDecoderStream()).getReader();
-      let text = "";
-      for (;;) {
-        const { value, done } = await reader.read();
-        if (done) break;
-        text += value;
-        let end;
-        while ((end = text.indexOf("\n\n")) >= 0) {
-          const data = text.slice(0, end).split("\n").filter(line => line.startsWith("data: ")).map(line => line.slice(6)).join("\n");
-          text = text.slice(end + 2);
-          if (data) show(JSON.parse(data));
-        }
-      }
-      trouble("the connection to tactus web ended; trying again");
+      const state = await (await ask(version === null ? "/api/state" : `/api/state/${version}`)).json();
+      version = state.version;
+      show(state);
     } catch (error) {
+      version = null;
       trouble(`no connection to tactus web (${error.message}); trying again`);
+      await new Promise(resume => setTimeout(resume, 2000));
     }
-    await new Promise(resume => setTimeout(resume, 2000));
   }
 }
 
@@ -55,16 +60,23 @@ function show(state) {
   byId("session").textContent = state.session
     ? `${state.session.id}, ${state.session.state}${state.frame ? `, frame ${state.frame.sequence}, ${clock(state.frame.wall_ms)}` : ""}`
     : "no session runs";
-  alarmList.show(state.alarms, state.control);
+  const calling = alarmList.show(state.alarms, state.control);
+  document.title = calling.length ? `ALARM ${calling.join(", ")} - Tactus` : "Tactus";
   byId("control").hidden = !state.control;
   byId("pressing").hidden = !simulated;
-  showState(state);
-  showEvents(state.events);
   if (state.frame) {
+    if (state.frame.map) { showMap(state); charts.add(state.frame); }
     showVerdict(state.frame);
-    showQuantities(state.frame);
-    if (state.frame.map) showMap(state);
   }
+  if (tablesDue === null) tablesDue = setTimeout(showTables, TABLES_MS);
+}
+
+function showTables() {
+  tablesDue = null;
+  showState(latest);
+  showEvents(latest.events);
+  if (latest.frame) showQuantities(latest.frame);
+  if (byId("map-as-table").open) showGrid();
 }
 
 function showVerdict(frame) {
@@ -77,7 +89,8 @@ function showVerdict(frame) {
   else if (quality && quality.verdict !== "sound") {
     [text, kind] = [`${quality.verdict}: ${(quality.reasons || []).map(reason => reason.text).join("; ")}`, quality.verdict === "doubtful" ? "warn" : "bad"];
   } else text = tracked ? `known to be true; the sheet is ${tracked.judgement}` : "nothing speaks against this map";
-  at.textContent = text;
+  // the same sentence again would be read aloud again
+  if (at.textContent !== text) at.textContent = text;
   at.className = kind;
 }
 
@@ -86,12 +99,17 @@ async function showMap(state) {
   if (fetching || (session && shownSession === session.id && shownSequence === frame.sequence)) return;
   fetching = true;
   try {
+    const isNew = !map.geometry || (session && shownSession !== session.id);
+    const [colours, geometry, values] = await Promise.all([
+      map.colours || ask("/api/colours").then(answer => answer.json()),
+      isNew && ask("/api/geometry").then(answer => answer.json()),
+      ask(`/api/map/${frame.sequence}`).then(answer => answer.arrayBuffer()).then(bytes => new Float32Array(bytes)),
+    ]);
     if (!map.colours) {
-      map.colours = await (await ask("/api/colours")).json();
+      map.colours = colours;
       map.drawBar();
     }
-    if (!map.geometry || (session && shownSession !== session.id)) map.setGeometry(await (await ask("/api/geometry")).json());
-    const values = new Float32Array(await (await ask(`/api/map/${frame.sequence}`)).arrayBuffer());
+    if (geometry) map.setGeometry(geometry);
     shownSession = session ? session.id : shownSession;
     shownSequence = frame.sequence;
     const fixed = parseFloat(byId("fixed").value);
@@ -115,11 +133,6 @@ function showQuantities(frame) {
   const quantities = frame.quantities;
   const pressure = quantities && quantities.unit === "pressure";
   const regions = quantities ? quantities.regions : [];
-  for (const { quantity, chart } of charts) {
-    if (!frame.map) break;
-    const value = regions.length ? regions[0].values[quantity[0]] : undefined;
-    chart.add(frame.wall_ms, value === undefined ? null : value, quantity[pressure ? 2 : 3]);
-  }
   if (!quantities) return;
   const rows = [row(["", ...regions.map(region => ({ number: region.name })), "unit"], true)];
   for (const [name, words, calibrated, plain] of QUANTITIES) {
@@ -129,7 +142,7 @@ function showQuantities(frame) {
   }
   if (rows.length === 1) rows.push(row([quantities.reason || "not known", "", ""]));
   byId("quantities").replaceChildren(...rows);
-  const spots = [row(["number", { number: "x, mm" }, { number: "y, mm" }, { number: pressure ? "kPa" : "lost share" }, { number: "mm\u00b2" }, { number: "age, s" }], true)];
+  const spots = [row(["number", { number: "x, mm" }, { number: "y, mm" }, { number: pressure ? "kPa" : "lost share" }, { number: "area, mm\u00b2" }, { number: "age, s" }], true)];
   for (const spot of quantities.spots) {
     spots.push(row([`${spot.number}`, ...[spot.centre_mm[0], spot.centre_mm[1], spot.peak, spot.area_mm2, spot.age_s].map(value => ({ number: rounded(value) }))]));
   }
@@ -146,9 +159,10 @@ function showState(state) {
     add("rig lost", daemon.lost);
     add("instruments", daemon.instruments.join("; "));
     add("troubles", daemon.troubles.join("; ") || "none");
-    add("baseline", daemon.baseline && `${daemon.baseline}${daemon.baseline_age_s ? `, ${rounded(daemon.baseline_age_s / 3600)} h old` : ""}`);
+    add("baseline", daemon.baseline && `${daemon.baseline}${daemon.baseline_age_s ? `, ${duration(daemon.baseline_age_s)} (h:min:s) old` : ""}`);
     add("method", daemon.method);
     add("disk full in", daemon.disk_days && `${rounded(daemon.disk_days)} days`);
+    add("electrodes", electrodesInWords(state.frame));
     add("last error", daemon.last_error);
   }
   if (session) {
@@ -157,6 +171,23 @@ function showState(state) {
     add("no map because", session.last_error);
   }
   byId("state").replaceChildren(...rows);
+}
+
+function electrodesInWords(frame) {
+  if (!map.geometry || !frame) return null;
+  const count = map.geometry.electrodes.length / 2;
+  const words = [...electrodeStates(frame)].sort((a, b) => a[0] - b[0]).map(([number, { state, text }]) => `${number} ${state === "left_out" ? "left out" : "doubtful"} (${text})`);
+  return `${count}${words.length ? `: ${words.join("; ")}; the others are used` : ", all used"}`;
+}
+
+// the map as a table, for those who cannot see it
+function showGrid() {
+  if (!map.values || !map.geometry) return;
+  const { columns, rows } = map.grid(GRID);
+  const cell = value => ({ number: value === undefined ? "\u2013" : rounded(value) });
+  byId("map-table").replaceChildren(
+    row(["y, mm \u2193  x, mm \u2192", ...columns.map(mm => ({ number: mm.toFixed(0) }))], true),
+    ...rows.map(({ mm, values }) => row([mm.toFixed(0), ...Array.from(values, cell)])));
 }
 
 function showEvents(events) {
@@ -170,10 +201,38 @@ function showEvents(events) {
   }));
 }
 
-byId("map").addEventListener("pointermove", event => {
-  const at = map.valueAt(event.offsetX, event.offsetY);
-  byId("pointer").textContent = at ? `(${at.x.toFixed(1)}, ${at.y.toFixed(1)}) mm: ${withUnit(at.value, latest.frame.unit)}` : "";
+function showPlace(at) {
+  byId("pointer").textContent = at ? `(${at.x.toFixed(1)}, ${at.y.toFixed(1)}) mm: ${withUnit(at.value, map.frame.unit)}` : "";
+}
+
+const pressing = () => !drawing.active && byId("press").checked && !byId("control").hidden && !byId("pressing").hidden;
+// a disc at a place of the map
+function press(at) {
+  const size = parseFloat(byId("press-size").value), loss = parseFloat(byId("press-loss").value);
+  send({ call: "press", x_m: at.x / 1000, y_m: at.y / 1000, size_m: size / 1000, loss: loss / 100 });
+}
+
+byId("map").addEventListener("pointermove", event => showPlace(map.valueAt(event.offsetX, event.offsetY)));
+// the arrow keys move a cursor, Enter presses
+byId("map").addEventListener("keydown", event => {
+  const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] };
+  if (!map.geometry || !(moves[event.key] || event.key === "Enter")) return;
+  event.preventDefault();
+  const from = map.cursor || [0, 1].map(axis => (map.low[axis] + map.high[axis]) / 2);
+  if (event.key === "Enter") {
+    const at = map.cursor && map.valueAtPlace(map.cursor);
+    if (at && pressing()) press(at);
+    return;
+  }
+  const step = event.shiftKey ? FINE_STEP_MM : STEP_MM;
+  map.cursor = [0, 1].map(axis => Math.max(map.low[axis], Math.min(map.high[axis], from[axis] + step * moves[event.key][axis])));
+  byId("pointer").setAttribute("aria-live", "polite");
+  showPlace(map.valueAtPlace(map.cursor));
+  map.request();
 });
+byId("map").addEventListener("blur", () => { map.cursor = null; byId("pointer").setAttribute("aria-live", "off"); map.request(); });
+byId("map-as-table").addEventListener("toggle", showGrid);
+byId("tracks").addEventListener("change", event => { map.showTracks = event.target.checked; map.tracks.clear(); map.request(); });
 byId("numbers").addEventListener("change", event => { map.showNumbers = event.target.checked; map.request(); });
 byId("region-lines").addEventListener("change", event => { map.showRegion = event.target.checked; map.request(); });
 byId("fixed").addEventListener("input", () => { shownSequence = null; if (latest && latest.frame && latest.frame.map) showMap(latest); });
@@ -182,8 +241,8 @@ byId("stop").addEventListener("click", () => send({ call: "stop" }));
 byId("baseline").addEventListener("click", () => send({ call: "baseline" }));
 byId("release").addEventListener("click", () => send({ call: "release" }));
 byId("map").addEventListener("click", event => {
-  const at = !drawing.active && byId("press").checked && !byId("control").hidden && map.valueAt(event.offsetX, event.offsetY);
-  if (at) send({ call: "press", x_m: at.x / 1000, y_m: at.y / 1000, size_m: 0.03, loss: 0.3 });
+  const at = pressing() && map.valueAt(event.offsetX, event.offsetY);
+  if (at) press(at);
 });
-window.addEventListener("resize", () => { map.request(); for (const { chart } of charts) chart.draw(); });
+window.addEventListener("resize", () => { map.request(); charts.draw(true); });
 follow();

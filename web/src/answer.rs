@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
+use imaging::quantities::RegionShape;
 
 /// A text of JSON.
 pub(crate) fn json(text: Arc<str>) -> Response {
@@ -19,8 +20,12 @@ pub(crate) fn geometry_json(geometry: &dbus::Geometry) -> String {
             .map(|metres| (1e6 * metres).round() * 1e-3)
             .collect()
     };
+    let regions = geometry.more.regions.as_deref();
+    let regions = regions.and_then(|json| serde_json::from_str::<Vec<RegionShape>>(json).ok());
     serde_json::json!({
         "name": geometry.more.name,
+        // of a daemon of an earlier version: none
+        "regions": regions.unwrap_or_default(),
         "nodes": millimetres(&geometry.nodes),
         "triangles": geometry.triangles,
         "outline": millimetres(&geometry.outline),

@@ -1,5 +1,5 @@
-//! Commands of the page: calls of the same names on the daemon's bus, which decides by the rights of the user who runs the
-//! server.
+//! Commands of the page and of the terminal's dashboard: calls of the same names on the daemon's bus, which decides by the rights of the user who runs the
+//! program.
 
 use std::time::Duration;
 
@@ -48,6 +48,15 @@ pub(crate) enum Call {
         name: String,
         comment: Option<String>,
     },
+}
+
+/// Acknowledges an alarm, with the rights of this process.
+///
+/// # Errors
+/// A sentence: the daemon cannot be reached, or refuses.
+pub async fn acknowledge(address: Option<&Address>, name: String) -> Result<(), String> {
+    let comment = None;
+    carry_out(address, Call::Acknowledge { name, comment }).await
 }
 
 /// Carries out a command.

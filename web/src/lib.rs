@@ -27,10 +27,11 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 
+pub use control::acknowledge;
 pub use guard::{HostName, HostNameError};
 pub use live::follow;
 pub use playback::{
-    Course, MapKind, Overview, Place, Playback, PlayedMap, Recordings, RegionShape, SessionEntry,
+    Course, History, MapKind, Overview, Place, Playback, PlayedMap, Recordings, SessionEntry,
 };
 pub use sheets::Sheets;
 pub use snapshot::{

@@ -1,17 +1,16 @@
 //! The routes: the page's files, and the data that it reads.
 
-use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
-use axum::body::{Body, Bytes};
+use axum::body::Bytes;
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::{StatusCode, header};
 use axum::middleware;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, watch};
+use tokio::sync::{Semaphore, watch};
 
 use crate::answer::{geometry_json, json};
 use crate::control::{self, Call};
@@ -22,11 +21,9 @@ use crate::sheets;
 use crate::snapshot::Live;
 use crate::{Control, Settings};
 
-/// Most pages that follow at the same time.
-const STREAMS: usize = 32;
-/// Least time between two events of a stream: a page draws 60 times a second at most, and fetches maps as fast as it can.
-const EVENT_INTERVAL: Duration = Duration::from_millis(40);
-/// Time after which a quiet stream sends a comment, so that a lost connection is noticed.
+/// Most pages that wait for a change at the same time.
+const WAITING: usize = 32;
+/// Time after which a page gets the state without a change, so that a lost connection is noticed.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// Most bytes of a command.
@@ -36,7 +33,7 @@ const LONGEST_COMMAND: usize = 8192;
 struct Shared {
     live: Live,
     stop: watch::Receiver<bool>,
-    streams: Arc<Semaphore>,
+    waiting: Arc<Semaphore>,
     colours: Arc<str>,
     control: Option<Control>,
 }
@@ -53,7 +50,7 @@ pub(crate) fn router(
     let shared = Shared {
         live,
         stop,
-        streams: Arc::new(Semaphore::new(STREAMS)),
+        waiting: Arc::new(Semaphore::new(WAITING)),
         colours: colours().into(),
         control: settings.control.clone(),
     };
@@ -63,7 +60,7 @@ pub(crate) fn router(
     }
     router
         .route("/api/state", get(state))
-        .route("/api/events", get(events))
+        .route("/api/state/{version}", get(next_state))
         .route("/api/geometry", get(geometry))
         .route(
             "/api/colours",
@@ -75,6 +72,7 @@ pub(crate) fn router(
         .fallback(|| async { (StatusCode::NOT_FOUND, "no such page\n") })
         .with_state(shared)
         .merge(sheets::router(recordings.sheets()))
+        .merge(playback::history::router(Arc::clone(&recordings)))
         .merge(playback::routes::router(recordings))
         .layer(middleware::from_fn_with_state(guard, guard::check))
 }
@@ -144,57 +142,24 @@ async fn map(State(shared): State<Shared>, Path(sequence): Path<String>) -> Resp
     }
 }
 
-/// Server-sent events: the state at each change, with its version as `id`.
-async fn events(State(shared): State<Shared>) -> Response {
-    let Ok(permit) = Arc::clone(&shared.streams).try_acquire_owned() else {
-        let text = format!("{STREAMS} pages follow already; close one\n");
+/// The state after a version that the page has: at once where there is a newer one, otherwise at the next change. The page asks
+/// again when it has read the answer: a slow link gets fewer states, not old ones.
+async fn next_state(State(mut shared): State<Shared>, Path(known): Path<String>) -> Response {
+    let Ok(known) = known.parse::<u64>() else {
+        return (StatusCode::BAD_REQUEST, "a version is a number\n").into_response();
+    };
+    let Ok(_permit) = Arc::clone(&shared.waiting).try_acquire_owned() else {
+        let text = format!("{WAITING} pages follow already; close one\n");
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
-    let (send, receive) = mpsc::channel(1);
-    tokio::spawn(publish(shared, send, permit));
-    (
-        [(header::CONTENT_TYPE, "text/event-stream")],
-        Body::from_stream(Receiving(receive)),
-    )
-        .into_response()
-}
-
-type Chunk = Result<Bytes, Infallible>;
-
-/// Sends events until the page goes or the server stops. A slow page gets the newest state when it reads again.
-async fn publish(mut shared: Shared, send: mpsc::Sender<Chunk>, _permit: OwnedSemaphorePermit) {
     let mut changes = shared.live.subscribe();
-    changes.mark_changed();
-    loop {
-        let text = tokio::select! {
-            changed = tokio::time::timeout(KEEP_ALIVE, changes.changed()) => match changed {
-                Ok(Ok(())) => {
-                    let snapshot = changes.borrow_and_update();
-                    format!("id: {}\ndata: {}\n\n", snapshot.version, snapshot.json())
-                }
-                Ok(Err(_)) => return,
-                Err(_) => ": still here\n\n".to_owned(),
-            },
-            _ = shared.stop.wait_for(|stop| *stop) => return,
-            () = send.closed() => return,
-        };
-        if send.send(Ok(text.into())).await.is_err() {
-            return;
-        }
-        tokio::time::sleep(EVENT_INTERVAL).await;
+    let changed = async {
+        // an error means that nobody changes it any more
+        let _ = changes.wait_for(|now| now.version != known).await;
+    };
+    tokio::select! {
+        _ = tokio::time::timeout(KEEP_ALIVE, changed) => {}
+        _ = shared.stop.wait_for(|stop| *stop) => {}
     }
-}
-
-/// A channel as a stream.
-struct Receiving(mpsc::Receiver<Chunk>);
-
-impl futures_core::Stream for Receiving {
-    type Item = Chunk;
-
-    fn poll_next(
-        mut self: std::pin::Pin<&mut Self>,
-        context: &mut std::task::Context<'_>,
-    ) -> std::task::Poll<Option<Chunk>> {
-        self.0.poll_recv(context)
-    }
+    state(State(shared)).await
 }

@@ -29,7 +29,7 @@ pub struct Snapshot {
     pub geometry: Option<Arc<dbus::Geometry>>,
 }
 
-/// `/api/state`, and the data of each event of `/api/events`.
+/// `/api/state`, beside its version.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct State {
     /// Why there is no daemon, or no frames of the running session; `None` while all is well.
@@ -302,9 +302,19 @@ impl Snapshot {
         self.state.events.truncate(EVENTS);
     }
 
-    /// The state as JSON.
+    /// The state with its version as JSON.
     pub(crate) fn json(&self) -> String {
+        #[derive(Serialize)]
+        struct Numbered<'a> {
+            version: u64,
+            #[serde(flatten)]
+            state: &'a State,
+        }
+        let numbered = Numbered {
+            version: self.version,
+            state: &self.state,
+        };
         // numbers, words and JSON: they have a text
-        serde_json::to_string(&self.state).unwrap_or_default()
+        serde_json::to_string(&numbered).unwrap_or_default()
     }
 }

@@ -8,7 +8,7 @@ use tokio::net::TcpStream;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-use crate::snapshot::{EventState, FrameState};
+use crate::snapshot::FrameState;
 use crate::{Control, HostName, Live, Playback, Recordings, Server, SessionEntry, Settings, Token};
 
 pub(crate) struct Served {
@@ -168,10 +168,11 @@ async fn data_need_the_token_and_the_page_does_not() {
     ];
     for path in [
         "/api/state",
-        "/api/events",
+        "/api/state/1",
         "/api/geometry",
         "/api/colours",
         "/api/map/1",
+        "/api/history/24/sheet",
         "/api/sessions",
         "/api/sessions/m1",
         "/api/sessions/m1/course",
@@ -376,51 +377,51 @@ async fn a_map_is_single_precision_and_old_ones_go() {
     }
 }
 
-/// Reads until the text has arrived.
-async fn until(stream: &mut TcpStream, seen: &mut String, text: &str) {
-    let mut bytes = [0; 4096];
-    let reading = async {
-        while !seen.contains(text) {
-            let count = stream.read(&mut bytes).await.unwrap();
-            assert!(count > 0, "the stream ended: {seen}");
-            seen.push_str(&String::from_utf8_lossy(&bytes[..count]));
-        }
-    };
-    let limit = Duration::from_secs(30);
-    tokio::time::timeout(limit, reading)
-        .await
-        .unwrap_or_else(|_| panic!("no {text} in {seen}"));
+/// The state of an answer.
+fn state_of(answer: &[u8]) -> serde_json::Value {
+    serde_json::from_slice(answer).unwrap()
 }
 
 #[tokio::test]
-async fn changes_arrive_as_events_and_stop_ends_them() {
-    let served = served().await;
-    let mut stream = served.connected().await;
-    let text = format!(
-        "GET /api/events HTTP/1.1\r\n{}{}\r\n",
-        served.host(),
-        served.bearer()
-    );
-    stream.write_all(text.as_bytes()).await.unwrap();
-    let mut seen = String::new();
-    until(&mut stream, &mut seen, "id: 0").await;
-    assert!(seen.contains("text/event-stream"), "{seen}");
-    served.live.change(|snapshot| {
-        snapshot.state.frame = Some(FrameState {
-            sequence: 7,
-            ..FrameState::default()
+async fn a_change_answers_those_who_wait_and_stop_ends_them() {
+    let served = Arc::new(served().await);
+    let first = state_of(&served.bytes("/api/state").await);
+    let version = first["version"].as_u64().unwrap();
+    let next = |version: u64| {
+        let served = Arc::clone(&served);
+        tokio::spawn(async move { served.bytes(&format!("/api/state/{version}")).await })
+    };
+    let waits = next(version);
+    // another version than the present one is answered at once
+    let old = state_of(&next(version + 7).await.unwrap());
+    assert_eq!(old["version"], version);
+    assert!(!waits.is_finished());
+    for sequence in 1..=9 {
+        served.live.change(|snapshot| {
+            snapshot.state.frame = Some(FrameState {
+                sequence,
+                ..FrameState::default()
+            });
         });
-        snapshot.add_event(EventState {
-            wall_ms: 0,
-            kind: "trouble".to_owned(),
-            text: "two\nlines".to_owned(),
-        });
-    });
-    until(&mut stream, &mut seen, "\"sequence\":7").await;
-    // a line break in a text must not end the event
-    until(&mut stream, &mut seen, "two\\nlines").await;
+    }
+    let limit = Duration::from_secs(30);
+    let answer = tokio::time::timeout(limit, waits).await.unwrap().unwrap();
+    assert!(state_of(&answer)["version"].as_u64() > Some(version));
+    // whoever reads slowly gets the newest state, not those between
+    let answer = next(version + 1).await.unwrap();
+    let newest = state_of(&answer);
+    assert_eq!(newest["frame"]["sequence"], 9);
+    assert_eq!(newest["version"], version + 9);
+    let refused = served.get("/api/state/x").await;
+    assert_eq!(code(&refused), "400", "{refused}");
+
+    let waits = next(version + 9);
+    // it waits before the server is told to stop
+    served.bytes("/api/state").await;
     served.stop.send(true).unwrap();
-    let ended = tokio::time::timeout(Duration::from_secs(30), served.serving).await;
+    tokio::time::timeout(limit, waits).await.unwrap().unwrap();
+    let served = Arc::into_inner(served).unwrap();
+    let ended = tokio::time::timeout(limit, served.serving).await;
     ended.expect("it ends").unwrap().unwrap();
 }
 
@@ -428,21 +429,40 @@ async fn changes_arrive_as_events_and_stop_ends_them() {
 async fn too_many_pages_are_refused() {
     let served = served().await;
     let mut open = Vec::new();
+    let version = state_of(&served.bytes("/api/state").await)["version"].clone();
+    let line = format!("GET /api/state/{version}");
     let text = format!(
-        "GET /api/events HTTP/1.1\r\n{}{}\r\n",
+        "{line} HTTP/1.1\r\n{}{}\r\n",
         served.host(),
         served.bearer()
     );
     for _ in 0..32 {
         let mut stream = served.connected().await;
         stream.write_all(text.as_bytes()).await.unwrap();
-        let mut seen = String::new();
-        until(&mut stream, &mut seen, "id: 0").await;
         open.push(stream);
     }
-    let answer = served.get("/api/events").await;
+    // those are received in any order; the one that finds no room is refused
+    let refused = async {
+        loop {
+            let asked = served.get(&format!("/api/state/{version}"));
+            match tokio::time::timeout(Duration::from_millis(200), asked).await {
+                Ok(answer) => return answer,
+                Err(_) => continue,
+            }
+        }
+    };
+    let answer = tokio::time::timeout(Duration::from_secs(30), refused)
+        .await
+        .unwrap();
     assert_eq!(code(&answer), "503", "{answer}");
     assert!(answer.contains("close one"), "{answer}");
+    // a page that goes leaves its place
+    open.clear();
+    let free =
+        async { while code(&served.get(&format!("/api/state/{version}9")).await) != "200" {} };
+    tokio::time::timeout(Duration::from_secs(30), free)
+        .await
+        .unwrap();
 }
 
 #[test]

@@ -204,10 +204,12 @@ dictionaries! {
         tracked: String,
     }
 
-    /// Name of a geometry ([`crate::Geometry`]).
+    /// Name of a geometry ([`crate::Geometry`]), and the regions on it.
     GeometryDetails {
         /// The name, for people.
         name: String,
+        /// Named regions of the configuration, as JSON: `[{"name": "...", "corners_mm": [[x, y], ...]}, ...]`.
+        regions: String,
     }
 
     /// Results of a self-test for the rig as a whole ([`crate::TestReport`]); values that were not determined are left

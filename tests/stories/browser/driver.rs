@@ -9,7 +9,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 /// Longest time for a condition on a page.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(240);
 
 /// A browser with one window.
 pub struct Browser {
@@ -71,10 +71,16 @@ impl Browser {
         self.of_session("POST", "/execute/sync", Some(&script))
     }
 
+    /// What a script on the page hands to its first argument, a function.
+    pub fn asynchronous(&self, script: &str) -> Value {
+        let script = json!({"script": script, "args": []});
+        self.of_session("POST", "/execute/async", Some(&script))
+    }
+
     /// Waits until an expression on the page is true.
     ///
     /// # Panics
-    /// It does not become true within a minute; the text of the page is shown.
+    /// It does not become true within two minutes; the text of the page is shown.
     pub fn until(&self, expression: &str) {
         let script = format!(
             "const done = arguments[0]; const end = Date.now() + {}; \
@@ -82,10 +88,9 @@ impl Browser {
              else setTimeout(check, 20); }}; check();",
             PATIENCE.as_millis() / 2
         );
-        let script = json!({"script": script, "args": []});
-        let reached = self.of_session("POST", "/execute/async", Some(&script));
         assert_eq!(
-            reached, true,
+            self.asynchronous(&script),
+            true,
             "{expression} does not become true on the page"
         );
     }
@@ -108,7 +113,42 @@ impl Browser {
         assert!(decoder.wait().expect("it ends").success());
     }
 
-    fn of_session(&self, method: &str, path: &str, body: Option<&Value>) -> Value {
+    /// A command of the browser's own protocol, e.g. to emulate a phone.
+    pub fn command(&self, name: &str, parameters: &Value) -> Value {
+        let command = json!({"cmd": name, "params": parameters});
+        self.of_session("POST", "/goog/cdp/execute", Some(&command))
+    }
+
+    /// A link of so many bytes a second with a delay, ms.
+    pub fn slow_link(&self, bytes_per_s: u32, delay_ms: u32) {
+        let conditions = json!({"network_conditions": {"offline": false, "latency": delay_ms,
+            "download_throughput": bytes_per_s, "upload_throughput": bytes_per_s}});
+        self.of_session("POST", "/chromium/network_conditions", Some(&conditions));
+    }
+
+    /// A click of the mouse at a place of the window, CSS pixels.
+    pub fn click(&self, x: i64, y: i64) {
+        self.act(&json!({"type": "pointer", "id": "mouse", "actions": [
+            {"type": "pointerMove", "duration": 0, "origin": "viewport", "x": x, "y": y},
+            {"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}]}));
+    }
+
+    /// Presses and releases keys one after the other; names of W3C WebDriver, e.g. `\u{E012}` for the left arrow.
+    pub fn keys(&self, keys: &str) {
+        let events = keys.chars().flat_map(|key| {
+            ["keyDown", "keyUp"].map(|kind| json!({"type": kind, "value": key.to_string()}))
+        });
+        let events: Vec<Value> = events.collect();
+        self.act(&json!({"type": "key", "id": "keyboard", "actions": events}));
+    }
+
+    fn act(&self, source: &Value) {
+        let actions = json!({"actions": [source]});
+        self.of_session("POST", "/actions", Some(&actions));
+    }
+
+    /// A request of this session, e.g. for another window.
+    pub fn of_session(&self, method: &str, path: &str, body: Option<&Value>) -> Value {
         self.ask(method, &format!("/session/{}{path}", self.session), body)
     }
 

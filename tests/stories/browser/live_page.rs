@@ -86,7 +86,9 @@ fn colour(browser: &Browser, [x, y]: [f64; 2]) -> Vec<i64> {
 
 #[test]
 fn a_press_is_seen_in_a_browser_at_its_place() {
-    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
+        format!("{config}{REGION}")
+    }) else {
         return;
     };
     let profile = stage.path().join("browser");
@@ -140,6 +142,7 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     ] {
         assert!(text.contains(words), "{words} in {text}");
     }
+    browser.until("byId('spots').rows.length === 2");
     let spot = browser
         .value("Array.from(byId('spots').rows[1].cells).map(cell => parseFloat(cell.textContent))");
     let place = [1, 2].map(|cell| spot[cell].as_f64().expect("a number"));
@@ -147,6 +150,12 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
         (place[0] - PRESS_MM[0]).hypot(place[1] - PRESS_MM[1]) < 15.0,
         "{spot}"
     );
+    let corners = browser.value("map.regions.map(region => [region.name, region.corners_mm])");
+    assert_eq!(
+        corners,
+        serde_json::json!([["hip", [[60, 100], [110, 100], [110, 170], [60, 170]]]])
+    );
+    read_by_keys_and_as_a_table(&browser);
     // the same number as everywhere
     let shown = browser.value("latest.frame.quantities.regions[0].values.load");
     let sequence = browser.value("latest.frame.sequence");
@@ -161,10 +170,131 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
         .expect("it is recorded");
     assert_eq!(same["regions"][0]["values"]["load"], shown);
     browser.until("byId('session').textContent === 'no session runs'");
+    stored_rows_are_drawn(&stage, &browser);
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
     browser.until("!byId('trouble').hidden && byId('trouble').textContent.includes('no daemon')");
     drop(page);
     browser.until("byId('trouble').textContent.includes('no connection to tactus web')");
+}
+
+const REGION: &str = "\n[[region]]\nname = \"hip\"\nrectangle_mm = [60.0, 100.0, 110.0, 170.0]\n";
+
+/// What a person without a mouse or without sight has of the map.
+fn read_by_keys_and_as_a_table(browser: &Browser) {
+    // a press may make the check of the map name one
+    browser.until("/electrodes\\s+26(, all used|: )/.test(byId('state').innerText)");
+    browser.value("byId('map').focus()");
+    // from the middle, (107, 115) mm, to the press by steps of 5 mm; right, left and up arrow
+    browser.keys(
+        "\u{E014}\u{E012}\u{E012}\u{E012}\u{E012}\u{E012}\u{E012}\u{E013}\u{E013}\u{E013}\u{E013}",
+    );
+    browser.until("byId('pointer').textContent.startsWith('(82.0, 135.0) mm: ')");
+    let read = browser.value("parseFloat(byId('pointer').textContent.split(': ')[1])");
+    assert!(read.as_f64().is_some_and(|loss| loss > 0.1), "{read}");
+    browser.value("byId('map-as-table').open = true");
+    browser.until("byId('map-table').rows.length === 7");
+    let table = browser.value(
+        "[...byId('map-table').rows].slice(1).flatMap((row, y) => [...row.cells].slice(1).map((cell, x) => [x, y, parseFloat(cell.textContent)])).sort((a, b) => b[2] - a[2])[0]",
+    );
+    // columns of 36 mm, rows of 38 mm from above: the press lies in the third column and the third row
+    assert_eq!([&table[0], &table[1]], [2, 2], "{table}");
+    let unnamed = browser.value(
+        "[...document.querySelectorAll('button, input, select, canvas:not([aria-hidden])')].filter(at => \
+         !(at.labels && at.labels.length) && !at.getAttribute('aria-label') && !at.textContent.trim()).map(at => at.id)",
+    );
+    assert_eq!(unnamed, serde_json::json!([]), "controls without a name");
+}
+
+/// The charts of an hour have the rows of `tactus quantities`.
+fn stored_rows_are_drawn(stage: &Stage, browser: &Browser) {
+    browser.value("byId('span').value = '1', byId('span').dispatchEvent(new Event('change')), 0");
+    browser.until("charts.stored && charts.stored.rows.length > 0");
+    let rows = ask(
+        stage,
+        &[
+            "quantities",
+            "last",
+            "--quantity",
+            "load",
+            "--region",
+            "sheet",
+        ],
+    );
+    let shown = browser.value(
+        "charts.stored.rows.filter(row => row.quantity === 'load').map(row => [row.min, row.mean, row.max, row.frames])",
+    );
+    let shown = shown.as_array().expect("rows");
+    assert_eq!(rows.len(), shown.len());
+    for (row, shown) in rows.iter().zip(shown) {
+        for (place, key) in ["min", "mean", "max", "frames"].iter().enumerate() {
+            assert_eq!(row[*key].as_f64(), shown[place].as_f64(), "{key}");
+        }
+    }
+    browser.until("byId('charts').innerText.includes('Load') && byId('charts-note').textContent.includes('stored with the sessions')");
+    assert_eq!(
+        browser.value("[...byId('chart-region').options].map(option => option.value)"),
+        serde_json::json!(["sheet", "hip"])
+    );
+}
+
+#[test]
+fn the_page_fits_a_phone_the_dark_and_a_slow_link() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
+        return;
+    };
+    let profile = stage.path().join("browser");
+    let Some(browser) = Browser::start(&profile, 1500, 1000) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    ask(&stage, &["start", "--every", "100ms"]);
+    press(&stage);
+    let page = Page::serve(&stage, &["--control"]);
+    browser.open(&page.url);
+    browser.until("typeof map !== 'undefined' && map.values !== null");
+    let pictures = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let light = browser.value("getComputedStyle(document.body).backgroundColor");
+    let dark = serde_json::json!({"features": [{"name": "prefers-color-scheme", "value": "dark"}]});
+    browser.command("Emulation.setEmulatedMedia", &dark);
+    browser.until(&format!(
+        "getComputedStyle(document.body).backgroundColor !== {light}"
+    ));
+    browser.value("map.draw()");
+    browser.screenshot(&pictures.join("dark-page.png"));
+    let phone =
+        serde_json::json!({"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": true});
+    browser.command("Emulation.setDeviceMetricsOverride", &phone);
+    browser.until("innerWidth === 390 && map.canvas.width > 600");
+    let wide = browser.value(
+        "[...document.querySelectorAll('body *')].filter(at => at.getBoundingClientRect().right > 391 && !at.closest('.wide')).map(at => at.id || at.tagName)",
+    );
+    assert_eq!(wide, serde_json::json!([]), "wider than a phone");
+    assert_eq!(browser.value("document.documentElement.scrollWidth"), 390);
+    browser.value("map.draw()");
+    browser.screenshot(&pictures.join("phone-page.png"));
+
+    // a map has 15 kB: not all pass through 8 kB/s, and none waits for another
+    browser.value("performance.clearResourceTimings(), window.slow = [latest.frame.sequence], 0");
+    browser.value("window.set = map.setMap.bind(map), map.setMap = (...all) => { slow.push(all[1].sequence); set(...all); }, 0");
+    browser.slow_link(8_000, 100);
+    browser.until("slow.length > 6");
+    let left_out = browser
+        .value("slow.some((sequence, index) => index > 1 && sequence > slow[index - 1] + 1)");
+    assert_eq!(left_out, true, "{}", browser.value("slow"));
+    let overlap = browser.value(
+        "performance.getEntriesByType('resource').filter(entry => entry.name.includes('/api/map/')).sort((a, b) => a.startTime - b.startTime) \
+         .some((entry, index, all) => index > 0 && entry.startTime < all[index - 1].responseEnd)",
+    );
+    assert_eq!(
+        overlap, false,
+        "a map is asked for when the one before has arrived"
+    );
+    let late = browser.value("latest.frame.sequence - slow[slow.length - 1]");
+    assert!(late.as_i64().is_some_and(|frames| frames < 30), "{late}");
+    drop(page);
+    ask(&stage, &["stop"]);
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 }
 
 const RULE: &str = "\n[[alarm]]\nname = \"pressed\"\nquantity = \"contact\"\nabove = 100.0\nfor_s = 0.5\nseverity = \"major\"\n\
@@ -188,7 +318,20 @@ fn an_alarm_is_seen_and_acknowledged_in_a_browser() {
     browser.until("latest && latest.daemon && !byId('control').hidden");
     browser.value("byId('every').value = '0.3', byId('start').click()");
     browser.until("latest.frame && latest.frame.map && map.values !== null");
-    browser.value("send({ call: 'press', x_m: 0.08, y_m: 0.135, size_m: 0.03, loss: 0.5 }), 0");
+    // by the page's own control: a click on the map
+    browser.value("byId('press').checked = true, byId('press-loss').value = '50', byId('map').scrollIntoView({ block: 'center' }), 0");
+    let at = browser.value(&format!(
+        "(box => [box.left + map.x({0}) / map.pixels, box.top + map.y({1}) / map.pixels].map(Math.round))(map.canvas.getBoundingClientRect())",
+        PRESS_MM[0], PRESS_MM[1]
+    ));
+    let [x, y] = [0, 1].map(|axis| at[axis].as_i64().expect("a pixel"));
+    browser.click(x, y);
+    browser.until("byId('answer').textContent === 'press: done'");
+    browser.until("map.values.reduce((most, v) => Math.max(most, v), 0) > 0.2");
+    let [x, y] = brightest(&browser);
+    let away = (x - PRESS_MM[0]).hypot(y - PRESS_MM[1]);
+    assert!(away < 15.0, "the pressed place is {away} mm off");
+    browser.until("document.title.startsWith('ALARM pressed')");
     let button = "document.querySelector('[aria-label=\"Acknowledge pressed\"]')";
     browser.until(&format!("{button} !== null"));
     let row = browser.value("byId('alarms').innerText");
@@ -215,6 +358,9 @@ fn an_alarm_is_seen_and_acknowledged_in_a_browser() {
     // what the daemon refuses is shown
     browser.value("send({ call: 'reset', name: 'pressed' }), 0");
     browser.until("byId('answer').textContent.includes('nothing to reset')");
+    browser.value("byId('release').click(), 0");
+    browser.until("byId('answer').textContent === 'release: done'");
+    browser.until("latest.frame.quantities && latest.frame.quantities.spots.length === 0");
     browser.value("byId('stop').click(), 0");
     browser.until("byId('session').textContent === 'no session runs'");
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));

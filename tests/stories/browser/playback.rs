@@ -112,9 +112,10 @@ fn a_session_is_played_in_a_browser() {
     let went = "(() => { const button = [...byId('events').children].find(event => event.textContent.includes('alarm-active')); \
         button.querySelector('button').click(); return session.events.find(event => event.kind === 'alarm-active').wall_ms; })()";
     let alarm_ms = browser.value(went).as_i64().expect("its time");
-    browser.until(
-        "shown.unit !== 's' && document.body.dataset.sequence !== String(session.last_frame)",
-    );
+    // on a busy machine it may be the frame that was shown before
+    browser.until(&format!(
+        "at === Math.min({alarm_ms}, session.last_ms) && !busy && shown.unit !== 's' && document.body.dataset.kind === 'exact'"
+    ));
     let [sequence, shown_ms, last] = ["shown.sequence", "shown.wall_ms", "session.last_frame"]
         .map(|number| browser.value(number).as_i64().expect("a number"));
     assert!(shown_ms <= alarm_ms, "{shown_ms} {alarm_ms}");

@@ -9,4 +9,6 @@ mod json_output;
 mod live_topics;
 mod round_trips;
 mod session_names;
+mod terminal;
+mod top_screen;
 mod watch_screen;

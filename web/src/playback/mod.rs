@@ -1,5 +1,6 @@
-//! Recorded sessions on the page: what the program that serves it must supply, and the routes.
+//! Recorded sessions on the page: what the program that serves it must supply, the routes, and the history over all sessions.
 
+pub(crate) mod history;
 pub(crate) mod routes;
 #[cfg(test)]
 mod tests;
@@ -7,7 +8,7 @@ mod tests;
 use std::sync::Arc;
 
 use imaging::Tracked;
-use imaging::quantities::{FrameQuantities, LoadUnit, QuantityRow};
+use imaging::quantities::{FrameQuantities, LoadUnit, QuantityRow, RegionShape};
 use render::Sheet;
 use serde::Serialize;
 
@@ -31,6 +32,16 @@ pub trait Recordings: Send + Sync {
     /// All sheets of an archive, where the page has one.
     fn sheets(&self) -> Option<Arc<dyn Sheets>> {
         None
+    }
+
+    /// The stored quantities of a region over all sessions, in at most so many spans, all of the newest unit. A place that
+    /// stores none has none.
+    ///
+    /// # Errors
+    /// A sentence: the folder cannot be read.
+    fn history(&self, from_s: i64, to_s: i64, region: &str, spans: u32) -> Result<History, String> {
+        let _ = (from_s, to_s, region, spans);
+        Ok(History::default())
     }
 }
 
@@ -97,15 +108,6 @@ pub struct Overview {
     pub regions: Vec<RegionShape>,
 }
 
-/// The shape of a named region.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct RegionShape {
-    /// Its name.
-    pub name: String,
-    /// Its corners in order, mm.
-    pub corners_mm: Vec<[f64; 2]>,
-}
-
 /// Quantities over time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Course {
@@ -119,6 +121,19 @@ pub struct Course {
     pub rows: Vec<QuantityRow>,
     /// Their length, s.
     pub span_s: u32,
+}
+
+/// Stored quantities over all sessions.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct History {
+    /// Rows of one length, the oldest first.
+    pub rows: Vec<QuantityRow>,
+    /// Their length, s.
+    pub span_s: u32,
+    /// Regions that have rows in this time.
+    pub regions: Vec<String>,
+    /// Stored rows that are damaged and left out.
+    pub damaged: usize,
 }
 
 /// A place in a session.

@@ -32,6 +32,12 @@ pub(crate) struct Dashboard {
     pub(crate) help: bool,
     /// Whether the list of alarms is shown.
     pub(crate) alarms: bool,
+    /// The chosen alarm of the list.
+    pub(crate) chosen: usize,
+    /// The alarm whose acknowledgement waits for a yes.
+    pub(crate) asking: Option<String>,
+    /// What became of the last acknowledgement.
+    pub(crate) answer: Option<String>,
     /// The first quantity of the table.
     pub(crate) first_quantity: usize,
     /// The first region of the table.
@@ -47,10 +53,12 @@ pub(crate) struct Dashboard {
 }
 
 /// What follows a key.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Next {
     /// Draw what changed.
     Stay,
+    /// Acknowledge this alarm.
+    Acknowledge(String),
     /// Draw every cell again.
     Redraw,
     /// End the program.
@@ -64,6 +72,9 @@ impl Dashboard {
             scale,
             help: false,
             alarms: false,
+            chosen: 0,
+            asking: None,
+            answer: None,
             first_quantity: 0,
             first_region: 0,
             seen: State::default(),
@@ -158,6 +169,15 @@ impl Dashboard {
             Event::Key(key) => key,
             _ => return Next::Stay,
         };
+        let control = key.modifiers.contains(KeyModifiers::CONTROL);
+        if let Some(name) = self.asking.take()
+            && !control
+        {
+            return match key.code {
+                KeyCode::Char('y') => Next::Acknowledge(name),
+                _ => Next::Stay,
+            };
+        }
         let regions = self
             .quantities()
             .map_or(0, |quantities| quantities.regions.len());
@@ -166,14 +186,17 @@ impl Dashboard {
                 .saturating_add_signed(steps)
                 .min(count.saturating_sub(1));
         };
-        let quantities = Quantity::ALL.len();
-        match (key.code, key.modifiers.contains(KeyModifiers::CONTROL)) {
+        let (quantities, alarms) = (Quantity::ALL.len(), self.seen.alarms.len());
+        match (key.code, control) {
             (KeyCode::Char('c'), true) | (KeyCode::Char('q') | KeyCode::Esc, false) => {
                 return Next::Leave;
             }
             (KeyCode::Char('l'), true) => return Next::Redraw,
             (KeyCode::Char('?'), _) => self.help = !self.help,
-            (KeyCode::Char('a'), false) => self.alarms = !self.alarms,
+            (KeyCode::Char('a'), false) => (self.alarms, self.answer) = (!self.alarms, None),
+            (KeyCode::Up, _) if self.alarms => move_by(&mut self.chosen, -1, alarms),
+            (KeyCode::Down, _) if self.alarms => move_by(&mut self.chosen, 1, alarms),
+            (KeyCode::Enter, _) if self.alarms => self.ask(),
             (KeyCode::Up, _) => move_by(&mut self.first_quantity, -1, quantities),
             (KeyCode::Down, _) => move_by(&mut self.first_quantity, 1, quantities),
             (KeyCode::Left, _) => move_by(&mut self.first_region, -1, regions),
@@ -181,5 +204,26 @@ impl Dashboard {
             _ => {}
         }
         Next::Stay
+    }
+
+    /// Asks whether the chosen alarm is to be acknowledged: one key must not do it, also not one that was meant for another window.
+    fn ask(&mut self) {
+        self.answer = None;
+        let alarms = &self.seen.alarms;
+        let Some(alarm) = alarms.get(self.chosen).or(alarms.last()) else {
+            return;
+        };
+        match alarm.acknowledged {
+            true => self.answer = Some(format!("{} needs no acknowledgement", alarm.name)),
+            false => self.asking = Some(alarm.name.clone()),
+        }
+    }
+
+    /// Takes what became of an acknowledgement.
+    pub(crate) fn acknowledged(&mut self, name: &str, done: Result<(), String>) {
+        self.answer = Some(match done {
+            Ok(()) => format!("{name} is acknowledged"),
+            Err(why) => format!("{name}: {why}"),
+        });
     }
 }

@@ -1,7 +1,7 @@
 //! `tactus top`: the running daemon on a full screen.
 //!
 //! [`web::follow`] reads the daemon, [`Dashboard`] keeps what is shown, [`view::draw`] draws it. Neither of the last two reads a
-//! clock or the terminal.
+//! clock, the terminal or the bus.
 
 mod dashboard;
 mod history;
@@ -14,11 +14,13 @@ use std::io::Write;
 use std::time::Duration;
 
 use chrono::Local;
+use dbus::Address;
 use ratatui::Terminal;
 use ratatui::backend::{Backend, CrosstermBackend};
 use ratatui::crossterm::event::{self, Event};
 use ratatui::layout::Rect;
 use tokio::sync::{mpsc, watch};
+use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval};
 use web::{Live, Snapshot};
 
@@ -66,8 +68,8 @@ pub(crate) fn run(
         let backend = CrosstermBackend::new(std::io::stdout());
         let terminal = Terminal::new(backend).map_err(|error| written(&error))?;
         tokio::select! {
-            ended = show(terminal, dashboard, changes, events()) => ended,
-            () = web::follow(address, live) => Ok(()),
+            ended = show(terminal, dashboard, changes, events(), address.clone()) => ended,
+            () = web::follow(address.clone(), live) => Ok(()),
             number = first_of(&mut signals) => Err(Failure::Signal(number)),
         }
     })
@@ -94,6 +96,7 @@ async fn show<B>(
     mut dashboard: Dashboard,
     mut changes: watch::Receiver<Snapshot>,
     mut events: mpsc::Receiver<std::io::Result<Event>>,
+    address: Option<Address>,
 ) -> Result<(), Failure>
 where
     B: Backend<Error = std::io::Error>,
@@ -101,6 +104,7 @@ where
     let mut ticks = interval(DRAW_INTERVAL);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut drawn_at: Option<Instant> = None;
+    let mut orders: JoinSet<(String, Result<(), String>)> = JoinSet::new();
     loop {
         let due = drawn_at.is_none_or(|at| at.elapsed() >= CLOCK_INTERVAL);
         tokio::select! {
@@ -113,12 +117,24 @@ where
                     continue;
                 }
             }
+            Some(done) = orders.join_next() => {
+                if let Ok((name, done)) = done {
+                    dashboard.acknowledged(&name, done);
+                }
+            }
             event = events.recv() => {
                 let event = event.unwrap_or_else(|| Err(std::io::Error::other("the keyboard is not read any more")));
                 let event = event.map_err(|error| Failure::failed("the terminal's keys cannot be read", &error))?;
                 match dashboard.press(&event) {
                     Next::Stay => {}
                     Next::Leave => return Ok(()),
+                    Next::Acknowledge(name) => {
+                        let address = address.clone();
+                        orders.spawn(async move {
+                            let done = web::acknowledge(address.as_ref(), name.clone()).await;
+                            (name, done)
+                        });
+                    }
                     // not `Terminal::clear`: it queries the terminal for the position of its cursor
                     Next::Redraw => {
                         let size = terminal.size().map_err(|error| written(&error))?;

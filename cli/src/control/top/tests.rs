@@ -497,6 +497,52 @@ fn keys_scroll_show_help_and_leave() {
 }
 
 #[test]
+fn an_alarm_is_acknowledged_after_a_second_key() {
+    let key = |code| Event::Key(KeyEvent::new(code, KeyModifiers::NONE));
+    let (mut shown, _) = measuring(TerminalColour::Plain);
+    shown.seen.alarms = alarms();
+    // without the list the keys scroll the table
+    assert_eq!(shown.press(&key(KeyCode::Enter)), Next::Stay);
+    assert_eq!(shown.asking, None);
+    shown.press(&key(KeyCode::Char('a')));
+    shown.press(&key(KeyCode::Down));
+    assert_eq!(shown.first_quantity, 0);
+    for refused in [KeyCode::Char('n'), KeyCode::Enter, KeyCode::Esc] {
+        shown.press(&key(KeyCode::Enter));
+        let seen = text(&drawn(&shown, 80, 24));
+        assert!(
+            seen.contains("> elbow: ok") && seen.contains("acknowledge elbow? y: yes"),
+            "{seen}"
+        );
+        assert_eq!(shown.press(&key(refused)), Next::Stay);
+        assert_eq!(shown.press(&key(KeyCode::Char('y'))), Next::Stay);
+    }
+    shown.press(&key(KeyCode::Enter));
+    let order = shown.press(&key(KeyCode::Char('y')));
+    assert_eq!(order, Next::Acknowledge("elbow".to_owned()));
+    shown.acknowledged("elbow", Err("not authorised".to_owned()));
+    let seen = text(&drawn(&shown, 80, 24));
+    assert!(seen.contains("elbow: not authorised"), "{seen}");
+    // the last of the list needs none
+    for _ in 0..20 {
+        shown.press(&key(KeyCode::Down));
+    }
+    assert_eq!(shown.press(&key(KeyCode::Enter)), Next::Stay);
+    let seen = text(&drawn(&shown, 80, 24));
+    assert!(
+        seen.contains("> disk-days: ok") && seen.contains("needs no acknowledgement"),
+        "{seen}"
+    );
+    // a list that became shorter
+    shown.seen.alarms.truncate(1);
+    shown.press(&key(KeyCode::Enter));
+    drawn(&shown, 80, 24);
+    shown.seen.alarms.clear();
+    shown.press(&key(KeyCode::Enter));
+    drawn(&shown, 80, 24);
+}
+
+#[test]
 fn without_a_terminal_watch_is_named() {
     use clap::Parser;
     let arguments = Arguments::try_parse_from(["tactus", "top"]).unwrap();

@@ -34,9 +34,10 @@ const COLUMNS: [&[Panel]; 2] = [
     &[Panel::Charts, Panel::Quantities, Panel::Health],
 ];
 
-const KEYS: [(&str, &str); 7] = [
+const KEYS: [(&str, &str); 8] = [
     ("?", "show or hide this list"),
     ("a", "show or hide all alarms"),
+    ("Up Down Enter", "in that list: choose one, acknowledge it"),
     ("Up Down", "scroll the table of quantities"),
     ("Left Right", "scroll its regions"),
     ("Ctrl-L", "draw the whole screen again"),

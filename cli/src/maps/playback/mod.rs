@@ -3,13 +3,14 @@
 #[cfg(feature = "archive")]
 mod archived;
 mod followed;
+mod history;
 mod session;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use logbook::{SessionKind, SessionSummary};
-use web::{Playback, Recordings, SessionEntry};
+use web::{History, Playback, Recordings, SessionEntry};
 
 use crate::args::{Global, Web};
 use crate::failure::Failure;
@@ -118,5 +119,9 @@ impl Recordings for RecordedSessions {
         let part = summaries.iter().rev().find(|part| part.session() == id);
         let Some(part) = part else { return Ok(None) };
         opened(&part.path)
+    }
+
+    fn history(&self, from_s: i64, to_s: i64, region: &str, spans: u32) -> Result<History, String> {
+        history::history(&self.summaries()?, (from_s, to_s), region, spans)
     }
 }

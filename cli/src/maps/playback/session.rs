@@ -5,12 +5,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use chrono::DateTime;
 use eit::Pressure;
-use imaging::quantities::{FrameQuantities, LoadUnit, Quantifier, Quantity, STORED_S, joined};
+use imaging::quantities::{
+    FrameQuantities, LoadUnit, Quantifier, Quantity, RegionSettings, STORED_S, joined,
+};
 use imaging::recorded::{Origin, RecordedFrame, Recording};
 use imaging::{Method, MethodArguments};
 use render::Sheet;
 use survey::{Map, Reading};
-use web::{Course, EventState, MapKind, Overview, Place, Playback, PlayedMap, RegionShape};
+use web::{Course, EventState, MapKind, Overview, Place, Playback, PlayedMap};
 
 use super::followed::Followed;
 use crate::failure::Failure;
@@ -325,6 +327,8 @@ fn without_course(mut quantities: FrameQuantities) -> FrameQuantities {
                 Quantity::UnrelievedArea,
                 Quantity::Speed,
                 Quantity::Path,
+                // depends on which were there before
+                Quantity::HotSpots,
             ];
             (!of_course.contains(&quantity)).then_some(value)
         });
@@ -351,16 +355,7 @@ fn overview(recording: &Recording) -> Result<Overview, Failure> {
     };
     // a region that the daemon refused has no quantities, and is not drawn
     let (_, regions) = session_settings::of_quantities(&recording.origin)?;
-    let regions = regions.iter().filter_map(|region| {
-        let corners = region.corners().ok()?;
-        Some(RegionShape {
-            name: region.name.clone(),
-            corners_mm: corners
-                .iter()
-                .map(|corner| corner.map(|m| 1e3 * m))
-                .collect(),
-        })
-    });
+    let regions = regions.iter().filter_map(RegionSettings::shape);
     Ok(Overview {
         regions: regions.collect(),
         id: recording.name.clone(),

@@ -178,7 +178,8 @@ impl Manager1 {
         Fault,
     > {
         let runtime = self.0.runtime();
-        let drawn = || report::geometry(&runtime.setup.geometry);
+        let setup = &runtime.setup;
+        let drawn = || report::geometry(&setup.geometry, &setup.config.region);
         let geometry = runtime.drawn.get_or_init(drawn);
         Ok((
             geometry.mesh_hash.clone(),
@@ -187,7 +188,7 @@ impl Manager1 {
             geometry.outline.clone(),
             geometry.outline_lengths.clone(),
             geometry.electrodes.clone(),
-            report::geometry_name(&runtime.setup.geometry),
+            geometry.more.clone(),
         ))
     }
 

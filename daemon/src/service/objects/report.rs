@@ -15,6 +15,7 @@ use crate::preparation::costs;
 use crate::recording::stream_sink::volts;
 use crate::session::controller::Recovery;
 use imaging::Geometry;
+use imaging::quantities::RegionSettings;
 use self_test::{Report, ReportLine};
 use survey::nanoseconds;
 
@@ -112,10 +113,11 @@ pub(crate) fn measuring_words(more: &PlanDetails) -> [(&'static str, Vec<String>
 }
 
 /// The data for drawing a map.
-pub(crate) fn geometry(geometry: &Geometry) -> dbus::Geometry {
+pub(crate) fn geometry(geometry: &Geometry, regions: &[RegionSettings]) -> dbus::Geometry {
     let mesh = &geometry.mesh;
     let flat = |points: &[[f64; 2]]| points.iter().flatten().copied().collect::<Vec<f64>>();
     let outline = mesh.outline();
+    let shapes: Vec<_> = regions.iter().filter_map(RegionSettings::shape).collect();
     dbus::Geometry {
         mesh_hash: mesh.hash().to_owned(),
         nodes: flat(mesh.nodes()),
@@ -128,14 +130,10 @@ pub(crate) fn geometry(geometry: &Geometry) -> dbus::Geometry {
         outline: outline.iter().flat_map(|points| flat(points)).collect(),
         outline_lengths: outline.iter().map(|points| points.len() as u32).collect(),
         electrodes: flat(&mesh.electrode_centres()),
-        more: geometry_name(geometry),
-    }
-}
-
-/// The display name of the geometry.
-pub(crate) fn geometry_name(geometry: &Geometry) -> GeometryDetails {
-    GeometryDetails {
-        name: Some(geometry.name.clone()),
+        more: GeometryDetails {
+            name: Some(geometry.name.clone()),
+            regions: Some(serde_json::json!(shapes).to_string()),
+        },
     }
 }
 

@@ -2,7 +2,7 @@
 
 use chrono::{DateTime, FixedOffset};
 use ratatui::Frame;
-use ratatui::layout::{Margin, Rect};
+use ratatui::layout::{Constraint, Layout, Margin, Rect};
 use ratatui::style::Modifier;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
@@ -132,14 +132,38 @@ fn of_alarm(alarm: &AlarmState, shown: &Dashboard) -> Line<'static> {
 /// All alarms, over the other panels.
 pub(crate) fn alarms(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
     let alarms = &shown.seen.alarms;
-    let mut lines: Vec<Line<'_>> = alarms.iter().map(|alarm| of_alarm(alarm, shown)).collect();
+    let chosen = shown.chosen.min(alarms.len().saturating_sub(1));
+    let mut lines: Vec<Line<'static>> = Vec::new();
+    // those before the chosen one leave it room to be seen
+    for (index, alarm) in alarms.iter().enumerate().skip(chosen.saturating_sub(4)) {
+        let mark = if index == chosen { "> " } else { "  " };
+        let mut line = of_alarm(alarm, shown);
+        line.spans.insert(0, mark.into());
+        lines.push(line);
+    }
     if lines.is_empty() {
         lines.push("this daemon has no alarms".into());
     }
-    lines.push("`tactus alarms ack|shelve|reset NAME` handles them".into());
+    let last = match (&shown.asking, &shown.answer) {
+        (Some(name), _) => Line::from(Span::styled(
+            printable(&format!("acknowledge {name}? y: yes; any other key: no")).into_owned(),
+            warning(shown.colour),
+        )),
+        (None, Some(answer)) => plain(answer),
+        (None, None) => {
+            "Up Down choose, Enter acknowledges; `tactus alarms shelve|reset NAME`".into()
+        }
+    };
     let area = area.inner(Margin::new(2, 1));
     let block = Block::bordered().title(Span::styled(" Alarms ", Modifier::BOLD));
+    let inner = block.inner(area);
+    let [list, below] = inner.layout(&Layout::vertical([
+        Constraint::Fill(1),
+        Constraint::Length(1 + u16::from(last.width() > usize::from(inner.width))),
+    ]));
     frame.render_widget(Clear, area);
-    let text = Paragraph::new(lines).wrap(Wrap { trim: false });
-    frame.render_widget(text.block(block), area);
+    frame.render_widget(block, area);
+    let wrapped = |lines: Vec<Line<'static>>| Paragraph::new(lines).wrap(Wrap { trim: false });
+    frame.render_widget(wrapped(lines), list);
+    frame.render_widget(wrapped(vec![last]), below);
 }
