@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use render::{Grid, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
-use survey::{Map, MapUnit};
+use survey::{Doubt, Electrode, Map, MapQuality, MapUnit};
 
 fn grid(columns: usize, title: &str) -> Grid<'_> {
     Grid {
@@ -159,6 +159,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::write(
         folder.join("gaps.png"),
         render::png(&sheet, &gaps, &measured)?,
+    )?;
+
+    let outside = Map {
+        quality: Some(MapQuality::of(&[Doubt::OutsideRegion {
+            electrode: Electrode(8),
+        }])),
+        ..map(&sheet, &[([0.19, 0.08], 0.02, 0.2)], 0.01)
+    };
+    let style = Style {
+        title: "A load beside the region".into(),
+        ..Style::default()
+    };
+    std::fs::write(
+        folder.join("outside.png"),
+        render::png(&sheet, &outside, &style)?,
     )?;
 
     let tank = disc();

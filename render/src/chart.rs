@@ -36,6 +36,14 @@ impl Panel {
         ]
     }
 
+    /// The position of a point of the page: the inverse of [`Panel::place`].
+    pub(crate) fn at(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [
+            self.extent.low[0] + (x - self.corner[0]) / self.per_metre,
+            self.extent.high[1] - (y - self.corner[1]) / self.per_metre,
+        ]
+    }
+
     pub(crate) fn size(&self) -> [f64; 2] {
         [
             self.extent.width() * self.per_metre,

@@ -38,6 +38,7 @@ mod marks;
 mod mesh;
 mod page;
 mod raster;
+mod rim;
 mod terminal;
 
 pub use crate::chart::nothing_above;

@@ -9,6 +9,7 @@ use crate::drawing::canvas::{FINER, failed};
 use crate::drawing::pen::Pen;
 use crate::marks::{Marked, legend, marks};
 use crate::raster::check_size;
+use crate::rim::Rim;
 use crate::{Grid, PictureError, Range, Rgb, Scales, Sheet, Style};
 
 /// One map on the page.
@@ -289,9 +290,16 @@ impl<'a> Page<'a> {
     }
 
     pub(crate) fn marks<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Result<(), PictureError> {
-        self.panels
-            .iter()
-            .try_for_each(|drawn| marks(pen, &drawn.panel, drawn.style))
+        for Drawn {
+            panel, map, style, ..
+        } in &self.panels
+        {
+            if let Some(rim) = Rim::loaded(self.sheet, map) {
+                rim.hatch(pen, panel)?;
+            }
+            marks(pen, panel, style)?;
+        }
+        Ok(())
     }
 
     fn styles(&self) -> impl Iterator<Item = &Style> {

@@ -3,7 +3,7 @@
 use render::{
     Grid, PictureError, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace,
 };
-use survey::{Map, MapUnit};
+use survey::{Doubt, Electrode, Map, MapQuality, MapUnit};
 
 /// Ten by ten squares of 10 mm, four electrodes.
 fn scene() -> (Sheet, Map) {
@@ -504,4 +504,49 @@ fn cells_fill_their_area_and_keep_the_shape_of_the_sheet() {
         (cells.scale.low.as_str(), cells.scale.high.as_str()),
         ("0 %", "50 %")
     );
+}
+
+#[test]
+fn the_rim_is_hatched_where_a_load_lies_outside() {
+    let (mut sheet, mut map) = scene();
+    // 10 mm of sheet round the region, one void in it
+    sheet.outline = vec![
+        vec![[-0.01, -0.01], [0.11, -0.01], [0.11, 0.11], [-0.01, 0.11]],
+        vec![
+            [0.102, 0.045],
+            [0.108, 0.045],
+            [0.108, 0.055],
+            [0.102, 0.055],
+        ],
+    ];
+    let hatched = |map: &Map| {
+        let svg = render::svg(&sheet, map, &Style::default()).unwrap();
+        let cells = TerminalStyle {
+            colour: TerminalColour::Plain,
+            ..TerminalStyle::default()
+        };
+        let terminal = render::terminal(&sheet, map, &cells).unwrap();
+        let strokes: Vec<Vec<usize>> = terminal
+            .lines()
+            .filter(|line| line.contains('/'))
+            .map(|line| line.match_indices('/').map(|(at, _)| at).collect())
+            .collect();
+        (svg.matches("<polyline").count(), strokes)
+    };
+    let (lines, strokes) = hatched(&map);
+    assert!(strokes.is_empty());
+    let outside = Doubt::OutsideRegion {
+        electrode: Electrode(1),
+    };
+    map.quality = Some(MapQuality::of(&[outside]));
+    let (more, strokes) = hatched(&map);
+    // some 60 of the 600 points of the sheet's height, a line each 5 points, each cut by the void at most
+    assert!((lines + 20..lines + 200).contains(&more), "{lines} {more}");
+    // the middle rows of the right side only, where electrode 2 is nearest
+    assert!(strokes.len() > 3, "{strokes:?}");
+    let rightmost = strokes.iter().flatten().min().unwrap();
+    assert!(*rightmost > 50, "{strokes:?}");
+    map.values[0] = f64::NAN;
+    let without_value = hatched(&map).1;
+    assert_eq!(without_value, strokes, "a missing value is not the rim");
 }

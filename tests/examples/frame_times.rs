@@ -51,7 +51,7 @@ fn measure() -> Result<(), Failure> {
     let (deep, of) = match words.next() {
         Some(file) => (PathBuf::from(&file).canonicalize()?, file),
         None => {
-            let command = "train dnn --profile paper --cases 64 --repeats 1 --epochs 1 --set held_out=8 --set batch=16";
+            let command = "train dnn --yes --profile paper --cases 64 --repeats 1 --epochs 1 --set held_out=8 --set batch=16";
             (
                 trained("deep.safetensors", command)?,
                 "trained on 64 cases".to_owned(),

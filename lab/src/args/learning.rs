@@ -108,7 +108,7 @@ pub(crate) struct DataOptions {
     /// Noise of one reading for the profile `matched`, V, below the largest reading of the case, above 1 mV only with --yes; several levels, several times: copies of a case take them in turn
     #[arg(long, value_name = "SD", default_values_t = [2e-6], value_parser = noise_v)]
     pub(crate) noise_v: Vec<f64>,
-    /// Allow training for more than 1 mV of noise
+    /// Allow training for more than 1 mV of noise, and write a model that has learnt nothing
     #[arg(long)]
     pub(crate) yes: bool,
     /// Frames of the unloaded sheet: the profile `matched` uses their covariance instead of --noise-v

@@ -167,6 +167,18 @@ pub(crate) struct TestSetOptions {
 pub(crate) struct DatasetOptions {
     #[command(flatten)]
     pub(crate) shards: DataSetShards,
+    /// Make the set of recorded presses instead of simulated cases: a folder with frames.csv and presses.csv (frame, x_m, y_m, diameter_m, or x_mm, y_mm, diameter_mm; mass_kg or loss, or neither), and baseline.csv unless the first frame is the baseline
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["shard", "missing", "merge", "cases", "settings"])]
+    pub(crate) recorded: Option<PathBuf>,
+    /// Frames of the baseline of --recorded: first:N, or a file [default: baseline.csv of the folder, else the first frame]
+    #[arg(long, value_name = "FILE|first:N", requires = "recorded")]
+    pub(crate) baseline: Option<imaging::recorded::BaselineRule>,
+    /// Relative loss of conductance under the largest pressure of --recorded, above 0 and at most 1; without masses under every press
+    #[arg(long, value_name = "X", default_value_t = 0.5, value_parser = numbers::loss, allow_hyphen_values = true)]
+    pub(crate) loss: f64,
+    /// Make a set of fewer recorded presses than a frame has readings
+    #[arg(long, requires = "recorded")]
+    pub(crate) yes: bool,
     /// Random seed; the set does not depend on the shards
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub(crate) seed: u64,

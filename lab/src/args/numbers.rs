@@ -46,6 +46,11 @@ pub(crate) fn noise_v(text: &str) -> Result<f64, String> {
         .map_err(|refusal| format!("{refusal}, in volts: 2 uV are 2e-6"))
 }
 
+/// Relative loss of conductance.
+pub(crate) fn loss(text: &str) -> Result<f64, String> {
+    Bounds::Above(0.0, 1.0).parse(text)
+}
+
 /// Noise of one reading, uV.
 pub(crate) fn noise_uv(text: &str) -> Result<f64, String> {
     Bounds::Above(0.0, 1e6).parse(text)

@@ -28,6 +28,10 @@ impl Data {
             Some(folder) => geometry::read(folder)?,
             None => geometry::case(&Preset::default(), Amps(1e-3))?,
         };
+        let set = match &options.dataset {
+            Some(folder) => Some(DataSet::open(folder, &case)?),
+            None => None,
+        };
         let jitter = match (options.profile, &options.noise_frames) {
             (Profile::Paper, _) => Jitter::Paper {
                 gamma: options.gamma,
@@ -37,13 +41,17 @@ impl Data {
                 current_a: single_current(&case)?,
             },
             (Profile::Matched, None) => {
-                limits::check_noise(&case, &options.noise_v, options.yes)?;
-                linear::matched(&options.noise_v, single_current(&case)?)
+                let current = single_current(&case)?;
+                let largest = match &set {
+                    Some(set) => {
+                        let readings = set.baseline().iter();
+                        current * readings.fold(0.0_f64, |most, ohms| most.max(ohms.abs()))
+                    }
+                    None => limits::largest_reading(&case)?,
+                };
+                limits::check_noise(largest, &options.noise_v, options.yes)?;
+                linear::matched(&options.noise_v, current)
             }
-        };
-        let set = match &options.dataset {
-            Some(folder) => Some(DataSet::open(folder, &case)?),
-            None => None,
         };
         Ok(Self { case, jitter, set })
     }

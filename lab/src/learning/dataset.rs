@@ -6,6 +6,7 @@ use studies::{Failure, progress};
 use survey::Amps;
 use training::dataset::{MadeShard, make_shard, merge, missing};
 
+use super::recorded;
 use crate::args::DatasetOptions;
 use crate::geometry;
 use crate::output::print_line;
@@ -16,6 +17,9 @@ pub(crate) fn dataset(options: &DatasetOptions) -> Result<(), Failure> {
         Some(folder) => geometry::read(folder)?,
         None => geometry::case(&Preset::default(), Amps(1e-3))?,
     };
+    if let Some(folder) = &options.recorded {
+        return recorded::dataset(options, &case, folder);
+    }
     let settings = settings(options)?;
     if let Some(of) = options.shards.missing {
         let missing = missing(&case, &settings, of, &options.out)?;

@@ -56,12 +56,13 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
         None => options.out.with_extension("checkpoint"),
     };
     let model = trained(&data, &settings, options, &checkpoint)?;
-    model_file::save(&options.out, &options.replacing, &model)?;
-    // the model is complete, so the checkpoint is no longer needed
-    let _ = std::fs::remove_file(&checkpoint);
     let Report::Deep(report) = &model.metadata().report else {
         unreachable!("a deep network was trained");
     };
+    limits::check_learnt(report.held_out_loss, report.empty_loss, options.data.yes)?;
+    model_file::save(&options.out, &options.replacing, &model)?;
+    // the model is complete, so the checkpoint is no longer needed
+    let _ = std::fs::remove_file(&checkpoint);
     if options.json {
         let mut line = model_file::json(&options.out, &model, report);
         line["noise_figure"] = model.metadata().noise_figure.into();

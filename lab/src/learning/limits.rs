@@ -8,23 +8,31 @@ use survey::{Bounds, Volts};
 /// power-line cycles on its 1 V range.
 const PLAUSIBLE_NOISE_V: f64 = 1e-3;
 
-/// Refuses noise that no reading of the case is above, and implausible noise unless it is confirmed.
+/// Share of an empty map's loss above which a training has learnt nothing.
+const NOTHING_LEARNT: f64 = 0.99;
+
+/// The largest reading of a case, V.
 ///
 /// # Errors
-/// The level and its bound, or a case that cannot be solved.
-pub(super) fn check_noise(case: &Case, levels: &[f64], confirmed: bool) -> Result<(), Failure> {
+/// A case that cannot be solved.
+pub(super) fn largest_reading(case: &Case) -> Result<f64, Failure> {
     let failed = |fault| Failure::of("the case cannot be solved", &fault);
     let forward =
         Forward::new(std::sync::Arc::clone(&case.mesh), &case.contact_ohm_m).map_err(failed)?;
     let ohms = forward
         .readings(&case.unloaded_conductance(), &case.protocol)
         .map_err(failed)?;
-    let largest = ohms
-        .iter()
-        .zip(&case.currents)
-        .fold(0.0_f64, |largest, (ohms, amps)| {
-            largest.max((ohms * amps).abs())
-        });
+    let readings = ohms.iter().zip(&case.currents);
+    Ok(readings.fold(0.0, |largest, (ohms, amps)| {
+        largest.max((ohms * amps).abs())
+    }))
+}
+
+/// Refuses noise that is not below the largest reading (V), and implausible noise unless it is confirmed.
+///
+/// # Errors
+/// The level and its bound.
+pub(super) fn check_noise(largest: f64, levels: &[f64], confirmed: bool) -> Result<(), Failure> {
     for level in levels {
         Bounds::Between(0.0, largest).check(*level).map_err(|_| {
             Failure::usage(format!(
@@ -41,6 +49,21 @@ pub(super) fn check_noise(case: &Case, levels: &[f64], confirmed: bool) -> Resul
         }
     }
     Ok(())
+}
+
+/// Refuses a training whose loss stays at that of empty maps, unless it is confirmed.
+///
+/// # Errors
+/// Both losses, and what to change.
+pub(super) fn check_learnt(loss: f64, empty: f64, confirmed: bool) -> Result<(), Failure> {
+    if confirmed || loss < NOTHING_LEARNT * empty || (loss == 0.0 && empty == 0.0) {
+        return Ok(());
+    }
+    Err(Failure::because(format!(
+        "the training has learnt nothing, and no model is written: its loss on held-out cases is {loss:.4}, that of empty maps is \
+         {empty:.4}. Give it more cases or epochs, or less noise; check that frames and places of a recorded set belong together. --yes \
+         writes the model nevertheless"
+    )))
 }
 
 /// Reports how much memory the cases of a training take, and refuses more than the machine has free.
@@ -94,5 +117,20 @@ mod tests {
             .to_string();
         assert!(error.contains("GB") && error.contains("--cases"), "{error}");
         assert!(check_memory(100, 598, 5).is_ok());
+    }
+
+    #[test]
+    fn a_loss_of_empty_maps_is_refused_with_both_losses() {
+        let refused = |loss| check_learnt(loss, 2.0, false).map_err(|fault| fault.to_string());
+        let error = refused(1.99).unwrap_err();
+        assert!(
+            error.contains("1.9900") && error.contains("2.0000"),
+            "{error}"
+        );
+        assert!(refused(f64::NAN).is_err());
+        assert!(refused(1.97).is_ok());
+        assert!(check_learnt(2.5, 2.0, true).is_ok());
+        // too few cases to hold any out
+        assert!(check_learnt(0.0, 0.0, false).is_ok());
     }
 }

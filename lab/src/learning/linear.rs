@@ -5,7 +5,7 @@ use studies::{Failure, progress};
 use training::linear;
 
 use super::data::Data;
-use super::model_file;
+use super::{limits, model_file};
 use crate::args::LinearOptions;
 use crate::output::print_line;
 
@@ -36,10 +36,11 @@ pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
         &show,
     )?;
     drop(bars);
-    model_file::save(&options.out, &options.replacing, &model)?;
     let Report::Deep(report) = &model.metadata().report else {
         unreachable!("a network of one layer was trained");
     };
+    limits::check_learnt(report.held_out_loss, report.empty_loss, options.data.yes)?;
+    model_file::save(&options.out, &options.replacing, &model)?;
     if options.json {
         let line = model_file::json(&options.out, &model, report);
         print_line!("{}", survey::printable_json(line.to_string()));

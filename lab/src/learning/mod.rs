@@ -7,6 +7,7 @@ mod limits;
 mod linear;
 mod model_file;
 mod rbf;
+mod recorded;
 
 use studies::Failure;
 

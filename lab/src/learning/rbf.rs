@@ -1,14 +1,19 @@
 //! `tactus-lab train rbf`.
 
-use eit::{Model, Report, TrainingReport, TrainingSettings};
+use eit::{Model, Network, Report, TrainingReport, TrainingSettings};
 use studies::{Failure, progress};
+use training::TrainError;
 use training::rbf;
+use training::samples::{Samples, Simulation, dense_target};
 
 use super::data::Data;
 use super::limits;
 use super::model_file;
 use crate::args::TrainOptions;
 use crate::output::print_line;
+
+/// Cases by which a network is compared with empty maps.
+const JUDGED: usize = 100;
 
 /// Trains and writes the model file.
 pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
@@ -40,13 +45,15 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
     let show = |stage, done, of| bars.show(stage, done, of);
     let model = rbf::fit(
         &data.case,
-        settings,
+        settings.clone(),
         data.samples(),
         options.data.symmetric,
         &format!("rbf {}", options.data.profile.name()),
         &show,
     )?;
     drop(bars);
+    let [loss, empty] = losses(&data, &model, &settings)?;
+    limits::check_learnt(loss, empty, options.data.yes)?;
     model_file::save(&options.out, &options.replacing, &model)?;
     let report = found(&model);
     if let Some(note) = rbf::spread_note(report) {
@@ -86,4 +93,41 @@ fn found(model: &Model) -> &TrainingReport {
         Report::Rbf(report) => report,
         Report::Deep(_) => unreachable!("an RBF network was trained"),
     }
+}
+
+/// Losses of a network and of empty maps, without noise: on the last cases of its set, or on simulated ones that it has not seen.
+fn losses(data: &Data, model: &Model, settings: &TrainingSettings) -> Result<[f64; 2], Failure> {
+    let Network::Rbf(network) = model.network() else {
+        unreachable!("an RBF network was trained");
+    };
+    let case = &data.case;
+    let unseen;
+    let samples: &dyn Samples = match data.samples() {
+        Some(set) => set,
+        None => {
+            let settings = TrainingSettings {
+                cases: JUDGED,
+                neurons: 1,
+                seed: settings.seed.wrapping_add(1),
+                ..settings.clone()
+            };
+            let sigma0 = case.unloaded_conductance();
+            let contacts = &case.contact_ohm_m;
+            unseen = Simulation::new(&case.mesh, contacts, &sigma0, &case.protocol, &settings)?;
+            &unseen
+        }
+    };
+    let mut losses = [0.0; 2];
+    let judged = samples.len().min(JUDGED);
+    for number in samples.len() - judged..samples.len() {
+        let sample = samples.sample(number).map_err(TrainError::from)?;
+        let input: Vec<f64> = sample.input.iter().map(|x| f64::from(*x)).collect();
+        let truth = dense_target(&sample.target, samples.outputs());
+        for (map, truth) in network.predict(&input).iter().zip(&truth) {
+            let truth = f64::from(*truth);
+            losses[0] += 0.5 * (map - truth).powi(2) / judged as f64;
+            losses[1] += 0.5 * truth.powi(2) / judged as f64;
+        }
+    }
+    Ok(losses)
 }

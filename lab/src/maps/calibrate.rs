@@ -14,7 +14,7 @@ use crate::args::CalibrateOptions;
 use crate::geometry;
 use crate::output::print_line;
 
-const HEADER: [&str; 5] = ["frame", "x_m", "y_m", "diameter_m", "mass_kg"];
+use super::presses::Presses;
 
 /// Fits a calibration and writes its file.
 pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
@@ -23,7 +23,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
         .presses
         .clone()
         .unwrap_or_else(|| options.case.join("presses.csv"));
-    let presses = read_presses(&presses)?;
+    let presses = Presses::read(&presses)?;
     let table = TableOptions {
         frames: options.frames.as_deref(),
         baseline: options.baseline.as_ref(),
@@ -36,19 +36,13 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
         eprintln!("tactus-lab: {}", survey::printable(note));
     }
     let known = presses
+        .all
         .iter()
         .map(|press| {
-            let row = recording.numbers.iter().position(|number| *number == press.frame);
-            let (name, frame) = row.map(|row| &recording.frames[row]).ok_or_else(|| {
-                Failure::because(format!(
-                    "frame {} of line {} of the presses is not there; there are {}, numbered {} to {}",
-                    press.frame,
-                    press.line,
-                    recording.frames.len(),
-                    recording.numbers.first().unwrap_or(&1),
-                    recording.numbers.last().unwrap_or(&1),
-                ))
-            })?;
+            let (name, frame) = &recording.frames[presses.row(press, &recording.numbers)?];
+            let mass = press
+                .mass
+                .ok_or_else(|| presses.wrong(press, "mass_kg is needed for a calibration"))?;
             let map = model
                 .reconstructor
                 .reconstruct(&recording.unloaded.readings, frame)
@@ -58,7 +52,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
                 map,
                 centre: press.centre,
                 area: 0.25 * PI * press.diameter * press.diameter,
-                newtons: GRAVITY * press.mass,
+                newtons: GRAVITY * mass,
             })
         })
         .collect::<Result<Vec<_>, Failure>>()?;
@@ -117,79 +111,4 @@ fn words(options: &CalibrateOptions) -> Vec<String> {
         words.extend(["--noise-v".to_owned(), noise_v.to_string()]);
     }
     words
-}
-
-/// A line of `presses.csv`.
-struct Press {
-    line: usize,
-    frame: u64,
-    centre: [f64; 2],
-    diameter: f64,
-    mass: f64,
-}
-
-fn read_presses(path: &Path) -> Result<Vec<Press>, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|cause| Failure::of(&format!("cannot read {}", path.display()), &cause))?;
-    let mut lines = text
-        .lines()
-        .enumerate()
-        .filter(|(_, line)| !line.trim().is_empty());
-    let wrong =
-        |line: usize, why: String| Failure::because(format!("{}:{line}: {why}", path.display()));
-    let header: Vec<&str> = lines.next().map_or(Vec::new(), |(_, line)| {
-        line.split(',').map(str::trim).collect()
-    });
-    let column = |name: &str| {
-        header
-            .iter()
-            .position(|found| *found == name)
-            .ok_or_else(|| {
-                wrong(
-                    1,
-                    format!(
-                        "column '{name}' is missing; expected are {}",
-                        HEADER.join(",")
-                    ),
-                )
-            })
-    };
-    let columns = [
-        column(HEADER[0])?,
-        column(HEADER[1])?,
-        column(HEADER[2])?,
-        column(HEADER[3])?,
-        column(HEADER[4])?,
-    ];
-    lines
-        .map(|(index, line)| {
-            let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-            let field = |k: usize| -> Result<f64, Failure> {
-                let text = fields.get(columns[k]).copied().unwrap_or("");
-                text.parse::<f64>()
-                    .ok()
-                    .filter(|value| value.is_finite())
-                    .ok_or_else(|| {
-                        wrong(
-                            index + 1,
-                            format!("{} is '{text}', a number is expected", HEADER[k]),
-                        )
-                    })
-            };
-            let frame = field(0)?;
-            if !(frame >= 1.0 && frame.fract() == 0.0) {
-                return Err(wrong(
-                    index + 1,
-                    format!("frame is {frame}, frames are numbered from 1"),
-                ));
-            }
-            Ok(Press {
-                line: index + 1,
-                frame: frame as u64,
-                centre: [field(1)?, field(2)?],
-                diameter: field(3)?,
-                mass: field(4)?,
-            })
-        })
-        .collect()
 }

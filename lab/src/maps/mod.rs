@@ -3,8 +3,10 @@
 
 mod calibrate;
 mod merit;
+mod presses;
 mod reconstruct;
 
 pub(crate) use calibrate::calibrate;
 pub(crate) use merit::merit;
+pub(crate) use presses::{Press, Presses};
 pub(crate) use reconstruct::reconstruct;

@@ -82,7 +82,8 @@ fn a_small_network_is_trained_kept_and_used() {
         "forward --case {} --sigma homog --out {}",
         &[&path("tank"), &path("v.csv")],
     ));
-    let train = "train rbf --profile matched --cases 60 --neurons 12 --seed 3 --case {} --out {}";
+    let train =
+        "train rbf --yes --profile matched --cases 60 --neurons 12 --seed 3 --case {} --out {}";
     done(&words(train, &[&path("tank"), &path("a.safetensors")]));
     done(&words(train, &[&path("tank"), &path("b.safetensors")]));
     assert_eq!(
@@ -168,7 +169,7 @@ fn a_small_deep_network_is_trained_kept_and_used() {
         "[data]\ncases = 60\nrepeats = 2\n[deep]\nwidth = 20\nbatch = 16\nheld_out = 20\nepochs = 9\n",
     )
     .unwrap();
-    let train = "train dnn --profile matched --settings {} --set hidden_layers=2 --epochs 3 --seed 3 --case {} --out {}";
+    let train = "train dnn --yes --profile matched --settings {} --set hidden_layers=2 --epochs 3 --seed 3 --case {} --out {}";
     let settings = path("small.toml");
     for name in ["a", "b"] {
         done(&words(

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use crate::program::{done, lab, numbers, words};
 use sha2::{Digest, Sha256};
 
-/// A very short deep training.
-const SMALL_DEEP: &str = "train dnn --profile matched --epochs 2 --set width=24 --set hidden_layers=2 --set batch=16 --set held_out=20";
+/// A very short deep training: too short to learn anything, as the others of these tests, hence --yes.
+const SMALL_DEEP: &str = "train dnn --yes --profile matched --epochs 2 --set width=24 --set hidden_layers=2 --set batch=16 --set held_out=20";
 
 fn tank(folder: &Path) -> PathBuf {
     let case = folder.join("tank");
@@ -46,7 +46,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     assert!(std::fs::read(&shard).unwrap() == bytes);
     // incomplete sets are refused
     let model = folder.path().join("a.safetensors");
-    let train = "train linear --force --profile matched --dataset {} --case {} --out {}";
+    let train = "train linear --yes --force --profile matched --dataset {} --case {} --out {}";
     let message = refused(train, &[&parts, &case, &model]);
     assert!(
         message.contains("75 of 150 cases") && message.contains("shard-1-of-2.tset"),
@@ -76,7 +76,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
     done(&words(train, &[&parts, &case, &model]));
     done(&words(train, &[&whole, &case, &other]));
     assert!(std::fs::read(&model).unwrap() == std::fs::read(&other).unwrap());
-    for train in [SMALL_DEEP, "train rbf --profile matched --neurons 8"] {
+    for train in [SMALL_DEEP, "train rbf --yes --profile matched --neurons 8"] {
         let line = format!("{train} --force --dataset {{}} --case {{}} --out {{}}");
         done(&words(&line, &[&parts, &case, &model]));
         done(&words(&line, &[&whole, &case, &other]));
@@ -106,7 +106,7 @@ fn a_set_is_the_same_however_it_is_cut_stopped_and_read() {
         message.contains("shard-0-of-2.tset") && message.contains("reading 0 of case 0"),
         "{message}"
     );
-    for train in [SMALL_DEEP, "train rbf --profile matched --neurons 8"] {
+    for train in [SMALL_DEEP, "train rbf --yes --profile matched --neurons 8"] {
         let line = format!("{train} --force --dataset {{}} --case {{}} --out {{}}");
         let message = refused(&line, &[&parts, &case, &model]);
         assert!(
@@ -122,7 +122,7 @@ fn a_linear_map_is_trained_loaded_and_finds_a_press() {
     let case = tank(folder.path());
     let at = |name: &str| folder.path().join(name);
     let model = at("linear.safetensors");
-    let line = "train linear --profile matched --cases 800 --symmetric --precision f16 --case {} --out {} --json";
+    let line = "train linear --yes --profile matched --cases 800 --symmetric --precision f16 --case {} --out {} --json";
     done(&words(line, &[&case, &model]));
     let read = eit::Case::read(&case).unwrap();
     let mesh = &read.mesh;
@@ -173,7 +173,7 @@ const KINDS: [&str; 3] = [
 /// The JSON output of a training with the profile `matched`.
 fn trained(line: &str, paths: &[&Path]) -> serde_json::Value {
     let output = lab(&words(
-        &format!("train {line} --profile matched --cases 120 --json --force"),
+        &format!("train {line} --profile matched --cases 120 --yes --json --force"),
         paths,
     ));
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();

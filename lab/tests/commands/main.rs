@@ -6,6 +6,7 @@ mod learning;
 mod modelling;
 mod pressure;
 mod program;
+mod recorded_presses;
 mod recordings;
 mod scenes;
 mod study;

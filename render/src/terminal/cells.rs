@@ -7,6 +7,7 @@ use survey::{Electrode, Map};
 use super::TerminalColour;
 use crate::drawing::colour::luminance;
 use crate::raster::raster;
+use crate::rim::Rim;
 use crate::{Extent, PictureError, Range, Rgb, Sheet, Style};
 
 /// Columns between the edge of the text and the sheet, for electrode numbers.
@@ -80,6 +81,7 @@ pub fn terminal_map(
     let mut canvas = Canvas::new(extent, columns, rows);
     canvas.paint(&raster(sheet, map, columns, 2 * rows)?);
     canvas.number(sheet);
+    canvas.hatch(sheet, map);
     for (place, text) in marks {
         canvas.mark(*place, text);
     }
@@ -211,6 +213,25 @@ impl Canvas {
         let first = (column + MARGIN).saturating_sub(text.chars().count() / 2);
         for (offset, sign) in text.chars().enumerate() {
             self.put(row + 1, first + offset, sign);
+        }
+    }
+
+    /// Strokes over the part of the rim where a load lies.
+    pub(super) fn hatch(&mut self, sheet: &Sheet, map: &Map) {
+        let Some(rim) = Rim::loaded(sheet, map) else {
+            return;
+        };
+        for row in 0..self.rows {
+            for column in 0..self.columns {
+                let along = |cell: usize, cells: usize| (cell as f64 + 0.5) / cells as f64;
+                let centre = [
+                    self.extent.low[0] + along(column, self.columns) * self.extent.width(),
+                    self.extent.high[1] - along(row, self.rows) * self.extent.height(),
+                ];
+                if rim.contains(centre) {
+                    self.put(row + 1, column + MARGIN, '/');
+                }
+            }
         }
     }
 

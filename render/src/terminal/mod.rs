@@ -93,6 +93,7 @@ pub fn terminal(sheet: &Sheet, map: &Map, style: &TerminalStyle) -> Result<Strin
     let range = Range::styled(map, &style.style)?;
     canvas.paint(&raster(sheet, map, columns, 2 * rows)?);
     canvas.number(sheet);
+    canvas.hatch(sheet, map);
     for (index, spot) in spots.iter().enumerate() {
         canvas.mark(spot.centre, &(index + 1).to_string());
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::test_rig::{self, Needs, ask, baseline, measure};
 
 /// A training too small to learn much, but enough to run the network.
-const TRAIN: &str = "tactus-lab train dnn --profile matched --cases 400 --repeats 1 --epochs 2 --set width=24 \
+const TRAIN: &str = "tactus-lab train dnn --yes --profile matched --cases 400 --repeats 1 --epochs 2 --set width=24 \
                      --set hidden_layers=2 --set batch=16 --set held_out=8 --precision f16 --out";
 
 #[test]

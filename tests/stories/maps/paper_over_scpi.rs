@@ -16,12 +16,12 @@ const CURRENT: f64 = 1e-3;
 const TRAIN: [(&str, &str); 2] = [
     (
         "deep",
-        "tactus-lab train dnn --profile paper --cases 200 --repeats 1 --epochs 1 --set width=24 --set hidden_layers=2 \
+        "tactus-lab train dnn --yes --profile paper --cases 200 --repeats 1 --epochs 1 --set width=24 --set hidden_layers=2 \
          --set batch=16 --set held_out=8 --seed 7 --out",
     ),
     (
         "linear",
-        "tactus-lab train linear --profile matched --cases 200 --seed 7 --out",
+        "tactus-lab train linear --yes --profile matched --cases 200 --seed 7 --out",
     ),
 ];
 

@@ -44,6 +44,7 @@ pub fn baseline_remarks(
             .filter(|remark| remark.contradicted)
             .map(|remark| remark.text),
     );
+    remarks.extend(geometry.ring_remark(model.reconstructor.protocol(), &baseline.readings));
     if let Some((uniform, scaled, gain)) = uniform(model.reconstructor.as_ref(), geometry, baseline)
     {
         let noise = against(baseline) * per_frame(baseline).sqrt() / gain;

@@ -26,9 +26,9 @@ const DECADES: [i32; 2] = [-7, 2];
 const MODEL_ERROR: f64 = 0.01;
 const MODEL_ERROR_OF_CHANGE: f64 = 0.8;
 
-/// Twice the logarithm of the probability ratio from which a change is more than noise: noise alone exceeds it less than once
-/// in a thousand frames.
-const SIGNIFICANT: f64 = 12.0;
+/// [`FrameRule::preference`] above which a change is more than noise: noise alone exceeds it less than once in a thousand
+/// frames.
+pub(crate) const SIGNIFICANT: f64 = 12.0;
 
 /// A one-step problem whose hyper-parameter follows from each frame.
 pub(crate) struct FrameRule {
@@ -150,20 +150,18 @@ impl FrameRule {
         })
     }
 
-    /// Whether the change of a frame is more than noise: whether a map explains it better than noise does.
+    /// Twice the logarithm of how much better a map explains the change of a frame than noise does; 0 if it does not.
     ///
     /// # Errors
     /// As [`FrameRule::map`].
-    pub(crate) fn is_significant(
-        &self,
-        seen: &Seen,
-        missing: &[usize],
-    ) -> Result<bool, OneStepError> {
+    pub(crate) fn preference(&self, seen: &Seen, missing: &[usize]) -> Result<f64, OneStepError> {
         self.with(seen, missing, |prepared| {
             let squares = prepared.along(&seen.data).map(|value| value * value);
             let floor = self.least(&seen.data);
             let fit = prepared.evidence.best(&squares, floor);
-            fit.is_some_and(|fit| prepared.evidence.preference(&squares, floor, &fit) > SIGNIFICANT)
+            fit.map_or(0.0, |fit| {
+                prepared.evidence.preference(&squares, floor, &fit)
+            })
         })
     }
 

@@ -140,7 +140,7 @@ pub struct DepthRemark {
 }
 
 /// Rms difference between a baseline and the model scaled to it, as a share of the baseline's rms.
-fn misfit(model: &[f64], baseline: &[Reading]) -> Option<f64> {
+pub(super) fn misfit(model: &[f64], baseline: &[Reading]) -> Option<f64> {
     let gain = factor(model.iter().copied(), baseline)?;
     let (mut rest, mut own) = (0.0, 0.0);
     for (reading, ohms) in baseline.iter().zip(model) {

@@ -2,6 +2,7 @@
 //! What a method makes of it is left to `methods`.
 
 mod depth;
+mod ring;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
 //! The best of the methods: total variation with the full forward model on the whole sheet, and discs where these explain a
-//! frame as well. Without a known noise, or with an explicit prior or rule, it is the one-step method with NOSER p = 0.25,
+//! frame as well. With an explicit prior or rule, or for changes that fill a layer, it is the one-step method with NOSER p = 0.25,
 //! bounded to losses unless the frame shows gains. Networks of the paper's size blur presses of 10 mm at any noise, so they
 //! are never chosen.
 
@@ -24,8 +24,7 @@ pub(super) fn prepare(
 ) -> Result<Prepared, BuildError> {
     let geometry = conditions.geometry;
     let layer = geometry.mesh.depth().is_some_and(|depth| depth.has_layer());
-    // an explicit prior or rule selects a linear method, changes that fill a layer have a linear model only, and where no
-    // noise is known the linear map of the Kuopio tank is nearer to its targets (mean correlation 0.80, else 0.75)
+    // an explicit prior or rule selects a linear method, and changes that fill a layer have a linear model only
     let noise_v = known_noise_v(settings, conditions);
     let linear = settings.prior.is_some()
         || settings.choose.is_some()
@@ -33,9 +32,9 @@ pub(super) fn prepare(
         || settings.noise_figure.is_some()
         || settings.map_error.is_some();
     let nonlinear = !linear && !layer && settings.unknowns != Some(Unknowns::Region);
-    let Some(noise_v) = noise_v.filter(|_| nonlinear) else {
+    if !nonlinear {
         return super::for_unknowns(settings, conditions, one_step);
-    };
+    }
     let nonlinear = NonlinearTv::new(
         Arc::clone(&geometry.mesh),
         &geometry.contact_ohm_m,

@@ -65,6 +65,7 @@ impl Fitted {
         }
         let remark = geometry.depth_remark(protocol, baseline);
         notes.extend(remark.map(|remark| remark.text));
+        notes.extend(geometry.ring_remark(protocol, baseline));
         // the model is scaled to the baseline; noise is in the same scale, so the unit does not matter
         let current = factor(ohms.iter().copied(), baseline);
         Ok(Self {

@@ -1,11 +1,14 @@
 //! How near maps are to the truth: methods against kinds of load, with and without a stated noise.
 
 use std::collections::BTreeMap;
+use std::f64::consts::SQRT_2;
 use std::time::Instant;
 
 use clap::ValueEnum;
 use eit::metrics::likeness;
-use imaging::{Conditions, Geometry, HyperChoice, Method, Model, ReconstructionSettings, build};
+use imaging::{
+    Conditions, Geometry, HyperChoice, Method, Model, ReconstructionSettings, build, map_noise,
+};
 use rayon::prelude::*;
 use serde::Serialize;
 use survey::{Amps, MapQuality, Reading, Verdict};
@@ -112,6 +115,8 @@ pub struct MapRow {
     pub worst_sound: Option<f64>,
     /// Maps called sound.
     pub sound: usize,
+    /// Without a load: maps whose largest loss is above the threshold of significance, which other draws of the noise give.
+    pub above_noise: Option<usize>,
     /// Maps by the method that they name.
     pub methods: BTreeMap<String, usize>,
     /// Median time of a frame, ms.
@@ -189,7 +194,11 @@ pub(super) fn rows(
                         judged
                     })
                     .collect::<Result<_, Failure>>()?;
-                rows.push(row(*method, *stated, kind, noise_uv, &judged));
+                let threshold = match kind {
+                    TargetKind::Nothing => threshold(model, noise_uv, sheet),
+                    _ => None,
+                };
+                rows.push(row(*method, *stated, kind, (noise_uv, threshold), &judged));
             }
         }
     }
@@ -211,6 +220,12 @@ fn prepared(
     };
     let conditions = Conditions::live(geometry, &sheet.protocol, Amps(CURRENT));
     build(&settings, &conditions).map_err(|fault| Failure::of(method.name(), &fault))
+}
+
+/// Threshold of significance of maps whose baseline is one frame.
+fn threshold(model: &Model, noise_uv: f64, sheet: &FineSheet) -> Option<f64> {
+    let volts: Vec<f64> = sheet.unloaded.iter().map(|ohms| CURRENT * ohms).collect();
+    map_noise(model, &measured(&volts), SQRT_2 * 1e-6 * noise_uv)
 }
 
 fn trial(
@@ -265,7 +280,7 @@ fn row(
     method: MapMethod,
     stated: Stated,
     kind: TargetKind,
-    noise_uv: f64,
+    (noise_uv, threshold): (f64, Option<f64>),
     judged: &[Judged],
 ) -> MapRow {
     let mean = average(judged.iter().map(|one| one.value));
@@ -291,6 +306,7 @@ fn row(
         error: (square / judged.len() as f64).sqrt(),
         worst_sound: sound().map(|one| one.value).reduce(worst),
         sound: sound().count(),
+        above_noise: threshold.map(|most| judged.iter().filter(|one| one.value > most).count()),
         methods,
         median_ms,
         p95_ms: quantile(&mut times, 0.95),
@@ -300,7 +316,7 @@ fn row(
 /// The rows as text.
 pub(super) fn text(rows: &[MapRow]) -> String {
     let mut text = format!(
-        "{:<20} {:<11} {:<26} {:>8} {:>6} {:>16} {:>6} {:>11} {:>9} {:>9}\n",
+        "{:<20} {:<11} {:<26} {:>8} {:>6} {:>16} {:>6} {:>11} {:>11} {:>9} {:>9}\n",
         "method",
         "stated",
         "load",
@@ -309,6 +325,7 @@ pub(super) fn text(rows: &[MapRow]) -> String {
         "correlation",
         "sound",
         "worst sound",
+        "above noise",
         "median ms",
         "p95 ms"
     );
@@ -317,7 +334,7 @@ pub(super) fn text(rows: &[MapRow]) -> String {
             .worst_sound
             .map_or("-".to_owned(), |worst| format!("{worst:.3}"));
         text += &format!(
-            "{:<20} {:<11} {:<26} {:>8} {:>6} {:>7.3} +- {:.3} {:>6} {:>11} {:>9.1} {:>9.1}\n",
+            "{:<20} {:<11} {:<26} {:>8} {:>6} {:>7.3} +- {:.3} {:>6} {:>11} {:>11} {:>9.1} {:>9.1}\n",
             row.method.name(),
             row.stated.name(),
             row.load,
@@ -327,6 +344,8 @@ pub(super) fn text(rows: &[MapRow]) -> String {
             row.error,
             row.sound,
             worst,
+            row.above_noise
+                .map_or("-".to_owned(), |above| above.to_string()),
             row.median_ms,
             row.p95_ms
         );

@@ -3,5 +3,6 @@
 mod honesty;
 mod months;
 mod presses;
+mod rods;
 mod stability;
 mod whole_sheet;

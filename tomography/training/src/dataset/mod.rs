@@ -11,6 +11,7 @@ mod error;
 mod folder;
 mod merge;
 mod read;
+mod recorded;
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -30,6 +31,7 @@ use folder::Paths;
 pub use folder::missing;
 pub use merge::merge;
 pub use read::DataSet;
+pub use recorded::keep_recorded;
 
 /// Cases solved in parallel between two writes.
 const BLOCK: usize = 64;

@@ -9,6 +9,7 @@ pub(crate) enum Purpose {
     Case = 1,
     Jitter = 2,
     Pairs = 3,
+    Order = 4,
 }
 
 /// The random stream of an item.

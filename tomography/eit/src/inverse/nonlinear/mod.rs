@@ -13,7 +13,7 @@ use survey::{Doubt, Map, MapQuality, MapUnit, Protocol, Reading};
 
 use self::solver::{Found, Sheet};
 use crate::inverse::discs::Discs;
-use crate::inverse::frame_rule::FrameRule;
+use crate::inverse::frame_rule::{FrameRule, SIGNIFICANT};
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::prior::Penalty;
 use crate::inverse::reciprocity::Seen;
@@ -30,6 +30,9 @@ const STRENGTH: f64 = 11.0;
 /// Standard deviation of the model's error as a share of the root mean square of a change: what the true outlines of discs
 /// and rings leave unexplained when the data come from a finer mesh.
 const MODEL_ERROR: f64 = 0.004;
+/// The same where the noise is unknown, as a recording's of a tank of which only the shape is known: the search begins with it,
+/// and it is lowered to what the map leaves unexplained.
+const UNKNOWN_ERROR: f64 = 0.05;
 /// Discs explain a frame if the mean square that they leave is at most this many times the variance of the errors, and that
 /// of the model's error.
 const ACCEPTED: f64 = 1.25;
@@ -41,8 +44,9 @@ const NOSER_POWER: f64 = 0.25;
 /// Settings of a [`NonlinearTv`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct NonlinearTvOptions {
-    /// Standard deviation of one reading, V, the same on baseline and frame.
-    pub noise_v: f64,
+    /// Standard deviation of one reading, V, the same on baseline and frame. `None`: unknown; the errors of a frame are what its
+    /// map leaves unexplained.
+    pub noise_v: Option<f64>,
     /// Injected current of that noise, A.
     pub current_a: f64,
     /// Largest share of the squared change of a frame that losses alone may leave unexplained: a frame with more shows gains,
@@ -56,7 +60,7 @@ impl Default for NonlinearTvOptions {
     /// 2 uV of noise at 1 mA, no gains.
     fn default() -> Self {
         Self {
-            noise_v: DEFAULT_NOISE_V,
+            noise_v: Some(DEFAULT_NOISE_V),
             current_a: 1e-3,
             most_gain: None,
             scale: Scale::default(),
@@ -74,8 +78,8 @@ pub struct NonlinearTv {
     /// Judges whether a frame shows more than noise.
     rule: FrameRule,
     discs: Discs,
-    /// Standard deviation of a change by noise, in the unit of the data.
-    noise: f64,
+    /// Standard deviation of a change by noise, in the unit of the data; `None` if it is unknown.
+    noise: Option<f64>,
     protocol: Protocol,
     most_gain: Option<f64>,
 }
@@ -101,8 +105,8 @@ impl NonlinearTv {
         protocol: &Protocol,
         options: NonlinearTvOptions,
     ) -> Result<Self, OneStepError> {
-        let positive = [("noise", options.noise_v), ("current", options.current_a)];
-        for (what, value) in positive {
+        let noise = options.noise_v.map(|volts| ("noise", volts));
+        for (what, value) in noise.into_iter().chain([("current", options.current_a)]) {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(OneStepError::NotPositive { what, value });
             }
@@ -115,7 +119,8 @@ impl NonlinearTv {
         let linear = Linear::without_sensitivity(&forward, sigma0, protocol, &shared)?;
         let questions = linear.fold.half(protocol)?;
         let area: f64 = mesh.region_areas().iter().sum();
-        let noise = options.scale.deviation(options.noise_v, options.current_a);
+        let deviation = |volts| options.scale.deviation(volts, options.current_a);
+        let noise = options.noise_v.map(deviation);
         let discs = Discs::new(&mesh, contact_ohm_m, sigma0, &questions, linear.fold.norm())?;
         let sheet = Sheet::new(
             forward,
@@ -126,13 +131,7 @@ impl NonlinearTv {
         )?;
         let sensitivity = sheet.sensitivity.clone();
         let penalty = Penalty::noser(&sensitivity, NOSER_POWER);
-        let rule = FrameRule::new(
-            HyperRule::Evidence,
-            Some(noise),
-            &linear,
-            sensitivity,
-            &penalty,
-        )?;
+        let rule = FrameRule::new(HyperRule::Evidence, noise, &linear, sensitivity, &penalty)?;
         Ok(Self {
             noise,
             protocol: protocol.clone(),
@@ -147,7 +146,8 @@ impl NonlinearTv {
     /// The map of a change.
     fn map(&self, seen: &Seen, missing: &[usize]) -> Result<Likely, String> {
         let text = |fault: OneStepError| fault.to_string();
-        if !self.rule.is_significant(seen, missing).map_err(text)? {
+        let preference = self.rule.preference(seen, missing).map_err(text)?;
+        if preference <= SIGNIFICANT {
             let (_, mut map) = self.rule.map(seen, missing).map_err(text)?;
             map.truncate(self.mesh().region().len());
             return Ok(Likely {
@@ -157,10 +157,16 @@ impl NonlinearTv {
             });
         }
         let count = seen.data.len() as f64;
-        let model = MODEL_ERROR * (seen.data.norm_squared() / count).sqrt();
-        let least = self.noise.max(model);
+        let size = (seen.data.norm_squared() / count).sqrt();
+        let model = MODEL_ERROR * size;
+        let noise = self.noise.unwrap_or(0.0);
+        let least = noise.max(model);
+        let first = match self.noise {
+            Some(_) => least,
+            None => UNKNOWN_ERROR * size,
+        };
         let minimum = |bounded: bool| -> Result<Found<'_>, String> {
-            let found = self.sheet.minimum(seen, least, bounded);
+            let found = self.sheet.minimum(seen, first, least, bounded);
             found
                 .map_err(|fault| fault.to_string())?
                 .ok_or_else(|| "a step could not be solved".to_owned())
@@ -178,7 +184,7 @@ impl NonlinearTv {
             .explain(
                 seen,
                 found.error.max(least),
-                ACCEPTED * found.error.clamp(self.noise, 2.0 * least).powi(2) + model * model,
+                ACCEPTED * found.error.clamp(noise, 2.0 * least).powi(2) + model * model,
                 &map,
             )
             .map_err(|fault| fault.to_string())?;
@@ -251,11 +257,13 @@ impl Reconstructor for NonlinearTv {
                 self.sheet.cells.count(),
                 mesh.region().len()
             ),
-            format!(
-                "white noise with a deviation of {:.2e} on each change, and an error of the model of {:.1} % of the change",
-                self.noise,
-                100.0 * MODEL_ERROR
-            ),
+            match self.noise {
+                Some(noise) => format!(
+                    "white noise with a deviation of {noise:.2e} on each change, and an error of the model of {:.1} % of the change",
+                    100.0 * MODEL_ERROR
+                ),
+                None => "errors of a size that the frame itself shows".to_owned(),
+            },
             match self.most_gain {
                 None => "loads only take conductance away".to_owned(),
                 Some(most) => format!(
@@ -323,7 +331,7 @@ mod tests {
         let sigma0 = vec![tank.conductance(); mesh.triangles().len()];
         let protocol = Protocol::sheffield(16).unwrap();
         let options = NonlinearTvOptions {
-            noise_v: NOISE_V,
+            noise_v: Some(NOISE_V),
             most_gain: Some(0.2),
             ..NonlinearTvOptions::default()
         };

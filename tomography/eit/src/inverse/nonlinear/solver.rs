@@ -140,11 +140,12 @@ impl Sheet {
         Ok(sensitivity)
     }
 
-    /// The minimum for the change of the readings, with errors of at least the standard deviation `least`. `bounded`: gains are
-    /// penalised. `None` if a step cannot be solved.
+    /// The minimum for the change of the readings, with errors of the standard deviation `first` until they are estimated, and of at
+    /// least `least`. `bounded`: gains are penalised. `None` if a step cannot be solved.
     pub(super) fn minimum(
         &self,
         seen: &Seen,
+        first: f64,
         least: f64,
         bounded: bool,
     ) -> Result<Option<Found<'_>>, ForwardError> {
@@ -154,7 +155,7 @@ impl Sheet {
             residual: seen.data.clone(),
             sigma: self.sigma0.clone(),
         };
-        let mut deviation = least;
+        let mut deviation = first;
         let mut value = self.value(&at, deviation, bounded);
         let mut last = None;
         for step in 1..=STEPS {
