@@ -11,8 +11,6 @@ mod interfaces;
 mod manual;
 mod maps;
 mod measuring;
-#[expect(dead_code, reason = "the rest is for the tests of the archive")]
-#[path = "../../archive/tests/live/mosquitto.rs"]
 mod mosquitto;
 mod record;
 mod rules;

@@ -126,13 +126,13 @@ impl Daemon {
     }
 
     /// How often the status was asked for.
-    pub fn asked(&self) -> u64 {
+    pub fn requests(&self) -> u64 {
         self.report.lock().unwrap().asked
     }
 
-    pub fn wait_until_asked(&self, count: u64) {
+    pub fn wait_until_requested(&self, count: u64) {
         let limit = std::time::Instant::now() + std::time::Duration::from_secs(90);
-        while self.asked() < count {
+        while self.requests() < count {
             assert!(std::time::Instant::now() < limit, "the daemon is not asked");
             std::thread::sleep(std::time::Duration::from_millis(20));
         }

@@ -6,6 +6,7 @@ mod authority;
 mod daemon;
 #[path = "../../../logbook/tests/example_frames/taken.rs"]
 mod frames;
+#[path = "../../../tests/stories/mosquitto.rs"]
 mod mosquitto;
 mod outages;
 mod publisher;

@@ -32,9 +32,9 @@ fn broker_that_comes_back_gets_the_newest_only() {
     publisher.wait_for("tried again until it succeeds");
     // each is newest for a moment
     for count in 2..=6 {
-        let before = daemon.asked();
+        let before = daemon.requests();
         daemon.change(|report| *report = crate::daemon::report(count));
-        daemon.wait_until_asked(before + 2);
+        daemon.wait_until_requested(before + 2);
     }
     // nothing is sent before somebody sees it
     signal_to(&publisher.child, Signal::STOP);
@@ -77,9 +77,9 @@ fn frozen_broker_delays_no_upload() {
     let before = memory();
     for count in 1..=10 {
         site.record_session(&format!("m{count}"), 1);
-        let asked = daemon.asked();
+        let asked = daemon.requests();
         daemon.change(|report| *report = crate::daemon::report(1 + count));
-        daemon.wait_until_asked(asked + 2);
+        daemon.wait_until_requested(asked + 2);
     }
     let limit = std::time::Instant::now() + std::time::Duration::from_secs(60);
     while server.sql("SELECT count(*) FROM tactus.part") != "10" {
