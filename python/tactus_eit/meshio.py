@@ -37,10 +37,11 @@ def _lines(read: Any, name: str) -> NDArray[np.int64]:
     lines = np.asarray(read.cells_dict.get("line", np.empty((0, 2))), dtype=np.int64)
     tags = read.cell_data_dict.get("gmsh:physical", {}).get("line")
     if name in read.field_data and tags is not None:
-        found = lines[np.asarray(tags) == read.field_data[name][0]]
+        chosen = np.flatnonzero(np.asarray(tags) == read.field_data[name][0])
     else:
-        found = lines[np.asarray(read.cell_sets_dict.get(name, {}).get("line", []), dtype=np.int64)]
-    if not len(found):
+        chosen = np.asarray(read.cell_sets_dict.get(name, {}).get("line", []), dtype=np.int64)
+    if not len(chosen):
         names = sorted({*read.field_data, *(key for key in read.cell_sets_dict if not key.startswith("gmsh:"))})
         raise ValueError(f"argument 'electrodes': no line has the name {name!r}; the file has {', '.join(map(repr, names)) or 'no names'}")
+    found: NDArray[np.int64] = lines[chosen]
     return found
