@@ -38,6 +38,7 @@ use clap::{CommandFactory, FromArgMatches};
 
 use args::{Arguments, BaselineCommand, Command, InstrumentsCommand, NotifyCommand};
 use failure::Failure;
+use imaging::tracking::TrackingOrder;
 use outfile::Existing;
 use output::Printer;
 
@@ -177,6 +178,28 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
                     Command::Baseline {
                         what: BaselineCommand::Use { id },
                     } => crate::control::baseline::choose(&daemon, &id, printer).await,
+                    Command::Baseline {
+                        what: BaselineCommand::EmptyNow,
+                    } => {
+                        crate::control::baseline::order(&daemon, TrackingOrder::EmptyNow, printer)
+                            .await
+                    }
+                    Command::Baseline {
+                        what: BaselineCommand::LoadedNow,
+                    } => {
+                        crate::control::baseline::order(&daemon, TrackingOrder::LoadedNow, printer)
+                            .await
+                    }
+                    Command::Baseline {
+                        what: BaselineCommand::ForgetAnchor,
+                    } => {
+                        crate::control::baseline::order(
+                            &daemon,
+                            TrackingOrder::ForgetAnchor,
+                            printer,
+                        )
+                        .await
+                    }
                     Command::Start(start) => {
                         crate::control::session::start(&daemon, &start, printer).await
                     }

@@ -69,6 +69,10 @@ pub trait Manager1 {
     /// Makes an earlier baseline the current one until another is recorded or the daemon ends; returns its id.
     fn use_baseline(&self, id: &str) -> Result<String, Fault>;
 
+    /// Overrules the tracked baseline of the running session (`empty-now`, `loaded-now`, `forget-anchor`); returns the number of
+    /// the first frame that the order is for.
+    fn override_tracking(&self, order: &str) -> Result<u64, Fault>;
+
     /// Switches the source off and opens every relay, verifies both, and returns a report.
     fn open_all(&self) -> Result<String, Fault>;
 

@@ -26,6 +26,12 @@ pub enum BaselineCommand {
         #[arg(value_name = "ID")]
         id: String,
     },
+    /// Nothing lies on the sheet: the tracked baseline of the running session begins again with its next frame
+    EmptyNow,
+    /// Something lies on the sheet: the running session learns nothing until `empty-now`
+    LoadedNow,
+    /// What changed slowly until now is age: the running session forgets the baselines of the past
+    ForgetAnchor,
 }
 
 /// Options of `baseline record`.

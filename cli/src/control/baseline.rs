@@ -4,7 +4,7 @@ use std::io::Write;
 
 use chrono::{DateTime, SecondsFormat};
 use dbus::{BaselineReport, SessionOptions};
-use imaging::tracking::TrackingSummary;
+use imaging::tracking::{DriftSummary, TrackingOrder, TrackingSummary};
 use serde::Serialize;
 use survey::{Amps, Volts};
 
@@ -106,6 +106,30 @@ struct BaselineUsed {
     baseline: String,
 }
 
+/// Overrules the tracked baseline of the running session.
+pub(crate) async fn order(
+    daemon: &Daemon,
+    order: TrackingOrder,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let requested = daemon.manager.override_tracking(order.name());
+    let from_frame = daemon.ask("the tracked baseline", requested).await?;
+    let ordered = TrackingOrdered {
+        order: order.name(),
+        from_frame,
+    };
+    printer.record(&ordered, |ordered| {
+        format!("{}, from frame {} on", ordered.order, ordered.from_frame)
+    })
+}
+
+/// The line of `baseline empty-now --json` and its like; see `docs/reference/json.md`.
+#[derive(Debug, Serialize)]
+struct TrackingOrdered {
+    order: &'static str,
+    from_frame: u64,
+}
+
 /// Shows the baseline that the next session will use.
 pub(crate) async fn show(
     daemon: &Daemon,
@@ -193,8 +217,9 @@ fn for_a_person(shown: &BaselineLine, wall: DateTime<chrono::Utc>) -> String {
     }
     if let Some(tracked) = &shown.tracked {
         text.push_str(&format!(
-            "\ntracked    until {} (frame {} of {}); last empty {}\n\
+            "\ntracked    since {}, until {} (frame {} of {}); last empty {}\n\
              drift      {:.3} since the baseline (rms), known to {:.3}, pace {}",
+            local(tracked.since),
             local(tracked.until),
             tracked.sequence,
             tracked.session,
@@ -203,6 +228,9 @@ fn for_a_person(shown: &BaselineLine, wall: DateTime<chrono::Utc>) -> String {
             Volts(1e-6 * tracked.baseline_sd_uv),
             tracked.pace,
         ));
+        if let Some(drift) = &tracked.drift {
+            text.push_str(&by_kind(drift));
+        }
         if !tracked.masked.is_empty() {
             text.push_str(&format!("\nleft out   electrodes {:?}", tracked.masked));
         }
@@ -211,6 +239,28 @@ fn for_a_person(shown: &BaselineLine, wall: DateTime<chrono::Utc>) -> String {
         text.push_str(&format!("\nwarning    {remark}"));
     }
     text
+}
+
+/// The drift by kind, a line each.
+fn by_kind(drift: &DriftSummary) -> String {
+    let volts = |uv: f64| Volts(1e-6 * uv);
+    let [x, y] = drift.local_at_mm;
+    format!(
+        "\n  gain     {:+.2} % ({:.3})\n  \
+         contacts {:.1} % rms, most {:+.1} % at electrode {} ({:.3})\n  \
+         field    {:.2} % rms ({:.3})\n  \
+         local    most {:+.2} % at ({x:.0}, {y:.0}) mm ({:.3})",
+        drift.gain_percent,
+        volts(drift.gain_uv),
+        drift.contacts_percent,
+        drift.most_changed_percent,
+        drift.most_changed_electrode,
+        volts(drift.contacts_uv),
+        drift.field_percent,
+        volts(drift.field_uv),
+        drift.local_percent,
+        volts(drift.local_uv),
+    )
 }
 
 #[cfg(test)]

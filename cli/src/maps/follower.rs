@@ -1,7 +1,7 @@
 //! The tracked baseline of a recording, frame by frame.
 
 use imaging::recorded::{RecordedFrame, Recording};
-use imaging::tracking::seconds;
+use imaging::tracking::{Orders, seconds};
 use imaging::{TrackedArguments, TrackedFrame, Tracking};
 use survey::Reading;
 
@@ -16,6 +16,8 @@ pub(crate) struct Follower {
     period_s: Option<f64>,
     /// All frames before this one were followed.
     next: u64,
+    /// Orders of people that were given in the session.
+    orders: Orders,
 }
 
 impl Follower {
@@ -58,6 +60,7 @@ impl Follower {
             tracking,
             period_s,
             next: 0,
+            orders: recording.orders()?,
         }))
     }
 
@@ -66,8 +69,7 @@ impl Follower {
     /// # Errors
     /// A frame that cannot be followed.
     pub(crate) fn follow(&mut self, frame: &RecordedFrame) -> Result<TrackedFrame, Failure> {
-        let at_s = self.time(frame);
-        self.next = frame.sequence + 1;
+        let at_s = self.begin(frame);
         let followed = self.tracking.follow(&frame.readings, at_s);
         followed.map_err(|error| not_followed(frame, &error))
     }
@@ -77,10 +79,18 @@ impl Follower {
     /// # Errors
     /// As [`Follower::follow`].
     pub(crate) fn pass(&mut self, frame: &RecordedFrame) -> Result<(), Failure> {
-        let at_s = self.time(frame);
-        self.next = frame.sequence + 1;
+        let at_s = self.begin(frame);
         let passed = self.tracking.pass(&frame.readings, at_s);
         passed.map_err(|error| not_followed(frame, &error))
+    }
+
+    /// Orders for this frame are given before it; its time, s.
+    fn begin(&mut self, frame: &RecordedFrame) -> f64 {
+        for order in self.orders.due(frame.sequence) {
+            self.tracking.order(order);
+        }
+        self.next = frame.sequence + 1;
+        self.time(frame)
     }
 
     fn time(&self, frame: &RecordedFrame) -> f64 {

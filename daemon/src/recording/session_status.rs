@@ -5,11 +5,12 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-use dbus::FrameSummary;
+use dbus::{Fault, FrameSummary};
+use imaging::tracking::TrackingOrder;
 use logbook::{LogbookError, SessionKind};
 use rig::{Stop, StopButton};
 use tokio::sync::mpsc::WeakSender;
-use tokio::sync::{OnceCell, watch};
+use tokio::sync::{OnceCell, oneshot, watch};
 
 use crate::events::event::{Event, FrameDone};
 use crate::monitoring::Counters;
@@ -158,6 +159,27 @@ impl SessionStatus {
     pub(crate) fn record_event(&self, event: Event) -> bool {
         let record = self.record.get().and_then(WeakSender::upgrade);
         record.is_some_and(|record| record.try_send(RecorderMessage::Event(event)).is_ok())
+    }
+
+    /// Gives an order to the tracked baseline; returns the number of the first frame that it is for.
+    ///
+    /// # Errors
+    /// Why it cannot be carried out.
+    pub(crate) async fn order_tracking(
+        &self,
+        order: TrackingOrder,
+        by: String,
+    ) -> Result<u64, Fault> {
+        let ended = || Fault::NoSession(format!("session {} has ended", self.facts.id));
+        let record = self.record.get().and_then(WeakSender::upgrade);
+        let record = record.ok_or_else(ended)?;
+        let (reply, ordered) = oneshot::channel();
+        let message = RecorderMessage::Order { order, by, reply };
+        record.send(message).await.map_err(|_| ended())?;
+        // the session may end meanwhile
+        drop(record);
+        let ordered = ordered.await.map_err(|_| ended())?;
+        ordered.map_err(Fault::Unsupported)
     }
 
     /// Sets the number of frames already on disk.

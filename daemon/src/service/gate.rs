@@ -174,6 +174,21 @@ impl Gate {
         self.present().clear();
     }
 
+    /// Who sent a message, for records.
+    ///
+    /// # Errors
+    /// As [`Gate::client`].
+    pub(super) async fn caller_words(
+        &self,
+        connection: &Connection,
+        header: &Header<'_>,
+    ) -> Result<String, Fault> {
+        Ok(match self.client(connection, header).await? {
+            Some(client) => format!("user {}", client.caller.user()),
+            None => "a caller that has left".to_owned(),
+        })
+    }
+
     /// The sender of a message; `None` if it has already disconnected.
     ///
     /// # Errors

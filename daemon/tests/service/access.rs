@@ -239,6 +239,7 @@ async fn what_polkit_refuses_is_not_done_even_for_root() {
     refused(manager.start_session(&none).await, why);
     refused(manager.record_baseline(&none).await, why);
     refused(manager.use_baseline("b1").await, why);
+    refused(manager.override_tracking("empty-now").await, why);
     refused(manager.test_instruments(&none).await, why);
     refused(manager.relays(&none).await, why);
     refused(manager.discover(&[], &none).await, why);
@@ -252,7 +253,7 @@ async fn what_polkit_refuses_is_not_done_even_for_root() {
     refused(session.step(1).await, why);
     refused(simulation.press("disc", 0.0, 0.0, 0.01, 0.5).await, why);
     refused(simulation.release().await, why);
-    assert_eq!(scene.actions().len(), 16);
+    assert_eq!(scene.actions().len(), 17);
 
     // reading is allowed for everybody; nothing was changed
     assert_eq!(session.state().await.unwrap(), "running");

@@ -219,3 +219,100 @@ fn a_tracked_baseline_survives_sessions_and_restarts() {
     let text = serde_json::json!(shown).to_string();
     assert!(text.contains("cannot be used"), "{text}");
 }
+
+#[test]
+fn a_person_overrules_the_tracker_and_replay_does_the_same() {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
+        config.replace(
+            "method = \"one-step\"\n",
+            "method = \"one-step\"\ntracking = true\n",
+        )
+    }) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    let refused = stage.tactus(&["baseline", "empty-now"]).expect("it runs");
+    assert_eq!(refused.code, Some(3), "no session: {}", refused.stderr);
+    let begun = ask(&stage, &["start", "--every", "500ms"]);
+    let id = begun[0]["session"].as_str().expect("its id").to_owned();
+    // the held state of the frames that are watched, and of those that replay shows
+    let watched = |count: &str| -> Vec<(u64, bool)> {
+        let frames = ask(&stage, &["watch", "--no-map", "--count", count]);
+        let shown = frames.iter().filter(|frame| frame["tracked"].is_object());
+        let held = shown.map(|frame| {
+            (
+                number(frame, "sequence") as u64,
+                frame["tracked"]["held"] == true,
+            )
+        });
+        held.collect()
+    };
+    let ordered = |order: &str| number(&ask(&stage, &["baseline", order])[0], "from_frame") as u64;
+    assert!(watched("2").iter().all(|(_, held)| !held));
+    let loaded = ordered("loaded-now");
+    for (frame, held) in watched("3") {
+        assert_eq!(held, frame >= loaded, "frame {frame} of {loaded}");
+    }
+    let status = &ask(&stage, &["status"])[0];
+    assert_eq!(status["session"]["map"]["known"], false, "{status}");
+    // the next daemon follows the recorded frames with their orders
+    daemon.kill();
+    let _daemon = test_rig::start(&stage);
+    let again = watched("2");
+    assert!(again.iter().all(|(_, held)| *held), "{again:?}");
+    let empty = ordered("empty-now");
+    for (frame, held) in watched("3") {
+        assert_eq!(held, frame < empty, "frame {frame} of {empty}");
+    }
+    ordered("forget-anchor");
+    ask(&stage, &["stop"]);
+    let shown = &ask(&stage, &["baseline", "show"])[0]["tracked"];
+    assert!(number(&shown["drift"], "gain_uv").is_finite(), "{shown}");
+    let frames = ask(&stage, &["replay", &id, "--no-map"]);
+    for frame in &frames {
+        let sequence = number(frame, "frame") as u64;
+        let held = (loaded..empty).contains(&sequence);
+        assert_eq!(frame["tracked"]["held"], held, "{frame}");
+        assert_ne!(frame["verified"], false, "{frame}");
+        let reason = if held {
+            serde_json::json!("said-loaded")
+        } else {
+            serde_json::Value::Null
+        };
+        assert_eq!(frame["tracked"]["reason"], reason, "{frame}");
+    }
+    assert!(frames.iter().any(|frame| frame["verified"] == true));
+    let events = serde_json::json!(ask(&stage, &["events", &id])).to_string();
+    for order in ["loaded-now", "empty-now", "forget-anchor"] {
+        assert!(
+            events.contains(&format!("{order}, from frame ")),
+            "{events}"
+        );
+    }
+}
+
+#[test]
+fn an_order_without_tracking_says_what_is_missing() {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::QUIET, |config| {
+        config.replace(
+            "method = \"one-step\"\n",
+            "method = \"one-step\"\ntracking = false\n",
+        )
+    }) else {
+        return;
+    };
+    let _daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    ask(&stage, &["start", "--every", "500ms"]);
+    let refused = stage
+        .tactus(&["baseline", "forget-anchor"])
+        .expect("it runs");
+    assert_eq!(refused.code, Some(1), "{}", refused.stderr);
+    assert!(
+        refused.stderr.contains("`tracking` in [model]"),
+        "{}",
+        refused.stderr
+    );
+    ask(&stage, &["stop"]);
+}

@@ -66,17 +66,23 @@ impl Basis {
         &self.transform * data
     }
 
-    /// The best discs for data with these variances, best first.
+    /// Squares of the load test's discs at these variances.
+    pub(crate) fn squares(&self, variances: &DVector<f64>) -> DVector<f64> {
+        self.atoms_squared
+            .tr_mul(&variances.map(|variance| 1.0 / variance))
+    }
+
+    /// The best discs for data with these variances, whose `squares` are those of [`Basis::squares`], best first.
     pub(crate) fn load_tests(
         &self,
         model: &DriftModel,
         data: &DVector<f64>,
         variances: &DVector<f64>,
+        squares: &DVector<f64>,
         most: usize,
     ) -> Vec<LoadTest> {
         let weights = variances.map(|variance| 1.0 / variance);
         let dots = self.atoms.tr_mul(&data.component_mul(&weights));
-        let squares = self.atoms_squared.tr_mul(&weights);
-        places_by_score(model, &dots, &squares, most)
+        places_by_score(model, &dots, squares, most)
     }
 }

@@ -81,6 +81,8 @@ pub struct ElectrodeCheck {
     /// Change of the data by a connection of two electrodes, up to a factor; and the electrodes.
     shorts: DMatrix<f64>,
     of_short: Vec<[usize; 2]>,
+    /// Readings that drive or sense each electrode with the next one.
+    between_neighbours: Vec<Vec<usize>>,
 }
 
 impl ElectrodeCheck {
@@ -115,7 +117,19 @@ impl ElectrodeCheck {
                 )
             })
             .collect();
+        let measurements = model.pairs().protocol().measurements();
+        let between_neighbours = (0..count).map(|electrode| {
+            let next = (electrode + 1) % count;
+            let is = |pair: survey::Dipole| {
+                let ends = [pair.plus.0, pair.minus.0];
+                ends.iter().all(|e| [electrode, next].contains(e))
+            };
+            let readings = measurements.iter().enumerate();
+            let of = readings.filter(|(_, q)| is(q.sense) || is(q.drive));
+            of.map(|(reading, _)| reading).collect()
+        });
         Self {
+            between_neighbours: between_neighbours.collect(),
             uses,
             shorts: DMatrix::from_columns(&columns),
             of_short,
@@ -193,29 +207,17 @@ impl ElectrodeCheck {
 
     /// The first electrode of a pair whose readings, by drive or by sense, are almost nothing.
     fn shorted(&self, model: &DriftModel, frame: &[Reading]) -> Option<usize> {
-        let count = model.potentials.nrows();
-        let questions = model.pairs().protocol().measurements();
-        (0..count).find(|&electrode| {
-            let next = (electrode + 1) % count;
-            let is = |pair: survey::Dipole| {
-                [pair.plus.0, pair.minus.0]
-                    .iter()
-                    .all(|e| [electrode, next].contains(e))
-            };
-            let mut shares: Vec<f64> = questions
-                .iter()
-                .enumerate()
-                .filter(|(_, q)| is(q.sense) || is(q.drive))
-                .filter_map(|(reading, _)| {
-                    let volts = frame[reading].volts()?.0;
-                    Some((volts / model.baseline()[reading]).abs())
-                })
-                .collect();
+        let almost_nothing = |readings: &Vec<usize>| {
+            let shares = readings.iter().filter_map(|&reading| {
+                let volts = frame[reading].volts()?.0;
+                Some((volts / model.baseline()[reading]).abs())
+            });
+            let mut shares: Vec<f64> = shares.collect();
             shares.sort_by(f64::total_cmp);
-            shares
-                .get(shares.len() / 2)
-                .is_some_and(|share| *share < SHORTED)
-        })
+            let middle = shares.get(shares.len() / 2);
+            middle.is_some_and(|share| *share < SHORTED)
+        };
+        self.between_neighbours.iter().position(almost_nothing)
     }
 
     /// Two electrodes whose connection explains the data.

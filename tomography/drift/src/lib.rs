@@ -10,6 +10,7 @@
 //! - **model**: sensitivity at that sheet, and the covariance D(s) of gain, contacts, smooth field and local change
 //! - **evidence**: the sizes of these changes that make one frame most probable; **whitened**: data and sensitivity for
 //!   linear methods; **disc**: a disc with its covariance
+//! - **moving**: a disc with a velocity, from the last injections
 //! - **tracker**: the baseline followed through time, learnt only from frames without load; **electrodes**: which one is faulty
 
 mod basis;
@@ -19,6 +20,7 @@ mod error;
 mod evidence;
 mod kinds;
 mod model;
+mod moving;
 mod overlap;
 mod pairs;
 mod sheet;
@@ -32,6 +34,7 @@ pub use error::DriftError;
 pub use evidence::Assessed;
 pub use kinds::{DriftKinds, LocalChange};
 pub use model::{DriftModel, Noise};
+pub use moving::{Injection, MovingLoad, TimedReading};
 pub use pairs::{Pairs, Relative};
 pub use sheet::{FitOptions, SheetFit};
 pub use sizes::Sizes;

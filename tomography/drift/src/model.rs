@@ -74,6 +74,10 @@ pub struct DriftModel {
     /// The same of a smooth field, over the whole sheet.
     field_map: DMatrix<f64>,
     pub(crate) places: Vec<Place>,
+    /// Of the instruments.
+    instruments: Noise,
+    /// Row of each reading of the protocol.
+    row_of: Vec<usize>,
     /// Data of a disc at each place with all of its conductance changed by one unit of ln.
     pub(crate) atoms: DMatrix<f64>,
     /// Voltage of each electrode (row) at 1 A from electrode e to e + 1 (column), V.
@@ -147,6 +151,8 @@ impl DriftModel {
         let potentials = forward.solve(&fit.sigma, &drives)?.electrodes;
         let mut model = Self {
             noise: noise_covariance(&pairs, &ratios, noise),
+            instruments: noise,
+            row_of: row_of_readings(&pairs),
             contact_gram: product(view(&contacts), view(&contacts.transpose())),
             second_gram,
             field_gram: product(view(&by_cell), view(&field)),
@@ -266,6 +272,44 @@ impl DriftModel {
         out
     }
 
+    /// The same for some rows alone.
+    pub(crate) fn disc_in(&self, centre: [f64; 2], diameter: f64, rows: &[usize]) -> DVector<f64> {
+        let mut out = DVector::zeros(rows.len());
+        for (triangle, share) in self.covered(centre, 0.5 * diameter) {
+            let column = self.sensitivity.column(triangle);
+            for (value, &row) in out.iter_mut().zip(rows) {
+                *value += share * column[row];
+            }
+        }
+        out
+    }
+
+    /// Row of a reading of the protocol.
+    pub(crate) fn row_of(&self, reading: usize) -> usize {
+        self.row_of[reading]
+    }
+
+    /// Change of one reading since the first baseline, in the scale of the model's readings, V.
+    pub(crate) fn change_of(&self, reading: usize, volts: f64) -> f64 {
+        self.ratios[reading] * (volts - self.baseline[reading])
+    }
+
+    /// Covariance of the noise of two readings, V2: white noise of a reading with itself (`same`), thermal voltages of a pair.
+    pub(crate) fn noise_between(&self, a: usize, b: usize, same: bool) -> f64 {
+        let both = self.ratios[a] * self.ratios[b];
+        let measurements = self.pairs.protocol().measurements();
+        let white = if same {
+            self.instruments.reading_v.powi(2)
+        } else {
+            0.0
+        };
+        let thermal = match measurements[a].sense == measurements[b].sense {
+            true => self.instruments.emf_v.powi(2),
+            false => 0.0,
+        };
+        both * (white + thermal)
+    }
+
     /// Share of each triangle that a disc covers, where it covers any.
     fn covered(&self, centre: [f64; 2], radius: f64) -> impl Iterator<Item = (usize, f64)> + '_ {
         let reach = radius + 2.0 * PITCH_M;
@@ -324,6 +368,16 @@ impl DriftModel {
         }
         places
     }
+}
+
+fn row_of_readings(pairs: &Pairs) -> Vec<usize> {
+    let mut out = vec![0; pairs.protocol().len()];
+    for row in 0..pairs.len() {
+        for reading in pairs.readings(row) {
+            out[reading] = row;
+        }
+    }
+    out
 }
 
 /// R: independent noise of each reading, and one thermal voltage for each sensing pair.

@@ -166,20 +166,32 @@ impl Whitened {
 
     /// The best discs that are at least 25 mm apart, best first.
     pub(crate) fn load_tests(&self, model: &DriftModel, most: usize) -> Vec<LoadTest> {
-        let atoms = self.sensitivity(&model.atoms);
-        best_places(&atoms, &self.data, model, most)
+        Atoms::new(self.sensitivity(&model.atoms)).best(&self.data, model, most)
     }
 }
 
-/// The places of whitened atoms that explain whitened data best.
-pub(crate) fn best_places(
-    atoms: &DMatrix<f64>,
-    data: &DVector<f64>,
-    model: &DriftModel,
-    most: usize,
-) -> Vec<LoadTest> {
-    let squares = DVector::from_fn(atoms.ncols(), |k, _| atoms.column(k).norm_squared());
-    places_by_score(model, &atoms.tr_mul(data), &squares, most)
+/// Whitened data of the load test's discs, with what is the same for all data.
+#[derive(Debug)]
+pub(crate) struct Atoms {
+    columns: DMatrix<f64>,
+    squares: DVector<f64>,
+}
+
+impl Atoms {
+    pub(crate) fn new(columns: DMatrix<f64>) -> Self {
+        let squares = DVector::from_fn(columns.ncols(), |k, _| columns.column(k).norm_squared());
+        Self { columns, squares }
+    }
+
+    /// The places that explain whitened data best.
+    pub(crate) fn best(
+        &self,
+        data: &DVector<f64>,
+        model: &DriftModel,
+        most: usize,
+    ) -> Vec<LoadTest> {
+        places_by_score(model, &self.columns.tr_mul(data), &self.squares, most)
+    }
 }
 
 /// The best places that are at least 25 mm apart, from products of atoms with data and with themselves.

@@ -4,7 +4,9 @@
 use std::path::PathBuf;
 
 use imaging::recorded::SessionParts;
-use imaging::tracking::{Doubtful, KeptTracking, TrackingState, keep, kept, seconds};
+use imaging::tracking::{
+    Doubtful, KeptTracking, Orders, TrackingOrder, TrackingState, keep, kept, seconds,
+};
 use imaging::{Conditions, Geometry, TrackedFrame, Tracking};
 use logbook::LogbookError;
 use survey::{Amps, Baseline, Protocol, Reading, error_chain as chain};
@@ -104,19 +106,34 @@ impl Followed {
 
     /// Follows the recorded frames after the state, up to the last one.
     fn catch_up(&mut self, after: u64) -> Result<(), String> {
-        if self.sequence >= after {
+        if after == 0 {
             return Ok(());
         }
         let first = logbook::find(&self.folder, &self.session).map_err(|error| chain(&error))?;
         let parts = SessionParts::open(&first).map_err(|error| chain(&error))?;
         let recorded = parts.frames_from(self.sequence + 1);
+        let events = parts.events().map_err(|error| chain(&error))?;
+        let orders = Orders::recorded(&events, &first, self.sequence);
+        let mut orders = orders.map_err(|error| chain(&error))?;
         for frame in recorded.filter_map(|record| Some(record.ok()?.frame)) {
+            for order in orders.due(frame.sequence) {
+                self.tracking.order(order);
+            }
             self.tracking
                 .pass(&frame.readings, seconds(frame.wall))
                 .map_err(|error| chain(&error))?;
             self.sequence = frame.sequence;
         }
+        // given after the last frame: for the next one
+        for order in orders.due(u64::MAX) {
+            self.tracking.order(order);
+        }
         Ok(())
+    }
+
+    /// Takes an order of a person for the next frame.
+    pub(super) fn order(&mut self, order: TrackingOrder) {
+        self.tracking.order(order);
     }
 
     /// The frame with the baseline to compare it with.
@@ -134,7 +151,8 @@ impl Followed {
             .follow(readings, at_s)
             .map_err(|error| chain(&error))?;
         self.sequence = sequence;
-        if (at_s - self.kept_s).abs() >= KEPT_EVERY_S {
+        // what a person sees after an order is what it did
+        if (at_s - self.kept_s).abs() >= KEPT_EVERY_S || !frame.orders.is_empty() {
             self.kept_s = at_s;
             self.keep();
         }
@@ -184,6 +202,7 @@ impl Followed {
             session: self.session.clone(),
             sequence: self.sequence,
             state: self.tracking.state(),
+            drift: self.tracking.drift().ok(),
         };
         if let Err(error) = keep(&self.folder, &self.baseline, &kept) {
             tracing::warn!("the tracked baseline is not kept: {}", chain(&error));

@@ -4,6 +4,7 @@
 mod followed;
 mod quantified;
 
+use std::collections::VecDeque;
 use std::sync::mpsc::{
     Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel,
 };
@@ -19,7 +20,7 @@ use crate::recording::recorder_message::RecorderMessage;
 use followed::Followed;
 pub(crate) use followed::TrackingContext;
 use imaging::quantities::FrameQuantities;
-use imaging::tracking::seconds;
+use imaging::tracking::{TrackingOrder, seconds};
 use imaging::{Model, Tracked};
 use quantified::Quantified;
 pub(crate) use quantified::QuantityContext;
@@ -99,8 +100,15 @@ pub(crate) enum MapOutcome {
     Suspended,
 }
 
+/// What the thread of maps is asked for.
+enum Request {
+    Frame(FrameRequest),
+    /// An order of a person to the tracked baseline, for the frames after it.
+    Order(TrackingOrder),
+}
+
 /// A frame for the thread of maps.
-struct Request {
+struct FrameRequest {
     readings: Vec<Reading>,
     sequence: u64,
     at_s: f64,
@@ -116,6 +124,8 @@ pub(crate) struct ReconstructionWorker {
     follows: bool,
     /// Frames that the baseline could not follow, because too many were waiting.
     not_followed: u64,
+    /// Orders for which the queue had no place yet.
+    orders: VecDeque<TrackingOrder>,
 }
 
 impl ReconstructionWorker {
@@ -128,21 +138,26 @@ impl ReconstructionWorker {
         context: ReconstructionContext,
         recorder: WeakSender<RecorderMessage>,
     ) -> std::io::Result<Self> {
-        let follows = context.tracking.is_some();
+        let wanted = context.tracking.is_some();
         let (ask, requested) = sync_channel::<Request>(FRAMES_TO_FOLLOW);
         let (answer, answers) = sync_channel(1);
-        let (ready, prepared) = sync_channel::<()>(0);
+        let (ready, prepared) = sync_channel::<bool>(1);
         std::thread::Builder::new()
             .name("maps".to_owned())
             .spawn(move || run(context, &requested, &answer, &recorder, ready))?;
         // it ends with the thread's preparation, whether that succeeded or not
-        let _ = prepared.recv_timeout(PREPARATION_TIMEOUT);
+        let follows = match prepared.recv_timeout(PREPARATION_TIMEOUT) {
+            Ok(follows) => follows,
+            Err(RecvTimeoutError::Timeout) => wanted,
+            Err(RecvTimeoutError::Disconnected) => false,
+        };
         Ok(Self {
             ask: Some(ask),
             answers,
             under_way: false,
             follows,
             not_followed: 0,
+            orders: VecDeque::new(),
         })
     }
 
@@ -151,6 +166,7 @@ impl ReconstructionWorker {
         if !self.follows {
             return;
         }
+        self.send_orders();
         let Some(ask) = &self.ask else {
             return;
         };
@@ -158,6 +174,28 @@ impl ReconstructionWorker {
             Ok(()) => {}
             Err(TrySendError::Full(_)) => self.not_followed += 1,
             Err(TrySendError::Disconnected(_)) => self.ask = None,
+        }
+    }
+
+    /// Whether the baseline is followed.
+    pub(crate) fn follows(&self) -> bool {
+        self.follows && self.ask.is_some()
+    }
+
+    /// Gives an order of a person to the tracked baseline, for the frames after this call.
+    pub(crate) fn order(&mut self, order: TrackingOrder) {
+        self.orders.push_back(order);
+        self.send_orders();
+    }
+
+    /// An order that finds no place in the queue is sent before the next frame that does.
+    fn send_orders(&mut self) {
+        while let (Some(ask), Some(order)) = (&self.ask, self.orders.front()) {
+            match ask.try_send(Request::Order(*order)) {
+                Ok(()) => drop(self.orders.pop_front()),
+                Err(TrySendError::Full(_)) => return,
+                Err(TrySendError::Disconnected(_)) => self.ask = None,
+            }
         }
     }
 
@@ -172,6 +210,7 @@ impl ReconstructionWorker {
             self.follow(frame);
             return MapOutcome::Busy;
         }
+        self.send_orders();
         let Some(ask) = &self.ask else {
             return MapOutcome::Suspended;
         };
@@ -239,12 +278,12 @@ impl ReconstructionWorker {
 }
 
 fn request(frame: &Frame, map: bool) -> Request {
-    Request {
+    Request::Frame(FrameRequest {
         readings: frame.readings.clone(),
         sequence: frame.sequence,
         at_s: seconds(frame.wall),
         map,
-    }
+    })
 }
 
 /// The thread of maps, until no more frames come or the method's code fails.
@@ -253,15 +292,24 @@ fn run(
     requested: &Receiver<Request>,
     answer: &SyncSender<TimedOutcome>,
     recorder: &WeakSender<RecorderMessage>,
-    ready: SyncSender<()>,
+    ready: SyncSender<bool>,
 ) {
     // a method that fails here fails again with the first frame, where it is reported
     let noise = containment::run(|| context.noise()).ok().flatten();
     let mut remarks = Vec::new();
     let mut followed = context.start_to_follow(&mut remarks);
     let mut quantified = context.start_to_quantify(&mut remarks);
-    drop(ready);
+    let _ = ready.send(followed.is_some());
     while let Ok(request) = requested.recv() {
+        let request = match request {
+            Request::Frame(request) => request,
+            Request::Order(order) => {
+                if let Some(followed) = &mut followed {
+                    followed.order(order);
+                }
+                continue;
+            }
+        };
         let begun = Instant::now();
         // a failure costs maps, not the session
         let outcome =
@@ -341,7 +389,7 @@ impl ReconstructionContext {
     /// The map of a frame, after the baseline has followed it; `None` where no map is wanted.
     fn make(
         &self,
-        request: &Request,
+        request: &FrameRequest,
         followed: &mut Option<Followed>,
         noise: Option<f64>,
         remarks: &mut Vec<String>,

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::events::kind::EventKind;
+use imaging::tracking::{RecordedOrder, TrackingOrder};
 use logbook::LogbookError;
 use survey::Frame;
 
@@ -126,6 +127,32 @@ impl Recorder {
              all, and its maps differ"
         );
         self.logbook.write_event(EventKind::Tracking, &text)
+    }
+
+    /// Records an order to the tracked baseline, which then carries it out with the next frame; the number of that frame, or why it
+    /// cannot.
+    pub(super) fn order_tracking(
+        &mut self,
+        order: TrackingOrder,
+        by: String,
+    ) -> Result<Result<u64, String>, LogbookError> {
+        let Task::Maps { worker, .. } = &mut self.task else {
+            return Ok(Err("the session records a baseline".to_owned()));
+        };
+        if !worker.follows() {
+            return Ok(Err(
+                "the session does not follow its baseline: see `tracking` in [model], and `tactus events`".to_owned(),
+            ));
+        }
+        let from = self.logbook.acknowledged() + 1;
+        let recorded = RecordedOrder { order, from, by };
+        let text = recorded.to_string();
+        self.logbook
+            .write_event(EventKind::TrackingOrdered, &text)?;
+        if let Task::Maps { worker, .. } = &mut self.task {
+            worker.order(order);
+        }
+        Ok(Ok(from))
     }
 
     pub(super) fn missed_a_map(&mut self) -> Result<(), LogbookError> {

@@ -122,6 +122,10 @@ impl Recorder {
                     self.frames(frames, &orders)
                 }
                 RecorderMessage::Event(event) => self.logbook.event(event),
+                RecorderMessage::Order { order, by, reply } => {
+                    let ordered = self.order_tracking(order, by);
+                    ordered.map(|ordered| drop(reply.send(ordered)))
+                }
                 RecorderMessage::MapReady => self.late_map(),
                 RecorderMessage::CheckFile => self.logbook.look_at_place(),
                 RecorderMessage::Close { at, reason } => return self.close(at, &reason),

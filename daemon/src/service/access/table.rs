@@ -16,7 +16,7 @@ pub(in crate::service) enum Action {
     Observe,
     /// Starting, suspending and ending a session.
     Control,
-    /// Recording a baseline, which takes the place of the current one.
+    /// Recording a baseline, which takes the place of the current one, and overruling the tracked one.
     Baseline,
     /// The instruments themselves, or the simulated sheet, past any session.
     Instruments,
@@ -76,6 +76,7 @@ pub(super) const METHODS: &[(&str, &str, Action, CallClass)] = &[
     (MANAGER, "StartSession", Action::Control, Command),
     (MANAGER, "RecordBaseline", Action::Baseline, Command),
     (MANAGER, "UseBaseline", Action::Baseline, Command),
+    (MANAGER, "OverrideTracking", Action::Baseline, Command),
     (MANAGER, "ListSessions", Action::Observe, Query),
     (MANAGER, "Plan", Action::Observe, Query),
     (MANAGER, "PlanWith", Action::Observe, Query),

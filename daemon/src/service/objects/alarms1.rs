@@ -114,11 +114,7 @@ impl Alarms1 {
         connection: &Connection,
         header: &Header<'_>,
     ) -> Result<(), Fault> {
-        let client = self.1.client(connection, header).await?;
-        let by = match client {
-            Some(client) => format!("user {}", client.caller.user()),
-            None => "a caller that has left".to_owned(),
-        };
+        let by = self.1.caller_words(connection, header).await?;
         let ordered = self.0.order_alarm(name, order, &by, comment).await;
         ordered.map_err(|refused| match refused {
             Refused::NoAlarm { .. } | Refused::ShelfTime => {

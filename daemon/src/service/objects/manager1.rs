@@ -7,8 +7,9 @@ use dbus::{
     Options, PlanDetails, ROOT_PATH, Recovery, RelayWear, SeenInstrument, SessionSummary, Status,
     TestDetails, TestLine, TranscriptOptions,
 };
+use zbus::message::Header;
 use zbus::object_server::{ObjectServer, SignalEmitter};
-use zbus::{ObjectPath, interface};
+use zbus::{Connection, ObjectPath, interface};
 
 use crate::recording::session_status::SessionStatus;
 use crate::service::gate::Gate;
@@ -289,6 +290,21 @@ impl Manager1 {
     #[zbus(out_args("baseline"))]
     async fn use_baseline(&self, id: &str) -> Result<String, Fault> {
         self.0.use_baseline(id)
+    }
+
+    /// Overrules what the tracked baseline of the running session concludes, and returns the number of the first frame that the
+    /// order is for. Orders: `empty-now` (nothing lies on the sheet: that frame is its baseline), `loaded-now` (something does:
+    /// nothing is learnt until `empty-now`), `forget-anchor` (slow changes until now are age). Each is an event of the session,
+    /// and replay carries it out at the same frame.
+    #[zbus(out_args("from_frame"))]
+    async fn override_tracking(
+        &self,
+        order: &str,
+        #[zbus(connection)] connection: &Connection,
+        #[zbus(header)] header: Header<'_>,
+    ) -> Result<u64, Fault> {
+        let by = self.1.caller_words(connection, &header).await?;
+        self.0.override_tracking(order, by).await
     }
 
     /// Switches the source off and opens every relay, verifies both, and returns a report. Lifts the refusal to measure

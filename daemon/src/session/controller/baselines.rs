@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use dbus::Fault;
-use imaging::tracking::{KeptTracking, kept};
+use imaging::tracking::{KeptTracking, TrackingOrder, kept};
 use survey::Baseline;
 
 use crate::events::event::BusEvent;
@@ -48,6 +48,26 @@ impl Controller {
         }
         remarks.extend(kept.iter().flat_map(|(_, found)| found.iter().cloned()));
         remarks
+    }
+
+    /// Gives an order to the tracked baseline of the running session; returns the number of the first frame that it is for.
+    ///
+    /// # Errors
+    /// No session, one that does not follow its baseline, or another order.
+    pub(crate) async fn override_tracking(&self, order: &str, by: String) -> Result<u64, Fault> {
+        let Some(order) = TrackingOrder::named(order) else {
+            return Err(Fault::InvalidOption(format!(
+                "order: '{}' is none of {}",
+                survey::printable(order),
+                TrackingOrder::ALL.map(TrackingOrder::name).join(", ")
+            )));
+        };
+        let session = self.active().ok_or_else(|| {
+            Fault::NoSession(
+                "no session is running, whose tracked baseline an order could be for".into(),
+            )
+        })?;
+        session.order_tracking(order, by).await
     }
 
     /// How a baseline was followed, as JSON, as it was last kept.

@@ -83,7 +83,8 @@ impl Anchors {
             let days = (at_s - anchor.at_s) / DAY_S;
             let since = data - DVector::from_column_slice(&anchor.baseline);
             let variances = basis.growth.map(|growth| 2.0 + pace * pace * growth * days);
-            let found = basis.load_tests(model, &basis.of(&since), &variances, 1);
+            let squares = basis.squares(&variances);
+            let found = basis.load_tests(model, &basis.of(&since), &variances, &squares, 1);
             let Some(test) = found.first().filter(|test| test.score > LOADED) else {
                 continue;
             };

@@ -9,7 +9,7 @@ use survey::Reading;
 use super::{SAME_INTERVAL, Tracker};
 use crate::DriftError;
 use crate::electrodes::{Allowed, ElectrodeFault};
-use crate::whitened::{LOADED, LoadTest, Whitened, factor};
+use crate::whitened::{Atoms, LOADED, LoadTest, Whitened, factor};
 
 /// A frame on its way.
 #[derive(Clone)]
@@ -34,7 +34,7 @@ pub(super) struct Steady {
     pub(super) predicted: DMatrix<f64>,
     pub(super) covariance: DMatrix<f64>,
     pub(super) factor: Arc<Definite>,
-    pub(super) atoms: DMatrix<f64>,
+    pub(super) atoms: Atoms,
     /// For the test of electrodes, once it is needed.
     allowed: OnceLock<Allowed>,
 }
@@ -47,7 +47,7 @@ impl Tracker {
     }
 
     /// A step from the last frame, if it is larger than noise and drift.
-    pub(super) fn event(&self, frame: &Frame) -> Result<Option<LoadTest>, DriftError> {
+    pub(super) fn event(&mut self, frame: &Frame) -> Result<Option<LoadTest>, DriftError> {
         let Some(step) = &frame.step else {
             return Ok(None);
         };
@@ -56,7 +56,15 @@ impl Tracker {
             let basis = &self.prepared.basis;
             let rate = self.state.pace.pace.powi(2) * frame.days;
             let variances = basis.growth.map(|growth| 2.0 + rate * growth);
-            basis.load_tests(&self.model, &basis.of(step), &variances, 1)
+            let squares = match &self.of_steps {
+                Some((kept, squares)) if *kept == rate => Arc::clone(squares),
+                _ => {
+                    let squares = Arc::new(basis.squares(&variances));
+                    self.of_steps = Some((rate, Arc::clone(&squares)));
+                    squares
+                }
+            };
+            basis.load_tests(&self.model, &basis.of(step), &variances, &squares, 1)
         } else {
             let last = &self.state.last_rows;
             let both = frame
@@ -100,7 +108,7 @@ impl Tracker {
             predicted,
             covariance,
             factor: Arc::new(factor),
-            atoms,
+            atoms: Atoms::new(atoms),
         }))
     }
 

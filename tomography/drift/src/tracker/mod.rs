@@ -24,7 +24,7 @@ use crate::disc::DiscFit;
 use crate::electrodes::{ElectrodeCheck, ElectrodeFault};
 use crate::kinds::DriftKinds;
 use crate::model::DriftModel;
-use crate::whitened::{LOADED, LoadTest, Whitened, best_places};
+use crate::whitened::{LOADED, LoadTest, Whitened};
 pub use anchors::AnchorAlarm;
 use innovation::{Frame, Steady};
 use load::REST;
@@ -117,6 +117,8 @@ pub struct Tracker {
     state: TrackerState,
     /// What follows from the state alone, while the covariance is kept.
     steady: Option<Arc<Steady>>,
+    /// The same of the step between two frames: its variance in units of daily growth, and the squares of the load test.
+    of_steps: Option<(f64, Arc<DVector<f64>>)>,
 }
 
 /// What depends on the sheet alone.
@@ -154,6 +156,7 @@ impl Tracker {
             prepared,
             state,
             steady: None,
+            of_steps: None,
         })
     }
 
@@ -275,7 +278,7 @@ impl Tracker {
         now: &Arc<Steady>,
     ) -> Result<(), DriftError> {
         let white = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows);
-        let found = best_places(&now.atoms, white.data(), &self.model, 3);
+        let found = now.atoms.best(white.data(), &self.model, 3);
         let best = found.first().copied();
         answer.score = best.map(|test| test.score);
         answer.chi = Some(white.chi_per_row());
@@ -402,7 +405,7 @@ impl Tracker {
         if !(back_to_empty || self.state.loaded_frames.is_multiple_of(TEST_EVERY)) {
             return Ok(());
         }
-        let found = best_places(&now.atoms, white.data(), &self.model, 1);
+        let found = now.atoms.best(white.data(), &self.model, 1);
         let Some(best) = found.first().copied() else {
             return Ok(());
         };
@@ -410,7 +413,7 @@ impl Tracker {
         answer.chi = Some(white.chi_per_row());
         let mut peak = white;
         peak.set(&self.state.ledger.peak());
-        let most = best_places(&now.atoms, peak.data(), &self.model, 1);
+        let most = now.atoms.best(peak.data(), &self.model, 1);
         let rest = most
             .first()
             .is_none_or(|most| best.score < REST * REST * most.score);
@@ -459,7 +462,7 @@ impl Tracker {
     /// The best disc of the load test, and the innovation whitened.
     fn best_disc(&self, frame: &Frame, now: &Steady) -> (Option<LoadTest>, Whitened) {
         let white = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows);
-        let found = best_places(&now.atoms, white.data(), &self.model, 1);
+        let found = now.atoms.best(white.data(), &self.model, 1);
         (found.first().copied(), white)
     }
 

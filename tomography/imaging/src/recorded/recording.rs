@@ -12,7 +12,7 @@ use super::{
     Unloaded, read_frames,
 };
 use crate::noise::{against, rms_deviation};
-use crate::tracking::{TrackingState, kept, seconds};
+use crate::tracking::{Orders, TrackingState, kept, seconds};
 
 /// One frame of a recording.
 #[derive(Debug, Clone)]
@@ -243,6 +243,14 @@ impl Recording {
             Source::Table(_) => Ok(Vec::new()),
             Source::Session { parts, .. } => parts.events(),
         }
+    }
+
+    /// The orders of people to the tracked baseline of a session; a table has none.
+    ///
+    /// # Errors
+    /// A part that cannot be read, or an order that this version does not know.
+    pub fn orders(&self) -> Result<Orders, LogbookError> {
+        Orders::recorded(&self.events()?, Path::new(&self.name), 0)
     }
 
     /// Whether its frames have times.

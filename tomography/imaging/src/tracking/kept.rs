@@ -3,9 +3,11 @@
 use chrono::{DateTime, Utc};
 use std::path::Path;
 
+use drift::DriftKinds;
 use logbook::LogbookError;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use survey::Electrode;
 
 use super::{TrackingState, numbers};
 
@@ -46,6 +48,61 @@ pub struct KeptTracking {
     pub sequence: u64,
     /// The state after it.
     pub state: TrackingState,
+    /// The drift since the baseline by kind, for people; `None` where it could not be computed.
+    #[serde(default)]
+    pub drift: Option<DriftSummary>,
+}
+
+/// The drift since the baseline by kind: the most probable parts of what was tracked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DriftSummary {
+    /// Change of the gain, %.
+    pub gain_percent: f64,
+    /// Change of the contacts' impedance, rms over the electrodes, %.
+    pub contacts_percent: f64,
+    /// The electrode whose contact changed most, from 1, and its change, %.
+    pub most_changed_electrode: usize,
+    /// See above.
+    pub most_changed_percent: f64,
+    /// Smooth change of conductance, rms over the sheet, %.
+    pub field_percent: f64,
+    /// The largest local change of conductance, %.
+    pub local_percent: f64,
+    /// Where, mm.
+    pub local_at_mm: [f64; 2],
+    /// What each kind changes in the readings, rms, uV.
+    pub gain_uv: f64,
+    /// See above.
+    pub contacts_uv: f64,
+    /// See above.
+    pub field_uv: f64,
+    /// See above.
+    pub local_uv: f64,
+}
+
+impl DriftSummary {
+    pub(super) fn new(kinds: &DriftKinds) -> Self {
+        let percent = |ln: f64| 100.0 * ln.exp_m1();
+        let contacts = &kinds.contacts;
+        let squares: f64 = contacts.iter().map(|change| change * change).sum();
+        let by_size = |a: &(usize, f64), b: &(usize, f64)| a.1.abs().total_cmp(&b.1.abs());
+        let most = contacts.iter().copied().enumerate().max_by(by_size);
+        let (electrode, change) = most.unwrap_or_default();
+        let data = &kinds.data_v;
+        Self {
+            gain_percent: percent(kinds.gain),
+            contacts_percent: 100.0 * (squares / contacts.len().max(1) as f64).sqrt(),
+            most_changed_electrode: Electrode(electrode).number(),
+            most_changed_percent: percent(change),
+            field_percent: 100.0 * kinds.field,
+            local_percent: percent(kinds.local.change),
+            local_at_mm: kinds.local.centre.map(|metres| 1e3 * metres),
+            gain_uv: 1e6 * data.gain,
+            contacts_uv: 1e6 * data.contact,
+            field_uv: 1e6 * data.field,
+            local_uv: 1e6 * data.local,
+        }
+    }
 }
 
 /// A tracked baseline in a few values.
@@ -71,6 +128,9 @@ pub struct TrackingSummary {
     pub baseline_sd_uv: f64,
     /// Pace of the drift relative to the built-in rates.
     pub pace: f64,
+    /// The drift by kind; `None` where it could not be computed, or by an older version.
+    #[serde(default)]
+    pub drift: Option<DriftSummary>,
 }
 
 impl KeptTracking {
@@ -90,6 +150,7 @@ impl KeptTracking {
             change_uv: 1e6 * tracker.change(),
             baseline_sd_uv: 1e6 * tracker.deviation(),
             pace: tracker.pace(),
+            drift: self.drift.clone(),
         })
     }
 }

@@ -2,6 +2,7 @@
 //! nobody can know is said.
 
 mod kept;
+mod orders;
 mod tracked;
 
 use std::sync::Arc;
@@ -14,7 +15,9 @@ use serde::{Deserialize, Serialize};
 use survey::{Electrode, Reading};
 
 use crate::conditions::Conditions;
-pub use kept::{KeptTracking, TrackingSummary, keep, kept};
+pub use drift::TrackingOrder;
+pub use kept::{DriftSummary, KeptTracking, TrackingSummary, keep, kept};
+pub use orders::{ORDERED, Orders, RecordedOrder};
 pub use tracked::{Doubtful, PlaceRegion, Tracked};
 
 /// Thermal voltage of a sensing pair that is assumed, V: copper against carbon at some tenths of a degree.
@@ -87,6 +90,8 @@ pub struct TrackedFrame {
     pub readings: Vec<Reading>,
     /// What is known of the frame.
     pub tracked: Tracked,
+    /// Orders of a person that were carried out with it.
+    pub orders: Vec<TrackingOrder>,
 }
 
 impl Tracking {
@@ -146,14 +151,30 @@ impl Tracking {
         self.tracker.model()
     }
 
+    /// Takes an order of a person for the next frame that can be judged.
+    pub fn order(&mut self, order: TrackingOrder) {
+        self.tracker.order(order);
+    }
+
+    /// The drift since the first baseline, as it is tracked now, by kind.
+    ///
+    /// # Errors
+    /// A covariance that cannot be factored.
+    pub fn drift(&self) -> Result<DriftSummary, DriftError> {
+        let days = (self.tracker.state().at_s() - self.began_s).max(0.0) / 86_400.0;
+        Ok(DriftSummary::new(&self.tracker.kinds(days)?))
+    }
+
     /// Follows a frame of the time `at_s`, s. Each frame must be given, in order: what is learnt from one is used for the next.
     ///
     /// # Errors
     /// A covariance that cannot be factored; a frame of another length. A frame with too few readings is no error: it is not
     /// known.
     pub fn follow(&mut self, frame: &[Reading], at_s: f64) -> Result<TrackedFrame, DriftError> {
+        let mut orders = Vec::new();
         let (readings, tracked) = match self.learn(frame, at_s)? {
-            Some(answer) => {
+            Some(mut answer) => {
+                orders = std::mem::take(&mut answer.orders);
                 let place = self.place(&answer)?;
                 let (state, began_s) = (self.tracker.state(), self.began_s);
                 let times = (began_s, at_s);
@@ -169,6 +190,7 @@ impl Tracking {
             baseline: self.baseline(),
             readings,
             tracked,
+            orders,
         })
     }
 
@@ -196,6 +218,10 @@ impl Tracking {
     fn learn(&mut self, frame: &[Reading], at_s: f64) -> Result<Option<Answer>, DriftError> {
         match self.tracker.follow(frame, at_s) {
             Ok(answer) => {
+                if !answer.orders.is_empty() {
+                    // each of them answers whether a slow change is a load or age
+                    self.alarm = None;
+                }
                 if answer.compared {
                     self.alarm = answer.anchor;
                 }
@@ -215,7 +241,9 @@ impl Tracking {
         if let Some(event) = answer.event.as_ref().filter(came) {
             return Ok(Some(event.fit.clone()));
         }
-        self.tracker.whitened()?.fit_disc(self.model()).map(Some)
+        let fit = self.tracker.whitened()?.fit_disc(self.model())?;
+        // what a person said to lie there may be too little to be seen
+        Ok(Some(fit).filter(|fit| !answer.held || fit.is_load()))
     }
 
     /// The frame without the readings of these electrodes, counted from 0.

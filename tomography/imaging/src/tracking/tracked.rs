@@ -15,6 +15,8 @@ const EMPTY_WITHIN_S: f64 = 3600.0;
 /// Square root of the 95 % quantile of chi squared with two degrees of freedom, and of one.
 const REGION_95: f64 = 2.447_746_830_680_816;
 const INTERVAL_95: f64 = 1.959_963_984_540_054;
+/// What ends a doubt that an empty frame would end.
+const TAKE_OFF: &str = "take everything off for a few frames, or, if nothing lies there, order `tactus baseline empty-now`";
 
 /// What the tracked baseline says of a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,6 +33,9 @@ pub struct Tracked {
     pub place: Option<PlaceRegion>,
     /// Loads that lie on the sheet.
     pub loads: usize,
+    /// Whether the sheet counts as loaded because a person said so, until `tactus baseline empty-now`.
+    #[serde(default)]
+    pub held: bool,
     /// Whether a load came (true) or went (false) with this frame.
     pub came: Option<bool>,
     /// Faulty electrodes that are left out, counted from 1.
@@ -61,6 +66,8 @@ pub enum Doubtful {
     NeverEmpty,
     /// The load lies where conductance changed slowly: how much of it is load cannot be known.
     SlowChange,
+    /// A person said that something lies on the sheet, and the readings do not show where.
+    SaidLoaded,
 }
 
 impl Doubtful {
@@ -72,6 +79,7 @@ impl Doubtful {
             Self::NotEmptyForLong => "not empty for long",
             Self::NeverEmpty => "never empty since the baseline",
             Self::SlowChange => "the place changed slowly before",
+            Self::SaidLoaded => "something lies there, as a person said",
         }
     }
 }
@@ -150,6 +158,7 @@ impl Tracked {
             ),
             place: None,
             loads: state.loads(),
+            held: state.held(),
             came: None,
             masked: numbers(&state.masked()),
             fault: None,
@@ -170,23 +179,29 @@ fn doubt(
 ) -> Option<(Doubtful, String)> {
     if answer.judgement == Judgement::Unknown {
         let text = format!(
-            "{} electrodes are faulty, at most three may be; repair their contacts, an hour later they are used again",
+            "{} electrodes are faulty, at most three may be; repair their contacts, an hour later they are used again (no order \
+             ends it)",
             answer.masked.len()
         );
         return Some((Doubtful::TooManyElectrodes, text));
     }
     if answer.judgement == Judgement::Loaded {
         if age_s > EMPTY_WITHIN_S && answer.since_empty_s >= age_s {
-            let text = "the sheet was never empty since its baseline, so that drift and load cannot be told apart; take \
-                everything off for a few frames";
-            return Some((Doubtful::NeverEmpty, text.to_owned()));
+            let text = format!(
+                "the sheet was never empty since its baseline, so that drift and load cannot be told apart; {TAKE_OFF}"
+            );
+            return Some((Doubtful::NeverEmpty, text));
+        }
+        if answer.held && place.is_none() {
+            let text = "a person said that something lies on the sheet, and the readings do not show where; \
+                `tactus baseline empty-now` ends it, once nothing lies there";
+            return Some((Doubtful::SaidLoaded, text.to_owned()));
         }
         let place = place?;
         let sd_mm = place.half_axes_mm[0] / REGION_95;
         if sd_mm > 1e3 * MOST_PLACE_SD_M {
             let text = format!(
-                "the sheet was last empty {} ago, so that the place is uncertain by {sd_mm:.1} mm; take everything off for a \
-                 few frames",
+                "the sheet was last empty {} ago, so that the place is uncertain by {sd_mm:.1} mm; {TAKE_OFF}",
                 Hours(answer.since_empty_s)
             );
             return Some((Doubtful::NotEmptyForLong, text));
@@ -207,7 +222,8 @@ fn slow_change(alarm: &AnchorAlarm) -> String {
     let [x, y] = alarm.centre.map(|metres| 1e3 * metres);
     format!(
         "conductance at ({x:.0}, {y:.0}) mm changed slowly by {:.1} % within {:.0} days: a load or age, which readings \
-         cannot tell apart; look at the sheet",
+         cannot tell apart; look at the sheet, then order `tactus baseline forget-anchor` (it is age), `loaded-now` (a load lies \
+         there) or `empty-now` (nothing lies on the sheet)",
         100.0 * alarm.change,
         alarm.age_days
     )
@@ -227,6 +243,7 @@ impl fmt::Display for Tracked {
                     false => write!(f, "a load near ({x:.0}, {y:.0}) mm, unlike a disc")?,
                 }
             }
+            (Judgement::Loaded, None) if self.held => write!(f, "a load, as a person said")?,
             (Judgement::Loaded, None) => write!(f, "{} loads", self.loads)?,
             (Judgement::Unknown, _) => write!(f, "nothing is known of this frame")?,
         }

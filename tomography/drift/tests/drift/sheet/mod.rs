@@ -119,3 +119,57 @@ impl Sheet {
         .unwrap()
     }
 }
+
+/// A finer mesh, made once, for many states of the sheet.
+pub struct Fine {
+    forward: Forward,
+    mesh: Arc<eit::Mesh>,
+    sigma: f64,
+    protocol: Protocol,
+}
+
+impl Fine {
+    pub fn new() -> Self {
+        let sheet = paper_sheet(1.2);
+        let mesh = Arc::new(sheet.mesh().unwrap());
+        Self {
+            forward: Forward::new(Arc::clone(&mesh), &sheet.contact_ohm_m()).unwrap(),
+            mesh,
+            sigma: sheet.conductance(),
+            protocol: Protocol::sheffield(26).unwrap(),
+        }
+    }
+
+    /// Readings at 1 mA, V. `factor` makes the relative conductance of a triangle from a function that says which share of it is
+    /// within a disc (centre and radius, m).
+    pub fn volts(&self, factor: impl Fn(&dyn Fn([f64; 2], f64) -> f64) -> f64) -> Vec<f64> {
+        let sigma: Vec<f64> = (0..self.mesh.triangles().len())
+            .map(|triangle| {
+                let corners = self.mesh.corners(triangle);
+                self.sigma * factor(&|centre, radius| share(corners, centre, radius))
+            })
+            .collect();
+        let ohms = self.forward.readings(&sigma, &self.protocol).unwrap();
+        ohms.iter().map(|ohms| 1e-3 * ohms).collect()
+    }
+}
+
+/// Share of a triangle within a disc, by 36 points in it.
+fn share(corners: [[f64; 2]; 3], centre: [f64; 2], radius: f64) -> f64 {
+    const SIDE: usize = 8;
+    let (mut inside, mut all) = (0, 0);
+    for i in 0..SIDE {
+        for j in 0..SIDE - i {
+            let (a, b) = (
+                (i as f64 + 1.0 / 3.0) / SIDE as f64,
+                (j as f64 + 1.0 / 3.0) / SIDE as f64,
+            );
+            let at = [0, 1].map(|axis| {
+                corners[0][axis] * (1.0 - a - b) + corners[1][axis] * a + corners[2][axis] * b
+            });
+            all += 1;
+            inside += usize::from((at[0] - centre[0]).hypot(at[1] - centre[1]) < radius);
+        }
+    }
+    inside as f64 / all as f64
+}

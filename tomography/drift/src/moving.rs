@@ -1,0 +1,271 @@
+//! A load that moves while it is measured, after every injection: a disc with a velocity, fitted to the readings of the last
+//! injections. A frame takes seconds; taken as still, a load that moves is found millimetres behind itself.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+
+use crate::DriftError;
+use crate::disc::Disc;
+use crate::model::DriftModel;
+use crate::whitened::{Atoms, LOADED, Whitened, factor};
+
+/// Injections of the first fit, and of the last one by speed (m/s): slower loads are fitted to more of them.
+const FIRST: usize = 7;
+const WINDOWS: [(f64, usize); 2] = [(3e-3, 26), (6e-3, 13)];
+/// Prior of each component of the velocity, m/s, and of ln diameter about the start's.
+const VELOCITY_SD: f64 = 20e-3;
+const LN_DIAMETER_SD: f64 = 1.0;
+/// Diameters that are fitted, m.
+const DIAMETER_M: [f64; 2] = [4e-3, 0.15];
+const STEPS: usize = 40;
+/// Parameters: x, y, their velocities, ln diameter, change.
+const N: usize = 6;
+
+/// One reading of an injection.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimedReading {
+    /// Its number in the protocol.
+    pub reading: usize,
+    /// V.
+    pub volts: f64,
+}
+
+/// The readings of one injection.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Injection {
+    /// When, s.
+    pub at_s: f64,
+    /// Its readings; those without a value are left out.
+    pub readings: Vec<TimedReading>,
+}
+
+/// A load at the time of the last injection.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MovingLoad {
+    /// The disc.
+    pub disc: Disc,
+    /// Its velocity, m/s.
+    pub velocity: [f64; 2],
+    /// Covariance of its centre by noise and drift, m2.
+    pub covariance: [[f64; 2]; 2],
+    /// Improvement of chi squared over an empty sheet.
+    pub score: f64,
+    /// Injections that were used.
+    pub injections: usize,
+}
+
+/// Readings of a window with their covariance.
+struct Window {
+    /// Row of each reading, its factor, and seconds after the last injection (at most 0).
+    rows: Vec<usize>,
+    after_s: Vec<f64>,
+    white: Whitened,
+}
+
+impl DriftModel {
+    /// The load that lies on the sheet after the last of these injections, which are in their order; `None` if the readings agree
+    /// with an empty sheet. `baseline` (V) and `covariance` (V2) are those of the tracked baseline.
+    ///
+    /// # Errors
+    /// A reading that the protocol does not have, or a covariance that cannot be factored.
+    pub fn moving_load(
+        &self,
+        injections: &[Injection],
+        baseline: &DVector<f64>,
+        covariance: &DMatrix<f64>,
+    ) -> Result<Option<MovingLoad>, DriftError> {
+        let last = |count: usize| &injections[injections.len().saturating_sub(count)..];
+        let window = self.window(last(FIRST), baseline, covariance)?;
+        let Some(window) = window else {
+            return Ok(None);
+        };
+        let atoms = Atoms::new(
+            window
+                .white
+                .sensitivity(&self.atoms.select_rows(&window.rows)),
+        );
+        let starts = atoms.best(window.white.data(), self, 3);
+        let fits = starts.iter().map(|start| {
+            let [x, y] = start.place.centre;
+            let ln = start.place.diameter.ln();
+            self.descend_moving(&window, SVector::from([x, y, 0.0, 0.0, ln, start.change]))
+        });
+        let best = fits.min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((theta, cost)) = best.filter(|(_, cost)| cost.is_finite()) else {
+            return Ok(None);
+        };
+        let speed = theta[2].hypot(theta[3]);
+        let longer = WINDOWS.iter().find(|(below, _)| speed < *below);
+        let count = longer.map_or(FIRST, |(_, count)| *count);
+        let (window, theta, cost) = match self.window(last(count), baseline, covariance)? {
+            Some(longer) if count > FIRST => {
+                let (theta, cost) = self.descend_moving(&longer, theta);
+                (longer, theta, cost)
+            }
+            _ => (window, theta, cost),
+        };
+        let score = window.white.data().norm_squared() - cost;
+        if score < LOADED {
+            return Ok(None);
+        }
+        let h = self.derivative_moving(&window, &theta);
+        let information = information(&h);
+        let spread = information.try_inverse().ok_or(DriftError::Covariance)?;
+        Ok(Some(MovingLoad {
+            disc: Disc {
+                centre: [theta[0], theta[1]],
+                diameter: theta[4].exp(),
+                loss: -2.0 * theta[5] / (2.0 + theta[5].abs()),
+            },
+            velocity: [theta[2], theta[3]],
+            covariance: [
+                [spread[(0, 0)], spread[(0, 1)]],
+                [spread[(1, 0)], spread[(1, 1)]],
+            ],
+            score,
+            injections: count.min(injections.len()),
+        }))
+    }
+
+    /// The readings of these injections, whitened; `None` without any.
+    fn window(
+        &self,
+        injections: &[Injection],
+        baseline: &DVector<f64>,
+        covariance: &DMatrix<f64>,
+    ) -> Result<Option<Window>, DriftError> {
+        let now_s = injections.last().map_or(0.0, |last| last.at_s);
+        let wants = self.pairs().protocol().len();
+        let (mut rows, mut after_s, mut data, mut numbers) = (vec![], vec![], vec![], vec![]);
+        for injection in injections {
+            for one in &injection.readings {
+                if one.reading >= wants {
+                    let has = one.reading + 1;
+                    return Err(DriftError::Readings { has, wants });
+                }
+                if !one.volts.is_finite() {
+                    continue;
+                }
+                let row = self.row_of(one.reading);
+                rows.push(row);
+                after_s.push(injection.at_s - now_s);
+                data.push(self.change_of(one.reading, one.volts) - baseline[row]);
+                numbers.push(one.reading);
+            }
+        }
+        if rows.is_empty() {
+            return Ok(None);
+        }
+        let n = rows.len();
+        let whole = DMatrix::from_fn(n, n, |i, j| {
+            covariance[(rows[i], rows[j])] + self.noise_between(numbers[i], numbers[j], i == j)
+        });
+        let all: Vec<usize> = (0..n).collect();
+        let factor = Arc::new(factor(&whole, &all)?);
+        let white = Whitened::with(factor, &DVector::from_vec(data), &all);
+        Ok(Some(Window {
+            rows,
+            after_s,
+            white,
+        }))
+    }
+
+    /// Whitened readings of a moving disc.
+    fn of_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DVector<f64> {
+        let mut out = DVector::zeros(window.rows.len());
+        let mut at = 0;
+        while at < window.rows.len() {
+            let after = window.after_s[at];
+            let same = window.after_s[at..].iter().take_while(|s| **s == after);
+            let end = at + same.count();
+            let centre = [theta[0] + theta[2] * after, theta[1] + theta[3] * after];
+            let readings = self.disc_in(centre, theta[4].exp(), &window.rows[at..end]);
+            out.rows_mut(at, end - at).copy_from(&(readings * theta[5]));
+            at = end;
+        }
+        window.white.column(&out)
+    }
+
+    fn derivative_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DMatrix<f64> {
+        let steps = [0.2e-3, 0.2e-3, 0.1e-3, 0.1e-3, 0.02, 0.0];
+        let columns: Vec<DVector<f64>> = (0..N)
+            .map(|k| {
+                if k == N - 1 {
+                    let mut one = *theta;
+                    one[k] = 1.0;
+                    return self.of_moving(window, &one);
+                }
+                let (mut up, mut down) = (*theta, *theta);
+                up[k] += steps[k];
+                down[k] -= steps[k];
+                (self.of_moving(window, &up) - self.of_moving(window, &down)) / (2.0 * steps[k])
+            })
+            .collect();
+        DMatrix::from_columns(&columns)
+    }
+
+    /// Levenberg-Marquardt; the parameters and their cost.
+    fn descend_moving(&self, window: &Window, start: SVector<f64, N>) -> (SVector<f64, N>, f64) {
+        let mean = start[4];
+        let [low, high] = self.bounds();
+        let clamp = |mut theta: SVector<f64, N>| {
+            for axis in 0..2 {
+                theta[axis] = theta[axis].clamp(low[axis], high[axis]);
+            }
+            theta[4] = theta[4].clamp(DIAMETER_M[0].ln(), DIAMETER_M[1].ln());
+            theta[5] = theta[5].clamp(-2.0, 2.0);
+            theta
+        };
+        let residual = |theta: &SVector<f64, N>| {
+            let left = window.white.data() - self.of_moving(window, theta);
+            let speed = (theta[2].powi(2) + theta[3].powi(2)) / VELOCITY_SD.powi(2);
+            let size = ((theta[4] - mean) / LN_DIAMETER_SD).powi(2);
+            let cost = left.norm_squared() + speed + size;
+            (left, cost)
+        };
+        let mut theta = clamp(start);
+        let (mut left, mut cost) = residual(&theta);
+        let mut damping = 1e-2;
+        for _ in 0..STEPS {
+            let h = self.derivative_moving(window, &theta);
+            let normal = information(&h);
+            let mut right = SVector::<f64, N>::from_fn(|i, _| h.column(i).dot(&left));
+            for axis in [2, 3] {
+                right[axis] -= theta[axis] * VELOCITY_SD.powi(-2);
+            }
+            right[4] -= (theta[4] - mean) * LN_DIAMETER_SD.powi(-2);
+            let mut gained = 0.0;
+            for _ in 0..8 {
+                let mut damped = normal;
+                for k in 0..N {
+                    damped[(k, k)] *= 1.0 + damping;
+                }
+                let step = damped.cholesky().map(|factor| factor.solve(&right));
+                let next = clamp(theta + step.unwrap_or_default());
+                let (next_left, next_cost) = residual(&next);
+                if next_cost < cost {
+                    gained = cost - next_cost;
+                    (theta, left, cost) = (next, next_left, next_cost);
+                    damping = (damping * 0.1).max(1e-9);
+                    break;
+                }
+                damping *= 10.0;
+            }
+            if gained < 1e-4 {
+                break;
+            }
+        }
+        (theta, cost)
+    }
+}
+
+/// H' H with the priors.
+fn information(h: &DMatrix<f64>) -> SMatrix<f64, N, N> {
+    let mut out = SMatrix::from_fn(|i, j| h.column(i).dot(&h.column(j)));
+    for axis in [2, 3] {
+        out[(axis, axis)] += VELOCITY_SD.powi(-2);
+    }
+    out[(4, 4)] += LN_DIAMETER_SD.powi(-2);
+    out
+}

@@ -1,0 +1,101 @@
+//! A load that moves while it is measured: simulated injection by injection on a finer mesh than the model's.
+
+use drift::{DriftModel, Injection, TimedReading};
+use nalgebra::DVector;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use survey::Protocol;
+
+use crate::sheet::{Fine, Sheet};
+
+/// From one injection to the next, s: a frame takes 13 s.
+const STEP_S: f64 = 0.5;
+const NOISE_V: f64 = 2e-6;
+const RADIUS_M: f64 = 15e-3;
+
+/// The injections of a disc of 30 mm that takes half of the conductance, or of an empty sheet, at 2 uV.
+fn injections(count: usize, seed: u64, place: impl Fn(f64) -> Option<[f64; 2]>) -> Vec<Injection> {
+    let fine = Fine::new();
+    let protocol = Protocol::sheffield(26).unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    (0..count)
+        .map(|k| {
+            let at_s = STEP_S * k as f64;
+            let centre = place(at_s);
+            let volts = fine.volts(|share_within| match centre {
+                Some(centre) => 1.0 - 0.5 * share_within(centre, RADIUS_M),
+                None => 1.0,
+            });
+            let drive = (k % 26, (k + 1) % 26);
+            let measurements = protocol.measurements().iter().enumerate();
+            let own = measurements.filter(|(_, q)| (q.drive.plus.0, q.drive.minus.0) == drive);
+            let readings = own.map(|(reading, _)| {
+                let normal: f64 = StandardNormal.sample(&mut random);
+                TimedReading {
+                    reading,
+                    volts: volts[reading] + NOISE_V * normal,
+                }
+            });
+            Injection {
+                at_s,
+                readings: readings.collect(),
+            }
+        })
+        .collect()
+}
+
+fn model() -> DriftModel {
+    let fine = Fine::new();
+    let readings = fine.volts(|_| 1.0);
+    let readings = readings
+        .into_iter()
+        .map(|volts| survey::Reading::Ok(survey::Volts(volts)));
+    Sheet::of(readings.collect()).model()
+}
+
+#[test]
+fn a_load_that_moves_is_found_where_it_is_now() {
+    let model = model();
+    let none = DVector::zeros(299);
+    for (speed, goal_mm) in [(2e-3, 0.2), (8e-3, 1.0)] {
+        let path = |at_s: f64| [0.06 + speed * at_s * 0.8, 0.08 + speed * at_s * 0.6];
+        let all = injections(30, 3, |at_s| Some(path(at_s)));
+        let mut sum = 0.0;
+        for end in 26..=30 {
+            let found = model
+                .moving_load(&all[..end], &none, model.noise())
+                .unwrap()
+                .expect("it is seen");
+            let truth = path(STEP_S * (end - 1) as f64);
+            let [x, y] = found.disc.centre;
+            let error = 1e3 * (x - truth[0]).hypot(y - truth[1]);
+            let velocity = (found.velocity[0] - 0.8 * speed).hypot(found.velocity[1] - 0.6 * speed);
+            assert!(velocity < 1e-3, "{speed}: {found:?}");
+            sum += error / 5.0;
+        }
+        eprintln!("{} mm/s: {sum:.2} mm", 1e3 * speed);
+        assert!(sum < goal_mm, "{speed}: {sum} mm");
+    }
+}
+
+#[test]
+fn an_empty_sheet_has_no_moving_load() {
+    let model = model();
+    let none = DVector::zeros(299);
+    let mut all = injections(26, 5, |_| None);
+    for end in 1..=26 {
+        let found = model
+            .moving_load(&all[..end], &none, model.noise())
+            .unwrap();
+        assert_eq!(found, None, "{end} injections");
+    }
+    // readings without a value are left out, others refused
+    all[3].readings[2].volts = f64::NAN;
+    all[25].readings.clear();
+    let found = model.moving_load(&all, &none, model.noise()).unwrap();
+    assert_eq!(found, None);
+    assert_eq!(model.moving_load(&[], &none, model.noise()).unwrap(), None);
+    all[0].readings[0].reading = 598;
+    assert!(model.moving_load(&all[..1], &none, model.noise()).is_err());
+}
