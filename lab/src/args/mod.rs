@@ -173,7 +173,7 @@ pub(crate) struct DatasetOptions {
     /// Frames of the baseline of --recorded: first:N, or a file [default: baseline.csv of the folder, else the first frame]
     #[arg(long, value_name = "FILE|first:N", requires = "recorded")]
     pub(crate) baseline: Option<imaging::recorded::BaselineRule>,
-    /// Relative loss of conductance under the largest pressure of --recorded, above 0 and at most 1; without masses under every press
+    /// Relative loss of conductance under the largest pressure of --recorded, a number above 0 and at most 1; without masses under every press
     #[arg(long, value_name = "X", default_value_t = 0.5, value_parser = numbers::loss, allow_hyphen_values = true)]
     pub(crate) loss: f64,
     /// Make a set of fewer recorded presses than a frame has readings

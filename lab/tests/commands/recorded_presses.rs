@@ -210,6 +210,6 @@ fn recorded_presses_that_cannot_be_used_are_named() {
     ));
     let model = at("model.safetensors");
     let message = refused(TRAIN, &[&set, &case, &model]);
-    println!("{message}");
+    assert!(message.contains("has learnt nothing"), "{message}");
     assert!(!model.exists());
 }

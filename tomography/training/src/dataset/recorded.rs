@@ -28,10 +28,13 @@ pub fn keep_recorded(
     for (number, sample) in samples.iter().enumerate() {
         sample.check("the recording", number)?;
     }
+    let usual = TrainingSettings::default();
     let settings = TrainingSettings {
         cases: samples.len(),
+        // a few presses make a set too
+        neurons: usual.neurons.min(samples.len()),
         seed,
-        ..TrainingSettings::default()
+        ..usual
     };
     let mut header = header(case, &settings, Shard::WHOLE);
     header["recorded"] = source.into();
