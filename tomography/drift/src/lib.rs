@@ -8,8 +8,8 @@
 //!   drift changes
 //! - **sheet**: gain, contacts and an uneven conductance fitted once to the first baseline
 //! - **model**: sensitivity at that sheet, and the covariance D(s) of gain, contacts, smooth field and local change
-//! - **evidence**: the sizes of these changes that make one frame most probable; **whitened**: data and sensitivity for
-//!   linear methods; **disc**: a disc with its covariance
+//! - **evidence**: the sizes of these changes that make one frame most probable, and its drift, for methods that take a
+//!   baseline; **whitened**: data and sensitivity for linear methods; **disc**: a disc with its covariance
 //! - **tracker**: the baseline followed through time, learnt only from frames without load; **electrodes**: which one is faulty
 
 mod basis;
@@ -28,7 +28,7 @@ mod whitened;
 pub use disc::{Disc, DiscFit};
 pub use electrodes::{Allowed, ElectrodeCheck, ElectrodeFault};
 pub use error::DriftError;
-pub use evidence::Assessed;
+pub use evidence::{Assessed, FrameDrift, MapDeviation};
 pub use model::{DriftModel, Noise};
 pub use pairs::{Pairs, Relative};
 pub use sheet::{FitOptions, SheetFit};

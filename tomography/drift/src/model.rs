@@ -70,7 +70,7 @@ pub struct DriftModel {
     pub(crate) field_gram: DMatrix<f64>,
     pub(crate) local_gram: DMatrix<f64>,
     /// Prior covariance of local change times sensitivity: a row per cell.
-    local_map: DMatrix<f64>,
+    pub(crate) local_map: DMatrix<f64>,
     pub(crate) places: Vec<Place>,
     /// Data of a disc at each place with all of its conductance changed by one unit of ln.
     pub(crate) atoms: DMatrix<f64>,
