@@ -8,8 +8,8 @@ use imaging::noise::Noise;
 use imaging::quantities::{Deviation, Quantifier};
 use imaging::recorded::{Fitted, Origin, Recording};
 use imaging::{
-    BuildError, Conditions, Geometry, MethodArguments, Model, TrackedArguments, Tracking, has_mesh,
-    short_hash,
+    BuildError, Conditions, DriftRule, Geometry, MethodArguments, Model, ReconstructionSettings,
+    TrackedArguments, Tracking, has_mesh, short_hash,
 };
 use survey::{Map, Protocol, Reading};
 
@@ -67,15 +67,26 @@ impl Reconstruction {
         let (origin, protocol) = (&recording.origin, &recording.protocol);
         let requested_geometry = geometry;
         let mut chosen = ChosenSettings::new(method, origin)?;
-        let mut model = match &chosen.settings.file {
+        chosen.settings.tracking = tracked.tracked.or(chosen.settings.tracking);
+        let mut model = match chosen.settings.file.clone() {
             Some(file) => {
-                // an ONNX file contains no mesh
-                let geometry = match is_onnx(file) {
+                let removes = chosen.settings.drift.unwrap_or_default() != DriftRule::Off;
+                // an ONNX file contains no mesh, and no file the whole sheet, which drifts
+                let geometry = match is_onnx(&file) || removes {
                     true => Some(choose_geometry(geometry, origin, protocol)?.0),
                     false => None,
                 };
                 let loss_only = chosen.settings.loss_only.unwrap_or(false);
-                imaging::load(file, loss_only, protocol, geometry.as_ref()).map_err(not_built)?
+                let model = imaging::load(&file, loss_only, protocol, geometry.as_ref());
+                let model = model.map_err(not_built)?;
+                match geometry.filter(|_| removes) {
+                    Some(geometry) => {
+                        in_conditions(&mut chosen, geometry, recording, |settings, conditions| {
+                            imaging::with_drift(model, settings, conditions)
+                        })?
+                    }
+                    None => model,
+                }
             }
             None => {
                 let (geometry, remarks) = choose_geometry(geometry, origin, protocol)?;
@@ -183,21 +194,31 @@ fn prepare(
     geometry: Geometry,
     recording: &Recording,
 ) -> Result<Model, Failure> {
+    let model = in_conditions(chosen, geometry, recording, imaging::build)?;
+    chosen.remarks.extend(model.notes.iter().cloned());
+    Ok(model)
+}
+
+/// Makes something for the conditions of the frames: those of the session, or derived from the baseline.
+fn in_conditions(
+    chosen: &mut ChosenSettings,
+    geometry: Geometry,
+    recording: &Recording,
+    make: impl FnOnce(&ReconstructionSettings, &Conditions<'_>) -> Result<Model, BuildError>,
+) -> Result<Model, Failure> {
     let protocol = &recording.protocol;
     let model = if chosen.as_recorded {
         // the daemon's noise is at the frames' own current, and verification needs the same map
         let conditions = Conditions::live(&geometry, protocol, recording.current);
-        imaging::build(&chosen.settings, &conditions)
+        make(&chosen.settings, &conditions)
     } else {
         let currents = vec![recording.current.0; protocol.len()];
         let fitted =
             Fitted::new(geometry, protocol, &currents, &recording.unloaded).map_err(not_built)?;
         chosen.remarks.extend(fitted.notes.iter().cloned());
-        imaging::build(&chosen.settings, &fitted.conditions(protocol))
+        make(&chosen.settings, &fitted.conditions(protocol))
     };
-    let model = model.map_err(not_built)?;
-    chosen.remarks.extend(model.notes.iter().cloned());
-    Ok(model)
+    model.map_err(not_built)
 }
 
 /// Standard deviation of one reading; `None` if it was only assumed: that has no significance for a map.

@@ -27,7 +27,7 @@ use crate::instruments::simulation::SimulatedRig;
 use config::problems::{Problem, Source};
 use config::{Config, RigKind, SurveySection};
 use imaging::quantities::{Quantifier, check_regions};
-use imaging::{Conditions, Geometry, Model, noise};
+use imaging::{Conditions, DriftRule, Geometry, Model, noise};
 use survey::error_chain as chain;
 
 /// A resolved configuration.
@@ -218,7 +218,9 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> 
         );
     }
     // stored with each session, so that replay does the same
-    let tracks = config.rig.kind != RigKind::Recording && config.geometry.is_sheet();
+    let tracks = config.rig.kind != RigKind::Recording
+        && config.geometry.is_sheet()
+        && config.model.drift.unwrap_or_default() == DriftRule::Off;
     config.model.tracking.get_or_insert(tracks);
     let current = Amps(config.survey.current_ua * 1e-6);
     let key = if config.model.file.is_some() {

@@ -84,6 +84,8 @@ pub(crate) enum Profile {
     Paper,
     /// Jitter like the real noise, on baseline and frame: white, in volts, or the measured noise of unloaded frames
     Matched,
+    /// Jitter like white noise (one --noise-v) and months of drift: gain 5 %, contacts 14 %, smooth fields 0.3 %
+    Months,
 }
 
 impl Profile {
@@ -92,6 +94,7 @@ impl Profile {
         match self {
             Self::Paper => "paper",
             Self::Matched => "matched",
+            Self::Months => "months",
         }
     }
 }
@@ -105,7 +108,7 @@ pub(crate) struct DataOptions {
     /// gamma of the profile `paper`, a number: share of the standard deviation of the normalised baseline
     #[arg(long, default_value_t = 0.01, value_parser = gamma)]
     pub(crate) gamma: f64,
-    /// Noise of one reading for the profile `matched`, V, below the largest reading of the case, above 1 mV only with --yes; several levels, several times: copies of a case take them in turn
+    /// Noise of one reading for the profiles `matched` and `months`, V, below the largest reading of the case, above 1 mV only with --yes; several levels, several times: copies of a case take them in turn
     #[arg(long, value_name = "SD", default_values_t = [2e-6], value_parser = noise_v)]
     pub(crate) noise_v: Vec<f64>,
     /// Allow training for more than 1 mV of noise, and write a model that has learnt nothing

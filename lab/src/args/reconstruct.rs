@@ -42,10 +42,13 @@ pub(crate) struct ReconstructOptions {
     /// A calibration of this mesh and method, made by `calibrate`: maps in kPa, and each frame's load in newtons
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
+    /// Write the standard deviation of each triangle's change of ln conductance to NAME.sd.csv, nan where the frame says nothing of a triangle; by the linear model with noise and drift of the frame, whatever the method
+    #[arg(long)]
+    pub(crate) sd: bool,
     /// Print 'frame N ms', the median time, on standard error
     #[arg(long)]
     pub(crate) timing: bool,
-    /// Print one JSON object per frame: frame, label, largest_loss, found_mm, masked, quality; with a calibration newtons and largest_kpa, with --tracked tracked
+    /// Print one JSON object per frame: frame, label, largest_loss, found_mm, masked, quality; with a calibration newtons and largest_kpa, with --tracked tracked, with --sd map_sd
     #[arg(long)]
     pub(crate) json: bool,
 }

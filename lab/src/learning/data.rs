@@ -4,6 +4,7 @@ use std::path::Path;
 
 use eit::{Case, Jitter, Preset};
 use imaging::recorded::read_frames;
+use imaging::{Conditions, Geometry, months_of_drift};
 use studies::Failure;
 use survey::Amps;
 use training::dataset::DataSet;
@@ -52,6 +53,15 @@ impl Data {
                 limits::check_noise(largest, &options.noise_v, options.yes)?;
                 linear::matched(&options.noise_v, current)
             }
+            (Profile::Months, None) => {
+                limits::check_noise(&case, &options.noise_v, options.yes)?;
+                drifting(&case, &options.noise_v)?
+            }
+            (Profile::Months, Some(_)) => {
+                return Err(Failure::usage(
+                    "--noise-frames belongs to --profile matched; frames of an unloaded sheet contain its drift only if they span months",
+                ));
+            }
         };
         Ok(Self { case, jitter, set })
     }
@@ -60,6 +70,22 @@ impl Data {
     pub(super) fn samples(&self) -> Option<&dyn Samples> {
         self.set.as_ref().map(|set| set as &dyn Samples)
     }
+}
+
+/// White noise of one level with months of drift.
+fn drifting(case: &Case, levels: &[f64]) -> Result<Jitter, Failure> {
+    let &[noise_v] = levels else {
+        return Err(Failure::usage("--profile months takes one --noise-v"));
+    };
+    let current_a = single_current(case)?;
+    let geometry = Geometry::of_case(case, "the case".to_owned());
+    let conditions = Conditions::live(&geometry, &case.protocol, Amps(current_a));
+    Ok(Jitter::Drift {
+        noise_v,
+        current_a,
+        drift_v: months_of_drift(&conditions, noise_v)
+            .map_err(|fault| Failure::of("the drift of the sheet", &fault))?,
+    })
 }
 
 /// Frames of the unloaded sheet, V; complete ones only.

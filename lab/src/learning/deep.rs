@@ -111,7 +111,7 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
         },
         deep: DeepSettings::default(),
     };
-    if options.data.profile == Profile::Matched {
+    if options.data.profile != Profile::Paper {
         // 3e-5 of the largest reading, about 10 uV at 1 mA: it does not hide small loads
         settings.deep.normalisation_epsilon = 1e-9;
     }

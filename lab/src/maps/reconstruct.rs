@@ -8,10 +8,10 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use survey::{Map, Reading};
 
-use imaging::TrackedFrame;
 use imaging::recorded::{
     FRAMES_HEADING, FrameTable, MapCompanions, MapRow, TableOptions, triangles_text,
 };
+use imaging::{MapDeviation, TrackedFrame};
 use studies::evaluation::median;
 use studies::{Failure, progress, write};
 
@@ -25,11 +25,22 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let case = geometry::with_depth(geometry::read(&options.case)?, &options.depth)?;
     // a device or a pipe has no companion files
     let beside = (!outfile::is_stream(&options.out)).then(|| MapCompanions::of(&options.out));
-    for path in beside
-        .iter()
-        .flat_map(|beside| [&beside.frames, &beside.triangles])
-    {
-        outfile::check(path, options.replacing.existing())?;
+    if options.sd && beside.is_none() {
+        return Err(Failure::usage(
+            "--sd writes a file beside the maps; --out must be a file",
+        ));
+    }
+    if let Some(beside) = &beside {
+        outfile::check(&beside.frames, options.replacing.existing())?;
+        outfile::check(&beside.triangles, options.replacing.existing())?;
+        if options.sd {
+            outfile::check(&beside.deviations, options.replacing.existing())?;
+        }
+    }
+    if options.tracked.tracked == Some(true) && options.method.removes_drift() {
+        return Err(Failure::usage(
+            "--drift frame is for frames whose baseline is not followed; leave it or --tracked out",
+        ));
     }
     let recording = frames(options, case.protocol.len())?;
     let calibration = options
@@ -50,14 +61,20 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             Some(followed) => (&followed[index].baseline, &followed[index].readings),
             None => (&recording.unloaded.readings, frame),
         };
-        let map = model
-            .reconstruct(baseline, readings)
-            .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?;
+        let failed = |fault| Failure::of(&format!("frame '{name}'"), &fault);
+        let map = model.reconstruct(baseline, readings).map_err(failed)?;
+        let time = start.elapsed().as_secs_f64() * 1e3;
+        let deviation = match options.sd {
+            true => Some(model.deviation(baseline, readings).map_err(failed)?.ok_or_else(|| {
+                Failure::usage("--sd needs the sheet behind the frames; with --model FILE say --drift frame too")
+            })?),
+            false => None,
+        };
         bar.inc(1);
-        Ok((map, start.elapsed().as_secs_f64() * 1e3))
+        Ok((map, time, deviation))
     };
     // fast methods run sequentially, so that their times do not influence each other
-    let made: Vec<(Map, f64)> = if model.slow {
+    let made: Vec<(Map, f64, Option<MapDeviation>)> = if model.slow {
         recording
             .frames
             .par_iter()
@@ -76,8 +93,9 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let mut maps = Vec::with_capacity(recording.frames.len() * areas.len());
     let mut times = Vec::with_capacity(recording.frames.len());
     let mut rows = String::from(FRAMES_HEADING);
+    let mut deviations = Vec::new();
     let numbered = recording.frames.iter().zip(&recording.numbers);
-    for (index, (((name, _), &frame), (map, time))) in numbered.zip(made).enumerate() {
+    for (index, (((name, _), &frame), (map, time, deviation))) in numbered.zip(made).enumerate() {
         let tracked = followed.as_ref().map(|followed| &followed[index].tracked);
         times.push(time);
         let pressure = match &calibration {
@@ -108,6 +126,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "masked": map.masked,
                 "quality": map.quality,
                 "tracked": tracked,
+                "map_sd": deviation.as_ref().map(|deviation| told(deviation, &areas)),
                 "unit": if pressure.is_some() { "kPa" } else { map.unit.label() },
                 "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
                 "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
@@ -126,6 +145,10 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             );
         }
         maps.extend_from_slice(row.values());
+        if let Some(deviation) = deviation {
+            let told = deviation.deviation.iter().zip(&deviation.told);
+            deviations.extend(told.map(|(value, told)| if *told { *value } else { f64::NAN }));
+        }
     }
     let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
     let existing = options.replacing.existing();
@@ -133,6 +156,10 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     if let Some(beside) = beside {
         write(&beside.frames, existing, rows)?;
         write(&beside.triangles, existing, triangles_text(&case.mesh))?;
+        if options.sd {
+            let rows = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &deviations);
+            write(&beside.deviations, existing, matrix_text(&rows))?;
+        }
     }
     if options.timing {
         eprintln!("frame {:.3} ms", median(&mut times));
@@ -158,6 +185,21 @@ fn frames(options: &ReconstructOptions, readings: usize) -> Result<FrameTable, F
     let folder = beside.filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     Ok(FrameTable::read(folder, &table, readings)?)
+}
+
+/// The deviation of a map in a few values: share of the region's area of which the frame says something, and the median there.
+fn told(deviation: &MapDeviation, areas: &[f64]) -> serde_json::Value {
+    let all: f64 = areas.iter().sum();
+    let told = |k: &usize| deviation.told[*k];
+    let area: f64 = (0..areas.len()).filter(told).map(|k| areas[k]).sum();
+    let mut values: Vec<f64> = (0..areas.len())
+        .filter(told)
+        .map(|k| deviation.deviation[k])
+        .collect();
+    serde_json::json!({
+        "told": area / all,
+        "median": (!values.is_empty()).then(|| median(&mut values)),
+    })
 }
 
 /// The frames with the baseline that is followed through them; `None` where that is not asked for.

@@ -81,7 +81,7 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
                 let row = match &known {
                     Some((same, row)) if *same == loads => row,
                     _ => {
-                        let changes = test_set::true_map(&case, &loads)?;
+                        let changes = test_set::true_map(&case.mesh, &loads)?;
                         let row = matrix_text(&DMatrix::from_row_slice(1, changes.len(), &changes));
                         &known.insert((loads, row)).1
                     }

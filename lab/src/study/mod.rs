@@ -6,7 +6,7 @@ mod division;
 mod evaluate;
 
 use studies::honesty::{MapMethod, TargetKind};
-use studies::months::{Family, LongScene};
+use studies::months::{Family, LongScene, MapSettings};
 use studies::paper::Made;
 use studies::{
     Failure, honesty as honest_maps, months as long_maps, paper as paper_study,
@@ -127,9 +127,14 @@ pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
 /// `tactus-lab months`.
 pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
     let (sheets, presses, days) = match options.quick {
-        true => (options.sheets.min(1), 1, options.days.min(2.0)),
+        true => (
+            options.sheets.min(1),
+            options.presses.min(1),
+            options.days.min(2.0),
+        ),
         false => (options.sheets, options.presses, options.days),
     };
+    let methods = [MapMethod::OneStep, MapMethod::Tv, MapMethod::Best];
     let report = long_maps::run(&long_maps::Settings {
         seed: options.seed,
         families: chosen_or(&options.drift, &Family::ALL),
@@ -137,6 +142,11 @@ pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
         presses,
         scenes: chosen_or(&options.scene, &LongScene::ALL),
         days,
+        maps: MapSettings {
+            loads: options.maps,
+            methods: chosen_or(&options.method, &methods),
+            models: options.model.clone(),
+        },
     })?;
     print_tables(options.json, || report.lines(), || report.text());
     match &options.out {

@@ -371,3 +371,50 @@ fn output_that_nobody_reads_ends_no_command() {
     let message = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && message.is_empty(), "{message}");
 }
+
+/// A sheet that conducts 3 % more than at its baseline, and nothing else: its map shows that unless drift is removed.
+#[test]
+fn drift_of_a_frame_is_removed_and_deviation_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (case, baseline, frame) = (path("sheet"), path("v.csv"), path("frame.csv"));
+    done(&words(
+        "mesh --preset paper-sheet --set fineness=0.4 --out {}",
+        &[&case],
+    ));
+    done(&words(
+        "forward --case {} --sigma homog --out {}",
+        &[&case, &baseline],
+    ));
+    let volts = numbers(&baseline).into_iter().flatten();
+    let drifted: String = volts.map(|volts| format!("{}\n", volts / 1.03)).collect();
+    std::fs::write(&frame, drifted).unwrap();
+    let maps = path("maps.csv");
+    let largest = |options: &str| {
+        let line = format!(
+            "reconstruct --force --json --case {{}} --method one-step --noise-v 2e-3{options} --frames {{}} --baseline {{}} --out {{}}"
+        );
+        let output = lab(&words(&line, &[&case, &frame, &baseline, &maps]));
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{message}");
+        let line: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let values = numbers(&maps).into_iter().flatten();
+        let largest = values.fold(0.0_f64, |most, value| most.max(value.abs()));
+        (largest, line["map_sd"].clone())
+    };
+    let (left, none) = largest("");
+    let (removed, sd) = largest(" --drift frame --sd");
+    println!("{left} {removed} {sd}");
+    assert!(none.is_null());
+    assert!(left > 0.02 && removed < 0.2 * left, "{left} {removed}");
+    // of an empty frame: readings tell a change of 5 % near electrodes alone
+    let told = sd["told"].as_f64().unwrap();
+    assert!((0.01..0.5).contains(&told), "{sd}");
+    let deviations = numbers(&path("maps.sd.csv"));
+    assert_eq!(deviations[0].len(), numbers(&maps)[0].len());
+    assert!(deviations[0].iter().any(|value| *value > 0.0));
+    let both = "reconstruct --case {} --drift frame --tracked --period-s 1 --frames {} --out {}";
+    let (code, message) = refused(both, &[&case, &frame, &path("other.csv")]);
+    assert_eq!(code, Some(2), "{message}");
+    assert!(message.contains("--tracked"), "{message}");
+}

@@ -11,7 +11,7 @@ use crate::model::DriftModel;
 use crate::whitened::{LOADED, LoadTest, Whitened};
 
 /// Error of the model as a share of the fitted signal.
-const MODEL_SHARE: f64 = 0.01;
+pub(crate) const MODEL_SHARE: f64 = 0.01;
 /// Factor of the covariance, and its floor, m: sheets that are even, and sheets uneven by more than `UNEVEN`.
 const INFLATION: f64 = 1.5;
 const FLOOR_M: [f64; 2] = [0.07e-3, 0.2e-3];

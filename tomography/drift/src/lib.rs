@@ -8,8 +8,8 @@
 //!   drift changes
 //! - **sheet**: gain, contacts and an uneven conductance fitted once to the first baseline
 //! - **model**: sensitivity at that sheet, and the covariance D(s) of gain, contacts, smooth field and local change
-//! - **evidence**: the sizes of these changes that make one frame most probable; **whitened**: data and sensitivity for
-//!   linear methods; **disc**: a disc with its covariance
+//! - **evidence**: the sizes of these changes that make one frame most probable, and its drift, for methods that take a
+//!   baseline; **whitened**: data and sensitivity for linear methods; **disc**: a disc with its covariance
 //! - **moving**: a disc with a velocity, from the last injections
 //! - **tracker**: the baseline followed through time, learnt only from frames without load; **electrodes**: which one is faulty
 
@@ -31,7 +31,7 @@ mod whitened;
 pub use disc::{Disc, DiscFit};
 pub use electrodes::{Allowed, ElectrodeCheck, ElectrodeFault};
 pub use error::DriftError;
-pub use evidence::Assessed;
+pub use evidence::{Assessed, FrameDrift, MapDeviation};
 pub use kinds::{DriftKinds, LocalChange};
 pub use model::{DriftModel, Noise};
 pub use moving::{Injection, MovingLoad, TimedReading};

@@ -70,7 +70,7 @@ pub struct DriftModel {
     pub(crate) field_gram: DMatrix<f64>,
     pub(crate) local_gram: DMatrix<f64>,
     /// Prior covariance of local change times sensitivity: a row per cell.
-    local_map: DMatrix<f64>,
+    pub(crate) local_map: DMatrix<f64>,
     /// The same of a smooth field, over the whole sheet.
     field_map: DMatrix<f64>,
     pub(crate) places: Vec<Place>,

@@ -12,3 +12,13 @@ pub struct Sizes {
     /// Change of 8 mm in ln conductance.
     pub local: f64,
 }
+
+impl Sizes {
+    /// Of months, as far as they are no load: for methods that are trained for one drift.
+    pub const MONTHS: Self = Self {
+        gain: 0.05,
+        contact: 0.14,
+        field: 3e-3,
+        local: 0.0,
+    };
+}

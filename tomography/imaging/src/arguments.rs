@@ -6,7 +6,9 @@ use std::str::FromStr;
 use clap::Args;
 use survey::Bounds;
 
-use crate::settings::{HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns};
+use crate::settings::{
+    DriftRule, HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns,
+};
 
 /// How voltages become a map.
 #[derive(Debug, Clone, Default, PartialEq, Args)]
@@ -47,6 +49,9 @@ pub struct MethodArguments {
     /// One-step, tv and best: which conductances are unknown [default: what the session used, else sheet]
     #[arg(long, value_enum, value_name = "WHICH", conflicts_with = "model")]
     pub unknowns: Option<Unknowns>,
+    /// What is done about the drift of the sheet since the baseline; with a baseline that is not followed (--tracked) [default: what the session used, else off]
+    #[arg(long, value_enum, value_name = "RULE")]
+    pub drift: Option<DriftRule>,
 }
 
 /// Whether and how a recording's baseline is followed.
@@ -205,6 +210,7 @@ impl MethodArguments {
             unknowns: self.unknowns,
             map_every: None,
             tracking: None,
+            drift: self.drift,
             calibration: None,
         })
     }

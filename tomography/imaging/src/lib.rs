@@ -18,6 +18,7 @@
 mod arguments;
 mod baseline_check;
 mod conditions;
+mod drift_removal;
 mod error;
 mod geometry;
 mod map_noise;
@@ -35,6 +36,8 @@ pub mod tracking;
 pub use arguments::{MethodArguments, TrackedArguments};
 pub use baseline_check::baseline_remarks;
 pub use conditions::{Conditions, trial_frame};
+pub use drift::{DriftError, MapDeviation};
+pub use drift_removal::months_of_drift;
 pub use error::BuildError;
 #[cfg(feature = "arguments")]
 pub use geometry::DepthArguments;
@@ -44,6 +47,6 @@ pub use geometry::{
 pub use map_noise::map_noise;
 pub use model::Model;
 pub use model_file::{find_model, find_model_in, load, short_hash};
-pub use reconstruction::{build, calibrate, check_live};
-pub use settings::{HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns};
+pub use reconstruction::{build, calibrate, check_live, with_drift};
+pub use settings::{DriftRule, HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns};
 pub use tracking::{Tracked, TrackedFrame, Tracking};

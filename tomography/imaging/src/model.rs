@@ -2,8 +2,11 @@
 
 use std::sync::Arc;
 
+use drift::MapDeviation;
 use eit::{Calibration, LossOnly, ModelCheck, ReconstructError, Reconstructor};
 use survey::{Map, Reading};
+
+use crate::drift_removal::{DriftRemoved, FittedSheet};
 
 /// A reconstructor with its origin.
 #[derive(Clone)]
@@ -24,6 +27,10 @@ pub struct Model {
     pub(crate) fixed_strength: Option<Arc<dyn Reconstructor>>,
     /// Judges its maps; `None` if they are not judged.
     pub(crate) check: Option<Arc<ModelCheck>>,
+    /// The same as `reconstructor`, if that removes the drift of each frame.
+    pub(crate) removal: Option<Arc<DriftRemoved>>,
+    /// The sheets of baselines; `None` without conditions of a measurement.
+    pub(crate) sheet: Option<Arc<FittedSheet>>,
 }
 
 impl Model {
@@ -38,6 +45,8 @@ impl Model {
             varies: false,
             fixed_strength: None,
             check: None,
+            removal: None,
+            sheet: None,
         }
     }
 
@@ -50,11 +59,36 @@ impl Model {
         baseline: &[Reading],
         frame: &[Reading],
     ) -> Result<Map, ReconstructError> {
-        let map = self.reconstructor.reconstruct(baseline, frame)?;
+        let drifted = match &self.removal {
+            Some(removal) => Some(removal.baseline(baseline, frame)?),
+            None => None,
+        };
+        let baseline = drifted.as_deref().unwrap_or(baseline);
+        let method = self.removal.as_ref().map(|removal| &removal.inner);
+        let map = method
+            .unwrap_or(&self.reconstructor)
+            .reconstruct(baseline, frame)?;
         Ok(match &self.check {
             Some(check) => check.judged(baseline, frame, map),
             None => map,
         })
+    }
+
+    /// How exactly a frame tells each triangle of the map: standard deviation of ln conductance by the linear model, with noise
+    /// and drift of the frame, whatever the method. `None` for a model that was loaded without a geometry. The first frame of a
+    /// baseline takes a second: the sheet is fitted to it.
+    ///
+    /// # Errors
+    /// A baseline or frame with missing readings, or of another length.
+    pub fn deviation(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Option<MapDeviation>, ReconstructError> {
+        let sheet = self.sheet.as_ref();
+        sheet
+            .map(|sheet| sheet.deviation(baseline, frame))
+            .transpose()
     }
 
     /// Wraps a trained reconstructor; `loss_only` clips its maps to losses.

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use eit::{Calibration, ModelCheck, Reconstructor, Scale};
 
 use crate::conditions::Conditions;
+use crate::drift_removal::{DriftRemoved, FittedSheet, REMARK};
 use crate::error::BuildError;
 use crate::methods;
 use crate::model::Model;
 use crate::model_file::{load, short_hash};
-use crate::settings::{HyperChoice, Method, PriorName, ReconstructionSettings};
+use crate::settings::{DriftRule, HyperChoice, Method, PriorName, ReconstructionSettings};
 
 /// Refuses settings for which a map would take longer than the frame period of a running instrument.
 ///
@@ -64,6 +65,42 @@ pub fn build(
         calibrate(&mut model, path)?;
     }
     model.check = Some(Arc::new(model_check(settings, conditions)?));
+    with_drift(model, settings, conditions)
+}
+
+/// A model as the settings want its drift: removed from each frame, or left. [`build`] does this itself.
+///
+/// # Errors
+/// [`BuildError::Setting`]: a tracked baseline has no drift to remove.
+pub fn with_drift(
+    mut model: Model,
+    settings: &ReconstructionSettings,
+    conditions: &Conditions<'_>,
+) -> Result<Model, BuildError> {
+    let noise_v = methods::noise_v(settings, conditions);
+    let sheet = Arc::new(FittedSheet::new(conditions, noise_v));
+    model.sheet = Some(Arc::clone(&sheet));
+    if settings.drift.unwrap_or_default() == DriftRule::Off {
+        return Ok(model);
+    }
+    if settings.tracking == Some(true) {
+        return Err(BuildError::Setting(
+            "drift = \"frame\" is for frames whose baseline is not followed: set tracking = false, or leave drift out".to_owned(),
+        ));
+    }
+    let removed = |inner| {
+        Arc::new(DriftRemoved {
+            inner,
+            sheet: Arc::clone(&sheet),
+        })
+    };
+    let removal = removed(Arc::clone(&model.reconstructor));
+    model.reconstructor = Arc::clone(&removal) as Arc<dyn Reconstructor>;
+    model.removal = Some(removal);
+    model.fixed_strength = model
+        .fixed_strength
+        .map(|fixed| removed(fixed) as Arc<dyn Reconstructor>);
+    model.notes.push(REMARK.to_owned());
     Ok(model)
 }
 

@@ -91,6 +91,18 @@ pub enum Unknowns {
     Region,
 }
 
+/// What is done about the drift of the sheet since the baseline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "arguments", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum DriftRule {
+    /// Frames are compared with the baseline as it is
+    #[default]
+    Off,
+    /// Drift of gain, contacts and smooth fields is estimated in each frame and removed
+    Frame,
+}
+
 /// The section `[model]` of a configuration: what is `None` has its default.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -142,6 +154,9 @@ pub struct ReconstructionSettings {
     /// preset sheet on a rig.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<bool>,
+    /// What is done about drift where the baseline is not followed; default off.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drift: Option<DriftRule>,
     /// A calibration from maps to pressure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<PathBuf>,
@@ -232,6 +247,7 @@ impl ReconstructionSettings {
             unknowns: self.unknowns.or(kept.unknowns),
             map_every: kept.map_every,
             tracking: self.tracking.or(kept.tracking),
+            drift: self.drift.or(kept.drift),
             calibration: self.calibration,
         }
     }

@@ -396,6 +396,7 @@ impl Controller {
                 Some(file) => ReconstructionSettings {
                     file: Some(file.into()),
                     loss_only: config.model.loss_only,
+                    drift: config.model.drift,
                     ..ReconstructionSettings::default()
                 },
             };

@@ -2,6 +2,9 @@
 
 use clap::Args;
 use outfile::OutFolder;
+use std::path::PathBuf;
+
+use studies::honesty::MapMethod;
 use studies::months::{Family, LongScene};
 
 use crate::args::Replacing;
@@ -11,9 +14,18 @@ pub(crate) struct MonthsOptions {
     /// Sheets of each kind of drift for single frames against the baseline of day 0
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = crate::args::numbers::any_count)]
     pub(crate) sheets: usize,
-    /// Presses of each diameter on each of eight days of such a sheet
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = crate::args::numbers::cases)]
+    /// Presses of each diameter on each of eight days of such a sheet, located by discs and one-step maps; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = crate::args::numbers::any_count)]
     pub(crate) presses: usize,
+    /// Loads of each kind (presses of 10 and 30 mm, polygons) on each of these days, as maps with and without the drift of each frame removed; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = crate::args::numbers::any_count)]
+    pub(crate) maps: usize,
+    /// With --maps: methods (repeatable) [default: one-step, tv, best]
+    #[arg(long, value_enum, value_name = "METHOD")]
+    pub(crate) method: Vec<MapMethod>,
+    /// With --maps: trained models (repeatable)
+    #[arg(long, value_name = "FILE")]
+    pub(crate) model: Vec<PathBuf>,
     /// Kinds of drift (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "DRIFT")]
     pub(crate) drift: Vec<Family>,

@@ -90,6 +90,109 @@ fn empty_frame_with_drift_has_no_load() {
     assert!(assessed.score < 45.0, "{}", assessed.score);
 }
 
+/// Root mean square over the pairs, V.
+fn rms(data: &DVector<f64>) -> f64 {
+    (data.norm_squared() / data.len() as f64).sqrt()
+}
+
+#[test]
+fn drift_of_one_frame_is_separated_from_its_load() {
+    let baseline = readings(spread, |_| 1.0);
+    let model = model(&baseline);
+    let drifted = |electrode: usize| spread(electrode) * (1.0 + 0.1 * (electrode as f64).cos());
+    let disc = |[x, y]: [f64; 2]| (x - 0.080).hypot(y - 0.140) < 15e-3;
+    let bar = |[x, y]: [f64; 2]| (0.05..0.12).contains(&x) && (0.10..0.13).contains(&y);
+    let nothing = |_: [f64; 2]| false;
+    let frame = |load: &dyn Fn([f64; 2]) -> bool| {
+        let frame = readings(drifted, |at| 0.97 * if load(at) { 0.5 } else { 1.0 });
+        model.relative(&frame).unwrap()
+    };
+    let truth = frame(&nothing).data;
+    for (load, is_disc, share) in [
+        (&disc as &dyn Fn([f64; 2]) -> bool, true, 0.05),
+        // a wide load that is no disc takes part of the gain with it
+        (&bar, false, 0.7),
+        (&nothing, true, 0.02),
+    ] {
+        let relative = frame(load);
+        let drift = model.frame_drift(&relative.data, &relative.rows).unwrap();
+        let left = rms(&(&drift.change - &truth)) / rms(&truth);
+        println!("{left} {}", drift.is_disc);
+        assert!(left < share, "{left}");
+        if rms(&(&relative.data - &truth)) > 0.0 {
+            assert_eq!(drift.is_disc, is_disc);
+        }
+    }
+}
+
+#[test]
+fn deviation_of_a_map_grows_with_noise_and_lost_rows() {
+    let model = model(&readings(|_| 1.0, |_| 1.0));
+    let sizes = drift::Sizes {
+        gain: 0.1,
+        contact: 0.1,
+        field: 1e-3,
+        local: 0.1,
+    };
+    let mesh = model.mesh();
+    let nearest = |place: [f64; 2]| {
+        let away = |triangle: &usize| {
+            let at = mesh.centroid(*triangle);
+            (at[0] - place[0]).hypot(at[1] - place[1])
+        };
+        (0..mesh.triangles().len())
+            .min_by(|a, b| away(a).total_cmp(&away(b)))
+            .unwrap()
+    };
+    let (middle, edge) = (nearest([0.107, 0.115]), nearest([0.030, 0.115]));
+    let all: Vec<usize> = (0..299).collect();
+    let whole = model.map_deviation(&sizes, &all).unwrap();
+    // electrodes see what is near them better, and nothing is more certain than before the frame
+    assert!(whole.deviation[edge] < 0.8 * whole.deviation[middle]);
+    assert!(whole.deviation.iter().all(|sd| (0.0..=0.1).contains(sd)));
+    let half: Vec<usize> = (0..150).collect();
+    let fewer = model.map_deviation(&sizes, &half).unwrap();
+    let told =
+        |deviation: &drift::MapDeviation| deviation.told.iter().filter(|told| **told).count();
+    assert!(
+        told(&fewer) < told(&whole),
+        "{} {}",
+        told(&fewer),
+        told(&whole)
+    );
+    assert!(
+        whole
+            .deviation
+            .iter()
+            .zip(&fewer.deviation)
+            .all(|(a, b)| *a <= b + 1e-9)
+    );
+}
+
+#[test]
+fn rows_of_drift_have_its_covariance() {
+    let baseline = readings(spread, |_| 1.0);
+    let model = model(&baseline);
+    let rows = model.drift_rows(&drift::Sizes::MONTHS, 0.0).unwrap();
+    let data: Vec<DVector<f64>> = rows
+        .iter()
+        .map(|row| {
+            let volts = row.iter().zip(&baseline);
+            let frame: Vec<Reading> = volts
+                .map(|(change, before)| {
+                    Reading::Ok(survey::Volts(before.volts().unwrap().0 + change))
+                })
+                .collect();
+            model.relative(&frame).unwrap().data
+        })
+        .collect();
+    let rows = nalgebra::DMatrix::from_columns(&data);
+    let wants = model.drift(&drift::Sizes::MONTHS);
+    assert!((&rows * rows.transpose() - &wants).amax() < 1e-6 * wants.amax());
+    let fewer = model.drift_rows(&drift::Sizes::MONTHS, 1e-6).unwrap();
+    assert!((27..150).contains(&fewer.len()), "{}", fewer.len());
+}
+
 #[test]
 fn whitening_undoes_the_covariance_and_drops_rows() {
     let baseline = readings(|_| 1.0, |_| 1.0);

@@ -214,6 +214,15 @@ pub enum Jitter {
         /// Injected current of the measurement, A.
         current_a: f64,
     },
+    /// White noise on baseline and frame, and drift of the sheet between them: a copy's drift is a random combination of rows.
+    Drift {
+        /// Standard deviation of one reading by noise, V.
+        noise_v: f64,
+        /// Injected current of noise and drift, A.
+        current_a: f64,
+        /// The rows, each a change of the readings, V: the sum of their products with themselves is the drift's covariance.
+        drift_v: Vec<Vec<f64>>,
+    },
 }
 
 impl Jitter {
@@ -254,6 +263,17 @@ impl fmt::Display for Jitter {
                 )
             }
             Self::Measured { volts, .. } => write!(f, "as measured on {} repeats", volts.len()),
+            Self::Drift {
+                noise_v,
+                current_a,
+                drift_v,
+            } => write!(
+                f,
+                "{} white at {:.3} mA, with drift of {} independent kinds",
+                microvolts(noise_v),
+                1e3 * current_a,
+                drift_v.len()
+            ),
         }
     }
 }

@@ -17,7 +17,7 @@ pub(crate) fn known_noise_v(
 }
 
 /// Noise of one reading, V: known, assumed for a recording, or the default.
-pub(super) fn noise_v(settings: &ReconstructionSettings, conditions: &Conditions<'_>) -> f64 {
+pub(crate) fn noise_v(settings: &ReconstructionSettings, conditions: &Conditions<'_>) -> f64 {
     known_noise_v(settings, conditions)
         .or(conditions.noise_v)
         .unwrap_or(DEFAULT_NOISE_UV * 1e-6)

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use eit::{Reconstructor, WholeSheet};
 
-pub(crate) use hyper_parameter::known_noise_v;
+pub(crate) use hyper_parameter::{known_noise_v, noise_v};
 
 use crate::conditions::Conditions;
 use crate::error::BuildError;

@@ -1,4 +1,4 @@
-//! The companion tables of a table of maps: the triangle of each column, and the frame of each row.
+//! The companion tables of a table of maps: the triangle of each column, the frame of each row, and standard deviations.
 
 use std::path::{Path, PathBuf};
 
@@ -13,6 +13,8 @@ pub struct MapCompanions {
     pub frames: PathBuf,
     /// `NAME.triangles.csv`: a line for each column of the maps.
     pub triangles: PathBuf,
+    /// `NAME.sd.csv`: the standard deviation of each value, on request.
+    pub deviations: PathBuf,
 }
 
 /// A time in a table: UTC, always with six digits of seconds, because readers infer the format of a column from its first
@@ -30,6 +32,7 @@ impl MapCompanions {
         Self {
             frames: maps.with_extension("frames.csv"),
             triangles: maps.with_extension("triangles.csv"),
+            deviations: maps.with_extension("sd.csv"),
         }
     }
 }

@@ -47,6 +47,28 @@ pub fn sheet_fit(
     )
 }
 
+/// The sheet behind a baseline with the covariance of its drift; `noise_v`: standard deviation of one reading, in the unit of
+/// the baseline.
+pub(crate) fn drift_model(
+    conditions: &Conditions<'_>,
+    baseline: &[Reading],
+    noise_v: f64,
+) -> Result<DriftModel, DriftError> {
+    let geometry = conditions.geometry;
+    DriftModel::new(
+        &geometry.mesh,
+        &geometry.contact_ohm_m,
+        &geometry.sigma0,
+        conditions.protocol,
+        baseline,
+        Noise {
+            reading_v: noise_v,
+            emf_v: EMF_V,
+        },
+        &options(conditions),
+    )
+}
+
 fn options(conditions: &Conditions<'_>) -> FitOptions {
     FitOptions {
         current_a: conditions.current.0,
@@ -106,20 +128,7 @@ impl Tracking {
         noise_v: f64,
         at_s: f64,
     ) -> Result<Self, DriftError> {
-        let noise = Noise {
-            reading_v: noise_v,
-            emf_v: EMF_V,
-        };
-        let geometry = conditions.geometry;
-        let model = DriftModel::new(
-            &geometry.mesh,
-            &geometry.contact_ohm_m,
-            &geometry.sigma0,
-            conditions.protocol,
-            baseline,
-            noise,
-            &options(conditions),
-        )?;
+        let model = drift_model(conditions, baseline, noise_v)?;
         Ok(Self {
             tracker: Tracker::new(Arc::new(model), at_s)?,
             began_s: at_s,

@@ -5,7 +5,9 @@ use clap::{Args, Parser};
 use eit::{Case, Jitter, TrainingSettings};
 use imaging::noise::Noise;
 use imaging::recorded::{Fitted, FrameTable};
-use imaging::{BuildError, Geometry, Method, MethodArguments, Model, TrackedArguments, Tracking};
+use imaging::{
+    BuildError, DriftRule, Geometry, Method, MethodArguments, Model, TrackedArguments, Tracking,
+};
 use training::{Cached, linear, rbf, single_current};
 
 use crate::failure::Failure;
@@ -43,6 +45,11 @@ impl MethodOptions {
             .map_err(|fault| Failure::usage(format!("method '{name}': {fault}")))
     }
 
+    /// Whether the drift of each frame is removed.
+    pub fn removes_drift(&self) -> bool {
+        self.method.drift == Some(DriftRule::Frame)
+    }
+
     /// Prepares the method.
     ///
     /// # Errors
@@ -53,8 +60,8 @@ impl MethodOptions {
         if let Some(file) = &requested.file {
             self.no_sigma0("--model")?;
             let loss_only = requested.loss_only.unwrap_or(false);
-            return imaging::load(file, loss_only, &case.protocol, Some(&geometry))
-                .map_err(not_built);
+            let model = imaging::load(file, loss_only, &case.protocol, Some(&geometry));
+            return self.with_drift(model.map_err(not_built)?, geometry, case, recording);
         }
         let settings = requested.clone().for_recording();
         let method = settings.method.unwrap_or_default();
@@ -62,7 +69,8 @@ impl MethodOptions {
         if matches!(method, Method::Linear | Method::Rbf) {
             self.no_sigma0(&format!("--method {}", method.name()))?;
             let loss_only = self.method.loss_only;
-            return Ok(trained(self.train(method, case)?, loss_only));
+            let model = trained(self.train(method, case)?, loss_only);
+            return self.with_drift(model, geometry, case, recording);
         }
         let fitted = Fitted::new(
             geometry,
@@ -75,6 +83,24 @@ impl MethodOptions {
             imaging::build(&settings, &fitted.conditions(&case.protocol)).map_err(not_built)?;
         model.notes.splice(0..0, fitted.notes.iter().cloned());
         Ok(model)
+    }
+
+    /// A trained model with the drift of each frame removed, where that is asked for.
+    fn with_drift(
+        &self,
+        model: Model,
+        geometry: Geometry,
+        case: &Case,
+        recording: &FrameTable,
+    ) -> Result<Model, Failure> {
+        if !self.removes_drift() {
+            return Ok(model);
+        }
+        let settings = self.method.settings().map_err(Failure::usage)?;
+        let unloaded = &recording.unloaded;
+        let fitted =
+            Fitted::new(geometry, &case.protocol, &case.currents, unloaded).map_err(not_built)?;
+        imaging::with_drift(model, &settings, &fitted.conditions(&case.protocol)).map_err(not_built)
     }
 
     /// The baseline of a recording, to be followed from a time on, s.

@@ -67,7 +67,7 @@ impl MapMethod {
         Self::Best,
     ];
 
-    fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::OneStep => "one-step",
             Self::OneStepLossOnly => "one-step, loss only",
@@ -78,7 +78,7 @@ impl MapMethod {
     }
 
     /// The method's settings.
-    fn settings(self) -> ReconstructionSettings {
+    pub(crate) fn settings(self) -> ReconstructionSettings {
         let (method, loss_only) = match self {
             Self::OneStep => (Method::OneStep, false),
             Self::OneStepLossOnly => (Method::OneStep, true),

@@ -4,6 +4,7 @@
 //! All data come from the phantom's finer mesh, with 2 uV of noise on baseline and frame. The methods know the nominal sheet
 //! and the size of the noise; of the drift they know the kinds of [`drift::Sizes`], not their sizes.
 
+mod maps;
 mod simulated;
 mod single;
 mod tracked;
@@ -15,6 +16,7 @@ use outfile::Existing;
 
 use crate::{Failure, write_tables};
 
+pub use maps::{LoadKind, MapRow, MapSettings};
 pub use simulated::Family;
 pub use single::{Locator, SheetRow, SingleRow};
 pub use tracked::{FrameRow, LongScene, PressRow};
@@ -34,6 +36,8 @@ pub struct Settings {
     pub scenes: Vec<LongScene>,
     /// Their days, a frame every ten minutes.
     pub days: f64,
+    /// Maps of single frames, with drift removed and without.
+    pub maps: MapSettings,
 }
 
 /// The results.
@@ -47,6 +51,8 @@ pub struct Report {
     pub presses: Vec<PressRow>,
     /// The other frames.
     pub frames: Vec<FrameRow>,
+    /// Maps of single frames.
+    pub maps: Vec<MapRow>,
 }
 
 /// Runs the study.
@@ -56,12 +62,17 @@ pub struct Report {
 pub fn run(settings: &Settings) -> Result<Report, Failure> {
     let geometry = Geometry::from_preset(&eit::Preset::default())
         .map_err(|fault| Failure::of("the model's sheet", &fault))?;
-    let (single, sheets) = match settings.sheets {
+    let (single, sheets) = match settings.sheets.min(settings.presses) {
         0 => Default::default(),
         _ => single::rows(settings, &geometry)?,
     };
+    let maps = match settings.maps.loads {
+        0 => Vec::new(),
+        _ => maps::rows(settings, &geometry)?,
+    };
     let (presses, frames) = tracked::rows(settings, &geometry)?;
     Ok(Report {
+        maps,
         single,
         sheets,
         presses,
@@ -77,6 +88,10 @@ impl Report {
             text += &single::text(&self.single, &self.sheets);
             text.push('\n');
         }
+        if !self.maps.is_empty() {
+            text += &maps::text(&self.maps);
+            text.push('\n');
+        }
         if !self.frames.is_empty() {
             text += &tracked::text(&self.presses, &self.frames);
         }
@@ -89,9 +104,11 @@ impl Report {
         let sheets = self.sheets.iter();
         let presses = self.presses.iter();
         let frames = self.frames.iter();
+        let maps = self.maps.iter();
         single
             .map(|row| serde_json::json!({ "table": "single", "row": row }))
             .chain(sheets.map(|row| serde_json::json!({ "table": "sheets", "row": row })))
+            .chain(maps.map(|row| serde_json::json!({ "table": "maps", "row": row })))
             .chain(presses.map(|row| serde_json::json!({ "table": "presses", "row": row })))
             .chain(frames.map(|row| serde_json::json!({ "table": "frames", "row": row })))
             .collect()

@@ -1,13 +1,14 @@
 //! Frames of a drifting sheet from the phantom's finer mesh, and what the methods are told of the rig.
 
 use drift::{DriftModel, FitOptions, Noise};
-use eit::Preset;
+use eit::{Mesh, Preset};
 use imaging::Geometry;
 use phantom::{FINER, Load, Phantom, Scan, Scene};
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use survey::{Protocol, Reading};
 
+use crate::evaluation::test_set;
 use crate::{Failure, add_noise, measured};
 
 /// Current of every injection, A.
@@ -126,15 +127,15 @@ impl Simulated {
         })
     }
 
-    /// A frame that begins at a moment (s, not before the last), with a disc pressed on the sheet or without.
+    /// A frame that begins at a moment (s, not before the last), with loads on the sheet or without.
     pub(super) fn frame(
         &mut self,
         at_s: f64,
-        press: Option<Load>,
+        loads: impl IntoIterator<Item = Load>,
     ) -> Result<Vec<Reading>, Failure> {
         let failed = |fault| Failure::of("the sheet", &fault);
         self.phantom.release();
-        if let Some(load) = press {
+        for load in loads {
             self.phantom.press(load).map_err(failed)?;
         }
         let begin = survey::duration(at_s);
@@ -142,6 +143,11 @@ impl Simulated {
         let mut volts: Vec<f64> = volts.iter().map(|volts| volts.0).collect();
         add_noise(&mut volts, NOISE_V, &mut self.random);
         Ok(measured(&volts))
+    }
+
+    /// Polygons of Algorithm 1 on the region of this mesh.
+    pub(super) fn polygons(&mut self, mesh: &Mesh) -> Vec<Load> {
+        test_set::polygons(mesh, &mut self.random).loads
     }
 
     /// A place for a press, mm.

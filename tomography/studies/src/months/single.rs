@@ -13,8 +13,8 @@ use crate::evaluation::{average, quantile};
 use crate::{Failure, progress};
 
 /// Days of the frames, and the spans of the table.
-const DAYS: [f64; 8] = [0.01, 0.2, 1.0, 3.0, 7.0, 14.0, 30.0, 90.0];
-const SPANS: [(&str, [f64; 2]); 4] = [
+pub(super) const DAYS: [f64; 8] = [0.01, 0.2, 1.0, 3.0, 7.0, 14.0, 30.0, 90.0];
+pub(super) const SPANS: [(&str, [f64; 2]); 4] = [
     ("0.01-0.2", [0.0, 0.5]),
     ("1-3", [0.5, 5.0]),
     ("7-14", [5.0, 20.0]),
@@ -205,6 +205,14 @@ fn shipped(geometry: &Geometry) -> Result<Model, Failure> {
     build(&settings, &conditions).map_err(|fault| Failure::of("one-step", &fault))
 }
 
+/// The span of a day of [`DAYS`].
+pub(super) fn span_of(day: f64) -> usize {
+    let span = SPANS
+        .iter()
+        .position(|(_, [from, to])| (*from..*to).contains(&day));
+    span.expect("each day is in a span")
+}
+
 fn sheet(
     family: Family,
     seed: u64,
@@ -224,10 +232,7 @@ fn sheet(
         empty: Vec::new(),
     };
     for day in DAYS {
-        let span = SPANS
-            .iter()
-            .position(|(_, [from, to])| (*from..*to).contains(&day));
-        let span = span.expect("each day is in a span");
+        let span = span_of(day);
         let empty = simulated.frame(86_400.0 * day, None)?;
         let relative = model.relative(&empty).map_err(failed)?;
         let assessed = model

@@ -1,6 +1,8 @@
 //! Presses are found while the sheet drifts. Data from the phantom's finer mesh.
 
-use studies::months::{self, Family, Locator, LongScene, Report, Settings};
+use imaging::DriftRule;
+use studies::honesty::MapMethod;
+use studies::months::{self, Family, LoadKind, Locator, LongScene, MapSettings, Report, Settings};
 
 fn settings() -> Settings {
     Settings {
@@ -10,6 +12,7 @@ fn settings() -> Settings {
         presses: 1,
         scenes: Vec::new(),
         days: 0.0,
+        maps: MapSettings::default(),
     }
 }
 
@@ -28,6 +31,33 @@ fn presses_are_found_with_a_baseline_of_ninety_days() {
     for row in &report.sheets {
         assert!(row.misfit_percent < row.nominal_misfit_percent, "{row:?}");
         assert!(row.misfit_percent < 1.0, "{row:?}");
+    }
+}
+
+#[test]
+fn removed_drift_leaves_a_map_of_the_load() {
+    let settings = Settings {
+        presses: 0,
+        maps: MapSettings {
+            loads: 1,
+            methods: vec![MapMethod::OneStep],
+            models: Vec::new(),
+        },
+        ..settings()
+    };
+    let report = months::run(&settings).unwrap();
+    println!("{}", report.text());
+    let worst = |drift: DriftRule, load: LoadKind| {
+        let of = |row: &&months::MapRow| (row.drift, row.load) == (drift, load);
+        let rows = report.maps.iter().filter(of);
+        rows.filter_map(|row| row.p95_mm).fold(0.0, f64::max)
+    };
+    assert!(worst(DriftRule::Frame, LoadKind::Press10) < 5.0);
+    assert!(worst(DriftRule::Off, LoadKind::Press10) > 20.0);
+    assert!(worst(DriftRule::Frame, LoadKind::Press30) < 1.5);
+    assert!(worst(DriftRule::Off, LoadKind::Press30) > 1.5);
+    for row in &report.maps {
+        assert!((0.2..=1.0).contains(&row.told), "{row:?}");
     }
 }
 

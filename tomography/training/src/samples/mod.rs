@@ -130,7 +130,10 @@ pub(crate) fn check(settings: &TrainingSettings) -> Result<(), TrainError> {
     }
     let noise = match &settings.jitter {
         Jitter::Paper { gamma } => vec![("gamma", *gamma)],
-        Jitter::Matched { noise_v, current_a } => {
+        Jitter::Matched { noise_v, current_a }
+        | Jitter::Drift {
+            noise_v, current_a, ..
+        } => {
             vec![("noise_v", *noise_v), ("current_a", *current_a)]
         }
         Jitter::Levels { noise_v, current_a } => noise_v

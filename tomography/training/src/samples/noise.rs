@@ -16,8 +16,11 @@ pub struct Noise {
 enum Kind {
     /// Deviations, used in turn by the copies of a case.
     White(Vec<Normal<f64>>),
-    /// Rows whose random combinations have the measured covariance.
-    Rows(Vec<Vec<f64>>),
+    /// Rows whose random combinations have a covariance, and white noise beside them.
+    Rows {
+        rows: Vec<Vec<f64>>,
+        white: Option<Normal<f64>>,
+    },
 }
 
 impl Noise {
@@ -98,17 +101,36 @@ impl Noise {
                 let mean: Vec<f64> = (0..baseline.len())
                     .map(|reading| volts.iter().map(|row| row[reading]).sum::<f64>() / count as f64)
                     .collect();
-                Kind::Rows(
-                    volts
-                        .iter()
-                        .map(|row| {
-                            row.iter()
-                                .zip(&mean)
-                                .map(|(v, m)| scale * (v - m))
-                                .collect()
-                        })
-                        .collect(),
-                )
+                let deviations = |row: &Vec<f64>| {
+                    let deviations = row.iter().zip(&mean);
+                    deviations.map(|(v, m)| scale * (v - m)).collect()
+                };
+                Kind::Rows {
+                    rows: volts.iter().map(deviations).collect(),
+                    white: None,
+                }
+            }
+            Jitter::Drift {
+                noise_v,
+                current_a,
+                drift_v,
+            } => {
+                if drift_v.iter().any(|row| row.len() != baseline.len()) {
+                    return Err(refuse(
+                        "readings of a row of the drift",
+                        drift_v[0].len() as f64,
+                        "one a question of the protocol",
+                    ));
+                }
+                let level = both * noise_v / current_a / top;
+                let scaled = |row: &Vec<f64>| row.iter().map(|v| v / current_a / top).collect();
+                Kind::Rows {
+                    rows: drift_v.iter().map(scaled).collect(),
+                    white: Some(
+                        Normal::new(0.0, level)
+                            .map_err(|_| refuse("jitter", level, "a positive number"))?,
+                    ),
+                }
             }
         };
         Ok(Self { kind, seed })
@@ -118,7 +140,7 @@ impl Noise {
     pub fn levels(&self) -> usize {
         match &self.kind {
             Kind::White(levels) => levels.len(),
-            Kind::Rows(_) => 1,
+            Kind::Rows { .. } => 1,
         }
     }
 
@@ -144,9 +166,10 @@ impl Noise {
                 let square: f64 = levels.iter().map(|level| level.std_dev().powi(2)).sum();
                 (square / levels.len() as f64).sqrt()
             }
-            Kind::Rows(rows) => {
+            Kind::Rows { rows, white } => {
                 let square: f64 = rows.iter().flatten().map(|value| value * value).sum();
-                (square / rows[0].len() as f64).sqrt()
+                let readings = rows.first().map_or(1, Vec::len);
+                (square / readings as f64 + variance(white)).sqrt()
             }
         }
     }
@@ -161,12 +184,17 @@ impl Noise {
                     *value = (f64::from(*value) + level.sample(random)) as f32;
                 }
             }
-            Kind::Rows(rows) => {
+            Kind::Rows { rows, white } => {
                 let mut noise = vec![0.0_f64; row.len()];
                 for deviations in rows {
                     let amount: f64 = StandardNormal.sample(random);
                     for (noise, deviation) in noise.iter_mut().zip(deviations) {
                         *noise += amount * deviation;
+                    }
+                }
+                if let Some(white) = white {
+                    for noise in &mut noise {
+                        *noise += white.sample(random);
                     }
                 }
                 for (value, noise) in row.iter_mut().zip(noise) {
@@ -186,8 +214,11 @@ impl Noise {
                     matrix[i * readings + i] += self.size().powi(2);
                 }
             }
-            Kind::Rows(rows) => {
-                let readings = rows[0].len();
+            Kind::Rows { rows, white } => {
+                let readings = (matrix.len() as f64).sqrt().round() as usize;
+                for i in 0..readings {
+                    matrix[i * readings + i] += variance(white);
+                }
                 for row in rows {
                     for i in 0..readings {
                         for j in 0..readings {
@@ -198,6 +229,10 @@ impl Noise {
             }
         }
     }
+}
+
+fn variance(white: &Option<Normal<f64>>) -> f64 {
+    white.map_or(0.0, |white| white.std_dev().powi(2))
 }
 
 #[cfg(test)]
@@ -244,6 +279,42 @@ mod tests {
         let mut matrix = vec![0.0; 16];
         noise.add_covariance(&mut matrix);
         assert!((matrix[2] / (-4.0 * variance) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn drift_is_added_once_and_noise_twice() {
+        let jitter = Jitter::Drift {
+            noise_v: 1e-6,
+            current_a: 1e-3,
+            drift_v: vec![vec![3e-6, 4e-6, 0.0], vec![0.0, 5e-6, 0.0]],
+        };
+        let noise = Noise::new(&jitter, SpreadReading::Deviation, &[2.0; 3], 1).unwrap();
+        let mut matrix = vec![0.0; 9];
+        noise.add_covariance(&mut matrix);
+        // V over 1 mA over the largest reading, 2 V at 1 A
+        let wants = [11.0, 12.0, 0.0, 12.0, 43.0, 0.0, 0.0, 0.0, 2.0].map(|v| 0.25e-6 * v);
+        for (found, wants) in matrix.iter().zip(wants) {
+            assert!((found - wants).abs() < 1e-12, "{matrix:?}");
+        }
+        assert!((noise.size() - (14e-6_f64 / 3.0).sqrt()).abs() < 1e-9);
+        let (mut sum, draws) = ([0.0; 3], 20_000);
+        for case in 0..draws {
+            let mut row = [0.0_f32; 3];
+            noise.add(&mut row, 0, case, draws);
+            let row = row.map(f64::from);
+            for (sum, [i, j]) in sum.iter_mut().zip([[0, 1], [1, 1], [2, 2]]) {
+                *sum += row[i] * row[j] / draws as f64;
+            }
+        }
+        for (sum, wants) in sum.into_iter().zip([12.0, 43.0, 2.0]) {
+            assert!((sum / (0.25e-6 * wants) - 1.0).abs() < 0.05, "{sum:e}");
+        }
+        let wrong = Jitter::Drift {
+            noise_v: 1e-6,
+            current_a: 1e-3,
+            drift_v: vec![vec![1e-6; 4]],
+        };
+        assert!(Noise::new(&wrong, SpreadReading::Deviation, &[2.0; 3], 1).is_err());
     }
 
     #[test]

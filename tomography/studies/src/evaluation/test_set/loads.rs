@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use eit::{Case, Mesh};
+use eit::Mesh;
 use phantom::{Load, Shape, loss_of_pressure, paper, pressure_kpa};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -50,21 +50,21 @@ pub(super) fn draw(set: TestSetName, k: usize, mesh: &Mesh, random: &mut ChaCha8
     }
 }
 
-/// Relative change of every triangle of the case's region by covered shares; overlaps multiply.
+/// Relative change of every triangle of a mesh's region by covered shares; overlaps multiply.
 ///
 /// # Errors
 /// A load without an area.
-pub fn true_map(case: &Case, loads: &[Load]) -> Result<Vec<f64>, Failure> {
-    let mut kept = vec![1.0; case.mesh.triangles().len()];
+pub fn true_map(mesh: &Mesh, loads: &[Load]) -> Result<Vec<f64>, Failure> {
+    let mut kept = vec![1.0; mesh.triangles().len()];
     for load in loads {
         let covered = load
-            .coverage(&case.mesh)
+            .coverage(mesh)
             .map_err(|fault| Failure::of("the truth", &fault))?;
         for (triangle, share) in covered {
             kept[triangle] *= 1.0 - load.loss * share;
         }
     }
-    Ok(case.mesh.region().iter().map(|&t| kept[t] - 1.0).collect())
+    Ok(mesh.region().iter().map(|&t| kept[t] - 1.0).collect())
 }
 
 /// Lowest and highest corner of the region's centroids, mm.

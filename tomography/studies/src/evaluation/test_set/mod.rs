@@ -309,7 +309,7 @@ impl Frames {
         let mut truth = Vec::new();
         let mut presses = String::from("frame,x_m,y_m,diameter_m,loss,mass_kg\n");
         for (k, pressed) in drawn.iter().enumerate() {
-            truth.extend(true_map(&case, &pressed.loads)?);
+            truth.extend(true_map(&case.mesh, &pressed.loads)?);
             if let Some(([x, y], diameter)) = pressed.disc {
                 presses.push_str(&format!(
                     "{},{},{},{},{},{}\n",

@@ -1,4 +1,7 @@
-//! How large each kind of change is, from one frame: the sizes that make its data most probable.
+//! How large each kind of change is, from one frame: the sizes that make its data most probable. The drift of that frame itself is
+//! in `frame`.
+
+mod frame;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -6,6 +9,7 @@ use crate::DriftError;
 use crate::model::DriftModel;
 use crate::sizes::Sizes;
 use crate::whitened::Whitened;
+pub use frame::{FrameDrift, MapDeviation};
 
 /// Size of a change of the gain that one frame may have: free.
 const FREE_GAIN: f64 = 0.1;

@@ -1,0 +1,185 @@
+//! Maps of single frames of a sheet that drifted since its baseline: the drift of each frame is estimated and added to the
+//! baseline, so that every method shows the load alone.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use drift::{DriftError, DriftModel, FrameDrift, MapDeviation, Relative, Sizes};
+use eit::{Forward, Mesh, Novelty, ReconstructError, Reconstructor};
+use survey::{Amps, Map, Protocol, Reading, Volts};
+
+use crate::conditions::Conditions;
+use crate::geometry::Geometry;
+use crate::tracking::drift_model;
+
+/// The sheets of baselines: fitted at the first frame that is compared with a baseline, and kept for the next ones.
+pub(crate) struct FittedSheet {
+    geometry: Geometry,
+    protocol: Protocol,
+    current: Amps,
+    noise_v: f64,
+    last: Mutex<Option<Arc<Fit>>>,
+}
+
+/// The sheet behind one baseline.
+struct Fit {
+    baseline: Vec<Reading>,
+    model: DriftModel,
+}
+
+impl FittedSheet {
+    /// `noise_v`: standard deviation of one reading, in the unit of the baselines.
+    pub(crate) fn new(conditions: &Conditions<'_>, noise_v: f64) -> Self {
+        Self {
+            geometry: conditions.geometry.clone(),
+            protocol: conditions.protocol.clone(),
+            current: conditions.current,
+            noise_v,
+            last: Mutex::new(None),
+        }
+    }
+
+    /// The sheet behind a baseline, fitted if it is not that of the last call.
+    fn fit(&self, baseline: &[Reading]) -> Result<Arc<Fit>, ReconstructError> {
+        // others wait for a fit in progress: frames of a recording have the same baseline
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(fit) = last.as_ref().filter(|fit| fit.baseline == baseline) {
+            return Ok(Arc::clone(fit));
+        }
+        let conditions = Conditions::live(&self.geometry, &self.protocol, self.current);
+        let model = drift_model(&conditions, baseline, self.noise_v).map_err(refused)?;
+        let fit = Arc::new(Fit {
+            baseline: baseline.to_vec(),
+            model,
+        });
+        *last = Some(Arc::clone(&fit));
+        Ok(fit)
+    }
+
+    /// The baseline with the drift of a frame.
+    fn drifted(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Vec<Reading>, ReconstructError> {
+        let fit = self.fit(baseline)?;
+        let (_, drift) = fit.drift(frame)?;
+        Ok(fit.model.baseline_with(&drift.change))
+    }
+
+    /// How exactly a frame tells each triangle of the region.
+    pub(crate) fn deviation(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<MapDeviation, ReconstructError> {
+        let fit = self.fit(baseline)?;
+        let (relative, drift) = fit.drift(frame)?;
+        let whole = fit.model.map_deviation(&drift.sizes, &relative.rows);
+        let whole = whole.map_err(refused)?;
+        let region = self.geometry.mesh.region().iter();
+        Ok(MapDeviation {
+            deviation: region.clone().map(|&t| whole.deviation[t]).collect(),
+            told: region.map(|&t| whole.told[t]).collect(),
+        })
+    }
+}
+
+impl Fit {
+    fn drift(&self, frame: &[Reading]) -> Result<(Relative, FrameDrift), ReconstructError> {
+        let relative = self.model.relative(frame).map_err(refused)?;
+        let drift = self.model.frame_drift(&relative.data, &relative.rows);
+        Ok((relative, drift.map_err(refused)?))
+    }
+}
+
+/// Changes of the readings, V, whose random combinations are the drift of months of an even sheet: for methods that are trained.
+///
+/// # Errors
+/// A sheet that cannot be solved.
+pub fn months_of_drift(
+    conditions: &Conditions<'_>,
+    noise_v: f64,
+) -> Result<Vec<Vec<f64>>, DriftError> {
+    let geometry = conditions.geometry;
+    let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)?;
+    let ohms = forward.readings(&geometry.sigma0, conditions.protocol)?;
+    let baseline: Vec<Reading> = ohms
+        .iter()
+        .map(|ohms| Reading::Ok(Volts(conditions.current.0 * ohms)))
+        .collect();
+    // what noise hides a training need not know
+    drift_model(conditions, &baseline, noise_v)?.drift_rows(&Sizes::MONTHS, 0.3 * noise_v)
+}
+
+fn refused(cause: DriftError) -> ReconstructError {
+    ReconstructError::Numerical {
+        method: "drift of a frame".to_owned(),
+        cause: survey::error_chain(&cause),
+    }
+}
+
+/// Another method, whose frames are compared with the baseline as it drifted.
+pub(crate) struct DriftRemoved {
+    pub(crate) inner: Arc<dyn Reconstructor>,
+    pub(crate) sheet: Arc<FittedSheet>,
+}
+
+impl DriftRemoved {
+    /// The baseline to compare a frame with. What the method refuses whatever the drift is left to it.
+    pub(crate) fn baseline(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Vec<Reading>, ReconstructError> {
+        let wants = self.inner.protocol().len();
+        if baseline.len() != wants || frame.len() != wants {
+            return Ok(baseline.to_vec());
+        }
+        self.sheet.drifted(baseline, frame)
+    }
+}
+
+impl Reconstructor for DriftRemoved {
+    fn method(&self) -> &str {
+        self.inner.method()
+    }
+
+    fn protocol(&self) -> &Protocol {
+        self.inner.protocol()
+    }
+
+    fn mesh(&self) -> &Arc<Mesh> {
+        self.inner.mesh()
+    }
+
+    fn reconstruct(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
+        self.inner
+            .reconstruct(&self.baseline(baseline, frame)?, frame)
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        let mut notes = self.inner.assumptions();
+        notes.push(REMARK.to_owned());
+        notes
+    }
+
+    fn noise_figure(&self) -> Option<f64> {
+        self.inner.noise_figure()
+    }
+
+    fn novelty(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Option<Novelty>, ReconstructError> {
+        self.inner.novelty(&self.baseline(baseline, frame)?, frame)
+    }
+}
+
+/// What is assumed of the drift, for people.
+pub(crate) const REMARK: &str = "drift of gain, contacts and smooth fields since the baseline is estimated in each frame and removed; \
+     a crack or a set of the foam cannot be told from a load in one frame";
