@@ -137,6 +137,7 @@ pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
         presses,
         scenes: chosen_or(&options.scene, &LongScene::ALL),
         days,
+        load_days: options.load_days,
     })?;
     print_tables(options.json, || report.lines(), || report.text());
     match &options.out {

@@ -10,6 +10,7 @@ fn settings() -> Settings {
         presses: 1,
         scenes: Vec::new(),
         days: 0.0,
+        load_days: 0.0,
     }
 }
 
