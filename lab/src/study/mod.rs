@@ -147,6 +147,7 @@ pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
             methods: chosen_or(&options.method, &methods),
             models: options.model.clone(),
         },
+        load_days: options.load_days,
     })?;
     print_tables(options.json, || report.lines(), || report.text());
     match &options.out {

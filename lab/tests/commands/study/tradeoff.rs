@@ -20,8 +20,26 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     ] {
         assert!(out.join(file).is_file(), "{file}");
     }
-    // a diagram without points has no picture, and the missing data are reported
-    assert!(!out.join("uncertainty.png").exists());
+    // coverage: shares of the accepted fits, beside the stated probabilities
+    let coverage: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("uncertainty.json")).unwrap()).unwrap();
+    let points = coverage["points"].as_array().unwrap();
+    assert!(out.join("uncertainty-month.png").is_file());
+    for approach in ["projection", "evidence", "tracker"] {
+        let of = |point: &&serde_json::Value| {
+            let line = point["line"].as_str().unwrap();
+            line.starts_with(approach) && point["time"] == 0.99
+        };
+        let shares: Vec<f64> = points
+            .iter()
+            .filter(of)
+            .map(|point| point["error"].as_f64().unwrap())
+            .collect();
+        assert!(
+            shares.len() == 2 && shares.iter().all(|share| *share > 0.6),
+            "{approach}: {shares:?}"
+        );
+    }
     let table = out.join("acquisition.json");
     let value: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(&table).unwrap()).unwrap();

@@ -4,6 +4,8 @@
 //! All data come from the phantom's finer mesh, with 2 uV of noise on baseline and frame. The methods know the nominal sheet
 //! and the size of the noise; of the drift they know the kinds of [`drift::Sizes`], not their sizes.
 
+pub(crate) mod course;
+mod loads;
 mod maps;
 mod simulated;
 mod single;
@@ -16,8 +18,11 @@ use outfile::Existing;
 
 use crate::{Failure, write_tables};
 
+pub use loads::LoadRow;
 pub use maps::{LoadKind, MapRow, MapSettings};
 pub use simulated::Family;
+pub(crate) use simulated::{Simulated, away_mm, model};
+pub(crate) use single::shipped;
 pub use single::{Locator, SheetRow, SingleRow};
 pub use tracked::{FrameRow, LongScene, PressRow};
 
@@ -38,6 +43,8 @@ pub struct Settings {
     pub days: f64,
     /// Maps of single frames, with drift removed and without.
     pub maps: MapSettings,
+    /// Days of nights where loads that lie for days or come slowly are judged; 0 where they are not.
+    pub load_days: f64,
 }
 
 /// The results.
@@ -53,6 +60,8 @@ pub struct Report {
     pub frames: Vec<FrameRow>,
     /// Maps of single frames.
     pub maps: Vec<MapRow>,
+    /// Loads that lie for days or come slowly.
+    pub loads: Vec<LoadRow>,
 }
 
 /// Runs the study.
@@ -71,8 +80,13 @@ pub fn run(settings: &Settings) -> Result<Report, Failure> {
         _ => maps::rows(settings, &geometry)?,
     };
     let (presses, frames) = tracked::rows(settings, &geometry)?;
+    let loads = match settings.load_days > 0.0 {
+        true => loads::rows(settings.seed, settings.load_days, &geometry)?,
+        false => Vec::new(),
+    };
     Ok(Report {
         maps,
+        loads,
         single,
         sheets,
         presses,
@@ -95,6 +109,10 @@ impl Report {
         if !self.frames.is_empty() {
             text += &tracked::text(&self.presses, &self.frames);
         }
+        if !self.loads.is_empty() {
+            text.push('\n');
+            text += &loads::text(&self.loads);
+        }
         text
     }
 
@@ -105,12 +123,14 @@ impl Report {
         let presses = self.presses.iter();
         let frames = self.frames.iter();
         let maps = self.maps.iter();
+        let loads = self.loads.iter();
         single
             .map(|row| serde_json::json!({ "table": "single", "row": row }))
             .chain(sheets.map(|row| serde_json::json!({ "table": "sheets", "row": row })))
             .chain(maps.map(|row| serde_json::json!({ "table": "maps", "row": row })))
             .chain(presses.map(|row| serde_json::json!({ "table": "presses", "row": row })))
             .chain(frames.map(|row| serde_json::json!({ "table": "frames", "row": row })))
+            .chain(loads.map(|row| serde_json::json!({ "table": "loads", "row": row })))
             .collect()
     }
 

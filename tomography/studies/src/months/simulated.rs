@@ -12,9 +12,9 @@ use crate::evaluation::test_set;
 use crate::{Failure, add_noise, measured};
 
 /// Current of every injection, A.
-pub(super) const CURRENT_A: f64 = 1e-3;
+pub(crate) const CURRENT_A: f64 = 1e-3;
 /// White noise of one reading, V.
-pub(super) const NOISE_V: f64 = 2e-6;
+pub(crate) const NOISE_V: f64 = 2e-6;
 /// Thermal voltage of a sensing pair that the methods assume, V.
 const EMF_V: f64 = 0.9e-6;
 /// Centre of the sheet and half size of the area of presses, mm.
@@ -97,7 +97,7 @@ impl Family {
 }
 
 /// A drifting sheet, measured.
-pub(super) struct Simulated {
+pub(crate) struct Simulated {
     phantom: Phantom,
     scan: Scan,
     random: ChaCha8Rng,
@@ -110,7 +110,7 @@ impl Simulated {
     }
 
     /// A sheet with effects and loads of a scene's text.
-    pub(super) fn of(name: &str, text: &str, seed: u64) -> Result<Self, Failure> {
+    pub(crate) fn of(name: &str, text: &str, seed: u64) -> Result<Self, Failure> {
         let scene = Scene::parse(name, text).map_err(|fault| Failure::of("the scene", &fault))?;
         let scene = Scene {
             seed,
@@ -128,7 +128,7 @@ impl Simulated {
     }
 
     /// A frame that begins at a moment (s, not before the last), with loads on the sheet or without.
-    pub(super) fn frame(
+    pub(crate) fn frame(
         &mut self,
         at_s: f64,
         loads: impl IntoIterator<Item = Load>,
@@ -162,7 +162,7 @@ pub(super) fn protocol() -> Result<Protocol, Failure> {
 }
 
 /// What the method makes of a baseline: it knows the nominal sheet, its own mesh, the current and the noise.
-pub(super) fn model(geometry: &Geometry, baseline: &[Reading]) -> Result<DriftModel, Failure> {
+pub(crate) fn model(geometry: &Geometry, baseline: &[Reading]) -> Result<DriftModel, Failure> {
     let noise = Noise {
         reading_v: NOISE_V,
         emf_v: EMF_V,
@@ -184,6 +184,6 @@ pub(super) fn model(geometry: &Geometry, baseline: &[Reading]) -> Result<DriftMo
 }
 
 /// Distance of a place (m) from another (mm), mm.
-pub(super) fn away_mm(found: [f64; 2], press_mm: [f64; 2]) -> f64 {
+pub(crate) fn away_mm(found: [f64; 2], press_mm: [f64; 2]) -> f64 {
     (1e3 * found[0] - press_mm[0]).hypot(1e3 * found[1] - press_mm[1])
 }

@@ -194,7 +194,7 @@ fn row(
 }
 
 /// The one-step method as it is shipped, with the true noise stated.
-fn shipped(geometry: &Geometry) -> Result<Model, Failure> {
+pub(crate) fn shipped(geometry: &Geometry) -> Result<Model, Failure> {
     let settings = ReconstructionSettings {
         method: Some(Method::OneStep),
         noise_uv: Some(1e6 * NOISE_V),
@@ -259,10 +259,10 @@ fn sheet(
     Ok(out)
 }
 
-type Found = ([f64; 2], Option<DiscFit>);
+pub(super) type Found = ([f64; 2], Option<DiscFit>);
 
 /// The place (m) by each method; the sheet's corner if a map shows no loss.
-fn locate(
+pub(super) fn locate(
     model: &DriftModel,
     geometry: &Geometry,
     one_step: &Model,
@@ -310,12 +310,15 @@ fn locate(
 
 /// Whether the 95 % region contains the truth (mm).
 pub(super) fn covers(fit: &DiscFit, press_mm: [f64; 2]) -> bool {
+    distance(fit, press_mm) <= CHI_95
+}
+
+/// Squared distance of the fitted place from the truth (mm) in units of its covariance.
+pub(super) fn distance(fit: &DiscFit, press_mm: [f64; 2]) -> f64 {
     let off = [0, 1].map(|axis| fit.disc.centre[axis] - 1e-3 * press_mm[axis]);
     let [[a, b], [_, d]] = fit.covariance;
     let determinant = a * d - b * b;
-    let distance =
-        (d * off[0] * off[0] - 2.0 * b * off[0] * off[1] + a * off[1] * off[1]) / determinant;
-    distance <= CHI_95
+    (d * off[0] * off[0] - 2.0 * b * off[0] * off[1] + a * off[1] * off[1]) / determinant
 }
 
 /// The tables as text.

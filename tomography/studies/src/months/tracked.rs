@@ -21,7 +21,7 @@ const DAY_S: f64 = 86_400.0;
 const NIGHT_S: [f64; 2] = [43_200.0, 72_000.0];
 /// Frames of the day with presses: one of 10 mm, and two frames later one of 30 mm.
 const PRESSES: [usize; 8] = [9, 21, 33, 45, 57, 124, 130, 137];
-const DIAMETERS_MM: [f64; 2] = [10.0, 30.0];
+pub(super) const DIAMETERS_MM: [f64; 2] = [10.0, 30.0];
 /// Spans of days of the tables.
 const SPANS: [(&str, f64); 7] = [
     ("0-1", 1.0),
@@ -33,7 +33,7 @@ const SPANS: [(&str, f64); 7] = [
     ("60-90", f64::INFINITY),
 ];
 /// Standard deviation of local change before a frame, for the map whose zero is judged.
-const MAP_SIZE: f64 = 0.01;
+pub(super) const MAP_SIZE: f64 = 0.01;
 /// Every such empty frame's map is judged.
 const JUDGED_EVERY: usize = 6;
 
@@ -45,22 +45,37 @@ pub enum LongScene {
     Month,
     /// Faster and larger drift on a sprayed sheet with misplaced electrodes and a crack; the tracker is not told
     HoldOut,
+    /// The drift of the scene bedside-night, with creep; a load every night
+    Bedside,
+    /// Contacts of a spread of 50 % that drift by 30 % within a day; the tracker is not told
+    HoldOutContacts,
+    /// A sheet sprayed unevenly by 15 % with misplaced electrodes, whose load sets by 2 % per decade; the tracker is not told
+    HoldOutSpray,
 }
 
 impl LongScene {
     /// All scenes.
-    pub const ALL: [Self; 2] = [Self::Month, Self::HoldOut];
+    pub const ALL: [Self; 5] = [
+        Self::Month,
+        Self::HoldOut,
+        Self::Bedside,
+        Self::HoldOutContacts,
+        Self::HoldOutSpray,
+    ];
 
-    fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Month => "month",
             Self::HoldOut => "hold-out",
+            Self::Bedside => "bedside",
+            Self::HoldOutContacts => "contacts",
+            Self::HoldOutSpray => "spray",
         }
     }
 
-    /// The scene's text, with a load every night.
-    fn text(self) -> String {
-        let effects = match self {
+    /// The scene's effects, as text.
+    pub(super) fn effects(self) -> String {
+        match self {
             Self::Month => {
                 Family::Month.effects() + "[effects.set]\npercent_per_decade = 1.0\n"
             }
@@ -70,18 +85,35 @@ impl LongScene {
                 [effects.spray]\nstd = 0.1\n[effects.electrode-placement]\n[effects.thermal-emf]\nuv = 0.9\n\
                 [effects.crack]\nfrom_mm = [60.0, 160.0]\nto_mm = [90.0, 190.0]\ndays = 20.0\n"
                 .to_owned(),
-        };
-        effects
+            Self::Bedside => {
+                Family::Bedside.effects()
+                    + "[effects.creep]\npercent = [5.0, 10.0]\ntau_s = [100.0, 3000.0]\nevery_s = 600.0\n"
+            }
+            Self::HoldOutContacts => "[effects.temperature]\npercent_per_c = -0.3\nroom_c = 2.0\n\
+                [effects.contact-spread]\nstd = 0.5\n[effects.contact-drift]\npercent = 30.0\ntau_h = 24.0\n\
+                [effects.thermal-emf]\nuv = 0.9\n"
+                .to_owned(),
+            Self::HoldOutSpray => {
+                Family::Spray.effects().replace("std = 0.1\n", "std = 0.15\n")
+                    + "[effects.electrode-placement]\n[effects.set]\npercent_per_decade = 2.0\n"
+            }
+        }
+    }
+
+    /// The scene's text, with a load every night.
+    pub(super) fn text(self) -> String {
+        self.effects()
             + "[[load]]\nname = \"night\"\nshape = \"rectangle\"\nwidth_mm = 70.0\nheight_mm = 50.0\nx_mm = 100.0\n\
                y_mm = 115.0\nloss_percent = 40.0\nfrom_s = 43200.0\nto_s = 72000.0\n\
                repeat = { every_s = 86400.0, times = 90 }\n"
     }
 
     /// Days that are judged of a run of `days`.
-    fn days(self, days: f64) -> f64 {
+    pub(super) fn days(self, days: f64) -> f64 {
         match self {
             Self::Month => days,
-            Self::HoldOut => days.min(20.0),
+            Self::Bedside => days,
+            Self::HoldOut | Self::HoldOutContacts | Self::HoldOutSpray => days.min(20.0),
         }
     }
 }

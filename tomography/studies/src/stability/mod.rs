@@ -17,7 +17,9 @@ use shards::{Division, StopRequest, Study};
 use crate::build;
 use crate::failure::{Failure, write_tables};
 use crate::progress;
-use cases::{contacts, contrast, creep, inverse, layers, loads, meshes, order, radial, readings};
+use cases::{
+    contacts, contrast, creep, inverse, layers, loads, meshes, order, radial, readings, tracked,
+};
 use outcome::{Case, Check, Naive, Outcome, Side};
 
 /// Every case, in the order of the fact sheet.
@@ -52,7 +54,7 @@ const CASES: &[Case] = &[
     case(28, "training divergence", layers::divergence),
     case(29, "f32, f16, int8 inference", layers::precision),
     case(30, "NaN, infinity, 9.9e37", readings::no_reading),
-    not_built(31, "electrode open"),
+    case(31, "electrode open", tracked::open_electrode),
     case(32, "tiny v0", readings::tiny_baseline),
     case(33, "sign of v0", readings::reversed_leads),
     case(34, "one bad channel", readings::one_spike),

@@ -45,7 +45,7 @@ pub enum PanelName {
     Training,
     /// Stated against found coverage
     Uncertainty,
-    /// What drift does to an old baseline
+    /// Errors over months without tracking, by projection, by evidence, and tracked
     Months,
 }
 
@@ -203,7 +203,7 @@ fn made(name: PanelName, effort: &Effort, place: &ArtifactCache<'_>) -> Result<P
         PanelName::Acquisition => acquisition::panel(effort)?,
         PanelName::Precision => precision::panel(effort, place)?,
         PanelName::Training => training::panel(effort, place)?,
-        PanelName::Uncertainty => uncertainty::panel(),
+        PanelName::Uncertainty => uncertainty::panel(effort)?,
         PanelName::Months => months::panel(effort)?,
     };
     eprintln!("{}: {:.0} s", name.name(), start.elapsed().as_secs_f64());

@@ -13,6 +13,7 @@ fn settings() -> Settings {
         scenes: Vec::new(),
         days: 0.0,
         maps: MapSettings::default(),
+        load_days: 0.0,
     }
 }
 

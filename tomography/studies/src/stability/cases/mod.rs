@@ -11,3 +11,4 @@ pub(super) mod meshes;
 pub(super) mod order;
 pub(super) mod radial;
 pub(super) mod readings;
+pub(super) mod tracked;

@@ -1,0 +1,259 @@
+//! What the tracked baseline keeps of loads that lie for days or come slowly: their amplitude at the true place, against the first one.
+
+use std::sync::Arc;
+
+use drift::{Judgement, Tracker};
+use imaging::Geometry;
+use nalgebra::DMatrix;
+use phantom::Load;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::simulated::{Simulated, model};
+use super::tracked::LongScene;
+use crate::{Failure, progress};
+
+const DAY_S: f64 = 86_400.0;
+
+/// A figure of the run of one load.
+#[derive(Debug, Clone, Serialize)]
+pub struct LoadRow {
+    /// The load.
+    pub load: &'static str,
+    /// What is measured.
+    pub what: &'static str,
+    /// Its value, in the unit that `what` names.
+    pub value: f64,
+    /// Its goal.
+    pub goal: &'static str,
+}
+
+/// The loads that are run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Kind {
+    /// 60 mm, 30 %, from day 2 to 9, with the night's load beside it.
+    Week,
+    /// The night's load of 70 x 50 mm and 40 %, for all days.
+    Nights,
+    /// 30 mm that takes 20 % in the end, rising from day 8 on for so many days.
+    Slow(f64),
+}
+
+/// One frame of a run.
+struct Seen {
+    day: f64,
+    /// Amplitude of the load at its true place, in the change of ln conductance.
+    amplitude: f64,
+    loaded: bool,
+    /// Share of the load that an anchor speaks of.
+    anchor: bool,
+}
+
+impl Kind {
+    const ALL: [Self; 4] = [Self::Week, Self::Nights, Self::Slow(3.0), Self::Slow(14.0)];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Week => "60 mm, a week",
+            Self::Nights => "night's load",
+            Self::Slow(days) if days < 7.0 => "30 mm, over 3 days",
+            Self::Slow(_) => "30 mm, over 14 days",
+        }
+    }
+
+    /// Place (mm) and diameter (mm) of the load; the night's rectangle is judged by a disc.
+    fn disc_mm(self) -> ([f64; 2], f64) {
+        match self {
+            Self::Week => ([60.0, 180.0], 60.0),
+            Self::Nights => ([100.0, 115.0], 60.0),
+            Self::Slow(_) => ([60.0, 150.0], 30.0),
+        }
+    }
+
+    fn scene(self) -> String {
+        match self {
+            Self::Week => {
+                LongScene::Month.text()
+                    + "[[load]]\nname = \"weight\"\nshape = \"disc\"\ndiameter_mm = 60.0\nx_mm = 60.0\ny_mm = 180.0\n\
+                       loss_percent = 30.0\nfrom_s = 172800.0\nto_s = 777600.0\n"
+            }
+            Self::Nights => LongScene::Month.text(),
+            Self::Slow(_) => LongScene::Month.effects(),
+        }
+    }
+
+    /// Days of the run, and the interval of its frames, s.
+    fn extent(self, days: f64) -> (f64, f64) {
+        match self {
+            Self::Week => (10.0, 600.0),
+            Self::Nights => (days, 3600.0),
+            Self::Slow(rise) => (8.5 + rise, 1800.0),
+        }
+    }
+
+    /// The load that is pressed besides those of the scene.
+    fn pressed(self, day: f64) -> Option<Load> {
+        let Self::Slow(rise) = self else {
+            return None;
+        };
+        let loss = 0.2 * ((day - 8.0) / rise).clamp(0.0, 1.0);
+        let (place, diameter) = self.disc_mm();
+        (loss > 0.0).then(|| Load::disc(place, diameter, loss))
+    }
+}
+
+/// All rows; the nights last so many days.
+pub(super) fn rows(seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<LoadRow>, Failure> {
+    let bar = progress::bar(Kind::ALL.len(), "loads");
+    let rows: Vec<Vec<LoadRow>> = Kind::ALL
+        .par_iter()
+        .map(|&kind| {
+            let seen = run(kind, seed, days, geometry)?;
+            bar.inc(1);
+            Ok(judged(kind, &seen))
+        })
+        .collect::<Result<_, Failure>>()?;
+    bar.finish_and_clear();
+    Ok(rows.into_iter().flatten().collect())
+}
+
+fn run(kind: Kind, seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<Seen>, Failure> {
+    let failed = |fault| Failure::of("the tracked baseline", &fault);
+    let mut simulated = Simulated::of(kind.name(), &kind.scene(), seed)?;
+    let baseline = simulated.frame(0.0, None)?;
+    let model = Arc::new(model(geometry, &baseline)?);
+    let mut tracker = Tracker::new(Arc::clone(&model), 0.0).map_err(failed)?;
+    let (place, diameter) = kind.disc_mm();
+    let atom = model.disc(place.map(|mm| 1e-3 * mm), 1e-3 * diameter);
+    let atom = DMatrix::from_column_slice(atom.len(), 1, atom.as_slice());
+    let (days, every_s) = kind.extent(days);
+    let mut out = Vec::new();
+    for number in 1..=(days * DAY_S / every_s) as usize {
+        let at_s = every_s * number as f64;
+        let day = at_s / DAY_S;
+        let frame = simulated.frame(at_s, kind.pressed(day))?;
+        let answer = tracker.follow(&frame, at_s).map_err(failed)?;
+        let white = tracker.whitened().map_err(failed)?;
+        let column = white.sensitivity(&atom);
+        out.push(Seen {
+            day,
+            amplitude: column.column(0).dot(white.data()) / column.norm_squared(),
+            loaded: answer.judgement == Judgement::Loaded,
+            anchor: answer.anchor.is_some(),
+        });
+    }
+    Ok(out)
+}
+
+/// Whether the night's load lies there.
+fn at_night(day: f64) -> bool {
+    (0.5..20.0 / 24.0).contains(&day.fract())
+}
+
+fn judged(kind: Kind, seen: &[Seen]) -> Vec<LoadRow> {
+    let row = |what, value, goal| LoadRow {
+        load: kind.name(),
+        what,
+        value,
+        goal,
+    };
+    let extremes = |values: &mut dyn Iterator<Item = f64>| {
+        values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+            [low.min(value), high.max(value)]
+        })
+    };
+    match kind {
+        Kind::Week => {
+            let lies = |one: &&Seen| (2.001..8.999).contains(&one.day);
+            let alone: Vec<f64> = seen
+                .iter()
+                .filter(lies)
+                .filter(|one| !at_night(one.day))
+                .map(|one| one.amplitude)
+                .collect();
+            let first = alone.first().copied().unwrap_or(f64::NAN);
+            let [low, high] = extremes(&mut alone.iter().map(|value| 100.0 * value / first));
+            let after = seen
+                .iter()
+                .filter(|one| one.day > 9.3 && !at_night(one.day));
+            vec![
+                row("least of its first amplitude, %", low, "97"),
+                row("most of its first amplitude, %", high, "104"),
+                row(
+                    "its frames called empty",
+                    seen.iter().filter(lies).filter(|one| !one.loaded).count() as f64,
+                    "0",
+                ),
+                row(
+                    "frames called loaded after it was taken away",
+                    after.filter(|one| one.loaded).count() as f64,
+                    "0",
+                ),
+            ]
+        }
+        Kind::Nights => {
+            let nights: Vec<Vec<f64>> = (0..seen.last().map_or(0, |last| last.day as usize))
+                .map(|night| {
+                    let of = seen.iter().filter(|one| one.day as usize == night);
+                    of.filter(|one| at_night(one.day))
+                        .map(|one| one.amplitude)
+                        .collect()
+                })
+                .filter(|night: &Vec<f64>| !night.is_empty())
+                .collect();
+            let mean = nights.iter().map(|night| night[0]).sum::<f64>() / nights.len() as f64;
+            let squares = nights.iter().map(|night| (night[0] / mean - 1.0).powi(2));
+            let rms = 100.0 * (squares.sum::<f64>() / nights.len() as f64).sqrt();
+            let within = nights.iter().map(|night| {
+                let [low, high] = extremes(&mut night.iter().map(|value| value / night[0]));
+                100.0 * (high - 1.0).max(1.0 - low)
+            });
+            vec![
+                row("nights", nights.len() as f64, ""),
+                row("first amplitude of each night, % rms", rms, "1"),
+                row(
+                    "largest change within a night, %",
+                    within.fold(0.0, f64::max),
+                    "4",
+                ),
+            ]
+        }
+        Kind::Slow(rise) => {
+            let loss = |one: &Seen| 20.0 * ((one.day - 8.0) / rise).clamp(0.0, 1.0);
+            let up = seen.iter().find(|one| one.day >= 8.0 + rise);
+            // ln of what the loss leaves, as a linear disc shows it
+            let whole = -2.0 * 0.2 / (2.0 - 0.2);
+            let rising = || seen.iter().filter(|one| one.day > 8.0);
+            let never = f64::INFINITY;
+            vec![
+                row(
+                    "kept when it is up, %",
+                    100.0 * up.map_or(f64::NAN, |one| one.amplitude / whole),
+                    "85 (3 days)",
+                ),
+                row(
+                    "called loaded at a loss of, %",
+                    rising().find(|one| one.loaded).map_or(never, loss),
+                    "",
+                ),
+                row(
+                    "an anchor speaks at a loss of, %",
+                    rising().find(|one| one.anchor).map_or(never, loss),
+                    "5",
+                ),
+            ]
+        }
+    }
+}
+
+/// The table as text.
+pub(super) fn text(rows: &[LoadRow]) -> String {
+    let mut text = format!("{:<20} {:<46} {:>9}  goal\n", "load", "", "value");
+    for row in rows {
+        text += &format!(
+            "{:<20} {:<46} {:>9.2}  {}\n",
+            row.load, row.what, row.value, row.goal
+        );
+    }
+    text
+}

@@ -1,0 +1,155 @@
+//! Hard case 31: an electrode that opens while the baseline is tracked.
+
+use std::sync::Arc;
+
+use drift::Tracker;
+use imaging::{Geometry, Model};
+use phantom::Load;
+
+use crate::evaluation::average;
+use crate::failure::Failure;
+use crate::months::{Simulated, away_mm, model, shipped};
+use crate::stability::outcome::{Check, Naive, Outcome, worst};
+
+const SEED: u64 = 31;
+/// Interval of the frames, s.
+const EVERY_S: f64 = 600.0;
+/// Empty frames before the electrode opens, which it does between two frames.
+const BEFORE: usize = 12;
+/// The electrode, from 0: in the middle of the left side.
+const ELECTRODE: usize = 22;
+/// Diameter of the presses, mm; they take half of the conductance.
+const PRESS_MM: f64 = 10.0;
+/// Their places, mm: within 45 mm of the electrode, and elsewhere.
+const NEAR_MM: [[f64; 2]; 4] = [[40.0, 100.0], [42.0, 115.0], [40.0, 132.0], [48.0, 122.0]];
+const ELSEWHERE_MM: [[f64; 2]; 4] = [[107.0, 115.0], [150.0, 70.0], [160.0, 160.0], [90.0, 180.0]];
+
+fn preset() -> Result<Geometry, Failure> {
+    Geometry::from_preset(&eit::Preset::default())
+        .map_err(|fault| Failure::of("the model's sheet", &fault))
+}
+
+/// Location errors of the presses, mm.
+struct Located {
+    near: Vec<f64>,
+    elsewhere: Vec<f64>,
+    /// Of the shipped map with the baseline as recorded, near.
+    naive_near: Vec<f64>,
+    /// Electrodes that are left out at the end, from 0.
+    masked: Vec<usize>,
+    /// Frames from the opening on until the electrode is left out.
+    named_after: usize,
+}
+
+/// Follows the sheet through the opening of the electrode, or without, and presses it.
+fn follow(opens: bool, geometry: &Geometry, one_step: &Model) -> Result<Located, Failure> {
+    let failed = |fault| Failure::of("the tracked baseline", &fault);
+    let from_s = EVERY_S * (BEFORE as f64 + 0.2);
+    let open = match opens {
+        true => format!(
+            "[effects.detachment]\nelectrode = {}\nfrom_s = {from_s:.1}\nover_s = 100.0\n",
+            ELECTRODE + 1
+        ),
+        false => String::new(),
+    };
+    let effects = "[effects.contact-spread]\nstd = 0.3\n[effects.contact-drift]\npercent = 10.0\ntau_h = 48.0\n\
+        [effects.thermal-emf]\nuv = 0.9\n";
+    let mut simulated = Simulated::of("an electrode opens", &(effects.to_owned() + &open), SEED)?;
+    let baseline = simulated.frame(0.0, None)?;
+    let mut tracker = Tracker::new(Arc::new(model(geometry, &baseline)?), 0.0).map_err(failed)?;
+    let (centroids, areas) = (
+        geometry.mesh.region_centroids(),
+        geometry.mesh.region_areas(),
+    );
+    let mut out = Located {
+        near: Vec::new(),
+        elsewhere: Vec::new(),
+        naive_near: Vec::new(),
+        masked: Vec::new(),
+        named_after: 0,
+    };
+    let mut number = 0;
+    let mut next = |press: Option<[f64; 2]>, tracker: &mut Tracker| {
+        number += 1;
+        let at_s = EVERY_S * number as f64;
+        let load = press.map(|place| Load::disc(place, PRESS_MM, 0.5));
+        let frame = simulated.frame(at_s, load)?;
+        let answer = tracker.follow(&frame, at_s).map_err(failed)?;
+        Ok::<_, Failure>((frame, answer))
+    };
+    for _ in 0..BEFORE {
+        next(None, &mut tracker)?;
+    }
+    for frame in 1..=3 {
+        let (_, answer) = next(None, &mut tracker)?;
+        if out.named_after == 0 && answer.masked == [ELECTRODE] {
+            out.named_after = frame;
+        }
+    }
+    for (near, place) in NEAR_MM
+        .map(|place| (true, place))
+        .into_iter()
+        .chain(ELSEWHERE_MM.map(|place| (false, place)))
+    {
+        let (frame, answer) = next(Some(place), &mut tracker)?;
+        let found = answer.event.filter(|event| event.came);
+        let error = found.map_or(f64::INFINITY, |event| away_mm(event.fit.disc.centre, place));
+        match near {
+            true => out.near.push(error),
+            false => out.elsewhere.push(error),
+        }
+        if near {
+            let map = one_step.reconstruct(&baseline, &frame);
+            let map = map.map_err(|fault| Failure::of("one-step", &fault))?;
+            let at = map.found(&centroids, &areas).unwrap_or([0.0; 2]);
+            out.naive_near.push(away_mm(at, place));
+        }
+        out.masked = answer.masked;
+        next(None, &mut tracker)?;
+    }
+    Ok(out)
+}
+
+/// 31: an electrode opens between two frames; its readings are left out.
+pub(crate) fn open_electrode() -> Result<Outcome, Failure> {
+    let geometry = preset()?;
+    let one_step = shipped(&geometry)?;
+    let (open, healthy) = rayon::join(
+        || follow(true, &geometry, &one_step),
+        || follow(false, &geometry, &one_step),
+    );
+    let (open, healthy) = (open?, healthy?);
+    let mean = |errors: &[f64]| average(errors.iter().copied());
+    let most = |errors: &[f64]| errors.iter().copied().fold(0.0, worst);
+    let named = match (open.masked == [ELECTRODE], healthy.masked.is_empty()) {
+        (true, true) => open.named_after as f64,
+        _ => f64::INFINITY,
+    };
+    Ok(Outcome::of([
+        Check::at_most(
+            "frames until the open electrode, and no other, is left out",
+            Naive::Absent("the naive map leaves nothing out".into()),
+            named,
+            1.0,
+        ),
+        Check::at_most(
+            "mean error of a 10 mm press near it, mm; naive: the map of the baseline as recorded",
+            Naive::Error(mean(&open.naive_near)),
+            mean(&open.near),
+            1.0,
+        ),
+        Check::at_most(
+            "largest error of a 10 mm press near it, mm; naive: the same",
+            Naive::Error(most(&open.naive_near)),
+            most(&open.near),
+            2.0,
+        ),
+        Check::at_most(
+            "mean error elsewhere over that with all electrodes",
+            Naive::Absent("the naive map has no place elsewhere".into()),
+            mean(&open.elsewhere) / mean(&healthy.elsewhere),
+            2.0,
+        ),
+    ])
+    .noted("Readings of the electrode are marginalised, its ring is not planned again."))
+}
