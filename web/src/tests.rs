@@ -442,9 +442,10 @@ async fn too_many_pages_are_refused() {
         open.push(stream);
     }
     // those are received in any order; the one that finds no room is refused
+    let path = format!("/api/state/{version}");
     let refused = async {
         loop {
-            let asked = served.get(&format!("/api/state/{version}"));
+            let asked = served.get(&path);
             match tokio::time::timeout(Duration::from_millis(200), asked).await {
                 Ok(answer) => return answer,
                 Err(_) => continue,

@@ -43,18 +43,13 @@ impl Data {
             },
             (Profile::Matched, None) => {
                 let current = single_current(&case)?;
-                let largest = match &set {
-                    Some(set) => {
-                        let readings = set.baseline().iter();
-                        current * readings.fold(0.0_f64, |most, ohms| most.max(ohms.abs()))
-                    }
-                    None => limits::largest_reading(&case)?,
-                };
+                let largest = largest_reading(&case, set.as_ref(), current)?;
                 limits::check_noise(largest, &options.noise_v, options.yes)?;
                 linear::matched(&options.noise_v, current)
             }
             (Profile::Months, None) => {
-                limits::check_noise(&case, &options.noise_v, options.yes)?;
+                let largest = largest_reading(&case, set.as_ref(), single_current(&case)?)?;
+                limits::check_noise(largest, &options.noise_v, options.yes)?;
                 drifting(&case, &options.noise_v)?
             }
             (Profile::Months, Some(_)) => {
@@ -69,6 +64,17 @@ impl Data {
     /// The set for a training; `None` if cases are simulated for it.
     pub(super) fn samples(&self) -> Option<&dyn Samples> {
         self.set.as_ref().map(|set| set as &dyn Samples)
+    }
+}
+
+/// The largest reading of the set's baseline, else of the case, V.
+fn largest_reading(case: &Case, set: Option<&DataSet>, current_a: f64) -> Result<f64, Failure> {
+    match set {
+        Some(set) => {
+            let readings = set.baseline().iter();
+            Ok(current_a * readings.fold(0.0_f64, |most, ohms| most.max(ohms.abs())))
+        }
+        None => limits::largest_reading(case),
     }
 }
 
