@@ -61,7 +61,7 @@ fn quantities_are_a_hypertable_where_there_is_timescaledb() {
     assert_eq!(server.sql("SELECT count(*) FROM tactus.quantity"), "9");
     assert_eq!(
         server.sql("SELECT count(*) FROM tactus.quantity_value"),
-        "18"
+        "27"
     );
 }
 

@@ -19,16 +19,20 @@ const SPANS: u32 = 720;
 /// Longest time back, h: ten years.
 const LONGEST_H: u32 = 87_600;
 /// Answers are given again for so long: months of rows are read once, however many pages ask.
-const KEPT: Duration = Duration::from_secs(20);
+const KEPT_FOR: Duration = Duration::from_secs(20);
 /// Most answers that are kept.
 const ANSWERS: usize = 64;
 
-type Asked = (u32, String);
+/// Hours and region.
+type Request = (u32, String);
+
+/// When it was made, and its text.
+type Kept = (Instant, Arc<str>);
 
 #[derive(Clone)]
 struct Shared {
     recordings: Arc<dyn Recordings>,
-    answers: Arc<Mutex<HashMap<Asked, (Instant, Arc<str>)>>>,
+    answers: Arc<Mutex<HashMap<Request, Kept>>>,
 }
 
 /// The route of the history.
@@ -71,9 +75,9 @@ async fn history(
 impl Shared {
     fn answer(&self, hours: u32, region: &str) -> Result<Arc<str>, String> {
         let mut answers = self.answers.lock().unwrap_or_else(PoisonError::into_inner);
-        answers.retain(|_, (made, _)| made.elapsed() < KEPT);
-        let asked = (hours, region.to_owned());
-        if let Some((_, text)) = answers.get(&asked) {
+        answers.retain(|_, (made, _)| made.elapsed() < KEPT_FOR);
+        let request = (hours, region.to_owned());
+        if let Some((_, text)) = answers.get(&request) {
             return Ok(Arc::clone(text));
         }
         let now = SystemTime::now().duration_since(UNIX_EPOCH);
@@ -88,7 +92,7 @@ impl Shared {
         };
         let text: Arc<str> = serde_json::json!(answer).to_string().into();
         if answers.len() < ANSWERS {
-            answers.insert(asked, (Instant::now(), Arc::clone(&text)));
+            answers.insert(request, (Instant::now(), Arc::clone(&text)));
         }
         Ok(text)
     }
