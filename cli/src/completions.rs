@@ -113,12 +113,11 @@ fn fish(found: &[IdArgument]) -> String {
 /// clap's script, whose arguments name their action, with the actions of ids.
 fn zsh(script: &str) -> String {
     let action = |line: &str| {
-        let option = line.contains(":ID:_default'");
-        if line.contains(":session -- ") || line.contains(":sessions -- ") {
+        let option = |name| line.starts_with(name) && line.contains(":ID:_default'");
+        let argument = |name| line.contains(name);
+        if argument(":session -- ") || argument(":sessions -- ") || option("'--session=") {
             Some("sessions")
-        } else if line.starts_with("'--session=") && option {
-            Some("sessions")
-        } else if line.contains(":id -- ") || line.starts_with("'--baseline=") && option {
+        } else if argument(":id -- ") || option("'--baseline=") {
             Some("baseline list")
         } else {
             None
