@@ -141,7 +141,8 @@ async function next() {
   busy = true;
   try {
     await load(byId("view").value === "load" ? "quick" : "unrelieved", by, number);
-    if (by === "frame") { at = shown.wall_ms; byId("position").value = at; }
+    // a later wish has set the time meanwhile
+    if (by === "frame" && !wanted) { at = shown.wall_ms; byId("position").value = at; }
     trouble("");
   } catch (error) {
     byId("verdict").textContent = error.message;

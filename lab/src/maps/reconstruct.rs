@@ -126,7 +126,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "masked": map.masked,
                 "quality": map.quality,
                 "tracked": tracked,
-                "map_sd": deviation.as_ref().map(|deviation| told(deviation, &areas)),
+                "map_sd": deviation.as_ref().map(|deviation| resolved(deviation, &areas)),
                 "unit": if pressure.is_some() { "kPa" } else { map.unit.label() },
                 "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
                 "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
@@ -146,8 +146,10 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         }
         maps.extend_from_slice(row.values());
         if let Some(deviation) = deviation {
-            let told = deviation.deviation.iter().zip(&deviation.told);
-            deviations.extend(told.map(|(value, told)| if *told { *value } else { f64::NAN }));
+            let resolved = deviation.deviation.iter().zip(&deviation.resolved);
+            deviations.extend(
+                resolved.map(|(value, resolved)| if *resolved { *value } else { f64::NAN }),
+            );
         }
     }
     let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
@@ -188,16 +190,16 @@ fn frames(options: &ReconstructOptions, readings: usize) -> Result<FrameTable, F
 }
 
 /// The deviation of a map in a few values: share of the region's area of which the frame says something, and the median there.
-fn told(deviation: &MapDeviation, areas: &[f64]) -> serde_json::Value {
+fn resolved(deviation: &MapDeviation, areas: &[f64]) -> serde_json::Value {
     let all: f64 = areas.iter().sum();
-    let told = |k: &usize| deviation.told[*k];
-    let area: f64 = (0..areas.len()).filter(told).map(|k| areas[k]).sum();
+    let resolved = |k: &usize| deviation.resolved[*k];
+    let area: f64 = (0..areas.len()).filter(resolved).map(|k| areas[k]).sum();
     let mut values: Vec<f64> = (0..areas.len())
-        .filter(told)
+        .filter(resolved)
         .map(|k| deviation.deviation[k])
         .collect();
     serde_json::json!({
-        "told": area / all,
+        "resolved": area / all,
         "median": (!values.is_empty()).then(|| median(&mut values)),
     })
 }

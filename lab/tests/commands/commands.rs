@@ -408,8 +408,8 @@ fn drift_of_a_frame_is_removed_and_deviation_written() {
     assert!(none.is_null());
     assert!(left > 0.02 && removed < 0.2 * left, "{left} {removed}");
     // of an empty frame: readings tell a change of 5 % near electrodes alone
-    let told = sd["told"].as_f64().unwrap();
-    assert!((0.01..0.5).contains(&told), "{sd}");
+    let resolved = sd["resolved"].as_f64().unwrap();
+    assert!((0.01..0.5).contains(&resolved), "{sd}");
     let deviations = numbers(&path("maps.sd.csv"));
     assert_eq!(deviations[0].len(), numbers(&maps)[0].len());
     assert!(deviations[0].iter().any(|value| *value > 0.0));

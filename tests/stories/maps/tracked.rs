@@ -276,7 +276,7 @@ fn a_person_overrules_the_tracker_and_replay_does_the_same() {
         assert_eq!(frame["tracked"]["held"], held, "{frame}");
         assert_ne!(frame["verified"], false, "{frame}");
         let reason = if held {
-            serde_json::json!("said-loaded")
+            serde_json::json!("declared-loaded")
         } else {
             serde_json::Value::Null
         };

@@ -9,8 +9,7 @@
 //! - **sheet**: gain, contacts and an uneven conductance fitted once to the first baseline
 //! - **model**: sensitivity at that sheet, and the covariance D(s) of gain, contacts, smooth field and local change
 //! - **evidence**: the sizes of these changes that make one frame most probable, and its drift, for methods that take a
-//!   baseline; **whitened**: data and sensitivity for linear methods; **disc**: a disc with its covariance
-//! - **moving**: a disc with a velocity, from the last injections
+//!   baseline; **whitened**: data and sensitivity for linear methods; **disc**: a disc with its covariance, also one that moves
 //! - **tracker**: the baseline followed through time, learnt only from frames without load; **electrodes**: which one is faulty
 
 mod basis;
@@ -20,7 +19,6 @@ mod error;
 mod evidence;
 mod kinds;
 mod model;
-mod moving;
 mod overlap;
 mod pairs;
 mod sheet;
@@ -28,13 +26,12 @@ mod sizes;
 mod tracker;
 mod whitened;
 
-pub use disc::{Disc, DiscFit};
+pub use disc::{Disc, DiscFit, Injection, MovingLoad, TimedReading};
 pub use electrodes::{Allowed, ElectrodeCheck, ElectrodeFault};
 pub use error::DriftError;
 pub use evidence::{Assessed, FrameDrift, MapDeviation};
 pub use kinds::{DriftKinds, LocalChange};
 pub use model::{DriftModel, Noise};
-pub use moving::{Injection, MovingLoad, TimedReading};
 pub use pairs::{Pairs, Relative};
 pub use sheet::{FitOptions, SheetFit};
 pub use sizes::Sizes;

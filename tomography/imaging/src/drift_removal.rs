@@ -79,7 +79,7 @@ impl FittedSheet {
         let region = self.geometry.mesh.region().iter();
         Ok(MapDeviation {
             deviation: region.clone().map(|&t| whole.deviation[t]).collect(),
-            told: region.map(|&t| whole.told[t]).collect(),
+            resolved: region.map(|&t| whole.resolved[t]).collect(),
         })
     }
 }

@@ -16,7 +16,7 @@ use crate::sizes::Sizes;
 use crate::whitened::Whitened;
 
 /// Share of the standard deviation before the frame above which the frame says nothing of a triangle.
-const UNTOLD: f64 = 0.9;
+const UNRESOLVED: f64 = 0.9;
 /// Standard deviation of ln conductance that a load may have, at least: an empty frame is uncertain by what it would show.
 const LEAST_LOAD: f64 = 0.05;
 
@@ -37,7 +37,7 @@ pub struct MapDeviation {
     /// Standard deviation of each triangle of [`DriftModel::mesh`].
     pub deviation: Vec<f64>,
     /// Whether the frame says anything of a triangle.
-    pub told: Vec<bool>,
+    pub resolved: Vec<bool>,
 }
 
 impl DriftModel {
@@ -85,16 +85,16 @@ impl DriftModel {
             ..*sizes
         };
         let white = self.with_load(&sizes, &DVector::zeros(self.pairs().len()), rows)?;
-        let told: DMatrix<f64> = white.sensitivity(&self.local_map.transpose());
+        let resolved: DMatrix<f64> = white.sensitivity(&self.local_map.transpose());
         let before = sizes.local.powi(2);
-        let of_cells: Vec<f64> = told
+        let of_cells: Vec<f64> = resolved
             .column_iter()
             .map(|column| (1.0 - before * column.norm_squared()).max(0.0).sqrt())
             .collect();
         let shares = self.cell_of_triangle().iter().map(|&cell| of_cells[cell]);
         Ok(MapDeviation {
             deviation: shares.clone().map(|share| sizes.local * share).collect(),
-            told: shares.map(|share| share <= UNTOLD).collect(),
+            resolved: shares.map(|share| share <= UNRESOLVED).collect(),
         })
     }
 

@@ -152,13 +152,18 @@ fn deviation_of_a_map_grows_with_noise_and_lost_rows() {
     assert!(whole.deviation.iter().all(|sd| (0.0..=0.1).contains(sd)));
     let half: Vec<usize> = (0..150).collect();
     let fewer = model.map_deviation(&sizes, &half).unwrap();
-    let told =
-        |deviation: &drift::MapDeviation| deviation.told.iter().filter(|told| **told).count();
+    let resolved = |deviation: &drift::MapDeviation| {
+        deviation
+            .resolved
+            .iter()
+            .filter(|resolved| **resolved)
+            .count()
+    };
     assert!(
-        told(&fewer) < told(&whole),
+        resolved(&fewer) < resolved(&whole),
         "{} {}",
-        told(&fewer),
-        told(&whole)
+        resolved(&fewer),
+        resolved(&whole)
     );
     assert!(
         whole

@@ -67,7 +67,7 @@ pub enum Doubtful {
     /// The load lies where conductance changed slowly: how much of it is load cannot be known.
     SlowChange,
     /// A person said that something lies on the sheet, and the readings do not show where.
-    SaidLoaded,
+    DeclaredLoaded,
 }
 
 impl Doubtful {
@@ -79,7 +79,7 @@ impl Doubtful {
             Self::NotEmptyForLong => "not empty for long",
             Self::NeverEmpty => "never empty since the baseline",
             Self::SlowChange => "the place changed slowly before",
-            Self::SaidLoaded => "something lies there, as a person said",
+            Self::DeclaredLoaded => "something lies there, by the order of a person",
         }
     }
 }
@@ -195,7 +195,7 @@ fn doubt(
         if answer.held && place.is_none() {
             let text = "a person said that something lies on the sheet, and the readings do not show where; \
                 `tactus baseline empty-now` ends it, once nothing lies there";
-            return Some((Doubtful::SaidLoaded, text.to_owned()));
+            return Some((Doubtful::DeclaredLoaded, text.to_owned()));
         }
         let place = place?;
         let sd_mm = place.half_axes_mm[0] / REGION_95;
@@ -243,7 +243,9 @@ impl fmt::Display for Tracked {
                     false => write!(f, "a load near ({x:.0}, {y:.0}) mm, unlike a disc")?,
                 }
             }
-            (Judgement::Loaded, None) if self.held => write!(f, "a load, as a person said")?,
+            (Judgement::Loaded, None) if self.held => {
+                write!(f, "a load, by the order of a person")?
+            }
             (Judgement::Loaded, None) => write!(f, "{} loads", self.loads)?,
             (Judgement::Unknown, _) => write!(f, "nothing is known of this frame")?,
         }

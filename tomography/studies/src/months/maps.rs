@@ -79,7 +79,7 @@ pub struct MapRow {
     /// Mean correlation of map and truth over the region.
     pub correlation: f64,
     /// Share of the region where the stated deviation says something.
-    pub told: f64,
+    pub resolved: f64,
     /// Share of that part where the map is within 1.96 stated deviations of the truth.
     pub covered: f64,
 }
@@ -98,7 +98,7 @@ struct Judged {
     span: usize,
     error_mm: Option<f64>,
     correlation: f64,
-    told: f64,
+    resolved: f64,
     covered: f64,
 }
 
@@ -237,10 +237,10 @@ fn judge(
         .deviation(baseline, frame)
         .map_err(|fault| Failure::of("the map's deviation", &fault))?
         .ok_or_else(|| Failure::usage("a model without a geometry has no deviation"))?;
-    let told: f64 = areas
+    let resolved: f64 = areas
         .iter()
-        .zip(&deviation.told)
-        .filter(|(_, told)| **told)
+        .zip(&deviation.resolved)
+        .filter(|(_, resolved)| **resolved)
         .map(|(area, _)| area)
         .sum();
     for (method, one) in prepared.iter().enumerate() {
@@ -250,7 +250,7 @@ fn judge(
                 .map_err(|fault| Failure::of(&one.name, &fault))?;
             let covered: f64 = (0..areas.len())
                 .filter(|&k| {
-                    deviation.told[k]
+                    deviation.resolved[k]
                         && (map.values[k] - truth[k]).abs() <= WITHIN_95 * deviation.deviation[k]
                 })
                 .map(|k| areas[k])
@@ -263,8 +263,8 @@ fn judge(
                 span: 0,
                 error_mm: centre.map(|centre| away_mm(found, centre)),
                 correlation: likeness(&map.values, truth, &areas).correlation,
-                told: told / area,
-                covered: covered / told,
+                resolved: resolved / area,
+                covered: covered / resolved,
             });
         }
     }
@@ -292,7 +292,7 @@ fn row(
         median_mm: at(0.5),
         p95_mm: at(0.95),
         correlation: mean(&|one| one.correlation),
-        told: mean(&|one| one.told),
+        resolved: mean(&|one| one.resolved),
         covered: mean(&|one| one.covered),
     }
 }
@@ -310,7 +310,7 @@ pub(super) fn text(rows: &[MapRow]) -> String {
         "median mm",
         "p95 mm",
         "correlation",
-        "told",
+        "resolved",
         "covered"
     );
     let mm = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
@@ -329,7 +329,7 @@ pub(super) fn text(rows: &[MapRow]) -> String {
             mm(row.median_mm),
             mm(row.p95_mm),
             row.correlation,
-            100.0 * row.told,
+            100.0 * row.resolved,
             100.0 * row.covered
         );
     }

@@ -58,7 +58,7 @@ fn removed_drift_leaves_a_map_of_the_load() {
     assert!(worst(DriftRule::Frame, LoadKind::Press30) < 1.5);
     assert!(worst(DriftRule::Off, LoadKind::Press30) > 1.5);
     for row in &report.maps {
-        assert!((0.2..=1.0).contains(&row.told), "{row:?}");
+        assert!((0.2..=1.0).contains(&row.resolved), "{row:?}");
     }
 }
 

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
+use super::Disc;
 use crate::DriftError;
-use crate::disc::Disc;
 use crate::model::DriftModel;
 use crate::whitened::{Atoms, LOADED, Whitened, factor};
 

@@ -4,11 +4,14 @@
 //! disc that loses the share l of its conductance changes the field as 2 l / (2 - l) of a linear one does: the fitted change is
 //! converted accordingly.
 
+mod moving;
+
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 
 use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{LOADED, LoadTest, Whitened};
+pub use moving::{Injection, MovingLoad, TimedReading};
 
 /// Error of the model as a share of the fitted signal.
 pub(crate) const MODEL_SHARE: f64 = 0.01;
