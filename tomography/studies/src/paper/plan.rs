@@ -144,6 +144,8 @@ impl Plan {
         ]
         .into_iter()
         .flat_map(|(key, value)| [key.to_owned(), value])
+        // also a model that has learnt nothing: the study shows what it is worth
+        .chain(["--yes".to_owned()])
         .collect()
     }
 
@@ -172,6 +174,7 @@ impl Plan {
             "--seed",
             &seed,
             "--symmetric",
+            "--yes",
         ];
         let linear: Vec<String> = linear.map(str::to_owned).to_vec();
         let plain = |name: &'static str, words: &str| Method {
