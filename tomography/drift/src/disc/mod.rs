@@ -4,6 +4,7 @@
 //! disc that loses the share l of its conductance changes the field as 2 l / (2 - l) of a linear one does: the fitted change is
 //! converted accordingly.
 
+mod descent;
 mod moving;
 
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
@@ -11,6 +12,7 @@ use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{LOADED, LoadTest, Whitened};
+use descent::{Problem, descend};
 pub use moving::{Injection, MovingLoad, TimedReading};
 
 /// Error of the model as a share of the fitted signal.
@@ -94,55 +96,14 @@ impl Whitened {
 
     /// Levenberg-Marquardt from a place of the load test.
     fn descend(&self, model: &DriftModel, start: &LoadTest) -> (Vector4<f64>, f64) {
-        let [low, high] = model.bounds();
         let mean = start.place.diameter.ln();
-        let clamp = |mut theta: Vector4<f64>| {
-            for axis in 0..2 {
-                theta[axis] = theta[axis].clamp(low[axis], high[axis]);
-            }
-            theta[2] = theta[2].clamp(DIAMETER_M[0].ln(), DIAMETER_M[1].ln());
-            // at most all of the conductance
-            theta[3] = theta[3].clamp(-2.0, 2.0);
-            theta
-        };
-        let residual = |theta: &Vector4<f64>| {
-            let left = self.data() - self.of_disc(model, theta);
-            let prior = (theta[2] - mean) / LN_DIAMETER_SD;
-            let cost = left.norm_squared() + prior * prior;
-            (left, cost)
+        let problem = Resting {
+            white: self,
+            model,
+            mean,
         };
         let [x, y] = start.place.centre;
-        let mut theta = clamp(Vector4::new(x, y, mean, start.change));
-        let (mut left, mut cost) = residual(&theta);
-        let mut damping = 1e-2;
-        for _ in 0..STEPS {
-            let h = self.derivative(model, &theta);
-            let mut normal: Matrix4<f64> = Matrix4::from_fn(|i, j| h.column(i).dot(&h.column(j)));
-            let mut right = Vector4::from_fn(|i, _| h.column(i).dot(&left));
-            normal[(2, 2)] += LN_DIAMETER_SD.powi(-2);
-            right[2] -= (theta[2] - mean) * LN_DIAMETER_SD.powi(-2);
-            let mut gained = 0.0;
-            for _ in 0..8 {
-                let mut damped = normal;
-                for k in 0..4 {
-                    damped[(k, k)] *= 1.0 + damping;
-                }
-                let step = damped.cholesky().map(|factor| factor.solve(&right));
-                let next = clamp(theta + step.unwrap_or_default());
-                let (next_left, next_cost) = residual(&next);
-                if next_cost < cost {
-                    gained = cost - next_cost;
-                    (theta, left, cost) = (next, next_left, next_cost);
-                    damping = (damping * 0.1).max(1e-9);
-                    break;
-                }
-                damping *= 10.0;
-            }
-            if gained < 1e-4 {
-                break;
-            }
-        }
-        (theta, cost)
+        descend(&problem, Vector4::new(x, y, mean, start.change), STEPS)
     }
 
     /// Central differences by the four parameters.
@@ -203,5 +164,41 @@ impl Whitened {
             chi,
             accepted: chi <= REFUSED,
         })
+    }
+}
+
+/// A disc that does not move, about a mean of its ln diameter.
+struct Resting<'a> {
+    white: &'a Whitened,
+    model: &'a DriftModel,
+    mean: f64,
+}
+
+impl Problem<4> for Resting<'_> {
+    fn clamp(&self, mut theta: Vector4<f64>) -> Vector4<f64> {
+        let [low, high] = self.model.bounds();
+        for axis in 0..2 {
+            theta[axis] = theta[axis].clamp(low[axis], high[axis]);
+        }
+        theta[2] = theta[2].clamp(DIAMETER_M[0].ln(), DIAMETER_M[1].ln());
+        // at most all of the conductance
+        theta[3] = theta[3].clamp(-2.0, 2.0);
+        theta
+    }
+
+    fn residual(&self, theta: &Vector4<f64>) -> (DVector<f64>, f64) {
+        let left = self.white.data() - self.white.of_disc(self.model, theta);
+        let prior = (theta[2] - self.mean) / LN_DIAMETER_SD;
+        let cost = left.norm_squared() + prior * prior;
+        (left, cost)
+    }
+
+    fn normal(&self, theta: &Vector4<f64>, left: &DVector<f64>) -> (Matrix4<f64>, Vector4<f64>) {
+        let h = self.white.derivative(self.model, theta);
+        let mut normal: Matrix4<f64> = Matrix4::from_fn(|i, j| h.column(i).dot(&h.column(j)));
+        let mut right = Vector4::from_fn(|i, _| h.column(i).dot(left));
+        normal[(2, 2)] += LN_DIAMETER_SD.powi(-2);
+        right[2] -= (theta[2] - self.mean) * LN_DIAMETER_SD.powi(-2);
+        (normal, right)
     }
 }

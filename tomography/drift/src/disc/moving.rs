@@ -6,6 +6,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::Disc;
+use super::descent::{Problem, descend};
 use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{Atoms, LOADED, Whitened, factor};
@@ -207,56 +208,53 @@ impl DriftModel {
 
     /// Levenberg-Marquardt; the parameters and their cost.
     fn descend_moving(&self, window: &Window, start: SVector<f64, N>) -> (SVector<f64, N>, f64) {
-        let mean = start[4];
-        let [low, high] = self.bounds();
-        let clamp = |mut theta: SVector<f64, N>| {
-            for axis in 0..2 {
-                theta[axis] = theta[axis].clamp(low[axis], high[axis]);
-            }
-            theta[4] = theta[4].clamp(DIAMETER_M[0].ln(), DIAMETER_M[1].ln());
-            theta[5] = theta[5].clamp(-2.0, 2.0);
-            theta
+        let problem = Moving {
+            model: self,
+            window,
+            mean: start[4],
         };
-        let residual = |theta: &SVector<f64, N>| {
-            let left = window.white.data() - self.of_moving(window, theta);
-            let speed = (theta[2].powi(2) + theta[3].powi(2)) / VELOCITY_SD.powi(2);
-            let size = ((theta[4] - mean) / LN_DIAMETER_SD).powi(2);
-            let cost = left.norm_squared() + speed + size;
-            (left, cost)
-        };
-        let mut theta = clamp(start);
-        let (mut left, mut cost) = residual(&theta);
-        let mut damping = 1e-2;
-        for _ in 0..STEPS {
-            let h = self.derivative_moving(window, &theta);
-            let normal = information(&h);
-            let mut right = SVector::<f64, N>::from_fn(|i, _| h.column(i).dot(&left));
-            for axis in [2, 3] {
-                right[axis] -= theta[axis] * VELOCITY_SD.powi(-2);
-            }
-            right[4] -= (theta[4] - mean) * LN_DIAMETER_SD.powi(-2);
-            let mut gained = 0.0;
-            for _ in 0..8 {
-                let mut damped = normal;
-                for k in 0..N {
-                    damped[(k, k)] *= 1.0 + damping;
-                }
-                let step = damped.cholesky().map(|factor| factor.solve(&right));
-                let next = clamp(theta + step.unwrap_or_default());
-                let (next_left, next_cost) = residual(&next);
-                if next_cost < cost {
-                    gained = cost - next_cost;
-                    (theta, left, cost) = (next, next_left, next_cost);
-                    damping = (damping * 0.1).max(1e-9);
-                    break;
-                }
-                damping *= 10.0;
-            }
-            if gained < 1e-4 {
-                break;
-            }
+        descend(&problem, start, STEPS)
+    }
+}
+
+/// A disc that moves, about a mean of its ln diameter.
+struct Moving<'a> {
+    model: &'a DriftModel,
+    window: &'a Window,
+    mean: f64,
+}
+
+impl Problem<N> for Moving<'_> {
+    fn clamp(&self, mut theta: SVector<f64, N>) -> SVector<f64, N> {
+        let [low, high] = self.model.bounds();
+        for axis in 0..2 {
+            theta[axis] = theta[axis].clamp(low[axis], high[axis]);
         }
-        (theta, cost)
+        theta[4] = theta[4].clamp(DIAMETER_M[0].ln(), DIAMETER_M[1].ln());
+        theta[5] = theta[5].clamp(-2.0, 2.0);
+        theta
+    }
+
+    fn residual(&self, theta: &SVector<f64, N>) -> (DVector<f64>, f64) {
+        let left = self.window.white.data() - self.model.of_moving(self.window, theta);
+        let speed = (theta[2].powi(2) + theta[3].powi(2)) / VELOCITY_SD.powi(2);
+        let size = ((theta[4] - self.mean) / LN_DIAMETER_SD).powi(2);
+        let cost = left.norm_squared() + speed + size;
+        (left, cost)
+    }
+
+    fn normal(
+        &self,
+        theta: &SVector<f64, N>,
+        left: &DVector<f64>,
+    ) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
+        let h = self.model.derivative_moving(self.window, theta);
+        let mut right = SVector::<f64, N>::from_fn(|i, _| h.column(i).dot(left));
+        for axis in [2, 3] {
+            right[axis] -= theta[axis] * VELOCITY_SD.powi(-2);
+        }
+        right[4] -= (theta[4] - self.mean) * LN_DIAMETER_SD.powi(-2);
+        (information(&h), right)
     }
 }
 
