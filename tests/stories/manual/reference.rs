@@ -3,7 +3,7 @@
 use clap::Command;
 use clap_markdown::MarkdownOptions;
 
-use super::{commands, pages};
+use super::{commands, configuration, pages};
 
 const WRITE: &str = "TACTUS_WRITE_REFERENCE";
 
@@ -16,7 +16,8 @@ fn reference_pages_are_generated_from_the_programs() {
             (format!("commands-{name}.md"), command_page(program))
         })
         .collect();
-    generated.push(("configuration.md".to_owned(), configuration_page()));
+    let configuration = self::generated("config.toml") + &configuration::page();
+    generated.push(("configuration.md".to_owned(), configuration));
     generated.push(("events.md".to_owned(), events_page()));
     generated.push(("metrics.md".to_owned(), metrics_page()));
     let folder = pages::root().join("docs/reference");
@@ -74,38 +75,6 @@ fn command_page(program: &Command) -> String {
     format!("{head}{}\n", lines.join("\n").trim())
 }
 
-/// The complete example, with a heading per table.
-fn configuration_page() -> String {
-    let example = std::fs::read_to_string(pages::root().join("config.toml"))
-        .expect("the complete example ships with the project");
-    let mut page = generated("config.toml")
-        + "# Configuration\n\nEvery key of `config.toml`, with its default or its form. This is the complete example \
-           `config.toml` of the repository, a heading for each table. `tactusd --check` reports every problem as \
-           file:line:column; `tactusd --print-config` prints a configuration with all defaults in it.\n\n";
-    let mut open = false;
-    let mut pending: Vec<&str> = Vec::new();
-    for line in example.lines() {
-        if let Some(table) = table_name(line) {
-            // comments between the last blank line and a table belong to the table
-            let above = pending
-                .iter()
-                .rposition(|line| line.is_empty())
-                .map_or(pending.len(), |blank| blank + 1);
-            let comments = match open {
-                true => pending.split_off(above),
-                false => Vec::new(),
-            };
-            close(&mut page, &mut pending, open);
-            page += &format!("## {table}\n\n");
-            pending = comments;
-            open = true;
-        }
-        pending.push(line);
-    }
-    close(&mut page, &mut pending, open);
-    page.trim_end().to_owned() + "\n"
-}
-
 /// A row per kind of event.
 fn events_page() -> String {
     let mut page = generated("the daemon's table of events")
@@ -138,21 +107,4 @@ fn metrics_page() -> String {
         );
     }
     page
-}
-
-/// The name of a table, including one that is commented out.
-fn table_name(line: &str) -> Option<&str> {
-    let line = line.strip_prefix("# ").unwrap_or(line);
-    let (name, _) = line.strip_prefix('[')?.split_once(']')?;
-    let is_name = |letter: char| letter.is_ascii_lowercase() || ".-_".contains(letter);
-    name.chars().all(is_name).then_some(name)
-}
-
-fn close(page: &mut String, pending: &mut Vec<&str>, open: bool) {
-    let text = pending.join("\n");
-    let text = text.trim();
-    if open || !text.is_empty() {
-        *page += &format!("```toml\n{text}\n```\n\n");
-    }
-    pending.clear();
 }
