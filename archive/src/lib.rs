@@ -13,6 +13,7 @@
 //! content, and rows are only inserted.
 
 mod args;
+mod cache;
 mod catalogue;
 mod credentials;
 mod live;
@@ -25,6 +26,7 @@ mod store;
 mod upload;
 
 pub use args::{Filter, Pull, Task};
+pub use cache::InUse;
 pub use catalogue::{
     Access, ArchivedName, ArchivedPart, ArchivedSession, Catalogue, CatalogueError, Machine,
     Migration, Selection, SessionFilter, SessionName,

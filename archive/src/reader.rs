@@ -1,12 +1,11 @@
 //! Reading the archive from a program without a runtime of its own: lists, and sessions fetched into a cache.
 
-use std::fs::DirBuilder;
-use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
 use logbook::LogbookError;
 use tokio::runtime::Runtime;
 
+use crate::cache::{self, InUse};
 use crate::catalogue::{
     ArchivedName, ArchivedSession, Catalogue, CatalogueError, Machine, SessionFilter, SessionName,
     Unfound,
@@ -57,12 +56,14 @@ pub enum ReadError {
 }
 
 /// A session in the cache.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct FetchedSession {
     /// Its whole name.
     pub name: SessionName,
     /// Its first archived part; the others lie beside it.
     pub path: PathBuf,
+    /// Keeps it in the cache.
+    pub in_use: InUse,
 }
 
 /// The archive for reading. Each method connects anew, so that a server that was restarted is no matter. Not to be used from
@@ -99,7 +100,8 @@ impl ArchiveReader {
     }
 
     /// Fetches what the cache lacks of a session, and compares all of it with the catalogue: parts by their hashes, then the stored
-    /// quantities and the tracked baseline that it began with.
+    /// quantities and the tracked baseline that it began with. Then removes the sessions that were read longest ago, if the cache is
+    /// larger than the configuration allows.
     ///
     /// # Errors
     /// No or several sessions of this name, a part that the store lacks or holds with another content, a cache that cannot be
@@ -113,15 +115,11 @@ impl ArchiveReader {
             for part in &parts {
                 retrieval::check_names(part)?;
             }
-            let folder = cache.join(&name.site).join(&name.daq).join(&name.session);
-            let made = DirBuilder::new()
-                .recursive(true)
-                .mode(0o700)
-                .create(&folder);
-            made.map_err(|source| ReadError::Cache {
-                path: folder.clone(),
+            let failed = |source| ReadError::Cache {
+                path: cache.to_owned(),
                 source,
-            })?;
+            };
+            let (folder, in_use) = cache::enter(cache, &name).map_err(failed)?;
             let mut first = None;
             for part in &parts {
                 let path = retrieval::pull(&*store, part, &folder)?;
@@ -129,7 +127,8 @@ impl ArchiveReader {
             }
             beside(&catalogue, &name, &folder).await?;
             let path = first.ok_or_else(|| ReadError::NoSuchSession(name.to_string()))?;
-            Ok(FetchedSession { name, path })
+            cache::prune(cache, self.settings.cache_bytes).map_err(failed)?;
+            Ok(FetchedSession { name, path, in_use })
         })
     }
 

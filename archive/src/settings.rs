@@ -23,6 +23,8 @@ pub struct Settings {
     pub access: Access,
     /// Period of `run`.
     pub every: Duration,
+    /// Largest size of the cache of fetched sessions, bytes.
+    pub cache_bytes: u64,
     /// Folder of the record.
     pub record: PathBuf,
     /// The live topics, if there are any.
@@ -156,6 +158,7 @@ impl Settings {
                     password_file: archive.password_file,
                 },
                 every: survey::duration(archive.every_s),
+                cache_bytes: archive.cache_mb.saturating_mul(1_000_000),
                 record: config.record.directory.unwrap_or_default(),
                 live,
             }),

@@ -41,7 +41,7 @@ pub(crate) fn reader(global: &Global) -> Result<ArchiveReader, Failure> {
     Ok(ArchiveReader::open(&config(global))?)
 }
 
-/// Fetches the session of this name into the cache. Not from asynchronous code.
+/// Fetches the session of this name into the cache, where it stays as long as it is in use. Not from asynchronous code.
 ///
 /// # Errors
 /// The name is wrong, or stands for none or several; the archive cannot be read; the cache cannot be written.

@@ -121,7 +121,10 @@ pub(crate) const ARCHIVE: &str = "archive:";
 fn archived(global: &Global, named: &str) -> Result<PathBuf, Failure> {
     #[cfg(feature = "archive")]
     {
-        Ok(crate::archived::fetch(global, named)?.path)
+        let fetched = crate::archived::fetch(global, named)?;
+        // the command may read it until it ends
+        std::mem::forget(fetched.in_use);
+        Ok(fetched.path)
     }
     #[cfg(not(feature = "archive"))]
     {

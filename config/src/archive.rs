@@ -37,6 +37,8 @@ pub struct ArchiveSection {
     pub password_file: Option<PathBuf>,
     /// Period of `tactus-archive run`, s.
     pub every_s: f64,
+    /// Largest size of the cache of sessions that were fetched for reading.
+    pub cache_mb: u64,
 }
 
 impl Default for ArchiveSection {
@@ -53,6 +55,7 @@ impl Default for ArchiveSection {
             ca: None,
             password_file: None,
             every_s: 60.0,
+            cache_mb: 20_000,
         }
     }
 }

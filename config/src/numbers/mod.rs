@@ -131,6 +131,7 @@ pub const KEYS: &[(&str, Bounds)] = &[
     ("notify.deadline_s", Above(0.0, 600.0)),
     ("notify.again_s", Above(0.0, LONGEST_S)),
     ("archive.every_s", Within(1.0, 86_400.0)),
+    ("archive.cache_mb", MEGABYTES),
     ("mqtt.port", Within(1.0, 65_535.0)),
     ("mqtt.every_s", Within(1.0, 3600.0)),
 ];

@@ -1,8 +1,6 @@
 //! All sheets of an archive for the page of `tactus web`.
 
-use std::path::PathBuf;
-
-use archive::{ArchiveReader, SessionFilter};
+use archive::{ArchiveReader, FetchedSession, SessionFilter};
 use serde_json::{Value, json};
 use web::Sheets;
 
@@ -31,12 +29,12 @@ impl ArchivedSheets {
         })
     }
 
-    /// The first part of a session, fetched into the cache.
+    /// A session, fetched into the cache.
     ///
     /// # Errors
     /// As [`archived::fetch`].
-    pub(super) fn fetch(&self, named: &str) -> Result<PathBuf, Failure> {
-        Ok(archived::fetch(&self.global, named)?.path)
+    pub(super) fn fetch(&self, named: &str) -> Result<FetchedSession, Failure> {
+        archived::fetch(&self.global, named)
     }
 }
 

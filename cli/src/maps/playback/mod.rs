@@ -15,7 +15,7 @@ use web::{History, Playback, Recordings, SessionEntry};
 use crate::args::{Global, Web};
 use crate::failure::Failure;
 use crate::session_files;
-use session::PlayedSession;
+use session::{Kept, PlayedSession};
 
 /// The sessions of the directories that the options name, and of an archive.
 pub(crate) struct RecordedSessions {
@@ -100,15 +100,15 @@ impl Recordings for RecordedSessions {
     }
 
     fn open(&self, id: &str) -> Result<Option<Arc<dyn Playback>>, String> {
-        let opened = |path: &Path| -> Result<Option<Arc<dyn Playback>>, String> {
-            let opened = PlayedSession::open(path, id).map_err(|why| why.to_string())?;
+        let opened = |path: &Path, kept: Kept| -> Result<Option<Arc<dyn Playback>>, String> {
+            let opened = PlayedSession::open(path, id, kept).map_err(|why| why.to_string())?;
             Ok(Some(Arc::new(opened)))
         };
         if let Some(named) = id.strip_prefix(session_files::ARCHIVE) {
             #[cfg(feature = "archive")]
             if let Some(sheets) = &self.archive {
-                let path = sheets.fetch(named).map_err(|why| why.to_string())?;
-                return opened(&path);
+                let fetched = sheets.fetch(named).map_err(|why| why.to_string())?;
+                return opened(&fetched.path, Some(Box::new(fetched.in_use)));
             }
             return Err(format!(
                 "this page has no archive, so {named} cannot be played; `tactus web --archive` can"
@@ -118,7 +118,7 @@ impl Recordings for RecordedSessions {
         // the first part, or the earliest that is still there
         let part = summaries.iter().rev().find(|part| part.session() == id);
         let Some(part) = part else { return Ok(None) };
-        opened(&part.path)
+        opened(&part.path, None)
     }
 
     fn history(&self, from_s: i64, to_s: i64, region: &str, spans: u32) -> Result<History, String> {

@@ -1,5 +1,6 @@
 //! An open session: its maps at any place, at once and exactly.
 
+use std::any::Any;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -31,7 +32,12 @@ pub(super) struct PlayedSession {
     /// Built when the first exact map is asked for.
     exact: Mutex<Option<Exact>>,
     followed: Followed,
+    /// What keeps the file while it is played.
+    _kept: Kept,
 }
+
+/// What keeps the file of a session, if it must be kept.
+pub(super) type Kept = Option<Box<dyn Any + Send + Sync>>;
 
 /// A method that answers at once.
 struct Quick {
@@ -52,7 +58,7 @@ struct Exact {
 
 impl PlayedSession {
     /// Opens a session and starts to follow its baseline; the page calls it by this id.
-    pub(super) fn open(path: &Path, id: &str) -> Result<Self, Failure> {
+    pub(super) fn open(path: &Path, id: &str, kept: Kept) -> Result<Self, Failure> {
         let recording = Recording::from_session(path, None, false)?;
         let own = is_fast(&recording);
         let method = match own {
@@ -78,6 +84,7 @@ impl PlayedSession {
                 own,
             }),
             exact: Mutex::new(None),
+            _kept: kept,
         })
     }
 

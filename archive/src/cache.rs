@@ -1,0 +1,173 @@
+//! The cache of sessions fetched for reading: a folder `SITE/DAQ/SESSION` for each. Where all together are larger than allowed, the
+//! sessions that were read longest ago are removed, but none that a program reads.
+
+use std::fs::{DirBuilder, File};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use crate::catalogue::SessionName;
+
+/// Keeps a session in the cache as long as it or a clone of it exists.
+#[derive(Debug, Clone)]
+pub struct InUse {
+    // a shared lock on the folder
+    _folder: Arc<File>,
+}
+
+/// The folder of a session in the cache, made if it is not there, and kept in use.
+///
+/// # Errors
+/// The cache cannot be written.
+pub(crate) fn enter(cache: &Path, name: &SessionName) -> io::Result<(PathBuf, InUse)> {
+    let path = cache.join(&name.site).join(&name.daq).join(&name.session);
+    loop {
+        DirBuilder::new()
+            .recursive(true)
+            .mode(0o700)
+            .create(&path)?;
+        let folder = File::open(&path)?;
+        folder.lock_shared()?;
+        // another program may have removed it before the lock was held
+        let is_there = std::fs::metadata(&path).is_ok_and(|there| {
+            folder
+                .metadata()
+                .is_ok_and(|held| (there.dev(), there.ino()) == (held.dev(), held.ino()))
+        });
+        if is_there {
+            folder.set_modified(SystemTime::now())?;
+            let in_use = InUse {
+                _folder: Arc::new(folder),
+            };
+            return Ok((path, in_use));
+        }
+    }
+}
+
+/// A session in the cache.
+struct Kept {
+    path: PathBuf,
+    bytes: u64,
+    used: SystemTime,
+}
+
+/// Removes sessions, the one that was read longest ago first, until the others have so many bytes at most. One in use stays.
+/// Returns the bytes that were removed.
+///
+/// # Errors
+/// The cache cannot be read, or a file in it cannot be removed.
+pub(crate) fn prune(cache: &Path, most_bytes: u64) -> io::Result<u64> {
+    let mut sessions = Vec::new();
+    for site in folders(cache)? {
+        for daq in folders(&site)? {
+            for path in folders(&daq)? {
+                let used = std::fs::metadata(&path)?.modified()?;
+                let bytes = size(&path)?;
+                sessions.push(Kept { path, bytes, used });
+            }
+        }
+    }
+    sessions.sort_by(|a, b| (a.used, &a.path).cmp(&(b.used, &b.path)));
+    let mut all: u64 = sessions.iter().map(|session| session.bytes).sum();
+    let mut removed = 0;
+    for session in sessions {
+        if all <= most_bytes {
+            break;
+        }
+        let folder = File::open(&session.path)?;
+        if folder.try_lock().is_err() {
+            continue;
+        }
+        std::fs::remove_dir_all(&session.path)?;
+        all -= session.bytes;
+        removed += session.bytes;
+    }
+    Ok(removed)
+}
+
+/// The folders in a folder; links are not followed.
+fn folders(within: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(within)? {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() {
+            found.push(entry.path());
+        }
+    }
+    Ok(found)
+}
+
+fn size(folder: &Path) -> io::Result<u64> {
+    let mut bytes = 0;
+    for entry in std::fs::read_dir(folder)? {
+        bytes += entry?.metadata()?.len();
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    fn name(session: &str) -> SessionName {
+        SessionName {
+            site: "berlin".to_owned(),
+            daq: "bed3".to_owned(),
+            session: session.to_owned(),
+        }
+    }
+
+    /// A session of 1,000 bytes that was read at a time, s since 1970.
+    fn kept(cache: &Path, session: &str, used_s: u64) -> (PathBuf, InUse) {
+        let (path, in_use) = enter(cache, &name(session)).unwrap();
+        std::fs::write(path.join("part.tactus"), [0; 1000]).unwrap();
+        let used = SystemTime::UNIX_EPOCH + Duration::from_secs(used_s);
+        File::open(&path).unwrap().set_modified(used).unwrap();
+        (path, in_use)
+    }
+
+    #[test]
+    fn sessions_read_longest_ago_go_first_and_none_in_use() {
+        let cache = tempfile::tempdir().unwrap();
+        let (oldest, in_use) = kept(cache.path(), "m1", 10);
+        let (second, _) = kept(cache.path(), "m2", 20);
+        let (third, _) = kept(cache.path(), "m3", 30);
+        assert_eq!(prune(cache.path(), 3000).unwrap(), 0);
+        assert_eq!(prune(cache.path(), 2999).unwrap(), 1000);
+        assert!(oldest.exists() && !second.exists() && third.exists());
+        assert_eq!(prune(cache.path(), 0).unwrap(), 1000, "one is in use");
+        assert!(oldest.exists() && !third.exists());
+        let clone = in_use.clone();
+        drop(in_use);
+        assert_eq!(prune(cache.path(), 0).unwrap(), 0, "a clone is in use");
+        drop(clone);
+        assert_eq!(prune(cache.path(), 0).unwrap(), 1000);
+        assert!(!oldest.exists());
+    }
+
+    #[test]
+    fn session_that_is_read_again_is_the_newest() {
+        let cache = tempfile::tempdir().unwrap();
+        let (first, _) = kept(cache.path(), "m1", 10);
+        let (second, _) = kept(cache.path(), "m2", 20);
+        drop(enter(cache.path(), &name("m1")).unwrap());
+        prune(cache.path(), 1000).unwrap();
+        assert!(first.exists() && !second.exists());
+    }
+
+    #[test]
+    fn folder_behind_a_link_is_not_removed() {
+        let cache = tempfile::tempdir().unwrap();
+        let elsewhere = tempfile::tempdir().unwrap();
+        std::fs::write(elsewhere.path().join("mine"), [0; 1000]).unwrap();
+        let (path, in_use) = kept(cache.path(), "m1", 10);
+        drop(in_use);
+        std::os::unix::fs::symlink(elsewhere.path(), path.with_file_name("m0")).unwrap();
+        prune(cache.path(), 0).unwrap();
+        assert!(elsewhere.path().join("mine").exists() && !path.exists());
+    }
+}
