@@ -232,3 +232,34 @@ fn held_shard_of_a_study_ends_with_75_until_released() {
     assert!(parts.join("shard-0-of-1.jsonl").is_file());
     assert!(!parts.join("shard-0-of-1.part").exists());
 }
+
+#[test]
+fn sigterm_leaves_whole_items_of_a_study_and_ends_with_75() {
+    const SET: &str = "judge --set polygons --count 120 --seed 5 --shard 0/1 --parts {}";
+    let folder = tempfile::tempdir().unwrap();
+    let (alone, stopped) = (folder.path().join("alone"), folder.path().join("stopped"));
+    let part = stopped.join("shard-0-of-1.part");
+    let child = started(SET, &[&stopped]);
+    wait_for("no item is written", || length(&part) > 20_000);
+    terminate(&child);
+    let (code, message) = ended(&child.wait_with_output().unwrap());
+    assert_eq!(code, Some(75), "{message}");
+    assert!(
+        message.contains("SIGTERM") && message.contains("of 120"),
+        "{message}"
+    );
+    let text = std::fs::read_to_string(&part).unwrap();
+    assert!(text.ends_with('\n'), "the item in work is complete");
+    // the first line describes the work
+    let items = text.lines().count() - 1;
+    assert!((1..120).contains(&items), "{items}");
+    let output = lab(&words(SET, &[&stopped]));
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(
+        text.contains(&format!("120 items, {items} of them from an earlier run")),
+        "{text}"
+    );
+    done(&words(SET, &[&alone]));
+    let bytes = |folder: &Path| std::fs::read(folder.join("shard-0-of-1.jsonl")).unwrap();
+    assert!(bytes(&alone) == bytes(&stopped));
+}
