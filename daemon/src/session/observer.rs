@@ -23,6 +23,8 @@ use crate::session::controller::Controller;
 
 /// Time between two checks.
 const EVERY: Duration = Duration::from_secs(5);
+/// How often journals of closed sessions are looked for.
+const FOLD_EVERY: Duration = Duration::from_secs(60);
 /// Most notifications waiting for the command.
 const MESSAGES: usize = 16;
 /// Bytes read from the end of the self-test file to find the last one.
@@ -48,6 +50,7 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
     controller.report(None, EventKind::Started, &text).await;
     let mut ticks = tokio::time::interval(EVERY);
     ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut fold_at = tokio::time::Instant::now() + FOLD_EVERY;
     loop {
         let frame = tokio::select! {
             _ = ticks.tick() => None,
@@ -60,12 +63,32 @@ pub(crate) async fn observe(controller: Arc<Controller>) {
         controller.events.catch_up();
         crate::panics::containment::catch_up();
         listener.keep_open(&controller).await;
+        if tokio::time::Instant::now() >= fold_at {
+            fold_journals(&controller).await;
+            fold_at = tokio::time::Instant::now() + FOLD_EVERY;
+        }
         let health = controller.health().await;
         check_alarms(&controller, &health, &messages).await;
         if daily.is_over(health.at) {
             let text = daily.summary(health.at, &day_end(&controller).await);
             controller.report(None, EventKind::Daily, &text).await;
         }
+    }
+}
+
+/// Folds the journals of sessions that were closed while a program read them into their files: only then they are complete, and
+/// can be archived.
+async fn fold_journals(controller: &Arc<Controller>) {
+    let directory = controller.runtime().setup.record_directory.clone();
+    let folded = tokio::task::spawn_blocking(move || logbook::fold_closed(directory)).await;
+    match folded {
+        Ok(Ok(folded)) => {
+            for path in folded {
+                tracing::info!("{} is complete: nobody reads it any more", path.display());
+            }
+        }
+        Ok(Err(error)) => tracing::debug!("{}", survey::error_chain(&error)),
+        Err(failure) => tracing::warn!("the record could not be read: {failure}"),
     }
 }
 

@@ -2,14 +2,16 @@
 //! journals of sessions that are closed or continued elsewhere into their files.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
+use crate::directory::scan::Names;
 use crate::files::companion;
 use crate::files::open_files::WriterGuard;
 use crate::reader::continued_by;
-use crate::writer::set_aside_journal;
+use crate::writer::{LOCK_WAIT, set_aside_journal};
 use crate::{Index, LogbookError, SessionReader, schema};
 
 /// What was done.
@@ -29,6 +31,26 @@ pub struct TidyReport {
 /// The folder cannot be read.
 pub fn tidy(dir: impl AsRef<Path>) -> Result<TidyReport, LogbookError> {
     Index::load(dir).tidy()
+}
+
+/// Folds the journals of closed sessions into their files, also beside a running writer: those that were closed while a program
+/// read them. Returns the sessions that are complete now; one that is still read, or cannot be opened, stays as it is.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn fold_closed(dir: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
+    let dir = dir.as_ref();
+    let names = Names::of(dir, None)?;
+    let with_journal = names
+        .candidates(dir)?
+        .into_iter()
+        .filter(|file| file.has_wal);
+    let paths = with_journal.map(|file| dir.join(file.name));
+    let is_file =
+        |path: &PathBuf| std::fs::symlink_metadata(path).is_ok_and(|found| found.is_file());
+    Ok(paths
+        .filter(|path| is_file(path) && matches!(fold(path, Duration::ZERO), Ok(true)))
+        .collect())
 }
 
 impl Index {
@@ -51,7 +73,7 @@ impl Index {
                 remove(&path);
                 tidied.removed.push(path);
             } else if file.has_wal {
-                match fold(&path) {
+                match fold(&path, LOCK_WAIT) {
                     Ok(true) => tidied.folded.push(path),
                     Ok(false) => {}
                     Err(error) => tidied.refused.push(error),
@@ -85,8 +107,9 @@ fn is_stub(path: &Path, bytes: u64) -> bool {
     tables.is_ok_and(|tables| tables == 0)
 }
 
-/// Folds the journal of a session that is closed or continued by another part; returns whether it did.
-fn fold(path: &Path) -> Result<bool, LogbookError> {
+/// Folds the journal of a session that is closed or continued by another part; returns whether it did. Waits at most so long for
+/// those who read it.
+fn fold(path: &Path, wait: Duration) -> Result<bool, LogbookError> {
     let session = SessionReader::open(path)?;
     if session.is_folded() {
         // the journal does not belong to this file
@@ -103,7 +126,8 @@ fn fold(path: &Path) -> Result<bool, LogbookError> {
         WriterGuard::new(path).map_err(|source| LogbookError::disk(path, "open", source))?;
     let connection = open(path).map_err(failed)?;
     connection
-        .pragma_update(None, "synchronous", "EXTRA")
+        .busy_timeout(wait)
+        .and_then(|()| connection.pragma_update(None, "synchronous", "EXTRA"))
         .and_then(|()| connection.pragma_update(None, "journal_mode", "DELETE"))
         .map_err(failed)?;
     Ok(true)
@@ -190,5 +214,34 @@ mod tests {
         SessionWriter::resume(&goes_on).unwrap();
         let again = tidy(dir).unwrap();
         assert!(again.removed.is_empty() && again.folded.is_empty());
+    }
+
+    #[test]
+    fn session_closed_while_it_was_read_is_folded_when_nobody_reads_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = folder.path();
+        let at = DateTime::UNIX_EPOCH;
+        let begun = |id: &str| {
+            let header = SessionHeader::new(id, at, Protocol::sheffield(4).unwrap());
+            SessionWriter::create(dir, &header).unwrap()
+        };
+        let closed = begun("closed");
+        let path = closed.path().to_owned();
+        let reader = SessionReader::open(&path).unwrap();
+        closed.close(at, "done").unwrap();
+        let running = begun("running");
+        assert!(companion(&path, "-wal").exists());
+        assert!(fold_closed(dir).unwrap().is_empty(), "it is read");
+        assert!(!SessionReader::open(&path).unwrap().is_folded());
+        drop(reader);
+        assert_eq!(fold_closed(dir).unwrap(), [path.clone()]);
+        assert!(!companion(&path, "-wal").exists());
+        let whole = SessionReader::open(&path).unwrap();
+        assert!(whole.is_folded());
+        assert_eq!(whole.closed().unwrap().reason, "done");
+        // a file that has just been made is not taken for a leftover
+        assert!(running.path().exists());
+        running.close(at, "done").unwrap();
+        assert!(fold_closed(dir).unwrap().is_empty());
     }
 }

@@ -67,7 +67,7 @@ pub struct SessionWriter {
 }
 
 /// Time that each write waits for a lock of another process.
-const LOCK_WAIT: Duration = Duration::from_millis(250);
+pub(crate) const LOCK_WAIT: Duration = Duration::from_millis(250);
 
 /// Content of a new file besides its header, in the same transaction.
 #[derive(Debug, Default)]

@@ -1,6 +1,7 @@
 //! `/api/sessions`: the list, a session, its quantities over time, its maps.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{Path, State};
@@ -9,12 +10,16 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use render::Sheet;
 use tokio::sync::Semaphore;
+use tokio::time::Instant;
 
 use super::{MapKind, Place, Playback, PlayedMap, Recordings};
 use crate::answer::{geometry_json, json};
 
 /// Sessions that stay open.
 const OPEN: usize = 2;
+/// Time without a request after which a session is closed: an open one keeps the daemon from completing its file.
+const IDLE: Duration = Duration::from_secs(60);
+const IDLE_CHECK: Duration = Duration::from_secs(15);
 /// Requests that work at the same time.
 const WORKERS: usize = 4;
 /// Most rows of a curve: one for about two pixels of a screen.
@@ -24,14 +29,34 @@ const SPANS: u32 = 720;
 struct Shared {
     recordings: Arc<dyn Recordings>,
     /// Those that were used last, the newest at the end.
-    open: Arc<Mutex<Vec<Arc<dyn Playback>>>>,
+    open: Arc<Mutex<Vec<Opened>>>,
     /// Held while one is opened: a session of an archive may be fetched for minutes, and the open ones are played meanwhile.
     opening: Arc<Mutex<()>>,
     workers: Arc<Semaphore>,
 }
 
-/// The routes of recorded sessions.
+/// An open session, and when it was used last.
+#[derive(Clone)]
+struct Opened {
+    playback: Arc<dyn Playback>,
+    used: Instant,
+}
+
+/// Closes sessions that are not used any more, as long as there are routes.
+async fn close_idle(open: Weak<Mutex<Vec<Opened>>>) {
+    let mut ticks = tokio::time::interval(IDLE_CHECK);
+    loop {
+        let now = ticks.tick().await;
+        let Some(open) = open.upgrade() else { return };
+        let mut open = open.lock().unwrap_or_else(PoisonError::into_inner);
+        open.retain(|opened| now.duration_since(opened.used) < IDLE);
+    }
+}
+
+/// The routes of recorded sessions. To be called in a runtime.
 pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
+    let open = Arc::default();
+    tokio::spawn(close_idle(Arc::downgrade(&open)));
     Router::new()
         .route("/api/sessions", get(list))
         .route("/api/sessions/{id}", get(session))
@@ -39,7 +64,7 @@ pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
         .route("/api/sessions/{id}/maps/{kind}/{by}/{number}", get(map))
         .with_state(Shared {
             recordings,
-            open: Arc::default(),
+            open,
             opening: Arc::default(),
             workers: Arc::new(Semaphore::new(WORKERS)),
         })
@@ -75,9 +100,12 @@ impl Shared {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         let place = open
             .iter()
-            .position(|playback| playback.overview().id == id)?;
-        let playback = open.remove(place);
-        open.push(Arc::clone(&playback));
+            .position(|opened| opened.playback.overview().id == id)?;
+        let playback = open.remove(place).playback;
+        open.push(Opened {
+            playback: Arc::clone(&playback),
+            used: Instant::now(),
+        });
         Some(playback)
     }
 
@@ -100,7 +128,10 @@ impl Shared {
         if open.len() >= OPEN {
             open.remove(0);
         }
-        open.push(Arc::clone(&playback));
+        open.push(Opened {
+            playback: Arc::clone(&playback),
+            used: Instant::now(),
+        });
         Ok(playback)
     }
 }
