@@ -74,6 +74,40 @@ pub struct Allowed {
     estimate: DMatrix<f64>,
 }
 
+impl Allowed {
+    fn new(
+        model: &DriftModel,
+        covariance: DMatrix<f64>,
+        rows: &[usize],
+    ) -> Result<Self, DriftError> {
+        let factor = Arc::new(factor(&covariance, rows)?);
+        let none = DVector::zeros(covariance.nrows());
+        let contacts =
+            Whitened::with(Arc::clone(&factor), &none, rows).sensitivity(&model.contacts);
+        let mut normal = product(view(&contacts.transpose()), view(&contacts));
+        for k in 0..normal.nrows() {
+            normal[(k, k)] += CONTACT_SD.powi(-2);
+        }
+        let mut estimate = contacts.transpose();
+        Definite::new(&normal)
+            .ok_or(DriftError::Covariance)?
+            .solve_columns(&mut estimate);
+        Ok(Self {
+            covariance,
+            factor,
+            rows: rows.to_vec(),
+            estimate,
+        })
+    }
+
+    /// Whether data are not explained by drift and loads, or only by a risen contact.
+    fn shows_fault(&self, data: &DVector<f64>) -> bool {
+        let white = Whitened::with(Arc::clone(&self.factor), data, &self.rows);
+        let risen = (&self.estimate * white.data()).max();
+        white.chi_per_row() > UNEXPLAINED || risen >= RISEN
+    }
+}
+
 /// The tests, prepared for a sheet.
 pub struct ElectrodeCheck {
     /// Electrodes that each pair of readings uses.
@@ -83,6 +117,9 @@ pub struct ElectrodeCheck {
     of_short: Vec<[usize; 2]>,
     /// Readings that drive or sense each electrode with the next one.
     between_neighbours: Vec<Vec<usize>>,
+    /// Number of the injection of each reading, and of injections.
+    injection_of: Vec<usize>,
+    injections: usize,
 }
 
 impl ElectrodeCheck {
@@ -128,7 +165,18 @@ impl ElectrodeCheck {
             let of = readings.filter(|(_, q)| is(q.sense) || is(q.drive));
             of.map(|(reading, _)| reading).collect()
         });
+        let mut drives = Vec::new();
+        let injection_of = measurements.iter().map(|q| {
+            let known = drives.iter().position(|drive| *drive == q.drive);
+            known.unwrap_or_else(|| {
+                drives.push(q.drive);
+                drives.len() - 1
+            })
+        });
+        let injection_of = injection_of.collect();
         Self {
+            injection_of,
+            injections: drives.len(),
             between_neighbours: between_neighbours.collect(),
             uses,
             shorts: DMatrix::from_columns(&columns),
@@ -152,25 +200,50 @@ impl ElectrodeCheck {
         covariance: &DMatrix<f64>,
         rows: &[usize],
     ) -> Result<Allowed, DriftError> {
-        let covariance = covariance + &model.local_gram * LOAD.powi(2);
-        let factor = Arc::new(factor(&covariance, rows)?);
-        let none = DVector::zeros(covariance.nrows());
-        let contacts =
-            Whitened::with(Arc::clone(&factor), &none, rows).sensitivity(&model.contacts);
-        let mut normal = product(view(&contacts.transpose()), view(&contacts));
-        for k in 0..normal.nrows() {
-            normal[(k, k)] += CONTACT_SD.powi(-2);
+        Allowed::new(model, covariance + &model.local_gram * LOAD.powi(2), rows)
+    }
+
+    /// The fault that a frame shows, if any, unless the sheet changed while the frame was measured: then the readings before or after
+    /// some injection show none. `data`: of the frame; `innovation`: the same minus the tracked baseline, V.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite.
+    pub fn confirmed_fault(
+        &self,
+        model: &DriftModel,
+        frame: &[Reading],
+        data: &DVector<f64>,
+        innovation: &DVector<f64>,
+        allowed: &Allowed,
+    ) -> Result<Option<ElectrodeFault>, DriftError> {
+        let Some(fault) = self.fault(model, frame, innovation, allowed)? else {
+            return Ok(None);
+        };
+        if matches!(fault, ElectrodeFault::Shorted { .. }) {
+            return Ok(Some(fault));
         }
-        let mut estimate = contacts.transpose();
-        Definite::new(&normal)
-            .ok_or(DriftError::Covariance)?
-            .solve_columns(&mut estimate);
-        Ok(Allowed {
-            covariance,
-            factor,
-            rows: rows.to_vec(),
-            estimate,
-        })
+        let reference = data - innovation;
+        for change in 1..self.injections {
+            // the longer part of the frame has more of the pairs
+            let later = 2 * change <= self.injections;
+            let is_of_part = |reading: &usize| (self.injection_of[*reading] >= change) == later;
+            let mut part = DVector::zeros(data.len());
+            let mut rows = Vec::with_capacity(allowed.rows.len());
+            for &row in &allowed.rows {
+                let of_part = model.pairs().readings(row).into_iter().find(is_of_part);
+                if let Some(volts) = of_part.and_then(|reading| frame[reading].volts())
+                    && let Some(reading) = of_part
+                {
+                    part[row] = model.change_of(reading, volts.0) - reference[row];
+                    rows.push(row);
+                }
+            }
+            let of_part = Allowed::new(model, allowed.covariance.clone(), &rows)?;
+            if !of_part.shows_fault(&part) {
+                return Ok(None);
+            }
+        }
+        Ok(Some(fault))
     }
 
     /// The fault that a frame shows, if any. `innovation` is the data minus the tracked baseline, V.

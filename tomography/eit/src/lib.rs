@@ -43,7 +43,7 @@ pub use crate::inverse::one_step::{CLIPPED, EXPECTED_CHANGE, MODEL_SHARE, OneSte
 pub use crate::inverse::options::{DEFAULT_NOISE_V, Hyper, HyperRule, OneStepOptions, Scale};
 pub use crate::inverse::prior::{OUTSIDE_WEIGHT, Prior, SMOOTH_LENGTH_M};
 pub use crate::inverse::reconstructor::{
-    MOST_MISSING, Novelty, ReconstructError, Reconstructor, UNEXPLAINED,
+    MOST_MISSING, MOST_MISSING_TRAINED, Novelty, ReconstructError, Reconstructor, UNEXPLAINED,
 };
 pub use crate::inverse::tv::{Strength, TV_STRENGTH, Tv, TvError, TvOptions, TvSolution};
 pub use crate::inverse::wrappers::loss_only::LossOnly;

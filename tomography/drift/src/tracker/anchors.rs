@@ -12,6 +12,8 @@ use crate::whitened::LOADED;
 const AGES: [f64; 3] = [1.0, 7.0, 30.0];
 /// Age at which an anchor is dropped, days.
 const OLDEST: f64 = 31.0;
+/// Pace of ageing, in units of the pace that the sheet has, that a slow loss must exceed to be a load.
+const LOAD_PACE: f64 = 3.0;
 const DAY_S: f64 = 86_400.0;
 
 /// A place that changed slowly: a load or age, which readings cannot tell apart.
@@ -70,7 +72,38 @@ impl Anchors {
         pace: f64,
         at_s: f64,
     ) -> Option<AnchorAlarm> {
-        let mut worst: Option<AnchorAlarm> = None;
+        let strongest = self.strongest(model, basis, data, pace, at_s);
+        strongest.map(|(_, alarm)| alarm)
+    }
+
+    /// A loss since one of the baselines that would be a load even if the sheet aged [`LOAD_PACE`] times as fast as it does: the
+    /// baseline and its time, s. Later ones hold a part of the load and are dropped.
+    pub(crate) fn load(
+        &mut self,
+        model: &DriftModel,
+        basis: &Basis,
+        data: &DVector<f64>,
+        pace: f64,
+        at_s: f64,
+    ) -> Option<(DVector<f64>, f64)> {
+        let (anchor, alarm) = self.strongest(model, basis, data, LOAD_PACE * pace, at_s)?;
+        if alarm.change >= 0.0 {
+            return None;
+        }
+        let (baseline, kept_s) = (DVector::from_column_slice(&anchor.baseline), anchor.at_s);
+        self.kept.retain(|anchor| anchor.at_s <= kept_s);
+        Some((baseline, kept_s))
+    }
+
+    fn strongest(
+        &self,
+        model: &DriftModel,
+        basis: &Basis,
+        data: &DVector<f64>,
+        pace: f64,
+        at_s: f64,
+    ) -> Option<(&Anchor, AnchorAlarm)> {
+        let mut worst: Option<(&Anchor, AnchorAlarm)> = None;
         for age in AGES {
             let old = self
                 .kept
@@ -88,14 +121,15 @@ impl Anchors {
             let Some(test) = found.first().filter(|test| test.score > LOADED) else {
                 continue;
             };
-            if worst.is_none_or(|alarm| test.score > alarm.score) {
-                worst = Some(AnchorAlarm {
+            if worst.is_none_or(|(_, alarm)| test.score > alarm.score) {
+                let alarm = AnchorAlarm {
                     age_days: days,
                     centre: test.place.centre,
                     diameter: test.place.diameter,
                     change: test.change,
                     score: test.score,
-                });
+                };
+                worst = Some((anchor, alarm));
             }
         }
         worst

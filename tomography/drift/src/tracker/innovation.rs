@@ -117,18 +117,24 @@ impl Tracker {
         self.prepared.check.without(rows, &self.state.masked())
     }
 
-    /// The fault that a frame shows: against the tracked baseline, or while loaded against the frame before.
+    /// The fault that a frame shows: against the tracked baseline, or while loaded against the frame before. `masked`: only whether one
+    /// that is known is still there.
     pub(super) fn fault(
         &self,
         readings: &[Reading],
         frame: &Frame,
         now: &Steady,
+        masked: bool,
     ) -> Result<Option<ElectrodeFault>, DriftError> {
         let check = &self.prepared.check;
+        let find = |innovation: &DVector<f64>, allowed: &Allowed| match masked {
+            true => check.fault(&self.model, readings, innovation, allowed),
+            false => check.confirmed_fault(&self.model, readings, &frame.data, innovation, allowed),
+        };
         if let (true, Some(step)) = (self.state.ledger.loaded(), &frame.step) {
             let covariance = self.of_step(frame.days);
             let allowed = check.allow(&self.model, &covariance, &frame.rows)?;
-            return check.fault(&self.model, readings, step, &allowed);
+            return find(step, &allowed);
         }
         let allowed = match now.allowed.get() {
             Some(allowed) => allowed,
@@ -137,6 +143,6 @@ impl Tracker {
                 now.allowed.get_or_init(|| allowed)
             }
         };
-        check.fault(&self.model, readings, &frame.e, allowed)
+        find(&frame.e, allowed)
     }
 }

@@ -206,7 +206,7 @@ impl Tracker {
             days,
         };
         let mut now = self.innovation(days, &frame_now.rows)?;
-        let fault = self.fault(frame, &frame_now, &now)?;
+        let fault = self.fault(frame, &frame_now, &now, false)?;
         if let Some(fault) = fault {
             self.state
                 .mask(&fault.electrodes(self.model.mesh().electrodes()));
@@ -220,7 +220,7 @@ impl Tracker {
                 ..frame_now.clone()
             };
             let whole = self.innovation(days, &all.rows)?;
-            let still = self.fault(frame, &all, &whole)?;
+            let still = self.fault(frame, &all, &whole, true)?;
             let of = still.map(|fault| fault.electrodes(self.model.mesh().electrodes()));
             let of = of.unwrap_or_default();
             if of.iter().all(|electrode| masked.contains(electrode)) {
@@ -313,7 +313,35 @@ impl Tracker {
         } else {
             self.learn(answer, frame, now);
         }
+        if answer.anchor.is_some_and(|anchor| anchor.change < 0.0) {
+            self.maybe_loaded_slowly(answer, frame);
+        }
         Ok(())
+    }
+
+    /// What rises more slowly than the tracked baseline follows is a load if it rises faster than the sheet may age: then the baseline
+    /// is again that of the past, and nothing is learnt until the load is gone.
+    fn maybe_loaded_slowly(&mut self, answer: &mut Answer, frame: &Frame) {
+        let (pace, at_s) = (self.state.pace.pace, self.state.at_s);
+        let basis = &self.prepared.basis;
+        let (model, anchors) = (&self.model, &mut self.state.anchors);
+        let Some((baseline, kept_s)) = anchors.load(model, basis, &frame.data, pace, at_s) else {
+            return;
+        };
+        let days = (at_s - kept_s) / DAY_S;
+        let e = &frame.data - &baseline;
+        self.state.set_baseline(&baseline);
+        let drifted = &self.prepared.per_day;
+        self.state.add_covariance(drifted, pace * pace * days);
+        self.state.restart();
+        self.steady = None;
+        self.state.ledger.begin(e.len(), false);
+        self.state.ledger.follow(&e);
+        self.state.loaded_frames = 0;
+        self.state.empty_s = kept_s;
+        answer.judgement = Judgement::Loaded;
+        answer.agrees = None;
+        answer.since_empty_s = at_s - kept_s;
     }
 
     /// Corrects the state by a frame without load.
@@ -424,8 +452,9 @@ impl Tracker {
             let now = self.innovation(0.0, &frame.rows)?;
             answer.judgement = Judgement::Empty;
             self.learn(answer, frame, &now);
-        } else {
-            self.leave_lock_out(answer, frame)?;
+        } else if !self.leave_lock_out(answer, frame)? && alone && back_to_empty {
+            // what remains may have come before the load that went, while the baseline was still followed
+            self.maybe_loaded_slowly(answer, frame);
         }
         Ok(())
     }

@@ -101,6 +101,10 @@ impl TrackerState {
         DVector::from_column_slice(&self.baseline)
     }
 
+    pub(super) fn set_baseline(&mut self, baseline: &DVector<f64>) {
+        self.baseline = baseline.as_slice().to_vec();
+    }
+
     pub(super) fn correct(&mut self, by: &DVector<f64>) {
         for (value, by) in self.baseline.iter_mut().zip(by) {
             *value += by;

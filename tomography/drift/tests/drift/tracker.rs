@@ -55,6 +55,35 @@ fn two_loads_come_and_go_and_nothing_is_learnt_of_them() {
 }
 
 #[test]
+fn load_that_comes_or_goes_within_a_frame_is_no_faulty_electrode() {
+    let mut walk = Walk::new(1.0);
+    let mut empty = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
+    for frame in 1..=30 {
+        follow(&mut empty, &mut walk, frame, None);
+    }
+    let mut named = Vec::new();
+    for (centre, diameter) in [
+        ([0.08, 0.135], 0.03),
+        ([0.03, 0.05], 0.02),
+        ([0.1, 0.1], 0.09),
+    ] {
+        let load = walk.model.disc(centre, diameter) * -0.7;
+        let load = Some((&load, 1.0));
+        let mut loaded = empty.clone();
+        let readings = walk.frame(load);
+        loaded.follow(&readings, EVERY_S * 31.0).unwrap();
+        for electrode in 1..26 {
+            for (tracker, loads) in [(&empty, [None, load]), (&loaded, [load, None])] {
+                let readings = walk.frame_with_change(loads, electrode);
+                let answer = tracker.clone().follow(&readings, EVERY_S * 32.0).unwrap();
+                named.extend(answer.fault.map(|fault| (centre, electrode, fault)));
+            }
+        }
+    }
+    assert!(named.is_empty(), "{} of 150: {named:?}", named.len());
+}
+
+#[test]
 fn restored_state_goes_on_with_the_same_bits() {
     let mut walk = Walk::new(1.0);
     let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
@@ -124,6 +153,36 @@ fn slow_load_is_absorbed_and_an_anchor_says_so() {
     };
     let off = (place[0] - 0.06).hypot(place[1] - 0.15);
     assert!(off < 15e-3 && loss > -0.12, "{loss} {off}");
+}
+
+#[test]
+fn load_that_rises_over_three_days_is_kept() {
+    let mut walk = Walk::new(1.0);
+    let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
+    let load = walk.model.disc([0.06, 0.15], 0.03);
+    let mut called = None;
+    for frame in 1..=144 * 5 {
+        // 7 % a day, which the tracked baseline follows, from the third day on
+        let loss = -0.07 * (frame as f64 / 144.0 - 2.0).max(0.0);
+        let answer = follow(&mut tracker, &mut walk, frame, Some((&load, loss)));
+        if answer.judgement == Judgement::Loaded {
+            called.get_or_insert(-loss);
+        }
+    }
+    let seen = called.expect("it is called loaded");
+    assert!((0.01..0.1).contains(&seen), "at a loss of {seen}");
+    let atom = nalgebra::DMatrix::from_columns(&[load]);
+    let white = tracker.whitened().unwrap();
+    let column = white.sensitivity(&atom);
+    let kept = column.column(0).dot(white.data()) / column.norm_squared() / -0.21;
+    assert!((0.95..1.05).contains(&kept), "{kept} of it is shown");
+    // what lay there is gone at once, and the sheet is empty again
+    let mut emptied = 0;
+    for frame in 144 * 5 + 1..=144 * 5 + 12 {
+        let answer = follow(&mut tracker, &mut walk, frame, None);
+        emptied += u32::from(answer.judgement == Judgement::Empty);
+    }
+    assert!(emptied > 4, "{emptied} of 12");
 }
 
 #[test]

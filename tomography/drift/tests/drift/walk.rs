@@ -45,13 +45,23 @@ impl Walk {
     }
 
     pub fn frame(&mut self, load: Option<(&DVector<f64>, f64)>) -> Vec<Reading> {
+        self.frame_with_change([load, load], 0)
+    }
+
+    /// A frame with one load during the injections before that of this electrode, and another from then on.
+    pub fn frame_with_change(
+        &mut self,
+        loads: [Option<(&DVector<f64>, f64)>; 2],
+        electrode: usize,
+    ) -> Vec<Reading> {
         let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
         let draw = DVector::from_fn(299, |_, _| normal());
         self.at += &self.drift * draw;
-        let mut data = self.at.clone();
-        if let Some((change, by)) = load {
-            data += change * by;
-        }
+        let data = loads.map(|load| match load {
+            Some((change, by)) => &self.at + change * by,
+            None => self.at.clone(),
+        });
+        let measurements = self.model.pairs().protocol().measurements();
         let mut volts: Vec<f64> = self
             .sheet
             .baseline
@@ -60,7 +70,8 @@ impl Walk {
             .collect();
         for row in 0..299 {
             for reading in self.model.pairs().readings(row) {
-                volts[reading] += data[row] + 2e-6 * normal();
+                let later = measurements[reading].drive.plus.0 >= electrode;
+                volts[reading] += data[usize::from(later)][row] + 2e-6 * normal();
             }
         }
         volts.into_iter().map(|v| Reading::Ok(Volts(v))).collect()

@@ -9,7 +9,7 @@ use phantom::Load;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::simulated::{Simulated, model};
+use super::simulated::{Simulated, away_mm, model};
 use super::tracked::LongScene;
 use crate::{Failure, progress};
 
@@ -19,7 +19,7 @@ const DAY_S: f64 = 86_400.0;
 #[derive(Debug, Clone, Serialize)]
 pub struct LoadRow {
     /// The load.
-    pub load: &'static str,
+    pub load: String,
     /// What is measured.
     pub what: &'static str,
     /// Its value, in the unit that `what` names.
@@ -35,8 +35,8 @@ enum Kind {
     Week,
     /// The night's load of 70 x 50 mm and 40 %, for all days.
     Nights,
-    /// 30 mm that takes 20 % in the end, rising from day 8 on for so many days.
-    Slow(f64),
+    /// 30 mm that takes 20 % in the end, rising from day 8 on for so many days, with the night's load or on an empty sheet.
+    Slow { days: f64, nights: bool },
 }
 
 /// One frame of a run.
@@ -45,19 +45,36 @@ struct Seen {
     /// Amplitude of the load at its true place, in the change of ln conductance.
     amplitude: f64,
     loaded: bool,
-    /// Share of the load that an anchor speaks of.
+    /// Whether a baseline of the past shows a change at its true place.
     anchor: bool,
 }
 
 impl Kind {
-    const ALL: [Self; 4] = [Self::Week, Self::Nights, Self::Slow(3.0), Self::Slow(14.0)];
+    const ALL: [Self; 6] = [
+        Self::Week,
+        Self::Nights,
+        Self::slow(3.0, true),
+        Self::slow(3.0, false),
+        Self::slow(14.0, true),
+        Self::slow(14.0, false),
+    ];
 
-    fn name(self) -> &'static str {
+    const fn slow(days: f64, nights: bool) -> Self {
+        Self::Slow { days, nights }
+    }
+
+    fn name(self) -> String {
         match self {
-            Self::Week => "60 mm, a week",
-            Self::Nights => "night's load",
-            Self::Slow(days) if days < 7.0 => "30 mm, over 3 days",
-            Self::Slow(_) => "30 mm, over 14 days",
+            Self::Week => "60 mm, a week".to_owned(),
+            Self::Nights => "night's load".to_owned(),
+            Self::Slow { days, nights } => {
+                let nights = if nights {
+                    "with nights"
+                } else {
+                    "nothing else"
+                };
+                format!("30 mm, over {days} days, {nights}")
+            }
         }
     }
 
@@ -66,7 +83,7 @@ impl Kind {
         match self {
             Self::Week => ([60.0, 180.0], 60.0),
             Self::Nights => ([100.0, 115.0], 60.0),
-            Self::Slow(_) => ([60.0, 150.0], 30.0),
+            Self::Slow { .. } => ([60.0, 150.0], 30.0),
         }
     }
 
@@ -77,8 +94,8 @@ impl Kind {
                     + "[[load]]\nname = \"weight\"\nshape = \"disc\"\ndiameter_mm = 60.0\nx_mm = 60.0\ny_mm = 180.0\n\
                        loss_percent = 30.0\nfrom_s = 172800.0\nto_s = 777600.0\n"
             }
-            Self::Nights => LongScene::Month.text(),
-            Self::Slow(_) => LongScene::Month.effects(),
+            Self::Nights | Self::Slow { nights: true, .. } => LongScene::Month.text(),
+            Self::Slow { nights: false, .. } => LongScene::Month.effects(),
         }
     }
 
@@ -87,13 +104,13 @@ impl Kind {
         match self {
             Self::Week => (10.0, 600.0),
             Self::Nights => (days, 3600.0),
-            Self::Slow(rise) => (8.5 + rise, 1800.0),
+            Self::Slow { days, .. } => (8.5 + days, 600.0),
         }
     }
 
     /// The load that is pressed besides those of the scene.
     fn pressed(self, day: f64) -> Option<Load> {
-        let Self::Slow(rise) = self else {
+        let Self::Slow { days: rise, .. } = self else {
             return None;
         };
         let loss = 0.2 * ((day - 8.0) / rise).clamp(0.0, 1.0);
@@ -119,7 +136,7 @@ pub(super) fn rows(seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<Load
 
 fn run(kind: Kind, seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<Seen>, Failure> {
     let failed = |fault| Failure::of("the tracked baseline", &fault);
-    let mut simulated = Simulated::of(kind.name(), &kind.scene(), seed)?;
+    let mut simulated = Simulated::of(&kind.name(), &kind.scene(), seed)?;
     let baseline = simulated.frame(0.0, None)?;
     let model = Arc::new(model(geometry, &baseline)?);
     let mut tracker = Tracker::new(Arc::clone(&model), 0.0).map_err(failed)?;
@@ -139,15 +156,18 @@ fn run(kind: Kind, seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<Seen
             day,
             amplitude: column.column(0).dot(white.data()) / column.norm_squared(),
             loaded: answer.judgement == Judgement::Loaded,
-            anchor: answer.anchor.is_some(),
+            anchor: answer
+                .anchor
+                .is_some_and(|anchor| away_mm(anchor.centre, place) < diameter),
         });
     }
     Ok(out)
 }
 
-/// Whether the night's load lies there.
+/// Whether the night's load lies there; a frame at its end, up to the rounding of the time of day, has none.
 fn at_night(day: f64) -> bool {
-    (0.5..20.0 / 24.0).contains(&day.fract())
+    const ROUNDING: f64 = 1e-6;
+    (0.5 - ROUNDING..20.0 / 24.0 - ROUNDING).contains(&day.fract())
 }
 
 fn judged(kind: Kind, seen: &[Seen]) -> Vec<LoadRow> {
@@ -218,12 +238,14 @@ fn judged(kind: Kind, seen: &[Seen]) -> Vec<LoadRow> {
                 ),
             ]
         }
-        Kind::Slow(rise) => {
+        Kind::Slow { days: rise, nights } => {
             let loss = |one: &Seen| 20.0 * ((one.day - 8.0) / rise).clamp(0.0, 1.0);
             let up = seen.iter().find(|one| one.day >= 8.0 + rise);
             // ln of what the loss leaves, as a linear disc shows it
             let whole = -2.0 * 0.2 / (2.0 - 0.2);
-            let rising = || seen.iter().filter(|one| one.day > 8.0);
+            // while the night's load lies there, nothing is known of the slow one
+            let alone = move |one: &&Seen| one.day > 8.0 && !(nights && at_night(one.day));
+            let rising = || seen.iter().filter(alone);
             let never = f64::INFINITY;
             vec![
                 row(
@@ -248,10 +270,10 @@ fn judged(kind: Kind, seen: &[Seen]) -> Vec<LoadRow> {
 
 /// The table as text.
 pub(super) fn text(rows: &[LoadRow]) -> String {
-    let mut text = format!("{:<20} {:<46} {:>9}  goal\n", "load", "", "value");
+    let mut text = format!("{:<34} {:<46} {:>9}  goal\n", "load", "", "value");
     for row in rows {
         text += &format!(
-            "{:<20} {:<46} {:>9.2}  {}\n",
+            "{:<34} {:<46} {:>9.2}  {}\n",
             row.load, row.what, row.value, row.goal
         );
     }

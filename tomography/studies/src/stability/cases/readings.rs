@@ -142,7 +142,7 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
             0.0,
         ),
         Check::at_most(
-            "maps made with more than a quarter missing",
+            "maps made with more than half missing",
             Naive::Error(f64::from(u8::from(filled.iter().all(|v| v.is_finite())))),
             f64::from(u8::from(mapped)),
             0.0,
