@@ -45,14 +45,14 @@ pub(crate) const MOST_OF_A_SESSION: u64 = 100;
 pub(crate) enum FailedFrame {
     /// The transcript was written to this file.
     Written(PathBuf),
-    /// The first transcript beyond the limit, not written.
-    LimitReached,
-    /// A later transcript beyond the limit.
+    /// The same, and no more are stored for this session.
+    WrittenLast(PathBuf),
+    /// Not written: the session has its most already.
     OverLimit,
 }
 
-/// Stores the transcript of a session's failed frame in the folder, up to the limit for each session. Failures count
-/// from 1.
+/// Stores the transcript of a session's failed frame in the folder, up to the limit for each session. `failure` counts those of this
+/// daemon from 1; the first free number from there on names the file, as a daemon before may have stored some.
 ///
 /// # Errors
 /// As [`write_last`].
@@ -62,15 +62,17 @@ pub(crate) fn write_failed(
     session: &str,
     failure: u64,
 ) -> Result<FailedFrame, TranscriptError> {
-    if failure > MOST_OF_A_SESSION {
-        return Ok(match failure == MOST_OF_A_SESSION + 1 {
-            true => FailedFrame::LimitReached,
-            false => FailedFrame::OverLimit,
-        });
-    }
-    let path = folder.join(format!("{session}-failed-{failure}.transcript.jsonl"));
+    let path = |number| folder.join(format!("{session}-failed-{number}.transcript.jsonl"));
+    let free = (failure..=MOST_OF_A_SESSION).find(|number| !path(*number).exists());
+    let Some(number) = free else {
+        return Ok(FailedFrame::OverLimit);
+    };
+    let path = path(number);
     write_last(transcript, &path)?;
-    Ok(FailedFrame::Written(path))
+    Ok(match number == MOST_OF_A_SESSION {
+        true => FailedFrame::WrittenLast(path),
+        false => FailedFrame::Written(path),
+    })
 }
 
 /// As text: a line of JSON for each entry.
@@ -94,11 +96,21 @@ mod tests {
     fn a_session_leaves_at_most_a_hundred_transcripts() {
         let folder = tempfile::tempdir().unwrap();
         let transcript = RingTranscript::new(2);
-        let limits = (1..=250)
-            .map(|failure| write_failed(&transcript, folder.path(), "m1", failure).unwrap())
-            .filter(|outcome| *outcome == FailedFrame::LimitReached)
-            .count();
-        assert_eq!(limits, 1, "the limit is reported once");
+        let written = |failures: std::ops::RangeInclusive<u64>| -> [usize; 2] {
+            let outcomes: Vec<FailedFrame> = failures
+                .map(|failure| write_failed(&transcript, folder.path(), "m1", failure).unwrap())
+                .collect();
+            let count =
+                |is: fn(&FailedFrame) -> bool| outcomes.iter().filter(|one| is(one)).count();
+            [
+                count(|one| matches!(one, FailedFrame::Written(_))),
+                count(|one| matches!(one, FailedFrame::WrittenLast(_))),
+            ]
+        };
+        assert_eq!(written(1..=30), [30, 0]);
+        // after a restart of the daemon failures count from 1 again, and nothing is replaced
+        assert_eq!(written(1..=250), [69, 1], "the limit is reported once");
+        assert_eq!(written(1..=10), [0, 0]);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 100);
         // another session has its own
         let other = write_failed(&transcript, folder.path(), "m2", 1).unwrap();

@@ -94,8 +94,9 @@ impl Controller {
             Ok(Ok(FailedFrame::Written(path))) => {
                 format!("the transcript of frame {number} is in {}", path.display())
             }
-            Ok(Ok(FailedFrame::LimitReached)) => format!(
-                "{} transcripts of failed frames are kept for this session; those of later frames are not",
+            Ok(Ok(FailedFrame::WrittenLast(path))) => format!(
+                "the transcript of frame {number} is in {}; {} are kept for this session, those of later frames are not",
+                path.display(),
                 transcripts::MOST_OF_A_SESSION
             ),
             Ok(Ok(FailedFrame::OverLimit)) => return,
