@@ -27,8 +27,9 @@ use tactus_tests::{SIMULATED, Stage, TWO_MICROVOLTS, act_as};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Runs before the page's own scripts: the time of the first picture since the page was asked for, ms.
-const FIRST: &str = "(() => { const look = () => { let drawn = false; try { drawn = map.values !== null && map.raster !== null; } catch {} \
+/// Runs before the page's own scripts: the time of the first picture since the page was asked for, ms. Before them `map` is the
+/// canvas of this name.
+const FIRST: &str = "(() => { const look = () => { let drawn = false; try { drawn = map.values instanceof Float32Array && Boolean(map.raster); } catch {} \
     if (drawn) requestAnimationFrame(() => { window.firstPicture = performance.now(); }); else requestAnimationFrame(look); }; look(); })()";
 /// Keeps `[sequence, ms since 1970]` of each drawn map.
 const FOLLOW: &str = "(() => { window.drawn = []; const draw = map.draw.bind(map); let last = null; map.draw = () => { draw(); \
@@ -216,9 +217,20 @@ fn ten_pages(browser: &Browser, frames: u64) -> Result<(), Failure> {
     };
     let first = browser.of_session("GET", "/window", None);
     let (mut without, mut with) = (Vec::new(), Vec::new());
+    // of the daemon and of the page's server, without and with pages, s
+    let mut spent = [[0.0; 2]; 2];
+    let processes = [daemon.id(), page.0.id()];
+    let measured = |spent: &mut [f64; 2]| -> Result<Vec<f64>, Failure> {
+        let before = processes.map(processor_s);
+        let found = periods(frames)?;
+        for (index, id) in processes.into_iter().enumerate() {
+            spent[index] += processor_s(id) - before[index];
+        }
+        Ok(found)
+    };
     for _ in 0..3 {
         browser.open("about:blank");
-        without.extend(periods(frames)?);
+        without.extend(measured(&mut spent[0])?);
         browser.open(&page.1);
         let mut opened = Vec::new();
         for _ in 1..10 {
@@ -233,7 +245,7 @@ fn ten_pages(browser: &Browser, frames: u64) -> Result<(), Failure> {
             browser.until("typeof latest !== 'undefined' && latest !== null");
             opened.push(window);
         }
-        with.extend(periods(frames)?);
+        with.extend(measured(&mut spent[1])?);
         for window in opened {
             browser.of_session(
                 "POST",
@@ -251,16 +263,24 @@ fn ten_pages(browser: &Browser, frames: u64) -> Result<(), Failure> {
         "change of the mean period by ten pages: {:+.2} %",
         1e2 * (mean(&with) / mean(&without) - 1.0)
     );
+    for (program, index) in [("tactusd", 0), ("tactus web", 1)] {
+        let each = [0, 1].map(|pages| 1e3 * spent[pages][index] / (3 * frames) as f64);
+        println!(
+            "processor time of {program} for a frame: {:.2} ms without a page, {:.2} ms with ten",
+            each[0], each[1]
+        );
+    }
     drop(page);
     daemon.stop()?;
     Ok(())
 }
 
-/// Memory of one page while frames arrive.
+/// Memory of one page while frames arrive and the uncertainty is shown.
 fn memory(stage: &Stage, browser: &Browser, page: &Page, minutes: u64) -> Result<(), Failure> {
     stage.tactus(&["start", "--every", "100ms"])?.succeeded()?;
     browser.open(&page.1);
     browser.until("typeof map !== 'undefined' && map.values !== null");
+    browser.value("byId('uncertainty').click(), 0");
     let begin = Instant::now();
     for minute in 0..=minutes {
         // a sample each minute
@@ -271,8 +291,11 @@ fn memory(stage: &Stage, browser: &Browser, page: &Page, minutes: u64) -> Result
         let used = browser.command("Runtime.getHeapUsage", &json!({}));
         let frame = browser.value("latest.frame.sequence");
         let heap = 1e-6 * number(&used["usedSize"]);
+        let counted = browser.command("Memory.getDOMCounters", &json!({}));
         println!(
-            "memory after {minute} min, frame {frame}: script {heap:.2} MB, renderer {:.1} MB resident",
+            "memory after {minute} min, frame {frame}: script {heap:.2} MB, {} DOM nodes, {} listeners, renderer {:.1} MB resident",
+            counted["nodes"],
+            counted["jsEventListeners"],
             renderer_mb(stage)?
         );
     }
@@ -297,6 +320,18 @@ fn renderer_mb(stage: &Stage) -> Result<f64, Failure> {
         largest = largest.max(1e-3 * kb.unwrap_or(0.0));
     }
     Ok(largest)
+}
+
+/// Processor time of a process, s; zero of one that is gone.
+fn processor_s(id: u32) -> f64 {
+    let read = std::fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
+    // after the name in parentheses: the 12th and 13th field, in the kernel's hundredths of a second
+    let fields = read.rsplit(')').next().unwrap_or_default();
+    let times = fields.split_whitespace().skip(11).take(2);
+    times
+        .filter_map(|field| field.parse::<f64>().ok())
+        .sum::<f64>()
+        * 0.01
 }
 
 fn number(value: &Value) -> f64 {

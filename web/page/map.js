@@ -8,6 +8,8 @@ const ELECTRODE_STATES = {
   left_out: { colour: "#d00000", sign: "\u2717" },
 };
 // time that tracks of hot spots show, and the least way between two points of one
+// lines of the uncertainty: their colour, the distance between them and their widths, CSS pixels
+const LINE_COLOUR = 0xff707070, LINE_STEP = 8, LINE_WIDTHS = [0, 1, 2, 3, LINE_STEP];
 const TRACK_MS = 10 * 60 * 1000;
 const TRACK_STEP_MM = 1;
 
@@ -36,6 +38,9 @@ class SheetMap {
     this.showRegion = true;
     this.showTracks = false;
     this.waiting = false;
+    // standard deviations, NaN where nothing is known; and the width of the lines in each triangle, from 1, as the raster counts
+    this.deviations = null;
+    this.lines = null;
     // number of a hot spot: points [x, y, time]
     this.tracks = new Map();
     // place of the keyboard's cursor, mm
@@ -53,6 +58,7 @@ class SheetMap {
     this.low = [Math.min(...xs), Math.min(...ys)];
     this.high = [Math.max(...xs), Math.max(...ys)];
     this.values = null;
+    this.setDeviations(null);
     this.raster = null;
     this.regions = geometry.regions || [];
     this.tracks.clear();
@@ -63,6 +69,14 @@ class SheetMap {
     this.frame = frame;
     this.top = top;
     if (this.showTracks) this.track(frame);
+    this.request();
+  }
+
+  // draws lines over the map, the wider, the larger the deviation is: none up to the first of three bounds, all where it is NaN
+  setDeviations(deviations, bounds) {
+    this.deviations = deviations;
+    this.lines = deviations && new Uint8Array(deviations.length + 1);
+    if (deviations) deviations.forEach((value, t) => { this.lines[t + 1] = Number.isNaN(value) ? 4 : bounds.filter(bound => value > bound).length; });
     this.request();
   }
 
@@ -164,14 +178,32 @@ class SheetMap {
 
   drawValues(at) {
     this.rasterise();
-    const palette = new Uint32Array(this.values.length + 1);
-    for (let t = 0; t < this.values.length; t++) {
-      // red is the lowest byte
-      if (!Number.isNaN(this.values[t])) palette[t + 1] = this.colour(this.values[t] / this.top).reduce((all, part, k) => all + part * 256 ** k, 0xff000000);
+    const { values, top, raster } = this;
+    const palette = new Uint32Array(values.length + 1);
+    // red is the lowest byte
+    const packed = colours => Uint32Array.from(colours, ([red, green, blue]) => (0xff << 24 | blue << 16 | green << 8 | red) >>> 0);
+    const loads = packed(this.colours.loads), gains = this.signed ? packed(this.colours.gains) : null;
+    for (let t = 0; t < values.length; t++) {
+      const share = values[t] / top;
+      if (Number.isNaN(share)) continue;
+      const step = Math.round(255 * Math.min(1, Math.abs(share)));
+      palette[t + 1] = share >= 0 ? loads[step] : gains ? gains[step] : loads[0];
     }
-    const pixels = new Uint32Array(this.image.data.buffer);
-    for (let i = 0; i < pixels.length; i++) pixels[i] = palette[this.raster[i]];
+    const pixels = new Uint32Array(this.image.data.buffer), count = pixels.length;
+    for (let i = 0; i < count; i++) pixels[i] = palette[raster[i]];
+    if (this.lines) this.drawLines(pixels);
     at.putImageData(this.image, 0, 0);
+  }
+
+  drawLines(pixels) {
+    const step = Math.round(LINE_STEP * this.pixels), width = this.rasterWidth;
+    const widths = LINE_WIDTHS.map(wide => wide * this.pixels);
+    for (let i = 0, y = 0; i < pixels.length; y++) {
+      for (let x = 0; x < width; x++, i++) {
+        const level = this.lines[this.raster[i]];
+        if (level && (x + y) % step < widths[level]) pixels[i] = LINE_COLOUR;
+      }
+    }
   }
 
   cross(at) {
@@ -291,23 +323,24 @@ class SheetMap {
     const [column, row] = [Math.floor(this.x(x)), Math.floor(this.y(y))];
     if (column < 0 || column >= this.rasterWidth || row < 0 || row >= this.canvas.height) return null;
     const triangle = this.raster[row * this.rasterWidth + column];
-    return triangle ? { x, y, value: this.values[triangle - 1] } : null;
+    return triangle ? { x, y, value: this.values[triangle - 1], deviation: this.deviations ? this.deviations[triangle - 1] : undefined } : null;
   }
 
   // the largest value in each field of a grid over the sheet, upper row first: { columns: [mm], rows: [{ mm, values }] }; undefined
   // where no triangle's centre lies
-  grid(count) {
+  grid(count, of = this.values) {
     const { nodes, triangles } = this.geometry;
     const width = [0, 1].map(axis => (this.high[axis] - this.low[axis]) / count);
     const middle = (axis, k) => this.low[axis] + (k + 0.5) * width[axis];
     const rows = Array.from({ length: count }, (_, k) => ({ mm: middle(1, count - 1 - k), values: new Array(count) }));
-    for (let t = 0; t < this.values.length; t++) {
+    for (let t = 0; t < of.length; t++) {
       const [column, row] = [0, 1].map(axis => {
         const centre = [0, 1, 2].reduce((sum, k) => sum + nodes[2 * triangles[3 * t + k] + axis], 0) / 3;
         return Math.max(0, Math.min(count - 1, Math.floor((centre - this.low[axis]) / width[axis])));
       });
       const { values } = rows[count - 1 - row];
-      values[column] = Math.max(values[column] ?? -Infinity, this.values[t]);
+      // NaN if one of them is
+      values[column] = Math.max(values[column] ?? -Infinity, of[t]);
     }
     return { columns: Array.from({ length: count }, (_, k) => middle(0, k)), rows };
   }

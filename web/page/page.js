@@ -12,7 +12,14 @@ map.showTracks = true;
 const charts = new Charts({
   charts: byId("charts"), axis: byId("axis"), note: byId("charts-note"), span: byId("span"), region: byId("chart-region"), choices: byId("chart-choices"),
 });
-let shownSession = null, shownSequence = null, fetching = false, latest = null, tablesDue = null;
+let shownSession = null, shownMap = null, fetching = false, latest = null, tablesDue = null;
+
+const uncertainty = new Uncertainty(map, {
+  box: byId("uncertainty"), legend: byId("uncertainty-legend"), details: byId("uncertainty-as-table"), table: byId("uncertainty-table"),
+}, async () => unpacked(await ask("/api/deviation")));
+// the server computes no more than one in two seconds
+const UNCERTAINTY_MS = 2000;
+let uncertaintyAsked = 0;
 
 const drawing = new RegionDrawing(map, byId("draw"), byId("drawn"));
 
@@ -65,7 +72,8 @@ function show(state) {
   byId("control").hidden = !state.control;
   byId("pressing").hidden = !simulated;
   if (state.frame) {
-    if (state.frame.map) { showMap(state); charts.add(state.frame); }
+    if (state.frame.map) showMap(state);
+    if (state.frame.map && !state.frame.provisional) charts.add(state.frame);
     showVerdict(state.frame);
   }
   if (tablesDue === null) tablesDue = setTimeout(showTables, TABLES_MS);
@@ -84,6 +92,7 @@ function showVerdict(frame) {
   const { tracked, quality, quantities } = frame;
   let [text, kind] = ["", "good"];
   if (!frame.map) [text, kind] = ["no map of this frame yet", "warn"];
+  else if (frame.provisional) [text, kind] = [frame.provisional, "soft"];
   else if (quantities && quantities.reason) [text, kind] = [`not known: ${quantities.reason}`, "bad"];
   else if (tracked && !tracked.known) [text, kind] = [`not known: ${tracked.text || tracked.reason}`, "bad"];
   else if (quality && quality.verdict !== "sound") {
@@ -94,16 +103,19 @@ function showVerdict(frame) {
   at.className = kind;
 }
 
+// the map of a frame, which has another name while it is provisional
+const mapName = frame => `${frame.provisional ? "provisional" : "map"}/${frame.sequence}`;
+
 async function showMap(state) {
   const { frame, session } = state;
-  if (fetching || (session && shownSession === session.id && shownSequence === frame.sequence)) return;
+  if (fetching || (session && shownSession === session.id && shownMap === mapName(frame))) return;
   fetching = true;
   try {
     const isNew = !map.geometry || (session && shownSession !== session.id);
     const [colours, geometry, values] = await Promise.all([
       map.colours || ask("/api/colours").then(answer => answer.json()),
       isNew && ask("/api/geometry").then(answer => answer.json()),
-      ask(`/api/map/${frame.sequence}`).then(answer => answer.arrayBuffer()).then(bytes => new Float32Array(bytes)),
+      ask(`/api/${mapName(frame)}`).then(answer => answer.arrayBuffer()).then(bytes => new Float32Array(bytes)),
     ]);
     if (!map.colours) {
       map.colours = colours;
@@ -111,7 +123,7 @@ async function showMap(state) {
     }
     if (geometry) map.setGeometry(geometry);
     shownSession = session ? session.id : shownSession;
-    shownSequence = frame.sequence;
+    shownMap = mapName(frame);
     const fixed = parseFloat(byId("fixed").value);
     const largest = values.reduce((most, value) => Math.max(most, value), 0);
     const noise = (session && frame.unit !== "kPa" && session.map_noise) || 0;
@@ -120,19 +132,26 @@ async function showMap(state) {
     byId("high").textContent = rounded(top);
     byId("unit").textContent = frame.unit + (largest <= noise ? ", nothing above the noise" : "");
     document.body.dataset.sequence = frame.sequence;
+    document.body.dataset.kind = frame.provisional ? "provisional" : "exact";
+    if (uncertainty.on && performance.now() - uncertaintyAsked >= UNCERTAINTY_MS) {
+      uncertaintyAsked = performance.now();
+      uncertainty.refresh();
+    }
   } catch (error) {
     // the map has been replaced by a newer one, or the session has ended
   } finally {
     fetching = false;
   }
   // a newer one may have come meanwhile
-  if (latest && latest.frame && latest.frame.map && latest.frame.sequence !== shownSequence && latest !== state) showMap(latest);
+  if (latest && latest.frame && latest.frame.map && mapName(latest.frame) !== shownMap && latest !== state) showMap(latest);
 }
 
 function showQuantities(frame) {
   const quantities = frame.quantities;
   const pressure = quantities && quantities.unit === "pressure";
   const regions = quantities ? quantities.regions : [];
+  // those of the last map stay, dimmed
+  byId("quantities").classList.toggle("old", !quantities);
   if (!quantities) return;
   const rows = [row(["", ...regions.map(region => ({ number: region.name })), "unit"], true)];
   for (const [name, words, calibrated, plain] of QUANTITIES) {
@@ -202,7 +221,7 @@ function showEvents(events) {
 }
 
 function showPlace(at) {
-  byId("pointer").textContent = at ? `(${at.x.toFixed(1)}, ${at.y.toFixed(1)}) mm: ${withUnit(at.value, map.frame.unit)}` : "";
+  byId("pointer").textContent = at ? `(${at.x.toFixed(1)}, ${at.y.toFixed(1)}) mm: ${withUnit(at.value, map.frame.unit)}${uncertainty.at(at)}` : "";
 }
 
 const pressing = () => !drawing.active && byId("press").checked && !byId("control").hidden && !byId("pressing").hidden;
@@ -235,7 +254,7 @@ byId("map-as-table").addEventListener("toggle", showGrid);
 byId("tracks").addEventListener("change", event => { map.showTracks = event.target.checked; map.tracks.clear(); map.request(); });
 byId("numbers").addEventListener("change", event => { map.showNumbers = event.target.checked; map.request(); });
 byId("region-lines").addEventListener("change", event => { map.showRegion = event.target.checked; map.request(); });
-byId("fixed").addEventListener("input", () => { shownSequence = null; if (latest && latest.frame && latest.frame.map) showMap(latest); });
+byId("fixed").addEventListener("input", () => { shownMap = null; if (latest && latest.frame && latest.frame.map) showMap(latest); });
 byId("start").addEventListener("click", () => send({ call: "start", every_s: parseFloat(byId("every").value) || 0 }));
 byId("stop").addEventListener("click", () => send({ call: "stop" }));
 byId("baseline").addEventListener("click", () => send({ call: "baseline" }));

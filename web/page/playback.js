@@ -17,6 +17,15 @@ const axis = new TimeAxis(byId("axis"));
 let session = null, course = null, at = 0, shown = null, pinned = null;
 let playing = false, before = null, busy = false, wanted = null, resting = null;
 
+const uncertainty = new Uncertainty(map, {
+  box: byId("uncertainty"), legend: byId("uncertainty-legend"), details: byId("uncertainty-as-table"), table: byId("uncertainty-table"),
+}, async () => {
+  const found = await unpacked(await ask(mapAddress(session, "deviation", "frame", shown.sequence)));
+  if (found.head.sequence !== shown.sequence) throw new Error("another frame is shown now");
+  return found;
+});
+
+const mapAddress = (of, kind, by, number) => `/api/sessions/${encodeURIComponent(of.id)}/maps/${kind}/${by}/${number}`;
 const moment = ms => new Date(ms).toLocaleString();
 
 async function begin() {
@@ -176,14 +185,13 @@ async function rest() {
 
 async function load(kind, by, number) {
   const of = session;
-  const answer = await ask(`/api/sessions/${encodeURIComponent(of.id)}/maps/${kind}/${by}/${number}`);
-  const bytes = await answer.arrayBuffer();
+  const { head, values } = await unpacked(await ask(mapAddress(of, kind, by, number)));
   if (session !== of) return;
-  const length = new DataView(bytes).getUint32(0, true);
-  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, length)));
   shown = head;
-  const values = new Float32Array(bytes, 4 + length);
+  // that of another frame
+  if (uncertainty.of && uncertainty.of.sequence !== head.sequence) uncertainty.clear();
   draw(head, values);
+  if (kind === "exact") uncertainty.refresh();
 }
 
 function draw(head, values) {
@@ -307,7 +315,7 @@ byId("compare").addEventListener("click", () => pin(pinned ? null : shown));
 byId("fixed").addEventListener("input", () => { if (shown && map.values) draw(shown, map.values); });
 byId("map").addEventListener("pointermove", event => {
   const here = map.valueAt(event.offsetX, event.offsetY);
-  byId("pointer").textContent = here ? `(${here.x.toFixed(1)}, ${here.y.toFixed(1)}) mm: ${withUnit(here.value, shown.unit)}` : "";
+  byId("pointer").textContent = here ? `(${here.x.toFixed(1)}, ${here.y.toFixed(1)}) mm: ${withUnit(here.value, shown.unit)}${uncertainty.at(here)}` : "";
 });
 document.addEventListener("keydown", event => {
   if (["INPUT", "SELECT", "BUTTON"].includes(event.target.tagName) || !session) return;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use imaging::quantities::RegionShape;
+use serde::Serialize;
 
 /// A text of JSON.
 pub(crate) fn json(text: Arc<str>) -> Response {
@@ -33,4 +34,24 @@ pub(crate) fn geometry_json(geometry: &dbus::Geometry) -> String {
         "electrodes": millimetres(&geometry.electrodes),
     })
     .to_string()
+}
+
+/// Values in single precision, little-endian.
+pub(crate) fn bytes(values: &[f32]) -> Vec<u8> {
+    let each = values.iter().flat_map(|value| value.to_le_bytes());
+    each.collect()
+}
+
+/// Length of the JSON (u32), the JSON padded with spaces to a multiple of four, and the values in single precision; all
+/// little-endian.
+pub(crate) fn packed(head: &impl Serialize, values: &[f32]) -> Response {
+    let mut text = serde_json::json!(head).to_string();
+    while !text.len().is_multiple_of(4) {
+        text.push(' ');
+    }
+    let mut packed = (text.len() as u32).to_le_bytes().to_vec();
+    packed.extend(text.as_bytes());
+    packed.extend(bytes(values));
+    let media = [(header::CONTENT_TYPE, "application/octet-stream")];
+    (media, packed).into_response()
 }

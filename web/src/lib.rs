@@ -7,12 +7,14 @@
 //! the terminal's dashboard reads too.
 
 mod answer;
+mod beside;
 mod control;
 mod guard;
 mod live;
 mod page;
 mod playback;
 mod routes;
+mod running;
 mod sheets;
 mod snapshot;
 #[cfg(test)]
@@ -27,12 +29,15 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 
+use beside::Beside;
+
 pub use control::acknowledge;
 pub use guard::{HostName, HostNameError};
 pub use live::follow;
 pub use playback::{
     Course, History, MapKind, Overview, Place, Playback, PlayedMap, Recordings, SessionEntry,
 };
+pub use running::{DEVIATION, ProvisionalMap, RunningModel};
 pub use sheets::Sheets;
 pub use snapshot::{
     AlarmState, DaemonState, EventState, FrameState, Live, SessionState, Snapshot, State,
@@ -130,7 +135,15 @@ impl Server {
         let control = self.settings.control.is_some();
         live.set_control(control);
         let port = self.address.port();
-        let router = routes::router(&self.settings, port, live, recordings, stop.clone());
+        let beside = Arc::new(Beside::new(Arc::clone(&recordings)));
+        let router = routes::router(
+            &self.settings,
+            port,
+            live.clone(),
+            recordings,
+            Arc::clone(&beside),
+            stop.clone(),
+        );
         let mut serving = JoinSet::new();
         for listener in self.listeners {
             let (router, mut stop) = (router.clone(), stop.clone());
@@ -150,8 +163,11 @@ impl Server {
             tokio::time::sleep(DRAIN).await;
         };
         tokio::pin!(drained);
+        let provisional = beside::show_provisional(beside, live);
+        tokio::pin!(provisional);
         loop {
             tokio::select! {
+                () = &mut provisional => {}
                 ended = serving.join_next() => match ended {
                     None => return Ok(()),
                     Some(Ok(served)) => served?,

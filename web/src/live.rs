@@ -1,6 +1,6 @@
 //! Follows a daemon: its status each second, its events, and the stream of the running session.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -23,6 +23,8 @@ const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Records that the daemon holds for this reader.
 const RING: u64 = 64;
+/// Most frames that wait for their maps.
+const FRAMES: usize = 1024;
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -154,8 +156,8 @@ struct Following {
     stream: UnixStream,
     decoder: Decoder,
     bytes: Vec<u8>,
-    /// The frame whose map may still come.
-    frame: FrameState,
+    /// Frames whose maps may still come, the oldest first.
+    frames: VecDeque<FrameState>,
     pressure: Option<(u64, Vec<f64>)>,
     /// Records of a frame that come before its map.
     beside: HashMap<&'static str, (u64, Value)>,
@@ -187,6 +189,8 @@ impl Following {
         live.change(|snapshot| {
             snapshot.geometry = Some(Arc::new(geometry));
             snapshot.maps.clear();
+            snapshot.provisional = None;
+            snapshot.readings = None;
             snapshot.state.frame = None;
         });
         let mut following = Self {
@@ -194,7 +198,7 @@ impl Following {
             stream: UnixStream::from_std(stream)?,
             decoder: Decoder::new(),
             bytes: vec![0; 64 * 1024],
-            frame: FrameState::default(),
+            frames: VecDeque::new(),
             pressure: None,
             beside: HashMap::new(),
         };
@@ -229,12 +233,12 @@ impl Following {
             }
         }
         self.pressure = pressure.map(|pressure| (pressure.sequence, pressure.kpa));
-        self.frame = FrameState {
+        self.frames.push_back(FrameState {
             sequence: latest.sequence,
             wall_ms: latest.wall_ns / 1_000_000,
             simulated: latest.simulated,
             ..FrameState::default()
-        };
+        });
         self.show_map(latest.sequence, &latest.values, latest.method, live);
     }
 
@@ -263,8 +267,8 @@ impl Following {
             }
         };
         match record.body {
-            Body::Frame { flags, .. } => {
-                self.frame = FrameState {
+            Body::Frame { volts, flags } => {
+                let frame = FrameState {
                     sequence,
                     wall_ms: record.wall_ns / 1_000_000,
                     simulated: record.simulated,
@@ -273,8 +277,19 @@ impl Following {
                     missing: flags.iter().filter(|flag| **flag != 0).count(),
                     ..FrameState::default()
                 };
-                let frame = self.frame.clone();
-                live.change(|snapshot| snapshot.state.frame = Some(frame));
+                self.frames.push_back(frame.clone());
+                if self.frames.len() > FRAMES {
+                    self.frames.pop_front();
+                }
+                let valid = volts
+                    .iter()
+                    .zip(&flags)
+                    .map(|(volts, flag)| (*flag == 0).then_some(*volts));
+                let readings = valid.collect();
+                live.change(|snapshot| {
+                    snapshot.state.frame = Some(frame);
+                    snapshot.readings = Some((sequence, readings));
+                });
             }
             Body::Map { values, method, .. } => self.show_map(sequence, &values, method, live),
             Body::Pressure { kpa, .. } => self.pressure = Some((sequence, kpa)),
@@ -299,6 +314,16 @@ impl Following {
             let (of, value) = self.beside.remove(name)?;
             (of == sequence).then_some(value)
         };
+        // a slow method's map comes after later frames; those before it have none
+        self.frames.retain(|frame| frame.sequence >= sequence);
+        if self
+            .frames
+            .front()
+            .is_none_or(|frame| frame.sequence != sequence)
+        {
+            return;
+        }
+        let of = self.frames.pop_front().unwrap_or_default();
         let frame = FrameState {
             map: true,
             method: Some(method),
@@ -307,12 +332,8 @@ impl Following {
             quality: beside("quality"),
             tracked: beside("tracked"),
             quantities: beside("quantities"),
-            ..self.frame.clone()
+            ..of
         };
-        if frame.sequence != sequence {
-            return;
-        }
-        self.frame = frame.clone();
         live.change(|snapshot| {
             snapshot.keep_map(sequence, &shown);
             snapshot.state.frame = Some(frame);

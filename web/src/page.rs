@@ -1,7 +1,7 @@
 //! The files of the page, in the program.
 
 /// Path, media type, content.
-pub(crate) const FILES: [(&str, &str, &str); 13] = [
+pub(crate) const FILES: [(&str, &str, &str); 14] = [
     (
         "/",
         "text/html; charset=utf-8",
@@ -51,6 +51,11 @@ pub(crate) const FILES: [(&str, &str, &str); 13] = [
         "/playback.js",
         "text/javascript; charset=utf-8",
         include_str!("../page/playback.js"),
+    ),
+    (
+        "/uncertainty.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../page/uncertainty.js"),
     ),
     (
         "/region.js",

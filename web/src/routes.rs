@@ -12,7 +12,8 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use tokio::sync::{Semaphore, watch};
 
-use crate::answer::{geometry_json, json};
+use crate::answer::{geometry_json, json, packed};
+use crate::beside::Beside;
 use crate::control::{self, Call};
 use crate::guard::{self, Guard};
 use crate::page;
@@ -36,6 +37,7 @@ struct Shared {
     waiting: Arc<Semaphore>,
     colours: Arc<str>,
     control: Option<Control>,
+    beside: Arc<Beside>,
 }
 
 /// All routes behind the guard.
@@ -44,6 +46,7 @@ pub(crate) fn router(
     port: u16,
     live: Live,
     recordings: Arc<dyn Recordings>,
+    beside: Arc<Beside>,
     stop: watch::Receiver<bool>,
 ) -> Router {
     let guard = Arc::new(Guard::new(port, settings));
@@ -53,6 +56,7 @@ pub(crate) fn router(
         waiting: Arc::new(Semaphore::new(WAITING)),
         colours: colours().into(),
         control: settings.control.clone(),
+        beside,
     };
     let mut router = Router::new();
     for (path, kind, text) in page::FILES {
@@ -67,6 +71,8 @@ pub(crate) fn router(
             get(|State(shared): State<Shared>| async move { json(shared.colours) }),
         )
         .route("/api/map/{sequence}", get(map))
+        .route("/api/provisional/{sequence}", get(provisional))
+        .route("/api/deviation", get(deviation))
         .route("/api/control", post(control))
         .layer(DefaultBodyLimit::max(LONGEST_COMMAND))
         .fallback(|| async { (StatusCode::NOT_FOUND, "no such page\n") })
@@ -125,10 +131,28 @@ async fn geometry(State(shared): State<Shared>) -> Response {
 
 /// A map as little-endian single precision, one value a triangle. It never changes.
 async fn map(State(shared): State<Shared>, Path(sequence): Path<String>) -> Response {
-    let known = sequence
-        .parse()
-        .ok()
-        .and_then(|sequence| shared.live.map(sequence));
+    let sequence = sequence.parse().ok();
+    kept(sequence.and_then(|sequence| shared.live.map(sequence)))
+}
+
+/// The map that is shown until the session's own one comes, in the same form.
+async fn provisional(State(shared): State<Shared>, Path(sequence): Path<String>) -> Response {
+    let sequence = sequence.parse().ok();
+    kept(sequence.and_then(|sequence| shared.live.provisional(sequence)))
+}
+
+/// Standard deviations of the last frame, or of one of the last seconds: `{"sequence", "unit"}` and one value a triangle.
+async fn deviation(State(shared): State<Shared>) -> Response {
+    let beside = Arc::clone(&shared.beside);
+    let worked = tokio::task::spawn_blocking(move || beside.deviation(&shared.live)).await;
+    match worked {
+        Ok(Ok(made)) => packed(&*made, &made.values),
+        Ok(Err(why)) => (StatusCode::CONFLICT, format!("{why}\n")).into_response(),
+        Err(_) => (StatusCode::SERVICE_UNAVAILABLE, "the server stops\n").into_response(),
+    }
+}
+
+fn kept(known: Option<Arc<[u8]>>) -> Response {
     match known {
         Some(map) => (
             [

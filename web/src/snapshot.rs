@@ -7,6 +7,9 @@ use serde::Serialize;
 use serde_json::Value;
 use tokio::sync::watch;
 
+use crate::answer::bytes;
+use crate::running::ProvisionalMap;
+
 /// Maps that are kept for pages that are behind.
 const MAPS: usize = 16;
 /// Events that are kept.
@@ -25,6 +28,10 @@ pub struct Snapshot {
     pub state: State,
     /// Maps of the last frames, 4 bytes a triangle, by sequence.
     pub(crate) maps: VecDeque<(u64, Arc<[u8]>)>,
+    /// The map of a frame that is shown until its own one comes.
+    pub(crate) provisional: Option<(u64, Arc<[u8]>)>,
+    /// Readings of the last frame, V, with its sequence; `None` for one that is no voltage.
+    pub(crate) readings: Option<(u64, Arc<[Option<f64>]>)>,
     /// Geometry of the maps.
     pub geometry: Option<Arc<dbus::Geometry>>,
 }
@@ -117,8 +124,10 @@ pub struct FrameState {
     pub missing: usize,
     /// Its readings.
     pub readings: usize,
-    /// Whether `/api/map/SEQUENCE` exists.
+    /// Whether `/api/map/SEQUENCE` exists; with `provisional`, `/api/provisional/SEQUENCE`.
     pub map: bool,
+    /// What is not exact about the map, as a sentence; `None` for that of the session's own method.
+    pub provisional: Option<String>,
     /// Method of the map.
     pub method: Option<String>,
     /// `kPa`, or `lost share`.
@@ -260,6 +269,29 @@ impl Live {
         self.0.subscribe()
     }
 
+    /// Shows a map of a frame until the session's own one comes; neither where that is there, nor where a later frame is.
+    pub(crate) fn show_provisional(&self, sequence: u64, made: ProvisionalMap) {
+        self.0.send_if_modified(|snapshot| {
+            let frame = snapshot.state.frame.as_mut();
+            let Some(frame) = frame.filter(|frame| frame.sequence == sequence && !frame.map) else {
+                return false;
+            };
+            frame.map = true;
+            frame.method = Some(made.method);
+            frame.unit = Some(made.unit);
+            frame.provisional = Some(made.provisional);
+            snapshot.provisional = Some((sequence, bytes(&made.values).into()));
+            snapshot.version += 1;
+            true
+        });
+    }
+
+    pub(crate) fn provisional(&self, sequence: u64) -> Option<Arc<[u8]>> {
+        let snapshot = self.0.borrow();
+        let (of, map) = snapshot.provisional.as_ref()?;
+        (*of == sequence).then(|| Arc::clone(map))
+    }
+
     pub(crate) fn map(&self, sequence: u64) -> Option<Arc<[u8]>> {
         let snapshot = self.0.borrow();
         let (_, map) = snapshot.maps.iter().find(|(of, _)| *of == sequence)?;
@@ -286,12 +318,8 @@ impl Snapshot {
 
     /// Keeps the map of a frame, one value a triangle, and drops the oldest.
     pub fn keep_map(&mut self, sequence: u64, values: &[f32]) {
-        let bytes: Vec<u8> = values
-            .iter()
-            .flat_map(|value| value.to_le_bytes())
-            .collect();
         self.maps.retain(|(of, _)| *of != sequence);
-        self.maps.push_back((sequence, bytes.into()));
+        self.maps.push_back((sequence, bytes(values).into()));
         if self.maps.len() > MAPS {
             self.maps.pop_front();
         }

@@ -110,6 +110,11 @@ impl Served {
         answer.split_off(end.unwrap() + 4)
     }
 
+    /// What the pages follow.
+    pub(crate) fn live(&self) -> Live {
+        self.live.clone()
+    }
+
     pub(crate) async fn get(&self, path: &str) -> String {
         self.ask(&format!("GET {path}"), &[self.host(), self.bearer()])
             .await
@@ -172,6 +177,8 @@ async fn data_need_the_token_and_the_page_does_not() {
         "/api/geometry",
         "/api/colours",
         "/api/map/1",
+        "/api/provisional/1",
+        "/api/deviation",
         "/api/history/24/sheet",
         "/api/sessions",
         "/api/sessions/m1",

@@ -48,6 +48,14 @@ impl<'a> Compared<'a> {
         reconstruction.map(self.baseline, self.readings)
     }
 
+    /// Standard deviation of ln conductance of each triangle; NaN where the frame says nothing of it.
+    ///
+    /// # Errors
+    /// It is not known.
+    pub(crate) fn deviation(&self, reconstruction: &Reconstruction) -> Result<Vec<f32>, Failure> {
+        reconstruction.map_deviation(self.baseline, self.readings)
+    }
+
     /// The quantities and the map; a frame without a map has no quantities, and the reason.
     ///
     /// # Errors

@@ -106,8 +106,8 @@ impl Follower {
     }
 
     /// The frame and its baseline as they are now, without following it.
-    pub(crate) fn compare(&self, frame: &RecordedFrame) -> (Vec<Reading>, Vec<Reading>) {
-        self.tracking.compare(&frame.readings)
+    pub(crate) fn compare(&self, readings: &[Reading]) -> (Vec<Reading>, Vec<Reading>) {
+        self.tracking.compare(readings)
     }
 
     /// Follows all frames before this number that were not followed yet.

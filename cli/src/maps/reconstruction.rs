@@ -172,6 +172,28 @@ impl Reconstruction {
             .map_err(|error| Failure::Configuration(error.to_string()))
     }
 
+    /// Standard deviation of ln conductance of each triangle; NaN where the frame says nothing of it. The first frame of a
+    /// baseline takes a second.
+    ///
+    /// # Errors
+    /// A model without a geometry, or missing readings.
+    pub(crate) fn map_deviation(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Vec<f32>, Failure> {
+        let found = self.model.deviation(baseline, frame);
+        let found =
+            found.map_err(|error| Failure::failed("no standard deviation is known", &error))?;
+        let found = found.ok_or_else(|| {
+            let text = "no standard deviation is known: the model contains no geometry";
+            Failure::Failed(text.to_owned())
+        })?;
+        let each = found.deviation.iter().zip(&found.resolved);
+        let known = each.map(|(sd, resolved)| if *resolved { *sd as f32 } else { f32::NAN });
+        Ok(known.collect())
+    }
+
     /// Standard deviations of quantities; `None` where the noise is not known.
     pub(crate) fn deviation(&self) -> Option<Deviation> {
         Some(Deviation::new(&self.model, self.reading_noise?))

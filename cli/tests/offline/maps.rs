@@ -246,6 +246,26 @@ fn a_calibration_holds_in_replay_export_and_session_alike() {
     assert_eq!(pixels.rows[0][0], None, "a corner is outside of the disc");
     // the press is at the upper right: its pixel has more pressure than the mirrored one at the lower left
     assert!(pixels.rows[6][11] > pixels.rows[9][4], "{pixels:?}");
+    // the error of the calibration is part of that of the load, not of its place
+    let relative_sd = |rms: &str| {
+        std::fs::write(at("sheet.toml"), calibration.replace("rms = 0.01", rms)).unwrap();
+        let asked = ["quantities", "m1", "--each-frame", "--json"];
+        let frames = lines(&done(folder.path(), &asked));
+        let sheet = frames[2]["regions"][0].clone();
+        ["load", "centre-x"].map(|quantity| {
+            let of = |what: &str| sheet[what][quantity].as_f64().unwrap();
+            of("deviations") / of("values").abs()
+        })
+    };
+    let (exact, rough) = (relative_sd("rms = 0.0"), relative_sd("rms = 0.3"));
+    // 6 presses, one level: 0.3 sqrt(6/5 (1 + 1/6)) = 0.355, known to 18 % from 16 draws
+    let of_gain = (rough[0].powi(2) - exact[0].powi(2)).sqrt();
+    assert!((0.2..0.55).contains(&of_gain), "{exact:?} {rough:?}");
+    assert!(
+        (rough[1] / exact[1] - 1.0).abs() < 0.3,
+        "{exact:?} {rough:?}"
+    );
+    std::fs::write(at("sheet.toml"), &calibration).unwrap();
     let shown = &lines(&done(folder.path(), &["sessions", "show", "m1", "--json"]))[0];
     assert_eq!(shown["calibration"], at("sheet.toml"));
     assert_eq!(shown["method"], bare[2]["method"]);

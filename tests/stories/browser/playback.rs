@@ -12,7 +12,7 @@ const REGION_AND_ALARM: &str = "\n[[region]]\nname = \"corner\"\nrectangle_mm = 
     [[alarm]]\nname = \"pressed\"\nquantity = \"contact\"\nabove = 100.0\nseverity = \"minor\"\n";
 
 /// Waits until the exact map of a frame is shown.
-fn exact(browser: &Browser, sequence: u64) {
+pub(super) fn exact(browser: &Browser, sequence: u64) {
     browser.value(&format!("show('frame', {sequence}), 0"));
     browser.until(&format!(
         "document.body.dataset.sequence === '{sequence}' && document.body.dataset.kind === 'exact'"

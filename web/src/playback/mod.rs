@@ -13,6 +13,7 @@ use render::Sheet;
 use serde::Serialize;
 
 use crate::EventState;
+use crate::running::RunningModel;
 use crate::sheets::Sheets;
 
 /// The recorded sessions.
@@ -32,6 +33,16 @@ pub trait Recordings: Send + Sync {
     /// All sheets of an archive, where the page has one.
     fn sheets(&self) -> Option<Arc<dyn Sheets>> {
         None
+    }
+
+    /// The running session with this id, for maps beside those of the daemon; `None` if it is not recorded here. It may take
+    /// seconds.
+    ///
+    /// # Errors
+    /// A sentence: it cannot be read, or has no maps.
+    fn running(&self, id: &str) -> Result<Option<Arc<dyn RunningModel>>, String> {
+        let _ = id;
+        Ok(None)
     }
 
     /// The stored quantities of a region over all sessions, in at most so many spans, all of the newest unit. A place that
@@ -154,6 +165,8 @@ pub enum MapKind {
     Exact,
     /// Time without relief of each triangle, s.
     Unrelieved,
+    /// Standard deviation of each triangle of the exact map; NaN where the frame says nothing of it.
+    Deviation,
 }
 
 /// A map of a recorded frame.
@@ -165,7 +178,7 @@ pub struct PlayedMap {
     pub wall_ms: i64,
     /// The method.
     pub method: String,
-    /// `kPa`, `lost share` or `s`.
+    /// `kPa`, `lost share`, `s`, or [`crate::DEVIATION`].
     pub unit: &'static str,
     /// What is not exact about it, as a sentence; `None` for the exact map.
     pub provisional: Option<String>,

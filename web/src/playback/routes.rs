@@ -5,15 +5,15 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{Path, State};
-use axum::http::{StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::StatusCode;
+use axum::response::Response;
 use axum::routing::get;
 use render::Sheet;
 use tokio::sync::Semaphore;
 use tokio::time::Instant;
 
-use super::{MapKind, Place, Playback, PlayedMap, Recordings};
-use crate::answer::{geometry_json, json};
+use super::{MapKind, Place, Playback, Recordings};
+use crate::answer::{geometry_json, json, packed};
 
 /// Sessions that stay open.
 const OPEN: usize = 2;
@@ -196,7 +196,7 @@ async fn map(
 ) -> Answer {
     let asked = kind_of(&kind).zip(place_of(&by, &number));
     let (kind, place) = asked.ok_or_else(|| {
-        let text = "a map is maps/KIND/frame/NUMBER or maps/KIND/ms/TIME, with KIND quick, exact or unrelieved";
+        let text = "a map is maps/KIND/frame/NUMBER or maps/KIND/ms/TIME, with KIND quick, exact, unrelieved or deviation";
         refused(StatusCode::BAD_REQUEST, text.to_owned())
     })?;
     let played = shared
@@ -205,8 +205,7 @@ async fn map(
             played.map_err(|why| refused(StatusCode::CONFLICT, why))
         })
         .await?;
-    let media = [(header::CONTENT_TYPE, "application/octet-stream")];
-    Ok((media, packed(&played)).into_response())
+    Ok(packed(&played, &played.values))
 }
 
 fn kind_of(text: &str) -> Option<MapKind> {
@@ -214,6 +213,7 @@ fn kind_of(text: &str) -> Option<MapKind> {
         "quick" => MapKind::Quick,
         "exact" => MapKind::Exact,
         "unrelieved" => MapKind::Unrelieved,
+        "deviation" => MapKind::Deviation,
         _ => return None,
     })
 }
@@ -224,17 +224,4 @@ fn place_of(by: &str, number: &str) -> Option<Place> {
         "ms" => number.parse().ok().map(Place::Time),
         _ => None,
     }
-}
-
-/// Length of the JSON (u32), the JSON padded with spaces to a multiple of four, and the values in single precision; all
-/// little-endian.
-fn packed(played: &PlayedMap) -> Vec<u8> {
-    let mut text = serde_json::json!(played).to_string();
-    while !text.len().is_multiple_of(4) {
-        text.push(' ');
-    }
-    let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
-    bytes.extend(text.as_bytes());
-    bytes.extend(played.values.iter().flat_map(|value| value.to_le_bytes()));
-    bytes
 }

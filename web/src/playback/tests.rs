@@ -137,6 +137,7 @@ async fn a_map_is_its_header_and_its_values() {
         ("quick/frame/2", 2, "Quick"),
         ("exact/ms/3000", 3, "Exact"),
         ("unrelieved/ms/-1000", 1, "Unrelieved"),
+        ("deviation/frame/2", 2, "Deviation"),
     ] {
         let bytes = served.bytes(&format!("/api/sessions/m1/maps/{path}")).await;
         let length = u32::from_le_bytes(bytes[..4].try_into().unwrap()) as usize;
@@ -158,7 +159,11 @@ async fn unknown_sessions_and_places_are_refused() {
     for (path, wanted, words) in [
         ("m4", "404", "no session m4"),
         ("..%2F..%2Fetc%2Fpasswd", "404", "no session"),
-        ("m1/maps/best/frame/1", "400", "quick, exact or unrelieved"),
+        (
+            "m1/maps/best/frame/1",
+            "400",
+            "quick, exact, unrelieved or deviation",
+        ),
         ("m1/maps/quick/frame/-1", "400", "frame/NUMBER"),
         ("m1/maps/quick/day/1", "400", "frame/NUMBER"),
         (

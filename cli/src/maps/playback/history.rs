@@ -60,25 +60,48 @@ pub(super) fn history(
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use chrono::DateTime;
     use imaging::quantities::{Quantity, store};
     use logbook::SessionKind;
 
     use super::*;
 
-    const HOUR_S: i64 = 3600;
+    /// A whole minute.
+    const BEGIN_S: i64 = 1_700_000_040;
+    const DAY_S: i64 = 86_400;
+    const YEAR_S: i64 = 365 * DAY_S;
 
-    fn summary(folder: &Path, id: &str, from_s: i64, last_s: i64) -> SessionSummary {
-        let time = |s: i64| DateTime::from_timestamp(s, 0).unwrap();
+    /// A session with a row of load for each minute from `begin_s` on, of the sheet and of `region`.
+    fn session(
+        folder: &std::path::Path,
+        (id, region): (&str, &str),
+        (begin_s, of): (i64, LoadUnit),
+        loads: &[f64],
+    ) -> SessionSummary {
+        let minute = i64::from(STORED_S);
+        for (index, load) in loads.iter().enumerate() {
+            let row = |region: &str, load: f64| QuantityRow {
+                begin_s: begin_s + minute * index as i64,
+                region: region.to_owned(),
+                quantity: Quantity::Load,
+                of,
+                min: load - 1.0,
+                mean: load,
+                max: load + 2.0,
+                frames: 60,
+                known: 60,
+            };
+            let rows = [row("sheet", *load), row(region, 0.5 * load)];
+            store(folder, id, &rows).unwrap();
+        }
+        let at = |s: i64| DateTime::from_timestamp(s, 0).unwrap();
         SessionSummary {
             id: id.to_owned(),
-            path: folder.join(id).with_extension("tactus"),
+            path: folder.join(format!("{id}.tactus")),
             kind: SessionKind::Measurement,
-            started: time(from_s),
-            last: Some(time(last_s)),
-            frames: 1,
+            started: at(begin_s),
+            last: Some(at(begin_s + minute * loads.len() as i64 - 1)),
+            frames: 60 * loads.len() as u64,
             first_sequence: 1,
             continues: None,
             closed: None,
@@ -89,87 +112,70 @@ mod tests {
         }
     }
 
-    fn keep(folder: &Path, id: &str, begin_s: i64, of: LoadUnit, values: &[(&str, f64)]) {
-        let rows: Vec<QuantityRow> = values
-            .iter()
-            .map(|(region, value)| QuantityRow {
-                begin_s,
-                region: (*region).to_owned(),
-                quantity: Quantity::Load,
-                of,
-                min: *value,
-                mean: *value,
-                max: *value,
-                frames: 2,
-                known: 2,
-            })
-            .collect();
-        store(folder, id, &rows).unwrap();
+    /// Begin, s after [`BEGIN_S`], smallest, mean and largest load, frames.
+    fn rows(history: &History) -> Vec<(i64, f64, f64, f64, u64)> {
+        let each = history.rows.iter();
+        each.map(|row| {
+            (
+                row.begin_s - BEGIN_S,
+                row.min,
+                row.mean,
+                row.max,
+                row.frames,
+            )
+        })
+        .collect()
     }
 
     #[test]
-    fn rows_of_several_sessions_and_parts_are_one_curve() {
+    fn a_history_spans_sessions_in_minutes_and_in_a_year() {
         let folder = tempfile::tempdir().unwrap();
-        let at = folder.path();
-        let (first, second) = ("m20261124t200000_000", "m20261124t230000_000");
-        // listed newest first; the first session has two parts, whose rows lie in one file
-        let sessions = [
-            summary(at, second, 3 * HOUR_S, 4 * HOUR_S),
-            summary(at, &format!("{first}.2"), HOUR_S, 2 * HOUR_S),
-            summary(at, first, 0, HOUR_S),
-        ];
-        keep(at, first, 60, LoadUnit::RelativeLoss, &[("sheet", 1.0)]);
-        keep(
-            at,
-            first,
-            HOUR_S,
+        let with =
+            |name, begin_s, of, loads: &[f64]| session(folder.path(), name, (begin_s, of), loads);
+        let newtons = LoadUnit::Pressure;
+        let first = with(("m1", "hip"), BEGIN_S, newtons, &[10.0, 20.0]);
+        let second = with(("m2", "heel"), BEGIN_S + 300, newtons, &[30.0]);
+        let last = with(("m3", "heel"), BEGIN_S + YEAR_S / 2, newtons, &[50.0, 70.0]);
+        let other = with(
+            ("m0", "hip"),
+            BEGIN_S - 600,
             LoadUnit::RelativeLoss,
-            &[("sheet", 2.0), ("hip", 9.0)],
+            &[900.0],
         );
-        keep(
-            at,
-            second,
-            3 * HOUR_S,
-            LoadUnit::RelativeLoss,
-            &[("sheet", 3.0)],
-        );
-        let of = |span: (i64, i64), region: &str, spans: u32| {
-            let found = history(&sessions, span, region, spans).unwrap();
-            let means: Vec<f64> = found.rows.iter().map(|row| row.mean).collect();
-            (means, found.regions, found.span_s)
-        };
-        let (means, regions, span_s) = of((0, 4 * HOUR_S), "sheet", 1000);
-        assert_eq!(means, [1.0, 2.0, 3.0]);
-        assert_eq!(regions, ["hip", "sheet"]);
-        assert_eq!(span_s, STORED_S);
-        assert_eq!(of((0, 4 * HOUR_S), "hip", 1000).0, [9.0]);
-        // the end is not part of the time
-        assert_eq!(of((HOUR_S, 3 * HOUR_S), "sheet", 1000).0, [2.0]);
-        // five hours in three spans of two hours
-        let (means, _, span_s) = of((0, 5 * HOUR_S), "sheet", 3);
-        assert_eq!((means, i64::from(span_s)), (vec![1.5, 3.0], 6060));
-    }
+        // the newest first, and m2 in two parts
+        let all = [last, second.clone(), second, first, other];
 
-    #[test]
-    fn rows_in_another_unit_than_the_newest_are_left_out() {
-        let folder = tempfile::tempdir().unwrap();
-        let at = folder.path();
-        let sessions = [
-            summary(at, "m20261124t230000_000", HOUR_S, 2 * HOUR_S),
-            summary(at, "m20261124t200000_000", 0, HOUR_S),
+        // minutes: a gap between two sessions, the rows of parts once, and none in another unit
+        let hour = (BEGIN_S - 1200, BEGIN_S + 2400);
+        let found = history(&all, hour, "sheet", 720).unwrap();
+        assert_eq!((found.span_s, found.damaged), (60, 0));
+        let minutes = [
+            (0, 9.0, 10.0, 12.0, 60),
+            (60, 19.0, 20.0, 22.0, 60),
+            (300, 29.0, 30.0, 32.0, 60),
         ];
-        let (old, new) = (LoadUnit::RelativeLoss, LoadUnit::Pressure);
-        keep(at, "m20261124t200000_000", 60, old, &[("sheet", 1.0)]);
-        keep(at, "m20261124t230000_000", HOUR_S, new, &[("sheet", 2.0)]);
-        let of = |to_s: i64| {
-            let found = history(&sessions, (0, to_s), "sheet", 100).unwrap();
-            found
-                .rows
-                .iter()
-                .map(|row| (row.of, row.mean))
-                .collect::<Vec<_>>()
-        };
-        assert_eq!(of(2 * HOUR_S), [(new, 2.0)]);
-        assert_eq!(of(HOUR_S), [(old, 1.0)]);
+        assert_eq!(rows(&found), minutes);
+        assert_eq!(found.regions, ["heel", "hip", "sheet"]);
+        let heel = history(&all, hour, "heel", 720).unwrap();
+        assert_eq!(rows(&heel), [(300, 14.0, 15.0, 17.0, 60)]);
+
+        // the end does not belong to it
+        let short = history(&all, (BEGIN_S, BEGIN_S + 60), "sheet", 720).unwrap();
+        assert_eq!(rows(&short), minutes[..1]);
+
+        // a year in at most 720 spans: two of them have frames, and contain all of the minutes
+        let year = (BEGIN_S - DAY_S, BEGIN_S + YEAR_S);
+        let found = history(&all, year, "sheet", 720).unwrap();
+        assert!((year.1 - year.0) <= 720 * i64::from(found.span_s));
+        let found = rows(&found);
+        let (frames, least, most) = (
+            found.iter().map(|row| row.4).sum::<u64>(),
+            found.iter().map(|row| row.1).fold(f64::INFINITY, f64::min),
+            found.iter().map(|row| row.3).fold(0.0, f64::max),
+        );
+        assert_eq!((frames, least, most), (300, 9.0, 72.0), "{found:?}");
+        assert_eq!((found[0].2, found[1].2), (20.0, 60.0), "{found:?}");
+        assert_eq!(found.len(), 2);
+        assert!(rows(&history(&all, year, "toe", 720).unwrap()).is_empty());
     }
 }

@@ -4,17 +4,19 @@
 mod archived;
 mod followed;
 mod history;
+mod running;
 mod session;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use logbook::{SessionKind, SessionSummary};
-use web::{History, Playback, Recordings, SessionEntry};
+use web::{History, Playback, Recordings, RunningModel, SessionEntry};
 
 use crate::args::{Global, Web};
 use crate::failure::Failure;
 use crate::session_files;
+use running::RunningSession;
 use session::{Kept, PlayedSession};
 
 /// The sessions of the directories that the options name, and of an archive.
@@ -67,6 +69,15 @@ impl RecordedSessions {
     }
 }
 
+impl RecordedSessions {
+    /// The first part of a session, or the earliest that is still there.
+    fn first_part(&self, id: &str) -> Result<Option<PathBuf>, String> {
+        let summaries = self.summaries()?;
+        let part = summaries.iter().rev().find(|part| part.session() == id);
+        Ok(part.map(|part| part.path.clone()))
+    }
+}
+
 impl Recordings for RecordedSessions {
     fn list(&self) -> Result<Vec<SessionEntry>, String> {
         let mut entries: Vec<SessionEntry> = Vec::new();
@@ -114,11 +125,18 @@ impl Recordings for RecordedSessions {
                 "this page has no archive, so {named} cannot be played; `tactus web --archive` can"
             ));
         }
-        let summaries = self.summaries()?;
-        // the first part, or the earliest that is still there
-        let part = summaries.iter().rev().find(|part| part.session() == id);
-        let Some(part) = part else { return Ok(None) };
-        opened(&part.path, None)
+        match self.first_part(id)? {
+            Some(path) => opened(&path, None),
+            None => Ok(None),
+        }
+    }
+
+    fn running(&self, id: &str) -> Result<Option<Arc<dyn RunningModel>>, String> {
+        let Some(path) = self.first_part(id)? else {
+            return Ok(None);
+        };
+        let opened = RunningSession::open(&path).map_err(|why| why.to_string())?;
+        Ok(Some(Arc::new(opened)))
     }
 
     fn history(&self, from_s: i64, to_s: i64, region: &str, spans: u32) -> Result<History, String> {

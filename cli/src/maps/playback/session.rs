@@ -10,10 +10,10 @@ use imaging::quantities::{
     FrameQuantities, LoadUnit, Quantifier, Quantity, RegionSettings, STORED_S, joined,
 };
 use imaging::recorded::{Origin, RecordedFrame, Recording};
-use imaging::{Method, MethodArguments};
+use imaging::{Method, MethodArguments, TrackedFrame};
 use render::Sheet;
 use survey::{Map, Reading};
-use web::{Course, EventState, MapKind, Overview, Place, Playback, PlayedMap};
+use web::{Course, DEVIATION, EventState, MapKind, Overview, Place, Playback, PlayedMap};
 
 use super::followed::Followed;
 use crate::failure::Failure;
@@ -54,6 +54,8 @@ struct Exact {
     quantifier: Quantifier,
     /// The tracked baseline after the frame that was asked for last.
     follower: Option<Follower>,
+    /// Its number, and its baseline where that is followed.
+    last: Option<(u64, Option<TrackedFrame>)>,
 }
 
 impl PlayedSession {
@@ -102,7 +104,7 @@ impl PlayedSession {
             frame
         };
         match kind {
-            MapKind::Exact => self.exactly(&frame),
+            MapKind::Exact | MapKind::Deviation => self.exactly(&frame, kind),
             MapKind::Quick | MapKind::Unrelieved => self.unrelieved(&frame),
         }
     }
@@ -113,7 +115,7 @@ impl PlayedSession {
         let (baseline, readings);
         let (baseline, readings, since): (&[Reading], &[Reading], String) = match state {
             Some(follower) => {
-                (baseline, readings) = follower.compare(frame);
+                (baseline, readings) = follower.compare(&frame.readings);
                 let since = format!(
                     "the baseline as it was before frame {}",
                     follower.next().max(1)
@@ -139,7 +141,7 @@ impl PlayedSession {
         })
     }
 
-    fn exactly(&self, frame: &RecordedFrame) -> Result<PlayedMap, Failure> {
+    fn exactly(&self, frame: &RecordedFrame, kind: MapKind) -> Result<PlayedMap, Failure> {
         let mut exact = self.exact.lock().unwrap_or_else(PoisonError::into_inner);
         let exact = match &mut *exact {
             Some(exact) => exact,
@@ -151,23 +153,34 @@ impl PlayedSession {
                 empty.insert(Exact::new(&self.path, Some(quick).filter(|_| own))?)
             }
         };
-        let start = {
-            let known = self.followed.known();
-            known.reaches(frame.sequence).map_err(Failure::Busy)?;
-            known.state(frame.sequence).cloned()
+        // a map and its deviations are of one frame
+        let last = exact.last.take();
+        let followed = match last.filter(|(of, _)| *of == frame.sequence) {
+            Some((_, followed)) => followed,
+            None => {
+                let start = {
+                    let known = self.followed.known();
+                    known.reaches(frame.sequence).map_err(Failure::Busy)?;
+                    known.state(frame.sequence).cloned()
+                };
+                exact.follow(start, frame)?
+            }
         };
-        let nearest = [exact.follower.take(), start]
-            .into_iter()
-            .flatten()
-            .filter(|follower| follower.next() <= frame.sequence)
-            .max_by_key(Follower::next);
-        let (mut follower, mut followed) = (nearest, None);
-        if let Some(follower) = &mut follower {
-            follower.pass_before(&exact.recording, frame.sequence)?;
-            followed = Some(follower.follow(frame)?);
-        }
-        exact.follower = follower;
+        exact.last = Some((frame.sequence, followed.clone()));
         let compared = Compared::new(&exact.recording, frame, followed.as_ref());
+        if kind == MapKind::Deviation {
+            return Ok(PlayedMap {
+                sequence: frame.sequence,
+                wall_ms: wall_ms(frame),
+                method: exact.reconstruction.method().to_owned(),
+                unit: DEVIATION,
+                provisional: None,
+                noise: None,
+                tracked: None,
+                quantities: None,
+                values: compared.deviation(&exact.reconstruction)?,
+            });
+        }
         // its course begins anew with each frame
         let mut quantifier = exact.quantifier.clone();
         let (quantities, made) = compared.quantities(&exact.reconstruction, &mut quantifier)?;
@@ -215,7 +228,28 @@ impl Exact {
             recording,
             reconstruction,
             follower: None,
+            last: None,
         })
+    }
+
+    /// The frame with its baseline, from this state or that of the last one; `None` where it is not followed.
+    fn follow(
+        &mut self,
+        start: Option<Follower>,
+        frame: &RecordedFrame,
+    ) -> Result<Option<TrackedFrame>, Failure> {
+        let nearest = [self.follower.take(), start]
+            .into_iter()
+            .flatten()
+            .filter(|follower| follower.next() <= frame.sequence)
+            .max_by_key(Follower::next);
+        let Some(mut follower) = nearest else {
+            return Ok(None);
+        };
+        follower.pass_before(&self.recording, frame.sequence)?;
+        let followed = follower.follow(frame)?;
+        self.follower = Some(follower);
+        Ok(Some(followed))
     }
 }
 
@@ -251,7 +285,7 @@ impl Playback for PlayedSession {
 }
 
 /// Whether the session's own method makes a map within a few milliseconds.
-fn is_fast(recording: &Recording) -> bool {
+pub(super) fn is_fast(recording: &Recording) -> bool {
     let Origin::Session(header) = &recording.origin else {
         return false;
     };
@@ -262,7 +296,10 @@ fn is_fast(recording: &Recording) -> bool {
 }
 
 /// Reconstruction against a baseline that another place follows.
-fn prepared(method: &MethodArguments, recording: &Recording) -> Result<Reconstruction, Failure> {
+pub(super) fn prepared(
+    method: &MethodArguments,
+    recording: &Recording,
+) -> Result<Reconstruction, Failure> {
     let tracked = TrackedArguments {
         tracked: Some(false),
         ..TrackedArguments::default()
@@ -304,10 +341,7 @@ fn shown(
     pressure: Option<&Pressure>,
     reconstruction: &Reconstruction,
 ) -> PlayedMap {
-    let unit = match pressure {
-        Some(_) => LoadUnit::Pressure,
-        None => LoadUnit::RelativeLoss,
-    };
+    let (unit, values) = shown_values(map, pressure);
     PlayedMap {
         sequence: frame.sequence,
         wall_ms: wall_ms(frame),
@@ -317,10 +351,21 @@ fn shown(
         noise: reconstruction.noise.filter(|_| pressure.is_none()),
         tracked: None,
         quantities: None,
-        values: match pressure {
-            Some(pressure) => pressure.kpa.iter().map(|kpa| *kpa as f32).collect(),
-            None => map.values.iter().map(|change| -*change as f32).collect(),
-        },
+        values,
+    }
+}
+
+/// The values of a map as a page shows them: pressure where it is calibrated, else losses, so that a load is positive.
+pub(super) fn shown_values(map: &Map, pressure: Option<&Pressure>) -> (LoadUnit, Vec<f32>) {
+    match pressure {
+        Some(pressure) => (
+            LoadUnit::Pressure,
+            pressure.kpa.iter().map(|kpa| *kpa as f32).collect(),
+        ),
+        None => (
+            LoadUnit::RelativeLoss,
+            map.values.iter().map(|change| -*change as f32).collect(),
+        ),
     }
 }
 

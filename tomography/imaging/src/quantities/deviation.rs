@@ -1,8 +1,9 @@
 //! Standard deviations of quantities by noise: of the readings, and of the tracked baseline.
 
-use eit::{Mesh, Pressure};
+use eit::{Calibration, Mesh, Pressure};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use survey::{Map, Reading};
 
 use super::quantity::{Quantity, Values};
@@ -14,8 +15,9 @@ const DRAWS: usize = 16;
 
 /// Reconstructs noisy copies of each frame.
 ///
-/// The noise of readings is taken as independent. Included: noise of the readings and of the tracked baseline. Not included:
-/// the error of the method (blur, inhomogeneity of the sheet) and that of the calibration.
+/// The noise of readings is taken as independent. Included: noise of the readings and of the tracked baseline, and of a calibrated map
+/// the error of the calibration's gain, one for the whole sheet in each copy. Not included: the error of the method (blur, and
+/// inhomogeneity of the sheet that the gain does not follow).
 #[derive(Clone)]
 pub struct Deviation {
     model: Model,
@@ -57,7 +59,15 @@ impl Deviation {
                 let readings = noisy(frame.readings, noise_v, &mut random);
                 let reconstructor = &self.model.reconstructor;
                 let map = reconstructor.reconstruct(frame.baseline, &readings).ok()?;
-                let pressure = self.pressure(reconstructor.mesh(), &map)?;
+                let mut pressure = self.pressure(reconstructor.mesh(), &map)?;
+                if let (Some(pressure), Some(calibration)) =
+                    (&mut pressure, &self.model.calibration)
+                {
+                    let draw: f64 = StandardNormal.sample(&mut random);
+                    let gain = (gain_deviation(calibration) * draw).exp();
+                    pressure.kpa.iter_mut().for_each(|kpa| *kpa *= gain);
+                    pressure.newtons *= gain;
+                }
                 Some(quantities(&map, pressure.as_ref()))
             })
             .collect();
@@ -88,9 +98,53 @@ impl Deviation {
     }
 }
 
+/// Standard deviation of ln gain at a press that the calibration was not fitted to: the errors of its own presses, enlarged for the
+/// parameters that were fitted to them (the level, and the terms of the gain where it has some).
+fn gain_deviation(calibration: &Calibration) -> f64 {
+    let presses = calibration.presses.max(1) as f64;
+    let over_the_place = calibration.gain.iter().any(|term| *term != 0.0);
+    let fitted = if over_the_place {
+        1.0 + calibration.gain.len() as f64
+    } else {
+        1.0
+    };
+    let free = (presses - fitted).max(1.0);
+    calibration.rms * (presses / free * (1.0 + fitted / presses)).sqrt()
+}
+
 fn deviation(values: &[f64]) -> f64 {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
     (squares / (count - 1.0)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_presses_leave_a_gain_less_certain() {
+        let of = |presses: usize, gain: [f64; 5]| {
+            gain_deviation(&Calibration {
+                kind: String::new(),
+                mesh: String::new(),
+                method: String::new(),
+                loss: Vec::new(),
+                kpa: Vec::new(),
+                frame: [0.0; 4],
+                gain,
+                presses,
+                rms: 0.06,
+            })
+        };
+        let flat = [0.0; 5];
+        let curved = [0.1, 0.0, 0.0, 0.0, 0.0];
+        // 6 presses, the level: 0.06 sqrt(6/5 (1 + 1/6)); 9 presses, six parameters: 0.06 sqrt(9/3 (1 + 6/9))
+        assert!((of(6, flat) - 0.06 * 1.4_f64.sqrt()).abs() < 1e-12);
+        assert!((of(9, curved) - 0.06 * 5.0_f64.sqrt()).abs() < 1e-12);
+        assert!((of(10_000, curved) - 0.06).abs() < 1e-4);
+        // a file by hand
+        assert!(of(0, curved).is_finite());
+    }
 }

@@ -1,0 +1,94 @@
+//! The running session, for maps that the live page makes beside those of the daemon.
+
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+use imaging::recorded::Recording;
+use imaging::{Method, MethodArguments};
+use survey::{Reading, Volts};
+use web::{PlayedMap, ProvisionalMap, RunningModel};
+
+use super::session::{is_fast, prepared, shown_values};
+use crate::failure::Failure;
+use crate::maps::follower::Follower;
+use crate::maps::reconstruction::Reconstruction;
+use crate::options::choices::TrackedArguments;
+
+/// A session that a daemon records now.
+pub(super) struct RunningSession {
+    unloaded: Vec<Reading>,
+    one_step: Reconstruction,
+    is_fast: bool,
+    /// The baseline as it was followed when the session began; `None` where it is not followed.
+    begin: Option<Mutex<Follower>>,
+}
+
+impl RunningSession {
+    pub(super) fn open(path: &Path) -> Result<Self, Failure> {
+        let recording = Recording::from_session(path, None, false)?;
+        let one_step = MethodArguments {
+            method: Some(Method::OneStep),
+            ..MethodArguments::default()
+        };
+        let tracking = Reconstruction::tracking_of(&recording)?;
+        let begin = Follower::new(tracking, &TrackedArguments::default(), &recording)?;
+        Ok(Self {
+            one_step: prepared(&one_step, &recording)?,
+            is_fast: is_fast(&recording),
+            begin: begin.map(Mutex::new),
+            unloaded: recording.unloaded.readings,
+        })
+    }
+
+    /// A frame with the baseline to compare it with.
+    fn compare(&self, readings: &[Option<f64>]) -> (Vec<Reading>, Vec<Reading>) {
+        let each = readings.iter().map(|reading| match reading {
+            Some(volts) => Reading::Ok(Volts(*volts)),
+            None => Reading::NotMeasured,
+        });
+        let readings: Vec<Reading> = each.collect();
+        match &self.begin {
+            Some(begin) => {
+                let begin = begin.lock().unwrap_or_else(PoisonError::into_inner);
+                begin.compare(&readings)
+            }
+            None => (self.unloaded.clone(), readings),
+        }
+    }
+}
+
+impl RunningModel for RunningSession {
+    fn is_fast(&self) -> bool {
+        self.is_fast
+    }
+
+    fn provisional(&self, readings: &[Option<f64>]) -> Result<ProvisionalMap, String> {
+        let (baseline, readings) = self.compare(readings);
+        let map = self.one_step.map(&baseline, &readings);
+        let map = map.map_err(|why| why.to_string())?;
+        let pressure = self
+            .one_step
+            .pressure(&map)
+            .map_err(|why| why.to_string())?;
+        let baseline = match &self.begin {
+            Some(_) => "the baseline as it was when the session began",
+            None => "the baseline as it was recorded",
+        };
+        let (unit, values) = shown_values(&map, pressure.as_ref());
+        Ok(ProvisionalMap {
+            unit: PlayedMap::unit_of(unit),
+            provisional: format!(
+                "provisional: {} until that of the session's method comes, {baseline}",
+                map.method
+            ),
+            values,
+            method: map.method,
+        })
+    }
+
+    fn deviation(&self, readings: &[Option<f64>]) -> Result<Vec<f32>, String> {
+        let (baseline, readings) = self.compare(readings);
+        let found = self.one_step.map_deviation(&baseline, &readings);
+        found.map_err(|why| why.to_string())
+    }
+}

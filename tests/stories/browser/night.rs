@@ -1,0 +1,143 @@
+//! The simulated night on the live page: its numbers are those of the bus, the command line and the export.
+
+use std::path::Path;
+
+use dbus::{Address, Session1Proxy};
+use serde_json::Value;
+
+use super::driver::Browser;
+use super::live_page::Page;
+use crate::test_rig::{self, Needs, ask, runtime};
+
+/// A frame every ten minutes of nine hours, played 1,000 times faster than it was.
+const PLAYED: &str = "kind = \"recording\"\n[recording]\nsession = \"NIGHT\"\nspeed = 1000.0\n";
+const REGION: &str = "\n[[region]]\nname = \"hip\"\nrectangle_mm = [60.0, 80.0, 130.0, 150.0]\n";
+
+/// The last quantities of the session that runs.
+fn of_bus(path: &Path, id: &str) -> Option<(u64, Value)> {
+    runtime().block_on(async {
+        let (connection, _) = dbus::connect(Some(&Address::Unix(path.to_owned())))
+            .await
+            .expect("the daemon listens");
+        let session = Session1Proxy::builder(&connection)
+            .path(dbus::session_path(id).expect("an id"))
+            .build()
+            .await
+            .expect("a proxy");
+        let latest = session.quantities().await.ok()?;
+        let values = serde_json::from_str(&latest.json).expect("JSON");
+        Some((latest.sequence, values))
+    })
+}
+
+#[test]
+fn a_night_has_the_same_numbers_on_page_bus_and_cli() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
+        return;
+    };
+    let profile = stage.path().join("browser");
+    let Some(browser) = Browser::start(&profile, 1500, 1000) else {
+        return;
+    };
+    let night = stage.path().join("night");
+    let mut run = stage.command("tactus-lab");
+    run.args([
+        "scene",
+        "run",
+        "bedside-night",
+        "--nplc",
+        "1",
+        "--range-v",
+        "0.1",
+    ]);
+    run.args(["--every", "600", "--frames", "54", "--logbook"])
+        .arg(&night);
+    let ran = stage.run_command(run).and_then(|ran| ran.succeeded());
+    ran.unwrap_or_else(|fault| panic!("{fault}"));
+    let files = std::fs::read_dir(&night).expect("it was written");
+    let recorded = files
+        .filter_map(|file| Some(file.ok()?.path()))
+        .find(|path| {
+            path.extension()
+                .is_some_and(|extension| extension == "tactus")
+        });
+    let recorded = recorded.expect("a session").display().to_string();
+    let simulated =
+        "kind = \"simulated\"\nprofile = \"STAGE/profile.toml\"\nscene = \"STAGE/scene.toml\"\n";
+    let config = tactus_tests::SIMULATED.replace(simulated, &PLAYED.replace("NIGHT", &recorded));
+    assert_ne!(config, tactus_tests::SIMULATED);
+    stage
+        .configure(&format!("{config}{REGION}"))
+        .expect("it is written");
+    let daemon = test_rig::start(&stage);
+    let page = Page::serve(&stage, &[]);
+    browser.open(&page.url);
+    browser.value("location.reload()");
+    browser.until("typeof map !== 'undefined' && latest !== null");
+    browser.value("window.seen = {}, window.showWhole = show, show = state => { showWhole(state); \
+        if (state.frame && state.frame.quantities) seen[state.frame.sequence] = state.frame.quantities.regions; }, 0");
+    let begun = ask(&stage, &["start"]);
+    let id = begun[0]["session"].as_str().expect("a session").to_owned();
+    browser
+        .until("latest.frame && latest.frame.sequence > 2 && byId('quantities').rows.length > 3");
+    let mut of_bus_found = Vec::new();
+    while browser.value("latest.session === null") != true {
+        of_bus_found.extend(of_bus(&stage.peer_path(), &id));
+        browser.value("new Promise(resume => setTimeout(resume, 500))");
+    }
+    browser.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("night-live.png"));
+    let seen = browser.value("seen");
+    let seen = seen.as_object().expect("frames");
+    assert!(seen.len() > 40, "the page showed {} frames", seen.len());
+    let frames = ask(&stage, &["quantities", &id, "--each-frame", "--recompute"]);
+    let values = |regions: &Value| -> Vec<(String, String, f64)> {
+        let regions = regions.as_array().expect("regions").iter();
+        let each = regions.flat_map(|region| {
+            let name = region["name"].as_str().expect("a name");
+            let values = region["values"].as_object().expect("values").iter();
+            values.map(move |(quantity, value)| {
+                (
+                    name.to_owned(),
+                    quantity.clone(),
+                    value.as_f64().expect("a number"),
+                )
+            })
+        });
+        // the browser gives them in the order of their names
+        let mut all: Vec<_> = each.collect();
+        all.sort_by(|a, b| (&a.0, &a.1).cmp(&(&b.0, &b.1)));
+        all
+    };
+    let recomputed = |sequence: &str| {
+        let frame = frames
+            .iter()
+            .find(|frame| frame["frame"].to_string() == sequence);
+        values(&frame.expect("it is recorded")["regions"])
+    };
+    let mut loaded = 0;
+    for (sequence, regions) in seen {
+        let shown = values(regions);
+        assert_eq!(shown, recomputed(sequence), "frame {sequence}");
+        let of_hip = shown
+            .iter()
+            .filter(|(region, quantity, _)| region == "hip" && quantity == "contact");
+        loaded += usize::from(of_hip.map(|(_, _, area)| *area).sum::<f64>() > 1000.0);
+    }
+    // the person lies there from the tenth minute on
+    assert!(
+        loaded > seen.len() / 2,
+        "the hip lies on its region in {loaded} of {} frames",
+        seen.len()
+    );
+    of_bus_found.dedup_by_key(|(sequence, _)| *sequence);
+    assert!(
+        of_bus_found.len() > 5,
+        "{} frames read from the bus",
+        of_bus_found.len()
+    );
+    for (sequence, quantities) in &of_bus_found {
+        let bus = values(&quantities["regions"]);
+        assert_eq!(bus, recomputed(&sequence.to_string()), "frame {sequence}");
+    }
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
+}

@@ -1,0 +1,261 @@
+//! Maps of a running session that this process makes beside those of the daemon, from the readings that the daemon sends: a
+//! provisional map while a slow method works, and standard deviations on request.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use crate::playback::Recordings;
+use crate::running::{DEVIATION, RunningModel};
+use crate::snapshot::Live;
+
+/// Least time between two maps of standard deviations, however many pages ask.
+const DEVIATIONS: Duration = Duration::from_secs(2);
+/// Time after which a session that could not be read is tried again.
+const AGAIN: Duration = Duration::from_secs(10);
+
+/// Standard deviations of a frame.
+#[derive(Debug, Serialize)]
+pub(crate) struct DeviationMap {
+    /// Number of the frame.
+    sequence: u64,
+    unit: &'static str,
+    #[serde(skip)]
+    pub(crate) values: Vec<f32>,
+}
+
+type Opened = Result<Arc<dyn RunningModel>, String>;
+/// Session, sequence, when it was asked for, and what came of it.
+type Requested = (String, u64, Instant, Result<Arc<DeviationMap>, String>);
+
+/// Opens the running session when a map of it is needed.
+pub(crate) struct Beside {
+    recordings: Arc<dyn Recordings>,
+    /// Session, when it was opened, and what came of it.
+    opened: Mutex<Option<(String, Instant, Opened)>>,
+    /// The last one that was asked for; held while one is computed.
+    deviation: Mutex<Option<Requested>>,
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Beside {
+    pub(crate) fn new(recordings: Arc<dyn Recordings>) -> Self {
+        Self {
+            recordings,
+            opened: Mutex::default(),
+            deviation: Mutex::default(),
+        }
+    }
+
+    /// The session; the first call takes as long as its method needs to get ready.
+    fn model(&self, id: &str) -> Opened {
+        let mut opened = locked(&self.opened);
+        if let Some((of, at, found)) = opened.as_ref()
+            && of == id
+            && (found.is_ok() || at.elapsed() < AGAIN)
+        {
+            return found.clone();
+        }
+        let found = self.recordings.running(id).and_then(|model| {
+            model.ok_or_else(|| format!("the record of {id} cannot be read from here"))
+        });
+        *opened = Some((id.to_owned(), Instant::now(), found.clone()));
+        found
+    }
+
+    /// Standard deviations of the last frame; again those of a frame before it where less than [`DEVIATIONS`] passed.
+    ///
+    /// # Errors
+    /// A sentence: they are not known.
+    pub(crate) fn deviation(&self, live: &Live) -> Result<Arc<DeviationMap>, String> {
+        let mut last = locked(&self.deviation);
+        let (session, sequence, readings) = {
+            let followed = live.subscribe();
+            let snapshot = followed.borrow();
+            let session = snapshot.state.session.as_ref();
+            let session = session.map(|session| session.id.clone());
+            let session = session.ok_or("no session runs")?;
+            let (sequence, readings) = snapshot.readings.clone().ok_or("no frame has come yet")?;
+            (session, sequence, readings)
+        };
+        if let Some((of, number, at, made)) = last.as_ref()
+            && *of == session
+            && (*number == sequence || at.elapsed() < DEVIATIONS)
+        {
+            return made.clone();
+        }
+        let model = self.model(&session);
+        let made = model.and_then(|model| model.deviation(&readings));
+        let made = made.map(|values| {
+            Arc::new(DeviationMap {
+                sequence,
+                unit: DEVIATION,
+                values,
+            })
+        });
+        *last = Some((session, sequence, Instant::now(), made.clone()));
+        made
+    }
+}
+
+/// Shows a provisional map of each frame whose own method is slow, for ever.
+pub(crate) async fn show_provisional(beside: Arc<Beside>, live: Live) {
+    let mut followed = live.subscribe();
+    let mut last = None;
+    loop {
+        let found = {
+            let snapshot = followed.borrow_and_update();
+            let session = snapshot.state.session.as_ref();
+            let frame = snapshot.state.frame.as_ref().filter(|frame| !frame.map);
+            session
+                .zip(frame)
+                .zip(snapshot.readings.clone())
+                .filter(|((_, frame), (of, _))| *of == frame.sequence)
+                .map(|((session, _), (of, readings))| ((session.id.clone(), of), readings))
+        };
+        if let Some((frame, readings)) = found.filter(|(frame, _)| last.as_ref() != Some(frame)) {
+            let (beside, (id, sequence)) = (Arc::clone(&beside), frame.clone());
+            last = Some(frame);
+            let made = tokio::task::spawn_blocking(move || {
+                let model = beside.model(&id).ok().filter(|model| !model.is_fast())?;
+                model.provisional(&readings).ok()
+            });
+            // without one the page waits for the session's own map
+            if let Ok(Some(made)) = made.await {
+                live.show_provisional(sequence, made);
+            }
+        }
+        if followed.changed().await.is_err() {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::running::ProvisionalMap;
+    use crate::snapshot::{FrameState, SessionState};
+    use crate::tests::{code, served_from};
+    use crate::{Playback, SessionEntry};
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    /// A session with a slow method; its maps have the first reading as their value.
+    #[derive(Default, Clone)]
+    struct Slow(Arc<AtomicU64>);
+
+    impl RunningModel for Slow {
+        fn is_fast(&self) -> bool {
+            false
+        }
+
+        fn provisional(&self, readings: &[Option<f64>]) -> Result<ProvisionalMap, String> {
+            Ok(ProvisionalMap {
+                method: "one-step".to_owned(),
+                unit: "lost share",
+                provisional: "provisional: of a test".to_owned(),
+                values: vec![readings[0].ok_or("no reading")? as f32],
+            })
+        }
+
+        fn deviation(&self, readings: &[Option<f64>]) -> Result<Vec<f32>, String> {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            Ok(vec![
+                readings[0].ok_or("a reading is missing")? as f32,
+                f32::NAN,
+            ])
+        }
+    }
+
+    impl Recordings for Slow {
+        fn list(&self) -> Result<Vec<SessionEntry>, String> {
+            Ok(Vec::new())
+        }
+
+        fn open(&self, _: &str) -> Result<Option<Arc<dyn Playback>>, String> {
+            Ok(None)
+        }
+
+        fn running(&self, id: &str) -> Result<Option<Arc<dyn RunningModel>>, String> {
+            Ok((id == "m1").then(|| Arc::new(self.clone()) as Arc<dyn RunningModel>))
+        }
+    }
+
+    /// A frame of a session with one reading.
+    fn frame(live: &Live, id: &str, sequence: u64, reading: Option<f64>) {
+        live.change(|snapshot| {
+            snapshot.state.session = Some(SessionState {
+                id: id.to_owned(),
+                ..SessionState::default()
+            });
+            snapshot.state.frame = Some(FrameState {
+                sequence,
+                ..FrameState::default()
+            });
+            snapshot.readings = Some((sequence, vec![reading].into()));
+        });
+    }
+
+    #[tokio::test]
+    async fn a_slow_map_is_preceded_by_a_provisional_one() {
+        let served = served_from(None, Arc::new(Slow::default())).await;
+        let live = served.live();
+        frame(&live, "m1", 7, Some(0.25));
+        let mut followed = live.subscribe();
+        let shown =
+            followed.wait_for(|now| now.state.frame.as_ref().is_some_and(|frame| frame.map));
+        let shown = tokio::time::timeout(Duration::from_secs(30), shown).await;
+        let state = shown.unwrap().unwrap().state.frame.clone().unwrap();
+        assert_eq!(state.provisional.as_deref(), Some("provisional: of a test"));
+        assert_eq!(
+            served.bytes("/api/provisional/7").await,
+            0.25_f32.to_le_bytes()
+        );
+        // the own map has another address, because answers are kept by browsers
+        assert_eq!(code(&served.get("/api/map/7").await), "404");
+        assert_eq!(code(&served.get("/api/provisional/6").await), "404");
+        let own = FrameState {
+            sequence: 7,
+            map: true,
+            ..FrameState::default()
+        };
+        live.change(|snapshot| snapshot.state.frame = Some(own.clone()));
+        // too late
+        let late = Slow::default().provisional(&[Some(0.5)]).unwrap();
+        live.show_provisional(7, late);
+        assert_eq!(live.subscribe().borrow().state.frame, Some(own));
+    }
+
+    #[tokio::test]
+    async fn deviations_have_a_rate_and_a_reason_without() {
+        let slow = Slow::default();
+        let served = served_from(None, Arc::new(slow.clone())).await;
+        let live = served.live();
+        let refused = served.get("/api/deviation").await;
+        assert!(
+            code(&refused) == "409" && refused.contains("no session runs"),
+            "{refused}"
+        );
+        frame(&live, "m1", 1, Some(0.25));
+        let first = served.bytes("/api/deviation").await;
+        assert!(first.ends_with(&[0.25_f32.to_le_bytes(), f32::NAN.to_le_bytes()].concat()));
+        // a frame later, within two seconds: the same answer, with the number of its frame
+        frame(&live, "m1", 2, None);
+        assert_eq!(served.bytes("/api/deviation").await, first);
+        assert_eq!(slow.0.load(Ordering::Relaxed), 1);
+        // of another session at once
+        frame(&live, "m2", 1, Some(0.5));
+        let refused = served.get("/api/deviation").await;
+        assert!(
+            refused.contains("the record of m2 cannot be read from here"),
+            "{refused}"
+        );
+        frame(&live, "m1", 3, None);
+        let refused = served.get("/api/deviation").await;
+        assert!(refused.contains("a reading is missing"), "{refused}");
+    }
+}
