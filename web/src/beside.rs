@@ -14,6 +14,8 @@ use crate::snapshot::Live;
 const DEVIATIONS: Duration = Duration::from_secs(2);
 /// Time after which a session that could not be read is tried again.
 const AGAIN: Duration = Duration::from_secs(10);
+/// Time after which nobody looks any more: an open page asks again after half of it at the latest.
+const WATCHED: Duration = Duration::from_secs(30);
 
 /// Standard deviations of a frame.
 #[derive(Debug, Serialize)]
@@ -34,6 +36,8 @@ pub(crate) struct Beside {
     recordings: Arc<dyn Recordings>,
     /// Session, when it was opened, and what came of it.
     opened: Mutex<Option<(String, Instant, Opened)>>,
+    /// When a page last read the state.
+    watched: Mutex<Option<Instant>>,
     /// The last one that was asked for; held while one is computed.
     deviation: Mutex<Option<Requested>>,
 }
@@ -47,8 +51,18 @@ impl Beside {
         Self {
             recordings,
             opened: Mutex::default(),
+            watched: Mutex::default(),
             deviation: Mutex::default(),
         }
+    }
+
+    /// A page reads the state.
+    pub(crate) fn set_watched(&self) {
+        *locked(&self.watched) = Some(Instant::now());
+    }
+
+    fn is_watched(&self) -> bool {
+        locked(&self.watched).is_some_and(|at| at.elapsed() < WATCHED)
     }
 
     /// The session; the first call takes as long as its method needs to get ready.
@@ -102,7 +116,7 @@ impl Beside {
     }
 }
 
-/// Shows a provisional map of each frame whose own method is slow, for ever.
+/// Shows a provisional map of each frame whose own method is slow while a page is open, for ever.
 pub(crate) async fn show_provisional(beside: Arc<Beside>, live: Live) {
     let mut followed = live.subscribe();
     let mut last = None;
@@ -117,7 +131,8 @@ pub(crate) async fn show_provisional(beside: Arc<Beside>, live: Live) {
                 .filter(|((_, frame), (of, _))| *of == frame.sequence)
                 .map(|((session, _), (of, readings))| ((session.id.clone(), of), readings))
         };
-        if let Some((frame, readings)) = found.filter(|(frame, _)| last.as_ref() != Some(frame)) {
+        let found = found.filter(|(frame, _)| last.as_ref() != Some(frame) && beside.is_watched());
+        if let Some((frame, readings)) = found {
             let (beside, (id, sequence)) = (Arc::clone(&beside), frame.clone());
             last = Some(frame);
             let made = tokio::task::spawn_blocking(move || {
@@ -204,6 +219,10 @@ mod tests {
     async fn a_slow_map_is_preceded_by_a_provisional_one() {
         let served = served_from(None, Arc::new(Slow::default())).await;
         let live = served.live();
+        // nobody looks yet
+        frame(&live, "m1", 6, Some(0.5));
+        served.get("/api/state").await;
+        assert_eq!(code(&served.get("/api/provisional/6").await), "404");
         frame(&live, "m1", 7, Some(0.25));
         let mut followed = live.subscribe();
         let shown =

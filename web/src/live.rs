@@ -340,3 +340,62 @@ impl Following {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(sequence: u64, body: Body) -> Record {
+        Record {
+            sequence,
+            wall_ns: 1_000_000_000 * sequence as i64,
+            gap: 0,
+            simulated: true,
+            body,
+        }
+    }
+
+    #[tokio::test]
+    async fn a_map_that_later_frames_overtook_is_shown() {
+        let (stream, _other) = UnixStream::pair().unwrap();
+        let mut following = Following {
+            id: "m1".to_owned(),
+            stream,
+            decoder: Decoder::new(),
+            bytes: Vec::new(),
+            frames: VecDeque::new(),
+            pressure: None,
+            beside: HashMap::new(),
+        };
+        let live = Live::default();
+        let mut take = |sequence, body| following.take(record(sequence, body), &live);
+        let map = || Body::Map {
+            values: vec![-0.25],
+            mesh_hash: String::new(),
+            method: "slow".to_owned(),
+        };
+        let shown = || {
+            let followed = live.subscribe();
+            let snapshot = followed.borrow();
+            let frame = snapshot.state.frame.as_ref().unwrap();
+            (frame.sequence, frame.map, frame.wall_ms)
+        };
+        for sequence in 1..=3 {
+            let (volts, flags) = (vec![0.5, f64::NAN], vec![0, 1]);
+            take(sequence, Body::Frame { volts, flags });
+        }
+        assert_eq!(shown(), (3, false, 3000));
+        let readings = live.subscribe().borrow().readings.clone().unwrap();
+        assert_eq!((readings.0, &*readings.1), (3, &[Some(0.5), None][..]));
+        take(2, map());
+        assert_eq!(shown(), (2, true, 2000));
+        // one before it comes too late
+        take(1, map());
+        assert_eq!(shown(), (2, true, 2000));
+        take(3, map());
+        assert_eq!(shown(), (3, true, 3000));
+        // of a frame that was lost
+        take(9, map());
+        assert_eq!(shown(), (3, true, 3000));
+    }
+}

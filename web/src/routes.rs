@@ -100,6 +100,7 @@ fn colours() -> String {
 }
 
 async fn state(State(shared): State<Shared>) -> Response {
+    shared.beside.set_watched();
     let text = shared.live.subscribe().borrow().json();
     json(text.into())
 }

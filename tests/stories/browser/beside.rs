@@ -112,9 +112,9 @@ fn a_slow_map_follows_a_provisional_one_in_a_browser() {
     uncertainty_is_shown(&browser);
     browser.value("byId('uncertainty').scrollIntoView({ block: 'center' }), 0");
     browser.screenshot(&pictures.join("uncertainty-live.png"));
+    let live = browser.value("[uncertainty.of.sequence, ...map.deviations]");
     ask(&stage, &["stop"]);
     browser.until("byId('session').textContent === 'no session runs'");
-    let live = browser.value("[uncertainty.of.sequence, ...map.deviations]");
     browser.value("uncertainty.refresh(), 0");
     browser.until(
         "byId('uncertainty-legend').textContent === 'Uncertainty not known: no session runs'",

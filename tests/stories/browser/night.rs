@@ -1,4 +1,4 @@
-//! The simulated night on the live page: its numbers are those of the bus, the command line and the export.
+//! The simulated night on the live page: its numbers are those of the bus and of the command line.
 
 use std::path::Path;
 
@@ -86,6 +86,9 @@ fn a_night_has_the_same_numbers_on_page_bus_and_cli() {
         browser.value("new Promise(resume => setTimeout(resume, 500))");
     }
     browser.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("night-live.png"));
+    // frames keep the times of the night, which is no clock that was set
+    let moved = "latest.events.filter(event => event.kind === 'clock-moved').length";
+    assert_eq!(browser.value(moved), 0);
     let seen = browser.value("seen");
     let seen = seen.as_object().expect("frames");
     assert!(seen.len() > 40, "the page showed {} frames", seen.len());

@@ -1,7 +1,7 @@
 //! The running session, for maps that the live page makes beside those of the daemon.
 
-use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use imaging::recorded::Recording;
 use imaging::{Method, MethodArguments};
@@ -16,15 +16,40 @@ use crate::options::choices::TrackedArguments;
 
 /// A session that a daemon records now.
 pub(super) struct RunningSession {
+    path: PathBuf,
+    is_fast: bool,
+    /// Built when the first map is asked for.
+    model: OnceLock<Result<Built, String>>,
+}
+
+/// What its maps are made with.
+struct Built {
     unloaded: Vec<Reading>,
     one_step: Reconstruction,
-    is_fast: bool,
     /// The baseline as it was followed when the session began; `None` where it is not followed.
     begin: Option<Mutex<Follower>>,
 }
 
 impl RunningSession {
     pub(super) fn open(path: &Path) -> Result<Self, Failure> {
+        let recording = Recording::from_session(path, None, false)?;
+        Ok(Self {
+            is_fast: is_fast(&recording),
+            path: path.to_owned(),
+            model: OnceLock::new(),
+        })
+    }
+
+    fn model(&self) -> Result<&Built, String> {
+        let built = self
+            .model
+            .get_or_init(|| Built::new(&self.path).map_err(|why| why.to_string()));
+        built.as_ref().map_err(Clone::clone)
+    }
+}
+
+impl Built {
+    fn new(path: &Path) -> Result<Self, Failure> {
         let recording = Recording::from_session(path, None, false)?;
         let one_step = MethodArguments {
             method: Some(Method::OneStep),
@@ -34,7 +59,6 @@ impl RunningSession {
         let begin = Follower::new(tracking, &TrackedArguments::default(), &recording)?;
         Ok(Self {
             one_step: prepared(&one_step, &recording)?,
-            is_fast: is_fast(&recording),
             begin: begin.map(Mutex::new),
             unloaded: recording.unloaded.readings,
         })
@@ -63,14 +87,15 @@ impl RunningModel for RunningSession {
     }
 
     fn provisional(&self, readings: &[Option<f64>]) -> Result<ProvisionalMap, String> {
-        let (baseline, readings) = self.compare(readings);
-        let map = self.one_step.map(&baseline, &readings);
+        let model = self.model()?;
+        let (baseline, readings) = model.compare(readings);
+        let map = model.one_step.map(&baseline, &readings);
         let map = map.map_err(|why| why.to_string())?;
-        let pressure = self
+        let pressure = model
             .one_step
             .pressure(&map)
             .map_err(|why| why.to_string())?;
-        let baseline = match &self.begin {
+        let baseline = match &model.begin {
             Some(_) => "the baseline as it was when the session began",
             None => "the baseline as it was recorded",
         };
@@ -87,8 +112,9 @@ impl RunningModel for RunningSession {
     }
 
     fn deviation(&self, readings: &[Option<f64>]) -> Result<Vec<f32>, String> {
-        let (baseline, readings) = self.compare(readings);
-        let found = self.one_step.map_deviation(&baseline, &readings);
+        let model = self.model()?;
+        let (baseline, readings) = model.compare(readings);
+        let found = model.one_step.map_deviation(&baseline, &readings);
         found.map_err(|why| why.to_string())
     }
 }

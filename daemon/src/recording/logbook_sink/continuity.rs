@@ -15,6 +15,9 @@ const PLAUSIBLE: f64 = 0.1;
 impl LogbookSink {
     /// Reports when the wall clock is set or the machine sleeps; schedules follow the monotonic clock.
     pub(super) fn check_clock(&mut self, frame: &Frame) -> Result<(), LogbookError> {
+        if self.is_recording {
+            return Ok(());
+        }
         let Ok(since) = TimeDelta::from_std(frame.monotonic) else {
             return Ok(());
         };

@@ -36,6 +36,8 @@ pub(crate) struct LogbookSink {
     pub before: Option<logbook::Record>,
     /// Wall time when the monotonic clock began, by the last frame.
     pub began: Option<DateTime<Utc>>,
+    /// Whether frames are of a recording: they keep their wall times, at whatever speed they are played.
+    pub is_recording: bool,
 }
 
 impl FrameSink for LogbookSink {

@@ -159,6 +159,7 @@ impl Scene {
             disk: DiskPolicy::new(section, Box::new(move |_| Ok(left.load(Ordering::SeqCst)))),
             before: None,
             began: None,
+            is_recording: false,
         };
         let recorder = Recorder::new(logbook, Checks::new(&setup.protocol), task, false);
         let scene = Self {

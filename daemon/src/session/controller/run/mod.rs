@@ -285,6 +285,7 @@ impl Controller {
             disk: DiskPolicy::new(runtime.setup.config.record.clone(), Box::new(free_bytes)),
             before: order.before,
             began: None,
+            is_recording: self.is_recording(),
         };
         let judged = AlarmSink {
             session: status.facts.id.clone(),
