@@ -55,7 +55,7 @@ fn two_loads_come_and_go_and_nothing_is_learnt_of_them() {
 }
 
 #[test]
-fn load_that_comes_or_goes_within_a_frame_is_no_faulty_electrode() {
+fn load_that_changes_within_a_frame_is_no_faulty_electrode() {
     let mut walk = Walk::new(1.0);
     let mut empty = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
     for frame in 1..=30 {
