@@ -1,5 +1,7 @@
-//! TimescaleDB is in no Debian: these tests put a stand-in into the database, which is what a migration sees of the extension. They show
-//! that the right statements are sent and that a refusal changes nothing, not what TimescaleDB makes of them.
+//! TimescaleDB is in no Debian: one test needs it installed; the others put a stand-in into the database, which is what a migration sees of
+//! the extension. Those show that the right statements are sent and that a refusal changes nothing, not what TimescaleDB makes of them.
+
+use rustix::process::Signal;
 
 use crate::server::Server;
 use crate::site::Site;
@@ -82,4 +84,64 @@ fn refusal_of_timescaledb_leaves_the_plain_table() {
     site.record_session("m1", 1);
     site.done(&["push"]);
     assert_eq!(server.sql("SELECT count(*) FROM tactus.quantity"), "3");
+}
+
+#[test]
+fn a_real_timescaledb_keeps_quantities_by_week() {
+    let Some(mut server) = Server::start() else {
+        return;
+    };
+    let available = "SELECT count(*) FROM pg_available_extensions WHERE name = 'timescaledb'";
+    if server.sql(available) == "0" {
+        needs::lacking(
+            "TIMESCALEDB",
+            "TimescaleDB is not installed for this PostgreSQL (Apache edition: build it with -DAPACHE_ONLY=1)",
+        );
+        return;
+    }
+    let owner = Site::new(&server, "owner");
+    let line = migrate(&server, &owner);
+    assert_eq!(line["timescaledb"], serde_json::Value::Null, "{line}");
+    let site = Site::added(&server, "berlin");
+    site.record_session("m1", 1);
+    site.done(&["push"]);
+    // installed in a catalogue with rows
+    server.kill(Signal::INT);
+    server.write(
+        "data/postgresql.auto.conf",
+        "shared_preload_libraries = 'timescaledb'\ntimescaledb.telemetry_level = 'off'\n",
+    );
+    server.resume();
+    server.sql("CREATE EXTENSION timescaledb");
+    assert_eq!(migrate(&server, &owner)["timescaledb"], "used");
+    assert_eq!(
+        server.sql(KEY),
+        "PRIMARY KEY (site, daq, session, line, begin)"
+    );
+    let every = "SELECT time_interval FROM timescaledb_information.dimensions WHERE hypertable_name = 'quantity'";
+    assert_eq!(server.sql(every), "7 days");
+    let rows = "SELECT count(*) FROM tactus.quantity";
+    assert_eq!(server.sql(rows), "3", "the rows before are moved");
+    assert_eq!(migrate(&server, &owner)["timescaledb"], "used", "once");
+    site.record_session("m2", 2);
+    site.done(&["push"]);
+    assert_eq!(site.done(&["push"]), "", "nothing is entered twice");
+    assert_eq!(server.sql(rows), "9");
+    assert_eq!(
+        server.sql("SELECT count(*) FROM tactus.quantity_value"),
+        "27"
+    );
+    // another site sees and changes none of it
+    let paris = Site::added(&server, "paris");
+    paris.record_session("m1", 1);
+    paris.done(&["push"]);
+    assert_eq!(
+        server.sql("SET ROLE paris; SELECT count(*) FROM tactus.quantity"),
+        "3"
+    );
+    assert_eq!(server.sql(rows), "12");
+    // old weeks go as a whole
+    let dropped = "SELECT count(*) FROM (SELECT drop_chunks('tactus.quantity', created_before => now() + interval '1 day')) AS chunk";
+    assert_ne!(server.sql(dropped), "0");
+    assert_eq!(server.sql(rows), "0");
 }
