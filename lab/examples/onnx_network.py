@@ -59,6 +59,8 @@ def fit(baseline, inputs, targets, neurons):
 
 
 def main():
+    if len(sys.argv) not in (3, 4):
+        sys.exit("usage: python3 onnx_network.py SET OUT.onnx [NEURONS]")
     header, baseline, inputs, targets = read(sys.argv[1])
     neurons = int(sys.argv[3]) if len(sys.argv) > 3 else min(400, len(inputs) // 2)
     names = ["mean", "deviation", "w1", "b1", "w2", "b2"]

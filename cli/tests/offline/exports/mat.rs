@@ -189,6 +189,64 @@ fn octave_loads_the_file_and_runs_the_script() {
     assert_eq!(lines[2..], ["0", "16 13 16", "1"], "{printed}");
 }
 
+/// The functions of EIDORS itself: `EIDORS_PATH` names its folder, the one with `startup.m`.
+#[test]
+fn eidors_solves_the_model_and_runs_the_script() {
+    if !needs::program("OCTAVE", "octave") {
+        return;
+    }
+    let Some(eidors) = std::env::var_os("EIDORS_PATH") else {
+        needs::lacking("EIDORS", "EIDORS_PATH does not name the folder of EIDORS");
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    session_at_thirds_of_a_second(folder.path());
+    let table = [
+        "export",
+        "m2027",
+        "--format",
+        "csv",
+        "--preset",
+        "disc-tank",
+    ];
+    done(folder.path(), &[&table[..], &["-o", "out.csv"]].concat());
+    done(folder.path(), &[&EXPORT[..], &["-o", "out.mat"]].concat());
+    let case = eit::Case::read(&folder.path().join("out.case")).unwrap();
+    let sigma = &case.sigma["homog"];
+    let forward = eit::Forward::new(case.mesh.clone(), &case.contact_ohm_m).unwrap();
+    let ohms = forward.readings(sigma, &case.protocol).unwrap();
+
+    let shown = "function show_fem(img)\nprintf('map %d %d\\n', numel(img.elem_data), any(isnan(img.elem_data)));\nend\n";
+    std::fs::write(folder.path().join("show_fem.m"), shown).unwrap();
+    let script = "warning('off', 'all'); here = pwd; run(fullfile(getenv('EIDORS_PATH'), 'startup.m')); cd(here); load('out.mat'); \
+        v = fwd_solve(mk_image(fmdl, conductance)); printf('readings '); printf('%.17g ', v.meas); printf('\\n'); out";
+    let printed = needs::run(
+        Command::new("octave")
+            .args(["--no-gui", "--norc", "--quiet", "--eval", script])
+            .env("EIDORS_PATH", eidors)
+            .current_dir(folder.path()),
+    );
+    let printed = printed.unwrap();
+    let after = |word: &str| -> Vec<f64> {
+        let line = printed.lines().find_map(|line| line.strip_prefix(word));
+        let numbers = line
+            .unwrap_or_else(|| panic!("{printed}"))
+            .split_whitespace();
+        numbers.map(|number| number.parse().unwrap()).collect()
+    };
+    let solved = after("readings ");
+    assert_eq!(solved.len(), ohms.len());
+    let volts = ohms
+        .iter()
+        .zip(&case.currents)
+        .map(|(ohms, amps)| ohms * amps);
+    let largest = solved.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+    for (ours, theirs) in volts.zip(&solved) {
+        assert!((ours - theirs).abs() < 1e-9 * largest, "{ours} {theirs}");
+    }
+    assert_eq!(after("map "), [case.mesh.triangles().len() as f64, 0.0]);
+}
+
 #[test]
 fn mat_without_geometry_or_baseline_has_the_rest() {
     let Some(python) = python() else { return };
