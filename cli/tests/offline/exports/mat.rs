@@ -212,14 +212,11 @@ fn eidors_solves_the_model_and_runs_the_script() {
     done(folder.path(), &[&table[..], &["-o", "out.csv"]].concat());
     done(folder.path(), &[&EXPORT[..], &["-o", "out.mat"]].concat());
     let case = eit::Case::read(&folder.path().join("out.case")).unwrap();
-    let sigma = &case.sigma["homog"];
-    let forward = eit::Forward::new(case.mesh.clone(), &case.contact_ohm_m).unwrap();
-    let ohms = forward.readings(sigma, &case.protocol).unwrap();
 
     let shown = "function show_fem(img)\nprintf('map %d %d\\n', numel(img.elem_data), any(isnan(img.elem_data)));\nend\n";
     std::fs::write(folder.path().join("show_fem.m"), shown).unwrap();
     let script = "warning('off', 'all'); here = pwd; run(fullfile(getenv('EIDORS_PATH'), 'startup.m')); cd(here); load('out.mat'); \
-        v = fwd_solve(mk_image(fmdl, conductance)); printf('readings '); printf('%.17g ', v.meas); printf('\\n'); out";
+        v = fwd_solve(mk_image(fmdl, conductance)); printf('readings '); printf('%.17g ', v.meas); printf('\\nconductance '); printf('%.17g ', conductance); printf('\\n'); out";
     let printed = needs::run(
         Command::new("octave")
             .args(["--no-gui", "--norc", "--quiet", "--eval", script])
@@ -235,6 +232,9 @@ fn eidors_solves_the_model_and_runs_the_script() {
         numbers.map(|number| number.parse().unwrap()).collect()
     };
     let solved = after("readings ");
+    let forward = eit::Forward::new(case.mesh.clone(), &case.contact_ohm_m).unwrap();
+    let ohms = forward.readings(&after("conductance "), &case.protocol);
+    let ohms = ohms.unwrap();
     assert_eq!(solved.len(), ohms.len());
     let volts = ohms
         .iter()
