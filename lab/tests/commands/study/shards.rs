@@ -235,6 +235,7 @@ fn held_shard_of_a_study_ends_with_75_until_released() {
 
 #[test]
 fn sigterm_leaves_whole_items_of_a_study_and_ends_with_75() {
+    // the baseline is an item too
     const SET: &str = "judge --set polygons --count 120 --seed 5 --shard 0/1 --parts {}";
     let folder = tempfile::tempdir().unwrap();
     let (alone, stopped) = (folder.path().join("alone"), folder.path().join("stopped"));
@@ -245,18 +246,18 @@ fn sigterm_leaves_whole_items_of_a_study_and_ends_with_75() {
     let (code, message) = ended(&child.wait_with_output().unwrap());
     assert_eq!(code, Some(75), "{message}");
     assert!(
-        message.contains("SIGTERM") && message.contains("of 120"),
+        message.contains("SIGTERM") && message.contains("of 121"),
         "{message}"
     );
     let text = std::fs::read_to_string(&part).unwrap();
     assert!(text.ends_with('\n'), "the item in work is complete");
     // the first line describes the work
     let items = text.lines().count() - 1;
-    assert!((1..120).contains(&items), "{items}");
+    assert!((1..121).contains(&items), "{items}");
     let output = lab(&words(SET, &[&stopped]));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(
-        text.contains(&format!("120 items, {items} of them from an earlier run")),
+        text.contains(&format!("121 items, {items} of them from an earlier run")),
         "{text}"
     );
     done(&words(SET, &[&alone]));
