@@ -452,9 +452,8 @@ impl Tracker {
             let now = self.innovation(0.0, &frame.rows)?;
             answer.judgement = Judgement::Empty;
             self.learn(answer, frame, &now);
-        } else if !self.leave_lock_out(answer, frame)? && alone && back_to_empty {
-            // what remains may have come before the load that went, while the baseline was still followed
-            self.maybe_loaded_slowly(answer, frame);
+        } else {
+            self.leave_lock_out(answer, frame)?;
         }
         Ok(())
     }
