@@ -234,7 +234,7 @@ mod tests {
         assert!(fold_closed(dir).unwrap().is_empty(), "it is read");
         assert!(!SessionReader::open(&path).unwrap().is_folded());
         drop(reader);
-        assert_eq!(fold_closed(dir).unwrap(), [path.clone()]);
+        assert_eq!(fold_closed(dir).unwrap(), std::slice::from_ref(&path));
         assert!(!companion(&path, "-wal").exists());
         let whole = SessionReader::open(&path).unwrap();
         assert!(whole.is_folded());

@@ -112,9 +112,13 @@ fn a_night_has_the_same_numbers_on_page_bus_and_cli() {
         all
     };
     let recomputed = |sequence: &str| {
-        let frame = frames
-            .iter()
-            .find(|frame| frame["frame"].to_string() == sequence);
+        let frame = frames.iter().find(|frame| {
+            frame["frame"]
+                .as_u64()
+                .map(|number| number.to_string())
+                .as_deref()
+                == Some(sequence)
+        });
         values(&frame.expect("it is recorded")["regions"])
     };
     let mut loaded = 0;

@@ -68,10 +68,10 @@ impl Walk {
             .iter()
             .map(|r| r.volts().unwrap().0)
             .collect();
-        for row in 0..299 {
+        for (row, (before, after)) in data[0].iter().zip(&data[1]).enumerate() {
             for reading in self.model.pairs().readings(row) {
                 let later = measurements[reading].drive.plus.0 >= electrode;
-                volts[reading] += data[usize::from(later)][row] + 2e-6 * normal();
+                volts[reading] += if later { after } else { before } + 2e-6 * normal();
             }
         }
         volts.into_iter().map(|v| Reading::Ok(Volts(v))).collect()
