@@ -209,11 +209,11 @@ def test_noise(forward, baseline):
         fails(error, ["'noise'", "in V"], lambda: OneStep(forward).fit(baseline, noise=noise))
 
 
-def test_more_than_a_quarter_missing_is_refused(forward, baseline, frame):
+def test_more_than_half_missing_is_refused(forward, baseline, frame):
     model = OneStep(forward, missing="mask").fit(baseline)
     frames = np.vstack([frame, frame])
-    frames[1, :60] = np.nan
-    fails(ValueError, ["row 1", "60 of 208", "a quarter"], lambda: model.predict(frames))
+    frames[1, :110] = np.nan
+    fails(ValueError, ["row 1", "110 of 208", "50 %"], lambda: model.predict(frames))
 
 
 def test_a_dead_baseline(forward):
