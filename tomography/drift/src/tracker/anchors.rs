@@ -10,6 +10,8 @@ use crate::whitened::LOADED;
 
 /// Ages of the anchors that are compared, days.
 const AGES: [f64; 3] = [1.0, 7.0, 30.0];
+/// Ages of those that tell a load from age: over a month a crack changes as much as a load.
+const LOAD_AGES: [f64; 2] = [1.0, 7.0];
 /// Age at which an anchor is dropped, days.
 const OLDEST: f64 = 31.0;
 /// Pace of ageing, in units of the pace that the sheet has, that a slow loss must exceed to be a load.
@@ -72,7 +74,7 @@ impl Anchors {
         pace: f64,
         at_s: f64,
     ) -> Option<AnchorAlarm> {
-        let strongest = self.strongest(model, basis, data, pace, at_s);
+        let strongest = self.strongest(&AGES, model, basis, data, pace, at_s);
         strongest.map(|(_, alarm)| alarm)
     }
 
@@ -86,7 +88,8 @@ impl Anchors {
         pace: f64,
         at_s: f64,
     ) -> Option<(DVector<f64>, f64)> {
-        let (anchor, alarm) = self.strongest(model, basis, data, LOAD_PACE * pace, at_s)?;
+        let (anchor, alarm) =
+            self.strongest(&LOAD_AGES, model, basis, data, LOAD_PACE * pace, at_s)?;
         if alarm.change >= 0.0 {
             return None;
         }
@@ -97,6 +100,7 @@ impl Anchors {
 
     fn strongest(
         &self,
+        ages: &[f64],
         model: &DriftModel,
         basis: &Basis,
         data: &DVector<f64>,
@@ -104,7 +108,7 @@ impl Anchors {
         at_s: f64,
     ) -> Option<(&Anchor, AnchorAlarm)> {
         let mut worst: Option<(&Anchor, AnchorAlarm)> = None;
-        for age in AGES {
+        for &age in ages {
             let old = self
                 .kept
                 .iter()
