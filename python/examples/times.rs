@@ -8,9 +8,9 @@ use std::io::{BufRead, Write};
 use std::sync::Arc;
 
 use cpu_time::ProcessTime;
-use eit::{DiscTank, Forward, Parameters, Preset};
+use eit::{DiscTank, Forward, Mesh, Parameters, Preset};
 use imaging::recorded::{Fitted, Unloaded};
-use imaging::{BuildError, Geometry, HyperChoice, Method, Model, ReconstructionSettings, Unknowns};
+use imaging::{Geometry, HyperChoice, Method, Model, ReconstructionSettings, Unknowns};
 use survey::{Protocol, Reading, Volts};
 
 /// Calls of one turn at most, and seconds after which there are no more.
@@ -78,7 +78,19 @@ fn set_up(
     geometry: Geometry,
     protocol: &Protocol,
     baseline: &[Reading],
-) -> Result<Model, BuildError> {
+) -> Result<Model, Box<dyn Error>> {
+    // a mesh keeps its analysis: a new one has none
+    let mesh = &geometry.mesh;
+    let fresh = Mesh::new(
+        mesh.nodes().to_vec(),
+        mesh.triangles().to_vec(),
+        mesh.electrode_edges().to_vec(),
+        None,
+    )?;
+    let geometry = Geometry {
+        mesh: Arc::new(fresh),
+        ..geometry
+    };
     black_box(Forward::new(
         Arc::clone(&geometry.mesh),
         &geometry.contact_ohm_m,
@@ -94,5 +106,5 @@ fn set_up(
         choose: Some(HyperChoice::Noise),
         ..Default::default()
     };
-    imaging::build(&settings, &conditions)
+    Ok(imaging::unjudged(&settings, &conditions)?)
 }

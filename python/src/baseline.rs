@@ -80,6 +80,11 @@ impl Recorded {
         .map_err(|fault| unlike(&fault))
     }
 
+    /// Number of triangles of a map.
+    pub(crate) fn region(&self) -> usize {
+        self.fitted.geometry.mesh.region().len()
+    }
+
     /// The conditions for a method.
     pub(crate) fn conditions(&self) -> Conditions<'_> {
         let mut conditions = self.fitted.conditions(&self.protocol);

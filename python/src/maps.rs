@@ -1,10 +1,9 @@
 //! Reconstruction, and figures of merit of its maps.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use eit::ReconstructError;
 use eit::metrics::{Image, likeness as compared};
-use imaging::recorded::Unloaded;
 use imaging::{Model, ReconstructionSettings};
 use numpy::{PyArray1, PyArray2};
 use pyo3::exceptions::PyValueError;
@@ -27,11 +26,11 @@ type JudgedMap = (&'static str, Vec<(String, Option<usize>, String)>);
 #[pyclass(frozen, module = "tactus_eit._native")]
 pub(crate) struct Maps {
     model: Arc<Model>,
+    /// The same with a check of each frame, which takes as long as a set-up: made when maps are first judged.
+    judging: OnceLock<Arc<Model>>,
+    origin: Arc<(ReconstructionSettings, Recorded)>,
     notes: Vec<String>,
-    unloaded: Arc<Unloaded>,
-    sigma0: Vec<f64>,
     readings: usize,
-    region: usize,
 }
 
 #[pymethods]
@@ -53,23 +52,20 @@ impl Maps {
         let settings: ReconstructionSettings = serde_json::from_str(settings)
             .map_err(|fault| PyValueError::new_err(fault.to_string()))?;
         let recorded = Recorded::new(py, forward, sigma0, current, noise, baseline)?;
-        let (model, recorded) = interruptible(py, None, move |_| {
-            let model = imaging::build(&settings, &recorded.conditions())?;
-            Ok((model, recorded))
+        let made = interruptible(py, None, move |_| {
+            let model = imaging::unjudged(&settings, &recorded.conditions())?;
+            Ok((model, settings, recorded))
         })?
         .map_err(|fault| unlike(&fault))?;
-        let Recorded {
-            fitted, unloaded, ..
-        } = recorded;
-        let mut notes = fitted.notes;
+        let (model, settings, recorded) = made;
+        let mut notes = recorded.fitted.notes.clone();
         notes.extend(model.notes.iter().cloned());
         Ok(Self {
             model: Arc::new(model),
+            judging: OnceLock::new(),
             notes,
-            unloaded: Arc::new(unloaded),
-            region: fitted.geometry.mesh.region().len(),
-            sigma0: fitted.geometry.sigma0,
             readings: forward.protocol.get().0.len(),
+            origin: Arc::new((settings, recorded)),
         })
     }
 
@@ -90,8 +86,8 @@ impl Maps {
         let others = baselines
             .map(|rows| self.of_each(rows, count))
             .transpose()?;
-        let (model, unloaded) = (Arc::clone(&self.model), Arc::clone(&self.unloaded));
-        let (each, region) = (self.readings, self.region);
+        let (model, origin) = (Arc::clone(&self.model), Arc::clone(&self.origin));
+        let (each, region) = (self.readings, self.recorded().region());
         let work = move |steps: &Steps| {
             let mut values = Vec::with_capacity(count * region);
             let mut masked = Vec::with_capacity(count);
@@ -99,7 +95,7 @@ impl Maps {
                 let frame = readings(frame);
                 let baseline = others
                     .as_ref()
-                    .map_or(&unloaded.readings, |rows| &rows[row]);
+                    .map_or(&origin.1.unloaded.readings, |rows| &rows[row]);
                 let map = model.reconstructor.reconstruct(baseline, &frame);
                 let map = map.map_err(|fault| (row, fault))?;
                 values.extend_from_slice(&map.values);
@@ -116,7 +112,7 @@ impl Maps {
         }?;
         let (values, masked) = made.map_err(|(row, fault)| unmapped(row, &fault))?;
         Ok((
-            rows(py, values, [count, self.region])?,
+            rows(py, values, [count, region])?,
             PyArray1::from_vec(py, masked),
         ))
     }
@@ -131,15 +127,28 @@ impl Maps {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Vec<JudgedMap>> {
         let given = rows_of_readings(frames, "frames", self.readings)?;
-        let (model, unloaded) = (Arc::clone(&self.model), Arc::clone(&self.unloaded));
-        let each = self.readings;
+        let (model, origin) = (Arc::clone(&self.model), Arc::clone(&self.origin));
+        let (each, judging) = (self.readings, self.judging.get().cloned());
         let progress = progress.map(|progress| (progress, given.shape[0]));
         let made = interruptible(py, progress, move |steps| {
+            let (settings, recorded) = origin.as_ref();
+            let conditions = recorded.conditions();
+            let model = match judging {
+                Some(judging) => judging,
+                None => Arc::new(imaging::judging(
+                    model.as_ref().clone(),
+                    settings,
+                    &conditions,
+                )?),
+            };
             let mut judged = Vec::with_capacity(given.shape[0]);
             for (row, frame) in given.values.chunks_exact(each).enumerate() {
-                let map = model.reconstruct(&unloaded.readings, &readings(frame));
-                let map = map.map_err(|fault| (row, fault))?;
-                // every model that `imaging::build` makes judges its maps
+                let map = model.reconstruct(&recorded.unloaded.readings, &readings(frame));
+                let map = match map {
+                    Ok(map) => map,
+                    Err(fault) => return Ok(Err((row, fault))),
+                };
+                // a model of `imaging::judging` judges its maps
                 let quality = map.quality.unwrap_or_else(|| MapQuality::of(&[]));
                 let reason = |reason: Reason| {
                     let from_zero = reason.electrode.map(|number| number.saturating_sub(1));
@@ -151,9 +160,14 @@ impl Maps {
                     break;
                 }
             }
-            Ok(judged)
+            Ok(Ok((model, judged)))
         })?;
-        made.map_err(|(row, fault)| unmapped(row, &fault))
+        let (model, judged) = made
+            .map_err(|fault| unlike(&fault))?
+            .map_err(|(row, fault)| unmapped(row, &fault))?;
+        // another thread can have made the same
+        let _ = self.judging.set(model);
+        Ok(judged)
     }
 
     /// Name of the method.
@@ -173,7 +187,7 @@ impl Maps {
     /// Mean of the frames of the baseline, V, NaN where a reading is missing: shape (readings,).
     #[getter]
     fn baseline<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        let each = self.unloaded.readings.iter();
+        let each = self.recorded().unloaded.readings.iter();
         PyArray1::from_vec(
             py,
             each.map(|reading| reading.volts().map_or(f64::NAN, |volts| volts.0))
@@ -184,13 +198,13 @@ impl Maps {
     /// Standard deviation of one reading over the frames of the baseline, V; None where there is one frame.
     #[getter]
     fn deviation(&self) -> Option<f64> {
-        self.unloaded.noise
+        self.recorded().unloaded.noise
     }
 
     /// Conductance at the baseline, S per square: shape (triangles,).
     #[getter]
     fn sigma0<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.sigma0)
+        PyArray1::from_slice(py, &self.recorded().fitted.geometry.sigma0)
     }
 
     /// Signal-to-noise ratio of the readings over that of a map; None where it is not defined.
@@ -200,6 +214,10 @@ impl Maps {
 }
 
 impl Maps {
+    fn recorded(&self) -> &Recorded {
+        &self.origin.1
+    }
+
     /// A baseline for each of `count` frames.
     fn of_each(&self, given: &Bound<'_, PyAny>, count: usize) -> PyResult<Vec<Vec<Reading>>> {
         let given = rows_of_readings(given, "baselines", self.readings)?;

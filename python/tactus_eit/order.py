@@ -77,7 +77,7 @@ def check(baseline: ArrayLike, forward: Forward, *, sigma0: ArrayLike | None = N
         raise ValueError("argument 'baseline': it is zero or missing everywhere; expected voltages in V while the current flows")
     count = len(transfer)
     candidates = [(rotation, reflected) for reflected in (False, True) for rotation in range(count)]
-    models = np.array([_model(forward, transfer, order_of(count, *one))[valid] for one in candidates])
+    models = _models(forward, transfer, np.array([order_of(count, *one) for one in candidates]))[:, valid]
     # only shares matter, and squares of extreme readings would overflow
     volts = readings[valid] / largest
     one_sign = bool((volts >= 0).all() or (volts <= 0).all())
@@ -121,12 +121,11 @@ def _mean(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
-def _model(forward: Forward, transfer: NDArray[np.float64], order: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Readings at 1 A, V, of the protocol with renumbered electrodes, from the transfer impedance."""
-    inject, measure = order[forward.protocol.inject], order[forward.protocol.measure]
-    volts = transfer[:, inject[:, 0]] - transfer[:, inject[:, 1]]
-    row = np.arange(len(inject))
-    return np.asarray(volts[measure[:, 0], row] - volts[measure[:, 1], row])
+def _models(forward: Forward, transfer: NDArray[np.float64], orders: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Readings at 1 A, V, of the protocol with renumbered electrodes, from the transfer impedance: a row for each order."""
+    drive, sense = (np.moveaxis(orders[:, pairs], 2, 0) for pairs in (forward.protocol.inject, forward.protocol.measure))
+    plus, minus = (transfer[end, drive[0]] - transfer[end, drive[1]] for end in sense)
+    return np.asarray(plus - minus)
 
 
 def _text(

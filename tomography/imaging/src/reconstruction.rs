@@ -42,6 +42,17 @@ pub fn build(
     settings: &ReconstructionSettings,
     conditions: &Conditions<'_>,
 ) -> Result<Model, BuildError> {
+    judging(unjudged(settings, conditions)?, settings, conditions)
+}
+
+/// The same, for maps without their quality: [`judging`] adds the check of the frames.
+///
+/// # Errors
+/// As [`build`].
+pub fn unjudged(
+    settings: &ReconstructionSettings,
+    conditions: &Conditions<'_>,
+) -> Result<Model, BuildError> {
     let loss_only = settings.loss_only.unwrap_or(false);
     let mut model = match &settings.file {
         Some(path) => load(
@@ -64,8 +75,23 @@ pub fn build(
     if let Some(path) = &settings.calibration {
         calibrate(&mut model, path)?;
     }
-    model.check = Some(Arc::new(model_check(settings, conditions)?));
     with_drift(model, settings, conditions)
+}
+
+/// A model of [`unjudged`] that judges its maps by the model of the whole sheet.
+///
+/// # Errors
+/// A geometry that cannot be solved.
+pub fn judging(
+    model: Model,
+    settings: &ReconstructionSettings,
+    conditions: &Conditions<'_>,
+) -> Result<Model, BuildError> {
+    let check = Arc::new(model_check(settings, conditions)?);
+    Ok(Model {
+        check: Some(check),
+        ..model
+    })
 }
 
 /// A model as the settings want its drift: removed from each frame, or left. [`build`] does this itself.

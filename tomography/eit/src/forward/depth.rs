@@ -24,13 +24,14 @@ impl Modes {
         let driven = forward.mesh.depth()?.driven();
         let entry = |unknown: usize| {
             forward
+                .layout
                 .analysis
                 .entry(unknown, unknown)
                 .expect("the diagonal is always in the pattern")
         };
         (!driven.is_empty()).then(|| Self {
             driven,
-            diagonal: (0..forward.unknown.len()).map(entry).collect(),
+            diagonal: (0..forward.layout.unknown.len()).map(entry).collect(),
         })
     }
 }
@@ -74,9 +75,11 @@ impl Forward {
             for &mode in &modes.driven {
                 scratch.factor_mode(self, modes, sigma, mode)?;
                 scratch.mode_right_side(self, &currents);
-                scratch.factor.solve(&self.analysis, None, &mut scratch.x);
+                scratch
+                    .factor
+                    .solve(&self.layout.analysis, None, &mut scratch.x);
                 let rows = potentials.values.chunks_exact_mut(potentials.width);
-                for (&unknown, row) in self.unknown.iter().zip(rows) {
+                for (&unknown, row) in self.layout.unknown.iter().zip(rows) {
                     row.copy_from_slice(scratch.x.row(unknown));
                 }
                 read(mode, &potentials);
@@ -158,14 +161,15 @@ impl Scratch {
             return Ok(None);
         };
         let sigma = &forward.admit(sigma)?.sigma;
-        let count = forward.electrodes.len();
+        let count = forward.layout.electrodes.len();
         let currents = DMatrix::identity(count, count);
         let mut sum = DMatrix::zeros(count, count);
         self.system.set(forward, sigma);
         for &mode in &modes.driven {
             self.factor_mode(forward, modes, sigma, mode)?;
             self.mode_right_side(forward, &currents);
-            self.factor.halve(&forward.analysis, None, &mut self.x);
+            self.factor
+                .halve(&forward.layout.analysis, None, &mut self.x);
             let products = gram(&self.x, &self.x, count);
             sum += mode.share() * DMatrix::from_vec(count, count, products);
         }
@@ -188,15 +192,15 @@ impl Scratch {
         for (t, corners) in forward.mesh.triangles().iter().enumerate() {
             let mass = mode.decay * sigma[t] * forward.mesh.area(t) / 3.0;
             for &node in corners {
-                values[modes.diagonal[forward.unknown[node]]] += mass;
+                values[modes.diagonal[forward.layout.unknown[node]]] += mass;
             }
         }
         let nodes = forward.mesh.nodes().len();
-        for &electrode in &forward.unknown[nodes..] {
+        for &electrode in &forward.layout.unknown[nodes..] {
             values[modes.diagonal[electrode]] = 1.0;
         }
         self.factor
-            .make(&forward.analysis, &self.system.values)
+            .make(&forward.layout.analysis, &self.system.values)
             .map_err(|fault| refusal(forward, fault, sigma))
     }
 
@@ -204,9 +208,9 @@ impl Scratch {
     fn mode_right_side(&mut self, forward: &Forward, currents: &DMatrix<f64>) {
         self.fit(forward, currents.ncols());
         self.x.values.fill(0.0);
-        for (e, contact) in forward.electrodes.iter().enumerate() {
+        for (e, contact) in forward.layout.electrodes.iter().enumerate() {
             for (&node, weight) in contact.nodes.iter().zip(&contact.weights) {
-                let row = self.x.row_mut(forward.unknown[node]);
+                let row = self.x.row_mut(forward.layout.unknown[node]);
                 for (into, current) in row.iter_mut().zip(currents.row(e).iter()) {
                     *into = current * weight / contact.length;
                 }
@@ -218,17 +222,17 @@ impl Scratch {
 impl super::system::System {
     /// The resistors of the sheet between nodes, without contacts and ground.
     fn assemble_mode(&mut self, forward: &Forward) {
-        let (plain, special) = self.weights.split_at(forward.edges.len());
+        let (plain, special) = self.weights.split_at(forward.layout.edges.len());
         let values = &mut self.values;
         values.clear();
-        values.resize(forward.analysis.entries(), 0.0);
-        for (edge, &w) in forward.edges.iter().zip(plain) {
+        values.resize(forward.layout.analysis.entries(), 0.0);
+        for (edge, &w) in forward.layout.edges.iter().zip(plain) {
             let [a, b, ab] = edge.at;
             values[a as usize] += w;
             values[b as usize] += w;
             values[ab as usize] = -w;
         }
-        for (edge, &w) in forward.special.iter().zip(special) {
+        for (edge, &w) in forward.layout.special.iter().zip(special) {
             // the slots of the two nodes are the first and the third, and always have entries
             let [a, b, ab, ..] = edge.at;
             debug_assert!(a != NONE && b != NONE && ab != NONE);

@@ -33,14 +33,18 @@ struct Edge {
 
 /// The analysis of a mesh, made once.
 pub(super) struct Layout {
+    /// Mesh edges without an electrode at either end, in elimination order, followed by the others.
     pub(super) edges: Vec<Plain>,
     pub(super) special: Vec<Special>,
     pub(super) network: Network,
     pub(super) electrodes: Vec<Contact>,
+    /// Electrode of each node, if any.
     pub(super) on: Vec<Option<usize>>,
+    /// Unknown of each node, then of each electrode.
     pub(super) unknown: Vec<usize>,
     pub(super) analysis: Analysis,
     pub(super) grounds: Vec<usize>,
+    /// Triangles at each node.
     pub(super) around: Vec<Vec<usize>>,
 }
 

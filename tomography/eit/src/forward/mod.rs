@@ -32,10 +32,9 @@ use nalgebra::{DMatrix, DVector};
 use survey::{Dipole, Electrode, Protocol};
 
 use crate::Mesh;
-use crate::linear_algebra::sparse::{Analysis, Network};
 use depth::Modes;
 pub use error::ForwardError;
-use layout::{Contact, Layout, Plain, Special};
+use layout::Layout;
 pub(crate) use ring::arc;
 use scratch::Scratch;
 pub(crate) use solution::Solution;
@@ -82,19 +81,8 @@ pub struct Fields {
 pub struct Forward {
     mesh: Arc<Mesh>,
     contact: Vec<f64>,
-    /// Mesh edges without an electrode at either end, in elimination order, followed by the others.
-    edges: Vec<Plain>,
-    special: Vec<Special>,
-    network: Network,
-    electrodes: Vec<Contact>,
-    /// Electrode of each node, if any.
-    on: Vec<Option<usize>>,
-    /// Unknown of each node, then of each electrode.
-    unknown: Vec<usize>,
-    analysis: Analysis,
-    grounds: Vec<usize>,
-    /// Triangles at each node.
-    around: Vec<Vec<usize>>,
+    /// Shared by all models of this mesh.
+    layout: Arc<Layout>,
     /// Modes of the tank's depth, if the mesh has one.
     modes: Option<Modes>,
     /// Memory of earlier solutions, for reuse; it never holds a result.
@@ -122,28 +110,10 @@ impl Forward {
             return Err(ForwardError::Electrodes { electrodes: count });
         }
         check_contacts(contact_ohm_m, count)?;
-        let Layout {
-            edges,
-            special,
-            network,
-            electrodes,
-            on,
-            unknown,
-            analysis,
-            grounds,
-            around,
-        } = Layout::new(&mesh)?;
+        let layout = mesh.analysis().or_make(|| Layout::new(&mesh))?;
         let mut forward = Self {
             contact: contact_ohm_m.to_vec(),
-            edges,
-            special,
-            network,
-            electrodes,
-            on,
-            unknown,
-            analysis,
-            grounds,
-            around,
+            layout,
             modes: None,
             scratch_pool: Mutex::new(Vec::new()),
             mesh,
@@ -167,7 +137,7 @@ impl Forward {
     /// # Errors
     /// Contact impedances that do not fit.
     pub fn set_contact_ohm_m(&mut self, contact_ohm_m: &[f64]) -> Result<(), ForwardError> {
-        check_contacts(contact_ohm_m, self.electrodes.len())?;
+        check_contacts(contact_ohm_m, self.layout.electrodes.len())?;
         self.contact = contact_ohm_m.to_vec();
         Ok(())
     }
@@ -262,7 +232,7 @@ impl Forward {
     }
 
     pub(crate) fn check_ring(&self, protocol: &Protocol) -> Result<(), ForwardError> {
-        let mesh = self.electrodes.len();
+        let mesh = self.layout.electrodes.len();
         if protocol.electrodes() != mesh {
             return Err(ForwardError::Ring {
                 protocol: protocol.electrodes(),
@@ -274,7 +244,7 @@ impl Forward {
 
     /// 1 A through each pair: a row per electrode, a column per pair.
     pub(crate) fn currents(&self, drives: &[Dipole]) -> Result<DMatrix<f64>, ForwardError> {
-        let electrodes = self.electrodes.len();
+        let electrodes = self.layout.electrodes.len();
         let mut currents = DMatrix::zeros(electrodes, drives.len());
         for (column, &drive) in drives.iter().enumerate() {
             if drive.plus.0 >= electrodes
@@ -291,7 +261,7 @@ impl Forward {
 
     /// 1 A through each pair of neighbours, including the last with the first: a row per electrode, a column per pair.
     pub(crate) fn neighbours(&self) -> DMatrix<f64> {
-        ring::neighbours(self.electrodes.len())
+        ring::neighbours(self.layout.electrodes.len())
     }
 
     /// Solves for some currents and passes the solution to `read`.
@@ -301,7 +271,7 @@ impl Forward {
         currents: &DMatrix<f64>,
         read: impl FnOnce(Solution<'_>) -> T,
     ) -> Result<T, ForwardError> {
-        let count = self.electrodes.len();
+        let count = self.layout.electrodes.len();
         if currents.nrows() != count {
             return Err(ForwardError::CurrentCount {
                 has: currents.nrows(),

@@ -17,7 +17,7 @@ pub(super) struct Ring {
 impl Ring {
     /// The readings of a protocol.
     pub(super) fn readings(&self, forward: &Forward, protocol: &Protocol) -> DVector<f64> {
-        let count = forward.electrodes.len();
+        let count = forward.layout.electrodes.len();
         let volts = protocol.measurements().iter().map(|question| {
             let (drive, sense) = (arc(question.drive, count), arc(question.sense, count));
             let mut sum = 0.0;

@@ -33,8 +33,8 @@ pub(super) struct Base {
 
 impl Scratch {
     pub(super) fn new(forward: &Forward) -> Result<Self, ForwardError> {
-        let factor =
-            Factor::passing(&forward.analysis).map_err(|fault| refusal(forward, fault, &[]))?;
+        let factor = Factor::passing(&forward.layout.analysis)
+            .map_err(|fault| refusal(forward, fault, &[]))?;
         Ok(Self {
             system: System::default(),
             factor,
@@ -48,10 +48,10 @@ impl Scratch {
         let sigma = forward.admit(sigma)?.sigma;
         let failed = |fault| refusal(forward, fault, &sigma);
         let mut system = System::default();
-        let mut factor = Factor::keeping(&forward.analysis).map_err(failed)?;
+        let mut factor = Factor::keeping(&forward.layout.analysis).map_err(failed)?;
         system.set(forward, &sigma);
         factor
-            .make(&forward.analysis, &system.values)
+            .make(&forward.layout.analysis, &system.values)
             .map_err(failed)?;
         Ok(Base { system, factor })
     }
@@ -67,12 +67,14 @@ impl Scratch {
         self.system.set(forward, &sigma);
         let made = match base {
             Some(base) => self.factor.make_from(
-                &forward.analysis,
+                &forward.layout.analysis,
                 &self.system.values,
                 &base.factor,
                 &base.system.values,
             ),
-            None => self.factor.make(&forward.analysis, &self.system.values),
+            None => self
+                .factor
+                .make(&forward.layout.analysis, &self.system.values),
         };
         made.map_err(|fault| refusal(forward, fault, &sigma))?;
         Ok(floored)
@@ -95,7 +97,7 @@ impl Scratch {
         for _ in 0..MOST_CORRECTIONS {
             system.right_side(forward, currents, rest);
             system.subtract_product(forward, x, rest);
-            factor.solve(&forward.analysis, base, rest);
+            factor.solve(&forward.layout.analysis, base, rest);
             let correction = largest(&rest.values) / largest(&x.values).max(f64::MIN_POSITIVE);
             x.values
                 .iter_mut()
@@ -117,7 +119,7 @@ impl Scratch {
     /// Resizes the blocks as needed.
     pub(super) fn fit(&mut self, forward: &Forward, columns: usize) {
         let fresh = Block::zeros(0, columns);
-        let rows = forward.unknown.len();
+        let rows = forward.layout.unknown.len();
         if self.x.width != fresh.width || self.x.values.len() != rows * fresh.width {
             self.x = Block::zeros(rows, columns);
             self.rest = Block::zeros(rows, columns);
@@ -137,7 +139,8 @@ impl Scratch {
         let base = base.map(|base| &base.factor);
         self.fit(forward, currents.ncols());
         self.system.right_side(forward, currents, &mut self.x);
-        self.factor.solve(&forward.analysis, base, &mut self.x);
+        self.factor
+            .solve(&forward.layout.analysis, base, &mut self.x);
         if refined {
             self.correct(forward, currents, base)?;
         }
@@ -161,17 +164,19 @@ impl Scratch {
         refined: bool,
     ) -> Result<Ring, ForwardError> {
         self.factor(forward, sigma, base)?;
-        let count = forward.electrodes.len();
+        let count = forward.layout.electrodes.len();
         let currents = neighbours(count);
         self.fit(forward, count);
         let factor = base.map(|base| &base.factor);
         self.system.right_side(forward, &currents, &mut self.x);
         if !refined {
-            self.factor.halve(&forward.analysis, factor, &mut self.x);
+            self.factor
+                .halve(&forward.layout.analysis, factor, &mut self.x);
             let volts = gram(&self.x, &self.x, count);
             return self.read(forward, sigma, volts);
         }
-        self.factor.solve(&forward.analysis, factor, &mut self.x);
+        self.factor
+            .solve(&forward.layout.analysis, factor, &mut self.x);
         let mut volts = self.between(forward);
         self.system.right_side(forward, &currents, &mut self.rest);
         self.system
@@ -190,13 +195,16 @@ impl Scratch {
     /// Voltages of neighbours (rows) in each column of x, without the drops over eliminated contacts.
     fn between(&self, forward: &Forward) -> Vec<f64> {
         let nodes = forward.mesh.nodes().len();
-        let count = forward.electrodes.len();
+        let count = forward.layout.electrodes.len();
         let mut voltages = vec![0.0; count];
         let mut volts = Vec::with_capacity(count * count);
         for column in 0..count {
-            for (e, (voltage, contact)) in voltages.iter_mut().zip(&forward.electrodes).enumerate()
+            for (e, (voltage, contact)) in voltages
+                .iter_mut()
+                .zip(&forward.layout.electrodes)
+                .enumerate()
             {
-                let at = |unknown: usize| self.x.row(forward.unknown[unknown])[column];
+                let at = |unknown: usize| self.x.row(forward.layout.unknown[unknown])[column];
                 *voltage = match self.system.forms[e] {
                     Form::Difference | Form::Shunt => at(nodes + e),
                     Form::Eliminated => contact.mean(at),
@@ -215,14 +223,14 @@ impl Scratch {
     ) -> Result<Ring, ForwardError> {
         let forms = self.system.forms.iter();
         let drops = forms
-            .zip(forward.electrodes.iter().zip(&forward.contact))
+            .zip(forward.layout.electrodes.iter().zip(&forward.contact))
             .map(|(form, (contact, z))| match form {
                 Form::Eliminated => z / contact.length,
                 Form::Difference | Form::Shunt => 0.0,
             })
             .collect();
         if let Some(added) = self.depth_impedance(forward, sigma)? {
-            let count = forward.electrodes.len();
+            let count = forward.layout.electrodes.len();
             let next = |electrode: usize| (electrode + 1) % count;
             for (a, volts) in volts.chunks_exact_mut(count).enumerate() {
                 for (b, volts) in volts.iter_mut().enumerate() {
@@ -254,7 +262,7 @@ fn largest(values: &[f64]) -> f64 {
 pub(super) fn refusal(forward: &Forward, fault: SparseError, sigma: &[f64]) -> ForwardError {
     match fault {
         SparseError::Memory => ForwardError::Memory {
-            unknowns: forward.unknown.len(),
+            unknowns: forward.layout.unknown.len(),
         },
         SparseError::NotDefinite => ForwardError::NotDefinite {
             smallest: sigma.iter().copied().fold(f64::INFINITY, f64::min),

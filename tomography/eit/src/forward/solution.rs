@@ -19,7 +19,7 @@ pub(crate) struct Solution<'s> {
 impl Forward {
     /// An unknown by index: nodes first, then electrodes.
     fn at(&self, solution: &Solution, index: usize, column: usize) -> f64 {
-        solution.x.row(self.unknown[index])[column]
+        solution.x.row(self.layout.unknown[index])[column]
     }
 
     /// An electrode's voltage relative to the ground node, in two parts; the second (z I / |e|, if the voltage was
@@ -31,7 +31,7 @@ impl Forward {
                 0.0,
             ],
             Form::Eliminated => {
-                let contact = &self.electrodes[electrode];
+                let contact = &self.layout.electrodes[electrode];
                 let mean = contact.mean(|node| self.at(solution, node, column));
                 let current = solution.currents[(electrode, column)];
                 [mean, self.contact[electrode] * current / contact.length]
@@ -44,11 +44,11 @@ impl Forward {
         let nodes = self.mesh.nodes().len();
         let mut block = Block::zeros(nodes, solution.currents.ncols());
         for (node, row) in block.values.chunks_exact_mut(block.width).enumerate() {
-            row.copy_from_slice(solution.x.row(self.unknown[node]));
-            if let Some(e) = self.on[node]
+            row.copy_from_slice(solution.x.row(self.layout.unknown[node]));
+            if let Some(e) = self.layout.on[node]
                 && solution.forms[e] != Form::Eliminated
             {
-                let electrode = solution.x.row(self.unknown[nodes + e]);
+                let electrode = solution.x.row(self.layout.unknown[nodes + e]);
                 row.iter_mut().zip(electrode).for_each(|(u, v)| *u += v);
             }
         }
@@ -57,7 +57,7 @@ impl Forward {
 
     /// Electrode voltages of each drive (column) with their mean subtracted, and that mean.
     fn levelled(&self, solution: &Solution) -> (DMatrix<f64>, Vec<f64>) {
-        let count = self.electrodes.len();
+        let count = self.layout.electrodes.len();
         let columns = solution.currents.ncols();
         let mut electrodes = DMatrix::zeros(count, columns);
         let mut means = Vec::with_capacity(columns);
@@ -88,10 +88,10 @@ impl Forward {
         let mut potentials = DMatrix::zeros(nodes, means.len());
         let into = potentials.as_mut_slice();
         for node in 0..nodes {
-            let row = solution.x.row(self.unknown[node]).iter().zip(&means);
-            match self.on[node] {
+            let row = solution.x.row(self.layout.unknown[node]).iter().zip(&means);
+            match self.layout.on[node] {
                 Some(e) if solution.forms[e] != Form::Eliminated => {
-                    let electrode = solution.x.row(self.unknown[nodes + e]);
+                    let electrode = solution.x.row(self.layout.unknown[nodes + e]);
                     for (column, ((d, mean), v)) in row.zip(electrode).enumerate() {
                         into[column * nodes + node] = (d + v) - mean;
                     }
@@ -118,7 +118,7 @@ impl Forward {
         a: usize,
         b: usize,
     ) -> f64 {
-        let contact = &self.electrodes[electrode];
+        let contact = &self.layout.electrodes[electrode];
         match solution.forms[electrode] {
             Form::Shunt => 0.0,
             Form::Difference => contact.mass(

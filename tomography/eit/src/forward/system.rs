@@ -38,13 +38,14 @@ impl System {
             s * shares[0] + t * shares[1]
         };
         self.weights.clear();
-        let plain = forward.edges.iter();
+        let plain = forward.layout.edges.iter();
         self.weights
             .extend(plain.map(|edge| weight(edge.triangles, edge.shares)));
-        let special = forward.special.iter();
+        let special = forward.layout.special.iter();
         self.weights
             .extend(special.map(|edge| weight(edge.triangles, edge.shares)));
         let forms = forward
+            .layout
             .electrodes
             .iter()
             .zip(&forward.contact)
@@ -61,23 +62,23 @@ impl System {
             })
             .collect::<Vec<_>>();
         let electrode_ground = |e: usize| match forms[e] {
-            Form::Eliminated => forward.unknown[forward.electrodes[e].nodes[0]],
-            Form::Difference | Form::Shunt => forward.unknown[nodes + e],
+            Form::Eliminated => forward.layout.unknown[forward.layout.electrodes[e].nodes[0]],
+            Form::Difference | Form::Shunt => forward.layout.unknown[nodes + e],
         };
         let ground = forward
             .ground(sigma)
-            .map_or_else(|| electrode_ground(0), |node| forward.unknown[node]);
+            .map_or_else(|| electrode_ground(0), |node| forward.layout.unknown[node]);
         if forms != self.forms || ground != self.ground {
             self.free = (0..nodes)
                 .map(|node| {
-                    forward.unknown[node] != ground
-                        && forward.on[node].is_none_or(|e| forms[e] != Form::Shunt)
+                    forward.layout.unknown[node] != ground
+                        && forward.layout.on[node].is_none_or(|e| forms[e] != Form::Shunt)
                 })
                 .collect();
             self.joined = (0..nodes)
-                .map(|node| match forward.on[node] {
+                .map(|node| match forward.layout.on[node] {
                     Some(e) if forms[e] != Form::Eliminated => {
-                        let unknown = forward.unknown[nodes + e];
+                        let unknown = forward.layout.unknown[nodes + e];
                         if unknown == ground { NONE } else { unknown }
                     }
                     _ => NONE,
@@ -93,19 +94,19 @@ impl System {
         let nodes = forward.mesh.nodes().len();
         let values = &mut self.values;
         values.clear();
-        values.resize(forward.analysis.entries(), 0.0);
-        let (plain, special) = self.weights.split_at(forward.edges.len());
-        for (edge, &w) in forward.edges.iter().zip(plain) {
+        values.resize(forward.layout.analysis.entries(), 0.0);
+        let (plain, special) = self.weights.split_at(forward.layout.edges.len());
+        for (edge, &w) in forward.layout.edges.iter().zip(plain) {
             let [a, b, ab] = edge.at;
             values[a as usize] += w;
             values[b as usize] += w;
             values[ab as usize] = -w;
         }
-        for &[_, edge] in forward.network.at(self.ground) {
-            values[forward.edges[edge as usize].at[2] as usize] = 0.0;
+        for &[_, edge] in forward.layout.network.at(self.ground) {
+            values[forward.layout.edges[edge as usize].at[2] as usize] = 0.0;
         }
         // K = Σ w g gᵀ with g = a + U(a) - b - U(b)
-        for (edge, &w) in forward.special.iter().zip(special) {
+        for (edge, &w) in forward.layout.special.iter().zip(special) {
             let [a, b] = edge.ends;
             let same = self.joined[a] == self.joined[b];
             let sign = [
@@ -122,22 +123,23 @@ impl System {
         }
         let mut one = |unknown: usize| {
             let at = forward
+                .layout
                 .analysis
                 .entry(unknown, unknown)
                 .expect("the diagonal is always in the pattern");
             values[at] = 1.0;
         };
-        for (e, contact) in forward.electrodes.iter().enumerate() {
+        for (e, contact) in forward.layout.electrodes.iter().enumerate() {
             match self.forms[e] {
                 Form::Shunt => contact
                     .nodes
                     .iter()
-                    .for_each(|&node| one(forward.unknown[node])),
-                Form::Eliminated => one(forward.unknown[nodes + e]),
+                    .for_each(|&node| one(forward.layout.unknown[node])),
+                Form::Eliminated => one(forward.layout.unknown[nodes + e]),
                 Form::Difference => {}
             }
         }
-        for (e, contact) in forward.electrodes.iter().enumerate() {
+        for (e, contact) in forward.layout.electrodes.iter().enumerate() {
             if self.forms[e] == Form::Shunt {
                 continue;
             }
@@ -166,6 +168,7 @@ impl System {
             }
         }
         let at = forward
+            .layout
             .analysis
             .entry(self.ground, self.ground)
             .expect("the diagonal is always in the pattern");
@@ -176,15 +179,15 @@ impl System {
     pub(super) fn right_side(&self, forward: &Forward, currents: &DMatrix<f64>, block: &mut Block) {
         let nodes = forward.mesh.nodes().len();
         block.values.fill(0.0);
-        for (e, contact) in forward.electrodes.iter().enumerate() {
+        for (e, contact) in forward.layout.electrodes.iter().enumerate() {
             for (column, &current) in currents.row(e).iter().enumerate() {
                 match self.forms[e] {
                     Form::Difference | Form::Shunt => {
-                        block.row_mut(forward.unknown[nodes + e])[column] = current;
+                        block.row_mut(forward.layout.unknown[nodes + e])[column] = current;
                     }
                     Form::Eliminated => {
                         for (&node, weight) in contact.nodes.iter().zip(&contact.weights) {
-                            block.row_mut(forward.unknown[node])[column] =
+                            block.row_mut(forward.layout.unknown[node])[column] =
                                 current * weight / contact.length;
                         }
                     }
@@ -196,12 +199,12 @@ impl System {
 
     /// rest -= K x, as currents along edges and through contacts.
     pub(super) fn subtract_product(&self, forward: &Forward, x: &Block, rest: &mut Block) {
-        let unknown = &forward.unknown;
+        let unknown = &forward.layout.unknown;
         let width = x.width;
-        let (plain, special) = self.weights.split_at(forward.edges.len());
-        forward.network.subtract(plain, x, rest);
+        let (plain, special) = self.weights.split_at(forward.layout.edges.len());
+        forward.layout.network.subtract(plain, x, rest);
         let mut flow = vec![0.0; width];
-        for (edge, &w) in forward.special.iter().zip(special) {
+        for (edge, &w) in forward.layout.special.iter().zip(special) {
             let [a, b] = edge.ends;
             let (xa, xb) = (x.row(unknown[a]), x.row(unknown[b]));
             let (ja, jb) = (self.joined[a], self.joined[b]);
@@ -232,7 +235,7 @@ impl System {
                 }
             }
         }
-        for (e, contact) in forward.electrodes.iter().enumerate() {
+        for (e, contact) in forward.layout.electrodes.iter().enumerate() {
             let z = forward.contact[e];
             match self.forms[e] {
                 Form::Shunt => {
@@ -270,15 +273,16 @@ impl System {
 impl Forward {
     /// The node to ground: the farthest from the electrodes that is not in an isolated patch.
     fn ground(&self, sigma: &[f64]) -> Option<usize> {
-        self.grounds
+        self.layout
+            .grounds
             .iter()
             .copied()
             .find(|&node| {
-                let near = self.around[node].iter().map(|&t| sigma[t]);
+                let near = self.layout.around[node].iter().map(|&t| sigma[t]);
                 let most = 1e2 * near.fold(0.0, f64::max);
                 // at least a hundredth of the median
                 2 * sigma.iter().filter(|value| **value <= most).count() > sigma.len()
             })
-            .or(self.grounds.first().copied())
+            .or(self.layout.grounds.first().copied())
     }
 }

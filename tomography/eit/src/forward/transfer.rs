@@ -12,7 +12,7 @@ impl Forward {
     /// # Errors
     /// Conductances that are refused.
     pub fn transfer_impedance(&self, sigma: &[f64]) -> Result<DMatrix<f64>, ForwardError> {
-        let count = self.electrodes.len();
+        let count = self.layout.electrodes.len();
         let share = 1.0 / count as f64;
         let currents = DMatrix::from_fn(
             count,

@@ -10,12 +10,14 @@
 //! small that this matters, orthogonal transformations are used: with R = L L', S = J L^-T and S' over lambda I = Q U,
 //! x = L^-T Q_1 U^-T d, which costs digits as 1 / lambda only.
 
+use std::sync::OnceLock;
+
 use nalgebra::{DMatrix, DVector};
 
 use crate::inverse::error::OneStepError;
 use crate::inverse::prior::Penalty;
 use crate::inverse::reciprocity::Fold;
-use crate::linear_algebra::dense;
+use crate::linear_algebra::dense::{self, Definite};
 
 /// Relative error of the map from the squared condition above which the orthogonal method is used.
 const SQUARED: f64 = 1e-9;
@@ -27,9 +29,29 @@ const WORTH: f64 = 1e-6;
 pub(crate) struct DataSpace {
     /// x = matrix d.
     matrix: DMatrix<f64>,
-    /// u = dual d, symmetric.
-    dual: DMatrix<f64>,
+    dual: Dual,
     square: f64,
+}
+
+/// u = dual d, symmetric.
+#[derive(Debug, Clone)]
+enum Dual {
+    Known(DMatrix<f64>),
+    /// The inverse of this matrix, made at the first frame with missing readings: no other needs it.
+    Inverse(Box<(Definite, OnceLock<Option<DMatrix<f64>>>)>),
+}
+
+impl Dual {
+    fn matrix(&self) -> Result<&DMatrix<f64>, OneStepError> {
+        match self {
+            Self::Known(matrix) => Ok(matrix),
+            Self::Inverse(lazy) => {
+                let (system, inverse) = lazy.as_ref();
+                let inverse = inverse.get_or_init(|| system.inverse());
+                inverse.as_ref().ok_or(OneStepError::Prior)
+            }
+        }
+    }
 }
 
 impl DataSpace {
@@ -67,28 +89,27 @@ impl DataSpace {
         for i in 0..system.nrows() {
             system[(i, i)] += square;
         }
-        let mut dual = dense::inverse_of_definite(&system).ok_or_else(|| refused(floor))?;
+        let definite = Definite::new(&system).ok_or_else(|| refused(floor))?;
         let Some(spread) = spread else {
-            let mut matrix =
-                dense::product(dense::view(sensitivity).transpose(), dense::view(&dual));
+            let mut columns = sensitivity.clone();
             if let Penalty::Diagonal(entries) = penalty {
-                for mut column in matrix.column_iter_mut() {
-                    for (value, entry) in column.iter_mut().zip(entries) {
-                        *value /= entry;
-                    }
+                for (mut column, entry) in columns.column_iter_mut().zip(entries) {
+                    column /= *entry;
                 }
             }
+            definite.solve_columns(&mut columns);
             return Ok(Self {
-                matrix,
-                dual,
+                matrix: columns.transpose(),
+                dual: Dual::Inverse(Box::new((definite, OnceLock::new()))),
                 square,
             });
         };
+        let mut dual = definite.inverse().ok_or_else(|| refused(floor))?;
         let Some(null) = penalty.null_space() else {
             let matrix = dense::product(dense::view(&spread), dense::view(&dual));
             return Ok(Self {
                 matrix,
-                dual,
+                dual: Dual::Known(dual),
                 square,
             });
         };
@@ -103,7 +124,7 @@ impl DataSpace {
         matrix += null * level;
         Ok(Self {
             matrix,
-            dual,
+            dual: Dual::Known(dual),
             square,
         })
     }
@@ -166,7 +187,7 @@ impl DataSpace {
         }
         Ok(Self {
             matrix,
-            dual,
+            dual: Dual::Known(dual),
             square: lambda * lambda,
         })
     }
@@ -191,13 +212,14 @@ impl DataSpace {
         for &reading in missing {
             readings[reading] = 0.0;
         }
+        let dual = self.dual.matrix()?;
         let known = fold.data(readings);
-        let pushed = &self.dual * &known;
+        let pushed = dual * &known;
         // times lambda^2, which keeps the numbers moderate
         let block = DMatrix::from_fn(missing.len(), missing.len(), |i, j| {
             let ((p, a), (q, b)) = (fold.row(missing[i]), fold.row(missing[j]));
             let own = f64::from(u8::from(i == j)) - f64::from(u8::from(p == q)) * a * b;
-            self.square * a * b * self.dual[(p, q)] + own
+            self.square * a * b * dual[(p, q)] + own
         });
         let pull: Vec<f64> = missing
             .iter()

@@ -139,12 +139,7 @@ pub(crate) fn thin_qr_and_inverse(a: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMa
 
 /// The inverse of a symmetric positive definite matrix, symmetric to the last bit; `None` if it is not definite.
 pub(crate) fn inverse_of_definite(a: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let n = a.nrows();
-    let factor = view(a).llt(Side::Lower).ok()?;
-    let mut inverse = Mat::<f64>::identity(n, n);
-    factor.solve_in_place(inverse.as_mut());
-    let out = DMatrix::from_fn(n, n, |i, j| 0.5 * (inverse[(i, j)] + inverse[(j, i)]));
-    out.iter().all(|value| value.is_finite()).then_some(out)
+    Definite::new(a)?.inverse()
 }
 
 /// Solves a x = b for symmetric positive definite a; `None` if it is not definite.
@@ -204,11 +199,23 @@ impl Definite {
         square(self.0.L())
     }
 
-    /// A^-1 B, in place.
+    /// A^-1 B, in place: the same bits on any number of threads.
     pub fn solve_columns(&self, b: &mut DMatrix<f64>) {
         let (rows, columns) = b.shape();
-        let view = MatMut::from_column_major_slice_mut(b.as_mut_slice(), rows, columns);
-        self.0.solve_in_place(view);
+        by_columns(b, rows * rows * columns, |_, part| {
+            let count = part.len() / rows;
+            self.0
+                .solve_in_place(MatMut::from_column_major_slice_mut(part, rows, count));
+        });
+    }
+
+    /// A^-1, symmetric to the last bit; `None` if it has entries that are not numbers.
+    pub(crate) fn inverse(&self) -> Option<DMatrix<f64>> {
+        let n = self.0.L().nrows();
+        let mut inverse = Mat::<f64>::identity(n, n);
+        self.0.solve_in_place(inverse.as_mut());
+        let out = DMatrix::from_fn(n, n, |i, j| 0.5 * (inverse[(i, j)] + inverse[(j, i)]));
+        out.iter().all(|value| value.is_finite()).then_some(out)
     }
 
     /// A^-1 b.

@@ -3,6 +3,7 @@
 mod check;
 mod depth;
 pub(crate) mod generation;
+mod kept;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,6 +12,7 @@ use survey::Electrode;
 
 pub use depth::Depth;
 pub(crate) use depth::Mode;
+use kept::Kept;
 
 /// Area, as a share of the whole sheet, below which a triangle counts as degenerate.
 const SMALLEST_AREA: f64 = 1e-12;
@@ -31,6 +33,8 @@ pub struct Mesh {
     areas: Vec<f64>,
     depth: Option<Depth>,
     hash: String,
+    /// The analysis of the forward model.
+    analysis: Kept,
 }
 
 /// Why nodes, triangles and electrodes are not a valid mesh. Elements and nodes are counted from 0 as in case folders,
@@ -206,6 +210,7 @@ impl Mesh {
             areas,
             depth: None,
             hash,
+            analysis: Kept::default(),
         })
     }
 
@@ -250,6 +255,11 @@ impl Mesh {
             depth,
             ..self.clone()
         }
+    }
+
+    /// What the forward model makes of nodes, triangles and electrodes, once.
+    pub(crate) fn analysis(&self) -> &Kept {
+        &self.analysis
     }
 
     /// The depth of the tank of which this is the cross-section; `None`: a sheet.

@@ -54,16 +54,9 @@ impl Fixed {
             }
         };
         let solution = DataSpace::new(sensitivity, penalty, lambda)?;
-        let degrees = sensitivity
-            .row_iter()
-            .zip(solution.matrix().column_iter())
-            .map(|(row, column)| {
-                row.iter()
-                    .zip(column.iter())
-                    .map(|(j, m)| j * m)
-                    .sum::<f64>()
-            })
-            .sum();
+        // column by column of both: the rows of a matrix are far apart in memory
+        let columns = solution.matrix().transpose();
+        let degrees = sensitivity.dot(&columns);
         let quick = match options.map_error {
             Some(error) if !options.loss_only => {
                 let typical = typical(&mesh.region_areas(), sensitivity, lambda * amplitude);
