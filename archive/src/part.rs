@@ -4,7 +4,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use chrono::{DateTime, Utc};
-use logbook::{Closing, Event, LogbookError, SessionHeader, SessionReader, sha256_of};
+use logbook::{Closing, Event, LogbookError, SessionHeader, SessionReader, StateKind, sha256_of};
 
 use crate::store::PartName;
 
@@ -96,7 +96,7 @@ impl Part {
         let folder = path.parent().unwrap_or(Path::new("."));
         let tracking = match header.id == header.session() {
             // a damaged state stays one: it is refused where maps are made again, and the frames are archived
-            true => logbook::tracking(folder, &header.id)
+            true => logbook::kept_state(folder, &header.id, StateKind::Tracking)
                 .unwrap_or_else(|error| Some(error.to_string())),
             false => None,
         };

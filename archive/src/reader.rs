@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use logbook::LogbookError;
+use logbook::{LogbookError, StateKind};
 use tokio::runtime::Runtime;
 
 use crate::cache::{self, InUse};
@@ -166,7 +166,7 @@ pub(crate) async fn found(
 /// Writes what lies beside the parts of a session.
 async fn beside(catalogue: &Catalogue, name: &SessionName, folder: &Path) -> Result<(), ReadError> {
     if let Some(state) = catalogue.tracking(name).await? {
-        logbook::keep_tracking(folder, &name.session, &state)?;
+        logbook::keep_state(folder, &name.session, StateKind::Tracking, &state)?;
     }
     let lines = catalogue.quantity_lines(name).await?;
     let there = logbook::quantity_lines(folder, &name.session)?;

@@ -57,7 +57,7 @@ mod quantities;
 mod reader;
 mod row;
 pub mod schema;
-mod tracking;
+mod states;
 mod writer;
 
 pub use crate::daemon_log::{DaemonLog, read_daemon_log};
@@ -86,5 +86,5 @@ pub use quantities::{
     QuantityLine, QuantityLines, append_quantities, quantities_file, quantity_lines,
 };
 pub use reader::{Frames, SessionReader};
-pub use tracking::{keep_tracking, tracking};
+pub use states::{StateKind, keep_state, kept_state};
 pub use writer::{CONTINUED, RESUMED, Resumed, SessionWriter, Storage};

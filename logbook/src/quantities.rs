@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::LogbookError;
-use crate::tracking::checksum;
+use crate::states::checksum;
 
 /// End of the name of the file.
 const QUANTITIES: &str = "quantities";

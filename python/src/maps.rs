@@ -180,7 +180,9 @@ impl Maps {
     #[getter]
     fn notes(&self) -> Vec<String> {
         let mut notes = self.notes.clone();
-        notes.extend(self.model.reconstructor.assumptions());
+        let assumptions = self.model.reconstructor.assumptions().into_iter();
+        let others: Vec<String> = assumptions.filter(|one| !notes.contains(one)).collect();
+        notes.extend(others);
         notes
     }
 

@@ -6,6 +6,7 @@ import importlib.util
 import inspect
 import json
 import os
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._native import Forward, Maps, as_frames
-from .order import OrderCheck, check
+from .order import LIKE, OrderCheck, check
 from .parameters import as_positive, as_progress, as_truth, as_word
 
 _Self = TypeVar("_Self", bound="_Estimator")
@@ -94,7 +95,8 @@ class _Estimator:
         noise: standard deviation of one reading, V; by default from the frames of the baseline where there are several.
 
         Sets ``baseline_`` (readings,), ``sigma0_`` (triangles,), ``noise_`` (V, or None), ``method_``, ``notes_``, and
-        ``order_``, the result of ``check`` (None with ``check_order=False``).
+        ``order_``, the result of ``check`` (None with ``check_order=False``). Warns where the model explains too little of the
+        baseline in any order; a symmetric geometry looks the same from several electrodes, which ``notes_`` tells.
         """
         if not isinstance(self.forward, Forward):
             raise TypeError(
@@ -108,6 +110,8 @@ class _Estimator:
             order = check(rows, self.forward, sigma0=sigma0)
             if not order.ok:
                 raise ValueError(f"argument 'baseline': {order.text}; check_order=False leaves this check out")
+            if order.residual > LIKE:
+                warnings.warn(f"argument 'baseline': {order.text}", stacklevel=2)
         self._maps = Maps(self.forward, settings, sigma0, self.current, noise, rows)
         self.order_ = order
         self.baseline_ = self._maps.baseline
@@ -115,6 +119,8 @@ class _Estimator:
         self.noise_ = self._maps.deviation if noise is None else float(noise)
         self.method_ = self._maps.method
         self.notes_ = self._maps.notes
+        if order is not None and order.equivalent > 1:
+            self.notes_.append(order.text)
         return self
 
     def predict(

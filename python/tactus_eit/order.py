@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ._native import Forward, as_frames
 
 # a baseline that leaves more than this share of itself unexplained in every order says nothing about the order
-_LIKE = 0.3
+LIKE = 0.3
 # another order is reported where it leaves less than this share of what the order as given leaves
 _BETTER = 0.5
 # orders that leave the same but for this share of the baseline cannot be told apart: the model itself is not better; on the
@@ -89,7 +89,7 @@ def check(baseline: ArrayLike, forward: Forward, *, sigma0: ArrayLike | None = N
     same = np.flatnonzero(left <= left.min() + _SAME)
     # the nearest to the order as given: not reflected, least rotation
     best = min(same.tolist(), key=lambda one: (candidates[one][1], min(candidates[one][0], count - candidates[one][0])))
-    if left[best] > _LIKE or left[best] > _BETTER * left[0]:
+    if left[best] > LIKE or left[best] > _BETTER * left[0]:
         best = 0
     rotation, reflected = candidates[best]
     sign = -1 if gains[best] < 0.0 and not magnitudes else 1
@@ -142,18 +142,18 @@ def _text(
         )
     if sign < 0:
         found.append(
-            "the readings have the opposite sign of the model's: leads are reversed, or the instrument gives magnitudes; pass "
-            "-baseline and -frames"
+            "the readings have the opposite sign of the model's: leads are reversed, pairs name their minus first, or the "
+            "instrument gives magnitudes; pass -baseline and -frames"
         )
     if magnitudes:
         found.append(
             "the readings are magnitudes, all of one sign, and the model's have both: record signed voltages, or multiply them "
-            "by numpy.sign(forward.solve(sigma0))"
+            "by numpy.sign(forward.solve(1.0))"
         )
     if not found:
         found.append(f"order and signs fit: {left:.1%} of the baseline is left unexplained")
-    if left > _LIKE:
-        found.append(f"{left:.0%} of the baseline is unexplained: compare mesh, contact and protocol with the recording")
+    if left > LIKE:
+        found.append(f"{left:.0%} of the baseline is unexplained: compare mesh, contact, protocol and the order of the readings with the recording")
     if equivalent > 1:
         found.append(f"{equivalent} orders explain the baseline equally: the geometry is symmetric, and only a known load tells them apart")
     return "; ".join(found)

@@ -76,6 +76,14 @@ class EITForward:
         return self._conductance(perm)[self._parents]
 
 
+def forward(mesh: Any, protocol: Any, *, contact: ArrayLike | None = None) -> _native.Forward:
+    """The forward model of a PyEITMesh with a PyEITProtocol, for OneStep and the other methods. contact: as in EITForward.
+
+    Its ``mesh`` has more triangles than pyEIT's: draw maps on that one. Its ``protocol`` has pyEIT's pairs, a row for each reading.
+    """
+    return EITForward(mesh, protocol, contact=contact).forward
+
+
 class JAC:
     """Dynamic imaging with the Jacobian, as the class of this name in pyEIT.
 
@@ -159,7 +167,12 @@ class JAC:
         return np.exp(solved) - 1.0 if log_scale else solved
 
     def _volts(self, name: str, volts: ArrayLike, shape: str) -> NDArray[np.float64]:
-        rows = _native.as_frames(volts, name, len(self.v0), False)
+        rows = _native.as_frames(volts, name, len(self.v0), True)
+        if not np.isfinite(rows).all():
+            raise ValueError(
+                f"argument '{name}': a reading is missing (nan), and JAC needs all; expected {shape} of signed voltages; "
+                "OneStep(tactus_eit.pyeit.forward(mesh, protocol), missing='mask') does without"
+            )
         return rows[0] if np.ndim(volts) == 1 else rows
 
 

@@ -1,5 +1,6 @@
 """Structures of EIDORS in all forms in which scipy reads them."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -122,6 +123,34 @@ def test_tactus_lab_makes_the_same_maps_of_a_file(recorded, tmp_path, writer):
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "maps.csv", delimiter=","), expected)
+
+
+def test_tactus_lab_calibrates_with_a_file(tmp_path, mesh, protocol, contact):
+    built = os.environ.get("TACTUS_LAB")
+    if not built:
+        pytest.skip("TACTUS_LAB does not name tactus-lab")
+    forward = Forward(mesh, protocol, contact)
+    presses = [(0.03 * np.cos(angle), 0.03 * np.sin(angle), 0.02, mass) for mass in (1.0, 2.0, 4.0) for angle in np.arange(6)]
+    sigma = [np.ones(len(mesh.triangles))]
+    for x, y, diameter, mass in presses:
+        pressed = np.hypot(*(mesh.centroids - [x, y]).T) <= 0.5 * diameter
+        sigma.append(np.where(pressed, 1.0 - 0.1 * mass, 1.0))
+    # as in `recorded`
+    order = np.lexsort((protocol.inject[:, 1], protocol.inject[:, 0]))
+    volts = AMPERES * forward.solve(sigma)[:, order]
+    variables = {"fmdl": model_of(mesh, protocol, contact), "vh": volts[:1].T, "vv": volts[1:].T}
+    io.savemat(tmp_path / "tank.mat", variables)
+    rows = [",".join(map(str, (number, *press))) for number, press in enumerate(presses, 1)]
+    (tmp_path / "presses.csv").write_text("\n".join(["frame,x_m,y_m,diameter_m,mass_kg", *rows]) + "\n")
+    command = [built, "calibrate", "--case", tmp_path / "tank.mat", "--out", tmp_path / "tank.toml", "--noise-v", "2e-6", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    calibration = json.loads(done.stdout)
+    assert calibration["presses"] == len(presses) and calibration["rms"] < 0.1
+    # the presses lie beside the file, and are needed
+    (tmp_path / "presses.csv").unlink()
+    done = subprocess.run([*command[:-1], "--force"], capture_output=True, text=True)
+    assert done.returncode != 0 and "presses.csv" in done.stderr
 
 
 def test_methods_of_the_classes_are_the_same(file, protocol):

@@ -43,6 +43,14 @@ def test_a_rotated_order_is_refused_by_fit_and_mended(sheet):
     OneStep(sheet, check_order=False).fit(volts)
 
 
+def test_readings_in_another_order_warn(sheet):
+    volts = recorded(sheet, np.arange(26))
+    with pytest.warns(UserWarning, match="'baseline'.*unexplained.*order of the readings"):
+        OneStep(sheet).fit(np.roll(volts, 3))
+    # four orders of the sheet look alike: nobody should have to ask for that
+    assert any("symmetric" in note for note in OneStep(sheet).fit(volts).notes_)
+
+
 def test_the_opposite_sign_is_refused(sheet):
     volts = recorded(sheet, np.arange(26))
     found = check(-volts, sheet)

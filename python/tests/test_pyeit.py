@@ -128,6 +128,28 @@ def test_what_does_not_fit_is_refused():
         jac.solve(jac.v0, np.zeros(208), normalize=True)
 
 
+def test_a_missing_reading_is_refused_with_what_does_without():
+    from pyeit.eit import protocol
+
+    mesh, pairs = pyeit_mesh.create(16, h0=0.2), protocol.create(16, dist_exc=1, step_meas=1, parser_meas="std")
+    jac = JAC(mesh, pairs).setup()
+    frame = jac.v0.copy()
+    frame[17] = np.nan
+    with pytest.raises(ValueError, match=r"'v1'.*missing.*pyeit\.forward.*missing='mask'"):
+        jac.solve(frame, jac.v0)
+    model = tactus_eit.OneStep(tactus_eit.pyeit.forward(mesh, pairs), missing="mask", current=1.0).fit(jac.v0)
+    assert np.isfinite(model.predict(frame)).all() and model.masked_.tolist() == [1]
+
+
+def test_other_methods_take_the_objects_of_pyeit(problem):
+    mesh, protocol, _, before, after, _ = problem
+    forward = tactus_eit.pyeit.forward(mesh, protocol)
+    change = tactus_eit.OneStep(forward, current=1.0).fit(before).predict(after)
+    centroids = forward.mesh.centroids[forward.mesh.region]
+    weight = np.where(change > 0.5 * change.max(), change, 0.0) * forward.mesh.areas[forward.mesh.region]
+    assert np.hypot(*(weight @ centroids / weight.sum() - [0.5, 0.0])) < 0.1
+
+
 def test_an_example_of_pyeit_runs_with_one_changed_import():
     """examples/eit_dynamic_jac.py of pyEIT 1.2.4, less its plots; the import of jac is the one that changed."""
     import pyeit.eit.protocol as protocol

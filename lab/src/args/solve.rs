@@ -10,8 +10,9 @@ use super::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct SheetOptions {
-    /// Case folder of the nominal sheet, with frames.csv (the baseline first, unless it has baseline.csv)
-    #[arg(long, value_name = "DIR")]
+    /// Case folder of the nominal sheet, with frames.csv (the baseline first, unless it has baseline.csv); or a MAT-file of EIDORS,
+    /// as for `reconstruct`
+    #[arg(long, value_name = "DIR|FILE.mat")]
     pub(crate) case: PathBuf,
     /// Frames [default: frames.csv in the case folder]
     #[arg(long, value_name = "FILE", conflicts_with = "session")]

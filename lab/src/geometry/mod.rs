@@ -2,11 +2,12 @@
 //! `maps` has the commands on frames and maps.
 
 mod eidors;
+mod frames;
 mod mesh;
 mod sheet;
 mod solve;
 
-pub(crate) use eidors::{frames as eidors_frames, is_mat};
+pub(crate) use frames::{folder, frames};
 pub(crate) use mesh::{case, mesh, preset, read, with_depth};
 pub(crate) use sheet::sheet;
 pub(crate) use solve::{forward, jacobian, transfer};

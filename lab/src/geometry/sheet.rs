@@ -1,13 +1,13 @@
 //! `tactus-lab sheet`: the sheet behind a baseline, uneven as it was sprayed, as a case folder.
 
-use imaging::recorded::{FrameTable, Recording, TableOptions};
+use imaging::recorded::{Recording, TableOptions};
 use imaging::tracking::sheet_fit;
 use imaging::{Conditions, Geometry};
 use serde_json::json;
 use studies::Failure;
 use survey::{Amps, Electrode, Reading};
 
-use super::read;
+use super::{frames, read};
 use crate::args::SheetOptions;
 use crate::output::print_line;
 
@@ -88,6 +88,6 @@ fn baseline(
         baseline: options.baseline.as_ref(),
         negate: false,
     };
-    let table = FrameTable::read(&options.case, &table, readings)?;
+    let table = frames(&options.case, &table, readings)?;
     Ok((table.unloaded.readings, Amps(current)))
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use eit::{Calibration, KnownPress};
 use phantom::GRAVITY;
 
-use imaging::recorded::{FrameTable, TableOptions};
+use imaging::recorded::TableOptions;
 use studies::evaluation::MethodOptions;
 use studies::{Failure, write};
 
@@ -22,14 +22,14 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
     let presses = options
         .presses
         .clone()
-        .unwrap_or_else(|| options.case.join("presses.csv"));
+        .unwrap_or_else(|| geometry::folder(&options.case).join("presses.csv"));
     let presses = Presses::read(&presses)?;
     let table = TableOptions {
         frames: options.frames.as_deref(),
         baseline: options.baseline.as_ref(),
         negate: false,
     };
-    let recording = FrameTable::read(&options.case, &table, case.protocol.len())?;
+    let recording = geometry::frames(&options.case, &table, case.protocol.len())?;
     let chosen = MethodOptions::parse(&options.method, &words(options))?;
     let model = chosen.prepare(&case, &recording)?;
     for note in &model.notes {

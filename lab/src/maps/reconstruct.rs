@@ -1,6 +1,5 @@
 //! `tactus-lab reconstruct`: maps of recorded frames.
 
-use std::path::Path;
 use std::time::Instant;
 
 use eit::{Case, matrix_text};
@@ -171,22 +170,12 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
 
 /// The frames of a MAT-file, or of a table.
 fn frames(options: &ReconstructOptions, readings: usize) -> Result<FrameTable, Failure> {
-    let baseline = options.baseline.as_ref();
     let table = TableOptions {
         frames: options.frames.as_deref(),
-        baseline,
+        baseline: options.baseline.as_ref(),
         negate: options.negate,
     };
-    if !geometry::is_mat(&options.case) {
-        return Ok(FrameTable::read(&options.case, &table, readings)?);
-    }
-    if options.frames.is_none() {
-        return geometry::eidors_frames(&options.case, baseline, readings, options.negate);
-    }
-    let beside = options.case.parent();
-    let folder = beside.filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
-    Ok(FrameTable::read(folder, &table, readings)?)
+    geometry::frames(&options.case, &table, readings)
 }
 
 /// The deviation of a map in a few values: share of the region's area of which the frame says something, and the median there.

@@ -2,6 +2,7 @@
 
 use dbus::{Address, Simulation1Proxy};
 use serde_json::Value;
+use tactus_tests::Stage;
 
 use crate::test_rig::{self, Needs, ask, baseline, number, runtime};
 
@@ -22,15 +23,8 @@ fn mean(rows: &[Value], region: &str, quantity: &str) -> f64 {
     sum / frames
 }
 
-#[test]
-fn stored_quantities_are_those_of_the_frames() {
-    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
-        format!("{config}{REGIONS}")
-    }) else {
-        return;
-    };
-    let daemon = test_rig::start(&stage);
-    baseline(&stage, 3);
+/// A press of 20 mm that takes half of the conductance.
+fn press(stage: &Stage) {
     runtime().block_on(async {
         let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
             .await
@@ -40,6 +34,18 @@ fn stored_quantities_are_those_of_the_frames() {
         let pressed = hand.press("disc", x, y, 0.020, 0.5).await;
         pressed.expect("a press");
     });
+}
+
+#[test]
+fn stored_quantities_are_those_of_the_frames() {
+    let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
+        format!("{config}{REGIONS}")
+    }) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    press(&stage);
     let begun = ask(&stage, &["start", "--every", "500ms"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
     let watched = ask(&stage, &["watch", "--no-map", "--count", "4"]);
@@ -108,6 +114,40 @@ fn stored_quantities_are_those_of_the_frames() {
     let heading = "begin_utc,region,quantity,unit,min,mean,max,frames,known";
     assert_eq!(lines.next(), Some(heading));
     assert!(lines.all(|line| line.split(',').count() == 9 && line.contains(",far,")));
+}
+
+#[test]
+fn a_restart_continues_dose_and_hot_spots() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    press(&stage);
+    let begun = ask(&stage, &["start", "--every", "500ms"]);
+    let id = begun[0]["session"].as_str().expect("its id").to_owned();
+    ask(&stage, &["watch", "--no-map", "--count", "4"]);
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    let daemon = test_rig::start(&stage);
+    let watched = ask(&stage, &["watch", "--no-map", "--count", "3"]);
+    let last = &watched[watched.len() - 1];
+    ask(&stage, &["stop"]);
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    let events = ask(&stage, &["events", &id]);
+    assert!(
+        events.iter().any(|event| event["kind"] == "restarted"),
+        "the session was resumed: {events:?}"
+    );
+    // computed from the first frame on, without a restart
+    let each = ask(&stage, &["quantities", &id, "--each-frame"]);
+    let same = each
+        .iter()
+        .find(|frame| frame["frame"] == last["sequence"])
+        .expect("the frame is recorded");
+    let sheet = &last["quantities"]["regions"][0];
+    assert_eq!(same["regions"][0]["values"], sheet["values"]);
+    assert_eq!(same["spots"], last["quantities"]["spots"]);
+    assert!(number(&sheet["values"], "dose") > 0.0, "{last}");
 }
 
 #[test]

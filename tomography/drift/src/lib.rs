@@ -35,5 +35,6 @@ pub use model::{DriftModel, Noise};
 pub use pairs::{Pairs, Relative};
 pub use sheet::{FitOptions, SheetFit};
 pub use sizes::Sizes;
+pub use tracker::bits;
 pub use tracker::{AnchorAlarm, Answer, Event, Judgement, Tracker, TrackerState, TrackingOrder};
 pub use whitened::Whitened;

@@ -104,7 +104,8 @@ fn fetched_session_equals_the_record_and_grows_with_it() {
     };
     let mut writer = begun(&site.record(), "m1", 1);
     add_minute(&site.record(), "m1", 1);
-    logbook::keep_tracking(&site.record(), "m1", "{\"state\":1}").unwrap();
+    let state = "{\"state\":1}";
+    logbook::keep_state(&site.record(), "m1", logbook::StateKind::Tracking, state).unwrap();
     writer.roll(at(10)).unwrap();
     site.done(&["push"]);
     let reader = reader(&server, &site);

@@ -319,9 +319,9 @@ fn run(
             continue;
         };
         let broken = matches!(outcome, Err(Failure::Broken(_)));
-        let quantities = quantified
-            .as_mut()
-            .map(|quantified| quantified.take(request.at_s, &outcome, &mut remarks));
+        let quantities = quantified.as_mut().map(|quantified| {
+            quantified.take(request.sequence, request.at_s, &outcome, &mut remarks)
+        });
         let made = TimedOutcome {
             outcome,
             quantities,
@@ -377,7 +377,7 @@ impl ReconstructionContext {
     }
 
     fn start_to_quantify(&mut self, remarks: &mut Vec<String>) -> Option<Quantified> {
-        match Quantified::new(self.quantities.take()?, &self.model) {
+        match Quantified::new(self.quantities.take()?, &self.model, remarks) {
             Ok(quantified) => Some(quantified),
             Err(why) => {
                 remarks.push(format!("the session has no quantities: {why}"));

@@ -1,15 +1,20 @@
-//! Quantities of the maps of a session, in the thread of its maps. One row for each minute is stored beside the session.
+//! Quantities of the maps of a session, in the thread of its maps. One row for each minute is stored beside the session, and the
+//! state of the quantities over time, which a resumed session continues.
 
 use std::path::PathBuf;
 
 use imaging::Model;
 use imaging::quantities::{
-    FrameQuantities, JudgedMap, Quantifier, QuantityRow, QuantitySettings, RegionSettings, Rows,
-    STORED_S, store,
+    FrameQuantities, JudgedMap, KeptCourse, Quantifier, QuantityRow, QuantitySettings,
+    RegionSettings, Rows, STORED_S, keep_course, kept_course, store,
 };
+use logbook::LogbookError;
 use survey::error_chain as chain;
 
 use super::{Failure, Mapped};
+
+/// Time of frames between two states that are kept, s: what a power cut takes from dose and time without relief.
+const KEPT_EVERY_S: f64 = 300.0;
 
 /// What is needed for the quantities of a session.
 pub(crate) struct QuantityContext {
@@ -19,6 +24,8 @@ pub(crate) struct QuantityContext {
     pub folder: PathBuf,
     /// The session, without its part.
     pub session: String,
+    /// Its last frame, if it is resumed; else 0.
+    pub after: u64,
 }
 
 /// Computes the quantities of frame after frame.
@@ -27,27 +34,65 @@ pub(super) struct Quantified {
     rows: Rows,
     folder: PathBuf,
     session: String,
-    /// Whether rows could not be stored, which is reported once.
+    /// The last frame, and the time of the last state that was kept.
+    sequence: u64,
+    kept_s: Option<f64>,
+    /// Whether something could not be stored, which is reported once.
     failed: bool,
 }
 
 impl Quantified {
+    /// Goes on from the state of a resumed session.
+    ///
     /// # Errors
     /// A region that lies beside the maps of the session's model.
-    pub(super) fn new(context: QuantityContext, model: &Model) -> Result<Self, String> {
+    pub(super) fn new(
+        context: QuantityContext,
+        model: &Model,
+        remarks: &mut Vec<String>,
+    ) -> Result<Self, String> {
         let quantifier = Quantifier::new(model, &context.settings, &context.regions);
-        Ok(Self {
+        let mut quantified = Self {
             quantifier: quantifier.map_err(|error| chain(&error))?,
             rows: Rows::new(STORED_S),
             folder: context.folder,
             session: context.session,
+            sequence: 0,
+            kept_s: None,
             failed: false,
-        })
+        };
+        if context.after > 0 {
+            let without = match quantified.restore() {
+                Ok(()) => context.after.saturating_sub(quantified.sequence),
+                Err(why) => {
+                    remarks.push(format!(
+                        "dose, time without relief and hot spots begin again: {why}"
+                    ));
+                    0
+                }
+            };
+            if without > 0 {
+                remarks.push(format!(
+                    "dose and time without relief leave out the last {without} frames before the restart; `tactus quantities \
+                     --recompute` has them"
+                ));
+            }
+        }
+        Ok(quantified)
+    }
+
+    fn restore(&mut self) -> Result<(), String> {
+        let kept = kept_course(&self.folder, &self.session).map_err(|error| chain(&error))?;
+        let kept = kept.ok_or("nothing is kept of them")?;
+        self.quantifier.restore(&kept.state)?;
+        self.sequence = kept.sequence;
+        Ok(())
     }
 
     /// The quantities of the next frame for which a map was wanted.
     pub(super) fn take(
         &mut self,
+        sequence: u64,
         at_s: f64,
         outcome: &Result<Mapped, Failure>,
         remarks: &mut Vec<String>,
@@ -68,24 +113,55 @@ impl Quantified {
                 ..self.quantifier.take(at_s, None)
             },
         };
+        self.sequence = sequence;
         let ended = self.rows.take(at_s, &found);
         self.store(&ended, remarks);
+        let kept_s = *self.kept_s.get_or_insert(at_s);
+        if (at_s - kept_s).abs() >= KEPT_EVERY_S {
+            self.kept_s = Some(at_s);
+            self.keep(remarks);
+        }
         found
     }
 
-    /// Stores the rows of the last minute.
+    /// Stores the rows of the last minute, and the state.
     pub(super) fn finish(mut self) {
         let ended = self.rows.end();
         self.store(&ended, &mut Vec::new());
+        self.keep(&mut Vec::new());
+    }
+
+    fn keep(&mut self, remarks: &mut Vec<String>) {
+        let kept = KeptCourse {
+            sequence: self.sequence,
+            state: self.quantifier.state(),
+        };
+        let kept = keep_course(&self.folder, &self.session, &kept);
+        self.reported(
+            kept,
+            "a restart would begin dose and time without relief again",
+            remarks,
+        );
     }
 
     fn store(&mut self, rows: &[QuantityRow], remarks: &mut Vec<String>) {
-        let Err(error) = store(&self.folder, &self.session, rows) else {
+        let stored = store(&self.folder, &self.session, rows);
+        let instead = "`tactus quantities --recompute` computes them from the frames";
+        self.reported(stored, instead, remarks);
+    }
+
+    fn reported(
+        &mut self,
+        stored: Result<(), LogbookError>,
+        instead: &str,
+        remarks: &mut Vec<String>,
+    ) {
+        let Err(error) = stored else {
             return;
         };
         if !std::mem::replace(&mut self.failed, true) {
             remarks.push(format!(
-                "quantities cannot be stored with the session; `tactus quantities --recompute` computes them from the frames: {}",
+                "quantities cannot be stored with the session; {instead}: {}",
                 chain(&error)
             ));
         }

@@ -10,8 +10,10 @@ use crate::whitened::LOADED;
 
 /// Ages of the anchors that are compared, days.
 const AGES: [f64; 3] = [1.0, 7.0, 30.0];
-/// Ages of those that tell a load from age: over a month a crack changes as much as a load.
-const LOAD_AGES: [f64; 2] = [1.0, 7.0];
+/// Age of the one that tells a load from age, days: over a week a crack changes as much as a load.
+const LOAD_AGES: [f64; 1] = [1.0];
+/// Age beyond which it tells nothing any more, days: while a load lies there, no later baseline is kept.
+const LOAD_OLDEST: f64 = 2.0;
 /// Age at which an anchor is dropped, days.
 const OLDEST: f64 = 31.0;
 /// Pace of ageing, in units of the pace that the sheet has, that a slow loss must exceed to be a load.
@@ -90,7 +92,7 @@ impl Anchors {
     ) -> Option<(DVector<f64>, f64)> {
         let (anchor, alarm) =
             self.strongest(&LOAD_AGES, model, basis, data, LOAD_PACE * pace, at_s)?;
-        if alarm.change >= 0.0 {
+        if alarm.change >= 0.0 || alarm.age_days > LOAD_OLDEST {
             return None;
         }
         let (baseline, kept_s) = (DVector::from_column_slice(&anchor.baseline), anchor.at_s);

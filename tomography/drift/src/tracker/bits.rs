@@ -4,7 +4,11 @@ use serde::{Deserialize, Deserializer, Serializer, de::Error};
 
 const DIGITS: usize = 16;
 
-pub(crate) fn serialize<S: Serializer>(values: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+/// Writes them.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn serialize<S: Serializer>(values: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
     let mut text = String::with_capacity(DIGITS * values.len());
     for value in values {
         text += &format!("{:016x}", value.to_bits());
@@ -12,9 +16,11 @@ pub(crate) fn serialize<S: Serializer>(values: &[f64], serializer: S) -> Result<
     serializer.serialize_str(&text)
 }
 
-pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
-    deserializer: D,
-) -> Result<Vec<f64>, D::Error> {
+/// Reads them.
+///
+/// # Errors
+/// A text that is no sequence of such numbers.
+pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
     let text = String::deserialize(deserializer)?;
     if !text.is_ascii() || text.len() % DIGITS != 0 {
         return Err(D::Error::custom(
@@ -32,14 +38,22 @@ pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
 }
 
 /// One number.
-pub(crate) mod number {
+pub mod number {
     use serde::{Deserializer, Serializer, de::Error};
 
-    pub(crate) fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    /// Writes it.
+    ///
+    /// # Errors
+    /// Those of the serializer.
+    pub fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
         super::serialize(std::slice::from_ref(value), serializer)
     }
 
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    /// Reads it.
+    ///
+    /// # Errors
+    /// A text of another length, or other characters.
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
         match super::deserialize(deserializer)?.as_slice() {
             [value] => Ok(*value),
             _ => Err(D::Error::custom("one number has 16 hexadecimal digits")),
@@ -48,17 +62,22 @@ pub(crate) mod number {
 }
 
 /// One number or none.
-pub(crate) mod option {
+pub mod option {
     use serde::{Deserializer, Serializer, de::Error};
 
-    pub(crate) fn serialize<S: Serializer>(
-        value: &Option<f64>,
-        serializer: S,
-    ) -> Result<S::Ok, S::Error> {
+    /// Writes it.
+    ///
+    /// # Errors
+    /// Those of the serializer.
+    pub fn serialize<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
         super::serialize(value.as_slice(), serializer)
     }
 
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
+    /// Reads it.
+    ///
+    /// # Errors
+    /// A text of another length, or other characters.
+    pub fn deserialize<'de, D: Deserializer<'de>>(
         deserializer: D,
     ) -> Result<Option<f64>, D::Error> {
         match super::deserialize(deserializer)?.as_slice() {

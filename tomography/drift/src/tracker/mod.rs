@@ -5,7 +5,7 @@
 //! is taken away. Steps from one frame to the next tell when a load came or went, without any baseline.
 
 mod anchors;
-mod bits;
+pub mod bits;
 mod innovation;
 mod load;
 mod orders;

@@ -27,14 +27,14 @@ use survey::{Map, Verdict};
 use crate::model::Model;
 use crate::tracking::Tracked;
 pub use course::add_compensated;
-use course::{Course, CourseSettings};
+use course::{Course, CourseSettings, CourseState};
 pub use deviation::{ComparedReadings, Deviation};
 pub use minutes::{QuantityRow, Rows};
 pub use quantity::{LoadUnit, Quantity, Values};
 pub use region::{RegionError, RegionSettings, RegionShape, SHEET, check_regions, is_name};
-pub use stored::{STORED_S, joined, store, stored};
+pub use stored::{KeptCourse, STORED_S, joined, keep_course, kept_course, store, stored};
 pub use surface::Surface;
-use tracks::{STAYS, Tracks};
+use tracks::{STAYS, Tracks, TracksState};
 pub use tracks::{SpotChange, SpotTrack};
 
 /// kPa of one mmHg.
@@ -143,6 +143,18 @@ pub struct RegionQuantities {
     pub unrelieved_mm: Option<[f64; 2]>,
 }
 
+/// The state of a [`Quantifier`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct QuantifierState {
+    /// Hash of the mesh of the maps.
+    mesh: String,
+    unit: LoadUnit,
+    regions: Vec<String>,
+    course: CourseState,
+    tracks: TracksState,
+}
+
 /// Computes the quantities of frame after frame.
 #[derive(Clone)]
 pub struct Quantifier {
@@ -226,6 +238,40 @@ impl Quantifier {
     /// Time without relief of each triangle, s; see [`Quantity::Unrelieved`].
     pub fn unrelieved(&self) -> &[f64] {
         self.course.unrelieved()
+    }
+
+    /// Everything that the next frame's quantities depend on, besides what this was made of.
+    pub fn state(&self) -> QuantifierState {
+        QuantifierState {
+            mesh: self.surface.mesh().to_owned(),
+            unit: self.unit,
+            regions: self.surface.regions().map(str::to_owned).collect(),
+            course: self.course.state(),
+            tracks: self.tracks.state(),
+        }
+    }
+
+    /// Goes on from a state: later quantities have the same bits as without the interruption.
+    ///
+    /// # Errors
+    /// Why it is not a state of these maps, regions and settings; nothing is changed.
+    pub fn restore(&mut self, state: &QuantifierState) -> Result<(), &'static str> {
+        if state.mesh != self.surface.mesh() || state.unit != self.unit {
+            return Err("the maps are on another mesh or in another unit");
+        }
+        if !state
+            .regions
+            .iter()
+            .map(String::as_str)
+            .eq(self.surface.regions())
+        {
+            return Err("the regions are not the same");
+        }
+        let course = self.course.restored(&state.course);
+        let course = course.ok_or("thresholds or windows are not the same")?;
+        let tracks = Tracks::restored(&state.tracks).ok_or("its hot spots are not complete")?;
+        (self.course, self.tracks) = (course, tracks);
+        Ok(())
     }
 
     /// The quantities of the next frame; `None` for a frame without a map. `at_s`: its time, s of the Unix epoch.

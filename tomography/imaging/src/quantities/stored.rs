@@ -3,11 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use logbook::LogbookError;
+use logbook::{LogbookError, StateKind};
 use serde::{Deserialize, Serialize};
 
+use super::QuantifierState;
 use super::minutes::QuantityRow;
 use super::quantity::{LoadUnit, Quantity};
+use crate::tracking::{keep_as, kept_as};
 
 /// Length of a stored span, s.
 pub const STORED_S: u32 = 60;
@@ -98,6 +100,32 @@ pub fn stored(
         }
     }
     Ok(Some((rows, damaged)))
+}
+
+/// The quantities over time of a session up to a frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeptCourse {
+    /// The frame.
+    pub sequence: u64,
+    /// The state after it.
+    pub state: QuantifierState,
+}
+
+/// Keeps it beside the session, in place of an earlier one.
+///
+/// # Errors
+/// A disk error; what was kept before is still there.
+pub fn keep_course(folder: &Path, session: &str, kept: &KeptCourse) -> Result<(), LogbookError> {
+    keep_as(folder, session, StateKind::Course, kept)
+}
+
+/// What is kept beside a session; `None` if nothing is.
+///
+/// # Errors
+/// A file that cannot be read or is damaged.
+pub fn kept_course(folder: &Path, session: &str) -> Result<Option<KeptCourse>, LogbookError> {
+    kept_as(folder, session, StateKind::Course)
 }
 
 /// Joins rows to spans of a length that is a multiple of theirs, s.

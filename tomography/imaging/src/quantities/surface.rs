@@ -13,6 +13,8 @@ const CUTS: u32 = 2;
 /// The triangles of a map, prepared for its quantities.
 #[derive(Debug, Clone)]
 pub struct Surface {
+    /// Hash of the mesh.
+    mesh: String,
     adjacency: Adjacency,
     /// Corners of each triangle as positions in `vertices`.
     corners: Vec<[usize; 3]>,
@@ -37,7 +39,15 @@ impl Surface {
     /// A region that is wrong or does not touch the mesh's region.
     pub fn new(mesh: &Mesh, window: f64, regions: &[RegionSettings]) -> Result<Self, RegionError> {
         let triangles: Vec<_> = mesh.region().iter().map(|t| mesh.corners(*t)).collect();
-        Self::of_triangles(&triangles, window, regions)
+        Ok(Self {
+            mesh: mesh.hash().to_owned(),
+            ..Self::of_triangles(&triangles, window, regions)?
+        })
+    }
+
+    /// Hash of the mesh.
+    pub(super) fn mesh(&self) -> &str {
+        &self.mesh
     }
 
     pub(super) fn of_triangles(
@@ -81,6 +91,7 @@ impl Surface {
         );
         let (corners, vertices) = vertices(triangles);
         Ok(Self {
+            mesh: String::new(),
             adjacency,
             corners,
             vertices,

@@ -1,5 +1,6 @@
 use super::course::CourseSettings;
 use super::*;
+use survey::MapUnit;
 
 /// A square sheet of 200 mm, cut to squares of 2.5 mm of two triangles each.
 const SIDE: f64 = 0.2;
@@ -201,6 +202,61 @@ fn dose_and_time_without_relief_by_hand() {
     // 101 s without a frame count for nothing
     assert_eq!(take(311.0, 3.0), [220.0, 0.0]);
     assert_eq!(take(321.0, 3.0), [240.0, 10.0]);
+}
+
+/// Quantities of a press that comes, moves and goes, in JSON, from the first frame on or from a stored state.
+fn from_frame(quantifier: &mut Quantifier, frames: std::ops::Range<u32>) -> Vec<String> {
+    let taken = frames.map(|frame| {
+        let mut map = Map {
+            mesh_hash: String::new(),
+            values: vec![if frame % 7 == 6 { 0.0 } else { -0.3 }; 8],
+            unit: MapUnit::RelativeConductance,
+            method: String::new(),
+            masked: 0,
+            quality: None,
+        };
+        map.values[3] = -0.1 * f64::from(frame % 5);
+        let judged = JudgedMap {
+            map: &map,
+            pressure: None,
+            noise: Some(0.05),
+            tracked: None,
+            compared: None,
+        };
+        let found = quantifier.take(20.0 * f64::from(frame), Some(&judged));
+        serde_json::to_string(&found).unwrap()
+    });
+    taken.collect()
+}
+
+#[test]
+fn a_restart_at_any_frame_changes_no_bit() {
+    let quantifier = |threshold_percent: f64| {
+        let triangles: Vec<_> = triangles().into_iter().take(8).collect();
+        let surface = Surface::of_triangles(&triangles, 9.5e-4, &[]).unwrap();
+        let settings = QuantitySettings {
+            threshold_percent,
+            relief_s: 30.0,
+            unrelieved_h: 0.05,
+            ..QuantitySettings::default()
+        };
+        Quantifier::of_surface(surface, settings, LoadUnit::RelativeLoss)
+    };
+    let whole = from_frame(&mut quantifier(5.0), 0..30);
+    for end in 1..30 {
+        let mut before = quantifier(5.0);
+        let mut taken = from_frame(&mut before, 0..end);
+        let text = serde_json::to_string(&before.state()).unwrap();
+        let state: QuantifierState = serde_json::from_str(&text).unwrap();
+        let mut after = quantifier(5.0);
+        after.restore(&state).unwrap();
+        taken.extend(from_frame(&mut after, end..30));
+        assert_eq!(taken, whole, "restart after {end}");
+        // another threshold is another dose
+        let mut other = quantifier(6.0);
+        assert!(other.restore(&state).is_err());
+        assert_ne!(from_frame(&mut other, end..30), whole[end as usize..]);
+    }
 }
 
 #[test]

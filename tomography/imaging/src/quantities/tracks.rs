@@ -1,5 +1,6 @@
 //! Hot spots from frame to frame: each keeps its number while it moves.
 
+use drift::bits;
 use serde::{Deserialize, Serialize};
 use survey::HotSpot;
 
@@ -75,7 +76,71 @@ struct Track {
     reported: [f64; 2],
 }
 
+/// All hot spots, as they are stored.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TracksState {
+    numbers: Vec<u64>,
+    /// For each: centre, peak, area, time of appearance, reported place; and its speed, NaN in its first frame.
+    #[serde(with = "bits")]
+    values: Vec<f64>,
+    numbered: u64,
+    #[serde(with = "bits::number")]
+    last_s: f64,
+}
+
 impl Tracks {
+    pub(super) fn state(&self) -> TracksState {
+        let values = self.current.iter().flat_map(|track| {
+            let HotSpot { centre, peak, area } = &track.spot;
+            let [x, y] = track.reported;
+            let speed = track.speed.unwrap_or(f64::NAN);
+            [
+                centre[0],
+                centre[1],
+                *peak,
+                *area,
+                track.since_s,
+                x,
+                y,
+                speed,
+            ]
+        });
+        TracksState {
+            numbers: self.current.iter().map(|track| track.number).collect(),
+            values: values.collect(),
+            numbered: self.numbered,
+            last_s: self.last_s,
+        }
+    }
+
+    /// Goes on from a state; `None` if it is inconsistent.
+    pub(super) fn restored(state: &TracksState) -> Option<Self> {
+        let (each, rest) = state.values.as_chunks::<8>();
+        if each.len() != state.numbers.len() || !rest.is_empty() {
+            return None;
+        }
+        let track = |(number, values): (&u64, &[f64; 8])| {
+            let [cx, cy, peak, area, since_s, x, y, speed] = *values;
+            Track {
+                number: *number,
+                spot: HotSpot {
+                    centre: [cx, cy],
+                    peak,
+                    area,
+                },
+                since_s,
+                speed: Some(speed).filter(|speed| !speed.is_nan()),
+                reported: [x, y],
+            }
+        };
+        Some(Self {
+            current: state.numbers.iter().zip(each).map(track).collect(),
+            numbered: state.numbered,
+            last_s: state.last_s,
+        })
+    }
+
     /// Takes the hot spots of the next frame, and returns what became of those before. `threshold`: the least peak of a new one;
     /// `spots` has those down to [`STAYS`] of it.
     pub(super) fn take(&mut self, at_s: f64, spots: &[HotSpot], threshold: f64) -> Vec<SpotChange> {

@@ -4,7 +4,7 @@ use chrono::{DateTime, Utc};
 use std::path::Path;
 
 use drift::DriftKinds;
-use logbook::LogbookError;
+use logbook::{LogbookError, StateKind};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use survey::Electrode;
@@ -16,16 +16,7 @@ use super::{TrackingState, numbers};
 /// # Errors
 /// A file that cannot be read or is damaged.
 pub fn kept<T: DeserializeOwned>(folder: &Path, id: &str) -> Result<Option<T>, LogbookError> {
-    let Some(text) = logbook::tracking(folder, id)? else {
-        return Ok(None);
-    };
-    serde_json::from_str(&text)
-        .map(Some)
-        .map_err(|fault| LogbookError::Damaged {
-            path: folder.to_owned(),
-            place: format!("the tracked baseline of {id}"),
-            why: fault.to_string(),
-        })
+    kept_as(folder, id, StateKind::Tracking)
 }
 
 /// Keeps it, in place of what was kept before.
@@ -33,9 +24,37 @@ pub fn kept<T: DeserializeOwned>(folder: &Path, id: &str) -> Result<Option<T>, L
 /// # Errors
 /// A disk error; what was kept before is still there.
 pub fn keep(folder: &Path, id: &str, what: &impl Serialize) -> Result<(), LogbookError> {
+    keep_as(folder, id, StateKind::Tracking, what)
+}
+
+/// A state of this kind from its JSON.
+pub(crate) fn kept_as<T: DeserializeOwned>(
+    folder: &Path,
+    id: &str,
+    kind: StateKind,
+) -> Result<Option<T>, LogbookError> {
+    let Some(text) = logbook::kept_state(folder, id, kind)? else {
+        return Ok(None);
+    };
+    serde_json::from_str(&text)
+        .map(Some)
+        .map_err(|fault| LogbookError::Damaged {
+            path: folder.to_owned(),
+            place: format!("the state of {id}"),
+            why: fault.to_string(),
+        })
+}
+
+/// Keeps a state of this kind as JSON.
+pub(crate) fn keep_as(
+    folder: &Path,
+    id: &str,
+    kind: StateKind,
+    what: &impl Serialize,
+) -> Result<(), LogbookError> {
     // numbers and words: they have a text
     let text = serde_json::to_string(what).unwrap_or_default();
-    logbook::keep_tracking(folder, id, &text)
+    logbook::keep_state(folder, id, kind, &text)
 }
 
 /// A baseline as it was followed to a frame.

@@ -17,6 +17,7 @@ use survey::{Electrode, Reading};
 use crate::conditions::Conditions;
 pub use drift::TrackingOrder;
 pub use kept::{DriftSummary, KeptTracking, TrackingSummary, keep, kept};
+pub(crate) use kept::{keep_as, kept_as};
 pub use orders::{ORDERED, Orders, RecordedOrder};
 pub use tracked::{Doubtful, PlaceRegion, Tracked};
 

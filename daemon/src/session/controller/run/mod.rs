@@ -243,6 +243,7 @@ impl Controller {
                     regions: runtime.setup.config.region.clone(),
                     folder: runtime.setup.record_directory.clone(),
                     session: writer.header().session().to_owned(),
+                    after: writer.acknowledged(),
                 };
                 let context = ReconstructionContext {
                     tracking,

@@ -1,9 +1,12 @@
 //! What happens to each triangle over time: dose, time without relief, and the path of the centre of pressure.
 
+mod state;
+
 use std::collections::VecDeque;
 
 use super::quantity::{Quantity, Values};
 use super::surface::Surface;
+pub(super) use state::CourseState;
 
 /// Parts of the window in which the unrelieved area is counted.
 const PARTS: f64 = 48.0;

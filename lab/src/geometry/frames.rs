@@ -1,0 +1,30 @@
+//! The frames that belong to a case, which is a folder or a MAT-file.
+
+use std::path::Path;
+
+use imaging::recorded::{FrameTable, TableOptions};
+use studies::Failure;
+
+use super::eidors;
+
+/// The folder of a case: itself, or that of its MAT-file.
+pub(crate) fn folder(case: &Path) -> &Path {
+    if !eidors::is_mat(case) {
+        return case;
+    }
+    let beside = case.parent();
+    let named = beside.filter(|folder| !folder.as_os_str().is_empty());
+    named.unwrap_or(Path::new("."))
+}
+
+/// The frames of a table, or those of the MAT-file where no table is named.
+pub(crate) fn frames(
+    case: &Path,
+    table: &TableOptions<'_>,
+    readings: usize,
+) -> Result<FrameTable, Failure> {
+    if eidors::is_mat(case) && table.frames.is_none() {
+        return eidors::frames(case, table.baseline, readings, table.negate);
+    }
+    Ok(FrameTable::read(folder(case), table, readings)?)
+}

@@ -1,0 +1,113 @@
+//! States that a later daemon continues, in files beside the sessions. A state is replaced as a whole; a damaged one is an error,
+//! never another state.
+
+use std::path::{Path, PathBuf};
+
+use outfile::Existing;
+use sha2::{Digest, Sha256};
+
+use crate::LogbookError;
+
+/// What a state belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StateKind {
+    /// A tracked baseline: of a baseline the latest state, of a session the one that it began with.
+    Tracking,
+    /// The quantities over time of a session.
+    Course,
+}
+
+impl StateKind {
+    /// End of the name of the file.
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Tracking => "tracking",
+            Self::Course => "course",
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::Tracking => "the tracked baseline",
+            Self::Course => "the quantities over time",
+        }
+    }
+
+    fn path(self, dir: &Path, id: &str) -> PathBuf {
+        dir.join(id).with_extension(self.extension())
+    }
+}
+
+pub(crate) fn checksum(text: &str) -> String {
+    let digest = Sha256::digest(text);
+    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Keeps the state of this session or baseline, in place of an earlier one.
+///
+/// # Errors
+/// A disk error; the earlier state is still there.
+pub fn keep_state(dir: &Path, id: &str, kind: StateKind, state: &str) -> Result<(), LogbookError> {
+    let path = kind.path(dir, id);
+    let attempt = match kind {
+        StateKind::Tracking => "keep the tracked baseline in",
+        StateKind::Course => "keep the quantities over time in",
+    };
+    let text = format!("{}\n{state}\n", checksum(state));
+    outfile::write(&path, Existing::Replace, text.as_bytes())
+        .map_err(|refused| LogbookError::disk(&path, attempt, refused.into_io()))
+}
+
+/// The state of this session or baseline; `None` if there is none.
+///
+/// # Errors
+/// A file that cannot be read or is damaged.
+pub fn kept_state(dir: &Path, id: &str, kind: StateKind) -> Result<Option<String>, LogbookError> {
+    let path = kind.path(dir, id);
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(LogbookError::disk(&path, "read", source)),
+    };
+    let whole = text
+        .strip_suffix('\n')
+        .and_then(|text| text.split_once('\n'));
+    match whole {
+        Some((sum, state)) if sum == checksum(state) => Ok(Some(state.to_owned())),
+        _ => Err(LogbookError::Damaged {
+            path,
+            place: kind.words().to_owned(),
+            why: "its checksum does not agree".to_owned(),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_state_is_replaced_whole_and_refused_if_damaged() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = folder.path();
+        let read = || kept_state(dir, "b1", StateKind::Tracking);
+        assert_eq!(read().unwrap(), None);
+        keep_state(dir, "b1", StateKind::Tracking, "{\"a\": 1}").unwrap();
+        keep_state(dir, "b1", StateKind::Course, "7").unwrap();
+        keep_state(dir, "b1", StateKind::Tracking, "{\"a\": 2}").unwrap();
+        assert_eq!(read().unwrap().as_deref(), Some("{\"a\": 2}"));
+        let file = dir.join("b1.tracking");
+        let text = std::fs::read_to_string(&file).unwrap();
+        for wrong in [
+            text.replace('2', "3"),
+            text[..text.len() - 2].to_owned(),
+            String::new(),
+        ] {
+            std::fs::write(&file, wrong).unwrap();
+            let error = read().unwrap_err().to_string();
+            assert!(error.contains("b1.tracking"), "{error}");
+        }
+        let course = kept_state(dir, "b1", StateKind::Course).unwrap();
+        assert_eq!(course.as_deref(), Some("7"));
+    }
+}
