@@ -2,14 +2,16 @@
 
     python benchmarks/compare.py [--triangles 1000 10000 40000] [--electrodes 16 26 32] [--limit 120] [--gigabytes 6]
 
-Needs pyeit, scipy, and Rust for the last table. The mesh is a disc. pyEIT has an electrode at one node; scipy
-(the project's reference for it, SuperLU) and tactus_eit have the complete electrode model on some edges. Works:
+Needs pyeit, scipy, and Rust for the last table; EIDORS where octave is installed and EIDORS_PATH names its folder. The mesh is a
+disc. pyEIT has an electrode at one node; scipy (the project's reference for it, SuperLU), EIDORS and tactus_eit have the complete
+electrode model on some edges. Works:
 
 - forward: all readings of one conductance, assembly included
 - jacobian: derivatives of all readings by the conductance of all triangles, with the forward solution it needs
 - set-up: everything from nodes and triangles with readings of the empty tank to a method that makes maps; one-step, one strength for
-  all frames. tactus_eit also checks the mesh, compares the readings with the model, and chooses the strength from the noise
-- frame: one map
+  all frames. tactus_eit also checks the mesh, compares the readings with the model, and chooses the strength from the noise; EIDORS
+  makes the first map, too
+- frame: one map; not of EIDORS, which in Octave prepares each anew
 - memory: the most that the four works took above what the process had with its mesh
 
 Each engine is a process of its own with one thread, and works in turns with the others. A time is the processor time of a call (on a quiet
@@ -23,8 +25,10 @@ import os
 import platform
 import resource
 import select
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from importlib.metadata import version
@@ -134,6 +138,12 @@ def scipy(mesh, protocol, baseline, frame):
 
 
 ENGINES = {"pyEIT": pyeit, "scipy": scipy, "tactus_eit": ours}
+#: Not in Python: eidors_times.m.
+EIDORS = "EIDORS"
+
+
+def eidors_is_there():
+    return shutil.which("octave") is not None and os.path.isdir(os.environ.get("EIDORS_PATH", ""))
 
 
 def most_memory():
@@ -142,16 +152,36 @@ def most_memory():
     return 1024 * int(line.split()[1])
 
 
-def serve(engine, electrodes, fineness, gigabytes):
-    """Answers each line of standard input, a work, with its shortest time of a turn, s; 'memory' with the bytes it took."""
+def problem(electrodes, fineness):
+    """Mesh, protocol, and the readings of the empty tank and of a frame."""
     import tactus_eit
 
-    resource.setrlimit(resource.RLIMIT_AS, (int(gigabytes * 1e9), resource.RLIM_INFINITY))
-    warnings.simplefilter("ignore")
     mesh, protocol = tactus_eit.Mesh.disc(electrodes=electrodes, fineness=fineness), tactus_eit.Protocol.sheffield(electrodes)
     baseline = 1e-3 * tactus_eit.Forward(mesh, protocol).solve(mesh.sigma0)
-    frame = baseline * (1.0 + 1e-3 * np.sin(np.arange(len(baseline))))
-    works = ENGINES[engine](mesh, protocol, baseline, frame)
+    return mesh, protocol, baseline, baseline * (1.0 + 1e-3 * np.sin(np.arange(len(baseline))))
+
+
+def case_of_eidors(path, electrodes, fineness):
+    """Writes the same problem for eidors_times.m, counted from 1."""
+    from scipy.io import savemat
+
+    mesh, protocol, baseline, frame = problem(electrodes, fineness)
+    nodes = np.empty(electrodes, dtype=object)
+    nodes[:] = [np.unique(edges) + 1.0 for edges in mesh.electrodes]
+    # by injection, as the readings of EIDORS are
+    order = np.lexsort((protocol.inject[:, 1], protocol.inject[:, 0]))
+    savemat(path, {
+        "nodes": mesh.nodes, "elems": mesh.triangles + 1.0, "electrodes": nodes, "contact": mesh.contact,
+        "inject": protocol.inject[order] + 1.0, "measure": protocol.measure[order] + 1.0, "conductance": mesh.sigma0[:, np.newaxis],
+        "baseline": 1e3 * baseline[order], "frame": 1e3 * frame[order],
+    })  # fmt: skip
+
+
+def serve(engine, electrodes, fineness, gigabytes):
+    """Answers each line of standard input, a work, with its shortest time of a turn, s; 'memory' with the bytes it took."""
+    resource.setrlimit(resource.RLIMIT_AS, (int(gigabytes * 1e9), resource.RLIM_INFINITY))
+    warnings.simplefilter("ignore")
+    works = ENGINES[engine](*problem(electrodes, fineness))
     before = most_memory()
     for line in sys.stdin:
         work = line.strip()
@@ -176,8 +206,8 @@ def serve(engine, electrodes, fineness, gigabytes):
 class Engine:
     """A process that does works; ``why`` says why it does no more."""
 
-    def __init__(self, command, limit):
-        environment = {**os.environ, **{f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "RAYON")}}
+    def __init__(self, command, limit, more=None):
+        environment = {**os.environ, **(more or {}), **{f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "RAYON")}}
         self.process = subprocess.Popen(
             [str(word) for word in command], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
@@ -194,6 +224,8 @@ class Engine:
             answer = self.process.stdout.readline().strip() if ready else "slow"
         except BrokenPipeError:
             answer = ""
+        if answer == "-":
+            return None
         if answer in ("slow", "memory", ""):
             self.why = {"slow": f"> {self.limit:g} s", "memory": "memory"}.get(answer, "failed")
             self.process.kill()
@@ -223,7 +255,12 @@ def measured(electrodes, triangles, options):
     """Number of triangles, works by name with the time of each engine, memory of each, and why an engine gave up."""
     fineness, mesh = disc(electrodes, triangles)
     here = [sys.executable, __file__, "--gigabytes", options.gigabytes, "--serve"]
-    engines = {name: Engine([*here, name, electrodes, fineness], options.limit) for name in options.engines}
+    engines = {name: Engine([*here, name, electrodes, fineness], options.limit) for name in options.engines if name != EIDORS}
+    case = tempfile.NamedTemporaryFile(suffix=".mat")
+    if EIDORS in options.engines:
+        case_of_eidors(case.name, electrodes, fineness)
+        octave = ["octave", "--no-gui", "--norc", "--quiet", Path(__file__).with_name("eidors_times.m")]
+        engines[EIDORS] = Engine(octave, options.limit, {"EIDORS_CASE": case.name})
     rust = Engine([options.rust, electrodes, fineness], options.limit) if options.rust else None
     try:
         times = {work: shortest(engines, work) for work in WORKS}
@@ -235,6 +272,7 @@ def measured(electrodes, triangles, options):
             pairs = [pair for pair in rounds if None not in pair]
             beside[work] = tuple(min(column) for column in zip(*pairs)) if pairs else None
     finally:
+        case.close()
         for engine in [*engines.values(), *([rust] if rust else [])]:
             engine.close()
     why = {name: engine.why for name, engine in engines.items()}
@@ -260,12 +298,13 @@ def build():
 
 
 def main():
+    there = ["pyEIT", "scipy", *([EIDORS] if eidors_is_there() else []), "tactus_eit"]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--triangles", type=int, nargs="+", default=[1000, 10000, 40000])
     parser.add_argument("--electrodes", type=int, nargs="+", default=[16, 26, 32])
     parser.add_argument("--limit", type=float, default=120.0, help="longest turn, s [%(default)s]")
     parser.add_argument("--gigabytes", type=float, default=6.0, help="most memory of one engine, of its address space [%(default)s]")
-    parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES), help="by default all")
+    parser.add_argument("--engines", nargs="+", choices=[*ENGINES, EIDORS], default=there, help="by default all that are there")
     parser.add_argument("--serve", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.serve:
