@@ -107,6 +107,7 @@ kinds! {
     MethodSuspended "method-suspended", Error, Session, "Reconstruction failed; frames are recorded without maps", "Report it; `tactus replay` makes the maps later";
     MapsMissed "maps-missed", Warn, Session, "Maps were not made in time; their frames are in the record", "Choose a faster method, or a map for every n-th frame";
     Tracking "tracking", Warn, Session, "The tracked baseline: an electrode is left out or used again, maps are not known to be true or known again, or the baseline cannot be followed", "Read the text: it says what ends it";
+    Quantities "quantities", Warn, Session, "Dose, time without relief and hot spots begin again or leave out frames after a crash, or quantities cannot be stored", "`tactus quantities --recompute` computes them from the frames";
     TrackingOrdered imaging::tracking::ORDERED, Info, Session, "A person overruled the tracked baseline: the order, and the frame from which on it counts", "Nothing";
     DiskLow "disk-low", Warn, Session, "Little room is left for the record", "Make room";
     DiskEnough "disk-enough", Warn, Session, "There is enough room again", "Nothing";

@@ -67,7 +67,13 @@ async fn a_killed_session_resumes_with_its_id_schedule_and_a_gap() {
     assert!(reader.closed().is_some());
     assert_eq!(reader.header().about.operator, "Ada");
     assert_eq!(reader.frame(60).unwrap().frame.settings.nplc, 1.0);
-    assert_eq!(kinds(&reader), [RESUMED, "plausible"]);
+    assert_eq!(kinds(&reader), [RESUMED, "quantities", "plausible"]);
+    // killed before the first state was kept
+    let without = &reported(&reader)[1].text;
+    assert!(
+        without.contains("dose") && without.contains("begin again"),
+        "{without}"
+    );
     let reported = &reported(&reader)[0].text;
     assert!(
         reported.contains("killed") && reported.contains(&format!("was {kept} at")),

@@ -62,6 +62,8 @@ pub(crate) struct TimedOutcome {
     pub took: Duration,
     /// Sentences about the tracked baseline, for the record.
     pub remarks: Vec<String>,
+    /// Sentences about the quantities, for the record.
+    pub quantity_remarks: Vec<String>,
 }
 
 /// A map and the values derived from it.
@@ -298,7 +300,8 @@ fn run(
     let noise = containment::run(|| context.noise()).ok().flatten();
     let mut remarks = Vec::new();
     let mut followed = context.start_to_follow(&mut remarks);
-    let mut quantified = context.start_to_quantify(&mut remarks);
+    let mut quantity_remarks = Vec::new();
+    let mut quantified = context.start_to_quantify(&mut quantity_remarks);
     let _ = ready.send(followed.is_some());
     while let Ok(request) = requested.recv() {
         let request = match request {
@@ -320,13 +323,19 @@ fn run(
         };
         let broken = matches!(outcome, Err(Failure::Broken(_)));
         let quantities = quantified.as_mut().map(|quantified| {
-            quantified.take(request.sequence, request.at_s, &outcome, &mut remarks)
+            quantified.take(
+                request.sequence,
+                request.at_s,
+                &outcome,
+                &mut quantity_remarks,
+            )
         });
         let made = TimedOutcome {
             outcome,
             quantities,
             took: begun.elapsed(),
             remarks: std::mem::take(&mut remarks),
+            quantity_remarks: std::mem::take(&mut quantity_remarks),
         };
         if answer.send(made).is_err() {
             return;

@@ -42,6 +42,9 @@ impl Recorder {
         for text in &made.remarks {
             self.logbook.write_event(EventKind::Tracking, text)?;
         }
+        for text in &made.quantity_remarks {
+            self.logbook.write_event(EventKind::Quantities, text)?;
+        }
         self.not_followed()?;
         frame.quantities = made.quantities;
         match made.outcome {
