@@ -11,7 +11,8 @@ import tactus_eit.eidors
 import tactus_eit.pyeit
 from tactus_eit import Forward, Mesh, OneStep, Protocol, TotalVariation
 
-ALLOWED = (TypeError, ValueError, OverflowError, OSError, RuntimeError)
+# pytest makes errors of warnings
+ALLOWED = (TypeError, ValueError, OverflowError, OSError, RuntimeError, UserWarning)
 DTYPES = [
     "?", "i1", "u1", "i4", ">i4", "u8", "f2", "f4", ">f8", "f8", "g", "c8", "c16", "O", "U3", "S2", "M8[s]", "m8[us]", "V4",
 ]
