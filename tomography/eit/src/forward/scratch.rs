@@ -26,7 +26,7 @@ pub(super) struct Scratch {
 }
 
 /// A conductance whose factor is kept.
-pub(super) struct Base {
+pub(crate) struct Base {
     system: System,
     factor: Factor,
 }

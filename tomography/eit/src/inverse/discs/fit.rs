@@ -9,6 +9,15 @@ use super::coverage::Cover;
 use super::disc::{Disc, PARAMETERS};
 use super::model::{SheetModel, Solved};
 
+/// Most steps of a fit.
+const STEPS: usize = 12;
+/// A fit ends when a step improves the objective by less than this.
+const DONE: f64 = 0.05;
+/// A fit is given up if it leaves more than this many times the misfit that is wanted, and a step improves it by less than the
+/// share `SLOW`.
+const FAR: f64 = 4.0;
+const SLOW: f64 = 0.1;
+
 /// The change of a frame in deviations of a reading; missing readings are 0.
 pub(crate) struct Data {
     pub(crate) white: DVector<f64>,
@@ -119,13 +128,13 @@ impl Problem<'_> {
         Ok(j)
     }
 
-    /// Takes at most `steps` steps from a start, including rejected ones.
+    /// Takes at most [`STEPS`] steps from a start, including rejected ones; fewer where the misfit will not become as small as
+    /// `wanted`.
     pub(crate) fn fit(
         &self,
         data: &Data,
         start: &[Disc],
-        steps: usize,
-        done: f64,
+        wanted: f64,
     ) -> Result<Fit, ForwardError> {
         let mut discs = start.to_vec();
         let (mut solved, mut residual, mut misfit, mut objective) = self.evaluate(data, &discs)?;
@@ -145,7 +154,7 @@ impl Problem<'_> {
         let mut damping = 1e-2;
         let mut j = self.sensitivity(data, &discs, &solved)?;
         let mut hessian = DMatrix::zeros(count, count);
-        for _ in 0..steps {
+        for _ in 0..STEPS {
             let (weights, pull) = priors(&discs);
             hessian = j.tr_mul(&j);
             for p in 0..count {
@@ -181,7 +190,7 @@ impl Problem<'_> {
                 (discs, solved, residual, misfit, objective) = (next, s, r, m, o);
                 j = self.sensitivity(data, &discs, &solved)?;
                 damping = (damping * 0.25).max(1e-6);
-                if gain < done {
+                if gain < DONE || misfit > FAR * wanted && gain < SLOW * misfit {
                     break;
                 }
             } else {

@@ -19,16 +19,11 @@ use std::sync::Arc;
 use survey::Protocol;
 
 use self::coverage::Cover;
-use self::fit::{Data, Problem};
+use self::fit::{Data, Fit, Problem};
 use self::model::SheetModel;
 use self::starts::Peaks;
 use crate::inverse::reciprocity::Seen;
 use crate::{ForwardError, Mesh};
-
-/// Most steps of a fit.
-const STEPS: usize = 12;
-/// A fit ends when a step improves the objective by less than this.
-const DONE: f64 = 0.05;
 
 /// Fits discs to frames of a sheet.
 pub(crate) struct Discs {
@@ -63,8 +58,8 @@ impl Discs {
         })
     }
 
-    /// Fits discs that start at the largest peaks of a map (relative changes of the region), one more until they leave a mean
-    /// square of at most `most`; `deviation`: of a reading. `None` if they leave more.
+    /// Fits discs that start at the largest peaks of a map (relative changes of the region): the fewest that leave a mean square
+    /// of at most `most`; `deviation`: of a reading. `None` if one disc and all peaks together leave more.
     pub(crate) fn explain(
         &self,
         seen: &Seen,
@@ -81,20 +76,35 @@ impl Discs {
             white: seen.spread(rows) / deviation,
             weights: seen.shares(rows) / deviation,
         };
+        let wanted = 0.5 * most * seen.data.len() as f64 / (deviation * deviation);
         let start = self.peaks.discs(map);
-        for count in 1..=start.len() {
-            let fit = problem.fit(&data, &start[..count], STEPS, DONE)?;
-            let left = 2.0 * fit.misfit * deviation * deviation / seen.data.len() as f64;
-            if left <= most {
-                let shown = |map: Vec<f64>| self.shown.iter().map(|&t| map[t]).collect();
-                let maps = posterior::maps(&problem, &fit);
-                return Ok(Some(Explained {
-                    maps: maps.into_iter().map(shown).collect(),
-                    discs: count,
-                }));
+        let explained = |count: usize| -> Result<Option<Fit>, ForwardError> {
+            let fit = problem.fit(&data, &start[..count], wanted)?;
+            Ok(Some(fit).filter(|fit| fit.misfit <= wanted))
+        };
+        let mut fewest = match start.len() {
+            0 => None,
+            _ => explained(1)?,
+        };
+        if fewest.is_none() && start.len() > 1 {
+            // a frame that all peaks do not explain is given up at once
+            let all = explained(start.len())?;
+            for count in 2..start.len() {
+                if all.is_none() || fewest.is_some() {
+                    break;
+                }
+                fewest = explained(count)?;
             }
+            fewest = fewest.or(all);
         }
-        Ok(None)
+        Ok(fewest.map(|fit| {
+            let shown = |map: Vec<f64>| self.shown.iter().map(|&t| map[t]).collect();
+            let maps = posterior::maps(&problem, &fit);
+            Explained {
+                maps: maps.into_iter().map(shown).collect(),
+                discs: fit.discs.len(),
+            }
+        }))
     }
 }
 

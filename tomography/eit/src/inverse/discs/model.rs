@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crate::forward::Base;
+use crate::linear_algebra::sparse::Block;
 use crate::{Forward, ForwardError, Mesh, Parameters};
 use nalgebra::DMatrix;
 use survey::{Dipole, Protocol};
@@ -13,7 +15,11 @@ pub(crate) struct SheetModel {
     protocol: Protocol,
     pub(crate) mesh: Arc<Mesh>,
     sigma0: Vec<f64>,
+    /// The factor of that conductance.
+    base: Base,
     dipoles: Vec<Dipole>,
+    /// 1 A through each dipole.
+    patterns: DMatrix<f64>,
     /// Drive and sense of each reading among the dipoles.
     questions: Vec<(usize, usize)>,
     /// Current of each reading, A.
@@ -27,7 +33,8 @@ pub(crate) struct SheetModel {
 pub(crate) struct Solved {
     /// Change of the readings, V.
     pub(crate) change: Vec<f64>,
-    potentials: DMatrix<f64>,
+    /// A row per node, a column per dipole.
+    potentials: Block,
     /// Conductance of each triangle, S per square.
     sigma: Vec<f64>,
 }
@@ -69,6 +76,8 @@ impl SheetModel {
             })
             .collect();
         let mut model = Self {
+            base: forward.factored(sigma0)?,
+            patterns: forward.currents(&dipoles)?,
             forward,
             protocol: protocol.clone(),
             mesh: Arc::clone(mesh),
@@ -95,7 +104,9 @@ impl SheetModel {
     /// `map`: relative change of each triangle of the region.
     pub(crate) fn solve(&self, map: &[f64]) -> Result<Solved, ForwardError> {
         let sigma = self.sigma(map);
-        let fields = self.forward.solve(&sigma, &self.dipoles)?;
+        let (potentials, electrodes) =
+            self.forward
+                .plain_fields(&sigma, &self.patterns, &self.base)?;
         let change = self
             .questions
             .iter()
@@ -103,14 +114,12 @@ impl SheetModel {
             .zip(&self.baseline)
             .map(|((&(drive, sense), current), zero)| {
                 let d = self.dipoles[sense];
-                current
-                    * (fields.electrodes[(d.plus.0, drive)] - fields.electrodes[(d.minus.0, drive)])
-                    - zero
+                current * (electrodes[(d.plus.0, drive)] - electrodes[(d.minus.0, drive)]) - zero
             })
             .collect();
         Ok(Solved {
             change,
-            potentials: fields.potentials,
+            potentials,
             sigma,
         })
     }
@@ -137,8 +146,9 @@ impl SheetModel {
             let nodes = self.mesh.triangles()[t];
             let g = &self.gradients[e as usize];
             let size = -self.mesh.area(t) * self.sigma0[t];
+            let [a, b, c] = nodes.map(|node| solved.potentials.row(node));
             for k in 0..m {
-                let u = nodes.map(|n| self.potentials_at(solved, n, k));
+                let u = [a[k], b[k], c[k]];
                 gx[k] = g[0][0] * u[0] + g[1][0] * u[1] + g[2][0] * u[2];
                 gy[k] = g[0][1] * u[0] + g[1][1] * u[1] + g[2][1] * u[2];
             }
@@ -192,9 +202,5 @@ impl SheetModel {
             row *= *current;
         }
         Ok(along)
-    }
-
-    fn potentials_at(&self, solved: &Solved, node: usize, k: usize) -> f64 {
-        solved.potentials[(node, k)]
     }
 }

@@ -30,9 +30,8 @@ const STRENGTH: f64 = 11.0;
 /// Standard deviation of the model's error as a share of the root mean square of a change: what the true outlines of discs
 /// and rings leave unexplained when the data come from a finer mesh.
 const MODEL_ERROR: f64 = 0.004;
-/// The same where the noise is unknown, as a recording's of a tank of which only the shape is known: the search begins with it,
-/// and it is lowered to what the map leaves unexplained.
-const UNKNOWN_ERROR: f64 = 0.05;
+/// The same at which the search begins: an error of the linearisation too. It is lowered to what the map leaves unexplained.
+const FIRST_ERROR: f64 = 0.05;
 /// Discs explain a frame if the mean square that they leave is at most this many times the variance of the errors, and that
 /// of the model's error.
 const ACCEPTED: f64 = 1.25;
@@ -147,11 +146,11 @@ impl NonlinearTv {
     fn map(&self, seen: &Seen, missing: &[usize]) -> Result<Likely, String> {
         let text = |fault: OneStepError| fault.to_string();
         let preference = self.rule.preference(seen, missing).map_err(text)?;
+        let (_, mut linear) = self.rule.map(seen, missing).map_err(text)?;
         if preference <= SIGNIFICANT {
-            let (_, mut map) = self.rule.map(seen, missing).map_err(text)?;
-            map.truncate(self.mesh().region().len());
+            linear.truncate(self.mesh().region().len());
             return Ok(Likely {
-                values: map,
+                values: linear,
                 method: "nothing but noise".to_owned(),
                 correlation: None,
             });
@@ -161,10 +160,13 @@ impl NonlinearTv {
         let model = MODEL_ERROR * size;
         let noise = self.noise.unwrap_or(0.0);
         let least = noise.max(model);
-        let first = match self.noise {
-            Some(_) => least,
-            None => UNKNOWN_ERROR * size,
-        };
+        let first = least.max(FIRST_ERROR * size);
+        // discs cost a tenth of the minimum
+        if self.noise.is_some()
+            && let Some(likely) = self.as_discs(seen, &self.shown(&linear, 0.0), least, least)?
+        {
+            return Ok(likely);
+        }
         let minimum = |bounded: bool| -> Result<Found<'_>, String> {
             let found = self.sheet.minimum(seen, first, least, bounded);
             found
@@ -179,31 +181,39 @@ impl NonlinearTv {
             }
         }
         let map = self.shown(&found.change, 0.0);
-        let explained = self
-            .discs
-            .explain(
-                seen,
-                found.error.max(least),
-                ACCEPTED * found.error.clamp(noise, 2.0 * least).powi(2) + model * model,
-                &map,
-            )
-            .map_err(|fault| fault.to_string())?;
-        Ok(match explained {
-            Some(discs) => {
-                let mut values = vec![0.0; map.len()];
-                for possible in &discs.maps {
-                    for (sum, value) in values.iter_mut().zip(possible) {
-                        *sum += value / discs.maps.len() as f64;
-                    }
-                }
-                Likely {
-                    correlation: Some(self.expected(&values, &discs.maps)),
-                    values,
-                    method: format!("discs ({})", discs.discs),
+        let error = found.error.clamp(noise, 2.0 * least);
+        match self.as_discs(seen, &map, found.error.max(least), error)? {
+            Some(likely) => Ok(likely),
+            None => Ok(self.likely(&found, 0.0, format!("{METHOD}, loss only"))),
+        }
+    }
+
+    /// The map of discs that start at the peaks of another map; `None` if they do not explain the change. `deviation`: of a
+    /// reading, in the fit; `error`: of a reading, by which the fit is judged.
+    fn as_discs(
+        &self,
+        seen: &Seen,
+        start: &[f64],
+        deviation: f64,
+        error: f64,
+    ) -> Result<Option<Likely>, String> {
+        let count = seen.data.len() as f64;
+        let model = MODEL_ERROR * (seen.data.norm_squared() / count).sqrt();
+        let most = ACCEPTED * error.powi(2) + model.powi(2);
+        let explained = self.discs.explain(seen, deviation, most, start);
+        Ok(explained.map_err(|fault| fault.to_string())?.map(|discs| {
+            let mut values = vec![0.0; start.len()];
+            for possible in &discs.maps {
+                for (sum, value) in values.iter_mut().zip(possible) {
+                    *sum += value / discs.maps.len() as f64;
                 }
             }
-            None => self.likely(&found, 0.0, format!("{METHOD}, loss only")),
-        })
+            Likely {
+                correlation: Some(self.expected(&values, &discs.maps)),
+                values,
+                method: format!("discs ({})", discs.discs),
+            }
+        }))
     }
 
     /// The map of a minimum.

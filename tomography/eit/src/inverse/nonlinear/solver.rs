@@ -7,8 +7,6 @@
 //! each step (lagged diffusivity: C. Vogel, M. Oman, SIAM J. Sci. Comput. 17 (1996) 227), so that a step solves a
 //! least-squares problem with a sparse penalty, in the space of the readings.
 
-use std::borrow::Cow;
-
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -31,23 +29,19 @@ const GAIN_PENALTY: f64 = 1e3;
 const LEVEL: f64 = 1e-4;
 /// Most steps.
 const STEPS: usize = 12;
-/// Most solutions of a step, each with the gains of the one before penalised.
-const SOLUTIONS: usize = 2;
-/// Share of cells that may still change between gain and loss.
-const CHANGING: f64 = 1e-3;
 /// Largest change of ln sigma in a step.
 const LONGEST: f64 = 1.5;
 /// Lowest ln sigma: below it a cell insulates.
 const LOWEST: f64 = -6.0;
 /// The search ends when a step improves the objective by less than this share.
-const DONE: f64 = 0.01;
+const DONE: f64 = 0.03;
 /// Most halvings of a step.
 const HALVINGS: usize = 4;
 /// Draws of the posterior: a whole number of lanes.
 const DRAWS: usize = 16;
 const SEED: u64 = 3;
-/// Steps after which the deviation is estimated from what the map leaves unexplained.
-const ESTIMATED_AFTER: [usize; 2] = [2, 4];
+/// The deviation is lowered to what the map leaves unexplained, if that is less than this share of it.
+const KEPT: f64 = 0.8;
 
 /// The sheet and the penalties.
 pub(super) struct Sheet {
@@ -124,7 +118,9 @@ impl Sheet {
             alpha,
         };
         sheet.unloaded = sheet.readings(sigma0)?;
-        sheet.sensitivity = sheet.sensitivity(sigma0)?;
+        let mut sensitivity = DMatrix::zeros(0, 0);
+        sheet.sensitivity_into(sigma0, &mut sensitivity)?;
+        sheet.sensitivity = sensitivity;
         Ok(sheet)
     }
 
@@ -133,15 +129,19 @@ impl Sheet {
         Ok(readings.zip_map(&self.factors, |value, factor| value * factor))
     }
 
-    fn sensitivity(&self, sigma: &[f64]) -> Result<DMatrix<f64>, ForwardError> {
+    fn sensitivity_into(
+        &self,
+        sigma: &[f64],
+        sensitivity: &mut DMatrix<f64>,
+    ) -> Result<(), ForwardError> {
         let (forward, questions) = (&self.forward, &self.questions);
-        let mut sensitivity = forward.sensitivity(sigma, questions, &self.parameters)?;
-        scale_rows(&mut sensitivity, self.factors.as_slice());
-        Ok(sensitivity)
+        forward.sensitivity_into(sigma, questions, &self.parameters, sensitivity)?;
+        scale_rows(sensitivity, self.factors.as_slice());
+        Ok(())
     }
 
-    /// The minimum for the change of the readings, with errors of the standard deviation `first` until they are estimated, and of at
-    /// least `least`. `bounded`: gains are penalised. `None` if a step cannot be solved.
+    /// The minimum for the change of the readings, with errors of the standard deviation `first`, lowered to what the map leaves unexplained, at
+    /// least to `least`. `bounded`: gains are penalised. `None` if a step cannot be solved.
     pub(super) fn minimum(
         &self,
         seen: &Seen,
@@ -158,12 +158,17 @@ impl Sheet {
         let mut deviation = first;
         let mut value = self.value(&at, deviation, bounded);
         let mut last = None;
+        // kept from step to step: new memory takes longer than what fills it
+        let mut changed = DMatrix::zeros(0, 0);
         for step in 1..=STEPS {
             let sensitivity = match step {
-                1 => Cow::Borrowed(&self.sensitivity),
-                _ => Cow::Owned(self.sensitivity(&at.sigma)?),
+                1 => &self.sensitivity,
+                _ => {
+                    self.sensitivity_into(&at.sigma, &mut changed)?;
+                    &changed
+                }
             };
-            let problem = Linearised::new(&seen.rows(&sensitivity), &at, deviation);
+            let problem = Linearised::new(&seen.rows(sensitivity), &at, deviation);
             let Some(solution) = penalty.minimum(&problem, &at.change) else {
                 return Ok(None);
             };
@@ -176,10 +181,11 @@ impl Sheet {
             at = next;
             let before = value;
             value = self.value(&at, deviation, bounded);
-            if ESTIMATED_AFTER.contains(&step) {
-                deviation = at.error(solution.degrees).max(least);
+            let estimated = at.error(solution.degrees).clamp(least, deviation);
+            if estimated < KEPT * deviation {
+                deviation = estimated;
                 value = self.value(&at, deviation, bounded);
-            } else if step > ESTIMATED_AFTER[0] && before - value < DONE * value {
+            } else if before - value < DONE * value {
                 break;
             }
         }
@@ -282,7 +288,7 @@ struct Penalty<'a> {
     sheet: &'a Sheet,
     laplacian: Laplacian,
     half: Half,
-    /// The cells with gains, which are penalised; `None` if gains are free.
+    /// The cells with gains in the solution of the step before, which are penalised; `None` if gains are free.
     gains: Option<Vec<bool>>,
 }
 
@@ -318,18 +324,11 @@ impl<'a> Penalty<'a> {
         {
             *weight = length / (at[a] - at[b]).hypot(SMOOTH);
         }
-        let mut solution = self.solved(problem)?;
-        for solutions in 1.. {
-            let Some(gains) = &mut self.gains else { break };
-            let mut changing = 0;
+        let solution = self.solved(problem)?;
+        if let Some(gains) = &mut self.gains {
             for (gain, u) in gains.iter_mut().zip(&solution.change) {
-                changing += usize::from(*gain != (*u > 0.0));
                 *gain = *u > 0.0;
             }
-            if solutions == SOLUTIONS || changing as f64 <= CHANGING * cells.count() as f64 {
-                break;
-            }
-            solution = self.solved(problem)?;
         }
         Some(solution)
     }
@@ -377,22 +376,17 @@ impl<'a> Penalty<'a> {
         for value in &mut white.values {
             *value = normal();
         }
+        // a column for each draw, a row for each reading; blocks are transposed
         let mut errors = DMatrix::from_fn(readings, white.width, |_, _| normal());
-        for cell in 0..cells {
-            for (reading, h) in solution.halved.row(cell)[..readings].iter().enumerate() {
-                for (draw, p) in white.row(cell).iter().enumerate() {
-                    errors[(reading, draw)] -= h * p;
-                }
-            }
-        }
+        let transposed =
+            |block: &Block| DMatrix::from_column_slice(block.width, cells, &block.values);
+        let halved = transposed(&solution.halved);
+        let halved = dense::view(&halved).subrows(0, readings);
+        errors -= dense::product(halved, dense::view(&transposed(&white)).transpose());
         let weights = &solution.inverse * errors;
-        for cell in 0..cells {
-            let halved = &solution.halved.row(cell)[..readings];
-            for draw in 0..DRAWS {
-                let weights = weights.column(draw);
-                let sum: f64 = halved.iter().zip(&weights).map(|(h, w)| h * w).sum();
-                white.row_mut(cell)[draw] += sum;
-            }
+        let moved = dense::product(dense::view(&weights).transpose(), halved);
+        for (value, moved) in white.values.iter_mut().zip(moved.as_slice()) {
+            *value += moved;
         }
         let deviations = self.half.up(white, cells);
         (0..DRAWS)
