@@ -1,6 +1,6 @@
-//! One load: a disc with its loss, as free parameters with a prior.
+//! One load with few parameters, with a prior: a disc, or what a disc becomes by one or two numbers more.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Largest radius, m.
 pub(crate) const LARGEST: f64 = 0.070;
@@ -8,15 +8,34 @@ pub(crate) const LARGEST: f64 = 0.070;
 const UNIT: f64 = 0.01;
 /// Deviation of the logit of a number uniform over 0 to 1.
 const LOGIT: f64 = 1.8138;
-/// Corners of the polygon that approximates a circle.
+/// Deviation of each coordinate of a bar's half axis, cm.
+const REACH: f64 = 5.0;
+/// Corners of the polygon that approximates a circle: a multiple of 2.
 const ROUND: usize = 32;
-/// Parameters of a disc.
-pub(crate) const PARAMETERS: usize = 4;
+/// Discs on top of each other that approximate a soft edge.
+const LAYERS: usize = 5;
+/// The parameter that is the logit of the loss.
+pub(crate) const LOSS: usize = 3;
 
-/// Parameters: x, y (cm), logit of radius over the largest, logit of the loss.
+/// Kinds of shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// A disc.
+    Disc,
+    /// A disc over whose edge the logarithm of the conductance changes linearly. One parameter more: the logit of half the
+    /// edge's width over the radius.
+    Soft,
+    /// A ring. One parameter more: the logit of the inner over the outer radius.
+    Ring,
+    /// All places within the radius of a line. Two parameters more: x and y (cm) from its middle to its end.
+    Bar,
+}
+
+/// Parameters: x, y (cm), logit of radius over the largest, logit of the loss, and those of the kind.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Disc {
-    pub(crate) theta: [f64; PARAMETERS],
+pub(crate) struct Shape {
+    pub(crate) kind: Kind,
+    pub(crate) theta: Vec<f64>,
 }
 
 fn logistic(x: f64) -> f64 {
@@ -28,38 +47,129 @@ fn logit(p: f64) -> f64 {
     (p / (1.0 - p)).ln()
 }
 
-impl Disc {
+impl Kind {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Disc => "disc",
+            Self::Soft => "disc with a soft edge",
+            Self::Ring => "ring",
+            Self::Bar => "bar",
+        }
+    }
+}
+
+impl Shape {
     /// Radius and loss are limited to stay away from their ends, where the gradient vanishes.
-    pub(crate) fn new(centre: [f64; 2], radius: f64, loss: f64) -> Self {
+    pub(crate) fn disc(centre: [f64; 2], radius: f64, loss: f64) -> Self {
         let [x, y] = centre.map(|x| x / UNIT);
         Self {
-            theta: [x, y, logit(radius / LARGEST), logit(loss)],
+            kind: Kind::Disc,
+            theta: vec![x, y, logit(radius / LARGEST), logit(loss)],
         }
+    }
+
+    /// A bar; `axis`: from its middle to its end, m.
+    pub(crate) fn bar(centre: [f64; 2], axis: [f64; 2], radius: f64, loss: f64) -> Self {
+        let mut shape = Self::disc(centre, radius, loss);
+        shape.kind = Kind::Bar;
+        shape.theta.extend(axis.map(|x| x / UNIT));
+        shape
+    }
+
+    /// The disc of the same place with a soft edge.
+    pub(crate) fn soft(&self) -> Self {
+        let mut theta = self.theta.clone();
+        theta.push(logit(0.4));
+        Self {
+            kind: Kind::Soft,
+            theta,
+        }
+    }
+
+    /// A ring of the same place, a little larger.
+    pub(crate) fn ring(&self) -> Self {
+        let mut ring = Self::disc(
+            [0, 1].map(|axis| self.theta[axis] * UNIT),
+            1.15 * self.radius(),
+            1.2 * self.loss(),
+        );
+        ring.kind = Kind::Ring;
+        ring.theta.push(logit(0.5));
+        ring
+    }
+
+    fn radius(&self) -> f64 {
+        LARGEST * logistic(self.theta[2])
     }
 
     /// Share of the conductance that is lost, 0 to 1.
     pub(crate) fn loss(&self) -> f64 {
-        logistic(self.theta[3]).min(0.9999)
+        logistic(self.theta[LOSS]).min(0.9999)
     }
 
-    /// Counter-clockwise, convex, of the area of the disc.
-    pub(crate) fn outline(&self) -> Vec<[f64; 2]> {
-        let (x, y) = (self.theta[0] * UNIT, self.theta[1] * UNIT);
-        let step = TAU / ROUND as f64;
-        let radius = LARGEST * logistic(self.theta[2]) * (step / step.sin()).sqrt();
-        (0..ROUND)
-            .map(|k| {
-                let (sin, cos) = (step * k as f64).sin_cos();
-                [x + radius * cos, y + radius * sin]
-            })
-            .collect()
-    }
-
-    /// (penalty's weight, centre) of each parameter: the logarithm of the prior is -w (theta - c)^2 / 2.
-    pub(crate) fn prior(parameter: usize) -> (f64, f64) {
-        match parameter {
-            2 | 3 => (1.0 / (LOGIT * LOGIT), 0.0),
-            _ => (0.0, 0.0),
+    /// Convex, counter-clockwise outlines, each with the share of the loss's logarithm that is lost within.
+    pub(crate) fn layers(&self) -> Vec<(Vec<[f64; 2]>, f64)> {
+        let centre = [0, 1].map(|axis| self.theta[axis] * UNIT);
+        let radius = self.radius();
+        let line = |radius: f64, axis: [f64; 2]| outline(centre, radius, axis);
+        match self.kind {
+            Kind::Disc => vec![(line(radius, [0.0; 2]), 1.0)],
+            Kind::Soft => {
+                let soft = logistic(self.theta[4]);
+                let layer = |k: usize| {
+                    let out = (2.0 * k as f64 + 1.0) / LAYERS as f64 - 1.0;
+                    let outline = line(radius * (1.0 + soft * out), [0.0; 2]);
+                    (outline, 1.0 / LAYERS as f64)
+                };
+                (0..LAYERS).map(layer).collect()
+            }
+            Kind::Ring => {
+                let inner = radius * logistic(self.theta[4]);
+                vec![(line(radius, [0.0; 2]), 1.0), (line(inner, [0.0; 2]), -1.0)]
+            }
+            Kind::Bar => vec![(line(radius, [4, 5].map(|k| self.theta[k] * UNIT)), 1.0)],
         }
     }
+
+    /// (penalty's weight, centre) of a parameter: the logarithm of the prior is -w (theta - c)^2 / 2.
+    pub(crate) fn prior(&self, parameter: usize) -> (f64, f64) {
+        match (self.kind, parameter) {
+            (_, 0 | 1) => (0.0, 0.0),
+            (Kind::Bar, 4 | 5) => (1.0 / (REACH * REACH), 0.0),
+            _ => (1.0 / (LOGIT * LOGIT), 0.0),
+        }
+    }
+
+    /// Keeps logits away from where the gradient vanishes.
+    pub(crate) fn limit(&mut self) {
+        self.theta[2] = self.theta[2].clamp(-4.5, 6.0);
+        self.theta[LOSS] = self.theta[LOSS].clamp(-5.0, 7.0);
+        if matches!(self.kind, Kind::Soft | Kind::Ring) {
+            self.theta[4] = self.theta[4].clamp(-4.0, 4.0);
+        }
+    }
+}
+
+/// The places within a radius of a line, of the area of round ends.
+fn outline(centre: [f64; 2], radius: f64, [x, y]: [f64; 2]) -> Vec<[f64; 2]> {
+    let step = TAU / ROUND as f64;
+    let radius = radius * (step / step.sin()).sqrt();
+    let place = |k: usize, end: f64, angle: f64| {
+        let (sin, cos) = (angle + step * k as f64).sin_cos();
+        [
+            centre[0] + end * x + radius * cos,
+            centre[1] + end * y + radius * sin,
+        ]
+    };
+    if x == 0.0 && y == 0.0 {
+        return (0..ROUND).map(|k| place(k, 0.0, 0.0)).collect();
+    }
+    let first = y.atan2(x) - 0.5 * PI;
+    let half = 0..=ROUND / 2;
+    let ends = [(1.0, first), (-1.0, first + PI)].map(|(end, angle)| {
+        half.clone()
+            .map(move |k| place(k, end, angle))
+            .collect::<Vec<_>>()
+    });
+    ends.concat()
 }

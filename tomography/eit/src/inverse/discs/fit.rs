@@ -1,4 +1,4 @@
-//! Fits discs to a frame: Levenberg-Marquardt with the full forward model.
+//! Fits shapes to a frame: Levenberg-Marquardt with the full forward model.
 
 use std::collections::BTreeMap;
 
@@ -6,8 +6,9 @@ use crate::ForwardError;
 use nalgebra::{DMatrix, DVector};
 
 use super::coverage::Cover;
-use super::disc::{Disc, PARAMETERS};
+use super::disc::{LOSS, Shape};
 use super::model::{SheetModel, Solved};
+use super::posterior::TEMPER;
 
 /// Most steps of a fit.
 const STEPS: usize = 12;
@@ -17,6 +18,8 @@ const DONE: f64 = 0.05;
 /// share `SLOW`.
 const FAR: f64 = 4.0;
 const SLOW: f64 = 0.1;
+/// Logarithm of the readings of a frame of 26 electrodes, folded.
+const PARAMETER_COST: f64 = 5.7;
 
 /// The change of a frame in deviations of a reading; missing readings are 0.
 pub(crate) struct Data {
@@ -25,14 +28,21 @@ pub(crate) struct Data {
     pub(crate) weights: DVector<f64>,
 }
 
-/// A fit of discs at a local minimum.
+/// A fit of shapes at a local minimum.
 #[derive(Clone)]
 pub(crate) struct Fit {
-    pub(crate) discs: Vec<Disc>,
+    pub(crate) shapes: Vec<Shape>,
     /// Half the sum of squares of the whitened residual.
     pub(crate) misfit: f64,
     /// J'J plus prior at the minimum.
     pub(crate) hessian: DMatrix<f64>,
+}
+
+impl Fit {
+    /// Half of what speaks against the fit: its misfit, tempered as the posterior is, and ln n for each parameter.
+    pub(crate) fn cost(&self) -> f64 {
+        self.misfit / TEMPER + 0.5 * self.hessian.nrows() as f64 * PARAMETER_COST
+    }
 }
 
 pub(crate) struct Problem<'a> {
@@ -43,30 +53,47 @@ pub(crate) struct Problem<'a> {
 impl Problem<'_> {
     /// The relative change of each triangle of the region. A triangle that is covered in part has the geometric mean of both
     /// conductances: current crosses borders in all directions, and the arithmetic mean would leave four times the error.
-    pub(crate) fn map(&self, discs: &[Disc]) -> Vec<f64> {
+    pub(crate) fn map(&self, shapes: &[Shape]) -> Vec<f64> {
         let mut kept = vec![1.0; self.model.mesh.region().len()];
-        for disc in discs {
-            for (t, share) in self.cover.of(&disc.outline()) {
-                kept[t as usize] *= (1.0 - disc.loss()).powf(share);
-            }
+        for shape in shapes {
+            self.take(shape, &mut kept);
         }
         kept.iter().map(|kept| kept - 1.0).collect()
+    }
+
+    /// Takes a shape's loss from the conductance that is kept; returns the share of the loss's logarithm in each triangle.
+    fn take(&self, shape: &Shape, kept: &mut [f64]) -> Vec<(u32, f64)> {
+        let covered = self.covered(shape);
+        for &(t, share) in &covered {
+            kept[t as usize] *= (1.0 - shape.loss()).powf(share);
+        }
+        covered
+    }
+
+    fn covered(&self, shape: &Shape) -> Vec<(u32, f64)> {
+        let mut shares = BTreeMap::<u32, f64>::new();
+        for (outline, weight) in shape.layers() {
+            for (t, share) in self.cover.of(&outline) {
+                *shares.entry(t).or_default() += weight * share;
+            }
+        }
+        shares.into_iter().collect()
     }
 
     fn evaluate(
         &self,
         data: &Data,
-        discs: &[Disc],
+        shapes: &[Shape],
     ) -> Result<(Solved, DVector<f64>, f64, f64), ForwardError> {
-        let solved = self.model.solve(&self.map(discs))?;
+        let solved = self.model.solve(&self.map(shapes))?;
         let seen = DVector::from_column_slice(&solved.change).component_mul(&data.weights);
         let residual = &data.white - seen;
         let misfit = 0.5 * residual.norm_squared();
-        let prior: f64 = discs
+        let prior: f64 = shapes
             .iter()
-            .flat_map(|disc| {
-                disc.theta.iter().enumerate().map(|(p, value)| {
-                    let (w, c) = Disc::prior(p);
+            .flat_map(|shape| {
+                shape.theta.iter().enumerate().map(|(p, value)| {
+                    let (w, c) = shape.prior(p);
                     0.5 * w * (value - c).powi(2)
                 })
             })
@@ -77,37 +104,31 @@ impl Problem<'_> {
     fn sensitivity(
         &self,
         data: &Data,
-        discs: &[Disc],
+        shapes: &[Shape],
         solved: &Solved,
     ) -> Result<DMatrix<f64>, ForwardError> {
         const STEP: f64 = 1e-3;
         let mut kept = vec![1.0; self.model.mesh.region().len()];
-        let covers: Vec<Vec<(u32, f64)>> = discs
+        let covers: Vec<Vec<(u32, f64)>> = shapes
             .iter()
-            .map(|disc| {
-                let covered = self.cover.of(&disc.outline());
-                for &(t, share) in &covered {
-                    kept[t as usize] *= (1.0 - disc.loss()).powf(share);
-                }
-                covered
-            })
+            .map(|shape| self.take(shape, &mut kept))
             .collect();
         let mut directions: BTreeMap<u32, Vec<(usize, f64)>> = BTreeMap::new();
         let mut column = 0;
-        for (disc, covered) in discs.iter().zip(&covers) {
-            let log = (1.0 - disc.loss()).ln();
-            for parameter in 0..PARAMETERS {
-                if parameter + 1 == PARAMETERS {
+        for (shape, covered) in shapes.iter().zip(&covers) {
+            let log = (1.0 - shape.loss()).ln();
+            for parameter in 0..shape.theta.len() {
+                if parameter == LOSS {
                     for &(t, share) in covered {
-                        let slope = -kept[t as usize] * share * disc.loss();
+                        let slope = -kept[t as usize] * share * shape.loss();
                         directions.entry(t).or_default().push((column, slope));
                     }
                 } else {
                     let mut change: BTreeMap<u32, f64> = BTreeMap::new();
                     for sign in [1.0, -1.0] {
-                        let mut moved = disc.clone();
+                        let mut moved = shape.clone();
                         moved.theta[parameter] += sign * STEP;
-                        for (t, share) in self.cover.of(&moved.outline()) {
+                        for (t, share) in self.covered(&moved) {
                             *change.entry(t).or_default() += sign * share / (2.0 * STEP);
                         }
                     }
@@ -133,18 +154,18 @@ impl Problem<'_> {
     pub(crate) fn fit(
         &self,
         data: &Data,
-        start: &[Disc],
+        start: &[Shape],
         wanted: f64,
     ) -> Result<Fit, ForwardError> {
-        let mut discs = start.to_vec();
-        let (mut solved, mut residual, mut misfit, mut objective) = self.evaluate(data, &discs)?;
-        let count = PARAMETERS * discs.len();
-        let priors = |discs: &[Disc]| -> (DVector<f64>, DVector<f64>) {
+        let mut shapes = start.to_vec();
+        let (mut solved, mut residual, mut misfit, mut objective) = self.evaluate(data, &shapes)?;
+        let count = shapes.iter().map(|shape| shape.theta.len()).sum();
+        let priors = |shapes: &[Shape]| -> (DVector<f64>, DVector<f64>) {
             let mut weights = Vec::with_capacity(count);
             let mut pull = Vec::with_capacity(count);
-            for disc in discs {
-                for (p, value) in disc.theta.iter().enumerate() {
-                    let (w, c) = Disc::prior(p);
+            for shape in shapes {
+                for (p, value) in shape.theta.iter().enumerate() {
+                    let (w, c) = shape.prior(p);
                     weights.push(w);
                     pull.push(w * (value - c));
                 }
@@ -152,10 +173,10 @@ impl Problem<'_> {
             (DVector::from_vec(weights), DVector::from_vec(pull))
         };
         let mut damping = 1e-2;
-        let mut j = self.sensitivity(data, &discs, &solved)?;
+        let mut j = self.sensitivity(data, &shapes, &solved)?;
         let mut hessian = DMatrix::zeros(count, count);
         for _ in 0..STEPS {
-            let (weights, pull) = priors(&discs);
+            let (weights, pull) = priors(&shapes);
             hessian = j.tr_mul(&j);
             for p in 0..count {
                 hessian[(p, p)] += weights[p];
@@ -174,21 +195,20 @@ impl Problem<'_> {
             if largest > 1.5 {
                 step *= 1.5 / largest;
             }
-            let mut next = discs.clone();
+            let mut next = shapes.clone();
             let mut at = 0;
-            for disc in &mut next {
-                for value in &mut disc.theta {
+            for shape in &mut next {
+                for value in &mut shape.theta {
                     *value += step[at];
                     at += 1;
                 }
-                disc.theta[2] = disc.theta[2].clamp(-4.5, 6.0);
-                disc.theta[3] = disc.theta[3].clamp(-5.0, 7.0);
+                shape.limit();
             }
             let (s, r, m, o) = self.evaluate(data, &next)?;
             if o < objective {
                 let gain = objective - o;
-                (discs, solved, residual, misfit, objective) = (next, s, r, m, o);
-                j = self.sensitivity(data, &discs, &solved)?;
+                (shapes, solved, residual, misfit, objective) = (next, s, r, m, o);
+                j = self.sensitivity(data, &shapes, &solved)?;
                 damping = (damping * 0.25).max(1e-6);
                 if gain < DONE || misfit > FAR * wanted && gain < SLOW * misfit {
                     break;
@@ -201,7 +221,7 @@ impl Problem<'_> {
             }
         }
         Ok(Fit {
-            discs,
+            shapes,
             misfit,
             hessian,
         })

@@ -19,11 +19,17 @@ use std::sync::Arc;
 use survey::Protocol;
 
 use self::coverage::Cover;
+use self::disc::{Kind, Shape};
 use self::fit::{Data, Fit, Problem};
 use self::model::SheetModel;
 use self::starts::Peaks;
 use crate::inverse::reciprocity::Seen;
 use crate::{ForwardError, Mesh};
+
+/// One disc is taken as it is if it leaves at most this share of what may be left; else other shapes are tried too.
+const PLAIN: f64 = 0.9;
+/// A disc that leaves more than this many times what may be left is neither a ring nor a disc with a soft edge.
+const NEAR: f64 = 300.0;
 
 /// Fits discs to frames of a sheet.
 pub(crate) struct Discs {
@@ -37,7 +43,8 @@ pub(crate) struct Discs {
 pub(crate) struct Explained {
     /// Maps of the region of what the discs may be.
     pub(crate) maps: Vec<Vec<f64>>,
-    pub(crate) discs: usize,
+    /// Its shapes.
+    pub(crate) name: String,
 }
 
 impl Discs {
@@ -77,32 +84,50 @@ impl Discs {
             weights: seen.shares(rows) / deviation,
         };
         let wanted = 0.5 * most * seen.data.len() as f64 / (deviation * deviation);
-        let start = self.peaks.discs(map);
-        let explained = |count: usize| -> Result<Option<Fit>, ForwardError> {
-            let fit = problem.fit(&data, &start[..count], wanted)?;
-            Ok(Some(fit).filter(|fit| fit.misfit <= wanted))
+        let peaks = self.peaks.of(map);
+        let Some(first) = peaks.first() else {
+            return Ok(None);
         };
-        let mut fewest = match start.len() {
-            0 => None,
-            _ => explained(1)?,
-        };
-        if fewest.is_none() && start.len() > 1 {
+        let explains = |fit: &Fit| fit.misfit <= wanted;
+        let fitted = |shape: Shape| problem.fit(&data, &[shape], wanted);
+        let disc = fitted(first.disc.clone())?;
+        let mut likely = Some(disc.clone()).filter(explains);
+        if disc.misfit > PLAIN * wanted {
+            let own = &disc.shapes[0];
+            let round = [own.soft(), own.ring()];
+            let round = round.into_iter().filter(|_| disc.misfit < NEAR * wanted);
+            for shape in first.bar.clone().into_iter().chain(round) {
+                let fit = fitted(shape)?;
+                if explains(&fit) && likely.as_ref().is_none_or(|than| fit.cost() < than.cost()) {
+                    likely = Some(fit);
+                }
+            }
+        }
+        if likely.is_none() && peaks.len() > 1 {
+            let together = |count: usize| {
+                let start: Vec<Shape> = peaks[..count].iter().map(|at| at.disc.clone()).collect();
+                let fit = problem.fit(&data, &start, wanted)?;
+                Ok::<_, ForwardError>(Some(fit).filter(explains))
+            };
             // a frame that all peaks do not explain is given up at once
-            let all = explained(start.len())?;
-            for count in 2..start.len() {
-                if all.is_none() || fewest.is_some() {
+            let all = together(peaks.len())?;
+            for count in 2..peaks.len() {
+                if all.is_none() || likely.is_some() {
                     break;
                 }
-                fewest = explained(count)?;
+                likely = together(count)?;
             }
-            fewest = fewest.or(all);
+            likely = likely.or(all);
         }
-        Ok(fewest.map(|fit| {
+        Ok(likely.map(|fit| {
             let shown = |map: Vec<f64>| self.shown.iter().map(|&t| map[t]).collect();
             let maps = posterior::maps(&problem, &fit);
             Explained {
                 maps: maps.into_iter().map(shown).collect(),
-                discs: fit.discs.len(),
+                name: match fit.shapes.as_slice() {
+                    [shape] if shape.kind != Kind::Disc => shape.kind.name().to_owned(),
+                    discs => format!("discs ({})", discs.len()),
+                },
             }
         }))
     }
@@ -113,7 +138,6 @@ mod tests {
     use super::*;
     use crate::Case;
     use crate::DiscTank;
-    use disc::Disc;
     use nalgebra::DMatrix;
     use rand::{RngExt as _, SeedableRng};
     use rand_chacha::ChaCha8Rng;
@@ -145,8 +169,8 @@ mod tests {
         for _ in 0..50 {
             // well inside of the tank
             let place = [0, 1].map(|_| random.random_range(-0.02..0.02));
-            let shape = Disc::new(place, random.random_range(0.002..0.06), 0.5);
-            let outline = shape.outline();
+            let shape = Shape::disc(place, random.random_range(0.002..0.06), 0.5);
+            let outline = shape.layers().remove(0).0;
             let o = outline[0];
             let own: f64 = outline
                 .windows(2)

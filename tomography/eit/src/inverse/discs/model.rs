@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::forward::Base;
+use crate::linear_algebra::dense;
 use crate::linear_algebra::sparse::Block;
 use crate::{Forward, ForwardError, Mesh, Parameters};
+use faer::MatRef;
 use nalgebra::DMatrix;
 use survey::{Dipole, Protocol};
 
@@ -136,45 +138,37 @@ impl SheetModel {
             return self.along_in_depth(solved, directions, count);
         }
         let m = self.dipoles.len();
-        // lower triangle of the m x m products for each direction
-        let mut sums = vec![0.0; count * m * m];
-        let mut gx = vec![0.0; m];
-        let mut gy = vec![0.0; m];
-        let mut product = vec![0.0; m * m];
+        // the gradients of each direction's triangles, two columns each, and the same times size and amount
+        let mut sides = vec![(Vec::new(), Vec::new()); count];
+        let mut gradient = vec![0.0; 2 * m];
         for (&e, list) in directions {
             let t = self.mesh.region()[e as usize];
-            let nodes = self.mesh.triangles()[t];
             let g = &self.gradients[e as usize];
             let size = -self.mesh.area(t) * self.sigma0[t];
-            let [a, b, c] = nodes.map(|node| solved.potentials.row(node));
+            let [a, b, c] = self.mesh.triangles()[t].map(|node| solved.potentials.row(node));
+            let (x, y) = gradient.split_at_mut(m);
             for k in 0..m {
                 let u = [a[k], b[k], c[k]];
-                gx[k] = g[0][0] * u[0] + g[1][0] * u[1] + g[2][0] * u[2];
-                gy[k] = g[0][1] * u[0] + g[1][1] * u[1] + g[2][1] * u[2];
-            }
-            for i in 0..m {
-                let (x, y) = (size * gx[i], size * gy[i]);
-                let row = &mut product[i * m..(i + 1) * m];
-                for j in 0..=i {
-                    row[j] = x * gx[j] + y * gy[j];
-                }
+                x[k] = g[0][0] * u[0] + g[1][0] * u[1] + g[2][0] * u[2];
+                y[k] = g[0][1] * u[0] + g[1][1] * u[1] + g[2][1] * u[2];
             }
             for &(direction, amount) in list {
-                let sum = &mut sums[direction * m * m..(direction + 1) * m * m];
-                for (s, p) in sum.iter_mut().zip(&product) {
-                    *s += amount * p;
-                }
+                let (plain, weighted) = &mut sides[direction];
+                plain.extend_from_slice(&gradient);
+                weighted.extend(gradient.iter().map(|g| size * amount * g));
             }
         }
-        Ok(DMatrix::from_fn(
-            self.questions.len(),
-            count,
-            |reading, direction| {
-                let (a, b) = self.questions[reading];
-                let (a, b) = (a.max(b), a.min(b));
-                self.currents[reading] * sums[direction * m * m + a * m + b]
-            },
-        ))
+        let mut along = DMatrix::zeros(self.questions.len(), count);
+        for (mut column, (plain, weighted)) in along.column_iter_mut().zip(&sides) {
+            let side = |values| MatRef::from_column_major_slice(values, m, plain.len() / m);
+            let products = dense::product(side(plain), side(weighted).transpose());
+            for ((into, pair), current) in
+                column.iter_mut().zip(&self.questions).zip(&self.currents)
+            {
+                *into = current * products[*pair];
+            }
+        }
+        Ok(along)
     }
 
     /// The same in a tank with a depth, from the sensitivity of all triangles.

@@ -1,4 +1,4 @@
-//! What the discs of a frame may be: draws of the posterior.
+//! What the shapes of a frame may be: draws of the posterior.
 
 use nalgebra::DVector;
 use rand::SeedableRng;
@@ -10,11 +10,11 @@ use super::fit::{Fit, Problem};
 /// Draws of the posterior.
 const DRAWS: usize = 100;
 /// The likelihood is raised to 1 / this: errors of the model are correlated between readings.
-const TEMPER: f64 = 4.0;
+pub(super) const TEMPER: f64 = 4.0;
 /// Precision that every parameter has at least.
 const LEAST_PRECISION: f64 = 4.0;
 
-/// Maps of what the discs of a fit may be.
+/// Maps of what the shapes of a fit may be.
 pub(crate) fn maps(problem: &Problem<'_>, fit: &Fit) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut hessian = fit.hessian.clone() / TEMPER;
@@ -23,16 +23,16 @@ pub(crate) fn maps(problem: &Problem<'_>, fit: &Fit) -> Vec<Vec<f64>> {
     }
     let root = hessian.cholesky().map(|factor| factor.l().transpose());
     let draw = |_| {
-        let mut discs = fit.discs.clone();
+        let mut shapes = fit.shapes.clone();
         if let Some(root) = &root {
             let z = DVector::from_fn(root.nrows(), |_, _| StandardNormal.sample(&mut random));
             let step = root.solve_upper_triangular(&z).unwrap_or(z);
-            let parameters = discs.iter_mut().flat_map(|disc| &mut disc.theta);
+            let parameters = shapes.iter_mut().flat_map(|shape| &mut shape.theta);
             for (value, step) in parameters.zip(&step) {
                 *value += step;
             }
         }
-        problem.map(&discs)
+        problem.map(&shapes)
     };
     (0..DRAWS).map(draw).collect()
 }

@@ -1,8 +1,10 @@
-//! Discs at the peaks of a map.
+//! Shapes at the peaks of a map.
 
 use std::f64::consts::PI;
 
-use super::disc::Disc;
+use nalgebra::{Matrix2, SymmetricEigen, U2};
+
+use super::disc::Shape;
 use crate::Mesh;
 use crate::inverse::graph::Graph;
 
@@ -10,8 +12,25 @@ use crate::inverse::graph::Graph;
 const MOST: usize = 4;
 /// Share of a peak's loss down to which the triangles round it are its disc.
 const CORE: f64 = 0.5;
+/// How many times as long as wide the triangles round a peak are at least if they may be a bar.
+const LONG: f64 = 1.5;
 /// Share of the largest peak's loss that another peak has at least.
 const LEAST_PEAK: f64 = 0.2;
+
+/// Shapes round a peak of a map.
+pub(super) struct Peak {
+    pub(super) disc: Shape,
+    /// `None` for a round one.
+    pub(super) bar: Option<Shape>,
+}
+
+/// The bar with these moments of the place; `None` if it is hardly longer than wide.
+fn bar(centre: [f64; 2], moments: SymmetricEigen<f64, U2>, loss: f64) -> Option<Shape> {
+    let long = moments.eigenvalues.imax();
+    let [length, width] = [long, 1 - long].map(|k| (3.0 * moments.eigenvalues[k].max(0.0)).sqrt());
+    let axis = moments.eigenvectors.column(long) * (length - 0.5 * width);
+    (length > LONG * width).then(|| Shape::bar(centre, [axis[0], axis[1]], 0.5 * width, loss))
+}
 
 /// Finds the peaks of maps of a region.
 pub(super) struct Peaks {
@@ -29,30 +48,30 @@ impl Peaks {
         }
     }
 
-    /// A disc for each peak of the loss, largest first; none for a map without losses.
-    pub(super) fn discs(&self, map: &[f64]) -> Vec<Disc> {
+    /// The peaks of the loss, largest first; none for a map without losses.
+    pub(super) fn of(&self, map: &[f64]) -> Vec<Peak> {
         let mut left: Vec<f64> = map.iter().map(|change| (-change).max(0.0)).collect();
-        let mut discs = Vec::new();
+        let mut peaks = Vec::new();
         let mut top = 0.0;
-        while discs.len() < MOST {
+        while peaks.len() < MOST {
             let largest = (0..left.len()).max_by(|a, b| left[*a].total_cmp(&left[*b]));
             let Some(peak) = largest.filter(|peak| left[*peak] > 0.0) else {
                 break;
             };
             let loss = left[peak];
-            if discs.is_empty() {
+            if peaks.is_empty() {
                 top = loss;
             } else if loss < LEAST_PEAK * top {
                 break;
             }
-            discs.push(self.disc(&left, peak));
+            peaks.push(self.peak(&left, peak));
             self.remove(&mut left, peak);
         }
-        discs
+        peaks
     }
 
-    /// The disc with area, centre and mean loss of the triangles round a peak.
-    fn disc(&self, losses: &[f64], peak: usize) -> Disc {
+    /// The disc with the area, centre and mean loss of the triangles round a peak.
+    fn peak(&self, losses: &[f64], peak: usize) -> Peak {
         let core = self.grown(peak, |_, next| losses[next] >= CORE * losses[peak]);
         let area: f64 = core.iter().map(|&t| self.areas[t]).sum();
         let load: f64 = core.iter().map(|&t| self.areas[t] * losses[t]).sum();
@@ -62,7 +81,18 @@ impl Peaks {
                 .map(|&t| self.areas[t] * losses[t] * self.centroids[t][axis]);
             moment.sum::<f64>() / load
         });
-        Disc::new(centre, (area / PI).sqrt(), load / area)
+        let spread = |i: usize, j: usize| {
+            let moments = core.iter().map(|&t| {
+                let at = self.centroids[t];
+                self.areas[t] * losses[t] * (at[i] - centre[i]) * (at[j] - centre[j])
+            });
+            moments.sum::<f64>() / load
+        };
+        let moments = Matrix2::new(spread(0, 0), spread(0, 1), spread(0, 1), spread(1, 1));
+        Peak {
+            disc: Shape::disc(centre, (area / PI).sqrt(), load / area),
+            bar: bar(centre, moments.symmetric_eigen(), load / area),
+        }
     }
 
     /// Clears the slopes of a peak: what can be reached from it without going up.

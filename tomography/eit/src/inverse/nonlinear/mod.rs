@@ -211,7 +211,7 @@ impl NonlinearTv {
             Likely {
                 correlation: Some(self.expected(&values, &discs.maps)),
                 values,
-                method: format!("discs ({})", discs.discs),
+                method: discs.name,
             }
         }))
     }
