@@ -4,7 +4,6 @@
 pub(crate) mod box_constrained;
 pub(crate) mod cut;
 pub(crate) mod data_space;
-pub(crate) mod discs;
 pub(crate) mod error;
 pub(crate) mod evidence;
 pub(crate) mod frame_rule;
@@ -19,5 +18,6 @@ pub(crate) mod options;
 pub(crate) mod prior;
 pub(crate) mod reciprocity;
 pub(crate) mod reconstructor;
+pub(crate) mod shapes;
 pub(crate) mod tv;
 pub(crate) mod wrappers;

@@ -101,7 +101,7 @@ pub struct MapRow {
     pub method: MapMethod,
     /// What it is stated of the noise.
     pub stated: Stated,
-    /// The kind of load.
+    /// The kind of load, or all together.
     pub load: &'static str,
     /// Noise of a reading, uV.
     pub noise_uv: f64,
@@ -168,6 +168,7 @@ pub(super) fn rows(
                 Ok((method, stated, model))
             })
             .collect::<Result<_, Failure>>()?;
+        let mut of_all: Vec<Vec<Judged>> = models.iter().map(|_| Vec::new()).collect();
         for &kind in &maps.kinds {
             // after the series of the check of maps
             let series = 1 << 16 | (level as u64) << 8 | kind as u64;
@@ -185,7 +186,7 @@ pub(super) fn rows(
                     )
                 })
                 .collect::<Result<_, Failure>>()?;
-            for (method, stated, model) in &models {
+            for ((method, stated, model), of_all) in models.iter().zip(&mut of_all) {
                 let judged: Vec<Judged> = trials
                     .par_iter()
                     .map(|trial| {
@@ -198,7 +199,18 @@ pub(super) fn rows(
                     TargetKind::Nothing => threshold(model, noise_uv, sheet),
                     _ => None,
                 };
-                rows.push(row(*method, *stated, kind, (noise_uv, threshold), &judged));
+                let load = (kind != TargetKind::Nothing).then_some(kind.name());
+                let noise = (noise_uv, threshold);
+                rows.push(row(*method, *stated, load, noise, &judged));
+                if load.is_some() {
+                    of_all.extend(judged);
+                }
+            }
+        }
+        for ((method, stated, _), judged) in models.iter().zip(&of_all) {
+            if judged.len() > maps.count {
+                let load = Some("all loads together");
+                rows.push(row(*method, *stated, load, (noise_uv, None), judged));
             }
         }
     }
@@ -279,16 +291,16 @@ fn judge(
 fn row(
     method: MapMethod,
     stated: Stated,
-    kind: TargetKind,
+    load: Option<&'static str>,
     (noise_uv, threshold): (f64, Option<f64>),
     judged: &[Judged],
 ) -> MapRow {
     let mean = average(judged.iter().map(|one| one.value));
     let square = average(judged.iter().map(|one| (one.value - mean).powi(2)));
     let sound = || judged.iter().filter(|one| one.sound);
-    let worst = match kind {
-        TargetKind::Nothing => f64::max,
-        _ => f64::min,
+    let worst = match load {
+        None => f64::max,
+        Some(_) => f64::min,
     };
     let mut methods = BTreeMap::new();
     for one in judged {
@@ -299,7 +311,7 @@ fn row(
     MapRow {
         method,
         stated,
-        load: kind.name(),
+        load: load.unwrap_or(TargetKind::Nothing.name()),
         noise_uv,
         frames: judged.len(),
         mean,

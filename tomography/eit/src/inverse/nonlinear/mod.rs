@@ -12,11 +12,11 @@ use std::sync::Arc;
 use survey::{Doubt, Map, MapQuality, MapUnit, Protocol, Reading};
 
 use self::solver::{Found, Sheet};
-use crate::inverse::discs::Discs;
 use crate::inverse::frame_rule::{FrameRule, SIGNIFICANT};
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::prior::Penalty;
 use crate::inverse::reciprocity::Seen;
+use crate::inverse::shapes::Shapes;
 use crate::metrics::likeness;
 use crate::{
     DEFAULT_NOISE_V, Forward, HyperRule, Mesh, OneStepError, OneStepOptions, ReconstructError,
@@ -32,7 +32,7 @@ const STRENGTH: f64 = 11.0;
 const MODEL_ERROR: f64 = 0.004;
 /// The same at which the search begins: an error of the linearisation too. It is lowered to what the map leaves unexplained.
 const FIRST_ERROR: f64 = 0.05;
-/// Discs explain a frame if the mean square that they leave is at most this many times the variance of the errors, and that
+/// Shapes explain a frame if the mean square that they leave is at most this many times the variance of the errors, and that
 /// of the model's error.
 const ACCEPTED: f64 = 1.25;
 /// Expected correlation with the load below which a map is doubtful.
@@ -76,7 +76,7 @@ pub struct NonlinearTv {
     sheet: Sheet,
     /// Judges whether a frame shows more than noise.
     rule: FrameRule,
-    discs: Discs,
+    shapes: Shapes,
     /// Standard deviation of a change by noise, in the unit of the data; `None` if it is unknown.
     noise: Option<f64>,
     protocol: Protocol,
@@ -120,7 +120,7 @@ impl NonlinearTv {
         let area: f64 = mesh.region_areas().iter().sum();
         let deviation = |volts| options.scale.deviation(volts, options.current_a);
         let noise = options.noise_v.map(deviation);
-        let discs = Discs::new(&mesh, contact_ohm_m, sigma0, &questions, linear.fold.norm())?;
+        let shapes = Shapes::new(&mesh, contact_ohm_m, sigma0, &questions, linear.fold.norm())?;
         let sheet = Sheet::new(
             forward,
             questions,
@@ -138,7 +138,7 @@ impl NonlinearTv {
             linear,
             sheet,
             rule,
-            discs,
+            shapes,
         })
     }
 
@@ -161,9 +161,9 @@ impl NonlinearTv {
         let noise = self.noise.unwrap_or(0.0);
         let least = noise.max(model);
         let first = least.max(FIRST_ERROR * size);
-        // discs cost a tenth of the minimum
+        // shapes cost a tenth of the minimum
         if self.noise.is_some()
-            && let Some(likely) = self.as_discs(seen, &self.shown(&linear, 0.0), least, least)?
+            && let Some(likely) = self.as_shapes(seen, &self.shown(&linear, 0.0), least, least)?
         {
             return Ok(likely);
         }
@@ -182,15 +182,15 @@ impl NonlinearTv {
         }
         let map = self.shown(&found.change, 0.0);
         let error = found.error.clamp(noise, 2.0 * least);
-        match self.as_discs(seen, &map, found.error.max(least), error)? {
+        match self.as_shapes(seen, &map, found.error.max(least), error)? {
             Some(likely) => Ok(likely),
             None => Ok(self.likely(&found, 0.0, format!("{METHOD}, loss only"))),
         }
     }
 
-    /// The map of discs that start at the peaks of another map; `None` if they do not explain the change. `deviation`: of a
+    /// The map of shapes that start at the peaks of another map; `None` if they do not explain the change. `deviation`: of a
     /// reading, in the fit; `error`: of a reading, by which the fit is judged.
-    fn as_discs(
+    fn as_shapes(
         &self,
         seen: &Seen,
         start: &[f64],
@@ -200,18 +200,18 @@ impl NonlinearTv {
         let count = seen.data.len() as f64;
         let model = MODEL_ERROR * (seen.data.norm_squared() / count).sqrt();
         let most = ACCEPTED * error.powi(2) + model.powi(2);
-        let explained = self.discs.explain(seen, deviation, most, start);
-        Ok(explained.map_err(|fault| fault.to_string())?.map(|discs| {
+        let explained = self.shapes.explain(seen, deviation, most, start);
+        Ok(explained.map_err(|fault| fault.to_string())?.map(|shapes| {
             let mut values = vec![0.0; start.len()];
-            for possible in &discs.maps {
+            for possible in &shapes.maps {
                 for (sum, value) in values.iter_mut().zip(possible) {
-                    *sum += value / discs.maps.len() as f64;
+                    *sum += value / shapes.maps.len() as f64;
                 }
             }
             Likely {
-                correlation: Some(self.expected(&values, &discs.maps)),
+                correlation: Some(self.expected(&values, &shapes.maps)),
                 values,
-                method: discs.name,
+                method: shapes.name,
             }
         }))
     }
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disc_a_ring_and_gains_are_found_by_different_methods() {
+    fn discs_rings_others_and_gains_are_found_by_different_methods() {
         let stage = stage();
         let disc = |at| {
             if within(at, [0.03, -0.01], 0.025) {
@@ -422,6 +422,17 @@ mod tests {
             false => 0.0,
         };
         let (map, correlation) = stage.map(ring);
+        assert_eq!(map.method, "ring");
+        assert!(correlation > 0.9, "{correlation}");
+        let bar = |[x, y]: [f64; 2]| match (x - y).abs() < 0.08 && (x + y).abs() < 0.015 {
+            true => -0.6,
+            false => 0.0,
+        };
+        let (map, correlation) = stage.map(bar);
+        assert_eq!(map.method, "bar");
+        assert!(correlation > 0.9, "{correlation}");
+        let half = |at: [f64; 2]| ring(at) * f64::from(u8::from(at[1] > 0.0));
+        let (map, correlation) = stage.map(half);
         assert_eq!(map.method, "nonlinear total variation, loss only");
         assert!(correlation > 0.8, "{correlation}");
         assert!(map.values.iter().all(|value| *value <= 0.0));

@@ -42,6 +42,9 @@ const DRAWS: usize = 16;
 const SEED: u64 = 3;
 /// The deviation is lowered to what the map leaves unexplained, if that is less than this share of it.
 const KEPT: f64 = 0.8;
+/// The step after which it may also be raised, as where losses cannot explain a frame: later steps would explain it by gains
+/// whatever these cost.
+const RAISED: usize = 4;
 
 /// The sheet and the penalties.
 pub(super) struct Sheet {
@@ -181,8 +184,8 @@ impl Sheet {
             at = next;
             let before = value;
             value = self.value(&at, deviation, bounded);
-            let estimated = at.error(solution.degrees).clamp(least, deviation);
-            if estimated < KEPT * deviation {
+            let estimated = at.error(solution.degrees).max(least);
+            if estimated < KEPT * deviation || step == RAISED && estimated > deviation {
                 deviation = estimated;
                 value = self.value(&at, deviation, bounded);
             } else if before - value < DONE * value {

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, SymmetricEigen, U2};
 
-use super::disc::Shape;
+use super::shape::Shape;
 use crate::Mesh;
 use crate::inverse::graph::Graph;
 

@@ -98,7 +98,8 @@ impl Shape {
         ring
     }
 
-    fn radius(&self) -> f64 {
+    /// m
+    pub(crate) fn radius(&self) -> f64 {
         LARGEST * logistic(self.theta[2])
     }
 

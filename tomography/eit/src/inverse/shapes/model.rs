@@ -126,42 +126,48 @@ impl SheetModel {
         })
     }
 
-    /// Derivative of the readings along directions in the space of maps: one column per direction. `directions[e]`
-    /// lists (direction, d map_e) for triangle e.
+    /// Derivative of the readings along directions in the space of maps: one column per direction. A direction lists the change
+    /// of each triangle of the region that it changes.
     pub(crate) fn along(
         &self,
         solved: &Solved,
-        directions: &BTreeMap<u32, Vec<(usize, f64)>>,
-        count: usize,
+        directions: &[Vec<(u32, f64)>],
     ) -> Result<DMatrix<f64>, ForwardError> {
+        let count = directions.len();
         if self.mesh.depth().is_some() {
-            return self.along_in_depth(solved, directions, count);
+            return self.along_in_depth(solved, directions);
         }
         let m = self.dipoles.len();
-        // the gradients of each direction's triangles, two columns each, and the same times size and amount
-        let mut sides = vec![(Vec::new(), Vec::new()); count];
-        let mut gradient = vec![0.0; 2 * m];
-        for (&e, list) in directions {
-            let t = self.mesh.region()[e as usize];
-            let g = &self.gradients[e as usize];
-            let size = -self.mesh.area(t) * self.sigma0[t];
+        // x and y of the gradients in each triangle, computed when it is first needed
+        let mut gradients = vec![Vec::new(); self.gradients.len()];
+        let gradient = |e: usize| -> Vec<f64> {
+            let t = self.mesh.region()[e];
+            let g = &self.gradients[e];
             let [a, b, c] = self.mesh.triangles()[t].map(|node| solved.potentials.row(node));
-            let (x, y) = gradient.split_at_mut(m);
-            for k in 0..m {
-                let u = [a[k], b[k], c[k]];
-                x[k] = g[0][0] * u[0] + g[1][0] * u[1] + g[2][0] * u[2];
-                y[k] = g[0][1] * u[0] + g[1][1] * u[1] + g[2][1] * u[2];
-            }
-            for &(direction, amount) in list {
-                let (plain, weighted) = &mut sides[direction];
-                plain.extend_from_slice(&gradient);
-                weighted.extend(gradient.iter().map(|g| size * amount * g));
-            }
-        }
+            let along = |axis: usize| {
+                let g = g.map(|g| g[axis]);
+                (0..m).map(move |k| g[0] * a[k] + g[1] * b[k] + g[2] * c[k])
+            };
+            along(0).chain(along(1)).collect()
+        };
         let mut along = DMatrix::zeros(self.questions.len(), count);
-        for (mut column, (plain, weighted)) in along.column_iter_mut().zip(&sides) {
-            let side = |values| MatRef::from_column_major_slice(values, m, plain.len() / m);
-            let products = dense::product(side(plain), side(weighted).transpose());
+        for (mut column, direction) in along.column_iter_mut().zip(directions) {
+            // two columns for each triangle, and the same times size and change
+            let (mut plain, mut weighted) = (Vec::new(), Vec::new());
+            for &(e, change) in direction {
+                let t = self.mesh.region()[e as usize];
+                let size = -self.mesh.area(t) * self.sigma0[t] * change;
+                let of = &mut gradients[e as usize];
+                if of.is_empty() {
+                    *of = gradient(e as usize);
+                }
+                plain.extend_from_slice(of);
+                weighted.extend(of.iter().map(|g| size * g));
+            }
+            let columns = plain.len() / m;
+            let plain = MatRef::from_column_major_slice(&plain, m, columns);
+            let weighted = MatRef::from_column_major_slice(&weighted, m, columns);
+            let products = dense::product(plain, weighted.transpose());
             for ((into, pair), current) in
                 column.iter_mut().zip(&self.questions).zip(&self.currents)
             {
@@ -175,21 +181,16 @@ impl SheetModel {
     fn along_in_depth(
         &self,
         solved: &Solved,
-        directions: &BTreeMap<u32, Vec<(usize, f64)>>,
-        count: usize,
+        directions: &[Vec<(u32, f64)>],
     ) -> Result<DMatrix<f64>, ForwardError> {
         let sensitivity =
             self.forward
                 .sensitivity(&solved.sigma, &self.protocol, &Parameters::region())?;
-        let mut along = DMatrix::zeros(self.questions.len(), count);
-        for (&e, list) in directions {
-            let sigma0 = self.sigma0[self.mesh.region()[e as usize]];
-            for &(direction, amount) in list {
-                along.column_mut(direction).axpy(
-                    amount * sigma0,
-                    &sensitivity.column(e as usize),
-                    1.0,
-                );
+        let mut along = DMatrix::zeros(self.questions.len(), directions.len());
+        for (mut column, direction) in along.column_iter_mut().zip(directions) {
+            for &(e, change) in direction {
+                let sigma0 = self.sigma0[self.mesh.region()[e as usize]];
+                column.axpy(change * sigma0, &sensitivity.column(e as usize), 1.0);
             }
         }
         for (mut row, current) in along.row_iter_mut().zip(&self.currents) {

@@ -1,21 +1,19 @@
 //! Fits shapes to a frame: Levenberg-Marquardt with the full forward model.
 
-use std::collections::BTreeMap;
-
 use crate::ForwardError;
 use nalgebra::{DMatrix, DVector};
 
 use super::coverage::Cover;
-use super::disc::{LOSS, Shape};
 use super::model::{SheetModel, Solved};
 use super::posterior::TEMPER;
+use super::shape::{LOSS, Shape};
 
 /// Most steps of a fit.
 const STEPS: usize = 12;
 /// A fit ends when a step improves the objective by less than this.
 const DONE: f64 = 0.05;
-/// A fit is given up if it leaves more than this many times the misfit that is wanted, and a step improves it by less than the
-/// share `SLOW`.
+/// A fit is given up if it leaves more than `FAR` times the misfit that is wanted, and a step gains less than the share `SLOW` of
+/// what it leaves.
 const FAR: f64 = 4.0;
 const SLOW: f64 = 0.1;
 /// Logarithm of the readings of a frame of 26 electrodes, folded.
@@ -61,23 +59,23 @@ impl Problem<'_> {
         kept.iter().map(|kept| kept - 1.0).collect()
     }
 
-    /// Takes a shape's loss from the conductance that is kept; returns the share of the loss's logarithm in each triangle.
-    fn take(&self, shape: &Shape, kept: &mut [f64]) -> Vec<(u32, f64)> {
-        let covered = self.covered(shape);
-        for &(t, share) in &covered {
-            kept[t as usize] *= (1.0 - shape.loss()).powf(share);
-        }
-        covered
-    }
-
-    fn covered(&self, shape: &Shape) -> Vec<(u32, f64)> {
-        let mut shares = BTreeMap::<u32, f64>::new();
+    /// Takes a shape's loss from the conductance that is kept.
+    fn take(&self, shape: &Shape, kept: &mut [f64]) {
+        let kept_within = 1.0 - shape.loss();
         for (outline, weight) in shape.layers() {
             for (t, share) in self.cover.of(&outline) {
-                *shares.entry(t).or_default() += weight * share;
+                kept[t as usize] *= kept_within.powf(weight * share);
             }
         }
-        shares.into_iter().collect()
+    }
+
+    /// Adds the share of the loss's logarithm that each triangle has, times a factor.
+    fn add_shares(&self, shape: &Shape, factor: f64, shares: &mut [f64]) {
+        for (outline, weight) in shape.layers() {
+            for (t, share) in self.cover.of(&outline) {
+                shares[t as usize] += factor * weight * share;
+            }
+        }
     }
 
     fn evaluate(
@@ -108,45 +106,51 @@ impl Problem<'_> {
         solved: &Solved,
     ) -> Result<DMatrix<f64>, ForwardError> {
         const STEP: f64 = 1e-3;
-        let mut kept = vec![1.0; self.model.mesh.region().len()];
-        let covers: Vec<Vec<(u32, f64)>> = shapes
-            .iter()
-            .map(|shape| self.take(shape, &mut kept))
-            .collect();
-        let mut directions: BTreeMap<u32, Vec<(usize, f64)>> = BTreeMap::new();
-        let mut column = 0;
-        for (shape, covered) in shapes.iter().zip(&covers) {
+        let count = self.model.mesh.region().len();
+        let mut kept = vec![1.0; count];
+        for shape in shapes {
+            self.take(shape, &mut kept);
+        }
+        let mut directions = Vec::new();
+        for shape in shapes {
             let log = (1.0 - shape.loss()).ln();
             for parameter in 0..shape.theta.len() {
+                let mut slopes = vec![0.0; count];
                 if parameter == LOSS {
-                    for &(t, share) in covered {
-                        let slope = -kept[t as usize] * share * shape.loss();
-                        directions.entry(t).or_default().push((column, slope));
-                    }
+                    self.add_shares(shape, -shape.loss(), &mut slopes);
                 } else {
-                    let mut change: BTreeMap<u32, f64> = BTreeMap::new();
-                    for sign in [1.0, -1.0] {
+                    for step in [STEP, -STEP] {
                         let mut moved = shape.clone();
-                        moved.theta[parameter] += sign * STEP;
-                        for (t, share) in self.covered(&moved) {
-                            *change.entry(t).or_default() += sign * share / (2.0 * STEP);
-                        }
-                    }
-                    for (t, slope) in change {
-                        if slope.abs() > 1e-12 {
-                            let slope = kept[t as usize] * log * slope;
-                            directions.entry(t).or_default().push((column, slope));
-                        }
+                        moved.theta[parameter] += step;
+                        self.add_shares(&moved, log / (2.0 * step), &mut slopes);
                     }
                 }
-                column += 1;
+                let slopes = slopes.into_iter().zip(&kept).enumerate();
+                let slopes = slopes.map(|(t, (slope, kept))| (t as u32, kept * slope));
+                // rounding leaves something where a triangle is covered before and after a step
+                directions.push(slopes.filter(|(_, slope)| slope.abs() > 1e-12).collect());
             }
         }
-        let mut j = self.model.along(solved, &directions, column)?;
+        let mut j = self.model.along(solved, &directions)?;
         for mut column in j.column_iter_mut() {
             column.component_mul_assign(&data.weights);
         }
         Ok(j)
+    }
+
+    /// The sensitivity at some shapes.
+    #[cfg(test)]
+    pub(crate) fn slopes(
+        &self,
+        weights: &DVector<f64>,
+        shapes: &[Shape],
+    ) -> Result<DMatrix<f64>, ForwardError> {
+        let data = Data {
+            white: weights.clone(),
+            weights: weights.clone(),
+        };
+        let (solved, ..) = self.evaluate(&data, shapes)?;
+        self.sensitivity(&data, shapes, &solved)
     }
 
     /// Takes at most [`STEPS`] steps from a start, including rejected ones; fewer where the misfit will not become as small as
