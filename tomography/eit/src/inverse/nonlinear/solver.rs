@@ -34,7 +34,7 @@ const LONGEST: f64 = 1.5;
 /// Lowest ln sigma: below it a cell insulates.
 const LOWEST: f64 = -6.0;
 /// The search ends when a step improves the objective by less than this share.
-const DONE: f64 = 0.03;
+const DONE: f64 = 0.01;
 /// Most halvings of a step.
 const HALVINGS: usize = 4;
 /// Draws of the posterior: a whole number of lanes.
