@@ -138,7 +138,7 @@ impl Frame<'_> {
 
     /// The likeliest of the kinds of shapes, if it explains the frame.
     fn one_shape(&self, at: &Peak) -> Result<Option<Fit>, ForwardError> {
-        let disc = self.fit(&[at.disc.clone()])?;
+        let disc = self.fit(std::slice::from_ref(&at.disc))?;
         let own = &disc.shapes[0];
         let others = match disc.misfit / self.wanted {
             ..=PLAIN => return Ok(Some(disc)),
