@@ -30,11 +30,11 @@ const EVERY_S: f64 = 0.1;
 /// the scene, so that at 6,000 times real time each message would need a solution of its own.
 const SPEED: f64 = 100.0;
 /// Frames between two faults.
-const PEACE: u64 = 60;
+const FRAMES_BETWEEN: u64 = 60;
 
 /// A fault of the instruments or the daemon.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Blow {
+enum Incident {
     /// The text of a `tactus-sim fault`, and the text that ends it, unless it has no duration.
     Instruments(&'static str, Option<&'static str>),
     /// SIGKILL, followed by a new daemon.
@@ -46,9 +46,9 @@ enum Blow {
     /// Instruments and daemon lose power together.
     PowerCut,
 }
-use Blow::{Frozen, Instruments, Killed, PowerCut, Updated};
+use Incident::{Frozen, Instruments, Killed, PowerCut, Updated};
 
-const BLOWS: [Blow; 30] = [
+const INCIDENTS: [Incident; 30] = [
     Killed,
     Instruments("drop 34980a", None),
     Instruments("wire 34980a cut", Some("wire 34980a sound")),
@@ -130,39 +130,47 @@ fn month() -> Result<(), Failure> {
             "{bar:40} {pos}/{len} frames, {eta} left: {msg}",
         )?),
     };
-    month.tell(&["baseline", "record", "--frames", "4"])?;
-    month.tell(&["start", "--every", &format!("{EVERY_S}s")])?;
+    month.run(&["baseline", "record", "--frames", "4"])?;
+    month.run(&["start", "--every", &format!("{EVERY_S}s")])?;
     let began = Instant::now();
     let mut order = shuffled(seed);
-    let mut struck: BTreeMap<String, u64> = BTreeMap::new();
-    let mut next = PEACE;
-    while next + PEACE <= frames {
-        let blow = order.pop().unwrap_or_else(|| {
+    let mut injected: BTreeMap<String, u64> = BTreeMap::new();
+    let mut next = FRAMES_BETWEEN;
+    while next + FRAMES_BETWEEN <= frames {
+        let incident = order.pop().unwrap_or_else(|| {
             order = shuffled(seed.wrapping_add(next));
             Killed
         });
         let before = month.frames(next);
-        before.map_err(|failure| month.explained(&format!("before {blow:?}"), failure))?;
-        month.bar.set_message(format!("{blow:?}"));
-        let struck_by = month.strike(blow);
-        struck_by
-            .map_err(|failure| month.explained(&format!("{blow:?} at frame {next}"), failure))?;
-        *struck.entry(format!("{blow:?}")).or_default() += 1;
-        next = month.durable()? + PEACE;
+        before.map_err(|failure| month.explained(&format!("before {incident:?}"), failure))?;
+        month.bar.set_message(format!("{incident:?}"));
+        let ended = month.inject(incident);
+        ended.map_err(|failure| {
+            month.explained(&format!("{incident:?} at frame {next}"), failure)
+        })?;
+        *injected.entry(format!("{incident:?}")).or_default() += 1;
+        let frame = month.durable()?;
+        month.bar.suspend(|| {
+            println!(
+                "{:6.0} s  frame {frame}: {incident:?}",
+                began.elapsed().as_secs_f64()
+            );
+        });
+        next = frame + FRAMES_BETWEEN;
     }
     month.frames(frames)?;
-    month.tell(&["stop"])?;
+    month.run(&["stop"])?;
     month.bar.finish_and_clear();
     if let Some(daemon) = month.daemon.take() {
         daemon.stop()?;
     }
-    let blows: u64 = struck.values().sum();
+    let incidents: u64 = injected.values().sum();
     println!(
-        "{blows} blows of {} kinds in {:.0} s",
-        struck.len(),
+        "{incidents} incidents of {} kinds in {:.0} s",
+        injected.len(),
         began.elapsed().as_secs_f64()
     );
-    month.judge(frames, blows)
+    month.judge(frames, incidents)
 }
 
 /// The stories' rig, with its instruments on TCP, and parts of a few megabytes.
@@ -186,8 +194,8 @@ fn configuration(source: &str, mainframe: &str) -> String {
 }
 
 /// Every fault once, in an order given by the seed.
-fn shuffled(seed: u64) -> Vec<Blow> {
-    let mut order = BLOWS.to_vec();
+fn shuffled(seed: u64) -> Vec<Incident> {
+    let mut order = INCIDENTS.to_vec();
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     for last in (1..order.len()).rev() {
         state = state
@@ -206,7 +214,7 @@ struct Month {
 }
 
 impl Month {
-    fn tell(&self, words: &[&str]) -> Result<(), Failure> {
+    fn run(&self, words: &[&str]) -> Result<(), Failure> {
         self.stage.tactus(words)?.succeeded()?;
         Ok(())
     }
@@ -246,17 +254,17 @@ impl Month {
         self.until("a frame", |(durable, _)| durable >= count)
     }
 
-    fn strike(&mut self, blow: Blow) -> Result<(), Failure> {
+    fn inject(&mut self, incident: Incident) -> Result<(), Failure> {
         let (durable, failed) = self.so_far()?;
-        match blow {
-            Instruments(words, mend) => {
+        match incident {
+            Instruments(words, end) => {
                 self.fault(words)?;
                 // a fault without duration may pass between two frames, unnoticed
                 self.until("a failed frame", |now| {
-                    now.1 > failed || (mend.is_none() && now.0 > durable + 20)
+                    now.1 > failed || (end.is_none() && now.0 > durable + 20)
                 })?;
-                if let Some(mend) = mend {
-                    self.fault(mend)?;
+                if let Some(end) = end {
+                    self.fault(end)?;
                 }
             }
             Killed => {
@@ -280,7 +288,7 @@ impl Month {
                 kill_process(daemon, Signal::CONT)?;
             }
         }
-        if blow == PowerCut {
+        if incident == PowerCut {
             self.fault("reset 6221")?;
             self.fault("reset 34980a")?;
         }
@@ -306,7 +314,7 @@ impl Month {
         Ok(self.rig.fault(&fault)?)
     }
 
-    fn judge(&self, frames: u64, blows: u64) -> Result<(), Failure> {
+    fn judge(&self, frames: u64, incidents: u64) -> Result<(), Failure> {
         if self.rig.source_output().0 || !self.rig.closed().is_empty() {
             return Err("the source is on, or relays are closed, when all has ended".into());
         }
@@ -317,12 +325,17 @@ impl Month {
             return Err(format!("{} frames of {frames} are there", verified.frames).into());
         }
         // few faults pass between two frames
-        if (verified.gaps.len() as u64) < blows / 2 {
-            return Err(format!("{} gaps of {blows} blows", verified.gaps.len()).into());
+        if (verified.gaps.len() as u64) < incidents / 2 {
+            return Err(format!("{} gaps of {incidents} incidents", verified.gaps.len()).into());
         }
         match verified.findings.first() {
             None => {
-                println!("the record is whole, and every gap is explained");
+                println!(
+                    "{incidents} incidents, {} frames in {} parts, {} gaps, every one explained",
+                    verified.frames,
+                    verified.parts.len(),
+                    verified.gaps.len()
+                );
                 Ok(())
             }
             Some(first) => Err(format!(
@@ -350,10 +363,7 @@ impl Month {
             .map(|gap| gap.seconds)
             .fold(0.0, f64::max);
         println!(
-            "{} frames in {} parts, {} gaps, the longest of {longest:.1} s; the scene stands at day {:.1}",
-            verified.frames,
-            verified.parts.len(),
-            verified.gaps.len(),
+            "the longest gap is {longest:.1} s; the scene stands at day {:.1}",
             self.rig.now().as_secs_f64() / 86_400.0
         );
         for (kind, count) in kinds {
