@@ -1,5 +1,6 @@
-//! The simulated night on the live page: its numbers are those of the bus and of the command line.
+//! The simulated night on the live page: its numbers are those of the bus, of the command line and of the exported file.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use dbus::{Address, Session1Proxy};
@@ -30,8 +31,44 @@ fn of_bus(path: &Path, id: &str) -> Option<(u64, Value)> {
     })
 }
 
+/// Values with the names of their region and quantity, in the order of these names.
+type Values = Vec<(String, String, f64)>;
+
+/// The mean values of each exported minute, by its begin, s since 1970.
+fn exported(path: &Path) -> BTreeMap<i64, Values> {
+    let mut file = netcdf3::FileReader::open(path).expect("a netCDF file");
+    let names = file.data_set().get_var_attr_as_string("region", "names");
+    let names = names.expect("names of regions");
+    let regions: Vec<&str> = names.split(' ').collect();
+    let variables = file.data_set().get_var_names();
+    let mut read = |variable: &str| {
+        let values = file.read_var(variable).expect("it is there");
+        values.get_f64().expect("f64").to_vec()
+    };
+    let mut minutes: BTreeMap<i64, Values> = BTreeMap::new();
+    let begins = read("minute");
+    for variable in &variables {
+        let Some(quantity) = variable.strip_suffix("_mean") else {
+            continue;
+        };
+        let rows = read(variable);
+        for (begin, row) in begins.iter().zip(rows.chunks(regions.len())) {
+            let values = minutes.entry(*begin as i64).or_default();
+            let there = regions.iter().zip(row).filter(|(_, value)| !value.is_nan());
+            let quantity = quantity.replace('_', "-");
+            values.extend(
+                there.map(|(region, value)| ((*region).to_owned(), quantity.clone(), *value)),
+            );
+        }
+    }
+    for values in minutes.values_mut() {
+        values.sort_by(|a, b| (&a.0, &a.1).cmp(&(&b.0, &b.1)));
+    }
+    minutes
+}
+
 #[test]
-fn a_night_has_the_same_numbers_on_page_bus_and_cli() {
+fn a_night_has_the_same_numbers_on_page_bus_cli_and_in_files() {
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::QUIET) else {
         return;
     };
@@ -93,7 +130,7 @@ fn a_night_has_the_same_numbers_on_page_bus_and_cli() {
     let seen = seen.as_object().expect("frames");
     assert!(seen.len() > 40, "the page showed {} frames", seen.len());
     let frames = ask(&stage, &["quantities", &id, "--each-frame", "--recompute"]);
-    let values = |regions: &Value| -> Vec<(String, String, f64)> {
+    let values = |regions: &Value| -> Values {
         let regions = regions.as_array().expect("regions").iter();
         let each = regions.flat_map(|region| {
             let name = region["name"].as_str().expect("a name");
@@ -147,4 +184,21 @@ fn a_night_has_the_same_numbers_on_page_bus_and_cli() {
         assert_eq!(bus, recomputed(&sequence.to_string()), "frame {sequence}");
     }
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
+    let file = stage.path().join("night.nc");
+    let out = file.display().to_string();
+    let export = ["export", &id, "--format", "nc", "--out", &out];
+    let written = stage.tactus(&export).and_then(|ran| ran.succeeded());
+    written.unwrap_or_else(|fault| panic!("{fault}"));
+    // a minute has one frame, or none; its numbers are stored as f32
+    let of_frame = |frame: &Value| {
+        let wall = frame["wall"].as_str().expect("a time");
+        let wall = chrono::DateTime::parse_from_rfc3339(wall).expect("RFC 3339");
+        let mut stored = values(&frame["regions"]);
+        for (.., value) in &mut stored {
+            *value = f64::from(*value as f32);
+        }
+        (wall.timestamp().div_euclid(60) * 60, stored)
+    };
+    let of_frames: BTreeMap<i64, Values> = frames.iter().map(of_frame).collect();
+    assert_eq!(exported(&file), of_frames);
 }
