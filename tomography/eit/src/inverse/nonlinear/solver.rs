@@ -143,8 +143,8 @@ impl Sheet {
         Ok(())
     }
 
-    /// The minimum for the change of the readings, with errors of the standard deviation `first`, lowered to what the map leaves unexplained, at
-    /// least to `least`. `bounded`: gains are penalised. `None` if a step cannot be solved.
+    /// The minimum for the change of the readings. The standard deviation of their errors is `first`, then what the map leaves
+    /// unexplained, at least `least`. `bounded`: gains are penalised. `None` if a step cannot be solved.
     pub(super) fn minimum(
         &self,
         seen: &Seen,
