@@ -6,7 +6,7 @@ use super::refusals::left;
 use crate::scene::{done, lines, refused, session, session_with_alarms};
 
 const METHOD: [&str; 4] = ["--preset", "disc-tank", "--noise-v", "2e-6"];
-const SCALE: [&str; 2] = ["--scale", "0,60"];
+const SCALE: [&str; 2] = ["--scale", "0,70"];
 
 struct Watched {
     size: [u32; 2],
