@@ -5,7 +5,6 @@ use nalgebra::{DMatrix, DVector};
 
 use super::coverage::Cover;
 use super::model::{SheetModel, Solved};
-use super::posterior::TEMPER;
 use super::shape::{LOSS, Shape};
 
 /// Most steps of a fit.
@@ -16,6 +15,8 @@ const DONE: f64 = 0.05;
 /// what it leaves.
 const FAR: f64 = 4.0;
 const SLOW: f64 = 0.1;
+/// The likelihood is raised to 1 / this: errors of the model are correlated between readings.
+pub(super) const TEMPER: f64 = 4.0;
 /// Logarithm of the readings of a frame of 26 electrodes, folded.
 const PARAMETER_COST: f64 = 5.7;
 

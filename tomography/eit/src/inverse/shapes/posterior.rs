@@ -5,12 +5,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::fit::{Fit, Problem};
+use super::fit::{Fit, Problem, TEMPER};
 
 /// Draws of the posterior.
 const DRAWS: usize = 100;
-/// The likelihood is raised to 1 / this: errors of the model are correlated between readings.
-pub(super) const TEMPER: f64 = 4.0;
 /// Precision that every parameter has at least.
 const LEAST_PRECISION: f64 = 4.0;
 
