@@ -61,10 +61,12 @@ fn exported(path: &Path) -> BTreeMap<i64, Values> {
             );
         }
     }
-    for values in minutes.values_mut() {
-        values.sort_by(|a, b| (&a.0, &a.1).cmp(&(&b.0, &b.1)));
-    }
+    minutes.values_mut().for_each(sort);
     minutes
+}
+
+fn sort(values: &mut Values) {
+    values.sort_by(|a, b| (&a.0, &a.1).cmp(&(&b.0, &b.1)));
 }
 
 #[test]
@@ -145,7 +147,7 @@ fn a_night_has_the_same_numbers_on_page_bus_cli_and_in_files() {
         });
         // the browser gives them in the order of their names
         let mut all: Vec<_> = each.collect();
-        all.sort_by(|a, b| (&a.0, &a.1).cmp(&(&b.0, &b.1)));
+        sort(&mut all);
         all
     };
     let recomputed = |sequence: &str| {

@@ -69,14 +69,15 @@ fn square(a: MatRef<'_, f64>) -> DMatrix<f64> {
     out
 }
 
+/// A faer view of a block, transposed: a row for each right side.
+pub(crate) fn transposed_view(block: &Block) -> MatRef<'_, f64> {
+    let unknowns = block.values.len() / block.width;
+    MatRef::from_column_major_slice(&block.values, block.width, unknowns)
+}
+
 /// The products of all pairs of right sides of a block.
 pub(crate) fn gram_of_block(block: &Block) -> DMatrix<f64> {
-    let unknowns = block.values.len() / block.width;
-    square(MatRef::from_column_major_slice(
-        &block.values,
-        block.width,
-        unknowns,
-    ))
+    square(transposed_view(block))
 }
 
 /// a x, at memory bandwidth.

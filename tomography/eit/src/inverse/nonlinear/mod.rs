@@ -161,9 +161,11 @@ impl NonlinearTv {
         let noise = self.noise.unwrap_or(0.0);
         let least = noise.max(model);
         let first = least.max(FIRST_ERROR * size);
+        let most = |error: f64| ACCEPTED * error * error + model * model;
         // shapes cost a tenth of the minimum
         if self.noise.is_some()
-            && let Some(likely) = self.as_shapes(seen, &self.shown(&linear, 0.0), least, least)?
+            && let Some(likely) =
+                self.as_shapes(seen, &self.shown(&linear, 0.0), least, most(least))?
         {
             return Ok(likely);
         }
@@ -182,24 +184,21 @@ impl NonlinearTv {
         }
         let map = self.shown(&found.change, 0.0);
         let error = found.error.clamp(noise, 2.0 * least);
-        match self.as_shapes(seen, &map, found.error.max(least), error)? {
+        match self.as_shapes(seen, &map, found.error.max(least), most(error))? {
             Some(likely) => Ok(likely),
             None => Ok(self.likely(&found, 0.0, format!("{METHOD}, loss only"))),
         }
     }
 
     /// The map of shapes that start at the peaks of another map; `None` if they do not explain the change. `deviation`: of a
-    /// reading, in the fit; `error`: of a reading, by which the fit is judged.
+    /// reading; `most`: the mean square that they may leave.
     fn as_shapes(
         &self,
         seen: &Seen,
         start: &[f64],
         deviation: f64,
-        error: f64,
+        most: f64,
     ) -> Result<Option<Likely>, String> {
-        let count = seen.data.len() as f64;
-        let model = MODEL_ERROR * (seen.data.norm_squared() / count).sqrt();
-        let most = ACCEPTED * error.powi(2) + model.powi(2);
         let explained = self.shapes.explain(seen, deviation, most, start);
         Ok(explained.map_err(|fault| fault.to_string())?.map(|shapes| {
             let mut values = vec![0.0; start.len()];

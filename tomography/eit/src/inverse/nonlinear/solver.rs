@@ -379,13 +379,10 @@ impl<'a> Penalty<'a> {
         for value in &mut white.values {
             *value = normal();
         }
-        // a column for each draw, a row for each reading; blocks are transposed
+        // a column for each draw, a row for each reading
         let mut errors = DMatrix::from_fn(readings, white.width, |_, _| normal());
-        let transposed =
-            |block: &Block| DMatrix::from_column_slice(block.width, cells, &block.values);
-        let halved = transposed(&solution.halved);
-        let halved = dense::view(&halved).subrows(0, readings);
-        errors -= dense::product(halved, dense::view(&transposed(&white)).transpose());
+        let halved = dense::transposed_view(&solution.halved).subrows(0, readings);
+        errors -= dense::product(halved, dense::transposed_view(&white).transpose());
         let weights = &solution.inverse * errors;
         let moved = dense::product(dense::view(&weights).transpose(), halved);
         for (value, moved) in white.values.iter_mut().zip(moved.as_slice()) {

@@ -19,7 +19,6 @@ use std::sync::Arc;
 use survey::Protocol;
 
 use self::coverage::Cover;
-
 use self::fit::{Data, Fit, Problem};
 use self::model::SheetModel;
 use self::shape::{Kind, Shape};
@@ -94,9 +93,8 @@ impl Shapes {
             return Ok(None);
         };
         let one = frame.one_shape(first)?;
-        let plain = |fit: &Fit| fit.shapes[0].kind == Kind::Disc;
         let several = match &one {
-            Some(one) if plain(one) => None,
+            Some(one) if one.shapes[0].kind == Kind::Disc => None,
             _ => frame.discs(&peaks)?,
         };
         let fit = likeliest([one, several].into_iter().flatten());
@@ -105,10 +103,7 @@ impl Shapes {
             let maps = posterior::maps(&frame.problem, &fit);
             Explained {
                 maps: maps.into_iter().map(shown).collect(),
-                name: match fit.shapes.as_slice() {
-                    [shape] if shape.kind != Kind::Disc => shape.kind.name().to_owned(),
-                    discs => format!("discs ({})", discs.len()),
-                },
+                name: fit.shapes[0].kind.name(fit.shapes.len()),
             }
         }))
     }
@@ -205,6 +200,17 @@ mod tests {
         }
     }
 
+    fn model_of(case: &Case) -> SheetModel {
+        SheetModel::new(
+            &case.mesh,
+            &case.contact_ohm_m,
+            &case.sigma["homog"],
+            &case.protocol,
+            &case.currents,
+        )
+        .unwrap()
+    }
+
     #[test]
     fn the_area_covered_is_the_outlines_own() {
         let case = tank();
@@ -239,14 +245,7 @@ mod tests {
     #[test]
     fn sensitivities_of_every_kind_are_slopes_of_the_readings() {
         let case = tank();
-        let model = SheetModel::new(
-            &case.mesh,
-            &case.contact_ohm_m,
-            &case.sigma["homog"],
-            &case.protocol,
-            &case.currents,
-        )
-        .unwrap();
+        let model = model_of(&case);
         let cover = Cover::new(&case.mesh);
         let problem = Problem {
             model: &model,
@@ -289,14 +288,7 @@ mod tests {
     }
 
     fn check_derivatives(case: &Case) {
-        let model = SheetModel::new(
-            &case.mesh,
-            &case.contact_ohm_m,
-            &case.sigma["homog"],
-            &case.protocol,
-            &case.currents,
-        )
-        .unwrap();
+        let model = model_of(case);
         let unknowns = case.mesh.region().len();
         let map: Vec<f64> = (0..unknowns)
             .map(|k| -0.5 * f64::from(u8::from(k % 3 == 0)))

@@ -48,12 +48,13 @@ fn logit(p: f64) -> f64 {
 }
 
 impl Kind {
-    pub(crate) fn name(self) -> &'static str {
+    /// Name of so many of them; only discs are several.
+    pub(crate) fn name(self, count: usize) -> String {
         match self {
-            Self::Disc => "disc",
-            Self::Soft => "disc with a soft edge",
-            Self::Ring => "ring",
-            Self::Bar => "bar",
+            Self::Disc => format!("discs ({count})"),
+            Self::Soft => "disc with a soft edge".to_owned(),
+            Self::Ring => "ring".to_owned(),
+            Self::Bar => "bar".to_owned(),
         }
     }
 }
