@@ -54,6 +54,11 @@ function row(cells, head) {
   return tr;
 }
 
+// a value with its standard deviation, where that is known
+function withDeviation(value, deviation) {
+  return rounded(value) + (deviation ? ` \u00b1 ${rounded(deviation)}` : "");
+}
+
 // three digits, without an exponent
 function rounded(value) {
   const size = Math.abs(value);

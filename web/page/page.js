@@ -146,8 +146,39 @@ async function showMap(state) {
   if (latest && latest.frame && latest.frame.map && mapName(latest.frame) !== shownMap && latest !== state) showMap(latest);
 }
 
+// Standard deviations of quantities and widths of hot spots, by name and number: the daemon computes them once a second of frames,
+// and they change little from one frame to the next.
+const CERTAIN_MS = 2000;
+let certain = { atMs: 0, session: null, deviations: {}, spots: new Map() };
+
+function keepCertain(frame) {
+  const { regions, spots } = frame.quantities;
+  const some = regions.some(region => Object.keys(region.deviations).length);
+  if (!some && shownSession === certain.session && Math.abs(frame.wall_ms - certain.atMs) <= CERTAIN_MS) return;
+  const deviations = {};
+  for (const [name] of QUANTITIES) deviations[name] = regions.map(region => region.deviations[name]);
+  const wide = spots.filter(spot => spot.uncertainty).map(spot => [spot.number, spot.uncertainty]);
+  certain = { atMs: frame.wall_ms, session: shownSession, deviations, spots: new Map(wide) };
+}
+
+function showSpots(quantities, pressure) {
+  const load = pressure ? "load, N" : "load, mm\u00b2 lost";
+  const heads = ["x, mm", "y, mm", "within, mm", pressure ? "kPa" : "lost share", load, "area, mm\u00b2", "age, s"];
+  const rows = [row(["number", ...heads.map(number => ({ number }))], true)];
+  for (const spot of quantities.spots) {
+    const wide = certain.spots.get(spot.number);
+    const [low, high] = wide ? wide.load_interval : [0, 0];
+    const cells = [...spot.centre_mm, wide ? wide.half_axes_mm[0] : undefined, spot.peak, spot.load, spot.area_mm2, spot.age_s];
+    const texts = cells.map(value => (value === undefined ? "\u2013" : rounded(value)));
+    if (wide) texts[4] += ` \u00b1 ${rounded((high - low) / 2)}`;
+    rows.push(row([`${spot.number}`, ...texts.map(number => ({ number }))]));
+  }
+  byId("spots").replaceChildren(...rows);
+}
+
 function showQuantities(frame) {
   const quantities = frame.quantities;
+  if (quantities) keepCertain(frame);
   const pressure = quantities && quantities.unit === "pressure";
   const regions = quantities ? quantities.regions : [];
   // those of the last map stay, dimmed
@@ -157,15 +188,13 @@ function showQuantities(frame) {
   for (const [name, words, calibrated, plain] of QUANTITIES) {
     const values = regions.map(region => region.values[name]);
     if (values.every(value => value === undefined)) continue;
-    rows.push(row([words, ...values.map(value => ({ number: value === undefined ? "\u2013" : rounded(value) })), pressure ? calibrated : plain]));
+    const sds = certain.deviations[name] || [];
+    const cells = values.map((value, index) => ({ number: value === undefined ? "\u2013" : withDeviation(value, sds[index]) }));
+    rows.push(row([words, ...cells, pressure ? calibrated : plain]));
   }
   if (rows.length === 1) rows.push(row([quantities.reason || "not known", "", ""]));
   byId("quantities").replaceChildren(...rows);
-  const spots = [row(["number", { number: "x, mm" }, { number: "y, mm" }, { number: pressure ? "kPa" : "lost share" }, { number: "area, mm\u00b2" }, { number: "age, s" }], true)];
-  for (const spot of quantities.spots) {
-    spots.push(row([`${spot.number}`, ...[spot.centre_mm[0], spot.centre_mm[1], spot.peak, spot.area_mm2, spot.age_s].map(value => ({ number: rounded(value) }))]));
-  }
-  byId("spots").replaceChildren(...spots);
+  showSpots(quantities, pressure);
 }
 
 function showState(state) {

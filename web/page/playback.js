@@ -251,8 +251,7 @@ function showQuantities(head) {
     const text = (value, region) => {
       if (value === undefined) return "\u2013";
       if (unit === "s") return duration(value);
-      const sd = !of_minute && region.deviations && region.deviations[name];
-      return rounded(value) + (sd ? ` \u00b1 ${rounded(sd)}` : "");
+      return withDeviation(value, !of_minute && region.deviations && region.deviations[name]);
     };
     const cells = values.map((value, index) => ({ number: text(value, regions[index]) }));
     rows.push(row([words + (of_minute ? " (minute)" : ""), ...cells, unit === "s" ? "h:min:s" : unit]));

@@ -16,6 +16,8 @@ pub struct HotSpot {
     pub peak: f64,
     /// Area at half of that value or more, m2.
     pub area: f64,
+    /// Integral of the values over that area, value times m2.
+    pub load: f64,
 }
 
 /// Triangles of a map, with the neighbours of each.
@@ -134,6 +136,7 @@ impl Adjacency {
                 centre: sum.map(|sum| sum / weight),
                 peak: loads[first[patch]],
                 area,
+                load: weight,
             })
             .collect();
         let largest = spots
@@ -180,6 +183,7 @@ mod tests {
         assert_eq!([deep[0].peak, deep[1].peak], [1.0, 0.6]);
         assert!((deep[1].centre[0] - 0.035).abs() < 1e-9, "{deep:?}");
         assert!((deep[1].area - 1e-4).abs() < 1e-12, "{deep:?}");
+        assert!((deep[1].load - 0.6e-4).abs() < 1e-12, "{deep:?}");
         // the valley of 0.4 is more than half of the lower peak
         let shallow = strip.hot_spots(&twice(&[0.0, 1.0, 0.4, 0.6, 0.0]), 0.05);
         assert_eq!(shallow.len(), 1);

@@ -49,7 +49,10 @@ fn stored_quantities_are_those_of_the_frames() {
     let begun = ask(&stage, &["start", "--every", "500ms"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
     let watched = ask(&stage, &["watch", "--no-map", "--count", "4"]);
-    let last = &watched[watched.len() - 1];
+    // the daemon computes standard deviations once a second of frames
+    let certain =
+        |frame: &&Value| !frame["quantities"]["regions"][0]["deviations"]["load"].is_null();
+    let last = watched.iter().rfind(certain).expect("deviations in 2 s");
     let sheet = &last["quantities"]["regions"][0];
     assert_eq!(sheet["name"], "sheet", "{last}");
     ask(&stage, &["stop"]);
@@ -65,6 +68,14 @@ fn stored_quantities_are_those_of_the_frames() {
     assert_eq!(same["spots"], last["quantities"]["spots"]);
     let sd = &same["regions"][0]["deviations"];
     assert!(number(sd, "load") > 0.0 && number(sd, "load") < number(&sheet["values"], "load"));
+    assert_eq!(*sd, sheet["deviations"]);
+    let spot = &same["spots"][0];
+    let [low, high] = [0, 1].map(|end| spot["uncertainty"]["load_interval"][end].as_f64());
+    let (load, low, high) = (number(spot, "load"), low.expect("low"), high.expect("high"));
+    assert!(
+        0.0 < low && low < load && load < high && high < 2.0 * load,
+        "{spot}"
+    );
 
     let stored = ask(&stage, &["quantities", &id]);
     let again = ask(&stage, &["quantities", &id, "--recompute"]);

@@ -102,8 +102,8 @@ fn quantities(load: f64) -> Value {
         "known": true, "reason": null, "unit": "pressure",
         "regions": [region("sheet", load), region("left", 0.6 * load), region("seat-of-the-chair", 0.2 * load)],
         "spots": [
-            {"number": 1, "centre_mm": [60.0, 100.0], "peak": 12.0, "area_mm2": 1500.0, "age_s": 330.0, "speed_mm_s": 0.1},
-            {"number": 12, "centre_mm": [150.0, 40.0], "peak": 6.0, "area_mm2": 1450.0, "age_s": 12.0, "speed_mm_s": null},
+            {"number": 1, "centre_mm": [60.0, 100.0], "peak": 12.0, "area_mm2": 1500.0, "load": 12.1, "uncertainty": null, "age_s": 330.0, "speed_mm_s": 0.1},
+            {"number": 12, "centre_mm": [150.0, 40.0], "peak": 6.0, "area_mm2": 1450.0, "load": 5.8, "uncertainty": {"half_axes_mm": [1.4, 0.9], "angle_deg": 20.0, "load_interval": [5.2, 6.4]}, "age_s": 12.0, "speed_mm_s": null},
         ],
         "changes": [],
     })

@@ -80,6 +80,9 @@ pub(crate) struct Mapped {
     pub refused: Option<String>,
     /// What the tracked baseline says of the frame.
     pub tracked: Option<Tracked>,
+    /// What the map was made of: the frame, and what it was compared with.
+    readings: Vec<Reading>,
+    baseline: Vec<Reading>,
 }
 
 /// Why there is no map.
@@ -464,6 +467,8 @@ impl ReconstructionContext {
             record,
             refused,
             tracked: None,
+            readings: readings.to_vec(),
+            baseline: baseline.to_vec(),
         })
     }
 }

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use imaging::Model;
 use imaging::quantities::{
-    FrameQuantities, JudgedMap, KeptCourse, Quantifier, QuantityRow, QuantitySettings,
-    RegionSettings, Rows, STORED_S, keep_course, kept_course, store,
+    ComparedReadings, Deviation, FrameQuantities, JudgedMap, KeptCourse, Quantifier, QuantityRow,
+    QuantitySettings, RegionSettings, Rows, STORED_S, keep_course, kept_course, store,
 };
 use logbook::LogbookError;
 use survey::error_chain as chain;
@@ -15,6 +15,8 @@ use super::{Failure, Mapped};
 
 /// Time of frames between two states that are kept, s: what a power cut takes from dose and time without relief.
 const KEPT_EVERY_S: f64 = 300.0;
+/// Time of frames between two with standard deviations, s: these cost 16 maps, which delay the frame.
+const DEVIATION_EVERY_S: f64 = 1.0;
 
 /// What is needed for the quantities of a session.
 pub(crate) struct QuantityContext {
@@ -26,6 +28,8 @@ pub(crate) struct QuantityContext {
     pub session: String,
     /// Its last frame, if it is resumed; else 0.
     pub after: u64,
+    /// Standard deviations of quantities; `None` where the noise is not known, or a map takes too long for 16 of them.
+    pub deviation: Option<Deviation>,
 }
 
 /// Computes the quantities of frame after frame.
@@ -37,6 +41,8 @@ pub(super) struct Quantified {
     /// The last frame, and the time of the last state that was kept.
     sequence: u64,
     kept_s: Option<f64>,
+    /// The last frame with standard deviations.
+    deviation_s: Option<f64>,
     /// Whether something could not be stored, which is reported once.
     failed: bool,
 }
@@ -53,12 +59,15 @@ impl Quantified {
     ) -> Result<Self, String> {
         let quantifier = Quantifier::new(model, &context.settings, &context.regions);
         let mut quantified = Self {
-            quantifier: quantifier.map_err(|error| chain(&error))?,
+            quantifier: quantifier
+                .map_err(|error| chain(&error))?
+                .with_deviation(context.deviation),
             rows: Rows::new(STORED_S),
             folder: context.folder,
             session: context.session,
             sequence: 0,
             kept_s: None,
+            deviation_s: None,
             failed: false,
         };
         if context.after > 0 {
@@ -99,12 +108,22 @@ impl Quantified {
     ) -> FrameQuantities {
         let found = match outcome {
             Ok(mapped) => {
+                let since = self.deviation_s.map(|last| (at_s - last).abs());
+                let compared = since
+                    .is_none_or(|since| since >= DEVIATION_EVERY_S)
+                    .then_some(ComparedReadings {
+                        baseline: &mapped.baseline,
+                        readings: &mapped.readings,
+                    });
+                if compared.is_some() {
+                    self.deviation_s = Some(at_s);
+                }
                 let judged = JudgedMap {
                     map: &mapped.map,
                     pressure: mapped.pressure.as_ref(),
                     noise: mapped.noise,
                     tracked: mapped.tracked.as_ref(),
-                    compared: None,
+                    compared,
                 };
                 self.quantifier.take(at_s, Some(&judged))
             }

@@ -4,14 +4,20 @@ use eit::{Calibration, Mesh, Pressure};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use survey::{Map, Reading};
+use survey::{HotSpot, Map, Reading};
 
-use super::quantity::{Quantity, Values};
+use super::quantity::{LoadUnit, Quantity, Values};
+use super::tracks::{SpotUncertainty, distance, radius};
 use crate::map_noise::noisy;
 use crate::model::Model;
+use crate::tracking::principal_axes;
 
 /// Number of noisy copies of a frame. A standard deviation of 16 draws has a standard error of 18 %.
 const DRAWS: usize = 16;
+/// Deviations of 16 draws that contain 95 %: of a place, by Hotelling's distribution (the root of 2 (15 / 14) F with 2 and 14
+/// degrees of freedom, F = 3.7389), and of a number, by Student's with 15.
+const REGION_95: f64 = 2.8305;
+const INTERVAL_95: f64 = 2.1314;
 
 /// Reconstructs noisy copies of each frame.
 ///
@@ -34,6 +40,28 @@ pub struct ComparedReadings<'a> {
     pub readings: &'a [Reading],
 }
 
+/// Quantities of each region, and hot spots, of one map.
+pub(super) struct Described {
+    pub(super) regions: Vec<Values>,
+    pub(super) spots: Vec<HotSpot>,
+}
+
+/// What noise does to them.
+pub(super) struct Deviations {
+    /// Standard deviations, for each region.
+    pub(super) regions: Vec<Values>,
+    pub(super) spots: Vec<Option<SpotUncertainty>>,
+}
+
+impl Deviations {
+    pub(super) fn none(regions: usize) -> Self {
+        Self {
+            regions: vec![Values::default(); regions],
+            spots: Vec::new(),
+        }
+    }
+}
+
 impl Deviation {
     /// `noise_v`: standard deviation of one reading, in the unit of the readings.
     pub fn new(model: &Model, noise_v: f64) -> Self {
@@ -43,18 +71,20 @@ impl Deviation {
         }
     }
 
-    /// Standard deviations of what `quantities` computes of a map (and of its pressure), for each of `regions`; none for a
-    /// quantity that does not exist in one of the noisy maps. `baseline_sd`: standard deviation of the tracked baseline.
+    /// What noise does to that which `describe` finds in a map (and in its pressure); none for a quantity or a hot spot that does
+    /// not exist in one of the noisy maps. `baseline_sd`: standard deviation of the tracked baseline.
     pub(super) fn of(
         &self,
         frame: ComparedReadings<'_>,
         baseline_sd: f64,
         regions: usize,
-        quantities: impl Fn(&Map, Option<&Pressure>) -> Vec<Values>,
-    ) -> Vec<Values> {
+        spots: &[&HotSpot],
+        unit: LoadUnit,
+        describe: impl Fn(&Map, Option<&Pressure>) -> Described,
+    ) -> Deviations {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let noise_v = self.noise_v.hypot(baseline_sd);
-        let drawn: Option<Vec<Vec<Values>>> = (0..DRAWS)
+        let drawn: Option<Vec<Described>> = (0..DRAWS)
             .map(|_| {
                 let readings = noisy(frame.readings, noise_v, &mut random);
                 let reconstructor = &self.model.reconstructor;
@@ -68,25 +98,33 @@ impl Deviation {
                     pressure.kpa.iter_mut().for_each(|kpa| *kpa *= gain);
                     pressure.newtons *= gain;
                 }
-                Some(quantities(&map, pressure.as_ref()))
+                Some(describe(&map, pressure.as_ref()))
             })
             .collect();
         let Some(drawn) = drawn else {
-            return vec![Values::default(); regions];
+            return Deviations::none(regions);
         };
-        (0..regions)
-            .map(|region| {
-                let mut deviations = Values::default();
-                for quantity in Quantity::ALL {
-                    let values: Option<Vec<f64>> = drawn
-                        .iter()
-                        .map(|draw| draw[region].get(quantity))
-                        .collect();
-                    deviations.set(quantity, values.map(|values| deviation(&values)));
-                }
-                deviations
-            })
-            .collect()
+        let of_region = |region: usize| {
+            let mut deviations = Values::default();
+            for quantity in Quantity::ALL {
+                let values = drawn.iter().map(|draw| draw.regions[region].get(quantity));
+                let values: Option<Vec<f64>> = values.collect();
+                deviations.set(
+                    quantity,
+                    values.map(|values| covariance(&values, &values).sqrt()),
+                );
+            }
+            deviations
+        };
+        let of_spot = |spot: &&HotSpot| {
+            let same = drawn.iter().map(|draw| nearest(spot, &draw.spots));
+            let same: Option<Vec<&HotSpot>> = same.collect();
+            same.map(|same| uncertainty(spot, &same, unit))
+        };
+        Deviations {
+            regions: (0..regions).map(of_region).collect(),
+            spots: spots.iter().map(of_spot).collect(),
+        }
     }
 
     /// The map as pressure, if the model is calibrated; `None` where the calibration refuses it.
@@ -112,16 +150,79 @@ fn gain_deviation(calibration: &Calibration) -> f64 {
     calibration.rms * (presses / free * (1.0 + fitted / presses)).sqrt()
 }
 
-fn deviation(values: &[f64]) -> f64 {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (squares / (count - 1.0)).sqrt()
+/// The hot spot of a noisy map that is this one: the nearest, if its centre lies within this one's radius.
+fn nearest<'a>(spot: &HotSpot, spots: &'a [HotSpot]) -> Option<&'a HotSpot> {
+    let apart = |other: &HotSpot| distance(spot.centre, other.centre);
+    let nearest = spots.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)))?;
+    Some(nearest).filter(|other| apart(other) <= radius(spot))
+}
+
+/// Region and interval of a hot spot from what it is in the noisy maps.
+fn uncertainty(spot: &HotSpot, drawn: &[&HotSpot], unit: LoadUnit) -> SpotUncertainty {
+    let [x, y] = [0, 1].map(|axis| -> Vec<f64> { drawn.iter().map(|s| s.centre[axis]).collect() });
+    let across = covariance(&x, &y);
+    let (deviations, angle_deg) =
+        principal_axes([[covariance(&x, &x), across], [across, covariance(&y, &y)]]);
+    let loads: Vec<f64> = drawn.iter().map(|s| s.load).collect();
+    let width = INTERVAL_95 * covariance(&loads, &loads).sqrt();
+    SpotUncertainty {
+        half_axes_mm: deviations.map(|metres| 1e3 * REGION_95 * metres),
+        angle_deg,
+        load_interval: [spot.load - width, spot.load + width].map(|load| unit.load_factor() * load),
+    }
+}
+
+fn covariance(a: &[f64], b: &[f64]) -> f64 {
+    let count = a.len() as f64;
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / count;
+    let (of_a, of_b) = (mean(a), mean(b));
+    let products: f64 = a.iter().zip(b).map(|(a, b)| (a - of_a) * (b - of_b)).sum();
+    products / (count - 1.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// How often the ellipse and the interval of one noisy spot contain the true one, with 16 other noisy ones to go by.
+    #[test]
+    fn regions_of_hot_spots_contain_the_truth_in_95_percent() {
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        // x and y of deviations 2 and 1 mm, turned by 30 degrees; load of 8 %
+        let mut spot = || {
+            let [along, across, load]: [f64; 3] =
+                std::array::from_fn(|_| StandardNormal.sample(&mut random));
+            let ((sin, cos), along) = (30.0_f64.to_radians().sin_cos(), 2.0 * along);
+            HotSpot {
+                centre: [along * cos - across * sin, along * sin + across * cos]
+                    .map(|mm| 1e-3 * mm),
+                peak: 0.5,
+                area: 1e-3,
+                load: 1e-4 * (1.0 + 0.08 * load),
+            }
+        };
+        let (mut inside, mut between, mut angles) = (0, 0, 0.0);
+        for _ in 0..4000 {
+            let measured = spot();
+            let drawn: Vec<HotSpot> = (0..DRAWS).map(|_| spot()).collect();
+            let drawn: Vec<&HotSpot> = drawn.iter().collect();
+            let found = uncertainty(&measured, &drawn, LoadUnit::RelativeLoss);
+            let (sin, cos) = found.angle_deg.to_radians().sin_cos();
+            let [x, y] = measured.centre.map(|metres| 1e3 * metres);
+            let [a, b] = found.half_axes_mm;
+            let away = ((x * cos + y * sin) / a).hypot((y * cos - x * sin) / b);
+            inside += u32::from(away <= 1.0);
+            let [low, high] = found.load_interval;
+            between += u32::from((low..=high).contains(&100.0));
+            angles += found.angle_deg / 4000.0;
+        }
+        // the binomial deviation is 0.34 %; quantiles of the normal distribution give 90 and 92.5 %
+        for contained in [inside, between] {
+            let share = f64::from(contained) / 4000.0;
+            assert!((0.938..=0.962).contains(&share), "{inside} {between}");
+        }
+        assert!((angles - 30.0).abs() < 1.0, "{angles}");
+    }
 
     #[test]
     fn few_presses_leave_a_gain_less_certain() {

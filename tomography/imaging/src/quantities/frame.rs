@@ -99,12 +99,7 @@ fn of_region(
     let mut found = MapValues::default();
     let values = &mut found.values;
     values.set(Quantity::Contact, Some(1e6 * area));
-    // 1 kPa over 1 m2 is 1,000 N
-    let factor = match unit {
-        LoadUnit::Pressure => 1e3,
-        LoadUnit::RelativeLoss => 1e6,
-    };
-    values.set(Quantity::Load, Some(factor * total));
+    values.set(Quantity::Load, Some(unit.load_factor() * total));
     values.set(Quantity::Mean, mean);
     values.set(
         Quantity::Variation,

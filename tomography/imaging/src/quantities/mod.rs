@@ -22,20 +22,21 @@ mod tracks;
 
 use eit::Pressure;
 use serde::{Deserialize, Serialize};
-use survey::{Map, Verdict};
+use survey::{HotSpot, Map, Verdict};
 
 use crate::model::Model;
 use crate::tracking::Tracked;
 pub use course::add_compensated;
 use course::{Course, CourseSettings, CourseState};
 pub use deviation::{ComparedReadings, Deviation};
+use deviation::{Described, Deviations};
 pub use minutes::{QuantityRow, Rows};
 pub use quantity::{LoadUnit, Quantity, Values};
 pub use region::{RegionError, RegionSettings, RegionShape, SHEET, check_regions, is_name};
 pub use stored::{KeptCourse, STORED_S, joined, keep_course, kept_course, store, stored};
 pub use surface::Surface;
 use tracks::{STAYS, Tracks, TracksState};
-pub use tracks::{SpotChange, SpotTrack};
+pub use tracks::{SpotChange, SpotTrack, SpotUncertainty};
 
 /// kPa of one mmHg.
 pub const KPA_PER_MMHG: f64 = 0.133_322;
@@ -287,13 +288,11 @@ impl Quantifier {
         let mut found = frame::of_map(&self.surface, &loads, self.threshold(), self.unit);
         let values: Vec<Values> = found.iter().map(|found| found.values).collect();
         self.course.take(at_s, &loads, &values);
-        let threshold = self.threshold();
-        let adjacency = self.surface.adjacency();
-        let spots = adjacency.hot_spots(&loads, STAYS * threshold);
-        let changes = self.tracks.take(at_s, &spots, threshold);
+        let spots = self.hot_spots(&loads);
+        let changes = self.tracks.take(at_s, &spots, self.threshold());
         for (region, found) in self.surface.region_list().iter().zip(&mut found) {
-            let centres = self.tracks.centres();
-            let inside = centres.filter(|centre| region.has(&self.surface, *centre));
+            let spots = self.tracks.spots();
+            let inside = spots.filter(|spot| region.has(&self.surface, spot.centre));
             let count = inside.count() as f64;
             found.values.set(Quantity::HotSpots, Some(count));
         }
@@ -302,7 +301,7 @@ impl Quantifier {
         let deviations = self.deviations(judged);
         let regions = found
             .iter_mut()
-            .zip(deviations)
+            .zip(deviations.regions)
             .enumerate()
             .map(|(index, (found, deviations))| {
                 let places = self
@@ -329,7 +328,7 @@ impl Quantifier {
             }),
             unit: self.unit,
             regions,
-            spots: self.tracks.list(),
+            spots: self.tracks.list(self.unit, &deviations.spots),
             changes,
         }
     }
@@ -351,7 +350,7 @@ impl Quantifier {
             reason,
             unit: self.unit,
             regions: self.surface.regions().map(region).collect(),
-            spots: self.tracks.list(),
+            spots: self.tracks.list(self.unit, &[]),
             changes: Vec::new(),
         }
     }
@@ -366,6 +365,12 @@ impl Quantifier {
         threshold(&self.settings, self.unit)
     }
 
+    /// The hot spots of a map, down to those that stay one if they were one before.
+    fn hot_spots(&self, loads: &[f64]) -> Vec<HotSpot> {
+        let adjacency = self.surface.adjacency();
+        adjacency.hot_spots(loads, STAYS * self.threshold())
+    }
+
     /// The load of each triangle; all zero where nothing exceeds the noise.
     fn loads(&self, judged: &JudgedMap<'_>) -> Vec<f64> {
         if judged.map.is_significant(judged.noise) == Some(false) {
@@ -377,21 +382,26 @@ impl Quantifier {
         }
     }
 
-    fn deviations(&self, judged: &JudgedMap<'_>) -> Vec<Values> {
+    fn deviations(&self, judged: &JudgedMap<'_>) -> Deviations {
         let regions = self.surface.region_list().len();
         let significant = judged.map.is_significant(judged.noise) != Some(false);
         let (Some(deviation), Some(frame), true) = (&self.deviation, judged.compared, significant)
         else {
-            return vec![Values::default(); regions];
+            return Deviations::none(regions);
         };
+        let spots: Vec<&HotSpot> = self.tracks.spots().collect();
         let baseline_sd = judged
             .tracked
             .map_or(0.0, |tracked| 1e-6 * tracked.baseline_sd_uv);
-        deviation.of(frame, baseline_sd, regions, |map, pressure| {
+        let describe = |map: &Map, pressure: Option<&Pressure>| {
             let loads = pressure.map_or_else(|| losses(&map.values), |p| p.kpa.clone());
             let found = frame::of_map(&self.surface, &loads, self.threshold(), self.unit);
-            found.into_iter().map(|found| found.values).collect()
-        })
+            Described {
+                regions: found.into_iter().map(|found| found.values).collect(),
+                spots: self.hot_spots(&loads),
+            }
+        };
+        deviation.of(frame, baseline_sd, regions, &spots, self.unit, describe)
     }
 }
 

@@ -154,6 +154,14 @@ impl LoadUnit {
     pub fn text(self) -> &'static str {
         Quantity::Peak.unit(self)
     }
+
+    /// [`Quantity::Load`] of a value of 1 over 1 m2: 1 kPa is 1,000 N there.
+    pub(super) fn load_factor(self) -> f64 {
+        match self {
+            Self::Pressure => 1e3,
+            Self::RelativeLoss => 1e6,
+        }
+    }
 }
 
 /// One number for each [`Quantity`]; `None` where it does not exist or is not known. In JSON an object without the latter.

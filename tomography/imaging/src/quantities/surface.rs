@@ -19,9 +19,19 @@ pub struct Surface {
     /// Corners of each triangle as positions in `vertices`.
     corners: Vec<[usize; 3]>,
     vertices: Vec<[f64; 2]>,
-    /// For the disc round each centroid: triangles and the area of each inside of it, m2.
-    discs: Vec<Vec<(usize, f64)>>,
+    /// Round each centroid.
+    discs: Vec<Disc>,
     regions: Vec<SurfaceRegion>,
+}
+
+/// The triangles that a disc of the peak pressure index covers.
+#[derive(Debug, Clone)]
+struct Disc {
+    triangles: Vec<u32>,
+    /// The area of each inside of the disc, m2.
+    inside: Vec<f64>,
+    /// The disc's area on the sheet, m2.
+    area: f64,
 }
 
 /// The whole sheet or a named region.
@@ -123,17 +133,8 @@ impl Surface {
 
     /// Means of the values over the disc round each centroid.
     pub(super) fn disc_means(&self, loads: &[f64]) -> Vec<f64> {
-        self.discs
-            .iter()
-            .map(|disc| {
-                let (mut sum, mut area) = (0.0, 0.0);
-                for (triangle, inside) in disc {
-                    sum += loads[*triangle] * inside;
-                    area += inside;
-                }
-                sum / area
-            })
-            .collect()
+        let mean = |disc: &Disc| integral(loads, &disc.triangles, &disc.inside) / disc.area;
+        self.discs.iter().map(mean).collect()
     }
 
     /// Norm of the gradient in each triangle, per m: the values are averaged at the vertices, weighted by area, and
@@ -159,6 +160,21 @@ impl Surface {
             })
             .collect()
     }
+}
+
+/// Sum of the values of triangles times areas, in four sums side by side: one alone waits for each of its additions.
+fn integral(loads: &[f64], triangles: &[u32], areas: &[f64]) -> f64 {
+    let (triangles, last_triangles) = triangles.as_chunks::<4>();
+    let (areas, last_areas) = areas.as_chunks::<4>();
+    let mut sums = [0.0; 4];
+    for (triangles, areas) in triangles.iter().zip(areas) {
+        for lane in 0..4 {
+            sums[lane] += loads[triangles[lane] as usize] * areas[lane];
+        }
+    }
+    let last = last_triangles.iter().zip(last_areas);
+    let last: f64 = last.map(|(t, area)| loads[*t as usize] * area).sum();
+    sums.iter().sum::<f64>() + last
 }
 
 /// Centroids of the equal parts of a triangle.
@@ -189,7 +205,7 @@ fn discs(
     parts: &[Vec<[f64; 2]>],
     adjacency: &Adjacency,
     radius: f64,
-) -> Vec<Vec<(usize, f64)>> {
+) -> Vec<Disc> {
     let centroids = adjacency.centroids();
     let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     // distance of a triangle's farthest corner from its centroid
@@ -212,7 +228,7 @@ fn discs(
             let x = centroids[centre][0];
             let from = by_x.partition_point(|t| centroids[*t][0] < x - farthest);
             let to = by_x.partition_point(|t| centroids[*t][0] <= x + farthest);
-            let mut disc: Vec<(usize, f64)> = by_x[from..to]
+            let mut covered: Vec<(usize, f64)> = by_x[from..to]
                 .iter()
                 .filter_map(|&triangle| {
                     let apart = distance(centroids[triangle], centroids[centre]);
@@ -229,10 +245,17 @@ fn discs(
                 })
                 .collect();
             // a disc much smaller than its triangle contains no part's centroid
-            if disc.is_empty() {
-                disc.push((centre, adjacency.areas()[centre]));
+            if covered.is_empty() {
+                covered.push((centre, adjacency.areas()[centre]));
             }
-            disc
+            Disc {
+                triangles: covered
+                    .iter()
+                    .map(|(triangle, _)| *triangle as u32)
+                    .collect(),
+                inside: covered.iter().map(|(_, area)| *area).collect(),
+                area: covered.iter().map(|(_, area)| area).sum(),
+            }
         })
         .collect()
 }

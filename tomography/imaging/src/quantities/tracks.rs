@@ -4,6 +4,8 @@ use drift::bits;
 use serde::{Deserialize, Serialize};
 use survey::HotSpot;
 
+use super::quantity::LoadUnit;
+
 /// Longest way of a hot spot between two frames, in addition to its radius, m.
 const LONGEST_STEP_M: f64 = 0.02;
 /// Distance from the last reported place after which a hot spot is reported as moved, m.
@@ -23,10 +25,25 @@ pub struct SpotTrack {
     pub peak: f64,
     /// Area at half of that value or more, mm2.
     pub area_mm2: f64,
+    /// Load of that area, N, or mm2 lost without a calibration.
+    pub load: f64,
+    /// How far noise may move and change it; `None` where that is not computed or not known.
+    pub uncertainty: Option<SpotUncertainty>,
     /// Time since it appeared, s.
     pub age_s: f64,
     /// Speed of its centre since the frame before, mm/s; `None` in its first frame.
     pub speed_mm_s: Option<f64>,
+}
+
+/// Where a hot spot's centre and load are with 95 %, as far as noise goes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SpotUncertainty {
+    /// Half axes of the ellipse about the centre, mm, the longer first.
+    pub half_axes_mm: [f64; 2],
+    /// Angle of the longer one from the x axis, degrees, counter-clockwise.
+    pub angle_deg: f64,
+    /// The load's interval, in its unit.
+    pub load_interval: [f64; 2],
 }
 
 /// What became of a hot spot with a frame.
@@ -81,7 +98,7 @@ struct Track {
 #[serde(deny_unknown_fields)]
 pub(super) struct TracksState {
     numbers: Vec<u64>,
-    /// For each: centre, peak, area, time of appearance, reported place; and its speed, NaN in its first frame.
+    /// For each: centre, peak, area, load, time of appearance, reported place; and its speed, NaN in its first frame.
     #[serde(with = "bits")]
     values: Vec<f64>,
     numbered: u64,
@@ -92,14 +109,15 @@ pub(super) struct TracksState {
 impl Tracks {
     pub(super) fn state(&self) -> TracksState {
         let values = self.current.iter().flat_map(|track| {
-            let HotSpot { centre, peak, area } = &track.spot;
+            let spot = &track.spot;
             let [x, y] = track.reported;
             let speed = track.speed.unwrap_or(f64::NAN);
             [
-                centre[0],
-                centre[1],
-                *peak,
-                *area,
+                spot.centre[0],
+                spot.centre[1],
+                spot.peak,
+                spot.area,
+                spot.load,
                 track.since_s,
                 x,
                 y,
@@ -116,18 +134,19 @@ impl Tracks {
 
     /// Goes on from a state; `None` if it is inconsistent.
     pub(super) fn restored(state: &TracksState) -> Option<Self> {
-        let (each, rest) = state.values.as_chunks::<8>();
+        let (each, rest) = state.values.as_chunks::<9>();
         if each.len() != state.numbers.len() || !rest.is_empty() {
             return None;
         }
-        let track = |(number, values): (&u64, &[f64; 8])| {
-            let [cx, cy, peak, area, since_s, x, y, speed] = *values;
+        let track = |(number, values): (&u64, &[f64; 9])| {
+            let [cx, cy, peak, area, load, since_s, x, y, speed] = *values;
             Track {
                 number: *number,
                 spot: HotSpot {
                     centre: [cx, cy],
                     peak,
                     area,
+                    load,
                 },
                 since_s,
                 speed: Some(speed).filter(|speed| !speed.is_nan()),
@@ -212,20 +231,27 @@ impl Tracks {
         changes
     }
 
-    /// Centres of the hot spots of the last frame, m.
-    pub(super) fn centres(&self) -> impl Iterator<Item = [f64; 2]> {
-        self.current.iter().map(|track| track.spot.centre)
+    /// The hot spots of the last frame, as [`Tracks::list`] has them.
+    pub(super) fn spots(&self) -> impl Iterator<Item = &HotSpot> {
+        self.current.iter().map(|track| &track.spot)
     }
 
-    /// The hot spots of the last frame, the highest first.
-    pub(super) fn list(&self) -> Vec<SpotTrack> {
+    /// The hot spots of the last frame, the highest first. `uncertain` has one for each, or none at all.
+    pub(super) fn list(
+        &self,
+        unit: LoadUnit,
+        uncertain: &[Option<SpotUncertainty>],
+    ) -> Vec<SpotTrack> {
         self.current
             .iter()
-            .map(|track| SpotTrack {
+            .enumerate()
+            .map(|(index, track)| SpotTrack {
                 number: track.number,
                 centre_mm: track.spot.centre.map(|metres| 1e3 * metres),
                 peak: track.spot.peak,
                 area_mm2: 1e6 * track.spot.area,
+                load: unit.load_factor() * track.spot.load,
+                uncertainty: uncertain.get(index).copied().flatten(),
                 age_s: self.last_s - track.since_s,
                 speed_mm_s: track.speed,
             })
@@ -244,12 +270,12 @@ impl Track {
     }
 }
 
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+pub(super) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 /// Radius of the circle with the spot's area, m.
-fn radius(spot: &HotSpot) -> f64 {
+pub(super) fn radius(spot: &HotSpot) -> f64 {
     (spot.area / std::f64::consts::PI).sqrt()
 }
 
@@ -262,6 +288,7 @@ mod tests {
             centre: [1e-3 * x_mm, 0.0],
             peak: 1.0,
             area: 1e-6 * area_mm2,
+            load: 1e-6 * area_mm2,
         }
     }
 
@@ -278,7 +305,7 @@ mod tests {
         assert!(
             matches!(moved[1], SpotChange::Moved { number: 1, distance_mm } if (distance_mm - 12.0).abs() < 1e-9)
         );
-        let list = tracks.list();
+        let list = tracks.list(LoadUnit::RelativeLoss, &[]);
         assert_eq!((list[0].number, list[0].age_s), (1, 2.0));
         assert!((list[0].speed_mm_s.unwrap() - 6.0).abs() < 1e-9);
         assert_eq!(list[1].speed_mm_s, None);
@@ -324,7 +351,7 @@ mod tests {
         for (second, peak) in [(2.0, 0.499), (3.0, 0.501), (4.0, 0.41)] {
             assert_eq!(tracks.take(second, &[weak(peak)], 0.5), []);
         }
-        assert_eq!(tracks.list().len(), 1);
+        assert_eq!(tracks.list(LoadUnit::RelativeLoss, &[]).len(), 1);
         assert_eq!(tracks.take(5.0, &[], 0.5), [SpotChange::Gone { number: 1 }]);
     }
 }

@@ -19,6 +19,7 @@ pub use drift::TrackingOrder;
 pub use kept::{DriftSummary, KeptTracking, TrackingSummary, keep, kept};
 pub(crate) use kept::{keep_as, kept_as};
 pub use orders::{ORDERED, Orders, RecordedOrder};
+pub(crate) use tracked::principal_axes;
 pub use tracked::{Doubtful, PlaceRegion, Tracked};
 
 /// Thermal voltage of a sensing pair that is assumed, V: copper against carbon at some tenths of a degree.

@@ -103,20 +103,30 @@ pub struct PlaceRegion {
 
 impl PlaceRegion {
     fn new(fit: &DiscFit) -> Self {
-        let [[xx, xy], [_, yy]] = fit.covariance;
-        let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
-        let axis = |variance: f64| 1e3 * REGION_95 * variance.max(0.0).sqrt();
+        let (deviations, angle_deg) = principal_axes(fit.covariance);
         let loss_mm2 = 1e6 * std::f64::consts::FRAC_PI_4 * fit.load;
         let width = INTERVAL_95 * fit.load_sd * loss_mm2.abs();
         Self {
             centre_mm: fit.disc.centre.map(|metres| 1e3 * metres),
-            half_axes_mm: [axis(middle + half), axis(middle - half)],
-            angle_deg: (0.5 * (2.0 * xy).atan2(xx - yy)).to_degrees(),
+            half_axes_mm: deviations.map(|metres| 1e3 * REGION_95 * metres),
+            angle_deg,
             loss_mm2,
             loss_interval_mm2: [loss_mm2 - width, loss_mm2 + width],
             accepted: fit.accepted,
         }
     }
+}
+
+/// Standard deviations of a place along its two principal axes, the larger first, and the angle of that axis from the x axis,
+/// degrees, counter-clockwise.
+pub(crate) fn principal_axes([[xx, xy], [_, yy]]: [[f64; 2]; 2]) -> ([f64; 2], f64) {
+    let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+    let deviation = |variance: f64| variance.max(0.0).sqrt();
+    let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+    (
+        [deviation(middle + half), deviation(middle - half)],
+        angle.to_degrees(),
+    )
 }
 
 impl Tracked {

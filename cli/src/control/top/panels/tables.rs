@@ -97,7 +97,7 @@ pub(crate) fn hot_spots(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
         Some(seen) if !spots.is_empty() => spots
             .iter()
             .take(rows)
-            .map(|spot| Line::from(hot_spot(seen, spot)))
+            .map(|spot| Line::from(hot_spot(seen, spot, usize::from(area.width))))
             .collect(),
         Some(seen) if seen.known => vec!["none".into()],
         Some(_) => vec!["not known".into()],
@@ -106,16 +106,23 @@ pub(crate) fn hot_spots(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
     frame.render_widget(Paragraph::new(lines), area);
 }
 
-fn hot_spot(seen: &FrameQuantities, spot: &SpotTrack) -> String {
+/// One line of at most `columns`, if it can be: with the place's 95 % region where that fits.
+fn hot_spot(seen: &FrameQuantities, spot: &SpotTrack, columns: usize) -> String {
     let [x, y] = spot.centre_mm;
     let peak = match seen.unit {
         LoadUnit::Pressure => format!("{} kPa", rounded(spot.peak)),
         LoadUnit::RelativeLoss => format!("{} %", rounded(100.0 * spot.peak)),
     };
     let area = rounded(1e-2 * spot.area_mm2);
-    format!(
+    let text = format!(
         "{:>2} ({x:.0}, {y:.0}) {peak} {area} cm2 {}",
         spot.number,
         display_long(spot.age_s)
-    )
+    );
+    let wider = spot.uncertainty.map(|uncertainty| {
+        let [half, _] = uncertainty.half_axes_mm;
+        format!("{text}, within {} mm", rounded(half))
+    });
+    let wider = wider.filter(|wider| wider.chars().count() <= columns);
+    wider.unwrap_or(text)
 }

@@ -9,6 +9,7 @@ use std::time::Duration;
 use chrono::{DateTime, Utc};
 use dbus::Fault;
 use imaging::noise::{self, Noise};
+use imaging::quantities::Deviation;
 use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, SessionWriter};
 use rig::Clock;
 use survey::{Baseline, Checks};
@@ -244,6 +245,9 @@ impl Controller {
                     folder: runtime.setup.record_directory.clone(),
                     session: writer.header().session().to_owned(),
                     after: writer.acknowledged(),
+                    deviation: reading_noise
+                        .filter(|_| !model.slow)
+                        .map(|noise_v| Deviation::new(&model, noise_v)),
                 };
                 let context = ReconstructionContext {
                     tracking,
