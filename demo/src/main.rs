@@ -217,6 +217,7 @@ async fn press_all(
             unit: survey::MapUnit::RelativeConductance,
             method: latest.method,
             masked: 0,
+            evidence: None,
             quality: None,
         };
         let found = latest

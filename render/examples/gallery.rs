@@ -115,6 +115,7 @@ fn map(sheet: &Sheet, bumps: &[([f64; 2], f64, f64)], waves: f64) -> Map {
         unit: MapUnit::RelativeConductance,
         method: "made-up bumps".into(),
         masked: 0,
+        evidence: None,
         quality: None,
     }
 }
@@ -164,6 +165,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let outside = Map {
         quality: Some(MapQuality::of(&[Doubt::OutsideRegion {
             electrode: Electrode(8),
+            lost_mm2: 120.0,
         }])),
         ..map(&sheet, &[([0.19, 0.08], 0.02, 0.2)], 0.01)
     };

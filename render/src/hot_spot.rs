@@ -53,6 +53,7 @@ mod tests {
             unit: MapUnit::RelativeConductance,
             method: "test".into(),
             masked: 0,
+            evidence: None,
             quality: None,
         };
         let spots = hot_spots(&sheet, &map).unwrap();

@@ -26,6 +26,7 @@ fn scene(pressed: [f64; 2], depth: f64) -> (Sheet, Map) {
         unit: MapUnit::RelativeConductance,
         method: "by hand".into(),
         masked: 0,
+        evidence: None,
         quality: None,
     };
     (sheet, map)

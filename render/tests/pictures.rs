@@ -28,6 +28,7 @@ fn scene() -> (Sheet, Map) {
         unit: MapUnit::RelativeConductance,
         method: "by hand".into(),
         masked: 2,
+        evidence: None,
         quality: None,
     };
     (sheet, map)
@@ -537,6 +538,7 @@ fn the_rim_is_hatched_where_a_load_lies_outside() {
     assert!(strokes.is_empty());
     let outside = Doubt::OutsideRegion {
         electrode: Electrode(1),
+        lost_mm2: 120.0,
     };
     map.quality = Some(MapQuality::of(&[outside]));
     let (more, strokes) = hatched(&map);

@@ -33,7 +33,9 @@ mod wiring;
 
 pub use bounds::{Bounds, LONGEST_S, OutOfBounds, duration, nanoseconds};
 pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Settings};
-pub use map::{Adjacency, Doubt, HotSpot, Map, MapQuality, MapUnit, Reason, Verdict};
+pub use map::{
+    Adjacency, Doubt, Evidence, HotSpot, Map, MapQuality, MapUnit, NextKind, Reason, Verdict,
+};
 pub use nearest::nearest;
 pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
 pub use plan::{

@@ -70,6 +70,7 @@ mod tests {
             unit: MapUnit::RelativeConductance,
             method: "test".into(),
             masked: 0,
+            evidence: None,
             quality: None,
         }
     }

@@ -217,6 +217,7 @@ mod tests {
             unit: MapUnit::RelativeConductance,
             method: "test".into(),
             masked: 0,
+            evidence: None,
             quality: None,
         };
         assert!(field.fits(&map));

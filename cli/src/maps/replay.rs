@@ -11,7 +11,7 @@ use imaging::recorded::{
 };
 use outfile::{Existing, OutFile};
 use serde::Serialize;
-use survey::{Map, MapQuality};
+use survey::{Evidence, Map, MapQuality};
 
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
@@ -41,6 +41,7 @@ struct ReplayLine<'a> {
     newtons: Option<f64>,
     largest_kpa: Option<f64>,
     masked: usize,
+    evidence: Option<&'a Evidence>,
     quality: Option<&'a MapQuality>,
     /// What is known of the frame; `None` without a tracked baseline.
     tracked: Option<&'a Tracked>,
@@ -128,7 +129,7 @@ pub(crate) fn run(
             frame: recorded.sequence,
             label: &recorded.label,
             wall: recorded.wall.map(utc),
-            method: reconstruction.method(),
+            method: &map.method,
             found_mm: drawing::millimetres(found),
             largest_loss: map.largest_loss().map_or(0.0, |(_, loss)| loss),
             significant: map.is_significant(noise),
@@ -137,6 +138,7 @@ pub(crate) fn run(
             newtons: pressure.as_ref().map(|pressure| pressure.newtons),
             largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
             masked: map.masked,
+            evidence: map.evidence.as_ref(),
             quality: map.quality.as_ref(),
             tracked: tracked.as_ref(),
             map_hash: map.hash(),

@@ -78,6 +78,10 @@ impl Published {
             masked: Some(map.masked as u64),
             reconstruction_s: Some(self.reconstruction.as_secs_f64()),
             durable_s: self.durable.get().map(Duration::as_secs_f64),
+            evidence: map
+                .evidence
+                .as_ref()
+                .map(|evidence| serde_json::json!(evidence).to_string()),
             largest_loss: map.largest_loss().map(|(_, loss)| loss),
             significant: map.is_significant(self.noise),
             noise: self.noise,

@@ -279,6 +279,8 @@ dictionaries! {
         reconstruction_s: f64,
         /// Time from the last reading until the frame was on disk, s.
         durable_s: f64,
+        /// What speaks for the kind of the map, where the method chooses among kinds: `evidence` of `tactus replay --json`, as JSON.
+        evidence: String,
         /// Largest relative loss of conductance.
         largest_loss: f64,
         /// Whether that is larger than `noise`.

@@ -123,6 +123,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "largest_loss": map.largest_loss().map(|(_, loss)| loss),
                 "found_mm": row.found.map(|place| place.map(|metres| 1e3 * metres)),
                 "masked": map.masked,
+                "evidence": map.evidence,
                 "quality": map.quality,
                 "tracked": tracked,
                 "map_sd": deviation.as_ref().map(|deviation| resolved(deviation, &areas)),

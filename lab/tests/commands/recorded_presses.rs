@@ -38,6 +38,7 @@ fn errors_mm(case: &Path, presses: &Path, maps: &Path) -> Vec<f64> {
                 unit: survey::MapUnit::RelativeConductance,
                 method: String::new(),
                 masked: 0,
+                evidence: None,
                 quality: None,
             };
             let found = map.found(&centroids, &areas).unwrap();

@@ -160,6 +160,7 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
                 unit: survey::MapUnit::RelativeConductance,
                 method: String::new(),
                 masked: 0,
+                evidence: None,
                 quality: None,
             };
             let found = map.found(&centroids, &areas).unwrap();
@@ -193,6 +194,7 @@ fn ball_errors(mesh: &Mesh, maps: &[Vec<f64>]) -> Vec<f64> {
                 unit: survey::MapUnit::RelativeConductance,
                 method: String::new(),
                 masked: 0,
+                evidence: None,
                 quality: None,
             };
             let found = map.found(&centroids, &areas).unwrap();

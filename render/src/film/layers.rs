@@ -135,6 +135,7 @@ fn empty(sheet: &Sheet, range: Range) -> Map {
         unit: range.unit,
         method: String::new(),
         masked: 0,
+        evidence: None,
         quality: None,
     }
 }

@@ -59,6 +59,27 @@ impl MapUnit {
     }
 }
 
+/// What speaks for the kind of a map that its method chose (the map's `method` names it), against the next best kind that was tried.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Evidence {
+    /// Mean square that the map leaves of the frame, over that which noise and errors of the model may leave: at most 1 for shapes.
+    /// `None` for a map that is fitted until it leaves about that much.
+    pub left: Option<f64>,
+    /// The next best kind; `None` where nothing else was tried, because the simplest one left clearly less than it may.
+    pub next: Option<NextKind>,
+}
+
+/// A kind of map that a method tried and did not choose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NextKind {
+    /// Its name, as [`Map::method`] would have it.
+    pub method: String,
+    /// As [`Evidence::left`].
+    pub left: f64,
+    /// Logarithm of the odds of the chosen kind against it; `None` where it did not explain the frame.
+    pub ln_odds: Option<f64>,
+}
+
 /// One value for each triangle of a mesh's region of interest, in the mesh's order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Map {
@@ -72,6 +93,9 @@ pub struct Map {
     pub method: String,
     /// Invalid readings left out.
     pub masked: usize,
+    /// What speaks for the kind of map, where the method chooses among kinds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub evidence: Option<Evidence>,
     /// How far the map can be believed; `None` where nothing judged it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quality: Option<MapQuality>,
@@ -150,6 +174,7 @@ mod tests {
             unit: MapUnit::RelativeConductance,
             method: "test".into(),
             masked: 0,
+            evidence: None,
             quality: None,
         }
     }

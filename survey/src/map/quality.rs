@@ -82,6 +82,8 @@ pub enum Doubt {
     OutsideRegion {
         /// The electrode nearest to it.
         electrode: Electrode,
+        /// Integral of the relative loss near it, mm2.
+        lost_mm2: f64,
     },
     /// The noise leaves open which load it is.
     NoiseLimit {
@@ -123,7 +125,7 @@ impl Doubt {
             | Self::NoisyPair { electrode, .. }
             | Self::Gains { electrode, .. }
             | Self::AtElectrode { electrode }
-            | Self::OutsideRegion { electrode } => Some(electrode),
+            | Self::OutsideRegion { electrode, .. } => Some(electrode),
             Self::Noise { .. }
             | Self::Unexplained { .. }
             | Self::NoiseLimit { .. }
@@ -190,9 +192,12 @@ impl fmt::Display for Doubt {
                 f,
                 "at electrode {electrode}: its contact has changed, or a load lies over it"
             ),
-            Self::OutsideRegion { electrode } => write!(
+            Self::OutsideRegion {
+                electrode,
+                lost_mm2,
+            } => write!(
                 f,
-                "a load lies outside the region, near electrode {electrode}"
+                "a load lies outside the region, near electrode {electrode}: some {lost_mm2:.0} mm2 lost there"
             ),
             Self::NoiseLimit { correlation } => write!(
                 f,

@@ -136,6 +136,7 @@ impl Dashboard {
             unit,
             method: frame.method.clone().unwrap_or_default(),
             masked: 0,
+            evidence: None,
             quality: parsed::<MapQuality>(frame.quality.as_ref()),
         };
         self.history.add(frame.wall_ms, quantities.as_ref());

@@ -158,6 +158,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             unit: MapUnit::RelativeConductance,
             method: latest.method,
             masked: 0,
+            evidence: None,
             quality: quality(&latest.more),
         };
         let tracked = latest.more.tracked.as_deref();
@@ -289,6 +290,7 @@ impl<'a, W: Write> Viewer<'a, W> {
                     unit: MapUnit::RelativeConductance,
                     method: method.clone(),
                     masked: 0,
+                    evidence: None,
                     quality: self
                         .quality
                         .take()

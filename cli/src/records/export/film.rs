@@ -303,6 +303,7 @@ fn missing(title: &str, why: &str, reconstruction: &Reconstruction, recording: &
             unit,
             method: why.to_owned(),
             masked: 0,
+            evidence: None,
             quality: None,
         },
         style: Style {

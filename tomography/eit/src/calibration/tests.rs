@@ -50,6 +50,7 @@ fn presses(mesh: &Mesh, wrong: f64) -> Vec<KnownPress> {
                 unit: MapUnit::RelativeConductance,
                 method: "bump".to_owned(),
                 masked: 0,
+                evidence: None,
                 quality: None,
             },
             centre,

@@ -213,6 +213,7 @@ fn from_frame(quantifier: &mut Quantifier, frames: std::ops::Range<u32>) -> Vec<
             unit: MapUnit::RelativeConductance,
             method: String::new(),
             masked: 0,
+            evidence: None,
             quality: None,
         };
         map.values[3] = -0.1 * f64::from(frame % 5);

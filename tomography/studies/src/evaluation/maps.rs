@@ -149,6 +149,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
                     unit: MapUnit::RelativeConductance,
                     method: "truth".to_owned(),
                     masked: 0,
+                    evidence: None,
                     quality: None,
                 },
                 map,

@@ -111,11 +111,11 @@ pub struct MapRow {
     pub mean: f64,
     /// Its standard error.
     pub error: f64,
-    /// The smallest correlation of a map that is called sound; without a load the largest loss of one.
+    /// The smallest correlation of a map that is called sound and shows something; without a load the largest loss of one.
     pub worst_sound: Option<f64>,
-    /// Maps called sound.
+    /// Maps called sound; with a load, of those that show something.
     pub sound: usize,
-    /// Without a load: maps whose largest loss is above the threshold of significance, which other draws of the noise give.
+    /// Maps whose largest loss is above the threshold of significance, which other draws of the noise give: the others show nothing.
     pub above_noise: Option<usize>,
     /// Maps by the method that they name.
     pub methods: BTreeMap<String, usize>,
@@ -132,11 +132,22 @@ struct Trial {
     truth: Vec<f64>,
 }
 
+/// A method with its threshold of significance.
+struct Compared {
+    method: MapMethod,
+    stated: Stated,
+    model: Model,
+    threshold: Option<f64>,
+}
+
 /// One map, judged.
 struct Judged {
     /// Correlation; without a load the largest loss.
     value: f64,
+    /// Called sound; with a load only if it shows something.
     sound: bool,
+    /// Whether the largest loss is above the threshold of significance.
+    shows: bool,
     method: String,
     ms: f64,
 }
@@ -159,13 +170,18 @@ pub(super) fn rows(
     );
     let mut rows = Vec::new();
     for (level, &noise_uv) in settings.noises_uv.iter().enumerate() {
-        let models: Vec<(MapMethod, Stated, Model)> = maps
+        let models: Vec<Compared> = maps
             .methods
             .iter()
             .flat_map(|method| stated.iter().map(move |stated| (*method, *stated)))
             .map(|(method, stated)| {
                 let model = prepared(method, stated, noise_uv, sheet, geometry)?;
-                Ok((method, stated, model))
+                Ok(Compared {
+                    method,
+                    stated,
+                    threshold: threshold(&model, noise_uv, sheet),
+                    model,
+                })
             })
             .collect::<Result<_, Failure>>()?;
         let mut of_all: Vec<Vec<Judged>> = models.iter().map(|_| Vec::new()).collect();
@@ -186,31 +202,26 @@ pub(super) fn rows(
                     )
                 })
                 .collect::<Result<_, Failure>>()?;
-            for ((method, stated, model), of_all) in models.iter().zip(&mut of_all) {
+            for (compared, of_all) in models.iter().zip(&mut of_all) {
                 let judged: Vec<Judged> = trials
                     .par_iter()
                     .map(|trial| {
-                        let judged = judge(model, trial, kind, geometry);
+                        let judged = judge(compared, trial, kind, geometry);
                         bar.inc(1);
                         judged
                     })
                     .collect::<Result<_, Failure>>()?;
-                let threshold = match kind {
-                    TargetKind::Nothing => threshold(model, noise_uv, sheet),
-                    _ => None,
-                };
                 let load = (kind != TargetKind::Nothing).then_some(kind.name());
-                let noise = (noise_uv, threshold);
-                rows.push(row(*method, *stated, load, noise, &judged));
+                rows.push(row(compared, load, noise_uv, &judged));
                 if load.is_some() {
                     of_all.extend(judged);
                 }
             }
         }
-        for ((method, stated, _), judged) in models.iter().zip(&of_all) {
+        for (compared, judged) in models.iter().zip(&of_all) {
             if judged.len() > maps.count {
                 let load = Some("all loads together");
-                rows.push(row(*method, *stated, load, (noise_uv, None), judged));
+                rows.push(row(compared, load, noise_uv, judged));
             }
         }
     }
@@ -266,7 +277,9 @@ fn trial(
 }
 
 fn judge(
-    model: &Model,
+    Compared {
+        model, threshold, ..
+    }: &Compared,
     trial: &Trial,
     kind: TargetKind,
     geometry: &Geometry,
@@ -277,22 +290,24 @@ fn judge(
         .map_err(|fault| Failure::of(model.reconstructor.method(), &fault))?;
     let ms = 1e3 * begun.elapsed().as_secs_f64();
     let sound = |quality: &MapQuality| quality.verdict == Verdict::Sound;
+    let loss = map.largest_loss().map_or(0.0, |(_, loss)| loss);
+    let shows = threshold.is_none_or(|most| loss > most);
     Ok(Judged {
         value: match kind {
-            TargetKind::Nothing => map.largest_loss().map_or(0.0, |(_, loss)| loss),
+            TargetKind::Nothing => loss,
             _ => likeness(&map.values, &trial.truth, &geometry.mesh.region_areas()).correlation,
         },
-        sound: map.quality.as_ref().is_some_and(sound),
+        sound: map.quality.as_ref().is_some_and(sound) && (shows || kind == TargetKind::Nothing),
+        shows,
         method: map.method,
         ms,
     })
 }
 
 fn row(
-    method: MapMethod,
-    stated: Stated,
+    compared: &Compared,
     load: Option<&'static str>,
-    (noise_uv, threshold): (f64, Option<f64>),
+    noise_uv: f64,
     judged: &[Judged],
 ) -> MapRow {
     let mean = average(judged.iter().map(|one| one.value));
@@ -309,8 +324,8 @@ fn row(
     let mut times: Vec<f64> = judged.iter().map(|one| one.ms).collect();
     let median_ms = median(&mut times);
     MapRow {
-        method,
-        stated,
+        method: compared.method,
+        stated: compared.stated,
         load: load.unwrap_or(TargetKind::Nothing.name()),
         noise_uv,
         frames: judged.len(),
@@ -318,7 +333,9 @@ fn row(
         error: (square / judged.len() as f64).sqrt(),
         worst_sound: sound().map(|one| one.value).reduce(worst),
         sound: sound().count(),
-        above_noise: threshold.map(|most| judged.iter().filter(|one| one.value > most).count()),
+        above_noise: compared
+            .threshold
+            .map(|_| judged.iter().filter(|one| one.shows).count()),
         methods,
         median_ms,
         p95_ms: quantile(&mut times, 0.95),

@@ -292,6 +292,7 @@ pub(super) fn locate(
         unit: MapUnit::RelativeConductance,
         method: "evidence".to_owned(),
         masked: 0,
+        evidence: None,
         quality: None,
         ..shipped.clone()
     };

@@ -185,12 +185,17 @@ fn a_load_outside_of_the_region_is_reported() {
             .unwrap();
         let reasons = quality.reasons.into_iter();
         let found = reasons.filter(|reason| reason.kind == "outside_region");
-        found.map(|reason| reason.electrode).next()
+        found.map(|reason| (reason.electrode, reason.text)).next()
     };
     for first in [1, 7, 15, 20] {
         let [a, b] = [first, first + 1].map(|index| maps.electrode(index));
         let between = [0, 1].map(|axis| 0.5 * (a[axis] + b[axis]));
-        let electrode = remark(between).expect("it is outside").unwrap();
+        let (electrode, text) = remark(between).expect("it is outside");
+        let electrode = electrode.unwrap();
+        // half of the conductance on 79 mm2: 39 mm2
+        let words = text.split_whitespace();
+        let lost: f64 = words.rev().find_map(|word| word.parse().ok()).unwrap();
+        assert!((35.0..=45.0).contains(&lost), "{text}");
         assert!(
             [first + 1, first + 2].contains(&electrode),
             "electrode {electrode} for a load between {} and {}",

@@ -67,6 +67,7 @@ impl Reconstructor for Reported {
             unit: survey::MapUnit::RelativeConductance,
             method: self.method().to_owned(),
             masked: 0,
+            evidence: None,
             quality: None,
         })
     }

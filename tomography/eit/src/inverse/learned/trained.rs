@@ -49,6 +49,7 @@ impl Trained {
             unit: MapUnit::RelativeConductance,
             method: self.method.clone(),
             masked,
+            evidence: None,
             quality: None,
         }
     }

@@ -193,10 +193,8 @@ impl ModelCheck {
                 electrode: Electrode(electrode),
             });
         }
-        if let Some(outside) = &prepared.outside
-            && let Some(electrode) = outside.load(&prepared.spectrum.explained(&fit), noise)
-        {
-            doubts.push(Doubt::OutsideRegion { electrode });
+        if let Some(outside) = &prepared.outside {
+            doubts.extend(outside.load(&prepared.spectrum.explained(&fit), noise));
         }
         doubts
     }

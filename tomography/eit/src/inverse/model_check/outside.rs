@@ -1,7 +1,7 @@
 //! Loads outside of the region that maps show.
 
 use nalgebra::DMatrix;
-use survey::Electrode;
+use survey::{Doubt, Electrode};
 
 use super::spectrum::Explained;
 use crate::Mesh;
@@ -68,9 +68,8 @@ impl Outside {
         }
     }
 
-    /// The electrode nearest to the load, if most of the change comes from outside of the region; `noise`: standard
-    /// deviation of the data.
-    pub(super) fn load(&self, explained: &Explained, noise: f64) -> Option<Electrode> {
+    /// The load, if most of the change comes from outside of the region; `noise`: standard deviation of the data.
+    pub(super) fn load(&self, explained: &Explained, noise: f64) -> Option<Doubt> {
         let from_here = &self.gram * &explained.dual;
         let all = explained.data.norm_squared();
         let share = from_here.dot(&explained.data) / all;
@@ -92,6 +91,9 @@ impl Outside {
             .into_iter()
             .map(|electrode| lost[electrode % count].max(0.0))
             .sum();
-        (near > MOST * all).then_some(Electrode(most))
+        (near > MOST * all).then_some(Doubt::OutsideRegion {
+            electrode: Electrode(most),
+            lost_mm2: 1e6 * near,
+        })
     }
 }

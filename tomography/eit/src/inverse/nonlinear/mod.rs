@@ -9,18 +9,18 @@ mod solver;
 
 use std::sync::Arc;
 
-use survey::{Doubt, Map, MapQuality, MapUnit, Protocol, Reading};
+use survey::{Doubt, Evidence, Map, MapQuality, MapUnit, NextKind, Protocol, Reading};
 
 use self::solver::{Found, Sheet};
 use crate::inverse::frame_rule::{FrameRule, SIGNIFICANT};
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::prior::Penalty;
 use crate::inverse::reciprocity::Seen;
-use crate::inverse::shapes::Shapes;
+use crate::inverse::shapes::{Attempt, Explained, Shapes};
 use crate::metrics::likeness;
 use crate::{
-    DEFAULT_NOISE_V, Forward, HyperRule, Mesh, OneStepError, OneStepOptions, ReconstructError,
-    Reconstructor, Scale,
+    DEFAULT_NOISE_V, Forward, ForwardError, HyperRule, Mesh, OneStepError, OneStepOptions,
+    ReconstructError, Reconstructor, Scale,
 };
 
 /// alpha times the square root of the region's area: the penalty of a border as long as the region is wide, where ln sigma
@@ -88,6 +88,7 @@ struct Likely {
     values: Vec<f64>,
     method: String,
     correlation: Option<f64>,
+    evidence: Option<Evidence>,
 }
 
 const METHOD: &str = "nonlinear total variation";
@@ -145,6 +146,7 @@ impl NonlinearTv {
     /// The map of a change.
     fn map(&self, seen: &Seen, missing: &[usize]) -> Result<Likely, String> {
         let text = |fault: OneStepError| fault.to_string();
+        let forward = |fault: ForwardError| fault.to_string();
         let preference = self.rule.preference(seen, missing).map_err(text)?;
         let (_, mut linear) = self.rule.map(seen, missing).map_err(text)?;
         if preference <= SIGNIFICANT {
@@ -153,6 +155,7 @@ impl NonlinearTv {
                 values: linear,
                 method: "nothing but noise".to_owned(),
                 correlation: None,
+                evidence: None,
             });
         }
         let count = seen.data.len() as f64;
@@ -163,11 +166,17 @@ impl NonlinearTv {
         let first = least.max(FIRST_ERROR * size);
         let most = |error: f64| ACCEPTED * error * error + model * model;
         // shapes cost a tenth of the minimum
-        if self.noise.is_some()
-            && let Some(likely) =
-                self.as_shapes(seen, &self.shown(&linear, 0.0), least, most(least))?
-        {
-            return Ok(likely);
+        let mut next = None;
+        if self.noise.is_some() {
+            let start = self.shown(&linear, 0.0);
+            match self
+                .shapes
+                .explain(seen, least, most(least), &start)
+                .map_err(forward)?
+            {
+                Attempt::Explained(shapes) => return Ok(self.of_shapes(shapes)),
+                Attempt::Unexplained(nearest) => next = nearest,
+            }
         }
         let minimum = |bounded: bool| -> Result<Found<'_>, String> {
             let found = self.sheet.minimum(seen, first, least, bounded);
@@ -179,44 +188,46 @@ impl NonlinearTv {
         if let Some(most) = self.most_gain.filter(|most| found.left > *most) {
             let free = minimum(false)?;
             if found.left - free.left > most {
-                return Ok(self.likely(&free, f64::INFINITY, METHOD.to_owned()));
+                return Ok(self.likely(&free, f64::INFINITY, METHOD.to_owned(), next));
             }
         }
         let map = self.shown(&found.change, 0.0);
         let error = found.error.clamp(noise, 2.0 * least);
-        match self.as_shapes(seen, &map, found.error.max(least), most(error))? {
-            Some(likely) => Ok(likely),
-            None => Ok(self.likely(&found, 0.0, format!("{METHOD}, loss only"))),
+        let deviation = found.error.max(least);
+        let shapes = self.shapes.explain(seen, deviation, most(error), &map);
+        Ok(match shapes.map_err(forward)? {
+            Attempt::Explained(shapes) => self.of_shapes(shapes),
+            Attempt::Unexplained(nearest) => {
+                let method = format!("{METHOD}, loss only");
+                self.likely(&found, 0.0, method, nearest.or(next))
+            }
+        })
+    }
+
+    /// The mean of the maps of what shapes may be.
+    fn of_shapes(&self, shapes: Explained) -> Likely {
+        let mut values = vec![0.0; self.mesh().region().len()];
+        for possible in &shapes.maps {
+            for (sum, value) in values.iter_mut().zip(possible) {
+                *sum += value / shapes.maps.len() as f64;
+            }
+        }
+        Likely {
+            correlation: Some(self.expected(&values, &shapes.maps)),
+            values,
+            method: shapes.name,
+            evidence: Some(shapes.evidence),
         }
     }
 
-    /// The map of shapes that start at the peaks of another map; `None` if they do not explain the change. `deviation`: of a
-    /// reading; `most`: the mean square that they may leave.
-    fn as_shapes(
+    /// The map of a minimum; `next`: the shapes that come nearest.
+    fn likely(
         &self,
-        seen: &Seen,
-        start: &[f64],
-        deviation: f64,
+        found: &Found<'_>,
         most: f64,
-    ) -> Result<Option<Likely>, String> {
-        let explained = self.shapes.explain(seen, deviation, most, start);
-        Ok(explained.map_err(|fault| fault.to_string())?.map(|shapes| {
-            let mut values = vec![0.0; start.len()];
-            for possible in &shapes.maps {
-                for (sum, value) in values.iter_mut().zip(possible) {
-                    *sum += value / shapes.maps.len() as f64;
-                }
-            }
-            Likely {
-                correlation: Some(self.expected(&values, &shapes.maps)),
-                values,
-                method: shapes.name,
-            }
-        }))
-    }
-
-    /// The map of a minimum.
-    fn likely(&self, found: &Found<'_>, most: f64, method: String) -> Likely {
+        method: String,
+        next: Option<NextKind>,
+    ) -> Likely {
         let values = self.shown(&found.change, most);
         let possible = found.possible();
         let possible: Vec<Vec<f64>> = possible.iter().map(|u| self.shown(u, most)).collect();
@@ -224,6 +235,7 @@ impl NonlinearTv {
             correlation: Some(self.expected(&values, &possible)),
             values,
             method,
+            evidence: Some(Evidence { left: None, next }),
         }
     }
 
@@ -295,6 +307,7 @@ impl Reconstructor for NonlinearTv {
                 values: vec![0.0; self.mesh().region().len()],
                 method: METHOD.to_owned(),
                 correlation: None,
+                evidence: None,
             },
             true => self.map(&seen, &missing).map_err(|cause| {
                 let method = METHOD.to_owned();
@@ -309,6 +322,7 @@ impl Reconstructor for NonlinearTv {
             unit: MapUnit::RelativeConductance,
             method: map.method,
             masked: missing.len(),
+            evidence: map.evidence,
             quality: doubt.map(|doubt| MapQuality::of(&[doubt])),
         })
     }
@@ -423,6 +437,13 @@ mod tests {
         let (map, correlation) = stage.map(ring);
         assert_eq!(map.method, "ring");
         assert!(correlation > 0.9, "{correlation}");
+        // a ring is clearly no other shape
+        let evidence = map.evidence.unwrap();
+        let (left, next) = (evidence.left.unwrap(), evidence.next.unwrap());
+        assert!(
+            left <= 1.0 && next.left > left && next.ln_odds.unwrap() > 10.0,
+            "{left} {next:?}"
+        );
         let bar = |[x, y]: [f64; 2]| match (x - y).abs() < 0.08 && (x + y).abs() < 0.015 {
             true => -0.6,
             false => 0.0,
@@ -434,6 +455,10 @@ mod tests {
         let (map, correlation) = stage.map(half);
         assert_eq!(map.method, "nonlinear total variation, loss only");
         assert!(correlation > 0.8, "{correlation}");
+        let evidence = map.evidence.unwrap();
+        let next = evidence.next.unwrap();
+        assert!(next.left > 1.0 && next.ln_odds.is_none(), "{next:?}");
+        assert_eq!(evidence.left, None);
         assert!(map.values.iter().all(|value| *value <= 0.0));
         let (map, correlation) = stage.map(|at| -disc(at));
         assert_eq!(map.method, METHOD);

@@ -352,6 +352,7 @@ impl Reconstructor for OneStep {
             unit: MapUnit::RelativeConductance,
             method,
             masked: missing.len(),
+            evidence: None,
             quality: None,
         })
     }

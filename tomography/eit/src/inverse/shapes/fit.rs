@@ -38,7 +38,12 @@ pub(crate) struct Fit {
 }
 
 impl Fit {
-    /// Half of what speaks against the fit: its misfit, tempered as the posterior is, and ln n for each parameter.
+    /// As maps name it.
+    pub(crate) fn name(&self) -> String {
+        self.shapes[0].kind.name(self.shapes.len())
+    }
+
+    /// What speaks against the fit, a logarithm: its misfit, tempered as the posterior is, and half of ln n for each parameter.
     pub(crate) fn cost(&self) -> f64 {
         self.misfit / TEMPER + 0.5 * self.hessian.nrows() as f64 * PARAMETER_COST
     }

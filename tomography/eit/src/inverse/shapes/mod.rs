@@ -16,7 +16,7 @@ mod starts;
 
 use std::sync::Arc;
 
-use survey::Protocol;
+use survey::{Evidence, NextKind, Protocol};
 
 use self::coverage::Cover;
 use self::fit::{Data, Fit, Problem};
@@ -47,6 +47,14 @@ pub(crate) struct Explained {
     pub(crate) maps: Vec<Vec<f64>>,
     /// What they are.
     pub(crate) name: String,
+    pub(crate) evidence: Evidence,
+}
+
+/// What shapes make of a frame.
+pub(crate) enum Attempt {
+    Explained(Explained),
+    /// No shapes explain it; the best of those that were tried, if any were.
+    Unexplained(Option<NextKind>),
 }
 
 impl Shapes {
@@ -68,14 +76,14 @@ impl Shapes {
     }
 
     /// Fits shapes that start at the largest peaks of a map (relative changes of the region): the fewest that leave a mean square
-    /// of at most `most`; `deviation`: of a reading. `None` if neither one shape nor discs at the peaks leave so little.
+    /// of at most `most`; `deviation`: of a reading.
     pub(crate) fn explain(
         &self,
         seen: &Seen,
         deviation: f64,
         most: f64,
         map: &[f64],
-    ) -> Result<Option<Explained>, ForwardError> {
+    ) -> Result<Attempt, ForwardError> {
         let rows = self.model.baseline.len();
         let frame = Frame {
             problem: Problem {
@@ -90,27 +98,37 @@ impl Shapes {
         };
         let peaks = self.peaks.of(map);
         let Some(first) = peaks.first() else {
-            return Ok(None);
+            return Ok(Attempt::Unexplained(None));
         };
-        let one = frame.one_shape(first)?;
-        let several = match &one {
+        let singles = frame.one_shape(first)?;
+        // not the likeliest of those that explain it: a disc that nearly does speaks against a shape that just does
+        let one = Some(&singles[0]).filter(|fit| frame.explained_by(fit));
+        let several = match one {
             Some(one) if one.shapes[0].kind == Kind::Disc => None,
             _ => frame.discs(&peaks)?,
         };
-        let fit = likeliest([one, several].into_iter().flatten());
-        Ok(fit.map(|fit| {
-            let shown = |map: Vec<f64>| self.shown.iter().map(|&t| map[t]).collect();
-            let maps = posterior::maps(&frame.problem, &fit);
-            Explained {
-                maps: maps.into_iter().map(shown).collect(),
-                name: fit.shapes[0].kind.name(fit.shapes.len()),
-            }
+        let explains = several.as_ref().filter(|fit| frame.explained_by(fit));
+        let tried = || singles.iter().chain(&several);
+        let Some(chosen) = likeliest(one.into_iter().chain(explains)) else {
+            let nearest = tried().min_by(|a, b| a.misfit.total_cmp(&b.misfit));
+            let next = nearest.map(|fit| frame.described(fit, None));
+            return Ok(Attempt::Unexplained(next));
+        };
+        let next = likeliest(tried().filter(|fit| !std::ptr::eq(*fit, chosen)));
+        let shown = |map: Vec<f64>| self.shown.iter().map(|&t| map[t]).collect();
+        let maps = posterior::maps(&frame.problem, chosen);
+        Ok(Attempt::Explained(Explained {
+            maps: maps.into_iter().map(shown).collect(),
+            name: chosen.name(),
+            evidence: Evidence {
+                left: Some(frame.left(chosen)),
+                next: next.map(|fit| frame.described(fit, Some(fit.cost() - chosen.cost()))),
+            },
         }))
     }
 }
 
-fn likeliest(fits: impl IntoIterator<Item = Fit>) -> Option<Fit> {
-    let fits = fits.into_iter();
+fn likeliest<'a>(fits: impl Iterator<Item = &'a Fit>) -> Option<&'a Fit> {
     fits.min_by(|a, b| a.cost().total_cmp(&b.cost()))
 }
 
@@ -131,12 +149,25 @@ impl Frame<'_> {
         fit.misfit <= self.wanted
     }
 
-    /// The likeliest of the kinds of shapes, if it explains the frame.
-    fn one_shape(&self, at: &Peak) -> Result<Option<Fit>, ForwardError> {
+    /// Mean square that a fit leaves, over that which it may leave.
+    fn left(&self, fit: &Fit) -> f64 {
+        fit.misfit / self.wanted
+    }
+
+    fn described(&self, fit: &Fit, ln_odds: Option<f64>) -> NextKind {
+        NextKind {
+            method: fit.name(),
+            left: self.left(fit),
+            ln_odds,
+        }
+    }
+
+    /// The kinds of single shapes that were tried, the likeliest first.
+    fn one_shape(&self, at: &Peak) -> Result<Vec<Fit>, ForwardError> {
         let disc = self.fit(std::slice::from_ref(&at.disc))?;
         let own = &disc.shapes[0];
-        let others = match disc.misfit / self.wanted {
-            ..=PLAIN => return Ok(Some(disc)),
+        let others = match self.left(&disc) {
+            ..=PLAIN => return Ok(vec![disc]),
             ..NEAR if own.radius() > RESOLVED => vec![own.soft(), own.ring()],
             _ => Vec::new(),
         };
@@ -145,11 +176,11 @@ impl Frame<'_> {
             fits.push(self.fit(&[shape])?);
         }
         fits.push(disc);
-        // not the likeliest of those that explain it: a disc that nearly does speaks against a shape that just does
-        Ok(likeliest(fits).filter(|fit| self.explained_by(fit)))
+        fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+        Ok(fits)
     }
 
-    /// The fewest discs at peaks that explain the frame.
+    /// The fewest discs at peaks that explain the frame; all of them if that does not.
     fn discs(&self, peaks: &[Peak]) -> Result<Option<Fit>, ForwardError> {
         let together = |count: usize| {
             let start: Vec<Shape> = peaks[..count].iter().map(|at| at.disc.clone()).collect();
@@ -161,7 +192,7 @@ impl Frame<'_> {
         // a frame that all peaks do not explain is given up at once
         let all = together(peaks.len())?;
         if !self.explained_by(&all) {
-            return Ok(None);
+            return Ok(Some(all));
         }
         for count in 2..peaks.len() {
             let fewer = together(count)?;

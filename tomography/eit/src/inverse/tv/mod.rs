@@ -352,6 +352,7 @@ impl Reconstructor for Tv {
             unit: MapUnit::RelativeConductance,
             method: self.method.clone(),
             masked,
+            evidence: None,
             quality: None,
         })
     }

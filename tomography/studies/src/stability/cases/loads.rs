@@ -35,6 +35,7 @@ fn taken(quantifier: &mut Quantifier, at_s: f64, losses: &[f64]) -> FrameQuantit
         unit: MapUnit::RelativeConductance,
         method: "given".to_owned(),
         masked: 0,
+        evidence: None,
         quality: None,
     };
     let judged = JudgedMap {
