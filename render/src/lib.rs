@@ -20,7 +20,7 @@
 //!     electrodes: vec![[0.05, 0.0], [0.1, 0.05], [0.05, 0.1], [0.0, 0.05]],
 //! };
 //! let map = Map { mesh_hash: "m".into(), values: vec![-0.4, 0.0], unit: MapUnit::RelativeConductance,
-//!     method: "by hand".into(), masked: 0, quality: None };
+//!     method: "by hand".into(), masked: 0, evidence: None, quality: None };
 //! let style = Style { title: "half pressed".into(), ..Style::default() };
 //! assert!(render::svg(&sheet, &map, &style)?.contains("half pressed"));
 //! let seen = render::terminal(&sheet, &map, &TerminalStyle { width: 40, height: None, colour: TerminalColour::Plain, style })?;

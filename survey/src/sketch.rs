@@ -16,6 +16,7 @@ impl Map {
     ///     unit: survey::MapUnit::RelativeConductance,
     ///     method: "one-step".into(),
     ///     masked: 0,
+    ///     evidence: None,
     ///     quality: None,
     /// };
     /// let kept = map([-0.1, -0.2, 0.3]).signed_sum(7);

@@ -135,6 +135,10 @@ pub struct Export {
     /// Write the map of each frame and its mesh into the netCDF file
     #[arg(long)]
     pub maps: bool,
+    /// With --maps: also the standard deviation of each triangle's change of ln conductance, nan where the frame says nothing of a
+    /// triangle; by the linear model with noise and drift of the frame, whatever the method
+    #[arg(long, requires = "maps")]
+    pub sd: bool,
     /// Sequence number of the frame whose map is drawn (default: the last one)
     #[arg(long, value_name = "SEQUENCE")]
     pub frame: Option<u64>,
@@ -238,6 +242,10 @@ pub struct Replay {
     /// Beside it times and places as NAME.frames.csv, centroids and areas as NAME.triangles.csv
     #[arg(long, value_name = "FILE")]
     pub out: Option<OutPath>,
+    /// Write the standard deviation of each triangle's change of ln conductance to NAME.sd.csv, nan where the frame says nothing of
+    /// a triangle; by the linear model with noise and drift of the frame, whatever the method
+    #[arg(long, requires = "out")]
+    pub sd: bool,
     /// New or empty directory for a picture of each map
     #[arg(long, value_name = "DIR")]
     pub png: Option<OutFolder>,

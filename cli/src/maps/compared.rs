@@ -52,7 +52,7 @@ impl<'a> Compared<'a> {
     ///
     /// # Errors
     /// It is not known.
-    pub(crate) fn deviation(&self, reconstruction: &Reconstruction) -> Result<Vec<f32>, Failure> {
+    pub(crate) fn deviation(&self, reconstruction: &Reconstruction) -> Result<Vec<f64>, Failure> {
         reconstruction.map_deviation(self.baseline, self.readings)
     }
 

@@ -9,12 +9,14 @@ use crate::failure::Failure;
 use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
+use crate::output::complain;
 
 /// Makes the maps of a recording.
 pub(crate) struct FrameMaps<'a> {
     reconstruction: &'a Reconstruction,
     recording: &'a Recording,
     follower: Option<Follower>,
+    with_deviation: bool,
 }
 
 /// The map of a frame.
@@ -25,6 +27,9 @@ pub(crate) struct FrameMap {
     pub(crate) pressure: Option<Pressure>,
     /// What the tracked baseline says of the frame; `None` without one.
     pub(crate) tracked: Option<Tracked>,
+    /// Standard deviation of ln conductance of each triangle, NaN where the frame says nothing of it; `None` where that was not
+    /// asked for.
+    pub(crate) deviation: Option<Vec<f64>>,
 }
 
 impl<'a> FrameMaps<'a> {
@@ -39,7 +44,14 @@ impl<'a> FrameMaps<'a> {
             reconstruction,
             recording,
             follower: Follower::of(reconstruction, tracked, recording)?,
+            with_deviation: false,
         })
+    }
+
+    /// With the standard deviations of each map, if `wanted`.
+    pub(crate) fn with_deviation(mut self, wanted: bool) -> Self {
+        self.with_deviation = wanted;
+        self
     }
 
     /// The map of a frame. Every frame must be given to this or to [`FrameMaps::pass`], in order.
@@ -61,7 +73,18 @@ impl<'a> FrameMaps<'a> {
                 }
                 other => other,
             })?;
+        let deviation = match self
+            .with_deviation
+            .then(|| compared.deviation(self.reconstruction))
+        {
+            Some(Err(Failure::Failed(why))) => {
+                complain(&format!("tactus: frame {}: {why}", frame.sequence));
+                Some(vec![f64::NAN; map.values.len()])
+            }
+            known => known.transpose()?,
+        };
         Ok(FrameMap {
+            deviation,
             pressure: self.reconstruction.pressure(&map)?,
             map,
             tracked: followed.map(|followed| followed.tracked),

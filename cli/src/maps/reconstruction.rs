@@ -181,17 +181,15 @@ impl Reconstruction {
         &self,
         baseline: &[Reading],
         frame: &[Reading],
-    ) -> Result<Vec<f32>, Failure> {
+    ) -> Result<Vec<f64>, Failure> {
         let found = self.model.deviation(baseline, frame);
         let found =
             found.map_err(|error| Failure::failed("no standard deviation is known", &error))?;
-        let found = found.ok_or_else(|| {
+        let found = found.map(|found| found.values());
+        found.ok_or_else(|| {
             let text = "no standard deviation is known: the model contains no geometry";
-            Failure::Failed(text.to_owned())
-        })?;
-        let each = found.deviation.iter().zip(&found.resolved);
-        let known = each.map(|(sd, resolved)| if *resolved { *sd as f32 } else { f32::NAN });
-        Ok(known.collect())
+            Failure::Configuration(text.to_owned())
+        })
     }
 
     /// Standard deviations of quantities; `None` where the noise is not known.

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use eit::{Mesh, Pressure};
 use imaging::Tracked;
 use imaging::recorded::{
-    FRAMES_HEADING, MapCompanions, MapRow, RecordedFrame, Recording, maps_heading, triangles_text,
+    DeviationSummary, FRAMES_HEADING, MapCompanions, MapRow, RecordedFrame, Recording,
+    maps_heading, triangles_text,
 };
 use outfile::{Existing, OutFile};
 use serde::Serialize;
@@ -42,6 +43,8 @@ struct ReplayLine<'a> {
     largest_kpa: Option<f64>,
     masked: usize,
     evidence: Option<&'a Evidence>,
+    /// With `--sd`.
+    map_sd: Option<DeviationSummary>,
     quality: Option<&'a MapQuality>,
     /// What is known of the frame; `None` without a tracked baseline.
     tracked: Option<&'a Tracked>,
@@ -66,15 +69,17 @@ pub(crate) fn run(
     let count = recording::count(&recording, &replay.from, thinning)?;
     let frames = recording::frames(&recording, &replay.from, thinning)?;
     let reconstruction = Reconstruction::asked(&replay.asked, &recording)?;
-    let mut maps = FrameMaps::new(&reconstruction, &replay.asked.tracked, &recording)?;
+    let mut maps = FrameMaps::new(&reconstruction, &replay.asked.tracked, &recording)?
+        .with_deviation(replay.sd);
     introduce(&recording, count, &reconstruction, printer)?;
     let existing = replay.replacing.existing();
     if let Some(directory) = &replay.png {
         outfile::make_folder(directory, existing)?;
     }
     let mesh = reconstruction.mesh();
+    let areas = mesh.region_areas();
     let mut tables = match &replay.out {
-        Some(path) => Some(MapTables::create(path, mesh, existing)?),
+        Some(path) => Some(MapTables::create(path, mesh, existing, replay.sd)?),
         None => None,
     };
     let progress = progress(count.map(|count| count as u64), printer.is_terminal());
@@ -89,6 +94,7 @@ pub(crate) fn run(
             map,
             pressure,
             tracked,
+            deviation,
         } = maps.map(&recorded)?;
         let noise = reconstruction.noise;
         let found = reconstruction.field.found(&map, noise);
@@ -96,7 +102,7 @@ pub(crate) fn run(
         let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));
         let shown = calibrated.as_ref().unwrap_or(&map);
         if let Some(tables) = &mut tables {
-            tables.put(&MapRow {
+            let row = MapRow {
                 frame: recorded.sequence,
                 label: &recorded.label,
                 time: recorded.wall,
@@ -104,7 +110,8 @@ pub(crate) fn run(
                 found,
                 noise,
                 pressure: pressure.as_ref(),
-            })?;
+            };
+            tables.put(&row, deviation.as_deref())?;
         }
         let style = || {
             drawing::style(
@@ -139,6 +146,7 @@ pub(crate) fn run(
             largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
             masked: map.masked,
             evidence: map.evidence.as_ref(),
+            map_sd: deviation.map(|deviation| DeviationSummary::of(&deviation, &areas)),
             quality: map.quality.as_ref(),
             tracked: tracked.as_ref(),
             map_hash: map.hash(),
@@ -344,14 +352,32 @@ struct MapTables {
     maps: OutFile,
     frames: Option<OutFile>,
     triangles: Option<OutFile>,
+    deviations: Option<OutFile>,
+}
+
+/// A line of a table of maps.
+fn line(frame: u64, values: &[f64]) -> String {
+    let mut line = format!("f{frame}");
+    for value in values {
+        let _infallible = match value.is_nan() {
+            true => write!(line, ",nan"),
+            false => write!(line, ",{value}"),
+        };
+    }
+    line.push('\n');
+    line
 }
 
 impl MapTables {
-    fn create(path: &Path, mesh: &Mesh, existing: Existing) -> Result<Self, Failure> {
+    fn create(path: &Path, mesh: &Mesh, existing: Existing, sd: bool) -> Result<Self, Failure> {
+        if sd && outfile::is_stream(path) {
+            let text = "--sd writes a file beside the maps; --out must be a file";
+            return Err(Failure::Usage(text.to_owned()));
+        }
         let mut maps = OutFile::create(path, existing)?;
         maps.put(maps_heading(mesh).as_bytes())?;
         // a device or a pipe has no companion files
-        let (mut frames, mut triangles) = (None, None);
+        let (mut frames, mut triangles, mut deviations) = (None, None, None);
         if !outfile::is_stream(path) {
             let beside = MapCompanions::of(path);
             let mut table = OutFile::create(&beside.frames, existing)?;
@@ -360,21 +386,25 @@ impl MapTables {
             let mut table = OutFile::create(&beside.triangles, existing)?;
             table.put(triangles_text(mesh).as_bytes())?;
             triangles = Some(table);
+            if sd {
+                let mut table = OutFile::create(&beside.deviations, existing)?;
+                table.put(maps_heading(mesh).as_bytes())?;
+                deviations = Some(table);
+            }
         }
         Ok(Self {
             maps,
             frames,
             triangles,
+            deviations,
         })
     }
 
-    fn put(&mut self, row: &MapRow<'_>) -> Result<(), Failure> {
-        let mut line = format!("f{}", row.frame);
-        for value in row.values() {
-            let _infallible = write!(line, ",{value}");
+    fn put(&mut self, row: &MapRow<'_>, deviation: Option<&[f64]>) -> Result<(), Failure> {
+        self.maps.put(line(row.frame, row.values()).as_bytes())?;
+        if let (Some(table), Some(deviation)) = (&mut self.deviations, deviation) {
+            table.put(line(row.frame, deviation).as_bytes())?;
         }
-        line.push('\n');
-        self.maps.put(line.as_bytes())?;
         if let Some(frames) = &mut self.frames {
             frames.put(row.text().as_bytes())?;
         }
@@ -382,7 +412,10 @@ impl MapTables {
     }
 
     fn finish(self) -> Result<PathBuf, Failure> {
-        for table in self.frames.into_iter().chain(self.triangles) {
+        for table in [self.frames, self.triangles, self.deviations]
+            .into_iter()
+            .flatten()
+        {
             table.finish()?;
         }
         Ok(self.maps.finish()?)

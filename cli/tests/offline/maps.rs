@@ -51,6 +51,8 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
             "newtons",
             "largest_kpa",
             "masked",
+            "evidence",
+            "map_sd",
             "quality",
             "tracked",
             "map_hash",

@@ -7,10 +7,11 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use survey::{Map, Reading};
 
+use imaging::TrackedFrame;
 use imaging::recorded::{
-    FRAMES_HEADING, FrameTable, MapCompanions, MapRow, TableOptions, triangles_text,
+    DeviationSummary, FRAMES_HEADING, FrameTable, MapCompanions, MapRow, TableOptions,
+    triangles_text,
 };
-use imaging::{MapDeviation, TrackedFrame};
 use studies::evaluation::median;
 use studies::{Failure, progress, write};
 
@@ -66,14 +67,14 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         let deviation = match options.sd {
             true => Some(model.deviation(baseline, readings).map_err(failed)?.ok_or_else(|| {
                 Failure::usage("--sd needs the sheet behind the frames; with --model FILE say --drift frame too")
-            })?),
+            })?).map(|found| found.values()),
             false => None,
         };
         bar.inc(1);
         Ok((map, time, deviation))
     };
     // fast methods run sequentially, so that their times do not influence each other
-    let made: Vec<(Map, f64, Option<MapDeviation>)> = if model.slow {
+    let made: Vec<(Map, f64, Option<Vec<f64>>)> = if model.slow {
         recording
             .frames
             .par_iter()
@@ -126,7 +127,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
                 "evidence": map.evidence,
                 "quality": map.quality,
                 "tracked": tracked,
-                "map_sd": deviation.as_ref().map(|deviation| resolved(deviation, &areas)),
+                "map_sd": deviation.as_ref().map(|deviation| DeviationSummary::of(deviation, &areas)),
                 "unit": if pressure.is_some() { "kPa" } else { map.unit.label() },
                 "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
                 "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
@@ -145,12 +146,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             );
         }
         maps.extend_from_slice(row.values());
-        if let Some(deviation) = deviation {
-            let resolved = deviation.deviation.iter().zip(&deviation.resolved);
-            deviations.extend(
-                resolved.map(|(value, resolved)| if *resolved { *value } else { f64::NAN }),
-            );
-        }
+        deviations.extend(deviation.into_iter().flatten());
     }
     let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
     let existing = options.replacing.existing();
@@ -177,21 +173,6 @@ fn frames(options: &ReconstructOptions, readings: usize) -> Result<FrameTable, F
         negate: options.negate,
     };
     geometry::frames(&options.case, &table, readings)
-}
-
-/// The deviation of a map in a few values: share of the region's area of which the frame says something, and the median there.
-fn resolved(deviation: &MapDeviation, areas: &[f64]) -> serde_json::Value {
-    let all: f64 = areas.iter().sum();
-    let resolved = |k: &usize| deviation.resolved[*k];
-    let area: f64 = (0..areas.len()).filter(resolved).map(|k| areas[k]).sum();
-    let mut values: Vec<f64> = (0..areas.len())
-        .filter(resolved)
-        .map(|k| deviation.deviation[k])
-        .collect();
-    serde_json::json!({
-        "resolved": area / all,
-        "median": (!values.is_empty()).then(|| median(&mut values)),
-    })
 }
 
 /// The frames with the baseline that is followed through them; `None` where that is not asked for.

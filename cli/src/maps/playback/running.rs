@@ -115,6 +115,7 @@ impl RunningModel for RunningSession {
         let model = self.model()?;
         let (baseline, readings) = model.compare(readings);
         let found = model.one_step.map_deviation(&baseline, &readings);
-        found.map_err(|why| why.to_string())
+        let found = found.map_err(|why| why.to_string())?;
+        Ok(found.into_iter().map(|sd| sd as f32).collect())
     }
 }

@@ -169,6 +169,7 @@ impl PlayedSession {
         exact.last = Some((frame.sequence, followed.clone()));
         let compared = Compared::new(&exact.recording, frame, followed.as_ref());
         if kind == MapKind::Deviation {
+            let values = compared.deviation(&exact.reconstruction)?;
             return Ok(PlayedMap {
                 sequence: frame.sequence,
                 wall_ms: wall_ms(frame),
@@ -178,7 +179,7 @@ impl PlayedSession {
                 noise: None,
                 tracked: None,
                 quantities: None,
-                values: compared.deviation(&exact.reconstruction)?,
+                values: values.into_iter().map(|sd| sd as f32).collect(),
             });
         }
         // its course begins anew with each frame

@@ -81,9 +81,11 @@ fn netcdf_maps_are_those_of_replay() {
     let folder = tempfile::tempdir().unwrap();
     session(folder.path());
     let method = ["--preset", "disc-tank", "--noise-v", "2e-6"];
-    let replay = ["replay", "last", "--no-map", "--out", "maps.csv"];
+    let replay = ["replay", "last", "--no-map", "--out", "maps.csv", "--sd"];
     done(folder.path(), &[&replay[..], &method].concat());
-    let export = ["export", "last", "--format", "nc", "--maps", "-o", "out.nc"];
+    let export = [
+        "export", "last", "--format", "nc", "--maps", "--sd", "-o", "out.nc",
+    ];
     done(folder.path(), &[&export[..], &method].concat());
     let read = read(&python, "read_nc.py", &folder.path().join("out.nc"));
     let maps = Cells::read(&folder.path().join("maps.csv"));
@@ -91,6 +93,15 @@ fn netcdf_maps_are_those_of_replay() {
     let count = triangles.rows.len();
     assert_eq!(read["map"].shape, [3, count]);
     assert_eq!(read["map"].bits(), bits(maps.block(1)));
+    let deviations = Cells::read(&folder.path().join("maps.sd.csv")).block(1);
+    assert_eq!(read["map_sd"].bits(), bits(deviations.clone()));
+    // the first frame is the baseline itself and says nothing, the second lacks a reading
+    let known = |row: usize| {
+        !deviations[row * count..][..count]
+            .iter()
+            .all(|sd| sd.is_nan())
+    };
+    assert_eq!([known(0), known(1), known(2)], [false, true, true]);
     assert_eq!(read["element"].numbers(), triangles.numbers("element"));
     assert_eq!(read["triangle_nodes"].shape, [count, 3]);
     let nodes = read["triangle_nodes"].numbers();

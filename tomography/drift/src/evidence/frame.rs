@@ -40,6 +40,15 @@ pub struct MapDeviation {
     pub resolved: Vec<bool>,
 }
 
+impl MapDeviation {
+    /// The standard deviation of each triangle, NaN where the frame says nothing of it.
+    pub fn values(&self) -> Vec<f64> {
+        let each = self.deviation.iter().zip(&self.resolved);
+        each.map(|(sd, resolved)| if *resolved { *sd } else { f64::NAN })
+            .collect()
+    }
+}
+
 impl DriftModel {
     /// Separates the drift in one frame from its load.
     ///

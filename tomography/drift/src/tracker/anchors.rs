@@ -11,7 +11,7 @@ use crate::whitened::LOADED;
 /// Ages of the anchors that are compared, days.
 const AGES: [f64; 3] = [1.0, 7.0, 30.0];
 /// Age of the one that tells a load from age, days: over a week a crack changes as much as a load.
-const LOAD_AGES: [f64; 1] = [1.0];
+const LOAD_AGE: f64 = 1.0;
 /// Age beyond which it tells nothing any more, days: while a load lies there, no later baseline is kept.
 const LOAD_OLDEST: f64 = 2.0;
 /// Age at which an anchor is dropped, days.
@@ -91,7 +91,7 @@ impl Anchors {
         at_s: f64,
     ) -> Option<(DVector<f64>, f64)> {
         let (anchor, alarm) =
-            self.strongest(&LOAD_AGES, model, basis, data, LOAD_PACE * pace, at_s)?;
+            self.strongest(&[LOAD_AGE], model, basis, data, LOAD_PACE * pace, at_s)?;
         if alarm.change >= 0.0 || alarm.age_days > LOAD_OLDEST {
             return None;
         }

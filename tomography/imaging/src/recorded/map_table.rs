@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use chrono::{DateTime, SecondsFormat, Utc};
 use eit::{Mesh, Pressure, digits};
+use serde::Serialize;
 use survey::Map;
 
 /// The companions of a table of maps `NAME.csv`.
@@ -15,6 +16,40 @@ pub struct MapCompanions {
     pub triangles: PathBuf,
     /// `NAME.sd.csv`: the standard deviation of each value, on request.
     pub deviations: PathBuf,
+}
+
+/// How exactly a frame tells its map, in two numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct DeviationSummary {
+    /// Share of the region's area of which the frame says something.
+    pub resolved: f64,
+    /// Median of the standard deviations there, ln conductance; `None` where the frame says nothing at all.
+    pub median: Option<f64>,
+}
+
+impl DeviationSummary {
+    /// Of the standard deviation of each triangle, NaN where the frame says nothing of it, and their areas.
+    pub fn of(deviations: &[f64], areas: &[f64]) -> Self {
+        let each = || deviations.iter().zip(areas);
+        let all: f64 = each().map(|(_, area)| area).sum();
+        let known = each().filter(|(deviation, _)| !deviation.is_nan());
+        let mut values: Vec<f64> = deviations
+            .iter()
+            .copied()
+            .filter(|sd| !sd.is_nan())
+            .collect();
+        values.sort_by(f64::total_cmp);
+        let middle = values.len() / 2;
+        let median = match values.len() {
+            0 => None,
+            odd if odd % 2 == 1 => Some(values[middle]),
+            _ => Some(0.5 * (values[middle - 1] + values[middle])),
+        };
+        Self {
+            resolved: known.map(|(_, area)| area).sum::<f64>() / all,
+            median,
+        }
+    }
 }
 
 /// A time in a table: UTC, always with six digits of seconds, because readers infer the format of a column from its first

@@ -13,13 +13,21 @@ use crate::maps::reconstruction::Reconstruction;
 use crate::output::complain;
 
 /// The variables that [`MapVariables::put`] writes into each record.
-pub(super) fn records(layout: &mut Layout, reconstruction: &Reconstruction) -> Result<(), Failure> {
+pub(super) fn records(
+    layout: &mut Layout,
+    reconstruction: &Reconstruction,
+    sd: bool,
+) -> Result<(), Failure> {
     let change = "relative change of conductance since the baseline";
     map_variable(layout, "map", change, "1")?;
-    match reconstruction.is_calibrated() {
-        true => map_variable(layout, "pressure", "pressure by the calibration", "kPa"),
-        false => Ok(()),
+    if reconstruction.is_calibrated() {
+        map_variable(layout, "pressure", "pressure by the calibration", "kPa")?;
     }
+    if sd {
+        let deviation = "standard deviation of the change of ln conductance, NaN where the frame says nothing of it";
+        map_variable(layout, "map_sd", deviation, "1")?;
+    }
+    Ok(())
 }
 
 fn map_variable(
@@ -85,13 +93,16 @@ pub(super) fn mesh(layout: &mut Layout, mesh: &Mesh) -> Result<(), Failure> {
 pub(super) struct MapVariables<'a> {
     maps: FrameMaps<'a>,
     calibrated: bool,
+    sd: bool,
     triangles: usize,
 }
 
 impl<'a> MapVariables<'a> {
-    pub(super) fn new(maps: FrameMaps<'a>, reconstruction: &Reconstruction) -> Self {
+    /// `sd`: whether `maps` have standard deviations.
+    pub(super) fn new(maps: FrameMaps<'a>, reconstruction: &Reconstruction, sd: bool) -> Self {
         Self {
             maps,
+            sd,
             calibrated: reconstruction.is_calibrated(),
             triangles: reconstruction.mesh().region().len(),
         }
@@ -115,13 +126,22 @@ impl<'a> MapVariables<'a> {
             }
             Err(other) => return Err(other),
         };
-        match &of_frame {
-            Some(of_frame) => bytes.reals(of_frame.map.values.iter().copied()),
-            None => bytes.reals(unknown()),
-        }
-        if self.calibrated {
-            match of_frame.and_then(|of_frame| of_frame.pressure) {
-                Some(pressure) => bytes.reals(pressure.kpa),
+        let (map, pressure, deviation) = match of_frame {
+            Some(of_frame) => (
+                Some(of_frame.map.values),
+                of_frame.pressure.map(|pressure| pressure.kpa),
+                of_frame.deviation,
+            ),
+            None => (None, None, None),
+        };
+        let values = [
+            Some(map),
+            self.calibrated.then_some(pressure),
+            self.sd.then_some(deviation),
+        ];
+        for values in values.into_iter().flatten() {
+            match values {
+                Some(values) => bytes.reals(values),
                 None => bytes.reals(unknown()),
             }
         }

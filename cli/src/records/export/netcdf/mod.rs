@@ -65,12 +65,14 @@ pub(super) fn write(
         .transpose()?;
     let mut maps = match (&recording, &reconstruction) {
         (Some(recording), Some(reconstruction)) => Some(MapVariables::new(
-            FrameMaps::new(reconstruction, &export.asked.tracked, recording)?,
+            FrameMaps::new(reconstruction, &export.asked.tracked, recording)?
+                .with_deviation(export.sd),
             reconstruction,
+            export.sd,
         )),
         _ => None,
     };
-    let mut layout = layout(session, &first, reconstruction.as_ref())?;
+    let mut layout = layout(session, &first, reconstruction.as_ref(), export.sd)?;
     let folder = path.parent().unwrap_or(Path::new("."));
     let lost = quantities::quantities(&mut layout, folder, header.session())?;
     if lost > 0 {
@@ -106,6 +108,7 @@ fn layout(
     session: &SessionParts,
     first: &Record,
     reconstruction: Option<&Reconstruction>,
+    sd: bool,
 ) -> Result<Layout, Failure> {
     let header = session.header();
     let settings = &first.frame.settings;
@@ -257,7 +260,7 @@ fn layout(
         ],
     )?;
     if let Some(reconstruction) = reconstruction {
-        maps::records(&mut layout, reconstruction)?;
+        maps::records(&mut layout, reconstruction, sd)?;
     }
     Ok(layout)
 }

@@ -200,7 +200,7 @@ impl Problem<'_> {
                 break;
             };
             let mut step = factor.solve(&right);
-            // at most 1.5 cm, one unit of a logit or one radian per step
+            // at most 1.5 cm or 1.5 units of a logit per step
             let largest = step.amax();
             if largest > 1.5 {
                 step *= 1.5 / largest;
