@@ -84,6 +84,14 @@ fn ask_daemon<T>(
     }
 }
 
+/// No session in any of these directories.
+pub(crate) fn none(places: &[PathBuf]) -> Failure {
+    Failure::Missing(format!(
+        "no session in {}; --state DIR names another directory of session files",
+        listed(places)
+    ))
+}
+
 /// Paths as text.
 pub(crate) fn listed(places: &[PathBuf]) -> String {
     let places: Vec<String> = places
@@ -104,12 +112,7 @@ fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
             sessions.map(move |session| (place, session))
         })
         .max_by(|(_, a), (_, b)| (a.started, &a.id).cmp(&(b.started, &b.id)));
-    let (place, session) = newest.ok_or_else(|| {
-        Failure::Missing(format!(
-            "no session in {}; --state DIR names another directory of session files",
-            listed(places)
-        ))
-    })?;
+    let (place, session) = newest.ok_or_else(|| none(places))?;
     // the first part of a session in parts
     logbook::find(place, session.session()).map_err(|error| refused(&error))
 }

@@ -30,6 +30,9 @@ pub(crate) async fn safe_off(prepared: &Prepared) -> Result<(), Failure> {
         return Ok(());
     };
     let simulated_rig = prepared.simulated_rig().map_err(|text| (FAILED, text))?;
+    if simulated_rig.is_some() {
+        print_line("SIMULATED: the configuration names no real instrument, and none was touched");
+    }
     let mut failures = Vec::new();
     for outcome in make_safe_each(plan, &simulated_rig).await {
         match outcome {

@@ -78,11 +78,12 @@ fn verify(
 /// One file per session, the oldest first.
 fn all(global: &Global) -> Result<Vec<PathBuf>, Failure> {
     let mut files: Vec<PathBuf> = Vec::new();
-    for place in session_files::directories(global)? {
+    let places = session_files::directories(global)?;
+    for place in &places {
         if !place.exists() {
             continue;
         }
-        let listing = logbook::list(&place).map_err(|error| session_files::refused(&error))?;
+        let listing = logbook::list(place).map_err(|error| session_files::refused(&error))?;
         let readable = listing.sessions.into_iter().map(|session| session.path);
         let unreadable = listing.unreadable.into_iter().map(|file| file.path);
         for file in readable.chain(unreadable) {
@@ -92,6 +93,9 @@ fn all(global: &Global) -> Result<Vec<PathBuf>, Failure> {
                 files.push(first);
             }
         }
+    }
+    if files.is_empty() {
+        return Err(session_files::none(&places));
     }
     Ok(files)
 }

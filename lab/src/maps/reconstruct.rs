@@ -5,7 +5,7 @@ use std::time::Instant;
 use eit::{Case, matrix_text};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use survey::{Map, Reading};
+use survey::{Map, Reading, error_chain};
 
 use imaging::TrackedFrame;
 use imaging::recorded::{
@@ -65,9 +65,22 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
         let map = model.reconstruct(baseline, readings).map_err(failed)?;
         let time = start.elapsed().as_secs_f64() * 1e3;
         let deviation = match options.sd {
-            true => Some(model.deviation(baseline, readings).map_err(failed)?.ok_or_else(|| {
-                Failure::usage("--sd needs the sheet behind the frames; with --model FILE say --drift frame too")
-            })?).map(|found| found.values()),
+            true => Some(match model.deviation(baseline, readings) {
+                Ok(Some(found)) => found.values(),
+                Ok(None) => {
+                    return Err(Failure::usage(
+                        "--sd needs the sheet behind the frames; with --model FILE say --drift frame too",
+                    ));
+                }
+                // its map is written all the same
+                Err(why) => {
+                    eprintln!(
+                        "tactus-lab: frame '{name}': no standard deviation is known: {}",
+                        error_chain(&why)
+                    );
+                    vec![f64::NAN; areas.len()]
+                }
+            }),
             false => None,
         };
         bar.inc(1);

@@ -57,7 +57,12 @@ impl SessionReader {
                 .unwrap_or(false)
         };
         let opened = opening::open(path, is_closed)?;
-        Self::over(opened.connection, path.to_owned(), opened.mode)
+        match Self::over(opened.connection, path.to_owned(), opened.mode) {
+            Err(damaged @ LogbookError::Damaged { .. }) => {
+                Err(opening::missing_end(path).unwrap_or(damaged))
+            }
+            found => found,
+        }
     }
 
     /// Reads the header through a writer's connection.

@@ -227,6 +227,25 @@ fn limit(connection: &Connection, size: u64) -> rusqlite::Result<()> {
     connection.pragma_update(None, "temp_store", "MEMORY")
 }
 
+/// The file is shorter than its header says.
+pub(super) fn missing_end(path: &Path) -> Option<LogbookError> {
+    let mut head = [0; HEAD];
+    let mut file = File::open(path).ok()?;
+    file.read_exact(&mut head).ok()?;
+    let there = file.metadata().ok()?.len();
+    let number = |at: usize, bytes: usize| -> u64 {
+        let digits = head[at..at + bytes].iter();
+        digits.fold(0, |number, byte| number << 8 | u64::from(*byte))
+    };
+    // size and number of pages; https://www.sqlite.org/fileformat.html
+    let whole = number(16, 2) * number(28, 4);
+    (there < whole).then(|| LogbookError::Damaged {
+        path: path.to_owned(),
+        place: "its end".into(),
+        why: format!("{there} of its {whole} bytes are there; take the file from a copy"),
+    })
+}
+
 /// `file:` and the path, with all URI metacharacters escaped.
 fn uri(path: &Path, parameters: &str) -> PathBuf {
     let mut uri = String::from("file:");

@@ -204,6 +204,20 @@ fn a_repair_keeps_what_is_whole_and_says_what_it_cut() {
 }
 
 #[test]
+fn a_file_without_its_end_is_refused_with_what_is_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let writer = begun(dir.path(), &header("m1"), 1..=200);
+    let path = writer.path().to_owned();
+    writer.close(at(201), "done").unwrap();
+    let whole = std::fs::read(&path).unwrap();
+    let there = whole.len() - PAGE;
+    std::fs::write(&path, &whole[..there]).unwrap();
+    let refused = SessionReader::open(&path).err().unwrap().to_string();
+    let words = format!("{there} of its {} bytes are there", whole.len());
+    assert!(refused.contains(&words), "{refused}");
+}
+
+#[test]
 fn damage_to_the_last_page_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let writer = begun(dir.path(), &header("m1"), 1..=100);

@@ -87,7 +87,7 @@ pub enum Doubt {
     },
     /// The noise leaves open which load it is.
     NoiseLimit {
-        /// The correlation with the load that the map is expected to have.
+        /// The mean correlation of the map with loads that the posterior leaves possible.
         correlation: f64,
     },
     /// The map shows more conductance lost than there is.
@@ -201,7 +201,7 @@ impl fmt::Display for Doubt {
             ),
             Self::NoiseLimit { correlation } => write!(
                 f,
-                "the noise leaves the load uncertain: the map is expected to agree with it to a correlation of {correlation:.2}"
+                "the noise leaves the load uncertain: loads that are as likely agree with the map to a correlation of {correlation:.2}"
             ),
             Self::LossAboveOne { loss } => {
                 write!(f, "a loss of {:.0} % is impossible", 100.0 * loss)

@@ -32,6 +32,16 @@ pub enum CaseError {
         /// How to make a CSV file of it.
         remedy: String,
     },
+    /// A column is in another unit.
+    #[error("{}:1: column '{has}' is not '{wants}': give the values in that unit", .path.display())]
+    Unit {
+        /// The file.
+        path: PathBuf,
+        /// Its name of the column.
+        has: String,
+        /// The name with the unit that is read.
+        wants: String,
+    },
     /// A field that should be a number is not.
     #[error("{}:{line}: column {column} is '{text}', which is not a number", .path.display())]
     NotANumber {

@@ -57,6 +57,7 @@ impl Case {
         let file = |name: &str| folder.join(name);
         let node_table = Table::read(&file("nodes.csv"))?;
         let nodes = node_table
+            .in_units(&["x_m", "y_m"])?
             .numbers(2, 2)?
             .into_iter()
             .map(|(_, row)| [row[0], row[1]])

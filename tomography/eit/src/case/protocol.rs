@@ -8,6 +8,9 @@ use survey::{Dipole, Electrode, Measurement, Protocol};
 use super::text::digits;
 use super::{CaseError, Table};
 
+/// Columns of the file.
+const COLUMNS: [&str; 6] = ["meas", "source", "sink", "v_plus", "v_minus", "current_A"];
+
 /// Reads a protocol file and the current of each reading (A; 1 if the column is missing). Without `electrodes` the
 /// number of electrodes is the largest number named.
 ///
@@ -21,7 +24,7 @@ pub fn read_protocol(
     let mut measurements = Vec::new();
     let mut currents = Vec::new();
     let mut largest = 0;
-    for (line, row) in table.numbers(5, 6)? {
+    for (line, row) in table.in_units(&COLUMNS)?.numbers(5, 6)? {
         let electrode = |column: usize, what| {
             match electrodes {
                 Some(count) => table.below(line, "electrode", row[column], count),
@@ -55,7 +58,7 @@ pub fn read_protocol(
 
 /// A protocol as the text of its file.
 pub fn protocol_text(protocol: &Protocol, currents: &[f64]) -> String {
-    let mut text = String::from("meas,source,sink,v_plus,v_minus,current_A\n");
+    let mut text = COLUMNS.join(",") + "\n";
     for (meas, (question, current)) in protocol.measurements().iter().zip(currents).enumerate() {
         let Measurement { drive, sense } = question;
         let _ = writeln!(

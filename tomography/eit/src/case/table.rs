@@ -122,6 +122,22 @@ impl Table {
         self.rows.first().map_or(0, Vec::len)
     }
 
+    /// The table, if no column of its header is one of these in another unit, as `x_mm` is for `x_m`. Other names are not looked at.
+    pub(super) fn in_units(&self, columns: &[&str]) -> Result<&Self, CaseError> {
+        for (has, wants) in self.header.iter().flatten().zip(columns) {
+            let with_unit = wants.ends_with("_m") || wants.ends_with("_A");
+            let quantity = &wants[..wants.len() - 1];
+            if with_unit && has.starts_with(quantity) && has != wants {
+                return Err(CaseError::Unit {
+                    path: self.path.clone(),
+                    has: has.clone(),
+                    wants: (*wants).to_owned(),
+                });
+            }
+        }
+        Ok(self)
+    }
+
     /// All rows with the number of columns in the range, every field a number.
     pub(super) fn numbers(
         &self,

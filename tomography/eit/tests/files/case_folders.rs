@@ -102,6 +102,18 @@ fn faults_name_file_and_line() {
     for (file, at, text, wanted) in [
         (
             "nodes.csv",
+            1,
+            "x_mm,y_mm",
+            "nodes.csv:1: column 'x_mm' is not 'x_m'",
+        ),
+        (
+            "protocol.csv",
+            1,
+            "meas,source,sink,v_plus,v_minus,current_mA",
+            "protocol.csv:1: column 'current_mA' is not 'current_A'",
+        ),
+        (
+            "nodes.csv",
             3,
             "0.1,x",
             "nodes.csv:3: column 2 is 'x', which is not a number",

@@ -46,7 +46,10 @@ impl DeviationSummary {
             _ => Some(0.5 * (values[middle - 1] + values[middle])),
         };
         Self {
-            resolved: known.map(|(_, area)| area).sum::<f64>() / all,
+            resolved: known
+                .map(|(_, area)| area)
+                .fold(0.0, |sum, area| sum + area)
+                / all,
             median,
         }
     }

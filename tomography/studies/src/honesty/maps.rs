@@ -291,7 +291,7 @@ fn judge(
     let ms = 1e3 * begun.elapsed().as_secs_f64();
     let sound = |quality: &MapQuality| quality.verdict == Verdict::Sound;
     let loss = map.largest_loss().map_or(0.0, |(_, loss)| loss);
-    let shows = threshold.is_none_or(|most| loss > most);
+    let shows = map.method != eit::NOTHING && threshold.is_none_or(|most| loss > most);
     Ok(Judged {
         value: match kind {
             TargetKind::Nothing => loss,
