@@ -21,6 +21,9 @@ pub(crate) struct Ledger {
     pub(crate) by_event: bool,
     /// Whether all loads went, and what is left is their rest.
     pub(crate) rest: bool,
+    /// Whether the last load came with the frame before: perhaps while that one was measured, so that the rest of it comes now.
+    #[serde(default)]
+    pub(crate) comes: bool,
     /// Whether a person said that something lies there: only a person releases it.
     #[serde(default)]
     pub(crate) held: bool,
@@ -52,7 +55,13 @@ impl Ledger {
             place: None,
         }];
         self.peak = Vec::new();
-        (self.by_event, self.rest) = (by_event, false);
+        (self.by_event, self.rest, self.comes) = (by_event, false, true);
+    }
+
+    /// Innovation before the load that came last; `None` if the sheet was empty.
+    pub(crate) fn before_last(&self) -> Option<DVector<f64>> {
+        let last = self.entries.last().filter(|_| self.entries.len() > 1)?;
+        Some(DVector::from_column_slice(&last.before))
     }
 
     /// The place of the load that came last.
@@ -84,7 +93,7 @@ impl Ledger {
             before: before.as_slice().to_vec(),
             place: Some(place),
         });
-        (self.by_event, self.rest) = (true, false);
+        (self.by_event, self.rest, self.comes) = (true, false, true);
     }
 
     /// A load went: drops what lay above the entry that is nearest to the present innovation. True if that is the empty sheet's.

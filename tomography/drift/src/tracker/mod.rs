@@ -44,6 +44,8 @@ const TEST_EVERY: u32 = 6;
 const AGREES: [f64; 2] = [0.7, 1.5];
 /// Share of the largest signal of a load below which a step back means that it went; foam recovers from the rest.
 const HALF_GONE: f64 = 0.5;
+/// Share of the square of what came with two frames that one disc explains if it is one load.
+const ONE_LOAD: f64 = 0.95;
 /// Factor of the rest of a load whose local change is allowed for after its release.
 const REST_ALLOWED: f64 = 3.0;
 /// Seconds for which a faulty electrode must be healthy before it is used again.
@@ -395,12 +397,21 @@ impl Tracker {
         self.predict(now);
         let white = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows);
         let mut back_to_empty = false;
+        let comes = std::mem::take(&mut self.state.ledger.comes);
         if let (Some(test), Some(step)) = (event, &frame.step) {
             let came = test.change < 0.0;
             let fit = Whitened::new(&self.of_step(frame.days), step, &frame.rows)?;
-            let fit = fit.fit_disc(&self.model)?;
+            let mut fit = fit.fit_disc(&self.model)?;
+            let whole = match comes && came {
+                true => self.as_one_load(frame, &white)?,
+                false => None,
+            };
             let ledger = &mut self.state.ledger;
-            let same_load = if came {
+            let same_load = if let Some(whole) = whole {
+                ledger.lies_at(whole.disc);
+                fit = whole;
+                true
+            } else if came {
                 let grew = ledger.grew(fit.disc);
                 if !grew {
                     ledger.came(&(&frame.e - step), fit.disc);
@@ -456,6 +467,24 @@ impl Tracker {
             self.leave_lock_out(answer, frame)?;
         }
         Ok(())
+    }
+
+    /// What came with this frame and the one before as one disc, which came while that one was measured: each of the two shows
+    /// a part of it, as if at another place. `None` if one disc does not explain it.
+    fn as_one_load(&self, frame: &Frame, white: &Whitened) -> Result<Option<DiscFit>, DriftError> {
+        let fitted = |white: &Whitened| -> Result<Option<DiscFit>, DriftError> {
+            let fit = white.fit_disc(&self.model)?;
+            let all = white.data().norm_squared();
+            Ok(Some(fit).filter(|fit| fit.score > ONE_LOAD * all))
+        };
+        match self.state.ledger.before_last() {
+            None => fitted(white),
+            Some(before) => {
+                let both = &frame.e - before;
+                let of_both = self.of_step(2.0 * frame.days);
+                fitted(&Whitened::new(&of_both, &both, &frame.rows)?)
+            }
+        }
     }
 
     /// A "load" may be drift that is faster than assumed: takes the lowest higher pace at which the frame agrees with an empty

@@ -55,13 +55,13 @@ fn two_loads_come_and_go_and_nothing_is_learnt_of_them() {
 }
 
 #[test]
-fn load_that_changes_within_a_frame_is_no_faulty_electrode() {
+fn load_that_changes_within_a_frame_is_one_load_and_no_fault() {
     let mut walk = Walk::new(1.0);
     let mut empty = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
     for frame in 1..=30 {
         follow(&mut empty, &mut walk, frame, None);
     }
-    let mut named = Vec::new();
+    let (mut named, mut miscounted) = (Vec::new(), Vec::new());
     for (centre, diameter) in [
         ([0.08, 0.135], 0.03),
         ([0.03, 0.05], 0.02),
@@ -74,13 +74,27 @@ fn load_that_changes_within_a_frame_is_no_faulty_electrode() {
         loaded.follow(&readings, EVERY_S * 31.0).unwrap();
         for electrode in 1..26 {
             for (tracker, loads) in [(&empty, [None, load]), (&loaded, [load, None])] {
+                let mut tracker = tracker.clone();
                 let readings = walk.frame_with_change(loads, electrode);
-                let answer = tracker.clone().follow(&readings, EVERY_S * 32.0).unwrap();
+                let answer = tracker.follow(&readings, EVERY_S * 32.0).unwrap();
                 named.extend(answer.fault.map(|fault| (centre, electrode, fault)));
+                // the frame after it shows all of the load, or nothing
+                let readings = walk.frame(loads[1]);
+                let after = tracker.follow(&readings, EVERY_S * 33.0).unwrap();
+                let wanted = usize::from(loads[1].is_some());
+                if after.loads != wanted {
+                    miscounted.push((centre, electrode, wanted, after.loads));
+                }
             }
         }
     }
     assert!(named.is_empty(), "{} of 150: {named:?}", named.len());
+    // a wide load that went at the first injections is taken for one that comes by what is left of it
+    assert!(
+        miscounted.len() <= 2,
+        "{} of 150: {miscounted:?}",
+        miscounted.len()
+    );
 }
 
 #[test]

@@ -62,6 +62,8 @@ pub enum Doubtful {
     TooFewReadings,
     /// The sheet was not empty for so long that the place is uncertain by more than 2 mm.
     NotEmptyForLong,
+    /// The load changed while the frame was measured.
+    ChangedWithinFrame,
     /// The sheet was never empty since the baseline.
     NeverEmpty,
     /// The load lies where conductance changed slowly: how much of it is load cannot be known.
@@ -77,6 +79,7 @@ impl Doubtful {
             Self::TooManyElectrodes => "too many faulty electrodes",
             Self::TooFewReadings => "too few readings",
             Self::NotEmptyForLong => "not empty for long",
+            Self::ChangedWithinFrame => "the load changed within the frame",
             Self::NeverEmpty => "never empty since the baseline",
             Self::SlowChange => "the place changed slowly before",
             Self::DeclaredLoaded => "something lies there, by the order of a person",
@@ -209,6 +212,10 @@ fn doubt(
         }
         let place = place?;
         let sd_mm = place.half_axes_mm[0] / REGION_95;
+        if sd_mm > 1e3 * MOST_PLACE_SD_M && answer.event.is_some() && !place.accepted {
+            let text = "the load changed while this frame was measured; the next frame will tell";
+            return Some((Doubtful::ChangedWithinFrame, text.to_owned()));
+        }
         if sd_mm > 1e3 * MOST_PLACE_SD_M {
             let text = format!(
                 "the sheet was last empty {} ago, so that the place is uncertain by {sd_mm:.1} mm; {TAKE_OFF}",
