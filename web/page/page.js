@@ -71,6 +71,7 @@ function show(state) {
   document.title = calling.length ? `ALARM ${calling.join(", ")} - Tactus` : "Tactus";
   byId("control").hidden = !state.control;
   byId("pressing").hidden = !simulated;
+  keepCertain(state);
   if (state.frame) {
     if (state.frame.map) showMap(state);
     if (state.frame.map && !state.frame.provisional) charts.add(state.frame);
@@ -151,26 +152,29 @@ async function showMap(state) {
 const CERTAIN_MS = 2000;
 let certain = { atMs: 0, session: null, deviations: {}, spots: new Map() };
 
-function keepCertain(frame) {
+function keepCertain({ frame, session }) {
+  if (!frame || !frame.quantities || !session) return;
   const { regions, spots } = frame.quantities;
   const some = regions.some(region => Object.keys(region.deviations).length);
-  if (!some && shownSession === certain.session && Math.abs(frame.wall_ms - certain.atMs) <= CERTAIN_MS) return;
+  const recent = session.id === certain.session && Math.abs(frame.wall_ms - certain.atMs) <= CERTAIN_MS;
+  // without a load there is nothing uncertain
+  if (!some && recent && regions[0].values.load > 0) return;
   const deviations = {};
   for (const [name] of QUANTITIES) deviations[name] = regions.map(region => region.deviations[name]);
   const wide = spots.filter(spot => spot.uncertainty).map(spot => [spot.number, spot.uncertainty]);
-  certain = { atMs: frame.wall_ms, session: shownSession, deviations, spots: new Map(wide) };
+  certain = { atMs: frame.wall_ms, session: session.id, deviations, spots: new Map(wide) };
 }
 
 function showSpots(quantities, pressure) {
   const load = pressure ? "load, N" : "load, mm\u00b2 lost";
-  const heads = ["x, mm", "y, mm", "within, mm", pressure ? "kPa" : "lost share", load, "area, mm\u00b2", "age, s"];
+  const heads = ["x, mm", "y, mm", "within (95 %), mm", pressure ? "kPa" : "lost share", load, "95 %", "area, mm\u00b2", "age, s"];
   const rows = [row(["number", ...heads.map(number => ({ number }))], true)];
   for (const spot of quantities.spots) {
     const wide = certain.spots.get(spot.number);
-    const [low, high] = wide ? wide.load_interval : [0, 0];
-    const cells = [...spot.centre_mm, wide ? wide.half_axes_mm[0] : undefined, spot.peak, spot.load, spot.area_mm2, spot.age_s];
-    const texts = cells.map(value => (value === undefined ? "\u2013" : rounded(value)));
-    if (wide) texts[4] += ` \u00b1 ${rounded((high - low) / 2)}`;
+    const between = wide ? wide.load_interval.map(rounded).join(" to ") : "\u2013";
+    const within = wide ? rounded(wide.half_axes_mm[0]) : "\u2013";
+    const [x, y] = spot.centre_mm.map(rounded);
+    const texts = [x, y, within, rounded(spot.peak), rounded(spot.load), between, rounded(spot.area_mm2), rounded(spot.age_s)];
     rows.push(row([`${spot.number}`, ...texts.map(number => ({ number }))]));
   }
   byId("spots").replaceChildren(...rows);
@@ -178,7 +182,6 @@ function showSpots(quantities, pressure) {
 
 function showQuantities(frame) {
   const quantities = frame.quantities;
-  if (quantities) keepCertain(frame);
   const pressure = quantities && quantities.unit === "pressure";
   const regions = quantities ? quantities.regions : [];
   // those of the last map stay, dimmed

@@ -57,8 +57,10 @@ impl SessionReader {
                 .unwrap_or(false)
         };
         let opened = opening::open(path, is_closed)?;
+        let folded = opened.mode == JournalMode::Rollback;
         match Self::over(opened.connection, path.to_owned(), opened.mode) {
-            Err(damaged @ LogbookError::Damaged { .. }) => {
+            // the end of one that is not folded may be in its journal
+            Err(damaged @ LogbookError::Damaged { .. }) if folded => {
                 Err(opening::missing_end(path).unwrap_or(damaged))
             }
             found => found,

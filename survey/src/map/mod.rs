@@ -65,7 +65,7 @@ pub struct Evidence {
     /// Mean square that the map leaves of the frame, over that which noise and errors of the model may leave: at most 1 for shapes.
     /// `None` for a map that is fitted until it leaves about that much.
     pub left: Option<f64>,
-    /// The next best kind; `None` where nothing else was tried, because the simplest one left clearly less than it may.
+    /// The next best kind; `None` where nothing else was tried: the simplest one left clearly less than it may, or is too small for others.
     pub next: Option<NextKind>,
 }
 
@@ -76,7 +76,8 @@ pub struct NextKind {
     pub method: String,
     /// As [`Evidence::left`].
     pub left: f64,
-    /// Logarithm of the odds of the chosen kind against it; `None` where it did not explain the frame.
+    /// Logarithm of the odds of the chosen kind against it, negative if it is likelier but leaves too much; `None` beside total
+    /// variation, whose parameters have no count.
     pub ln_odds: Option<f64>,
 }
 

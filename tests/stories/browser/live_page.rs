@@ -142,8 +142,8 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     ] {
         assert!(text.contains(words), "{words} in {text}");
     }
-    // with the 95 % region of its centre and its load's standard deviation
-    browser.until("byId('spots').rows.length === 2 && parseFloat(byId('spots').rows[1].cells[3].textContent) > 0 && byId('spots').rows[1].cells[5].textContent.includes(' \u{b1} ')");
+    // with the 95 % region of its centre and the interval of its load
+    browser.until("byId('spots').rows.length === 2 && parseFloat(byId('spots').rows[1].cells[3].textContent) > 0 && byId('spots').rows[1].cells[6].textContent.includes(' to ')");
     let spot = browser
         .value("Array.from(byId('spots').rows[1].cells).map(cell => parseFloat(cell.textContent))");
     let place = [1, 2].map(|cell| spot[cell].as_f64().expect("a number"));

@@ -190,6 +190,12 @@ impl ReconstructionSettings {
             && is_used("noise_uv", self.method.unwrap_or_default())
     }
 
+    /// Whether a map takes a few milliseconds: a trained method, or one-step without bounds.
+    pub fn is_quick(&self) -> bool {
+        let one_step = self.method.unwrap_or_default() == Method::OneStep;
+        self.file.is_some() || one_step && self.loss_only != Some(true)
+    }
+
     /// The rule by which each frame has a strength of its own; `None` if one strength serves all frames.
     pub(crate) fn frame_rule(&self) -> Option<HyperRule> {
         if self.lambda.is_some() || self.noise_figure.is_some() {

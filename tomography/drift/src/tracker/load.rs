@@ -21,7 +21,7 @@ pub(crate) struct Ledger {
     pub(crate) by_event: bool,
     /// Whether all loads went, and what is left is their rest.
     pub(crate) rest: bool,
-    /// Whether the last load came with the frame before: perhaps while that one was measured, so that the rest of it comes now.
+    /// Whether a load came with the frame before and was no disc: perhaps while that one was measured, so that the rest of it comes now.
     #[serde(default)]
     pub(crate) comes: bool,
     /// Whether a person said that something lies there: only a person releases it.
@@ -55,7 +55,7 @@ impl Ledger {
             place: None,
         }];
         self.peak = Vec::new();
-        (self.by_event, self.rest, self.comes) = (by_event, false, true);
+        (self.by_event, self.rest, self.comes) = (by_event, false, false);
     }
 
     /// Innovation before the load that came last; `None` if the sheet was empty.
@@ -93,7 +93,7 @@ impl Ledger {
             before: before.as_slice().to_vec(),
             place: Some(place),
         });
-        (self.by_event, self.rest, self.comes) = (true, false, true);
+        (self.by_event, self.rest) = (true, false);
     }
 
     /// A load went: drops what lay above the entry that is nearest to the present innovation. True if that is the empty sheet's.

@@ -292,11 +292,16 @@ impl Tracker {
             self.state.loaded_frames = 0;
             self.predict(now);
             answer.judgement = Judgement::Loaded;
-            if self.leave_lock_out(answer, frame)? || !came {
+            if self.leave_lock_out(answer, frame)? {
+                return Ok(());
+            }
+            if !came {
+                self.state.ledger.comes = true;
                 return Ok(());
             }
             let fit = white.fit_disc_from(&self.model, &found)?;
             self.state.ledger.lies_at(fit.disc);
+            self.state.ledger.comes = !fit.accepted;
             answer.event = Some(Event {
                 came,
                 same_load: false,
@@ -415,6 +420,7 @@ impl Tracker {
                 let grew = ledger.grew(fit.disc);
                 if !grew {
                     ledger.came(&(&frame.e - step), fit.disc);
+                    ledger.comes = !fit.accepted;
                 }
                 grew
             } else {

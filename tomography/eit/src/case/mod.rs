@@ -244,7 +244,14 @@ fn read_depth(path: &Path) -> Result<Option<Depth>, CaseError> {
     if !path.exists() {
         return Ok(None);
     }
-    let rows = Table::read(path)?.numbers(4, 5)?;
+    let columns = [
+        "depth_m",
+        "electrode_height_m",
+        "electrode_centre_m",
+        "modes",
+        "target_height_m",
+    ];
+    let rows = Table::read(path)?.in_units(&columns)?.numbers(4, 5)?;
     let [(line, row)] = &rows[..] else {
         return Err(CaseError::Rows {
             path: path.to_owned(),

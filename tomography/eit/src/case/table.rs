@@ -4,6 +4,12 @@ use std::path::{Path, PathBuf};
 
 use super::CaseError;
 
+/// Units of columns, and those that are taken for them by mistake.
+const OTHER_UNITS: [(&str, &[&str]); 2] = [
+    ("_m", &["_mm", "_cm", "_um", "_inch"]),
+    ("_A", &["_mA", "_uA"]),
+];
+
 /// A table of numbers as read from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
@@ -122,17 +128,19 @@ impl Table {
         self.rows.first().map_or(0, Vec::len)
     }
 
-    /// The table, if no column of its header is one of these in another unit, as `x_mm` is for `x_m`. Other names are not looked at.
+    /// The table, if its header names none of these columns in another unit, as `x_mm` is for `x_m`. Other names are not looked at.
     pub(super) fn in_units(&self, columns: &[&str]) -> Result<&Self, CaseError> {
         for (has, wants) in self.header.iter().flatten().zip(columns) {
-            let with_unit = wants.ends_with("_m") || wants.ends_with("_A");
-            let quantity = &wants[..wants.len() - 1];
-            if with_unit && has.starts_with(quantity) && has != wants {
-                return Err(CaseError::Unit {
-                    path: self.path.clone(),
-                    has: has.clone(),
-                    wants: (*wants).to_owned(),
-                });
+            for (unit, others) in OTHER_UNITS {
+                let quantity = wants.strip_suffix(unit);
+                let other = quantity.and_then(|quantity| has.strip_prefix(quantity));
+                if other.is_some_and(|other| others.contains(&other)) {
+                    return Err(CaseError::Unit {
+                        path: self.path.clone(),
+                        has: has.clone(),
+                        wants: (*wants).to_owned(),
+                    });
+                }
             }
         }
         Ok(self)

@@ -213,7 +213,8 @@ fn doubt(
         let place = place?;
         let sd_mm = place.half_axes_mm[0] / REGION_95;
         if sd_mm > 1e3 * MOST_PLACE_SD_M && answer.event.is_some() && !place.accepted {
-            let text = "the load changed while this frame was measured; the next frame will tell";
+            let text =
+                "the load changed, perhaps while this frame was measured; the next frame will tell";
             return Some((Doubtful::ChangedWithinFrame, text.to_owned()));
         }
         if sd_mm > 1e3 * MOST_PLACE_SD_M {

@@ -147,7 +147,7 @@ struct Judged {
     /// Called sound; with a load only if it shows something.
     sound: bool,
     /// Whether the largest loss is above the threshold of significance.
-    shows: bool,
+    above: bool,
     method: String,
     ms: f64,
 }
@@ -291,14 +291,15 @@ fn judge(
     let ms = 1e3 * begun.elapsed().as_secs_f64();
     let sound = |quality: &MapQuality| quality.verdict == Verdict::Sound;
     let loss = map.largest_loss().map_or(0.0, |(_, loss)| loss);
-    let shows = map.method != eit::NOTHING && threshold.is_none_or(|most| loss > most);
+    let above = threshold.is_some_and(|most| loss > most);
+    let shows = map.method != eit::NOTHING && (above || threshold.is_none());
     Ok(Judged {
         value: match kind {
             TargetKind::Nothing => loss,
             _ => likeness(&map.values, &trial.truth, &geometry.mesh.region_areas()).correlation,
         },
         sound: map.quality.as_ref().is_some_and(sound) && (shows || kind == TargetKind::Nothing),
-        shows,
+        above,
         method: map.method,
         ms,
     })
@@ -335,7 +336,7 @@ fn row(
         sound: sound().count(),
         above_noise: compared
             .threshold
-            .map(|_| judged.iter().filter(|one| one.shows).count()),
+            .map(|_| judged.iter().filter(|one| one.above).count()),
         methods,
         median_ms,
         p95_ms: quantile(&mut times, 0.95),

@@ -246,7 +246,7 @@ impl Controller {
                     session: writer.header().session().to_owned(),
                     after: writer.acknowledged(),
                     deviation: reading_noise
-                        .filter(|_| !model.slow)
+                        .filter(|_| settings.is_quick())
                         .map(|noise_v| Deviation::new(&model, noise_v)),
                 };
                 let context = ReconstructionContext {
