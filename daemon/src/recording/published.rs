@@ -8,6 +8,7 @@ use eit::Pressure;
 use imaging::Tracked;
 use imaging::quantities::FrameQuantities;
 use logbook::MapRecord;
+use serde::Serialize;
 use survey::{Frame, Map, MapQuality, Quality};
 
 /// A frame and the results of its processing.
@@ -78,10 +79,7 @@ impl Published {
             masked: Some(map.masked as u64),
             reconstruction_s: Some(self.reconstruction.as_secs_f64()),
             durable_s: self.durable.get().map(Duration::as_secs_f64),
-            evidence: map
-                .evidence
-                .as_ref()
-                .map(|evidence| serde_json::json!(evidence).to_string()),
+            evidence: json(map.evidence.as_ref()),
             largest_loss: map.largest_loss().map(|(_, loss)| loss),
             significant: map.is_significant(self.noise),
             noise: self.noise,
@@ -99,14 +97,13 @@ impl Published {
                 .filter(|found| !found.is_silent())
                 .map(MapQuality::text),
             known: self.tracked.as_ref().map(|tracked| tracked.known),
-            tracked: self
-                .tracked
-                .as_ref()
-                .map(|tracked| serde_json::json!(tracked).to_string()),
-            quantities: self
-                .quantities
-                .as_ref()
-                .map(|quantities| serde_json::json!(quantities).to_string()),
+            tracked: json(self.tracked.as_ref()),
+            quantities: json(self.quantities.as_ref()),
         }
     }
+}
+
+/// A part of the details that is a text of its own.
+fn json(part: Option<&impl Serialize>) -> Option<String> {
+    part.map(|part| serde_json::json!(part).to_string())
 }

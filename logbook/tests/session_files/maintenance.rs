@@ -203,13 +203,19 @@ fn a_repair_keeps_what_is_whole_and_says_what_it_cut() {
     }
 }
 
+/// A closed session of so many frames: its file, and the bytes of it.
+fn closed(folder: &Path, frames: i64) -> (PathBuf, Vec<u8>) {
+    let writer = begun(folder, &header("m1"), 1..=frames);
+    let path = writer.path().to_owned();
+    writer.close(at(201), "done").unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    (path, bytes)
+}
+
 #[test]
 fn a_file_without_its_end_is_refused_with_what_is_there() {
     let dir = tempfile::tempdir().unwrap();
-    let writer = begun(dir.path(), &header("m1"), 1..=200);
-    let path = writer.path().to_owned();
-    writer.close(at(201), "done").unwrap();
-    let whole = std::fs::read(&path).unwrap();
+    let (path, whole) = closed(dir.path(), 200);
     let there = whole.len() - PAGE;
     std::fs::write(&path, &whole[..there]).unwrap();
     let refused = SessionReader::open(&path).err().unwrap().to_string();
@@ -220,10 +226,7 @@ fn a_file_without_its_end_is_refused_with_what_is_there() {
 #[test]
 fn damage_to_the_last_page_is_reported() {
     let dir = tempfile::tempdir().unwrap();
-    let writer = begun(dir.path(), &header("m1"), 1..=100);
-    let path = writer.path().to_owned();
-    writer.close(at(201), "done").unwrap();
-    let mut bytes = std::fs::read(&path).unwrap();
+    let (path, mut bytes) = closed(dir.path(), 100);
     let last = leaves(&path).pop().unwrap() * PAGE;
     bytes[last..last + PAGE].fill(0);
     std::fs::write(&path, &bytes).unwrap();

@@ -21,7 +21,8 @@ pub(crate) struct Ledger {
     pub(crate) by_event: bool,
     /// Whether all loads went, and what is left is their rest.
     pub(crate) rest: bool,
-    /// Whether a load came with the frame before and was no disc: perhaps while that one was measured, so that the rest of it comes now.
+    /// Whether a load came with the frame before that is not known to be a disc: perhaps while that frame was measured, so that the
+    /// rest of it comes now.
     #[serde(default)]
     pub(crate) comes: bool,
     /// Whether a person said that something lies there: only a person releases it.

@@ -20,13 +20,13 @@ pub struct Surface {
     corners: Vec<[usize; 3]>,
     vertices: Vec<[f64; 2]>,
     /// Round each centroid.
-    discs: Vec<Disc>,
+    discs: Vec<IndexDisc>,
     regions: Vec<SurfaceRegion>,
 }
 
 /// The triangles that a disc of the peak pressure index covers.
 #[derive(Debug, Clone)]
-struct Disc {
+struct IndexDisc {
     triangles: Vec<u32>,
     /// The area of each inside of the disc, m2.
     inside: Vec<f64>,
@@ -133,7 +133,7 @@ impl Surface {
 
     /// Means of the values over the disc round each centroid.
     pub(super) fn disc_means(&self, loads: &[f64]) -> Vec<f64> {
-        let mean = |disc: &Disc| integral(loads, &disc.triangles, &disc.inside) / disc.area;
+        let mean = |disc: &IndexDisc| integral(loads, &disc.triangles, &disc.inside) / disc.area;
         self.discs.iter().map(mean).collect()
     }
 
@@ -205,7 +205,7 @@ fn discs(
     parts: &[Vec<[f64; 2]>],
     adjacency: &Adjacency,
     radius: f64,
-) -> Vec<Disc> {
+) -> Vec<IndexDisc> {
     let centroids = adjacency.centroids();
     let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     // distance of a triangle's farthest corner from its centroid
@@ -248,7 +248,7 @@ fn discs(
             if covered.is_empty() {
                 covered.push((centre, adjacency.areas()[centre]));
             }
-            Disc {
+            IndexDisc {
                 triangles: covered
                     .iter()
                     .map(|(triangle, _)| *triangle as u32)

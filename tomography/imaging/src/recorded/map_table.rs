@@ -30,27 +30,14 @@ pub struct DeviationSummary {
 impl DeviationSummary {
     /// Of the standard deviation of each triangle, NaN where the frame says nothing of it, and their areas.
     pub fn of(deviations: &[f64], areas: &[f64]) -> Self {
-        let each = || deviations.iter().zip(areas);
-        let all: f64 = each().map(|(_, area)| area).sum();
-        let known = each().filter(|(deviation, _)| !deviation.is_nan());
-        let mut values: Vec<f64> = deviations
-            .iter()
-            .copied()
-            .filter(|sd| !sd.is_nan())
-            .collect();
+        let each = deviations.iter().zip(areas);
+        let known = each.filter(|(deviation, _)| !deviation.is_nan());
+        let (mut values, known): (Vec<f64>, Vec<f64>) = known.unzip();
         values.sort_by(f64::total_cmp);
-        let middle = values.len() / 2;
-        let median = match values.len() {
-            0 => None,
-            odd if odd % 2 == 1 => Some(values[middle]),
-            _ => Some(0.5 * (values[middle - 1] + values[middle])),
-        };
+        let sum = |areas: &[f64]| areas.iter().fold(0.0, |sum, area| sum + area);
         Self {
-            resolved: known
-                .map(|(_, area)| area)
-                .fold(0.0, |sum, area| sum + area)
-                / all,
-            median,
+            resolved: sum(&known) / sum(areas),
+            median: values.get(values.len() / 2).copied(),
         }
     }
 }

@@ -133,7 +133,7 @@ struct Trial {
 }
 
 /// A method with its threshold of significance.
-struct Compared {
+struct PreparedMethod {
     method: MapMethod,
     stated: Stated,
     model: Model,
@@ -170,13 +170,13 @@ pub(super) fn rows(
     );
     let mut rows = Vec::new();
     for (level, &noise_uv) in settings.noises_uv.iter().enumerate() {
-        let models: Vec<Compared> = maps
+        let models: Vec<PreparedMethod> = maps
             .methods
             .iter()
             .flat_map(|method| stated.iter().map(move |stated| (*method, *stated)))
             .map(|(method, stated)| {
                 let model = prepared(method, stated, noise_uv, sheet, geometry)?;
-                Ok(Compared {
+                Ok(PreparedMethod {
                     method,
                     stated,
                     threshold: threshold(&model, noise_uv, sheet),
@@ -277,9 +277,9 @@ fn trial(
 }
 
 fn judge(
-    Compared {
+    PreparedMethod {
         model, threshold, ..
-    }: &Compared,
+    }: &PreparedMethod,
     trial: &Trial,
     kind: TargetKind,
     geometry: &Geometry,
@@ -306,7 +306,7 @@ fn judge(
 }
 
 fn row(
-    compared: &Compared,
+    compared: &PreparedMethod,
     load: Option<&'static str>,
     noise_uv: f64,
     judged: &[Judged],
