@@ -45,7 +45,7 @@ pub struct AlarmState {
     acknowledgement: Option<Note>,
     /// When `active` last changed, s.
     changed_s: Option<f64>,
-    /// Value and limit of the last activation.
+    /// Value and limit when it was last beyond: the present ones while it is active.
     cause: String,
     /// Why it cannot be judged.
     invalid: Option<String>,
@@ -108,7 +108,7 @@ impl AlarmState {
         self.changed_s
     }
 
-    /// Value and limit of the last activation; empty before the first one.
+    /// Value and limit when it was last beyond: the present ones while it is active. Empty before the first activation.
     pub fn cause(&self) -> &str {
         &self.cause
     }
@@ -202,7 +202,7 @@ impl AlarmState {
             }
             (Judgement::Within, true) if !self.held => {
                 if lasts(&mut self.pending_s, at_s, rule.off_s) {
-                    let text = format!("over: {}", self.cause);
+                    let text = format!("over; it was: {}", self.cause);
                     if rule.latched {
                         self.held = true;
                         let text = format!("{text}; stays active until it is reset");

@@ -61,7 +61,7 @@ pub struct AlarmReport {
     pub held: Option<bool>,
     /// When it last became active or ended, ns since 1970 UTC.
     pub changed_ns: Option<i64>,
-    /// Value and limit of the last activation.
+    /// Value and limit when it was last beyond: the present ones while it is active.
     pub cause: Option<String>,
     /// Why it cannot be judged.
     pub invalid: Option<String>,

@@ -159,7 +159,7 @@ pub struct AlarmState {
     pub held: bool,
     /// When it last became active or ended, ms since 1970 UTC.
     pub changed_ms: Option<i64>,
-    /// Value and limit of the last activation.
+    /// Value and limit when it was last beyond: the present ones while it is active.
     pub cause: Option<String>,
     /// Why it cannot be judged.
     pub invalid: Option<String>,

@@ -87,7 +87,7 @@ impl Notice {
         let called = std::mem::replace(&mut self.calls, calls);
         if !calls {
             let reported = std::mem::take(&mut self.reported);
-            return reported.then(|| message(Phase::Ended, format!("over: {cause}")));
+            return reported.then(|| message(Phase::Ended, format!("over; it was: {cause}")));
         }
         if !called {
             self.unreported += 1;
@@ -135,7 +135,7 @@ mod tests {
         let begun = play(&mut notice, now, 1000, true);
         assert_eq!(begun, [(Phase::Begun, "3 days".to_owned())]);
         let ended = play(&mut notice, now, 100, false);
-        assert_eq!(ended, [(Phase::Ended, "over: 3 days".to_owned())]);
+        assert_eq!(ended, [(Phase::Ended, "over; it was: 3 days".to_owned())]);
     }
 
     #[tokio::test(start_paused = true)]

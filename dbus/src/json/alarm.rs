@@ -21,7 +21,7 @@ pub struct Alarm {
     pub held: bool,
     /// When it last became active or ended.
     pub changed: Option<String>,
-    /// Value and limit of the last activation.
+    /// Value and limit when it was last beyond: the present ones while it is active.
     pub cause: Option<String>,
     /// Why it cannot be judged.
     pub invalid: Option<String>,

@@ -51,7 +51,7 @@ fn broker_shows_what_the_commands_show() {
             .await
             .expect("a press");
     });
-    let (_, alarm) = watcher.wait(&topic("alarm/heavy"), |alarm| alarm["active"] == true);
+    let (_, mut alarm) = watcher.wait(&topic("alarm/heavy"), |alarm| alarm["active"] == true);
     let (_, shown) = watcher.wait(&topic("quantities"), |shown| {
         shown["session"] == id.as_str() && number(&shown["regions"][0]["values"], "contact") > 100.0
     });
@@ -61,7 +61,14 @@ fn broker_shows_what_the_commands_show() {
     let listed = listed.stdout.lines();
     let listed = listed.map(|line| serde_json::from_str::<Value>(line).expect("JSON"));
     let heavy = listed.into_iter().find(|alarm| alarm["name"] == "heavy");
-    assert_eq!(heavy, Some(alarm));
+    let mut heavy = heavy.expect("the rule is listed");
+    // the topic has the value of the change, the list that of the last frame
+    for cause in [&mut alarm["cause"], &mut heavy["cause"]] {
+        let text = cause.take();
+        let text = text.as_str().expect("a text");
+        assert!(text.starts_with("contact of sheet ") && text.ends_with(", above 100 mm2"));
+    }
+    assert_eq!(heavy, alarm);
     ask(&stage, &["stop"]);
     watcher.wait(&topic("session"), Value::is_null);
     let keys = |value: &Value| {
