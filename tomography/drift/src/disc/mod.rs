@@ -7,10 +7,12 @@
 mod descent;
 mod moving;
 
+use eit::Mesh;
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 
 use crate::DriftError;
 use crate::model::DriftModel;
+use crate::overlap::overlap;
 use crate::whitened::{LOADED, LoadTest, Whitened};
 use descent::{Problem, descend};
 pub use moving::{Injection, MovingLoad, TimedReading};
@@ -57,6 +59,17 @@ pub struct DiscFit {
     pub chi: f64,
     /// Whether the fit is good enough for its covariance to hold.
     pub accepted: bool,
+}
+
+impl Disc {
+    /// Its map: relative change of conductance of each triangle of the region, 0 outside of the disc.
+    pub fn map(&self, mesh: &Mesh) -> Vec<f64> {
+        let of = |&triangle: &usize| {
+            let common = overlap(mesh.corners(triangle), self.centre, 0.5 * self.diameter);
+            -self.loss * common / mesh.area(triangle)
+        };
+        mesh.region().iter().map(of).collect()
+    }
 }
 
 impl DiscFit {
@@ -139,12 +152,12 @@ impl Whitened {
         let left = wider.data() - wider.column(&signal);
         let chi = left.norm_squared() / self.rows().len() as f64;
         let covariance = information.try_inverse().ok_or(DriftError::Covariance)?;
-        let covariance = covariance * (INFLATION * chi.max(1.0));
-        let floor = FLOOR_M[usize::from(model.fit().unevenness > UNEVEN)].powi(2);
         let place = [
-            [covariance[(0, 0)] + floor, covariance[(0, 1)]],
-            [covariance[(1, 0)], covariance[(1, 1)] + floor],
+            [covariance[(0, 0)], covariance[(0, 1)]],
+            [covariance[(1, 0)], covariance[(1, 1)]],
         ];
+        let place = place_covariance(model, place, chi);
+        let covariance = covariance * inflation(chi);
         // ln load = ln |change| + 2 ln diameter
         let change = theta[3];
         let of_load = Vector4::new(0.0, 0.0, 2.0, 1.0 / change);
@@ -165,6 +178,21 @@ impl Whitened {
             accepted: chi <= REFUSED,
         })
     }
+}
+
+/// Factor of a covariance by chi squared per row after the fit.
+fn inflation(chi: f64) -> f64 {
+    INFLATION * chi.max(1.0)
+}
+
+/// The covariance of a place, m2, as it is stated: inflated, with the floor of the sheet.
+fn place_covariance(model: &DriftModel, of_fit: [[f64; 2]; 2], chi: f64) -> [[f64; 2]; 2] {
+    let mut out = of_fit.map(|row| row.map(|value| value * inflation(chi)));
+    let floor = FLOOR_M[usize::from(model.fit().unevenness > UNEVEN)].powi(2);
+    for (k, row) in out.iter_mut().enumerate() {
+        row[k] += floor;
+    }
+    out
 }
 
 /// A disc that does not move, about a mean of its ln diameter.

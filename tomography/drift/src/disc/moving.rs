@@ -5,20 +5,17 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
-use super::Disc;
 use super::descent::{Problem, descend};
+use super::{DIAMETER_M, Disc, LN_DIAMETER_SD, MODEL_SHARE, REFUSED, place_covariance};
 use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{Atoms, LOADED, Whitened, factor};
 
-/// Injections of the first fit, and of the last one by speed (m/s): slower loads are fitted to more of them.
+/// Injections of the first fit, and of longer ones by speed (m/s): slower loads are fitted to more of them, longest first.
 const FIRST: usize = 7;
 const WINDOWS: [(f64, usize); 2] = [(3e-3, 26), (6e-3, 13)];
-/// Prior of each component of the velocity, m/s, and of ln diameter about the start's.
+/// Prior of each component of the velocity, m/s.
 const VELOCITY_SD: f64 = 20e-3;
-const LN_DIAMETER_SD: f64 = 1.0;
-/// Diameters that are fitted, m.
-const DIAMETER_M: [f64; 2] = [4e-3, 0.15];
 const STEPS: usize = 40;
 /// Parameters: x, y, their velocities, ln diameter, change.
 const N: usize = 6;
@@ -48,15 +45,20 @@ pub struct MovingLoad {
     pub disc: Disc,
     /// Its velocity, m/s.
     pub velocity: [f64; 2],
-    /// Covariance of its centre by noise and drift, m2.
+    /// Covariance of its centre, m2.
     pub covariance: [[f64; 2]; 2],
     /// Improvement of chi squared over an empty sheet.
     pub score: f64,
     /// Injections that were used.
     pub injections: usize,
+    /// Chi squared per reading after the fit, with 1 % of the disc's signal as an error of the model.
+    pub chi: f64,
+    /// Whether one disc on a straight path at one speed explains the readings, so that its covariance holds.
+    pub accepted: bool,
 }
 
 /// Readings of a window with their covariance.
+#[derive(Clone)]
 struct Window {
     /// Row of each reading, its factor, and seconds after the last injection (at most 0).
     rows: Vec<usize>,
@@ -96,37 +98,66 @@ impl DriftModel {
         let Some((theta, cost)) = best.filter(|(_, cost)| cost.is_finite()) else {
             return Ok(None);
         };
-        let speed = theta[2].hypot(theta[3]);
-        let longer = WINDOWS.iter().find(|(below, _)| speed < *below);
-        let count = longer.map_or(FIRST, |(_, count)| *count);
-        let (window, theta, cost) = match self.window(last(count), baseline, covariance)? {
-            Some(longer) if count > FIRST => {
-                let (theta, cost) = self.descend_moving(&longer, theta);
-                (longer, theta, cost)
-            }
-            _ => (window, theta, cost),
-        };
         let score = window.white.data().norm_squared() - cost;
         if score < LOADED {
             return Ok(None);
         }
-        let h = self.derivative_moving(&window, &theta);
-        let information = information(&h);
-        let spread = information.try_inverse().ok_or(DriftError::Covariance)?;
-        Ok(Some(MovingLoad {
+        let first = self.described_moving(&window, &theta, score, last(FIRST).len())?;
+        let speed = theta[2].hypot(theta[3]);
+        for (below, count) in WINDOWS {
+            let more = last(count);
+            if speed >= below || more.len() <= FIRST {
+                continue;
+            }
+            let Some(longer) = self.window(more, baseline, covariance)? else {
+                continue;
+            };
+            let (theta, cost) = self.descend_moving(&longer, theta);
+            let score = longer.white.data().norm_squared() - cost;
+            let fit = self.described_moving(&longer, &theta, score, more.len())?;
+            // it may begin before the load came or turned
+            if fit.accepted {
+                return Ok(Some(fit));
+            }
+        }
+        Ok(Some(first))
+    }
+
+    /// The fit with its covariance, which contains an error of the model.
+    fn described_moving(
+        &self,
+        window: &Window,
+        theta: &SVector<f64, N>,
+        score: f64,
+        injections: usize,
+    ) -> Result<MovingLoad, DriftError> {
+        let signal = self.readings_moving(window, theta);
+        let wider = Window {
+            white: window.white.with_error(&(&signal * MODEL_SHARE))?,
+            ..window.clone()
+        };
+        let left = wider.white.data() - wider.white.column(&signal);
+        let chi = left.norm_squared() / wider.rows.len() as f64;
+        let h = self.derivative_moving(&wider, theta);
+        let spread = information(&h).try_inverse();
+        let spread = spread.ok_or(DriftError::Covariance)?;
+        let place = [
+            [spread[(0, 0)], spread[(0, 1)]],
+            [spread[(1, 0)], spread[(1, 1)]],
+        ];
+        Ok(MovingLoad {
             disc: Disc {
                 centre: [theta[0], theta[1]],
                 diameter: theta[4].exp(),
                 loss: -2.0 * theta[5] / (2.0 + theta[5].abs()),
             },
             velocity: [theta[2], theta[3]],
-            covariance: [
-                [spread[(0, 0)], spread[(0, 1)]],
-                [spread[(1, 0)], spread[(1, 1)]],
-            ],
+            covariance: place_covariance(self, place, chi),
             score,
-            injections: count.min(injections.len()),
-        }))
+            injections,
+            chi,
+            accepted: chi <= REFUSED,
+        })
     }
 
     /// The readings of these injections, whitened; `None` without any.
@@ -172,8 +203,8 @@ impl DriftModel {
         }))
     }
 
-    /// Whitened readings of a moving disc.
-    fn of_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DVector<f64> {
+    /// Changes of the readings by a moving disc.
+    fn readings_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DVector<f64> {
         let mut out = DVector::zeros(window.rows.len());
         let mut at = 0;
         while at < window.rows.len() {
@@ -185,7 +216,12 @@ impl DriftModel {
             out.rows_mut(at, end - at).copy_from(&(readings * theta[5]));
             at = end;
         }
-        window.white.column(&out)
+        out
+    }
+
+    /// The same, whitened.
+    fn of_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DVector<f64> {
+        window.white.column(&self.readings_moving(window, theta))
     }
 
     fn derivative_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DMatrix<f64> {

@@ -71,12 +71,38 @@ fn a_load_that_moves_is_found_where_it_is_now() {
             let [x, y] = found.disc.centre;
             let error = 1e3 * (x - truth[0]).hypot(y - truth[1]);
             let velocity = (found.velocity[0] - 0.8 * speed).hypot(found.velocity[1] - 0.6 * speed);
-            assert!(velocity < 1e-3, "{speed}: {found:?}");
+            assert!(velocity < 1e-3 && found.accepted, "{speed}: {found:?}");
+            let sd_mm = 1e3 * found.covariance[0][0].max(found.covariance[1][1]).sqrt();
+            assert!(error < 3.0 * sd_mm && sd_mm < 1.0, "{speed}: {found:?}");
             sum += error / 5.0;
         }
         eprintln!("{} mm/s: {sum:.2} mm", 1e3 * speed);
         assert!(sum < goal_mm, "{speed}: {sum} mm");
     }
+}
+
+#[test]
+fn a_load_that_came_is_found_from_the_injections_after_it() {
+    let model = model();
+    let none = DVector::zeros(299);
+    let place = [0.07, 0.11];
+    let came_s = STEP_S * 20.0;
+    let all = injections(30, 4, |at_s| (at_s >= came_s).then_some(place));
+    let at = |end: usize| {
+        let found = model.moving_load(&all[..end], &none, model.noise()).unwrap();
+        found.expect("it is seen")
+    };
+    let of = at(30);
+    let error = 1e3 * (of.disc.centre[0] - place[0]).hypot(of.disc.centre[1] - place[1]);
+    assert!(of.accepted && error < 1.0, "{error} mm: {of:?}");
+    assert!(of.injections < 13, "those before it came are left out");
+    // some of the last seven saw an empty sheet: no load moves like that
+    assert!(!at(23).accepted, "{:?}", at(23));
+    let map = of.disc.map(model.mesh());
+    let areas = model.mesh().region_areas();
+    let sum: f64 = map.iter().zip(&areas).map(|(value, area)| value * area).sum();
+    let area = std::f64::consts::FRAC_PI_4 * of.disc.diameter.powi(2);
+    assert!((sum / (-of.disc.loss * area) - 1.0).abs() < 1e-9);
 }
 
 #[test]
