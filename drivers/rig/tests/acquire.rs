@@ -5,7 +5,10 @@ mod stand_in;
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use rig::{AcquireError, Clock, MeterSettings, RigError, Stop, acquire, check_at_start, safe_off};
+use rig::{
+    AcquireError, Clock, MeterSettings, RigError, Stop, acquire, acquire_reporting, check_at_start,
+    safe_off,
+};
 use stand_in::{Fault, Part, StandIn, wirings};
 use survey::{Amps, Electrode, Frame, Injection, Plan, Protocol, Reading, Relay, Volts, Wiring};
 
@@ -54,6 +57,39 @@ async fn every_wiring_reads_every_question_in_its_place_and_ends_safe() {
             assert_eq!(frame.monotonic, Duration::from_secs(7));
             assert!(frame.compliance.is_empty() && frame.simulated);
             stand_in.assert_safe();
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn injections_are_reported_once_and_nobody_waits_for_them() {
+    for wiring in wirings(5) {
+        for held in [64, 2] {
+            let stand_in = StandIn::new(&wiring).in_compliance_at(Electrode(2));
+            let plan = plan(&wiring, Duration::from_millis(2));
+            let (to, mut came) = tokio::sync::mpsc::channel(held);
+            let rig = stand_in.rig();
+            let never = Stop::never();
+            let frame = acquire_reporting(&rig, &plan, METER, Frozen, &never, Some(to));
+            let frame = frame.await.unwrap();
+            let mut all = Vec::new();
+            while let Some(injection) = came.recv().await {
+                all.push(injection);
+            }
+            assert_eq!(all.len(), held.min(5), "{}", wiring.name);
+            for injection in &all {
+                let drive = injection.drive;
+                assert_eq!(injection.compliance, drive.plus == Electrode(2));
+                assert!(injection.monotonic >= frame.monotonic && injection.wall >= frame.wall);
+                let measurements = plan.protocol.measurements();
+                for (number, reading) in &injection.readings {
+                    assert_eq!(measurements[*number].drive, drive);
+                    assert_eq!(*reading, frame.readings[*number], "{}", wiring.name);
+                }
+            }
+            let of_all: usize = all.iter().map(|injection| injection.readings.len()).sum();
+            assert!(held < 5 || of_all == plan.protocol.len());
+            assert!(all.is_sorted_by(|a, b| a.monotonic < b.monotonic));
         }
     }
 }

@@ -5,6 +5,7 @@
 //! could not be commanded off), makes the rig safe, and releases it. A cleanup started from a `Drop` would find links
 //! out of step.
 
+mod injection;
 mod run;
 
 use std::any::Any;
@@ -14,10 +15,13 @@ use std::task::Poll;
 use std::time::Duration;
 
 use survey::{Frame, Plan, Precautions, Settings, Step, Volts};
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
+use tokio::time::Instant;
 
 use crate::safe::{CleanupError, make_safe};
 use crate::{Clock, CurrentSource, MeterSettings, Rig, RigError, Stop, Switch, Voltmeter};
+pub use injection::InjectionReadings;
+use injection::InjectionReport;
 use run::Run;
 
 /// Why there is no frame. All variants except the `Unsafe` ones leave the source off and verified and the injecting
@@ -151,14 +155,44 @@ where
     W: Switch + 'static,
     V: Voltmeter + 'static,
 {
+    acquire_reporting(rig, plan, meter, clock, stop, None).await
+}
+
+/// Like [`acquire`], and sends the readings of each injection as soon as they are complete. The frame never waits for the
+/// receiver: what the channel does not hold is not sent.
+///
+/// # Errors
+/// As [`acquire`]; some injections may have been sent before.
+///
+/// # Panics
+/// As [`acquire`].
+pub async fn acquire_reporting<C, W, V>(
+    rig: &Rig<C, W, V>,
+    plan: &Plan,
+    meter: MeterSettings,
+    clock: impl Clock,
+    stop: &Stop,
+    injections: Option<mpsc::Sender<InjectionReadings>>,
+) -> Result<Frame, AcquireError>
+where
+    C: CurrentSource + 'static,
+    W: Switch + 'static,
+    V: Voltmeter + 'static,
+{
     let (_here, caller) = watch::channel(());
     let mut instruments = rig.lock().await;
     let monotonic = clock.monotonic();
     let wall = clock.wall();
+    let report = injections.map(|to| InjectionReport {
+        to,
+        began: Instant::now(),
+        monotonic,
+        wall,
+    });
     let shared = Arc::new(plan.clone());
     let (plan_of_task, stop) = (Arc::clone(&shared), stop.clone());
     let task = tokio::spawn(async move {
-        let mut run = Run::new(&plan_of_task, meter, stop, caller);
+        let mut run = Run::new(&plan_of_task, meter, stop, caller, report);
         let outcome = catch_panic(run.run_steps(&mut instruments)).await;
         let ended = match outcome {
             Ok(Ok(())) => Ok(()),

@@ -70,6 +70,7 @@ impl Run<'_> {
     /// query may have occurred during the previous injection: then that one is invalidated too; also if it is uncertain
     /// that the relays had moved on from it.
     pub(super) fn invalidate_by_compliance(&mut self, compliance: Compliance, moved: bool) {
+        self.driven.compliance |= compliance.occurred();
         let here = self.driven.now.filter(|_| compliance.occurred());
         let unqueried = self.driven.unqueried.take();
         let before = unqueried.filter(|_| compliance.occurred() && !(moved && compliance.now));

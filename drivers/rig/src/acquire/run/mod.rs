@@ -10,6 +10,7 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::EndReason;
+use super::injection::{InjectionReport, ends_before};
 use crate::acquire::run::concurrent::{PendingExchange, interrupted};
 use crate::prepare::apply;
 use crate::safe::{every_relay, open_checked};
@@ -38,6 +39,9 @@ struct DriveState {
     settled: bool,
     /// Injecting relays that should be closed now.
     relays: Vec<Relay>,
+    since: Option<Instant>,
+    /// Whether the source was in compliance.
+    compliance: bool,
 }
 
 /// One run of a plan.
@@ -51,6 +55,7 @@ pub(super) struct Run<'a> {
     pub(super) extra: Vec<Extra>,
     pub(super) compliance: Vec<Electrode>,
     driven: DriveState,
+    report: Option<InjectionReport>,
     /// The source's current as last set or read back; unknown at first.
     level: Option<Amps>,
     on: bool,
@@ -66,6 +71,7 @@ impl<'a> Run<'a> {
         meter: MeterSettings,
         stop: Stop,
         caller: watch::Receiver<()>,
+        report: Option<InjectionReport>,
     ) -> Self {
         Self {
             plan,
@@ -76,6 +82,7 @@ impl<'a> Run<'a> {
             extra: Vec::new(),
             compliance: Vec::new(),
             driven: DriveState::default(),
+            report,
             level: None,
             on: false,
             wait: Duration::ZERO,
@@ -122,6 +129,14 @@ impl<'a> Run<'a> {
                 None => self.step(rig, step).await,
             };
             done.map_err(|cause| EndReason::Step(index + 1, step.clone(), cause))?;
+            if let (Some(report), Some(drive), Some(since)) =
+                (&self.report, self.driven.now, self.driven.since)
+                && ends_before(steps.peek().map(|(_, next)| *next))
+            {
+                let compliance = self.driven.compliance;
+                report.ended(plan, drive, &self.readings, since, compliance);
+                self.driven.since = None;
+            }
         }
         Ok(())
     }
@@ -274,6 +289,8 @@ impl<'a> Run<'a> {
             reversed: false,
             settled,
             relays: relays.to_vec(),
+            since: Some(Instant::now()),
+            compliance: false,
         };
     }
 
