@@ -117,6 +117,10 @@ fn perform(args: &Args) -> Result<(), Failure> {
         return print_found(addresses, args.json);
     }
     let prepared = prepare(&args.config).map_err(|problems| of_problems(&problems))?;
+    let serves = !args.plan && !args.safe_off;
+    if serves && let Some(problem) = prepared.unusable_record() {
+        return Err(of_problems(&[problem]));
+    }
     if args.check {
         let mut warnings = prepared.warnings();
         warnings.extend(prepared.machine_warnings());
@@ -132,6 +136,9 @@ fn perform(args: &Args) -> Result<(), Failure> {
     }
     if args.plan {
         return print_plan(&prepared, args.json);
+    }
+    if serves && let Some(problem) = prepared.closed_record() {
+        return Err(of_problems(&[problem]));
     }
     // records are readable by their group and not by others, also if a user starts the daemon
     let before = umask(UMASK);

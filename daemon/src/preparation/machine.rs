@@ -1,15 +1,33 @@
 //! Checks a valid configuration against this machine: the notification program, the folder of the record, and the
-//! duration of a frame. `tactusd --check` prints the warnings; nothing is changed.
+//! duration of a frame. `tactusd --check` prints errors and warnings; nothing is changed.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
+use config::problems::Problem;
 use rustix::fs::{Access, access};
+use rustix::io::Errno;
 
 use super::{FramesFrom, Prepared};
 use crate::monitoring::disk::free_bytes;
 
 impl Prepared {
+    /// Why no user could record in the configured folder, at its place in the file.
+    pub(crate) fn unusable_record(&self) -> Option<Problem> {
+        no_folder(&self.setup.record_directory).map(|text| self.record_problem(text))
+    }
+
+    /// Whether this user lacks the permission to record in the configured folder, at its place in the file. A file system
+    /// that is read-only for the moment is no problem of the configuration.
+    pub(crate) fn closed_record(&self) -> Option<Problem> {
+        let (cause, text) = not_writable(&self.setup.record_directory)?;
+        (cause == Errno::ACCESS).then(|| self.record_problem(text))
+    }
+
+    fn record_problem(&self, text: String) -> Problem {
+        self.source.problem("record.directory", text)
+    }
+
     /// Settings that will not work on this machine for this user, a sentence each.
     pub(crate) fn machine_warnings(&self) -> Vec<String> {
         let config = &self.setup.config;
@@ -49,24 +67,42 @@ fn program(path: &Path) -> Option<String> {
     }
 }
 
-/// Why nothing could be recorded in this folder, or not for long. The daemon creates a missing folder.
+/// The folder, or its nearest parent that exists. The daemon creates a missing folder.
+fn existing(folder: &Path) -> Option<&Path> {
+    folder.ancestors().find(|folder| folder.exists())
+}
+
+/// Why the folder can neither be used nor created.
+fn no_folder(folder: &Path) -> Option<String> {
+    let there = existing(folder)?;
+    (!there.is_dir()).then(|| {
+        format!(
+            "{} is no folder, so nothing can be recorded in {}; name another folder",
+            there.display(),
+            folder.display()
+        )
+    })
+}
+
+/// Why this user cannot write in the folder.
+fn not_writable(folder: &Path) -> Option<(Errno, String)> {
+    let there = existing(folder)?;
+    let cause = access(there, Access::WRITE_OK | Access::EXEC_OK).err()?;
+    let text = format!(
+        "this user cannot write in {}: {cause}; run tactusd as the user who owns it (`sudo -u tactusd tactusd --check` checks \
+         as the daemon's user), or name another folder",
+        there.display()
+    );
+    Some((cause, text))
+}
+
+/// Why this user cannot record in the folder, or not for long.
 fn record(folder: &Path, wanted_mb: u64) -> Option<String> {
-    let there = folder.ancestors().find(|folder| folder.exists())?;
+    if let Some((_, text)) = not_writable(folder) {
+        return Some(format!("record.directory: {text}"));
+    }
     let shown = folder.display();
-    if !there.is_dir() {
-        return Some(format!(
-            "record.directory: {} is no folder, so {shown} cannot be made",
-            there.display()
-        ));
-    }
-    if access(there, Access::WRITE_OK | Access::EXEC_OK).is_err() {
-        return Some(format!(
-            "record.directory: this user cannot write in {}; run the check as the daemon's user (`sudo -u tactusd tactusd --check`), \
-             or name another folder",
-            there.display()
-        ));
-    }
-    match free_bytes(there) {
+    match free_bytes(existing(folder)?) {
         Err(cause) => Some(format!("record.directory: {shown}: {cause}")),
         Ok(free) if free / 1_000_000 < wanted_mb => Some(format!(
             "record.directory: {} MB are free in {shown}, {wanted_mb} MB are wanted (record.warn_below_mb, record.reserve_mb)",
@@ -99,7 +135,7 @@ mod tests {
         let text = record(&not_yet, u64::MAX).unwrap();
         assert!(text.contains("MB are free"), "{text}");
         std::fs::write(folder.path().join("a"), "").unwrap();
-        let text = record(&not_yet, 0).unwrap();
+        let text = no_folder(&not_yet).unwrap();
         assert!(text.contains("is no folder"), "{text}");
     }
 }

@@ -35,7 +35,7 @@ pub(crate) struct Prepared {
     pub setup: Setup,
     pub frames: FramesFrom,
     /// The file it was read from.
-    pub file: PathBuf,
+    pub source: Source,
 }
 
 /// Data that stay the same until a reload.
@@ -90,10 +90,15 @@ pub(crate) fn prepare(path: &Path) -> Result<Prepared, Vec<Problem>> {
         source: &source,
         found: Vec::new(),
     };
-    let prepared = resolve(config, &mut findings);
-    match prepared {
-        Some(prepared) if findings.found.is_empty() => Ok(prepared),
-        _ => Err(findings.found),
+    let resolved = resolve(config, &mut findings);
+    let found = findings.found;
+    match resolved {
+        Some((setup, frames)) if found.is_empty() => Ok(Prepared {
+            setup,
+            frames,
+            source,
+        }),
+        _ => Err(found),
     }
 }
 
@@ -152,7 +157,7 @@ pub(crate) fn load(path: &Path) -> Result<(Source, Config), Vec<Problem>> {
     Ok((source, config.resolved(folder)))
 }
 
-fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> {
+fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<(Setup, FramesFrom)> {
     numbers::check(&config, findings);
     if !(config.bus.peer || config.bus.session || config.bus.system) {
         findings.add(
@@ -251,11 +256,7 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<Prepared> 
         model: model?,
         config,
     };
-    Some(Prepared {
-        setup,
-        frames: frames?,
-        file: findings.source.file().to_owned(),
-    })
+    Some((setup, frames?))
 }
 
 /// Regions must have a name and a shape each, and touch the map.

@@ -253,6 +253,24 @@ fn a_missing_instrument_is_an_error_and_nothing_else() {
 }
 
 #[test]
+fn a_record_directory_that_is_a_file_is_an_error() {
+    let stage = Stage::new(SMALL);
+    std::fs::write(stage.path().join("state"), "").unwrap();
+    for args in [&["--check"][..], &[]] {
+        let output = stage.run(args);
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(78), "{args:?}: {message}");
+        assert!(
+            message.contains("config.toml:13:13: record.directory: ")
+                && message.contains("is no folder"),
+            "{args:?}: {message}"
+        );
+    }
+    // switching off needs no record
+    assert_eq!(stage.run(&["--safe-off"]).status.code(), Some(0));
+}
+
+#[test]
 fn the_plan_is_printed_and_nothing_moves() {
     let stage = Stage::new(SMALL);
     let output = stage.run(&["--plan", "--json"]);

@@ -93,12 +93,22 @@ async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
         .unwrap_err();
     assert!(matches!(refused, Fault::BaselineMismatch(_)), "{refused:?}");
 
+    // a refused one discards the one that waits
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new()).await;
+    stage.configure(&with("500.0"));
+    daemon.manager.reload().await.unwrap();
     stage.configure(&SMALL.replace("\"state\"", "\"elsewhere\""));
     let refused = daemon.manager.reload().await.unwrap_err();
     assert!(
-        matches!(&refused, Fault::Unsupported(text) if text.contains("restart")),
+        matches!(&refused, Fault::Unsupported(text) if text.contains("restart") && text.contains("is discarded")),
         "{refused:?}"
     );
+    within(session.stop()).await.unwrap();
+    // a second refusal has nothing to discard, and follows the end of the session
+    let refused = daemon.manager.reload().await.unwrap_err();
+    assert!(!refused.text().contains("is discarded"), "{refused:?}");
+    assert!((current(&daemon).await - 2.5e-4).abs() < 1e-12);
 }
 
 /// The rig of the stage, newly switched on.

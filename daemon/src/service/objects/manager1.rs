@@ -321,7 +321,7 @@ impl Manager1 {
     }
 
     /// Reloads the configuration. An invalid one changes nothing; the error has a line for each problem. During a
-    /// session the new configuration is applied at the session's end.
+    /// session the new configuration is applied at the session's end, unless an invalid one is reloaded before.
     #[zbus(out_args("done"))]
     async fn reload(&self) -> Result<String, Fault> {
         self.0.reload().await

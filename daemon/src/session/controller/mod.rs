@@ -145,8 +145,9 @@ impl Controller {
         let Prepared {
             setup,
             frames,
-            file,
+            source,
         } = prepared;
+        let config = source.file().to_owned();
         let slow = records.takes_long();
         let (source, settings, plan, baseline) = match frames {
             FramesFrom::Rig(plan) => {
@@ -190,7 +191,7 @@ impl Controller {
                 simulated_rig,
                 simulated,
                 clock,
-                config: file,
+                config,
             })),
             events,
             alarms,

@@ -17,12 +17,23 @@ use config::Config;
 use survey::error_chain as chain;
 
 impl Controller {
-    /// Reloads the configuration; during a session, at its end.
+    /// Reloads the configuration; during a session, at its end. A refused one also discards an earlier one that waits for
+    /// that end: the file that it was read from has changed.
     ///
     /// # Errors
     /// Every problem of the file, or a change that needs a restart; the configuration in force stays.
     pub(crate) async fn reload(self: &Arc<Self>) -> Result<String, Fault> {
-        let outcome = self.reload_now().await;
+        let outcome = self.reload_now().await.map_err(|fault| {
+            let waited = self.inner().waiting.take().is_some();
+            let discarded = |text| {
+                format!("{text}\nthe configuration that was to be taken when the session ends is discarded")
+            };
+            match fault {
+                Fault::Configuration(text) if waited => Fault::Configuration(discarded(text)),
+                Fault::Unsupported(text) if waited => Fault::Unsupported(discarded(text)),
+                other => other,
+            }
+        });
         match &outcome {
             Ok(text) => self.report(None, EventKind::Reloaded, text).await,
             Err(fault) => {
@@ -75,13 +86,10 @@ impl Controller {
     async fn take(self: &Arc<Self>, prepared: Prepared) -> Result<String, Fault> {
         let mut source = self.source.lock().await;
         let old = self.runtime();
-        let file = prepared.file.display().to_string();
+        let config = prepared.source.file().to_owned();
+        let file = config.display().to_string();
         let simulated = prepared.is_simulated();
-        let Prepared {
-            setup,
-            frames,
-            file: config,
-        } = prepared;
+        let Prepared { setup, frames, .. } = prepared;
         let same_rig = same_rig(&old.setup.config, &setup.config);
         let (simulated_rig, plan, settings) = match &frames {
             FramesFrom::Rig(plan) => {
