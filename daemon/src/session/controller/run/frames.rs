@@ -11,6 +11,7 @@ use crate::acquisition::task::{Acquisition, AcquisitionEnd, FrameSource, Pause};
 use crate::events::kind::EventKind;
 use crate::instruments::transcripts::{self, FailedFrame};
 use crate::recording::recorder_message::RecorderMessage;
+use crate::recording::session_status::SessionStatus;
 use crate::session::controller::Controller;
 use crate::session::controller::recovery::{MOST_FAILED, may_pass};
 use crate::session::controller::rig_events::ActiveSession;
@@ -56,15 +57,25 @@ impl Controller {
                     // its links may be out of step: it is reassembled
                     *rig = None;
                 }
-                return ended;
+                return self.fault_or_stop(&status, ended);
             }
             if !self.recover(session, &mut source, error).await {
                 return match status.has_failed() || self.source_state() == "unknown" {
-                    true => ended,
+                    true => self.fault_or_stop(&status, ended),
                     false => AcquisitionEnd::Done(status.stop_reason()),
                 };
             }
         }
+    }
+
+    /// A session that a stopped daemon leaves to the next one has no fault: the failed frame and the state of the source are
+    /// events of it.
+    fn fault_or_stop(&self, status: &SessionStatus, ended: AcquisitionEnd) -> AcquisitionEnd {
+        if !status.is_left_open() {
+            return ended;
+        }
+        self.inner().rig_fault = Some(ended.text());
+        AcquisitionEnd::Done(status.stop_reason())
     }
 
     /// Handles a failed frame: records the cause as an event, and stores its transcript.
