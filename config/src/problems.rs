@@ -5,6 +5,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::Config;
@@ -58,7 +60,7 @@ impl Source {
         if !faults.is_empty() {
             let problems = faults
                 .iter()
-                .map(|fault| self.at(fault.span(), fault.message().to_owned()))
+                .map(|fault| self.at(fault.span(), self.syntax(table.get_ref(), fault)))
                 .collect();
             return (None, problems);
         }
@@ -73,13 +75,43 @@ impl Source {
                 Err(fault) => fault,
             };
             let span = fault.span();
-            problems.push(self.at(span.clone(), explain(fault.message())));
+            let key = span
+                .as_ref()
+                .and_then(|span| path(table.get_ref(), span.start));
+            problems.push(self.at(span.clone(), explain(fault.message(), key.as_deref())));
             // the faulty entry is removed, so that the next problem is found
             let removed = span.is_some_and(|span| remove(table.get_mut(), &span));
             if !removed {
                 return (None, problems);
             }
         }
+    }
+
+    /// The entries of `[[section]]` that [`Source::read`] finds no fault in, with their positions, and whether these are all:
+    /// they can be checked although others have faults.
+    pub fn sound<T: DeserializeOwned>(&self, section: &str) -> (Vec<(usize, T)>, bool) {
+        let (mut table, faults) = DeTable::parse_recoverable(&self.text);
+        let entries = match table.get_ref().get(section).map(Spanned::get_ref) {
+            Some(DeValue::Array(entries)) if faults.is_empty() => entries.clone(),
+            other => return (Vec::new(), other.is_none()),
+        };
+        let of_bounds = crate::numbers::take_out(table.get_mut());
+        let read = |entry: &Spanned<DeValue<'_>>| {
+            let DeValue::Table(inner) = entry.get_ref() else {
+                return None;
+            };
+            if of_bounds.iter().any(|(span, _)| holds(entry, span.start)) {
+                return None;
+            }
+            let inner = Spanned::new(entry.span(), inner.clone());
+            T::deserialize(toml::Deserializer::from(inner)).ok()
+        };
+        let each = entries.iter().enumerate();
+        let sound: Vec<_> = each
+            .filter_map(|(index, entry)| Some((index, read(entry)?)))
+            .collect();
+        let all = sound.len() == entries.len();
+        (sound, all)
     }
 
     /// Locates a problem at a dotted key (`survey.electrodes`; `region.0.name` in the first `[[region]]`), or at its nearest
@@ -113,6 +145,20 @@ impl Source {
         }
         // a missing section is reported on the first line
         self.at(span.or(Some(0..0)), format!("{key}: {}", text.into()))
+    }
+
+    /// A fault of the syntax. A key that is there twice is named, with the line of the other.
+    fn syntax(&self, table: &DeTable<'_>, fault: &toml::de::Error) -> String {
+        let message = fault.message();
+        let Some(span) = fault.span().filter(|_| message == "duplicate key") else {
+            return message.to_owned();
+        };
+        let name = self.text.get(span.clone()).unwrap_or_default();
+        let other = latest(table, name.trim_matches(['"', '\'']), span.start);
+        let line = other.map_or(String::new(), |other| {
+            format!(" (line {})", place(&self.text, other).0)
+        });
+        format!("the key '{name}' is there twice{line}; delete one of them")
     }
 
     fn at(&self, span: Option<Range<usize>>, text: String) -> Problem {
@@ -171,7 +217,7 @@ fn remove(table: &mut DeTable<'_>, fault: &Range<usize>) -> bool {
                 }
             }
         }
-        let hit = |entry: &toml::Spanned<DeValue<'_>>| holds(entry, fault.start);
+        let hit = |entry: &Spanned<DeValue<'_>>| holds(entry, fault.start);
         if entries.iter().any(hit) {
             let kept = entries.iter().filter(|entry| !hit(entry)).cloned();
             *entries = kept.collect();
@@ -185,7 +231,7 @@ fn remove(table: &mut DeTable<'_>, fault: &Range<usize>) -> bool {
 }
 
 /// Whether a position lies in a value; a table in an array is spanned by its header only.
-fn holds(value: &toml::Spanned<DeValue<'_>>, at: usize) -> bool {
+fn holds(value: &Spanned<DeValue<'_>>, at: usize) -> bool {
     let span = value.span();
     let inside = span.start <= at && at < span.end.max(span.start + 1);
     let below = match value.get_ref() {
@@ -199,11 +245,61 @@ fn holds(value: &toml::Spanned<DeValue<'_>>, at: usize) -> bool {
 /// Keys that had another name, with the present one.
 const RENAMED: [(&str, &str); 1] = [("care", "relay_wear")];
 
-/// Adds the new name of a renamed key, or the most similar key to an unknown one.
-fn explain(message: &str) -> String {
+/// The start of the last key of this name before a position.
+fn latest(table: &DeTable<'_>, name: &str, before: usize) -> Option<usize> {
+    let below = |value: &Spanned<DeValue<'_>>| match value.get_ref() {
+        DeValue::Table(inner) => latest(inner, name, before),
+        _ => None,
+    };
+    let each = table.iter().flat_map(|(key, value)| {
+        let at = Some(key.span().start).filter(|at| key.get_ref() == name && *at < before);
+        let inner = match value.get_ref() {
+            DeValue::Array(entries) => entries.iter().filter_map(below).max(),
+            _ => below(value),
+        };
+        at.into_iter().chain(inner)
+    });
+    each.max()
+}
+
+/// The dotted key (`survey.nplc`, `alarm.0.above`) whose name or value is at a position.
+fn path(table: &DeTable<'_>, at: usize) -> Option<String> {
+    table.iter().find_map(|(name, value)| {
+        let key = name.get_ref();
+        let below = match value.get_ref() {
+            DeValue::Table(inner) => path(inner, at),
+            DeValue::Array(entries) => entries.iter().enumerate().find_map(|(index, entry)| {
+                let below = match entry.get_ref() {
+                    DeValue::Table(inner) => path(inner, at),
+                    _ => None,
+                };
+                let here = entry.span().contains(&at).then(|| index.to_string());
+                below.map(|below| format!("{index}.{below}")).or(here)
+            }),
+            _ => None,
+        };
+        let here = name.span().contains(&at) || value.span().contains(&at);
+        match below {
+            Some(below) => Some(format!("{key}.{below}")),
+            None => here.then(|| key.to_string()),
+        }
+    })
+}
+
+/// Says what is wrong with the value of a key: the type and unit expected instead, the new name of a renamed key, or the
+/// key most similar to an unknown one.
+fn explain(message: &str, key: Option<&str>) -> String {
     let message = message.lines().next().unwrap_or(message);
     let Some(rest) = message.strip_prefix("unknown field `") else {
-        return message.to_owned();
+        let Some(key) = key else {
+            return message.to_owned();
+        };
+        let of_type = message.strip_prefix("invalid type: ");
+        let text = of_type.and_then(|rest| rest.rsplit_once(", expected "));
+        return match text {
+            Some((found, expected)) => format!("{key}: {}", wrong_type(key, found, expected)),
+            None => format!("{key}: {message}"),
+        };
     };
     let mut names = rest.split('`').step_by(2);
     let Some(unknown) = names.next() else {
@@ -217,6 +313,57 @@ fn explain(message: &str) -> String {
         Some(nearest) => format!("unknown key '{unknown}'; did you mean '{nearest}'?"),
         None => format!("unknown key '{unknown}'; known here: {}", known.join(", ")),
     }
+}
+
+/// Units at the end of a key's name, in words.
+const UNITS: [(&str, &str); 15] = [
+    ("ms", "milliseconds"),
+    ("s", "seconds"),
+    ("h", "hours"),
+    ("days", "days"),
+    ("mm", "millimetres"),
+    ("cm2", "square centimetres"),
+    ("ua", "microamperes"),
+    ("uv", "microvolts"),
+    ("v", "volts"),
+    ("ohm", "ohms"),
+    ("hz", "hertz"),
+    ("deg", "degrees"),
+    ("kpa", "kilopascals"),
+    ("percent", "percent"),
+    ("mb", "megabytes"),
+];
+
+/// What is expected instead of a value, in the words of people: serde names types of Rust.
+fn wrong_type(key: &str, found: &str, expected: &str) -> String {
+    let name = key.rsplit('.').next().unwrap_or(key);
+    let ending = name.rsplit('_').next();
+    let unit = UNITS.iter().find(|(unit, _)| ending == Some(unit));
+    let number = match expected {
+        "f64" => "a number",
+        "u8" | "u16" | "u32" | "u64" | "usize" | "i64" => "a whole number",
+        "a boolean" => return format!("true or false is expected, and not the {found}"),
+        "a string" | "path string" => {
+            return format!("a text in quotes is expected, and not the {found}");
+        }
+        other => return format!("{other} is expected, and not the {found}"),
+    };
+    let unit_word = unit.map_or(String::new(), |(_, word)| format!(" of {word}"));
+    let text = found
+        .strip_prefix("string \"")
+        .and_then(|text| text.strip_suffix('"'));
+    let advice = text.map_or(String::new(), |text| {
+        let end = text
+            .find(|letter: char| letter.is_alphabetic())
+            .unwrap_or(text.len());
+        let (value, rest) = (text[..end].trim(), text[end..].trim().to_lowercase());
+        let same_unit = rest.is_empty() || unit.is_some_and(|(unit, _)| rest == *unit);
+        match same_unit && value.parse::<f64>().is_ok() {
+            true => format!("; write {name} = {value}"),
+            false => "; write it without quotes and unit".to_owned(),
+        }
+    });
+    format!("{number}{unit_word} is expected, and not the {found}{advice}")
 }
 
 #[cfg(test)]
@@ -235,18 +382,71 @@ mod tests {
         assert_eq!(found.len(), 4, "{found:#?}");
         let joined = found.join("\n");
         assert!(
-            joined.contains("c.toml:2:8: unknown variant `simulted`"),
+            joined.contains("c.toml:2:8: rig.kind: unknown variant `simulted`"),
             "{joined}"
         );
         assert!(
             joined.contains("c.toml:4:1: unknown key 'settle_us'; did you mean 'settle_ms'?"),
             "{joined}"
         );
-        assert!(joined.contains("c.toml:5:10: invalid type"), "{joined}");
+        let text = "c.toml:5:10: survey.nplc: a number is expected, and not the string \"one\"; write it without quotes and unit";
+        assert!(joined.contains(text), "{joined}");
         assert!(
             joined.contains("c.toml:6:2: unknown key 'wirring'; did you mean 'wiring'?"),
             "{joined}"
         );
+    }
+
+    #[test]
+    fn a_value_of_the_wrong_type_names_key_type_and_unit() {
+        for (line, wanted) in [
+            (
+                "settle_ms = \"2ms\"",
+                "15: survey.settle_ms: a number of milliseconds is expected, and not the string \"2ms\"; write settle_ms = 2",
+            ),
+            (
+                "settle_ms = \"2s\"",
+                "15: survey.settle_ms: a number of milliseconds is expected, and not the string \"2s\"; write it without quotes and unit",
+            ),
+            (
+                "averages = 1.5",
+                "14: survey.averages: a whole number is expected, and not the floating point `1.5`",
+            ),
+            (
+                "reversal = 1",
+                "14: survey.reversal: true or false is expected, and not the integer `1`",
+            ),
+        ] {
+            let found = problems(&format!("[survey]\n  {line}\n"));
+            assert_eq!(found, [format!("c.toml:2:{wanted}")]);
+        }
+        let found = problems("[record]\ndirectory = 1\n[[region]]\nname = 3\n").join("\n");
+        for wanted in [
+            "c.toml:2:13: record.directory: a text in quotes",
+            "c.toml:4:8: region.0.name: a text",
+        ] {
+            assert!(found.contains(wanted), "{wanted}\n{found}");
+        }
+    }
+
+    #[test]
+    fn a_key_that_is_there_twice_is_named_with_both_lines() {
+        for (text, wanted) in [
+            (
+                "[survey]\nnplc = 1\n[rig]\n[wiring]\nslot = 1\nslot = 2\n",
+                "6:1: the key 'slot' is there twice (line 5); delete one of them",
+            ),
+            (
+                "[[alarm]]\nname = \"a\"\n[[alarm]]\nname = \"b\"\nname = \"c\"\n",
+                "5:1: the key 'name' is there twice (line 4); delete one of them",
+            ),
+            (
+                "[rig]\n[survey]\n[rig]\n",
+                "3:2: the key 'rig' is there twice; delete one of them",
+            ),
+        ] {
+            assert_eq!(problems(text), [format!("c.toml:{wanted}")]);
+        }
     }
 
     #[test]
@@ -261,7 +461,7 @@ mod tests {
         let text = "[[alarm]]\nname = \"a\"\nquantity = \"pii\"\n[[alarm]]\nname = \"b\"\nquantity = \"ppi\"\nfor_s = -1.0\nabov = 3\n";
         let found = problems(text).join("\n");
         for wanted in [
-            "c.toml:3:12: unknown quantity 'pii'; did you mean 'ppi'?",
+            "c.toml:3:12: alarm.0.quantity: unknown quantity 'pii'; did you mean 'ppi'?",
             "c.toml:7:9: alarm.for_s: -1",
             "c.toml:8:1: unknown key 'abov'; did you mean 'above'?",
         ] {
