@@ -5,16 +5,22 @@ use std::collections::BTreeSet;
 
 use config::{AlarmSettings, Config, Limit, Watched};
 use imaging::Model;
-use imaging::quantities::{LoadUnit, Quantifier, Quantity, SHEET, is_name};
+use imaging::quantities::{LoadUnit, Quantifier, Quantity, RegionSettings, SHEET, is_name};
 
 use crate::monitoring::built_in;
 use crate::preparation::Findings;
 use config::numbers::too_long;
 
-/// Reports every rule that cannot work.
-pub(super) fn check(config: &Config, model: Option<&Model>, findings: &mut Findings<'_>) {
+/// Reports every rule, with its position, that cannot work. `regions`: those that there are; `None` if not all are known.
+pub(super) fn check<'a>(
+    rules: impl Iterator<Item = (usize, &'a AlarmSettings)>,
+    regions: Option<&[RegionSettings]>,
+    config: &Config,
+    model: Option<&Model>,
+    findings: &mut Findings<'_>,
+) {
     let mut names = BTreeSet::new();
-    for (index, rule) in config.alarm.iter().enumerate() {
+    for (index, rule) in rules {
         let key = |part: &str| format!("alarm.{index}.{part}");
         if let Some(why) = name_problem(&rule.name) {
             findings.add(&key("name"), why);
@@ -27,11 +33,13 @@ pub(super) fn check(config: &Config, model: Option<&Model>, findings: &mut Findi
         if let Some(why) = too_long(&rule.guidance) {
             findings.add(&key("guidance"), why);
         }
-        if let Some(why) = region_problem(rule, config) {
+        if let Some(why) = region_problem(rule, regions) {
             findings.add(&key("region"), why);
             continue;
         }
-        let unit = match unit(rule, model.is_some_and(|model| model.calibration.is_some())) {
+        // a method with a fault may have one
+        let calibrated = model.is_none_or(|model| model.calibration.is_some());
+        let unit = match unit(rule, calibrated) {
             Ok(unit) => unit,
             Err(why) => {
                 findings.add(&key("unit"), why);
@@ -60,7 +68,7 @@ fn name_problem(name: &str) -> Option<String> {
         .then(|| format!("'{name}' is an alarm that every daemon has; choose another name"))
 }
 
-fn region_problem(rule: &AlarmSettings, config: &Config) -> Option<String> {
+fn region_problem(rule: &AlarmSettings, regions: Option<&[RegionSettings]>) -> Option<String> {
     let region = rule.region.as_deref()?;
     if let Watched::Health(watched) = rule.quantity {
         return Some(format!(
@@ -68,7 +76,7 @@ fn region_problem(rule: &AlarmSettings, config: &Config) -> Option<String> {
             watched.name()
         ));
     }
-    let names = config.region.iter().map(|region| region.name.as_str());
+    let names = regions?.iter().map(|region| region.name.as_str());
     let known: Vec<&str> = std::iter::once(SHEET).chain(names).collect();
     (!known.contains(&region)).then(|| {
         format!(
@@ -282,5 +290,37 @@ mod tests {
                 "{wanted}\n{found:#?}"
             );
         }
+    }
+
+    #[test]
+    fn faults_of_regions_and_rules_are_all_found_at_once() {
+        let entries = "[[region]]\nname = \"a b\"\nrectangle_mm = [60.0, 60.0, 130.0, 130.0]\n\
+            [[region]]\nname = \"far\"\nrectangle_mm = [6000.0, 6000.0, 6100.0, 6100.0]\n\
+            [[alarm]]\nname = \"a\"\nquantity = \"contact\"\nregion = \"hop\"\nabove = 10.0\n\
+            [[alarm]]\nname = \"b\"\nquantity = \"QUANTITY\"\nabove = 10.0\n\
+            [[alarm]]\nname = \"c\"\nquantity = \"contact\"\n";
+        let wanted = |lines: &str, wanted: &[&str]| {
+            let found = problems(lines);
+            assert_eq!(found.len(), wanted.len(), "{found:#?}");
+            for wanted in wanted {
+                let named = found.iter().any(|text| text.contains(wanted));
+                assert!(named, "{wanted}\n{found:#?}");
+            }
+        };
+        let of_entries = [
+            "region.1: ",
+            "alarm.0.region: there is no region 'hop'",
+            "alarm.2.above: ",
+        ];
+        let beside = "region.2: region 'far' does not touch";
+        wanted(
+            &entries.replace("QUANTITY", "contact"),
+            &[&of_entries[..], &[beside]].concat(),
+        );
+        let unknown = "alarm.1.quantity: unknown quantity 'pii'";
+        wanted(
+            &entries.replace("QUANTITY", "pii"),
+            &[&of_entries[..], &[unknown]].concat(),
+        );
     }
 }

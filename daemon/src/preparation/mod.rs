@@ -12,6 +12,7 @@ mod recording;
 mod rig_plan;
 mod wiring;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -25,8 +26,8 @@ use crate::acquisition::schedule::Schedule;
 use crate::instruments::rig_plan::RigPlan;
 use crate::instruments::simulation::SimulatedRig;
 use config::problems::{Problem, Source};
-use config::{Config, RigKind, SurveySection};
-use imaging::quantities::{Quantifier, check_regions};
+use config::{AlarmSettings, Config, RigKind, SurveySection};
+use imaging::quantities::{Quantifier, RegionError, RegionSettings, check_regions};
 use imaging::{Conditions, DriftRule, Geometry, Model, noise};
 use survey::error_chain as chain;
 
@@ -149,6 +150,7 @@ pub(crate) fn load(path: &Path) -> Result<(Source, Config), Vec<Problem>> {
             if let Some(config) = config {
                 numbers::check(&config, &mut findings);
             }
+            of_sound_entries(&mut findings);
             return Err(findings.found);
         }
     };
@@ -165,50 +167,10 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<(Setup, Fr
             "nobody could reach the daemon; offer peer, session or system",
         );
     }
-    let case = config
-        .recording
-        .as_ref()
-        .filter(|_| config.rig.kind == RigKind::Recording)
-        .and_then(|recording| recording.case.as_deref());
-    let geometry = findings.value_or_problem(
-        "geometry",
-        config
-            .geometry
-            .geometry(case)
-            .map_err(|error| chain(&error)),
-    );
-    let (protocol, frames) = match config.rig.kind {
-        RigKind::Recording => {
-            let (protocol, recording, baseline) = recording::recorded(&config, findings)?;
-            let frames = FramesFrom::Recording {
-                recording: Box::new(recording),
-                baseline: Box::new(baseline),
-            };
-            (protocol, Some(frames))
-        }
-        _ => {
-            let protocol = requested(&config, geometry.as_ref(), findings)?;
-            let plan = rig_plan::rig_plan(&config, &protocol, geometry.as_ref(), findings);
-            (protocol, plan.map(|plan| FramesFrom::Rig(Arc::new(plan))))
-        }
-    };
-    let geometry = geometry?;
-    if protocol.electrodes() != geometry.electrodes() {
-        findings.add(
-            if config.rig.kind == RigKind::Recording {
-                "recording"
-            } else {
-                "survey.electrodes"
-            },
-            format!(
-                "the survey asks {} electrodes, the geometry ({}) has {}",
-                protocol.electrodes(),
-                geometry.name,
-                geometry.electrodes()
-            ),
-        );
+    let Some((geometry, protocol, frames)) = sources(&config, findings) else {
+        of_entries(&config, None, findings);
         return None;
-    }
+    };
     if let Some(FramesFrom::Recording {
         recording,
         baseline,
@@ -237,8 +199,7 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<(Setup, Fr
     let built = imaging::check_live(&config.model)
         .and_then(|()| imaging::build(&config.model, &conditions));
     let model = findings.value_or_problem(key, built.map_err(|error| chain(&error)));
-    of_regions(&config, model.as_ref(), findings);
-    alarms::check(&config, model.as_ref(), findings);
+    of_entries(&config, model.as_ref(), findings);
     let (config_toml, config_hash) = findings.value_or_problem("rig", effective(&config))?;
     let setup = Setup {
         config_hash,
@@ -259,18 +220,96 @@ fn resolve(mut config: Config, findings: &mut Findings<'_>) -> Option<(Setup, Fr
     Some((setup, frames?))
 }
 
-/// Regions must have a name and a shape each, and touch the map.
-fn of_regions(config: &Config, model: Option<&Model>, findings: &mut Findings<'_>) {
-    if let Err((index, error)) = check_regions(&config.region) {
-        findings.add(&format!("region.{index}"), error.to_string());
-        return;
-    }
-    let Some(model) = model else {
-        return;
+/// Geometry, measurements and the source of frames, which is `None` if it has a problem.
+fn sources(
+    config: &Config,
+    findings: &mut Findings<'_>,
+) -> Option<(Geometry, Protocol, Option<FramesFrom>)> {
+    let case = config
+        .recording
+        .as_ref()
+        .filter(|_| config.rig.kind == RigKind::Recording)
+        .and_then(|recording| recording.case.as_deref());
+    let geometry = findings.value_or_problem(
+        "geometry",
+        config
+            .geometry
+            .geometry(case)
+            .map_err(|error| chain(&error)),
+    );
+    let (protocol, frames) = match config.rig.kind {
+        RigKind::Recording => {
+            let (protocol, recording, baseline) = recording::recorded(config, findings)?;
+            let frames = FramesFrom::Recording {
+                recording: Box::new(recording),
+                baseline: Box::new(baseline),
+            };
+            (protocol, Some(frames))
+        }
+        _ => {
+            let protocol = requested(config, geometry.as_ref(), findings)?;
+            let plan = rig_plan::rig_plan(config, &protocol, geometry.as_ref(), findings);
+            (protocol, plan.map(|plan| FramesFrom::Rig(Arc::new(plan))))
+        }
     };
-    for (index, region) in config.region.iter().enumerate() {
-        let region = std::slice::from_ref(region);
-        if let Err(error) = Quantifier::new(model, &config.quantities, region) {
+    let geometry = geometry?;
+    if protocol.electrodes() != geometry.electrodes() {
+        findings.add(
+            if config.rig.kind == RigKind::Recording {
+                "recording"
+            } else {
+                "survey.electrodes"
+            },
+            format!(
+                "the survey asks {} electrodes, the geometry ({}) has {}",
+                protocol.electrodes(),
+                geometry.name,
+                geometry.electrodes()
+            ),
+        );
+        return None;
+    }
+    Some((geometry, protocol, frames))
+}
+
+/// Checks every `[[region]]` and `[[alarm]]`.
+fn of_entries(config: &Config, model: Option<&Model>, findings: &mut Findings<'_>) {
+    of_regions(config.region.iter().enumerate(), config, model, findings);
+    let rules = config.alarm.iter().enumerate();
+    alarms::check(rules, Some(&config.region), config, model, findings);
+}
+
+/// Checks the regions and rules of a configuration that cannot be used for other faults, as far as that is possible.
+fn of_sound_entries(findings: &mut Findings<'_>) {
+    let (regions, all) = findings.source.sound::<RegionSettings>("region");
+    let (rules, _) = findings.source.sound::<AlarmSettings>("alarm");
+    let config = Config::default();
+    let each = regions.iter().map(|(index, region)| (*index, region));
+    of_regions(each, &config, None, findings);
+    let known: Vec<RegionSettings> = regions.into_iter().map(|(_, region)| region).collect();
+    let known = all.then_some(known.as_slice());
+    let rules = rules.iter().map(|(index, rule)| (*index, rule));
+    alarms::check(rules, known, &config, None, findings);
+}
+
+/// Regions must have a name and a shape each, and touch the map.
+fn of_regions<'a>(
+    regions: impl Iterator<Item = (usize, &'a RegionSettings)>,
+    config: &Config,
+    model: Option<&Model>,
+    findings: &mut Findings<'_>,
+) {
+    let mut names = BTreeSet::new();
+    for (index, region) in regions {
+        let alone = std::slice::from_ref(region);
+        let fault = match check_regions(alone) {
+            Err((_, error)) => Some(error),
+            Ok(()) if !names.insert(&region.name) => Some(RegionError::Twice(region.name.clone())),
+            Ok(()) => {
+                model.and_then(|model| Quantifier::new(model, &config.quantities, alone).err())
+            }
+        };
+        if let Some(error) = fault {
             findings.add(&format!("region.{index}"), error.to_string());
         }
     }
