@@ -94,3 +94,31 @@ fn scene_page_names_every_effect() {
     let scene = Scene::parse("README.md", example).unwrap();
     assert_eq!(scene.loads[0].path.len(), 3);
 }
+
+#[test]
+fn how_to_page_names_every_key_of_a_scene() {
+    let page = include_str!("../../../docs/how-to/write-a-scene.md");
+    let load = "[[load]]\nshape = \"disc\"\nx_mm = 1\ny_mm = 1";
+    for table in [
+        "",
+        "[paper-sheet]",
+        "[disc-tank]",
+        "[mesh]",
+        "[pressure]",
+        "[[contact]]",
+        "[[fault]]",
+        "[[load]]",
+        &format!("{load}\nrepeat = {{ every_s = 1, times = 1 }}\n[[load.path]]"),
+        &format!("{load}\n[load.repeat]"),
+    ] {
+        // the error lists what is allowed
+        let text = format!("{table}\nnothing = 1\n");
+        let error = Scene::parse("scene.toml", &text).unwrap_err().to_string();
+        let (_, known) = error.split_once("expected").expect(&error);
+        let keys: Vec<&str> = known.split('`').skip(1).step_by(2).collect();
+        assert!(keys.len() > 1, "{error}");
+        for key in keys {
+            assert!(page.contains(&format!("`{key}`")), "{table}: {key}");
+        }
+    }
+}
