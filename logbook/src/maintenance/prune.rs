@@ -60,7 +60,7 @@ pub struct KeptSession {
 pub struct Pruned {
     /// Oldest first.
     pub removed: Vec<Removed>,
-    /// What age or size selected, but another rule kept.
+    /// What age or size selected, but another rule kept; and files that cannot be read, which are never removed.
     pub spared: Vec<KeptSession>,
     /// Remaining size of the folder's sessions, bytes.
     pub left: u64,
@@ -186,6 +186,12 @@ pub fn prune(
                 pruned.left -= sizes[index];
             }
         }
+    }
+    for unreadable in index.unreadable() {
+        pruned.spared.push(KeptSession {
+            id: id_of(&unreadable.path).to_owned(),
+            why: format!("its age and frames cannot be read: {}", unreadable.why),
+        });
     }
     for ((session, why), bytes) in sessions.iter().zip(going).zip(sizes) {
         let Some(why) = why else {

@@ -58,7 +58,7 @@ pub fn repair(
     mut progress: impl FnMut(u64),
 ) -> Result<Repaired, LogbookError> {
     let path = path.as_ref();
-    let session = SessionReader::open(path)?;
+    let session = SessionReader::open_without_end(path)?;
     let beside = path_of(
         folder_of(path),
         &format!("{}_repaired", session.header().id),

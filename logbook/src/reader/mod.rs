@@ -28,6 +28,13 @@ use opening::JournalMode;
 pub use frames::Frames;
 pub(crate) use order::SMALLEST;
 
+/// The row of the header.
+const ALL_OF_IT: &str = "SELECT * FROM session";
+/// The same without the columns of the closing, which may lie on the last page.
+const WITHOUT_CLOSING: &str = "SELECT id, kind, started_ns, simulated, build, seed, config_toml, config_hash, model_hash, geometry_hash,
+ protocol, instruments, modules, note, about, asked, continues, first_sequence, checksum, NULL AS closed_ns, NULL AS closed_reason,
+ NULL AS closed_tally, NULL AS closed_checksum FROM session";
+
 /// A session's file, opened for reading; neither it nor its companion files are changed.
 #[derive(Debug)]
 pub struct SessionReader {
@@ -58,7 +65,7 @@ impl SessionReader {
         };
         let opened = opening::open(path, is_closed)?;
         let folded = opened.mode == JournalMode::Rollback;
-        match Self::over(opened.connection, path.to_owned(), opened.mode) {
+        match Self::over(opened.connection, path.to_owned(), opened.mode, ALL_OF_IT) {
             // the end of one that is not folded may be in its journal
             Err(damaged @ LogbookError::Damaged { .. }) if folded => {
                 Err(opening::missing_end(path).unwrap_or(damaged))
@@ -67,15 +74,37 @@ impl SessionReader {
         }
     }
 
+    /// As [`SessionReader::open`]; also a closed session whose file has lost its end, if its header is there. Whether it was
+    /// closed is then not known.
+    ///
+    /// # Errors
+    /// As [`SessionReader::open`].
+    pub(crate) fn open_without_end(path: &Path) -> Result<Self, LogbookError> {
+        match Self::open(path) {
+            Err(damaged @ LogbookError::Damaged { .. }) if opening::missing_end(path).is_some() => {
+                let connection = opening::without_end(path)?;
+                let rest = Self::over(
+                    connection,
+                    path.to_owned(),
+                    JournalMode::Rollback,
+                    WITHOUT_CLOSING,
+                );
+                rest.map_err(|_| damaged)
+            }
+            found => found,
+        }
+    }
+
     /// Reads the header through a writer's connection.
     pub(crate) fn of_writer(connection: Connection, path: PathBuf) -> Result<Self, LogbookError> {
-        Self::over(connection, path, JournalMode::Wal)
+        Self::over(connection, path, JournalMode::Wal, ALL_OF_IT)
     }
 
     fn over(
         mut connection: Connection,
         path: PathBuf,
         mode: JournalMode,
+        header_row_sql: &str,
     ) -> Result<Self, LogbookError> {
         let failed = |source| LogbookError::reading(&path, "read the header of", source);
         let mut guard = Guard::over(&mut connection).map_err(failed)?;
@@ -109,7 +138,7 @@ impl SessionReader {
         }
         guard.allow_pages(number("page_count")?.unsigned_abs());
         let row = connection
-            .query_row("SELECT * FROM session", [], |row| Ok(header_row(row)))
+            .query_row(header_row_sql, [], |row| Ok(header_row(row)))
             .optional()
             .map_err(failed)?;
         let (header, header_checksum, end) = match row {

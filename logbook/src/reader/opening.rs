@@ -119,6 +119,22 @@ pub(crate) fn open(
     Ok(Opened { connection, mode })
 }
 
+/// Opens a folded file that has lost its end: what is there can be read, the rest is an error.
+///
+/// # Errors
+/// As [`open`].
+pub(super) fn without_end(path: &Path) -> Result<Connection, LogbookError> {
+    let size = std::fs::metadata(path).map_or(0, |found| found.len());
+    let connection = connect(path, path, AccessMethod::Immutable, size)?;
+    let lenient = || -> rusqlite::Result<()> {
+        // SQLite refuses a file shorter than its header says, except where a schema may be repaired
+        connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, false)?;
+        connection.pragma_update(None, "writable_schema", true)
+    };
+    lenient().map_err(|source| LogbookError::reading(path, "open", source))?;
+    Ok(connection)
+}
+
 /// Refuses what is no regular file: opening a FIFO would wait for its other end.
 pub(crate) fn check_regular(path: &Path, found: &Metadata) -> Result<(), LogbookError> {
     let kind = found.file_type();
@@ -242,7 +258,10 @@ pub(super) fn missing_end(path: &Path) -> Option<LogbookError> {
     (there < whole).then(|| LogbookError::Damaged {
         path: path.to_owned(),
         place: "its end".into(),
-        why: format!("{there} of its {whole} bytes are there; take the file from a copy"),
+        why: format!(
+            "{there} of its {whole} bytes are there; take the file from a copy, or copy the frames that are there with \
+             `tactus sessions repair`"
+        ),
     })
 }
 

@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use rusqlite::{Connection, OpenFlags, params};
+use rusqlite::types::Value;
+use rusqlite::{Connection, OpenFlags, params_from_iter};
 use survey::{Baseline, Checks, Settings};
 
 use crate::files::companion;
@@ -362,7 +363,9 @@ impl SessionWriter {
     }
 }
 
-/// Writes how a session ended and the number of rows of each table.
+/// Writes how a session ended and the number of rows of each table. An update would move the row, with the protocol, to the end
+/// of the file, and a file that loses its end would lose all: SQLite frees the pages of a row after it has written the new
+/// one. A row that is deleted before leaves its pages, near the beginning, to the new one.
 fn write_closing(
     connection: &Connection,
     header_checksum: HeaderChecksum,
@@ -387,11 +390,31 @@ fn write_closing(
         ..tally
     };
     let tally = rows::json(serde_json::to_string(&tally))?;
-    connection.execute(
-        "UPDATE session SET closed_ns = ?1, closed_reason = ?2, closed_tally = ?3, closed_checksum = ?4",
-        params![at, reason, tally, closing_checksum(header_checksum, at, reason, &tally)],
+    let transaction = connection.unchecked_transaction()?;
+    let columns = |row: &rusqlite::Row<'_>| -> rusqlite::Result<Vec<Value>> {
+        (0..row.as_ref().column_count())
+            .map(|column| row.get(column))
+            .collect()
+    };
+    let mut row = transaction.query_row("SELECT * FROM session", [], columns)?;
+    let closing: [Value; 4] = [
+        at.into(),
+        reason.to_owned().into(),
+        tally.clone().into(),
+        closing_checksum(header_checksum, at, reason, &tally)
+            .to_vec()
+            .into(),
+    ];
+    // the last columns
+    row.truncate(row.len().saturating_sub(closing.len()));
+    row.extend(closing);
+    transaction.execute("DELETE FROM session", [])?;
+    let places = vec!["?"; row.len()].join(", ");
+    transaction.execute(
+        &format!("INSERT INTO session VALUES ({places})"),
+        params_from_iter(row),
     )?;
-    Ok(())
+    transaction.commit()
 }
 
 fn open_for_writing(

@@ -213,9 +213,22 @@ fn closed(folder: &Path, frames: i64) -> (PathBuf, Vec<u8>) {
 }
 
 #[test]
-fn a_file_without_its_end_is_refused_with_what_is_there() {
+fn a_file_without_its_end_is_refused_and_repaired() {
     let dir = tempfile::tempdir().unwrap();
     let (path, whole) = closed(dir.path(), 200);
+    for (there, least) in [(whole.len() - PAGE, 190), (whole.len() * 2 / 3, 80)] {
+        std::fs::write(&path, &whole[..there]).unwrap();
+        let out = dir.path().join(format!("{least}.tactus"));
+        let repaired = repair(&path, Some(&out), at(300), |_| {}).unwrap();
+        assert!(
+            repaired.frames >= least && repaired.baseline,
+            "{repaired:?}"
+        );
+        let session = SessionReader::open(&out).unwrap();
+        for (record, number) in session.frames().zip(1..) {
+            assert_eq!(record.unwrap().frame, frame(number, number as i64));
+        }
+    }
     let there = whole.len() - PAGE;
     std::fs::write(&path, &whole[..there]).unwrap();
     let refused = SessionReader::open(&path).err().unwrap().to_string();
@@ -361,7 +374,8 @@ fn a_file_named_like_a_session_and_more_is_another_one() {
         ..Retention::default()
     };
     let pruned = prune(dir.path(), &old, at(3600 * 5), false).unwrap();
-    assert!(ids(&pruned).0.contains(&"m1"));
+    let (removed, spared) = ids(&pruned);
+    assert!(removed.contains(&"m1") && spared.contains(&"m1.old"));
     assert!(copy.exists() && beside.exists() && notes.exists());
 }
 
