@@ -177,7 +177,8 @@ impl Alarm {
         self.state.why_invalid().is_some() && !self.is_put_aside()
     }
 
-    fn is_put_aside(&self) -> bool {
+    /// Whether a person has shelved it or taken it out of service.
+    pub fn is_put_aside(&self) -> bool {
         self.state.shelf().is_some() || self.state.out_of_service().is_some()
     }
 }

@@ -1,7 +1,8 @@
-//! Metrics in the OpenMetrics format (Prometheus): a fixed set of a few dozen series.
+//! Metrics in the OpenMetrics format (Prometheus): a fixed set of a few dozen series, and three for each rule of `[[alarm]]`.
 
 use std::fmt;
 
+use alarms::{Alarm, Alarms};
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric};
 use prometheus_client::metrics::MetricType;
@@ -28,12 +29,21 @@ const STATES: [&str; 6] = [
 ];
 
 /// The page for a snapshot.
-pub(crate) fn page(health: &Health, maps: Reconstruction, limits: &NotifySection) -> String {
-    let alarms = health.alarms(limits);
+pub(crate) fn page(
+    health: &Health,
+    alarms: &Alarms,
+    maps: Reconstruction,
+    limits: &NotifySection,
+) -> String {
+    let troubles = health.alarms(limits);
+    let of_rules = alarms
+        .iter()
+        .filter(|alarm| !built_in::has(&alarm.rule.name));
     let snapshot = Snapshot {
         health: health.clone(),
         well: health.is_well(limits),
-        alarms: alarms.into_iter().map(|alarm| alarm.kind).collect(),
+        troubles: troubles.into_iter().map(|trouble| trouble.kind).collect(),
+        alarms: of_rules.cloned().collect(),
         maps,
         resident: resident(),
     };
@@ -57,7 +67,10 @@ fn resident() -> Option<u64> {
 struct Snapshot {
     health: Health,
     well: bool,
-    alarms: Vec<&'static str>,
+    /// Kinds of the present problems.
+    troubles: Vec<&'static str>,
+    /// Those of the rules of `[[alarm]]`.
+    alarms: Vec<Alarm>,
     maps: Reconstruction,
     resident: Option<u64>,
 }
@@ -79,6 +92,8 @@ enum Values {
     Flag(fn(&Snapshot) -> bool),
     /// A label, with a flag for each of its values.
     Flags(&'static str, fn(&Snapshot) -> Vec<(&'static str, bool)>),
+    /// A flag of each alarm of a rule.
+    OfAlarms(fn(&Alarm) -> bool),
     /// A label and its value.
     Label(&'static str, &'static str),
     Reconstruction,
@@ -88,7 +103,9 @@ impl Metric {
     const fn new(name: &'static str, meaning: &'static str, values: Values) -> Self {
         let kind = match values {
             Values::Count(_) => MetricType::Counter,
-            Values::Number(_) | Values::Flag(_) | Values::Flags(..) => MetricType::Gauge,
+            Values::Number(_) | Values::Flag(_) | Values::Flags(..) | Values::OfAlarms(_) => {
+                MetricType::Gauge
+            }
             Values::Label(..) => MetricType::Info,
             Values::Reconstruction => MetricType::Histogram,
         };
@@ -106,9 +123,12 @@ impl Metric {
     }
 
     fn encode(&self, snapshot: &Snapshot, encoder: &mut DescriptorEncoder) -> fmt::Result {
-        if let Values::Number(value) = self.values
-            && value(snapshot).is_none()
-        {
+        let is_empty = match self.values {
+            Values::Number(value) => value(snapshot).is_none(),
+            Values::OfAlarms(_) => snapshot.alarms.is_empty(),
+            _ => false,
+        };
+        if is_empty {
             return Ok(());
         }
         let unit = Unit::Other(self.unit.to_owned());
@@ -125,6 +145,11 @@ impl Metric {
             Values::Flags(label, values) => values(snapshot)
                 .into_iter()
                 .try_for_each(|(of, on)| flag(on).encode(metric.encode_family(&[(label, of)])?)),
+            Values::OfAlarms(value) => snapshot.alarms.iter().try_for_each(|alarm| {
+                let (name, severity) = (alarm.rule.name.as_str(), alarm.rule.severity.word());
+                let labels = [("name", name), ("severity", severity)];
+                flag(value(alarm)).encode(metric.encode_family(&labels)?)
+            }),
             Values::Label(label, value) => metric.encode_info(&[(label, value)]),
             Values::Reconstruction => {
                 let maps = &snapshot.maps;
@@ -139,7 +164,7 @@ impl Metric {
 }
 
 /// Every metric, in the order of the page.
-const METRICS: [Metric; 22] = [
+const METRICS: [Metric; 25] = [
     Metric::new(
         "tactus_frames",
         "Frames that the rig or recording gave",
@@ -254,9 +279,24 @@ const METRICS: [Metric; 22] = [
         "tactus_trouble",
         "What people are notified of",
         Values::Flags("kind", |at| {
-            let on = |kind| (kind, at.alarms.contains(&kind));
+            let on = |kind| (kind, at.troubles.contains(&kind));
             built_in::notified().map(on).collect()
         }),
+    ),
+    Metric::new(
+        "tactus_alarm_active",
+        "Whether the alarm of a rule of [[alarm]] is active; it stays so while it cannot be judged",
+        Values::OfAlarms(|alarm| alarm.state.is_active()),
+    ),
+    Metric::new(
+        "tactus_alarm_unjudged",
+        "Whether it cannot be judged: no all-clear. 0 while nothing is measured",
+        Values::OfAlarms(|alarm| alarm.state.why_invalid().is_some()),
+    ),
+    Metric::new(
+        "tactus_alarm_set_aside",
+        "Whether a person has shelved it or taken it out of service",
+        Values::OfAlarms(Alarm::is_put_aside),
     ),
     Metric::new(
         "tactus_build",
@@ -305,6 +345,7 @@ pub fn metrics() -> Vec<MetricRow> {
             meaning: metric.meaning,
             label: match metric.values {
                 Values::Flags(label, _) | Values::Label(label, _) => label,
+                Values::OfAlarms(_) => "name, severity",
                 _ => "",
             },
         }

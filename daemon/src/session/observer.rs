@@ -220,9 +220,11 @@ async fn metrics_page(controller: Weak<Controller>) -> Result<Page, NoPage> {
     let controller = controller.upgrade().ok_or(NoPage::Failed)?;
     let health = controller.health().await;
     let maps = controller.observed.counters.reconstruction();
+    let alarms = &controller.alarms.shown().alarms;
+    let limits = &controller.runtime().setup.config.notify;
     Ok(Page {
         content: metrics::CONTENT_TYPE,
-        body: metrics::page(&health, maps, &controller.runtime().setup.config.notify),
+        body: metrics::page(&health, alarms, maps, limits),
     })
 }
 

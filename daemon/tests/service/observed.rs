@@ -146,18 +146,70 @@ fn parsed(body: &str) -> Vec<(String, f64)> {
     samples
 }
 
+/// The address of the metrics: the listener is opened in parallel with everything else.
+async fn address(daemon: &crate::stage::Running) -> String {
+    loop {
+        if let Some(address) = health(daemon).await.metrics {
+            return address;
+        }
+        tokio::task::yield_now().await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn alarms_of_rules_are_in_the_metrics() {
+    let stage = Stage::new(&format!(
+        "{SMALL}[metrics]\nlisten = \"127.0.0.1:0\"\n\
+         [[alarm]]\nname = \"old\"\nquantity = \"baseline-age\"\nabove = 1e-9\nfor_s = 0.0\nseverity = \"major\"\n\
+         [[alarm]]\nname = \"lying\"\nquantity = \"unrelieved-area\"\nabove = 100.0\n"
+    ));
+    let daemon = stage.start().await;
+    let address = address(&daemon).await;
+    daemon.baseline(1).await;
+    let session = daemon.start(Options::new().with("step", true)).await;
+    let begun = [
+        (
+            "tactus_alarm_active{name=\"old\",severity=\"major\"}".to_owned(),
+            1.0,
+        ),
+        (
+            "tactus_alarm_active{name=\"lying\",severity=\"minor\"}".to_owned(),
+            0.0,
+        ),
+        (
+            "tactus_alarm_unjudged{name=\"old\",severity=\"major\"}".to_owned(),
+            0.0,
+        ),
+        // its value needs hours of frames
+        (
+            "tactus_alarm_unjudged{name=\"lying\",severity=\"minor\"}".to_owned(),
+            1.0,
+        ),
+        (
+            "tactus_alarm_set_aside{name=\"old\",severity=\"major\"}".to_owned(),
+            0.0,
+        ),
+    ];
+    within(async {
+        loop {
+            session.step(1).await.unwrap();
+            let samples = parsed(&scrape(&address).await);
+            if begun.iter().all(|sample| samples.contains(sample)) {
+                break;
+            }
+        }
+    })
+    .await;
+    within(session.stop()).await.unwrap();
+    daemon.terminate().await;
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn metrics_are_scraped_and_every_line_is_understood() {
     let with = format!("{SMALL}[metrics]\nlisten = \"127.0.0.1:0\"\n");
     let stage = Stage::new(&with);
     let daemon = stage.start().await;
-    let address = loop {
-        // the listener is opened in parallel with everything else
-        if let Some(address) = health(&daemon).await.metrics {
-            break address;
-        }
-        tokio::task::yield_now().await;
-    };
+    let address = address(&daemon).await;
     assert!(address.starts_with("127.0.0.1:"), "{address}");
     let before = parsed(&scrape(&address).await);
     daemon.baseline(2).await;
