@@ -6,14 +6,14 @@ use dbus::json::{Gaps, Health};
 use crate::options::duration::display_long;
 use crate::output::time::local;
 
-/// The first lines: healthy, or what is wrong.
+/// The first lines: healthy, or each alarm and what is wrong.
 pub(crate) fn verdict(health: &Health) -> Vec<String> {
     if health.well {
         return vec!["verdict    well".to_owned()];
     }
     let mut first = "verdict    NOT WELL: ";
     let each = health.troubles.iter().map(|trouble| {
-        let line = format!("{first}{}", trouble.text);
+        let line = format!("{first}{}: {}", trouble.kind, trouble.text);
         first = "           and: ";
         line
     });
@@ -159,8 +159,8 @@ mod tests {
         assert_eq!(
             verdict,
             [
-                "verdict    NOT WELL: session m1 has had no frame for 90.0 s",
-                "           and: the disk is full in 3.0 days: soon"
+                "verdict    NOT WELL: no-frame: session m1 has had no frame for 90.0 s",
+                "           and: disk-days: the disk is full in 3.0 days: soon"
             ]
         );
         let text = for_a_person(&health).join("\n");

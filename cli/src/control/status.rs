@@ -71,6 +71,13 @@ fn for_a_person(status: &Status) -> String {
             }
         },
     ]);
+    if let [first, others @ ..] = status.baseline_remarks.as_slice() {
+        let more = match others.len() {
+            0 => String::new(),
+            count => format!("; {count} more: `tactus baseline show`"),
+        };
+        lines.push(format!("           warning: {first}{more}"));
+    }
     match &status.session {
         None => lines.push("session    none; `tactus start` starts one".to_owned()),
         Some(session) => {
@@ -110,6 +117,7 @@ mod tests {
             source: "rig".into(),
             method: "one-step noser".into(),
             baseline: None,
+            baseline_remarks: Vec::new(),
             session: Some(Running {
                 id: "m1".into(),
                 kind: "measurement".into(),
@@ -150,7 +158,7 @@ mod tests {
         printer.record(&status(), for_a_person).unwrap();
         assert_eq!(
             String::from_utf8(printer.sink()).unwrap(),
-            "{\"state\":\"acquiring\",\"simulated\":true,\"source\":\"rig\",\"method\":\"one-step noser\",\"baseline\":null,\
+            "{\"state\":\"acquiring\",\"simulated\":true,\"source\":\"rig\",\"method\":\"one-step noser\",\"baseline\":null,\"baseline_remarks\":[],\
              \"session\":{\"id\":\"m1\",\"kind\":\"measurement\",\"state\":\"running\",\"frames_acquired\":8,\
              \"frames_durable\":7,\"frames_dropped\":0,\"frames_failed\":0,\"last_error\":null,\"map\":{\"sequence\":7,\
              \"unit\":\"relative loss of conductance\",\"largest_loss\":0.25,\"significant\":true,\"noise\":0.01,\"newtons\":null,\"largest_kpa\":null,\
@@ -191,6 +199,16 @@ mod tests {
             text.contains("m1 (measurement, running): 7 frames recorded"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn a_warning_about_the_baseline_is_shown() {
+        let mut status = status();
+        status.baseline = Some("b1".into());
+        status.baseline_remarks = vec!["a load".into(), "a contact".into()];
+        let text = for_a_person(&status);
+        let shown = "baseline   b1\n           warning: a load; 1 more: `tactus baseline show`\n";
+        assert!(text.contains(shown), "{text}");
     }
 
     #[test]

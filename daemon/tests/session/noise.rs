@@ -100,7 +100,10 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
     let daemon = stage.start().await;
     within(daemon.baseline(3).await.wait()).await.unwrap();
     let remarks = daemon.manager.baseline().await.unwrap().more.remarks;
-    let remarks = remarks.unwrap().join("\n");
+    let remarks = remarks.unwrap();
+    let status = daemon.manager.status().await.unwrap();
+    assert_eq!(status.baseline_remarks.as_ref(), Some(&remarks));
+    let remarks = remarks.join("\n");
     assert!(remarks.contains("against baseline b"), "{remarks}");
     assert!(
         remarks.contains("against a uniform sheet it shows a loss of"),

@@ -339,6 +339,8 @@ dictionaries! {
         method: String,
         /// Id of the current baseline.
         baseline_id: String,
+        /// Warnings about it, a sentence each, such as a load on the sheet; absent until they are known.
+        baseline_remarks: Vec<String>,
         /// `off` (verified), `in use`, `unknown`.
         source_state: String,
         /// Directory of the session files.

@@ -15,6 +15,8 @@ pub struct Status {
     pub method: String,
     /// Id of the current baseline.
     pub baseline: Option<String>,
+    /// Warnings about it; empty until they are known.
+    pub baseline_remarks: Vec<String>,
     /// The running session.
     pub session: Option<Running>,
     /// `off` (verified), `in use`, `unknown`.
@@ -164,6 +166,7 @@ impl Status {
             source: status.source.unwrap_or_default(),
             method: status.method.unwrap_or_default(),
             baseline: status.baseline_id.and_then(nonempty),
+            baseline_remarks: status.baseline_remarks.unwrap_or_default(),
             session: status.session.map(Running::from),
             source_state: status.source_state.unwrap_or_default(),
             recovery: status.recovery.and_then(Recovery::from),

@@ -60,6 +60,7 @@ pub(crate) async fn start(
         .await?;
     let session = daemon.session(path.into()).await?;
     announce(daemon, &session, printer).await?;
+    warn_of_baseline(daemon, &session, printer).await?;
     if !start.wait {
         return printer.text(if start.step {
             "`tactus step` takes a frame, `tactus stop` ends it"
@@ -75,6 +76,29 @@ pub(crate) async fn start(
         (None, _, _) => None,
     };
     follow(daemon, &session, whole, start.within, printer).await
+}
+
+/// Prints the warnings about the current baseline, if the session uses it. Where they cannot be had, the session goes on.
+async fn warn_of_baseline(
+    daemon: &Daemon,
+    session: &Session1Proxy<'_>,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let requested = async {
+        let used = (session.id().await?, session.baseline_id().await?);
+        Ok((used, daemon.manager.baseline().await?))
+    };
+    let Ok(((id, used), baseline)) = daemon.ask("the baseline", requested).await else {
+        return Ok(());
+    };
+    if baseline.id != used {
+        return Ok(());
+    }
+    let remarks = baseline.more.remarks.unwrap_or_default();
+    let texts = remarks.into_iter();
+    texts
+        .map(|text| format!("baseline {used}: {text}"))
+        .try_for_each(|text| warn(&id, text, printer))
 }
 
 fn start_options(start: &Start) -> Result<SessionOptions, Failure> {

@@ -362,6 +362,7 @@ impl Manager1 {
             source: Some(self.source().to_owned()),
             method: Some(self.method()),
             baseline_id: Some(self.baseline_id()),
+            baseline_remarks: self.0.known_remarks(),
             source_state: Some(self.source_state().to_owned()),
             record_directory: Some(self.record_directory()),
             last_error: Some(self.last_error()),

@@ -50,6 +50,20 @@ impl Controller {
         remarks
     }
 
+    /// The remarks on the current baseline, without those on its noise, if they are known; otherwise they are computed for
+    /// a later call.
+    pub(crate) fn known_remarks(self: &Arc<Self>) -> Option<Vec<String>> {
+        let baseline = self.baseline().filter(|_| !self.is_recording())?;
+        // locked while they are computed
+        let kept = self.remarked.try_lock().ok()?.clone();
+        if let Some((_, found)) = kept.filter(|(id, _)| *id == baseline.id) {
+            return Some(found);
+        }
+        let controller = Arc::clone(self);
+        tokio::spawn(async move { controller.baseline_remarks(&baseline).await });
+        None
+    }
+
     /// Gives an order to the tracked baseline of the running session; returns the number of the first frame that it is for.
     ///
     /// # Errors
