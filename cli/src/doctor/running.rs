@@ -47,7 +47,19 @@ fn judged(file: &Path, ran: std::io::Result<std::process::Output>) -> Finding {
             "install it beside tactus or in PATH",
         ),
         Ok(ran) if ran.status.success() => {
-            Finding::ok("configuration", format!("{file}: no problem found"))
+            let printed = String::from_utf8_lossy(&ran.stdout);
+            let warnings: Vec<&str> = printed
+                .lines()
+                .filter(|line| line.contains(": warning: "))
+                .collect();
+            match warnings.is_empty() {
+                true => Finding::ok("configuration", format!("{file}: no problem found")),
+                false => Finding::warn(
+                    "configuration",
+                    warnings.join("\n"),
+                    format!("`tactusd --config {file} --check` as the daemon's user"),
+                ),
+            }
         }
         Ok(ran) => {
             let message = String::from_utf8_lossy(&ran.stderr);
@@ -302,6 +314,14 @@ mod tests {
         let ran = |script: &str| Command::new("sh").args(["-c", script]).output();
         let file = Path::new("c.toml");
         assert_eq!(judged(file, ran("exit 0")).verdict, CheckResult::Ok);
+        let warned = judged(
+            file,
+            ran("echo c.toml: warning: no disk; echo no error found"),
+        );
+        assert_eq!(
+            (warned.verdict, warned.text.as_str()),
+            (CheckResult::Warn, "c.toml: warning: no disk")
+        );
         let bad = judged(file, ran("echo c.toml:2:8: unknown variant >&2; exit 78"));
         assert_eq!(
             (bad.verdict, bad.text.as_str()),

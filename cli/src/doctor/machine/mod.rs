@@ -51,7 +51,9 @@ pub(super) fn wanted(file: &Path) -> Result<DoctorConfig, Finding> {
             "`tactusd --check` names every problem",
         )
     })?;
-    let folder = file.parent().unwrap_or(Path::new("."));
+    // the checks resolve paths against the root
+    let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    let folder = file.parent().unwrap_or(Path::new("/"));
     for path in [&mut wanted.record.directory, &mut wanted.bus.peer_path]
         .into_iter()
         .flatten()

@@ -236,4 +236,9 @@ fn a_configuration_is_read_for_what_concerns_the_machine() {
     .unwrap();
     let read = wanted(&file).unwrap();
     assert_eq!(read.record.directory, Some(folder.path().join("state")));
+    // relative to this folder, as the command line may name it
+    let here = std::env::current_dir().unwrap();
+    let up: PathBuf = here.components().skip(1).map(|_| "..").collect();
+    let read = wanted(&up.join(file.strip_prefix("/").unwrap())).unwrap();
+    assert!(read.record.directory.unwrap().is_absolute());
 }
