@@ -44,7 +44,7 @@ pub(super) fn dataset(options: &DatasetOptions, case: &Case, folder: &Path) -> R
     let strengths = strengths(&presses, options.loss)?;
     let mut samples = Vec::with_capacity(presses.all.len());
     for (press, loss) in presses.all.iter().zip(strengths) {
-        let (name, frame) = &recording.frames[presses.row(press, &recording.numbers)?];
+        let (name, frame) = &recording.frames[presses.row(press, &recording)?];
         let frame = volts(&format!("frame '{name}'"), frame)?;
         let target = target(&case.mesh, press, loss);
         if target.is_empty() {

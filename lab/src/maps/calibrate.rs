@@ -39,7 +39,7 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
         .all
         .iter()
         .map(|press| {
-            let (name, frame) = &recording.frames[presses.row(press, &recording.numbers)?];
+            let (name, frame) = &recording.frames[presses.row(press, &recording)?];
             let mass = press
                 .mass
                 .ok_or_else(|| presses.wrong(press, "mass_kg is needed for a calibration"))?;

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use imaging::recorded::{FrameTable, LabelledReadings};
 use studies::Failure;
 use survey::Bounds;
 
@@ -9,8 +10,8 @@ use survey::Bounds;
 pub(crate) struct Press {
     /// Line of the file, from 1.
     pub(crate) line: usize,
-    /// Number of its frame.
-    pub(crate) frame: u64,
+    /// Label or number of its frame.
+    pub(crate) frame: String,
     /// m.
     pub(crate) centre: [f64; 2],
     /// m.
@@ -77,19 +78,12 @@ impl Presses {
                 let any = Bounds::Within(-1e9, 1e9);
                 let above_zero = Bounds::Between(0.0, 1e9);
                 let [x, y, diameter] = lengths;
-                let frame = within(frames, Bounds::Within(1.0, 1e15))?;
-                if frame.fract() != 0.0 {
-                    return Err(wrong(
-                        index + 1,
-                        format!("frame is {frame}, frames are numbered 1, 2, 3"),
-                    ));
-                }
                 let optional = |column: Option<usize>, bounds| {
                     column.map(|column| within(column, bounds)).transpose()
                 };
                 Ok(Press {
                     line: index + 1,
-                    frame: frame as u64,
+                    frame: fields.get(frames).copied().unwrap_or("").to_owned(),
                     centre: [x.1 * within(x.0, any)?, y.1 * within(y.0, any)?],
                     diameter: diameter.1 * within(diameter.0, above_zero)?,
                     mass: optional(masses, Bounds::Within(0.0, 1e9))?,
@@ -108,18 +102,27 @@ impl Presses {
         Failure::because(format!("{}:{}: {why}", self.file.display(), press.line))
     }
 
-    /// The row of a press among frames with these numbers.
+    /// The row of a press among the frames: that with its label, otherwise with its number.
     ///
     /// # Errors
     /// No such frame; the message says which there are.
-    pub(crate) fn row(&self, press: &Press, numbers: &[u64]) -> Result<usize, Failure> {
-        let row = numbers.iter().position(|number| *number == press.frame);
-        row.ok_or_else(|| {
-            let (first, last) = (numbers.first().unwrap_or(&1), numbers.last().unwrap_or(&1));
+    pub(crate) fn row(&self, press: &Press, table: &FrameTable) -> Result<usize, Failure> {
+        let (frames, numbers) = (&table.frames, &table.numbers);
+        let labelled = frames.iter().position(|(label, _)| *label == press.frame);
+        // spreadsheets write 3.0
+        let number: Option<f64> = press.frame.parse().ok();
+        let numbered = || numbers.iter().position(|own| Some(*own as f64) == number);
+        labelled.or_else(numbered).ok_or_else(|| {
+            let number = |end: Option<&u64>| end.copied().unwrap_or(1);
+            let label = |end: Option<&LabelledReadings>| end.map_or("", |(label, _)| label).to_owned();
             let why = format!(
-                "frame {} is not there; there are {}, numbered {first} to {last}",
+                "frame {} is not there; there are {}, numbered {} to {}, with the labels '{}' to '{}'",
                 press.frame,
-                numbers.len()
+                numbers.len(),
+                number(numbers.first()),
+                number(numbers.last()),
+                label(frames.first()),
+                label(frames.last()),
             );
             self.wrong(press, &why)
         })

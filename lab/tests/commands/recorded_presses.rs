@@ -163,7 +163,17 @@ fn recorded_presses_that_cannot_be_used_are_named() {
         ),
         (
             format!("{metres}9,0.02,0.03,0.01\n"),
-            vec!["presses.csv:2", "frame 9", "numbered 1 to 4"],
+            vec![
+                "presses.csv:2",
+                "frame 9",
+                "numbered 1 to 4",
+                "'r1' to 'r4'",
+            ],
+        ),
+        (
+            // a label and a number, of which the second is wrong
+            format!("{metres}r4,0.02,0.03,0.01\n2.5,0.02,0.03,0.01\n"),
+            vec!["presses.csv:3", "frame 2.5 is not there"],
         ),
         (
             format!("{metres}2,0.02,x,0.01\n"),

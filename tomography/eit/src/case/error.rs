@@ -42,6 +42,20 @@ pub enum CaseError {
         /// The name with the unit that is read.
         wants: String,
     },
+    /// A sheet of a size that no sheet has.
+    #[error(
+        "{}: the sheet is {:.0} m x {:.0} m, and at most {most} m are possible. If the values are in mm, it is {:.0} mm x {:.0} mm: divide them \
+         by 1000, x_m and y_m are in m",
+        .path.display(), .size_m[0], .size_m[1], .size_m[0], .size_m[1]
+    )]
+    Large {
+        /// The file.
+        path: PathBuf,
+        /// Extents along x and y, m.
+        size_m: [f64; 2],
+        /// The largest extent that is read, m.
+        most: f64,
+    },
     /// A field that should be a number is not.
     #[error("{}:{line}: column {column} is '{text}', which is not a number", .path.display())]
     NotANumber {

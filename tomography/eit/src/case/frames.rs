@@ -8,6 +8,9 @@ use super::{CaseError, Table};
 /// What an instrument sends for an overload (SCPI's infinity); values at or above it are missing readings.
 const OVERLOAD: f64 = 9.9e37;
 
+/// Heading of the labels of frames.
+const LABEL: &str = "frame";
+
 /// Frames of measured voltages, V: a row or a column per frame, whichever fits the number of readings. An empty field,
 /// one that is not finite, and an overload (9.9e37) are missing readings.
 ///
@@ -32,6 +35,16 @@ pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>
     for value in table.rows.iter_mut().flatten() {
         *value = value.filter(|volts| volts.abs() < OVERLOAD);
     }
+    // a label that is a number is none of the readings where its column says so
+    let first = table.header.iter().flatten().next();
+    if table.labels.is_none()
+        && table.width() == readings + 1
+        && first.is_some_and(|name| name == LABEL)
+    {
+        let label =
+            |row: &mut Vec<Option<f64>>| row.remove(0).map_or_else(String::new, |n| n.to_string());
+        table.labels = Some(table.rows.iter_mut().map(label).collect());
+    }
     let frames = table.rows.len();
     if table.width() == readings && frames > 0 {
         let labels = table
@@ -54,7 +67,8 @@ pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>
         line: table.lines.first().copied().unwrap_or(1),
         has: table.width(),
         wants: format!(
-            "{readings} (a row a frame; or {readings} rows, a column a frame; there are {frames} rows)"
+            "{readings} (a row a frame, before them a label under the heading '{LABEL}'; or {readings} rows, a column a frame; there are \
+             {frames} rows)"
         ),
     })
 }

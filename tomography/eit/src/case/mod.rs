@@ -30,6 +30,9 @@ const DEPTH: &str = "depth.csv";
 /// Conductance assumed where a case folder gives none, S per square.
 const ASSUMED_CONDUCTANCE: f64 = 1e-3;
 
+/// Largest extent of a sheet or tank, m. Meshes in mm are larger.
+const LARGEST_M: f64 = 20.0;
+
 /// A geometry with its contacts, its protocol and its named conductances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
@@ -62,6 +65,7 @@ impl Case {
             .into_iter()
             .map(|(_, row)| [row[0], row[1]])
             .collect::<Vec<_>>();
+        check_size(&file("nodes.csv"), &nodes)?;
         let element_table = Table::read(&file("elems.csv"))?;
         let triangles = element_table
             .numbers(3, 3)?
@@ -314,6 +318,22 @@ fn read_edges(
         ]);
     }
     Ok(edges)
+}
+
+/// Refuses a sheet that only values in another unit can describe.
+fn check_size(path: &Path, nodes: &[[f64; 2]]) -> Result<(), CaseError> {
+    let size_m = [0, 1].map(|axis| {
+        let along = || nodes.iter().map(|node| node[axis]);
+        along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+    });
+    match size_m.iter().any(|extent| *extent > LARGEST_M) {
+        true => Err(CaseError::Large {
+            path: path.to_owned(),
+            size_m,
+            most: LARGEST_M,
+        }),
+        false => Ok(()),
+    }
 }
 
 /// The last line with an edge of this electrode that has all these nodes.

@@ -164,6 +164,15 @@ fn faults_name_file_and_line() {
         let fault = change(folder.path(), file, line(at, text));
         assert!(fault.contains(wanted), "{fault}");
     }
+    let millimetres = |lines: Vec<String>| {
+        let scaled = |field: &str| (1e3 * field.parse::<f64>().unwrap()).to_string();
+        let row = |line: &String| line.split(',').map(scaled).collect::<Vec<_>>().join(",");
+        let rows = lines[1..].iter().map(row);
+        std::iter::once(lines[0].clone()).chain(rows).collect()
+    };
+    let fault = change(folder.path(), "nodes.csv", millimetres);
+    let sizes = "nodes.csv: the sheet is 300 m x 300 m, and at most 20 m are possible. If the values are in mm, it is 300 mm x 300 mm";
+    assert!(fault.contains(sizes), "{fault}");
     let short = |mut lines: Vec<String>| {
         lines.pop();
         lines
@@ -308,6 +317,10 @@ fn frames_lie_or_stand() {
     put("frame,m0,m1,m2\nempty,1,2,\nball,4,5,6\n");
     let named = read_named_frames(&path, 3).unwrap();
     assert_eq!(named[1], ("ball".to_owned(), two[1].clone()));
+    // a label that is a number
+    put("frame,m0,m1,m2\n3,1,2,\n7,4,5,6\n");
+    let named = read_named_frames(&path, 3).unwrap();
+    assert_eq!(named[1], ("7".to_owned(), two[1].clone()));
     // columns of frames
     put("ref,train\n1,4\n2,5\nnan,6\n");
     let named = read_named_frames(&path, 3).unwrap();
