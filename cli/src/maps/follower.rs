@@ -130,6 +130,9 @@ impl Follower {
 }
 
 fn not_followed(frame: &RecordedFrame, error: &dyn std::error::Error) -> Failure {
-    let what = format!("frame {}: the baseline cannot be followed", frame.sequence);
+    let what = format!(
+        "the baseline cannot be followed to frame {}",
+        frame.sequence
+    );
     Failure::failed(&what, error)
 }

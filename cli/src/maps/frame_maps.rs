@@ -54,25 +54,39 @@ impl<'a> FrameMaps<'a> {
         self
     }
 
-    /// The map of a frame. Every frame must be given to this or to [`FrameMaps::pass`], in order.
+    /// The map of a frame, or why it has none, for example because too many readings are missing. Every frame must be given to
+    /// this, to [`FrameMaps::map`] or to [`FrameMaps::pass`], in order.
     ///
     /// # Errors
-    /// The frame has no map, for example because too many readings are missing; or it cannot be followed.
+    /// What no other frame could have either.
+    pub(crate) fn attempt(
+        &mut self,
+        frame: &RecordedFrame,
+    ) -> Result<Result<FrameMap, String>, Failure> {
+        match self.made(frame) {
+            Ok(made) => Ok(Ok(made)),
+            Err(Failure::Failed(why)) => Ok(Err(why)),
+            Err(other) => Err(other),
+        }
+    }
+
+    /// The map of a frame that must have one.
+    ///
+    /// # Errors
+    /// As [`FrameMaps::attempt`], and a frame without a map.
     pub(crate) fn map(&mut self, frame: &RecordedFrame) -> Result<FrameMap, Failure> {
+        self.attempt(frame)?
+            .map_err(|why| Failure::Failed(format!("frame {}: {why}", frame.sequence)))
+    }
+
+    fn made(&mut self, frame: &RecordedFrame) -> Result<FrameMap, Failure> {
         let followed = self
             .follower
             .as_mut()
             .map(|follower| follower.follow(frame))
             .transpose()?;
         let compared = Compared::new(self.recording, frame, followed.as_ref());
-        let map = compared
-            .map(self.reconstruction)
-            .map_err(|failure| match failure {
-                Failure::Failed(text) => {
-                    Failure::Failed(format!("frame {}: {text}", frame.sequence))
-                }
-                other => other,
-            })?;
+        let map = compared.map(self.reconstruction)?;
         let deviation = match self
             .with_deviation
             .then(|| compared.deviation(self.reconstruction))

@@ -1,5 +1,6 @@
 //! `tactus quantities`: numbers that describe the maps of a recording, for spans of time or for each frame.
 
+use std::cell::Cell;
 use std::io::Write;
 use std::path::Path;
 
@@ -74,7 +75,8 @@ pub(crate) fn run(
     }
     let count = recording::count(&recording, source, Thinning::NONE)?;
     let progress = progress(count.map(|count| count as u64), printer.is_terminal());
-    for (recorded, asked) in recording::frames(&recording, source, Thinning::NONE)? {
+    let damaged = Cell::new(0);
+    for (recorded, asked) in recording::frames(&recording, source, Thinning::NONE, &damaged)? {
         if !asked {
             if let Some(follower) = &mut follower {
                 follower.pass(&recorded)?;
@@ -91,7 +93,8 @@ pub(crate) fn run(
         progress.inc(1);
     }
     progress.finish_and_clear();
-    output.finish(printer)
+    output.finish(printer)?;
+    recording::check_undamaged(damaged.get(), &recording.name)
 }
 
 /// The rows stored with a session, joined to the requested spans, and the number of damaged lines; `None` where they do not
@@ -476,7 +479,11 @@ impl Quantities {
     fn table_heading(&self, of: LoadUnit) -> String {
         let mut text = format!("{:<26}  {:<10}", "begin", "region");
         for (quantity, _) in self.columns() {
-            let title = format!("{}, {}", quantity.name(), self.unit(quantity, of));
+            let title = match (quantity, self.unit(quantity, of).as_str()) {
+                (Quantity::Known, _) => "known share".to_owned(),
+                (counted, "1") => counted.name().to_owned(),
+                (other, unit) => format!("{}, {unit}", other.name()),
+            };
             text.push_str(&format!("  {title:>WIDTH$}"));
         }
         text.push('\n');
@@ -518,12 +525,13 @@ impl Quantities {
                 let sd = region.deviations.get(quantity).map_or(String::new(), |sd| {
                     format!(" +- {}", rounded(self.convert(quantity, frame.unit, sd)))
                 });
-                Some(format!(
-                    "{} {}{sd} {}",
-                    quantity.name(),
-                    rounded(value),
-                    self.unit(quantity, frame.unit)
-                ))
+                let name = quantity.name();
+                Some(match (quantity, self.unit(quantity, frame.unit).as_str()) {
+                    (Quantity::Known, _) if value == 1.0 => format!("{name} yes"),
+                    (Quantity::Known, _) => format!("{name} no"),
+                    (_, "1") => format!("{name} {value}{sd}"),
+                    (_, unit) => format!("{name} {}{sd} {unit}", rounded(value)),
+                })
             })
             .collect();
         let values = match parts.is_empty() {

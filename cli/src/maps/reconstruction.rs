@@ -4,7 +4,6 @@ use std::path::Path;
 
 use eit::inverse::learned::network::is_onnx;
 use eit::{DiscTank, Mesh, PaperSheet, Preset, Pressure};
-use imaging::noise::Noise;
 use imaging::quantities::{Deviation, Quantifier};
 use imaging::recorded::{Fitted, Origin, Recording};
 use imaging::{
@@ -79,11 +78,25 @@ impl Reconstruction {
                 let loss_only = chosen.settings.loss_only.unwrap_or(false);
                 let model = imaging::load(&file, loss_only, protocol, geometry.as_ref());
                 let model = model.map_err(not_built)?;
-                match geometry.filter(|_| removes) {
-                    Some(geometry) => {
-                        in_conditions(&mut chosen, geometry, recording, |settings, conditions| {
-                            imaging::with_drift(model, settings, conditions)
-                        })?
+                // maps are judged where the sheet behind the model is known
+                let sheet = geometry.or_else(|| {
+                    let (chosen, _) = choose_geometry(requested_geometry, origin, protocol).ok()?;
+                    let own = model.reconstructor.mesh().hash();
+                    Some(chosen).filter(|chosen| chosen.mesh.hash() == own)
+                });
+                let judged = sheet.map(|sheet| {
+                    in_conditions(&mut chosen, sheet, recording, |settings, conditions| {
+                        let model = imaging::with_drift(model.clone(), settings, conditions)?;
+                        imaging::judging(model, settings, conditions)
+                    })
+                });
+                match judged {
+                    Some(Ok(judged)) => judged,
+                    Some(Err(refused)) if removes => return Err(refused),
+                    Some(Err(refused)) => {
+                        let remark = format!("maps are not judged: {refused}");
+                        chosen.remarks.push(remark);
+                        model
                     }
                     None => model,
                 }
@@ -243,10 +256,8 @@ fn in_conditions(
 
 /// Standard deviation of one reading; `None` if it was only assumed: that has no significance for a map.
 fn measured_noise(chosen: &ChosenSettings, recording: &Recording) -> Option<f64> {
-    let unloaded = &recording.unloaded;
-    Noise::of_baseline(unloaded.noise, &unloaded.readings)
-        .and_then(Noise::measured)
-        .or(chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv))
+    let stated = chosen.settings.noise_uv.map(|noise_uv| 1e-6 * noise_uv);
+    recording.unloaded.known_noise(stated)
 }
 
 /// The baseline to be followed; `None` where that is not asked for, or the session's cannot be followed.

@@ -1,5 +1,6 @@
 //! The recording for `replay` and `quantities`: a case folder with measured frames, or a session of the logbook.
 
+use std::cell::Cell;
 use std::cmp::Ordering;
 use std::path::Path;
 
@@ -70,7 +71,7 @@ pub(crate) fn count(
 }
 
 /// The frames up to the last that is asked for, in order, each with whether it is. Those that cannot be read are named on the
-/// error stream.
+/// error stream and counted in `damaged`.
 ///
 /// # Errors
 /// `--from` or `--to` is a time, and the frames have none; no frame lies between them.
@@ -78,6 +79,7 @@ pub(crate) fn frames<'a>(
     recording: &'a Recording,
     source: &'a RecordingSource,
     thinning: Thinning,
+    damaged: &'a Cell<usize>,
 ) -> Result<impl Iterator<Item = (RecordedFrame, bool)> + 'a, Failure> {
     let readable = || recording.frames().filter_map(Result::ok);
     let first = has_places(source)
@@ -112,6 +114,7 @@ pub(crate) fn frames<'a>(
         Ok(frame) => Some(frame),
         Err(error) => {
             left_out(&error);
+            damaged.set(damaged.get() + 1);
             None
         }
     });
@@ -127,6 +130,19 @@ pub(crate) fn frames<'a>(
             shown += usize::from(asked);
             (shown <= thinning.most()).then_some((frame, asked))
         }))
+}
+
+/// The failure of a command that left damaged frames out.
+///
+/// # Errors
+/// There were some.
+pub(crate) fn check_undamaged(damaged: usize, name: &str) -> Result<(), Failure> {
+    match damaged {
+        0 => Ok(()),
+        _ => Err(Failure::Failed(format!(
+            "{damaged} damaged frames of {name} are left out; the others are written"
+        ))),
+    }
 }
 
 /// Whether `--from` or `--to` is given.

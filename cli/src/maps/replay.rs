@@ -1,23 +1,24 @@
 //! `tactus replay`: reconstructs a recording offline, frame by frame, with the daemon's mathematics.
 
+use std::borrow::Cow;
+use std::cell::Cell;
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use eit::{Mesh, Pressure};
-use imaging::Tracked;
+use eit::Mesh;
 use imaging::recorded::{
-    DeviationSummary, FRAMES_HEADING, MapCompanions, MapRow, RecordedFrame, Recording,
-    maps_heading, triangles_text,
+    DeviationSummary, FRAMES_HEADING, MapCompanions, MapLine, MapOfRow, MapRow, RecordedFrame,
+    Recording, WithoutMap, maps_heading, triangles_text,
 };
 use outfile::{Existing, OutFile};
 use serde::Serialize;
-use survey::{Evidence, Map, MapQuality};
+use survey::Map;
 
 use crate::args::{Global, Replay};
 use crate::failure::Failure;
-use crate::maps::drawing::{self, unit};
-use crate::maps::frame_maps::{FrameMap, FrameMaps};
+use crate::maps::drawing;
+use crate::maps::frame_maps::FrameMaps;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::{self, Thinning};
 use crate::output::Printer;
@@ -27,28 +28,10 @@ use crate::output::time::utc;
 /// One line of `replay --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct ReplayLine<'a> {
-    frame: u64,
-    label: &'a str,
+    #[serde(flatten)]
+    map: MapLine<'a>,
     wall: Option<String>,
-    method: &'a str,
-    found_mm: Option<[f64; 2]>,
-    largest_loss: f64,
-    /// Whether that is more than `noise`; `None` if the noise is unknown.
-    significant: Option<bool>,
-    /// The largest loss by noise alone.
-    noise: Option<f64>,
-    /// Of the map as it is drawn and written: `kPa` with a calibration.
-    unit: &'static str,
-    newtons: Option<f64>,
-    largest_kpa: Option<f64>,
-    masked: usize,
-    evidence: Option<&'a Evidence>,
-    /// With `--sd`.
-    map_sd: Option<DeviationSummary>,
-    quality: Option<&'a MapQuality>,
-    /// What is known of the frame; `None` without a tracked baseline.
-    tracked: Option<&'a Tracked>,
-    map_hash: String,
+    map_hash: Option<String>,
     /// Whether the recorded map had the same bits; `None` if none was recorded.
     verified: Option<bool>,
     simulated: Option<bool>,
@@ -67,7 +50,8 @@ pub(crate) fn run(
     };
     let recording = recording::open(global, &replay.from, replay.asked.geometry.electrodes)?;
     let count = recording::count(&recording, &replay.from, thinning)?;
-    let frames = recording::frames(&recording, &replay.from, thinning)?;
+    let damaged = Cell::new(0);
+    let frames = recording::frames(&recording, &replay.from, thinning, &damaged)?;
     let reconstruction = Reconstruction::asked(&replay.asked, &recording)?;
     let mut maps = FrameMaps::new(&reconstruction, &replay.asked.tracked, &recording)?
         .with_deviation(replay.sd);
@@ -85,95 +69,91 @@ pub(crate) fn run(
     let progress = progress(count.map(|count| count as u64), printer.is_terminal());
     let draw = printer.is_terminal() && !replay.no_map;
     let mut summary = VerifySummary::default();
+    let mut without = WithoutMap::default();
     for (recorded, asked) in frames {
         if !asked {
             maps.pass(&recorded)?;
             continue;
         }
-        let FrameMap {
-            map,
-            pressure,
-            tracked,
-            deviation,
-        } = maps.map(&recorded)?;
-        let noise = reconstruction.noise;
-        let found = reconstruction.field.found(&map, noise);
-        summary.take(&recorded, &map);
-        let calibrated = pressure.as_ref().map(|pressure| pressure.map(&map));
-        let shown = calibrated.as_ref().unwrap_or(&map);
+        let made = maps.attempt(&recorded)?;
+        let known = made.as_ref().ok();
+        let deviation = known.and_then(|made| made.deviation.as_deref());
+        let row = MapRow {
+            frame: recorded.sequence,
+            label: &recorded.label,
+            time: recorded.wall,
+            tracked: known.and_then(|made| made.tracked.as_ref()),
+            map: match &made {
+                Ok(made) => Ok(MapOfRow {
+                    map: &made.map,
+                    found: reconstruction.field.found(&made.map, reconstruction.noise),
+                    noise: reconstruction.noise,
+                    pressure: made.pressure.as_ref(),
+                    deviation: deviation.map(|values| DeviationSummary::of(values, &areas)),
+                }),
+                Err(why) => Err(why.as_str()),
+            },
+        };
+        without.take(&row);
+        summary.take(&recorded, known.map(|made| &made.map));
         if let Some(tables) = &mut tables {
-            let row = MapRow {
-                frame: recorded.sequence,
-                label: &recorded.label,
-                time: recorded.wall,
-                map: &map,
-                found,
-                noise,
-                pressure: pressure.as_ref(),
-            };
-            tables.put(&row, deviation.as_deref())?;
+            tables.put(&row, deviation)?;
         }
-        let style = || {
+        let drawn = row.map.ok().map(|found| (found, found.shown()));
+        let style = |(found, shown): &(MapOfRow<'_>, Cow<'_, Map>)| {
             drawing::style(
-                drawing::title(format!("frame {}", recorded.label), tracked.as_ref()),
+                drawing::title(format!("frame {}", recorded.label), row.tracked),
                 (replay.scale, shown.unit),
                 recording.simulated == Some(true),
-                found,
-                &map,
-                noise,
+                found.found,
+                found.map,
+                found.noise,
             )
         };
-        let png = match &replay.png {
-            None => None,
-            Some(directory) => {
+        let png = match (&replay.png, &drawn) {
+            (Some(directory), Some(drawn)) => {
                 let path = directory.join(format!("frame-{:06}.png", recorded.sequence));
-                let png = drawing::png(&reconstruction.field, shown, &style()?)?;
+                let png = drawing::png(&reconstruction.field, &drawn.1, &style(drawn)?)?;
                 outfile::write(&path, existing, &png)?;
                 Some(path.display().to_string())
             }
+            _ => None,
         };
+        let map_hash = known.map(|made| made.map.hash());
         let line = ReplayLine {
-            frame: recorded.sequence,
-            label: &recorded.label,
+            map: row.line(),
             wall: recorded.wall.map(utc),
-            method: &map.method,
-            found_mm: drawing::millimetres(found),
-            largest_loss: map.largest_loss().map_or(0.0, |(_, loss)| loss),
-            significant: map.is_significant(noise),
-            noise,
-            unit: unit(shown),
-            newtons: pressure.as_ref().map(|pressure| pressure.newtons),
-            largest_kpa: pressure.as_ref().map(Pressure::largest_kpa),
-            masked: map.masked,
-            evidence: map.evidence.as_ref(),
-            map_sd: deviation.map(|deviation| DeviationSummary::of(&deviation, &areas)),
-            quality: map.quality.as_ref(),
-            tracked: tracked.as_ref(),
-            map_hash: map.hash(),
-            verified: recorded.map.as_ref().map(|kept| kept.is_of(&map.hash())),
+            verified: recorded.map.as_ref().map(|kept| {
+                let same = map_hash.as_ref().map(|hash| kept.is_of(hash));
+                same.unwrap_or(false)
+            }),
+            map_hash,
             simulated: recording.simulated,
             png,
         };
         progress.suspend(|| -> Result<(), Failure> {
             printer.record(&line, sentence)?;
-            if draw {
-                let style = drawing::terminal_style(printer, style()?);
-                printer.drawn(&drawing::terminal(&reconstruction.field, shown, &style)?)?;
+            if let Some(drawn) = drawn.as_ref().filter(|_| draw) {
+                let style = drawing::terminal_style(printer, style(drawn)?);
+                printer.drawn(&drawing::terminal(&reconstruction.field, &drawn.1, &style)?)?;
             }
             Ok(())
         })?;
         progress.inc(1);
     }
     progress.finish_and_clear();
-    if let Some(tables) = tables {
+    if let Some(tables) = tables.filter(|_| !without.is_all()) {
         let path = tables.finish()?;
         printer.text(&format!("maps: {}", path.display()))?;
     }
     if replay.verify {
         printer.record(&summary, VerifySummary::sentence)?;
-        return summary.result(&recording.name);
+        summary.result(&recording.name)?;
     }
-    Ok(())
+    match without.text() {
+        Some(text) => Err(Failure::Failed(text)),
+        None => recording::check_undamaged(damaged.get(), &recording.name),
+    }
 }
 
 /// Largest relative distance of a map from one recorded by another build or processor: far above the effect of rounding
@@ -201,9 +181,13 @@ struct VerifySummary {
 }
 
 impl VerifySummary {
-    fn take(&mut self, recorded: &RecordedFrame, map: &Map) {
+    fn take(&mut self, recorded: &RecordedFrame, map: Option<&Map>) {
         let Some(kept) = &recorded.map else {
             self.without += 1;
+            return;
+        };
+        let Some(map) = map else {
+            self.different.push(recorded.sequence);
             return;
         };
         let version = kept.build.split_whitespace().last();
@@ -311,33 +295,36 @@ fn introduce(
 }
 
 fn sentence(line: &ReplayLine<'_>) -> String {
-    let mut text = format!(
-        "frame {}{}: {}",
-        line.frame,
-        if line.label.parse::<u64>().is_ok() {
-            String::new()
-        } else {
-            format!(" ({})", line.label)
-        },
-        match (line.significant, line.noise) {
-            (Some(false), Some(noise)) => render::nothing_above(noise),
-            _ => format!(
-                "found {}, {}",
-                drawing::place(line.found_mm),
-                drawing::map_summary(line.largest_loss, line.newtons.zip(line.largest_kpa), None),
-            ),
-        },
-    );
-    if line.masked > 0 {
-        text.push_str(&format!(", {} readings left out", line.masked));
+    let (map, verified) = (&line.map, line.verified);
+    let mut text = format!("frame {}", map.frame);
+    if map.label.parse::<u64>().is_err() {
+        let _ = write!(text, " ({})", map.label);
     }
-    if let Some(quality) = line.quality.filter(|quality| !quality.is_silent()) {
+    if let Some(why) = map.no_map {
+        return format!("{text}: no map: {why}");
+    }
+    text.push_str(&match (map.significant, map.noise) {
+        (Some(false), Some(noise)) => format!(": {}", render::nothing_above(noise)),
+        _ => format!(
+            ": found {}, {}",
+            drawing::place(map.found_mm),
+            drawing::map_summary(
+                map.largest_loss.unwrap_or_default(),
+                map.newtons.zip(map.largest_kpa),
+                None
+            ),
+        ),
+    });
+    if let Some(masked) = map.masked.filter(|masked| *masked > 0) {
+        let _ = write!(text, ", {masked} readings left out");
+    }
+    if let Some(quality) = map.quality.filter(|quality| !quality.is_silent()) {
         text.push_str(&format!(", {quality}"));
     }
-    if let Some(tracked) = line.tracked {
+    if let Some(tracked) = map.tracked {
         let _ = write!(text, "; {tracked}");
     }
-    match line.verified {
+    match verified {
         Some(true) => text.push_str(", same bits as recorded"),
         Some(false) => {
             text.push_str(", not the map that was recorded (other method, build or processor)")
@@ -351,8 +338,10 @@ fn sentence(line: &ReplayLine<'_>) -> String {
 struct MapTables {
     maps: OutFile,
     frames: Option<OutFile>,
-    triangles: Option<OutFile>,
+    elements: Option<OutFile>,
     deviations: Option<OutFile>,
+    /// Columns of the maps.
+    triangles: usize,
 }
 
 /// A line of a table of maps.
@@ -377,7 +366,7 @@ impl MapTables {
         let mut maps = OutFile::create(path, existing)?;
         maps.put(maps_heading(mesh).as_bytes())?;
         // a device or a pipe has no companion files
-        let (mut frames, mut triangles, mut deviations) = (None, None, None);
+        let (mut frames, mut elements, mut deviations) = (None, None, None);
         if !outfile::is_stream(path) {
             let beside = MapCompanions::of(path);
             let mut table = OutFile::create(&beside.frames, existing)?;
@@ -385,7 +374,7 @@ impl MapTables {
             frames = Some(table);
             let mut table = OutFile::create(&beside.triangles, existing)?;
             table.put(triangles_text(mesh).as_bytes())?;
-            triangles = Some(table);
+            elements = Some(table);
             if sd {
                 let mut table = OutFile::create(&beside.deviations, existing)?;
                 table.put(maps_heading(mesh).as_bytes())?;
@@ -395,15 +384,19 @@ impl MapTables {
         Ok(Self {
             maps,
             frames,
-            triangles,
+            elements,
             deviations,
+            triangles: mesh.region().len(),
         })
     }
 
     fn put(&mut self, row: &MapRow<'_>, deviation: Option<&[f64]>) -> Result<(), Failure> {
-        self.maps.put(line(row.frame, row.values()).as_bytes())?;
-        if let (Some(table), Some(deviation)) = (&mut self.deviations, deviation) {
-            table.put(line(row.frame, deviation).as_bytes())?;
+        let maps = line(row.frame, &row.values(self.triangles));
+        self.maps.put(maps.as_bytes())?;
+        if let Some(table) = &mut self.deviations {
+            let unknown = || vec![f64::NAN; self.triangles];
+            let deviation = deviation.map_or_else(unknown, <[f64]>::to_vec);
+            table.put(line(row.frame, &deviation).as_bytes())?;
         }
         if let Some(frames) = &mut self.frames {
             frames.put(row.text().as_bytes())?;
@@ -412,7 +405,7 @@ impl MapTables {
     }
 
     fn finish(self) -> Result<PathBuf, Failure> {
-        for table in [self.frames, self.triangles, self.deviations]
+        for table in [self.frames, self.elements, self.deviations]
             .into_iter()
             .flatten()
         {

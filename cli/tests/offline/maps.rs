@@ -1,6 +1,6 @@
 //! Maps recomputed from records.
 
-use crate::scene::{PRESSED, done, lines, refused, session, session_in_parts, session_of};
+use crate::scene::{PRESSED, done, lines, refused, session, session_in_parts, session_of, tactus};
 
 #[test]
 fn replay_of_session_and_of_its_case_folder_finds_the_load() {
@@ -41,7 +41,6 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
         [
             "frame",
             "label",
-            "wall",
             "method",
             "found_mm",
             "largest_loss",
@@ -55,6 +54,8 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
             "map_sd",
             "quality",
             "tracked",
+            "no_map",
+            "wall",
             "map_hash",
             "verified",
             "simulated",
@@ -100,6 +101,47 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
         );
     }
     assert_eq!(from_folder[2]["label"], "f3");
+
+    let each = [
+        "quantities",
+        "m20270115_1",
+        "--each-frame",
+        "--preset",
+        "disc-tank",
+    ];
+    let text = done(folder.path(), &each);
+    assert!(
+        text.contains("known yes") && !text.contains("known 1"),
+        "{text}"
+    );
+
+    // a frame without readings has no map, the others have theirs
+    let frames = std::fs::read_to_string(folder.path().join("out.case/frames.csv")).unwrap();
+    let mut rows: Vec<String> = frames.lines().map(str::to_owned).collect();
+    rows[2] = format!("f2{}", ",".repeat(rows[0].matches(',').count()));
+    std::fs::write(folder.path().join("holes.csv"), rows.join("\n")).unwrap();
+    let replay = ["replay", "out.case", "--frames", "holes.csv", "--json"];
+    let options = [
+        "--preset",
+        "disc-tank",
+        "--noise-v",
+        "2e-6",
+        "--out",
+        "holes-maps.csv",
+    ];
+    let output = tactus(folder.path(), &[&replay[..], &options].concat());
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("1 of 3 frames have no map"), "{message}");
+    let without = lines(&String::from_utf8(output.stdout).unwrap());
+    assert!(
+        without[1]["no_map"].as_str().unwrap().contains("missing"),
+        "{}",
+        without[1]
+    );
+    assert_eq!(without[2]["map_hash"], from_folder[2]["map_hash"]);
+    let maps = std::fs::read_to_string(folder.path().join("holes-maps.csv")).unwrap();
+    assert_eq!(maps.lines().filter(|row| row.contains(",nan,")).count(), 1);
 }
 
 #[test]

@@ -48,7 +48,7 @@ pub(crate) struct ReconstructOptions {
     /// Print 'frame N ms', the median time, on standard error
     #[arg(long)]
     pub(crate) timing: bool,
-    /// Print one JSON object per frame: frame, label, largest_loss, found_mm, masked, quality; with a calibration newtons and largest_kpa, with --tracked tracked, with --sd map_sd
+    /// Print one JSON object per frame with the fields of `tactus replay --json`: frame, label, largest_loss, noise, found_mm and others; no_map says why a frame has no map
     #[arg(long)]
     pub(crate) json: bool,
 }

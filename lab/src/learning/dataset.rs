@@ -77,6 +77,8 @@ fn settings(options: &DatasetOptions) -> Result<TrainingSettings, Failure> {
     if let Some(cases) = options.cases {
         settings.cases = cases;
     }
+    // the set is for any method; `train rbf` has neurons of its own
+    settings.neurons = settings.neurons.min(settings.cases);
     Ok(settings)
 }
 

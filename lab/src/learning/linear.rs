@@ -12,6 +12,7 @@ use crate::output::print_line;
 /// Trains and writes the model file.
 pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
     let data = Data::read(&options.data)?;
+    let usual = TrainingSettings::default();
     let settings = TrainingSettings {
         jitter: data.jitter.clone(),
         repeats: 1,
@@ -19,8 +20,10 @@ pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
             Some(set) => set.settings().clone(),
             None => TrainingSettings {
                 cases: options.cases,
+                // it has none, and they are a part of its file
+                neurons: usual.neurons.min(options.cases),
                 seed: options.seed,
-                ..TrainingSettings::default()
+                ..usual
             },
         }
     };

@@ -2,15 +2,15 @@
 
 use std::time::Instant;
 
-use eit::{Case, matrix_text};
+use eit::{Case, Pressure, matrix_text};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use survey::{Map, Reading, error_chain};
 
 use imaging::TrackedFrame;
 use imaging::recorded::{
-    DeviationSummary, FRAMES_HEADING, FrameTable, MapCompanions, MapRow, TableOptions,
-    triangles_text,
+    DeviationSummary, FRAMES_HEADING, FrameTable, MapCompanions, MapOfRow, MapRow, TableOptions,
+    WithoutMap, triangles_text,
 };
 use studies::evaluation::median;
 use studies::{Failure, progress, write};
@@ -20,7 +20,7 @@ use crate::args::ReconstructOptions;
 use crate::geometry;
 use crate::output::print_line;
 
-/// Writes a row for each frame of the file. A frame that the method refuses is an error that names it.
+/// Writes a row for each frame of the file. A frame without a map is named, and the command fails when the others are written.
 pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let case = geometry::with_depth(geometry::read(&options.case)?, &options.depth)?;
     // a device or a pipe has no companion files
@@ -54,6 +54,7 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     }
     let followed = follow(options, &case, &recording)?;
     let (centroids, areas) = (case.mesh.region_centroids(), case.mesh.region_areas());
+    let noise = options.method.map_noise(&model, &recording);
     let bar = progress::bar(recording.frames.len(), "frames");
     let one = |(index, (name, frame)): (usize, &(String, Vec<Reading>))| {
         let start = Instant::now();
@@ -61,15 +62,26 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             Some(followed) => (&followed[index].baseline, &followed[index].readings),
             None => (&recording.unloaded.readings, frame),
         };
-        let failed = |fault| Failure::of(&format!("frame '{name}'"), &fault);
-        let map = model.reconstruct(baseline, readings).map_err(failed)?;
+        let map = model.reconstruct(baseline, readings);
         let time = start.elapsed().as_secs_f64() * 1e3;
+        bar.inc(1);
+        let map = match map {
+            Ok(map) => map,
+            Err(why) => return Ok(Err(error_chain(&why))),
+        };
+        let pressure = match &calibration {
+            Some(calibration) => match calibration.pressure(&case.mesh, &map) {
+                Ok(pressure) => Some(pressure),
+                Err(why) => return Ok(Err(error_chain(&why))),
+            },
+            None => None,
+        };
         let deviation = match options.sd {
             true => Some(match model.deviation(baseline, readings) {
                 Ok(Some(found)) => found.values(),
                 Ok(None) => {
                     return Err(Failure::usage(
-                        "--sd needs the sheet behind the frames; with --model FILE say --drift frame too",
+                        "--sd needs a case whose sheet explains the baseline; the note above says why this one does not",
                     ));
                 }
                 // its map is written all the same
@@ -83,11 +95,15 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
             }),
             false => None,
         };
-        bar.inc(1);
-        Ok((map, time, deviation))
+        Ok(Ok(Made {
+            map,
+            pressure,
+            time,
+            deviation,
+        }))
     };
     // fast methods run sequentially, so that their times do not influence each other
-    let made: Vec<(Map, f64, Option<Vec<f64>>)> = if model.slow {
+    let made: Vec<Result<Made, String>> = if model.slow {
         recording
             .frames
             .par_iter()
@@ -107,59 +123,59 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     let mut times = Vec::with_capacity(recording.frames.len());
     let mut rows = String::from(FRAMES_HEADING);
     let mut deviations = Vec::new();
+    let mut without = WithoutMap::default();
     let numbered = recording.frames.iter().zip(&recording.numbers);
-    for (index, (((name, _), &frame), (map, time, deviation))) in numbered.zip(made).enumerate() {
+    for (index, (((name, _), &frame), made)) in numbered.zip(&made).enumerate() {
+        let known = made.as_ref().ok();
+        let deviation = known.and_then(|made| made.deviation.as_deref());
         let tracked = followed.as_ref().map(|followed| &followed[index].tracked);
-        times.push(time);
-        let pressure = match &calibration {
-            Some(calibration) => Some(
-                calibration
-                    .pressure(&case.mesh, &map)
-                    .map_err(|fault| Failure::of(&format!("frame '{name}'"), &fault))?,
-            ),
-            None => None,
-        };
         let row = MapRow {
             frame,
             label: name,
             time: None,
-            found: map.found(&centroids, &areas),
-            noise: None,
-            map: &map,
-            pressure: pressure.as_ref(),
+            tracked,
+            map: match made {
+                Ok(made) => Ok(MapOfRow {
+                    map: &made.map,
+                    found: made.map.found_above(noise, &centroids, &areas),
+                    noise,
+                    pressure: made.pressure.as_ref(),
+                    deviation: deviation.map(|values| DeviationSummary::of(values, &areas)),
+                }),
+                Err(why) => Err(why.as_str()),
+            },
         };
+        without.take(&row);
         rows += &row.text();
         if options.json {
-            let line = serde_json::json!({
-                "frame": frame,
-                "label": name,
-                "method": map.method,
-                "largest_loss": map.largest_loss().map(|(_, loss)| loss),
-                "found_mm": row.found.map(|place| place.map(|metres| 1e3 * metres)),
-                "masked": map.masked,
-                "evidence": map.evidence,
-                "quality": map.quality,
-                "tracked": tracked,
-                "map_sd": deviation.as_ref().map(|deviation| DeviationSummary::of(deviation, &areas)),
-                "unit": if pressure.is_some() { "kPa" } else { map.unit.label() },
-                "newtons": pressure.as_ref().map(|pressure| pressure.newtons),
-                "largest_kpa": pressure.as_ref().map(eit::Pressure::largest_kpa),
-            });
-            print_line!("{}", survey::printable_json(line.to_string()));
+            let line = serde_json::to_string(&row.line())
+                .map_err(|fault| Failure::of("a line cannot be written as JSON", &fault))?;
+            print_line!("{}", survey::printable_json(line));
         }
         if let Some(tracked) = tracked.filter(|tracked| !tracked.known) {
             eprintln!("tactus-lab: frame '{name}': {tracked}");
         }
-        if let Some(quality) = map.quality.as_ref().filter(|quality| !quality.is_silent()) {
+        if let Err(why) = made {
+            eprintln!("tactus-lab: frame '{name}' has no map: {why}");
+        }
+        let quality = known.and_then(|made| made.map.quality.as_ref());
+        if let Some(quality) = quality.filter(|quality| !quality.is_silent()) {
             eprintln!("tactus-lab: frame '{name}' is {quality}");
         }
-        if map.method.ends_with(eit::CLIPPED) {
+        if known.is_some_and(|made| made.map.method.ends_with(eit::CLIPPED)) {
             eprintln!(
                 "tactus-lab: frame '{name}': the bounded problem was not solved; its map is the unbounded one, clipped"
             );
         }
-        maps.extend_from_slice(row.values());
-        deviations.extend(deviation.into_iter().flatten());
+        times.extend(known.map(|made| made.time));
+        maps.extend_from_slice(&row.values(areas.len()));
+        if options.sd {
+            let unknown = || vec![f64::NAN; areas.len()];
+            deviations.extend(deviation.map_or_else(unknown, <[f64]>::to_vec));
+        }
+    }
+    if let Some(text) = without.text().filter(|_| without.is_all()) {
+        return Err(Failure::because(text));
     }
     let maps = DMatrix::from_row_slice(recording.frames.len(), areas.len(), &maps);
     let existing = options.replacing.existing();
@@ -175,7 +191,18 @@ pub(crate) fn reconstruct(options: &ReconstructOptions) -> Result<(), Failure> {
     if options.timing {
         eprintln!("frame {:.3} ms", median(&mut times));
     }
-    Ok(())
+    without
+        .text()
+        .map_or(Ok(()), |text| Err(Failure::because(text)))
+}
+
+/// What was made of a frame.
+struct Made {
+    map: Map,
+    pressure: Option<Pressure>,
+    /// ms.
+    time: f64,
+    deviation: Option<Vec<f64>>,
 }
 
 /// The frames of a MAT-file, or of a table.

@@ -103,6 +103,7 @@ fn a_small_network_is_trained_kept_and_used() {
     assert!(output.status.success());
     let message = String::from_utf8(output.stdout).unwrap();
     assert!(message.contains("\"method\":\"rbf matched\""), "{message}");
+    assert!(message.contains("\"quality\":{"), "{message}");
 
     // another ring, another mesh: refused with both named
     done(&words(
@@ -417,4 +418,67 @@ fn drift_of_a_frame_is_removed_and_deviation_written() {
     let (code, message) = refused(both, &[&case, &frame, &path("other.csv")]);
     assert_eq!(code, Some(2), "{message}");
     assert!(message.contains("--tracked"), "{message}");
+}
+
+#[test]
+fn a_frame_without_a_map_does_not_end_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (tank, frames, maps) = (path("tank"), path("frames.csv"), path("maps.csv"));
+    let mesh = "mesh --preset disc-tank --set electrodes=8 --set fineness=0.5 --out {}";
+    done(&words(mesh, &[&tank]));
+    let forward = "forward --case {} --sigma homog --out {}";
+    done(&words(forward, &[&tank, &path("v.csv")]));
+    let volts: Vec<f64> = numbers(&path("v.csv")).into_iter().flatten().collect();
+    let row = |scale: f64| -> String { volts.iter().map(|v| format!(",{}", scale * v)).collect() };
+    let heading: String = (0..volts.len()).map(|m| format!(",m{m}")).collect();
+    let nothing = ",".repeat(volts.len());
+    let table = format!(
+        "frame{heading}\nf7{}\nf8{nothing}\nf9{}\n",
+        row(1.0),
+        row(1.2)
+    );
+    std::fs::write(&frames, table).unwrap();
+    let line =
+        "reconstruct --json --sd --noise-v 2e-6 --case {} --frames {} --baseline first:1 --out {}";
+    let output = lab(&words(line, &[&tank, &frames, &maps]));
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("'f8' has no map: "), "{message}");
+    assert!(message.contains("1 of 3 frames have no map"), "{message}");
+    let lines: Vec<serde_json::Value> = String::from_utf8(output.stdout)
+        .unwrap()
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert_eq!(lines[1]["largest_loss"], serde_json::Value::Null);
+    assert!(
+        lines[1]["no_map"].as_str().unwrap().contains("missing"),
+        "{}",
+        lines[1]
+    );
+    assert_eq!(lines[2]["no_map"], serde_json::Value::Null);
+    // as `tactus replay`
+    assert_eq!(lines[2]["significant"], true);
+    assert!(lines[2]["noise"].as_f64().unwrap() > 0.0, "{}", lines[2]);
+    let missing = |row: &Vec<f64>| row.iter().all(|value| value.is_nan());
+    let maps: Vec<bool> = numbers(&maps).iter().map(missing).collect();
+    assert_eq!(maps, [false, true, false]);
+    assert_eq!(numbers(&path("maps.sd.csv")).len(), 3);
+    let rows = std::fs::read_to_string(path("maps.frames.csv")).unwrap();
+    let columns: Vec<usize> = rows.lines().map(|row| row.split(',').count()).collect();
+    assert_eq!(columns, [14; 4], "{rows}");
+    assert!(rows.contains("\n8,f8,,,,,,,,,,,none,"), "{rows}");
+
+    // where no frame has a map, nothing is written
+    std::fs::write(path("none.csv"), format!("frame{heading}\nf8{nothing}\n")).unwrap();
+    let line = "reconstruct --case {} --frames none.csv --baseline {} --out {}";
+    std::fs::rename(path("none.csv"), tank.join("none.csv")).unwrap();
+    let (code, message) = refused(line, &[&tank, &path("v.csv"), &path("none.maps.csv")]);
+    assert_eq!(code, Some(1));
+    assert!(
+        message.contains("none of the 1 frames has a map"),
+        "{message}"
+    );
+    assert!(!path("none.maps.csv").exists());
 }

@@ -324,7 +324,15 @@ fn slips_of_a_training_are_refused_before_work_begins() {
         &[&model],
     );
     assert!(message.contains("the largest reading"), "{message}");
-    let line = "train linear --profile matched --noise-v 0.002 --yes --cases 120 --out {}";
+    // fewer cases than an RBF network has neurons
+    let line = "train linear --profile matched --noise-v 0.002 --yes --cases 64 --out {}";
     done(&words(line, &[&model]));
     assert!(model.exists());
+    let (case, nothing) = (tank(folder.path()), folder.path().join("nothing.model"));
+    for kind in ["rbf", "linear"] {
+        let line = format!("train {kind} --profile matched --cases 64 --case {{}} --out {{}}");
+        let message = refused(&line, &[&case, &nothing]);
+        assert!(message.contains("has learnt nothing"), "{message}");
+        assert!(!nothing.exists(), "{kind}");
+    }
 }

@@ -115,7 +115,7 @@ fn known_masses_come_back_in_newtons() {
         .concat(),
         at,
     ));
-    assert!(!bare.contains("kPa") && bare.contains("relative change of conductance"));
+    assert!(!bare.contains("kPa") && bare.contains("relative loss of conductance"));
     // maps of another method are refused
     let foreign = lab(
         &[

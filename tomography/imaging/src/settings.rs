@@ -228,26 +228,27 @@ impl ReconstructionSettings {
     }
 
     /// These settings, completed by those stored in a session. A prior, an exponent or a lambda selects the one-step
-    /// method, whatever the session used; the session's hyper-parameter is only used with the session's method.
+    /// method, whatever the session used; the session's prior and hyper-parameter are only used with the session's method.
     pub fn over(self, kept: Self) -> Self {
         let one_step = self.prior.is_some() || self.exponent.is_some() || self.lambda.is_some();
         let method = self.method.or(kept.method.filter(|_| !one_step));
         let strength =
             self.lambda.is_some() || self.noise_figure.is_some() || self.choose.is_some();
         let other = method.unwrap_or_default() != kept.method.unwrap_or_default();
+        let same_prior = self.prior.is_none() && !other;
         Self {
             file: self.file,
             method,
-            prior: self.prior.or(kept.prior),
-            exponent: self.exponent.or(kept.exponent),
-            length_mm: self.length_mm.or(kept.length_mm),
+            prior: self.prior.or(kept.prior.filter(|_| !other)),
+            exponent: self.exponent.or(kept.exponent.filter(|_| same_prior)),
+            length_mm: self.length_mm.or(kept.length_mm.filter(|_| same_prior)),
             noise_uv: self.noise_uv.or(kept.noise_uv),
             lambda: self.lambda.or(kept.lambda.filter(|_| !strength && !other)),
             noise_figure: self
                 .noise_figure
                 .or(kept.noise_figure.filter(|_| !strength && !other)),
             choose: self.choose.or(kept.choose.filter(|_| !strength && !other)),
-            map_error: self.map_error.or(kept.map_error),
+            map_error: self.map_error.or(kept.map_error.filter(|_| !other)),
             loss_only: self.loss_only.or(kept.loss_only),
             gap: self.gap.or(kept.gap),
             unknowns: self.unknowns.or(kept.unknowns),
@@ -335,9 +336,12 @@ mod tests {
     }
 
     #[test]
-    fn a_kept_lambda_is_not_taken_for_another_method() {
+    fn kept_prior_and_lambda_are_not_of_another_method() {
         let kept = ReconstructionSettings {
             lambda: Some(1e-3),
+            prior: Some(PriorName::Gaussian),
+            length_mm: Some(15.0),
+            map_error: Some(1e-3),
             loss_only: Some(true),
             ..ReconstructionSettings::default()
         };
@@ -347,6 +351,14 @@ mod tests {
         };
         let same = requested(None).over(kept.clone());
         assert_eq!((same.lambda, same.loss_only), (Some(1e-3), Some(true)));
-        assert_eq!(requested(Some(Method::Tv)).over(kept).lambda, None);
+        assert_eq!((same.prior, same.length_mm), (kept.prior, Some(15.0)));
+        // `best` with a prior would be the one-step method
+        for method in [Method::Best, Method::Tv] {
+            let other = ReconstructionSettings {
+                loss_only: Some(true),
+                ..requested(Some(method))
+            };
+            assert_eq!(requested(Some(method)).over(kept.clone()), other);
+        }
     }
 }

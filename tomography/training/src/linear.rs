@@ -36,14 +36,17 @@ pub fn cached(
     cases: usize,
     progress: Progress<'_>,
 ) -> Result<Cached, TrainError> {
+    let usual = TrainingSettings::default();
     let settings = TrainingSettings {
         cases,
         repeats: 1,
+        // it has none, and they are a part of its file
+        neurons: usual.neurons.min(cases),
         jitter: match noise_v {
             Some(noise_v) => matched(&[noise_v], single_current(case)?),
             None => Jitter::paper(),
         },
-        ..TrainingSettings::default()
+        ..usual
     };
     kept(case, &settings, "linear", || {
         fit(

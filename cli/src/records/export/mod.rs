@@ -161,13 +161,7 @@ fn reconstruction(export: &Export, recording: &Recording) -> Result<Reconstructi
 
 /// The failure of a file from which damaged frames are missing.
 fn check_undamaged(damaged: usize, header: &SessionHeader) -> Result<(), Failure> {
-    match damaged {
-        0 => Ok(()),
-        _ => Err(Failure::Failed(format!(
-            "{damaged} damaged frames of session {} are left out; the others are written",
-            header.id
-        ))),
-    }
+    crate::maps::recording::check_undamaged(damaged, &format!("session {}", header.id))
 }
 
 /// Notes that the frames up to `last` are exported; `sessions prune --exported-only` relies on it.

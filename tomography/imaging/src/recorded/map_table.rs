@@ -1,11 +1,14 @@
 //! The companion tables of a table of maps: the triangle of each column, the frame of each row, and standard deviations.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use chrono::{DateTime, SecondsFormat, Utc};
 use eit::{Mesh, Pressure, digits};
 use serde::Serialize;
-use survey::Map;
+use survey::{Evidence, Map, MapQuality, MapUnit};
+
+use crate::tracking::Tracked;
 
 /// The companions of a table of maps `NAME.csv`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -78,7 +81,7 @@ pub fn maps_heading(mesh: &Mesh) -> String {
     format!("frame{}\n", elements.collect::<String>())
 }
 
-/// A map and its frame.
+/// A frame and its map.
 #[derive(Debug, Clone, Copy)]
 pub struct MapRow<'a> {
     /// Number of the frame.
@@ -87,6 +90,15 @@ pub struct MapRow<'a> {
     pub label: &'a str,
     /// Time of the frame.
     pub time: Option<DateTime<Utc>>,
+    /// What the tracked baseline says of the frame.
+    pub tracked: Option<&'a Tracked>,
+    /// The map, or why the frame has none.
+    pub map: Result<MapOfRow<'a>, &'a str>,
+}
+
+/// A map, and what is known of it.
+#[derive(Debug, Clone, Copy)]
+pub struct MapOfRow<'a> {
     /// The map, relative.
     pub map: &'a Map,
     /// Position of the load, m.
@@ -95,41 +107,173 @@ pub struct MapRow<'a> {
     pub noise: Option<f64>,
     /// The map converted by a calibration.
     pub pressure: Option<&'a Pressure>,
+    /// How exactly the frame tells it.
+    pub deviation: Option<DeviationSummary>,
 }
 
-impl MapRow<'_> {
-    /// The line in the table of frames.
-    pub fn text(&self) -> String {
-        let number = |value: Option<f64>| value.map(digits).unwrap_or_default();
-        let largest = self.map.largest_loss().map_or(0.0, |(_, loss)| loss);
-        let significant = self.map.is_significant(self.noise);
-        let quality = self.map.quality.as_ref();
-        format!(
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n",
-            self.frame,
-            self.label,
-            self.time.map(table_time).unwrap_or_default(),
-            number(self.found.map(|[x, _]| x)),
-            number(self.found.map(|[_, y]| y)),
-            match self.pressure {
-                Some(_) => survey::MapUnit::Pressure.label(),
-                None => self.map.unit.label(),
-            },
-            digits(largest),
-            number(self.noise),
-            significant.map(|yes| yes.to_string()).unwrap_or_default(),
-            self.map.masked,
-            number(self.pressure.map(|pressure| pressure.newtons)),
-            number(self.pressure.map(Pressure::largest_kpa)),
-            quality.map_or("", |quality| quality.verdict.word()),
-            // the sentences contain commas
-            quality.map_or(String::new(), |quality| quality.text().replace(',', "")),
-        )
+impl<'a> MapOfRow<'a> {
+    /// The map as it is shown: kPa with a calibration.
+    pub fn shown(&self) -> Cow<'a, Map> {
+        match self.pressure {
+            Some(pressure) => Cow::Owned(pressure.map(self.map)),
+            None => Cow::Borrowed(self.map),
+        }
+    }
+
+    fn unit(&self) -> MapUnit {
+        self.pressure.map_or(self.map.unit, |_| MapUnit::Pressure)
+    }
+
+    fn largest_loss(&self) -> f64 {
+        self.map.largest_loss().map_or(0.0, |(_, loss)| loss)
     }
 
     /// The values: kPa with a calibration, otherwise relative changes of conductance.
-    pub fn values(&self) -> &[f64] {
+    fn values(&self) -> &'a [f64] {
         self.pressure
             .map_or(&self.map.values, |pressure| &pressure.kpa)
+    }
+}
+
+/// A frame and its map in one line of JSON, as `tactus replay` and `tactus-lab reconstruct` print it; without a map its fields
+/// are `None`.
+#[derive(Debug, Serialize)]
+pub struct MapLine<'a> {
+    /// Number of the frame.
+    pub frame: u64,
+    /// Its label in the recording.
+    pub label: &'a str,
+    /// How the map was made.
+    pub method: Option<&'a str>,
+    /// Position of the load, mm.
+    pub found_mm: Option<[f64; 2]>,
+    /// Relative.
+    pub largest_loss: Option<f64>,
+    /// Whether that is more than `noise`; `None` if the noise is unknown.
+    pub significant: Option<bool>,
+    /// The largest loss by noise alone.
+    pub noise: Option<f64>,
+    /// Of the map as it is drawn and written: `kPa` with a calibration.
+    pub unit: Option<&'static str>,
+    /// The load.
+    pub newtons: Option<f64>,
+    /// The largest pressure.
+    pub largest_kpa: Option<f64>,
+    /// Number of readings left out.
+    pub masked: Option<usize>,
+    /// By which a method chose among kinds of maps.
+    pub evidence: Option<&'a Evidence>,
+    /// How exactly the frame tells the map, where that was asked for.
+    pub map_sd: Option<DeviationSummary>,
+    /// How far the map can be believed.
+    pub quality: Option<&'a MapQuality>,
+    /// What the tracked baseline says of the frame.
+    pub tracked: Option<&'a Tracked>,
+    /// Why the frame has no map.
+    pub no_map: Option<&'a str>,
+}
+
+/// The frames of a run that have no map.
+#[derive(Debug, Default)]
+pub struct WithoutMap {
+    frames: usize,
+    without: usize,
+    first: Option<String>,
+}
+
+impl WithoutMap {
+    /// Counts a frame.
+    pub fn take(&mut self, row: &MapRow<'_>) {
+        self.frames += 1;
+        if let Err(why) = row.map {
+            self.without += 1;
+            self.first
+                .get_or_insert_with(|| format!("frame {}: {why}", row.label));
+        }
+    }
+
+    /// Whether no frame has a map.
+    pub fn is_all(&self) -> bool {
+        self.without > 0 && self.without == self.frames
+    }
+
+    /// How many there are, and why the first one has none; `None` where every frame has a map.
+    pub fn text(&self) -> Option<String> {
+        let (first, without, frames) = (self.first.as_ref()?, self.without, self.frames);
+        Some(match self.is_all() {
+            true => format!("none of the {frames} frames has a map; {first}"),
+            false => format!(
+                "{without} of {frames} frames have no map (nan in a table of maps), the others are written; {first}"
+            ),
+        })
+    }
+}
+
+impl<'a> MapRow<'a> {
+    /// The line in the table of frames.
+    pub fn text(&self) -> String {
+        let time = self.time.map(table_time).unwrap_or_default();
+        let frame = format!("{},{},{time}", self.frame, self.label);
+        // sentences contain commas
+        let field = |text: &str| text.replace([',', '\n', '\r'], "");
+        let found = match &self.map {
+            Ok(found) => found,
+            Err(why) => return format!("{frame}{}none,{}\n", ",".repeat(10), field(why)),
+        };
+        let number = |value: Option<f64>| value.map(digits).unwrap_or_default();
+        let significant = found.map.is_significant(found.noise);
+        let quality = found.map.quality.as_ref();
+        format!(
+            "{frame},{},{},{},{},{},{},{},{},{},{},{}\n",
+            number(found.found.map(|[x, _]| x)),
+            number(found.found.map(|[_, y]| y)),
+            found.unit().label(),
+            digits(found.largest_loss()),
+            number(found.noise),
+            significant.map(|yes| yes.to_string()).unwrap_or_default(),
+            found.map.masked,
+            number(found.pressure.map(|pressure| pressure.newtons)),
+            number(found.pressure.map(Pressure::largest_kpa)),
+            quality.map_or("", |quality| quality.verdict.word()),
+            quality.map_or(String::new(), |quality| field(&quality.text())),
+        )
+    }
+
+    /// The line of JSON.
+    pub fn line(&self) -> MapLine<'a> {
+        let found = self.map.as_ref().ok();
+        let pressure = found.and_then(|found| found.pressure);
+        MapLine {
+            frame: self.frame,
+            label: self.label,
+            method: found.map(|found| found.map.method.as_str()),
+            found_mm: found
+                .and_then(|found| found.found)
+                .map(|place| place.map(|metres| 1e3 * metres)),
+            largest_loss: found.map(MapOfRow::largest_loss),
+            significant: found.and_then(|found| found.map.is_significant(found.noise)),
+            noise: found.and_then(|found| found.noise),
+            unit: found.map(|found| match found.unit() {
+                MapUnit::Pressure => MapUnit::Pressure.label(),
+                other => other.caption(),
+            }),
+            newtons: pressure.map(|pressure| pressure.newtons),
+            largest_kpa: pressure.map(Pressure::largest_kpa),
+            masked: found.map(|found| found.map.masked),
+            evidence: found.and_then(|found| found.map.evidence.as_ref()),
+            map_sd: found.and_then(|found| found.deviation),
+            quality: found.and_then(|found| found.map.quality.as_ref()),
+            tracked: self.tracked,
+            no_map: self.map.err(),
+        }
+    }
+
+    /// The values of a map of so many triangles: kPa with a calibration, otherwise relative changes of conductance; NaN without
+    /// a map.
+    pub fn values(&self, triangles: usize) -> Cow<'a, [f64]> {
+        match &self.map {
+            Ok(found) => Cow::Borrowed(found.values()),
+            Err(_) => Cow::Owned(vec![f64::NAN; triangles]),
+        }
     }
 }

@@ -16,8 +16,8 @@ pub use error::RecordedError;
 pub use fitted::Fitted;
 pub use indexed::IndexedFrames;
 pub use map_table::{
-    DeviationSummary, FRAMES_HEADING, MapCompanions, MapRow, maps_heading, table_time,
-    triangles_text,
+    DeviationSummary, FRAMES_HEADING, MapCompanions, MapLine, MapOfRow, MapRow, WithoutMap,
+    maps_heading, table_time, triangles_text,
 };
 pub use readings::{BaselineRule, LabelledReadings, Unloaded, read_frames};
 pub use recording::{Origin, RecordedFrame, Recording};

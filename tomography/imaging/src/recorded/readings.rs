@@ -7,7 +7,7 @@ use std::str::FromStr;
 use survey::{Reading, Volts};
 
 use super::RecordedError;
-use crate::noise::rms;
+use crate::noise::{Noise, rms};
 
 /// A frame's label and its readings.
 pub type LabelledReadings = (String, Vec<Reading>);
@@ -123,6 +123,16 @@ impl Unloaded {
             readings,
             noise: rms(deviations.into_iter()),
         }
+    }
+}
+
+impl Unloaded {
+    /// Standard deviation of one reading, in the unit of the readings: as the frames of the baseline show it, otherwise as it is
+    /// stated. `None` if it could only be assumed: that has no significance for a map.
+    pub fn known_noise(&self, stated: Option<f64>) -> Option<f64> {
+        Noise::of_baseline(self.noise, &self.readings)
+            .and_then(Noise::measured)
+            .or(stated)
     }
 }
 

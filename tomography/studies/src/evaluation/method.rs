@@ -3,7 +3,6 @@
 
 use clap::{Args, Parser};
 use eit::{Case, Jitter, TrainingSettings};
-use imaging::noise::Noise;
 use imaging::recorded::{Fitted, FrameTable};
 use imaging::{
     BuildError, DriftRule, Geometry, Method, MethodArguments, Model, TrackedArguments, Tracking,
@@ -61,7 +60,7 @@ impl MethodOptions {
             self.no_sigma0("--model")?;
             let loss_only = requested.loss_only.unwrap_or(false);
             let model = imaging::load(file, loss_only, &case.protocol, Some(&geometry));
-            return self.with_drift(model.map_err(not_built)?, geometry, case, recording);
+            return self.on_sheet(model.map_err(not_built)?, geometry, case, recording);
         }
         let settings = requested.clone().for_recording();
         let method = settings.method.unwrap_or_default();
@@ -70,7 +69,7 @@ impl MethodOptions {
             self.no_sigma0(&format!("--method {}", method.name()))?;
             let loss_only = self.method.loss_only;
             let model = trained(self.train(method, case)?, loss_only);
-            return self.with_drift(model, geometry, case, recording);
+            return self.on_sheet(model, geometry, case, recording);
         }
         let fitted = Fitted::new(
             geometry,
@@ -85,22 +84,28 @@ impl MethodOptions {
         Ok(model)
     }
 
-    /// A trained model with the drift of each frame removed, where that is asked for.
-    fn with_drift(
+    /// A trained model with the sheet by which its maps are judged, and the drift of each frame removed where that is asked for. A
+    /// baseline that is not of the sheet leaves its maps without quality.
+    fn on_sheet(
         &self,
-        model: Model,
+        mut model: Model,
         geometry: Geometry,
         case: &Case,
         recording: &FrameTable,
     ) -> Result<Model, Failure> {
-        if !self.removes_drift() {
-            return Ok(model);
-        }
         let settings = self.method.settings().map_err(Failure::usage)?;
         let unloaded = &recording.unloaded;
-        let fitted =
-            Fitted::new(geometry, &case.protocol, &case.currents, unloaded).map_err(not_built)?;
-        imaging::with_drift(model, &settings, &fitted.conditions(&case.protocol)).map_err(not_built)
+        let fitted = match Fitted::new(geometry, &case.protocol, &case.currents, unloaded) {
+            Err(why) if !self.removes_drift() => {
+                let why = survey::error_chain(&why);
+                model.notes.push(format!("maps are not judged: {why}"));
+                return Ok(model);
+            }
+            fitted => fitted.map_err(not_built)?,
+        };
+        let conditions = fitted.conditions(&case.protocol);
+        let model = imaging::with_drift(model, &settings, &conditions).map_err(not_built)?;
+        imaging::judging(model, &settings, &conditions).map_err(not_built)
     }
 
     /// The baseline of a recording, to be followed from a time on, s.
@@ -114,9 +119,7 @@ impl MethodOptions {
         at_s: f64,
     ) -> Result<Tracking, Failure> {
         let unloaded = &recording.unloaded;
-        let measured =
-            Noise::of_baseline(unloaded.noise, &unloaded.readings).and_then(Noise::measured);
-        let noise_v = TrackedArguments::noise_v(measured.or(self.method.noise_v));
+        let noise_v = TrackedArguments::noise_v(unloaded.known_noise(self.method.noise_v));
         let noise_v = noise_v.map_err(Failure::usage)?;
         let geometry = self.geometry(case)?;
         let fitted =
@@ -124,6 +127,13 @@ impl MethodOptions {
         let conditions = fitted.conditions(&case.protocol);
         Tracking::new(&conditions, &unloaded.readings, noise_v, at_s)
             .map_err(|fault| Failure::of("the baseline cannot be followed", &fault))
+    }
+
+    /// The largest loss by noise alone in maps of a prepared model; `None` if the noise of a reading is unknown.
+    pub fn map_noise(&self, model: &Model, recording: &FrameTable) -> Option<f64> {
+        let unloaded = &recording.unloaded;
+        let noise = unloaded.known_noise(self.method.noise_v)?;
+        imaging::map_noise(model, &unloaded.readings, noise)
     }
 
     /// The case's geometry with the conductance that is named.

@@ -117,15 +117,16 @@ impl<'a> MapVariables<'a> {
             map: None,
         };
         let unknown = || std::iter::repeat_n(f64::NAN, self.triangles);
-        let of_frame = match self.maps.map(&frame) {
-            Ok(of_frame) => Some(of_frame),
-            // its voltages are exported all the same
-            Err(Failure::Failed(why)) => {
-                complain(&format!("tactus: {why}"));
-                None
-            }
-            Err(other) => return Err(other),
-        };
+        let of_frame = self.maps.attempt(&frame)?;
+        // its voltages are exported all the same
+        let of_frame = of_frame
+            .map_err(|why| {
+                complain(&format!(
+                    "tactus: frame {} has no map: {why}",
+                    frame.sequence
+                ))
+            })
+            .ok();
         let (map, pressure, deviation) = match of_frame {
             Some(of_frame) => (
                 Some(of_frame.map.values),
