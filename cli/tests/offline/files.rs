@@ -159,7 +159,11 @@ fn what_is_wrong_is_named_with_its_exit_code() {
         "--preset",
         "disc-tank",
     ];
-    assert!(refused(path, &[&export[..], &["--frame", "9"]].concat(), 1).contains("no frame 9"));
+    let message = refused(path, &[&export[..], &["--frame", "9"]].concat(), 2);
+    assert!(
+        message.contains("m20270115_1 has no frame 9; its frames have the numbers 1 to 3"),
+        "{message}"
+    );
     assert!(
         refused(path, &[&export[..], &["--electrodes", "8"]].concat(), 78).contains("8 electrodes")
     );

@@ -33,7 +33,10 @@ fn every_command_has_examples_that_parse() {
         if lines.is_empty() {
             found.push(format!("`{path}` has no example"));
         }
-        for line in lines {
+        for (number, line) in lines.iter().enumerate() {
+            if lines[..number].contains(line) {
+                found.push(format!("`{line}` stands twice in the help of `{path}`"));
+            }
             let words = shlex::split(line).expect("an example is a line of a shell");
             if let Err(refusal) = program.clone().try_get_matches_from(words) {
                 found.push(format!("`{line}`: {refusal}"));

@@ -45,7 +45,7 @@ pub(super) fn write(
     let mut pictures = Pictures::new(&reconstruction, &export.asked.tracked, &recording)?;
     // before the work: a file that cannot be written
     let mut file = OutFile::create(&export.out, export.replacing.existing())?;
-    let shots = shots(
+    let (shots, damaged) = shots(
         &plan,
         &recording,
         &mut pictures,
@@ -94,7 +94,8 @@ pub(super) fn write(
             display_span(survey::duration(plan.each_s)),
             plan.every_s / plan.each_s,
         )
-    })
+    })?;
+    super::check_undamaged(damaged, header)
 }
 
 /// The instants of the pictures.
@@ -199,10 +200,11 @@ fn shots(
     reconstruction: &Reconstruction,
     export: &Export,
     printer: &Printer<impl Write>,
-) -> Result<Vec<Shot>, Failure> {
+) -> Result<(Vec<Shot>, usize), Failure> {
     let bar = progress(Some(recording.len()? as u64), printer.is_terminal());
     let mut shots: Vec<Shot> = Vec::with_capacity(plan.count);
     let mut newest: Option<RecordedFrame> = None;
+    let mut damaged = 0;
     let mut take = |shots: &mut Vec<Shot>,
                     frame: Option<&RecordedFrame>,
                     until: Option<DateTime<Utc>>|
@@ -249,6 +251,7 @@ fn shots(
             Ok(frame) => frame,
             Err(error) => {
                 bar.suspend(|| crate::maps::recording::left_out(&error));
+                damaged += 1;
                 continue;
             }
         };
@@ -257,7 +260,7 @@ fn shots(
     }
     take(&mut shots, newest.as_ref(), None)?;
     bar.finish_and_clear();
-    Ok(shots)
+    Ok((shots, damaged))
 }
 
 /// The map of a frame with its style; one that cannot be made is empty and gives the reason.

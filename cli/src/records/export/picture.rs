@@ -29,7 +29,21 @@ pub(super) fn picture(
         (None, None) => session.last_sequence()?,
     };
     let recording = Recording::from_session(path, None, false)?;
-    let frame = recording.frame(sequence)?;
+    let frame = match recording.frame(sequence) {
+        Ok(frame) => frame,
+        Err(error) => {
+            let first = super::first_frame(session)?.frame.sequence;
+            let last = session.last_sequence()?;
+            if (first..=last).contains(&sequence) {
+                return Err(error.into());
+            }
+            return Err(Failure::Usage(format!(
+                "session {} has no frame {sequence}; its frames have the numbers {first} to {last}: name one of these with --frame or \
+                 --at, or leave both out for the last one",
+                header.id
+            )));
+        }
+    };
     let reconstruction = super::reconstruction(export, &recording)?;
     let pictures = Pictures::new(&reconstruction, &export.asked.tracked, &recording)?;
     let (picture, style) = pictures.only(&frame, export.scale)?;
