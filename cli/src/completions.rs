@@ -65,11 +65,15 @@ const IDS: &str = r#"--json 2>/dev/null | sed -n 's/.*"id":"\([^"]*\)".*/\1/p' |
 fn bash(found: &[IdArgument]) -> String {
     let mut cases = String::new();
     for IdArgument { words, long, list } in found {
-        let before = match long {
-            Some(long) => format!("\"--{long} \""),
-            None => "[!-]".to_owned(),
+        // an option takes no file, which clap's script offers
+        let (before, only) = match long {
+            Some(long) => (format!("\"--{long} \""), "COMPREPLY=() "),
+            None => ("[!-]".to_owned(), ""),
         };
-        let _ = writeln!(cases, "        {before}*\" {words} \"*) list=\"{list}\" ;;");
+        let _ = writeln!(
+            cases,
+            "        {before}*\" {words} \"*) {only}list=\"{list}\" ;;"
+        );
     }
     format!(
         r#"
@@ -137,7 +141,7 @@ fn zsh(script: &str) -> String {
             let _ = write!(
                 lines,
                 "\n_tactus_ids() {{\n    local -a ids\n    ids=(last ${{(f)\"$(tactus \"$@\" {IDS})\"}})\n    \
-                 compadd -a ids\n    _files -g '*.tactus'\n}}\n"
+                 compadd -a ids\n    [[ \"$*\" != sessions ]] || _files -g '*.tactus'\n}}\n"
             );
         }
     }
@@ -147,6 +151,32 @@ fn zsh(script: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bash_offers_baselines_only_for_a_baseline() {
+        if !needs::program("SHELLS", "bash") {
+            return;
+        }
+        let script = String::from_utf8(script(Shell::Bash)).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("m1.tactus"), "").unwrap();
+        let lists = "tactus() { [[ \"$1\" == baseline ]] && echo '{\"id\":\"b1\"}' || echo '{\"id\":\"m1\"}'; }";
+        let offered = |words: &str| {
+            let test = format!(
+                "{script}\n{lists}\nCOMP_WORDS=({words} '')\nCOMP_CWORD={}\n_tactus_and_ids tactus '' {}\necho ${{COMPREPLY[@]}}",
+                words.split(' ').count(),
+                words.split(' ').next_back().unwrap_or_default()
+            );
+            let file = folder.path().join("test.bash");
+            std::fs::write(&file, test).unwrap();
+            let mut bash = std::process::Command::new("bash");
+            let ran = bash.arg(&file).current_dir(folder.path()).output();
+            String::from_utf8(ran.unwrap().stdout).unwrap()
+        };
+        assert_eq!(offered("tactus start --baseline"), "last b1\n");
+        assert_eq!(offered("tactus log --session"), "last m1\n");
+        assert!(offered("tactus sessions show").contains("m1"));
+    }
 
     #[test]
     fn every_argument_for_an_id_is_completed_in_each_shell() {

@@ -113,7 +113,7 @@ async fn what_cannot_be_is_refused_by_name() {
         .await
         .unwrap_err();
     assert!(
-        matches!(&refused, Fault::NoSession(text) if text.contains("nobody")),
+        matches!(&refused, Fault::NoSession(text) if text.contains("nobody") && text.contains("`tactus baseline list`")),
         "{refused:?}"
     );
     assert_eq!(manager.state().await.unwrap(), "idle");

@@ -271,14 +271,17 @@ impl Controller {
             Ok(None) => Err(Fault::NoBaseline(format!(
                 "session '{id}' has no baseline in it"
             ))),
-            Err(error @ (LogbookError::NoSuchSession { .. } | LogbookError::BadId { .. })) => {
+            Err(LogbookError::NoSuchSession { .. } | LogbookError::BadId { .. }) => {
                 Err(Fault::NoSession(format!(
-                    "there is no baseline '{}': {}; `tactus sessions` lists the recorded ones",
-                    survey::printable(id),
-                    chain(&error)
+                    "there is no baseline '{}'; `tactus baseline list` lists the recorded ones",
+                    survey::printable(id)
                 )))
             }
-            Err(error @ LogbookError::Ambiguous { .. }) => Err(Fault::InvalidOption(chain(&error))),
+            // of measurements too, which are no candidates
+            Err(LogbookError::Ambiguous { .. }) => Err(Fault::InvalidOption(format!(
+                "no baseline is '{}', with which the ids of several sessions begin; `tactus baseline list` lists the recorded ones",
+                survey::printable(id)
+            ))),
             Err(error) => Err(Fault::NoBaseline(chain(&error))),
         }
     }
