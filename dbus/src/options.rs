@@ -140,6 +140,8 @@ options! {
         pressure: bool,
         /// Records of the quality of maps, of what the tracked baseline says, and of quantities.
         quality: bool,
+        /// Records of the load after every injection, false by default.
+        injections: bool,
         /// Records held for a slow reader, 64 by default.
         ring: u64,
     }

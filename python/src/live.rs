@@ -118,6 +118,7 @@ impl Stream {
                 maps: Some(maps),
                 pressure: Some(maps),
                 quality: Some(maps),
+                injections: None,
                 ring: Some(ring),
             },
             deadline: deadline(timeout),
@@ -374,6 +375,11 @@ fn fields(py: Python<'_>, record: Record) -> PyResult<Bound<'_, PyDict>> {
         Body::Quantities { json } => {
             fields.set_item("json", json)?;
             "quantities"
+        }
+        Body::Injection { values, json } => {
+            fields.set_item("values", PyArray1::from_vec(py, values))?;
+            fields.set_item("json", json)?;
+            "injection"
         }
         Body::End { reason } => {
             fields.set_item("reason", reason)?;

@@ -181,6 +181,7 @@ impl Following {
             maps: Some(true),
             pressure: Some(true),
             quality: Some(true),
+            injections: None,
             ring: Some(RING),
         };
         let descriptor = session.open_stream(&options).await?;
@@ -296,7 +297,8 @@ impl Following {
             Body::Quality { json } => keep("quality", &json),
             Body::Tracked { json } => keep("tracked", &json),
             Body::Quantities { json } => keep("quantities", &json),
-            Body::End { .. } => {}
+            // not requested
+            Body::Injection { .. } | Body::End { .. } => {}
         }
     }
 

@@ -121,7 +121,10 @@ pub struct Step {
 pub struct Watch {
     /// Session to follow: an id, the beginning of one, or `last` [default: the running one, or the next to start]
     pub session: Option<String>,
-    /// End after this many frames [default: no limit]
+    /// Show the load after every injection of a frame, with its velocity, instead of the frames
+    #[arg(long)]
+    pub fast: bool,
+    /// End after this many frames, or injections with --fast [default: no limit]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
     /// End after this long, e.g. 2h [default: no limit]
@@ -136,7 +139,7 @@ pub struct Watch {
         allow_hyphen_values = true
     )]
     pub scale: Scale,
-    /// Print one line per frame, without a map
+    /// Print one line per frame or injection, without a map
     #[arg(long)]
     pub no_map: bool,
 }

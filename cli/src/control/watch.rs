@@ -59,11 +59,13 @@ pub(crate) async fn run(
     } else {
         None
     };
+    let of_frames = maps && !watch.fast;
     let options = StreamOptions {
-        frames: Some(true),
-        maps: Some(maps),
-        pressure: Some(maps),
-        quality: Some(maps),
+        frames: Some(!watch.fast),
+        maps: Some(of_frames),
+        pressure: Some(of_frames),
+        quality: Some(of_frames),
+        injections: watch.fast.then_some(true),
         ring: None,
     };
     let descriptor = daemon
@@ -148,7 +150,7 @@ pub(crate) async fn run(
         &shown_at,
         printer,
     );
-    if screen.is_some() {
+    if screen.is_some() && !watch.fast {
         // an error means that there is no map yet
         if let Ok(latest) = session.latest_map().await {
             let pressure = session.latest_pressure().await.ok();

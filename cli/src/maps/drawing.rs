@@ -69,6 +69,19 @@ impl Field {
         })
     }
 
+    /// These values, one for each triangle of the region, as a map of this mesh.
+    pub(crate) fn map(&self, values: Vec<f64>, method: &str) -> Map {
+        Map {
+            mesh_hash: self.mesh_hash.clone(),
+            values,
+            unit: MapUnit::RelativeConductance,
+            method: method.to_owned(),
+            masked: 0,
+            evidence: None,
+            quality: None,
+        }
+    }
+
     /// Whether the map is of this mesh.
     pub(crate) fn fits(&self, map: &Map) -> bool {
         map.mesh_hash == self.mesh_hash && map.values.len() == self.areas.len()

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use rig::{AcquireError, Clock, Stop};
+use rig::{AcquireError, Clock, InjectionReadings, Stop};
 use survey::{Baseline, Frame, Plan, RangeRule, Reading};
+use tokio::sync::mpsc;
 
 use crate::events::kind::EventKind;
 use crate::instruments::assembly::AnyRig;
@@ -42,12 +43,14 @@ impl Measuring {
     }
 
     /// Takes one frame; if one is due, first takes a zero-current frame, which is subtracted from the following frames.
+    /// The readings of injections are sent without that.
     pub(crate) async fn frame(
         &mut self,
         rig: &AnyRig,
         configured: &Arc<RigPlan>,
         clock: impl Clock + Copy,
         stop: &Stop,
+        injections: Option<mpsc::Sender<InjectionReadings>>,
     ) -> Result<Frame, AcquireError> {
         let requested = self.requested.get_or_insert_with(|| Arc::clone(configured));
         let (plan, meter) = (&requested.plan, requested.meter);
@@ -58,11 +61,11 @@ impl Measuring {
                 .is_none_or(|(_, served)| *served >= every)
         {
             let at_zero = plan.at_zero_current();
-            let zero = rig.acquire(&at_zero, meter, clock, stop).await?;
+            let zero = rig.acquire(&at_zero, meter, clock, stop, None).await?;
             self.events.push((EventKind::Zero, reported(&zero)));
             self.zero = Some((zero, 0));
         }
-        let mut frame = rig.acquire(plan, meter, clock, stop).await?;
+        let mut frame = rig.acquire(plan, meter, clock, stop, injections).await?;
         if let Some(rule) = requested.ranges.clone() {
             let overloaded: Vec<usize> = frame
                 .readings

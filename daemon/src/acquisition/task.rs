@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::events::kind::EventKind;
 use imaging::recorded::RecordedError;
-use rig::{AcquireError, Clock, RingTranscript, Stop, SystemClock};
+use rig::{AcquireError, Clock, InjectionReadings, RingTranscript, Stop, SystemClock};
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -72,6 +72,8 @@ pub(crate) struct Acquisition {
     pub heartbeats: Arc<Heartbeats>,
     pub progress: AcquisitionProgress,
     pub measuring: Measuring,
+    /// Receives the readings of each injection, where they are wanted.
+    pub injections: Option<mpsc::Sender<InjectionReadings>>,
     pub events: EventLog,
     /// How the session measures.
     pub plan: watch::Sender<Option<Arc<RigPlan>>>,
@@ -180,7 +182,11 @@ impl Acquisition {
                     plan,
                 } => {
                     self.transcript.next_transcript();
-                    let frame = self.measuring.frame(rig, plan, self.clock, &stop).await;
+                    let injections = self.injections.clone();
+                    let frame = self
+                        .measuring
+                        .frame(rig, plan, self.clock, &stop, injections)
+                        .await;
                     self.report_measuring().await;
                     frame
                         .map(Some)

@@ -6,12 +6,13 @@ use gpio_mux::GpioMux;
 use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use rig::{
-    AcquireError, BoxStream, CleanupError, Clock, CurrentSource, Link, LinkError, MeterSettings,
-    Rig, RigError, RingTranscript, StartError, Stop, Switch, acquire, check_at_start, find_closed,
-    name_relays, safe_off,
+    AcquireError, BoxStream, CleanupError, Clock, CurrentSource, InjectionReadings, Link,
+    LinkError, MeterSettings, Rig, RigError, RingTranscript, StartError, Stop, Switch,
+    acquire_reporting, check_at_start, find_closed, name_relays, safe_off,
 };
 use self_test::{Measured, ProbeError, Request, probe};
 use survey::{Frame, Plan, Relay, Sensing, Wiring};
+use tokio::sync::mpsc;
 
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::identities::{Connected, ExpectedIdentities};
@@ -98,17 +99,20 @@ impl AssemblyError {
 }
 
 impl AnyRig {
-    /// Runs the plan once.
+    /// Runs the plan once; the readings of each injection are also sent on their own.
     pub(crate) async fn acquire(
         &self,
         plan: &Plan,
         meter: MeterSettings,
         clock: impl Clock,
         stop: &Stop,
+        injections: Option<mpsc::Sender<InjectionReadings>>,
     ) -> Result<Frame, AcquireError> {
         match self {
-            Self::Mainframe(rig) => acquire(rig, plan, meter, clock, stop).await,
-            Self::Board(rig) => acquire(rig, plan, meter, clock, stop).await,
+            Self::Mainframe(rig) => {
+                acquire_reporting(rig, plan, meter, clock, stop, injections).await
+            }
+            Self::Board(rig) => acquire_reporting(rig, plan, meter, clock, stop, injections).await,
         }
     }
 

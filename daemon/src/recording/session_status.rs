@@ -10,7 +10,7 @@ use imaging::tracking::TrackingOrder;
 use logbook::{LogbookError, SessionKind};
 use rig::{Stop, StopButton};
 use tokio::sync::mpsc::WeakSender;
-use tokio::sync::{OnceCell, oneshot, watch};
+use tokio::sync::{OnceCell, SetOnce, oneshot, watch};
 
 use crate::events::event::{Event, FrameDone};
 use crate::monitoring::Counters;
@@ -65,6 +65,8 @@ pub(crate) struct SessionStatus {
     /// The file currently written; a session that rolls over has several.
     path: Mutex<PathBuf>,
     pub readers: Readers,
+    /// Whether the readings of injections reach the readers, or why not; known when the session runs.
+    pub injections: SetOnce<Result<(), &'static str>>,
     /// The queue to its record, once it runs.
     record: OnceLock<WeakSender<RecorderMessage>>,
     acquired: AtomicU64,
@@ -128,6 +130,7 @@ impl SessionStatus {
             facts,
             path: Mutex::new(path),
             readers: Readers::default(),
+            injections: SetOnce::new(),
             record: OnceLock::new(),
             acquired: AtomicU64::new(0),
             durable: watch::Sender::new(0),

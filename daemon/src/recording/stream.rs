@@ -25,6 +25,8 @@ pub(crate) struct Wanted {
     pub pressure: bool,
     /// Quality of maps.
     pub quality: bool,
+    /// The load after every injection, which is computed only while somebody reads it.
+    pub injections: bool,
     /// Records held for it.
     pub ring: usize,
 }
@@ -96,6 +98,12 @@ impl Readers {
         self.lock().is_empty()
     }
 
+    /// Whether any of them wants the load after every injection.
+    pub(crate) fn want_injections(&self) -> bool {
+        let wants = |reader: &Arc<Reader>| reader.wanted.injections && !reader.waiting().gone;
+        self.lock().iter().any(wants)
+    }
+
     /// Sends a record to all readers that requested its kind; never waits.
     pub(crate) fn publish(&self, record: &Record) {
         let mut readers = self.lock();
@@ -113,6 +121,7 @@ impl Readers {
                 Body::Quality { .. } | Body::Tracked { .. } | Body::Quantities { .. } => {
                     reader.wanted.quality
                 }
+                Body::Injection { .. } => reader.wanted.injections,
                 Body::End { .. } => true,
             };
             if wants {
@@ -220,6 +229,7 @@ mod tests {
             maps: false,
             pressure: false,
             quality: false,
+            injections: false,
             ring: 4,
         };
         let fd = readers.add(wanted, ()).unwrap();
@@ -265,6 +275,7 @@ mod tests {
             maps: true,
             pressure: true,
             quality: true,
+            injections: true,
             ring: 4,
         };
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();
@@ -299,6 +310,7 @@ mod tests {
             maps: false,
             pressure: false,
             quality: false,
+            injections: false,
             ring: 4,
         };
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();

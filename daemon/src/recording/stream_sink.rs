@@ -52,6 +52,17 @@ impl FrameSink for StreamSink {
 }
 
 impl StreamSink {
+    /// The load after an injection of the frame of this sequence, which is being measured.
+    pub(super) fn injection(&self, sequence: u64, wall_ns: i64, body: Body) {
+        self.0.readers.publish(&Record {
+            sequence,
+            wall_ns,
+            gap: 0,
+            simulated: self.0.facts.simulated,
+            body,
+        });
+    }
+
     fn publish(&self, frame: &Frame, body: Body) {
         self.0.readers.publish(&Record {
             sequence: frame.sequence,

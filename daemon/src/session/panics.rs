@@ -200,7 +200,7 @@ pub(crate) mod tests {
                 let (plan, meter) = (&own.plan, own.meter);
                 assembled
                     .rig
-                    .acquire(plan, meter, clock, &not_resumed)
+                    .acquire(plan, meter, clock, &not_resumed, None)
                     .await
             });
             current_flows(&sheet).await;

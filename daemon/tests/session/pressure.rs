@@ -122,6 +122,7 @@ async fn kinds(stream: &mut tokio::net::UnixStream) -> Vec<&'static str> {
             Body::Quality { .. } => "quality",
             Body::Tracked { .. } => "tracked",
             Body::Quantities { .. } => "quantities",
+            Body::Injection { .. } => "injection",
             Body::End { .. } => "end",
         });
     }

@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | 0 to 3 | u32 | length of the rest of the record |
 //! | 4, 5 | u16 | version, 1 |
-//! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end, 4 pressure, 5 quality, 6 tracked, 7 quantities |
+//! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end, 4 pressure, 5 quality, 6 tracked, 7 quantities, 8 injection |
 //! | 8 to 15 | u64 | sequence of the frame, from 1 in its session |
 //! | 16 to 23 | i64 | wall time of the frame, ns since 1970 UTC |
 //! | 24 to 31 | u64 | gap: records that this reader lost just before this one, because it read too slowly |
@@ -17,7 +17,8 @@
 //! 2 timeout, 3 not measured); for a **map**, n values (f64, relative change of conductance, one for each
 //! triangle of the region), a u16 length and the mesh hash, a u16 length and the method (UTF-8); for **pressure**, n values
 //! (f64, kPa, one for each triangle of the region) and the total load (f64, N), just before the map of the same frame; for
-//! **quality**, n bytes of JSON (UTF-8; `verdict` and `reasons`, as in `watch --json`), just before its map; likewise **tracked** and **quantities**, as in `watch --json`; for the **end**, the reason in n bytes (UTF-8), after which the descriptor is closed. A reader skips unknown kinds by their
+//! **quality**, n bytes of JSON (UTF-8; `verdict` and `reasons`, as in `watch --json`), just before its map; likewise **tracked** and **quantities**, as in `watch --json`; for an **injection** of the frame of
+//! this sequence, which is not complete, n values as in a map and the rest of the record as JSON, as in `watch --fast --json`; for the **end**, the reason in n bytes (UTF-8), after which the descriptor is closed. A reader skips unknown kinds by their
 //! length, and rejects other versions. `dbus/stream_reader.py` is a reader in some twenty lines.
 //!
 //! ```
@@ -100,6 +101,13 @@ pub enum Body {
         /// `quantities` of `tactus watch --json`.
         json: String,
     },
+    /// The load after an injection of the frame of this sequence, which is still being measured.
+    Injection {
+        /// Relative change of conductance, one value for each triangle of the region.
+        values: Vec<f64>,
+        /// `after` of `tactus watch --fast --json`.
+        json: String,
+    },
     /// The session has ended.
     End {
         /// The reason.
@@ -139,6 +147,7 @@ impl Record {
             Body::Quality { json } => (5, json.len()),
             Body::Tracked { json } => (6, json.len()),
             Body::Quantities { json } => (7, json.len()),
+            Body::Injection { values, .. } => (8, values.len()),
         };
         let mut bytes = vec![0; 4];
         bytes.extend(VERSION.to_le_bytes());
@@ -170,6 +179,10 @@ impl Record {
             | Body::Tracked { json: text }
             | Body::Quantities { json: text } => {
                 bytes.extend(text.as_bytes());
+            }
+            Body::Injection { values, json } => {
+                bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+                bytes.extend(json.as_bytes());
             }
             Body::Pressure { kpa, newtons } => {
                 bytes.extend(kpa.iter().flat_map(|kpa| kpa.to_le_bytes()));
@@ -305,6 +318,15 @@ fn decode(record: &[u8]) -> Result<Option<Record>, StreamError> {
                 5 => Body::Quality { json },
                 6 => Body::Tracked { json },
                 _ => Body::Quantities { json },
+            }
+        }
+        8 => {
+            let (values, json) = body
+                .split_at_checked(count * 8)
+                .ok_or_else(|| malformed("the count does not fit the length"))?;
+            Body::Injection {
+                values: floats(values),
+                json: String::from_utf8(json.to_vec()).map_err(|_| malformed("the text"))?,
             }
         }
         _ => return Ok(None),

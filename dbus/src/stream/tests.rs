@@ -27,6 +27,13 @@ fn records() -> Vec<Record> {
         record(2, Body::Quality { json: "{}".into() }),
         record(2, Body::Tracked { json: "{}".into() }),
         record(
+            3,
+            Body::Injection {
+                values: vec![0.0, -0.5],
+                json: "{}".into(),
+            },
+        ),
+        record(
             2,
             Body::Pressure {
                 kpa: vec![0.0, 12.5],

@@ -2,6 +2,7 @@
 //! accuracy of methods.
 
 mod alarms;
+mod injections;
 mod networks;
 mod paper_over_scpi;
 mod paper_test_one;

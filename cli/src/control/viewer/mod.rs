@@ -9,6 +9,7 @@ use dbus::Session1Proxy;
 use dbus::stream::{Body, Decoder, Record};
 use imaging::Tracked;
 use imaging::quantities::FrameQuantities;
+use imaging::tracking::AfterInjection;
 use serde::Serialize;
 use survey::{Map, MapQuality, MapUnit, Reason, Verdict};
 use tokio::io::AsyncReadExt;
@@ -33,6 +34,8 @@ const MAP_TIMEOUT: Duration = Duration::from_secs(2);
 enum WatchLine {
     /// A frame with its map's results.
     Frame(Box<FrameLine>),
+    /// The load after an injection.
+    Injection(Box<InjectionLine>),
     /// The session has ended.
     Ended { session: String, reason: String },
 }
@@ -67,6 +70,18 @@ struct FrameLine {
     tracked: Option<Tracked>,
     /// `None` without a map.
     quantities: Option<FrameQuantities>,
+}
+
+#[derive(Debug, Serialize)]
+struct InjectionLine {
+    session: String,
+    /// The frame that is being measured.
+    frame: u64,
+    wall: String,
+    simulated: bool,
+    /// Records lost just before, because this client was too slow.
+    gap: u64,
+    after: AfterInjection,
 }
 
 /// A map converted by a calibration, and its frame.
@@ -340,6 +355,13 @@ impl<'a, W: Write> Viewer<'a, W> {
                 });
                 Ok(None)
             }
+            Body::Injection { values, json } => {
+                // a newer daemon may have words that this program does not know
+                if let Ok(after) = serde_json::from_str(json) {
+                    self.show_injection(&record, values.clone(), after)?;
+                }
+                Ok(None)
+            }
             Body::End { reason } => {
                 self.flush()?;
                 Ok(Some(reason.clone()))
@@ -373,6 +395,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             | Body::Quality { .. }
             | Body::Tracked { .. }
             | Body::Quantities { .. }
+            | Body::Injection { .. }
             | Body::End { .. } => &[],
         };
         let count = |wanted: u8| flags.iter().filter(|&&flag| flag == wanted).count();
@@ -440,10 +463,66 @@ impl<'a, W: Write> Viewer<'a, W> {
                 })
             }
         };
+        self.output(&line, picture, wall)
+    }
+
+    /// Displays the load after an injection, with its disc as the map.
+    fn show_injection(
+        &mut self,
+        record: &Record,
+        values: Vec<f64>,
+        after: AfterInjection,
+    ) -> Result<(), Failure> {
+        self.shown += 1;
+        self.shown_at.set(Instant::now());
+        let wall = DateTime::from_timestamp_nanos(record.wall_ns);
+        let map = self.field.as_ref().map(|field| field.map(values, "disc"));
+        let picture = match map {
+            Some(map) if !self.watch.no_map => {
+                let [plus, minus] = after.electrodes;
+                let known = match (&after.load, after.known) {
+                    (_, false) => ", not known",
+                    (None, true) => ", nothing above noise and drift",
+                    (Some(_), true) => "",
+                };
+                let title = format!(
+                    "{}, frame {}, after {plus}-{minus}{known}",
+                    self.id, record.sequence
+                );
+                let found = after.load.as_ref().filter(|_| after.known);
+                let found = found.map(|load| load.centre_mm.map(|mm| 1e-3 * mm));
+                let scale = (self.watch.scale, map.unit);
+                let style = drawing::style(title, scale, record.simulated, found, &map, None)?;
+                Some((map, style))
+            }
+            _ => None,
+        };
+        let line = WatchLine::Injection(Box::new(InjectionLine {
+            session: self.id.clone(),
+            frame: record.sequence,
+            wall: wall.to_rfc3339_opts(SecondsFormat::Nanos, true),
+            simulated: record.simulated,
+            gap: record.gap,
+            after,
+        }));
+        let picture = picture.map(|(map, style)| Picture {
+            sentence: sentence(&line, wall),
+            map,
+            style,
+        });
+        self.output(&line, picture, wall)
+    }
+
+    fn output(
+        &mut self,
+        line: &WatchLine,
+        picture: Option<Picture>,
+        wall: DateTime<chrono::Utc>,
+    ) -> Result<(), Failure> {
         if self.screen.is_none() || picture.is_none() {
             match self.screen {
-                Some(screen) => screen.message(&sentence(&line, wall))?,
-                None => self.printer.record(&line, |line| sentence(line, wall))?,
+                Some(screen) => screen.message(&sentence(line, wall))?,
+                None => self.printer.record(line, |line| sentence(line, wall))?,
             }
         }
         if picture.is_some() {
@@ -505,17 +584,31 @@ fn quality(details: &dbus::MapDetails) -> Option<MapQuality> {
     })
 }
 
+/// A line about records that this reader lost.
+fn missed(records: u64) -> String {
+    match records {
+        0 => String::new(),
+        _ => format!("-- {records} records were not shown: this reader is too slow --\n"),
+    }
+}
+
 fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String {
     match line {
         WatchLine::Ended { session, reason } => format!("{session} ended: {reason}"),
+        WatchLine::Injection(seen) => {
+            let [plus, minus] = seen.after.electrodes;
+            format!(
+                "{}{} frame {}, after {plus}-{minus}  {}  {}{}",
+                missed(seen.gap),
+                seen.session,
+                seen.frame,
+                wall.with_timezone(&Local).format("%H:%M:%S%.3f"),
+                seen.after,
+                if seen.simulated { "  SIMULATED" } else { "" }
+            )
+        }
         WatchLine::Frame(seen) => {
-            let mut text = String::new();
-            if seen.gap > 0 {
-                text.push_str(&format!(
-                    "-- {} records were not shown: this reader is too slow --\n",
-                    seen.gap
-                ));
-            }
+            let mut text = missed(seen.gap);
             text.push_str(&format!(
                 "{} frame {}  {}",
                 seen.session,

@@ -54,6 +54,52 @@ fn field() -> Field {
     .unwrap()
 }
 
+#[tokio::test]
+async fn injections_are_shown_with_their_map_and_counted() {
+    let after = |load: serde_json::Value| {
+        let known = !load.is_null();
+        let text = (!known).then_some("3 injections since the last pause; 7 are needed");
+        serde_json::json!({"electrodes": [3, 4], "injections": 13, "known": known, "text": text, "load": load}).to_string()
+    };
+    let load = serde_json::json!({"centre_mm": [10.0, 10.0], "half_axes_mm": [0.5, 0.2], "angle_deg": 0.0,
+        "velocity_mm_s": [3.0, 4.0], "diameter_mm": 20.0, "loss": 0.5});
+    let injection = |load| Body::Injection {
+        values: vec![-0.5, 0.0],
+        json: after(load),
+    };
+    let records = [
+        record(7, 0, injection(serde_json::Value::Null)),
+        record(7, 2, injection(load)),
+        record(
+            8,
+            0,
+            Body::Injection {
+                values: vec![],
+                json: "{}".into(),
+            },
+        ),
+    ];
+    let words = ["--fast", "--count", "2"];
+    let (text, ended) = shown(&words, None, &records).await;
+    assert!(matches!(ended, Ok(None)), "{ended:?}");
+    let lines: Vec<serde_json::Value> = text
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert_eq!(lines.len(), 2, "{text}");
+    assert_eq!(lines[1]["gap"], 2);
+    assert_eq!(lines[1]["after"]["load"]["velocity_mm_s"][1], 4.0);
+    let (text, _) = shown_as(false, &words, Some(field()), &records).await;
+    for wanted in [
+        "m1 frame 7, after 3-4",
+        "not known: 3 injections",
+        "a load at (10.0, 10.0) mm within 0.5 mm (95 %), 5.0 mm/s  SIMULATED",
+        "2 records were not shown",
+    ] {
+        assert!(text.contains(wanted), "{wanted}: {text}");
+    }
+}
+
 async fn shown(
     words: &[&str],
     field: Option<Field>,

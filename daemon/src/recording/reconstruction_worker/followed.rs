@@ -11,6 +11,8 @@ use imaging::{Conditions, Geometry, TrackedFrame, Tracking};
 use logbook::LogbookError;
 use survey::{Amps, Baseline, Protocol, Reading, error_chain as chain};
 
+use super::injections::SharedTracking;
+
 /// Time of frames between two states that are kept, s: what a restart has to follow again.
 const KEPT_EVERY_S: f64 = 3600.0;
 
@@ -129,6 +131,11 @@ impl Followed {
             self.tracking.order(order);
         }
         Ok(())
+    }
+
+    /// Lets others compare with the baseline as it is now.
+    pub(super) fn share(&self, with: &SharedTracking) {
+        with.set(&self.tracking, self.sequence);
     }
 
     /// Takes an order of a person for the next frame.

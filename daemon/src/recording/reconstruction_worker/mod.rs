@@ -2,9 +2,11 @@
 //! delays or loses their record.
 
 mod followed;
+mod injections;
 mod quantified;
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::mpsc::{
     Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel,
 };
@@ -12,16 +14,19 @@ use std::time::{Duration, Instant};
 
 use eit::Pressure;
 use logbook::MapRecord;
+use rig::InjectionReadings;
 use survey::{Baseline, Frame, Map, Reading};
-use tokio::sync::mpsc::WeakSender;
+use tokio::sync::mpsc::{self, WeakSender};
 
 use crate::panics::containment;
 use crate::recording::recorder_message::RecorderMessage;
+use crate::recording::session_status::SessionStatus;
 use followed::Followed;
 pub(crate) use followed::TrackingContext;
 use imaging::quantities::FrameQuantities;
 use imaging::tracking::{TrackingOrder, seconds};
 use imaging::{Model, Tracked};
+use injections::{Injections, SharedTracking};
 use quantified::Quantified;
 pub(crate) use quantified::QuantityContext;
 use survey::error_chain as chain;
@@ -50,6 +55,7 @@ pub(crate) struct ReconstructionContext {
     pub tracking: Option<TrackingContext>,
     /// `None` where no quantities are computed.
     pub quantities: Option<QuantityContext>,
+    pub status: Arc<SessionStatus>,
 }
 
 /// Result of a frame.
@@ -131,6 +137,8 @@ pub(crate) struct ReconstructionWorker {
     not_followed: u64,
     /// Orders for which the queue had no place yet.
     orders: VecDeque<TrackingOrder>,
+    /// Until its thread is started.
+    injections: Option<Injections>,
 }
 
 impl ReconstructionWorker {
@@ -147,9 +155,15 @@ impl ReconstructionWorker {
         let (ask, requested) = sync_channel::<Request>(FRAMES_TO_FOLLOW);
         let (answer, answers) = sync_channel(1);
         let (ready, prepared) = sync_channel::<bool>(1);
+        let shared = SharedTracking::default();
+        let injections = Injections {
+            tracking: shared.clone(),
+            method: Arc::clone(&context.model.reconstructor),
+            status: Arc::clone(&context.status),
+        };
         std::thread::Builder::new()
             .name("maps".to_owned())
-            .spawn(move || run(context, &requested, &answer, &recorder, ready))?;
+            .spawn(move || run(context, &requested, &answer, &recorder, &shared, ready))?;
         // it ends with the thread's preparation, whether that succeeded or not
         let follows = match prepared.recv_timeout(PREPARATION_TIMEOUT) {
             Ok(follows) => follows,
@@ -163,6 +177,7 @@ impl ReconstructionWorker {
             follows,
             not_followed: 0,
             orders: VecDeque::new(),
+            injections: Some(injections),
         })
     }
 
@@ -180,6 +195,15 @@ impl ReconstructionWorker {
             Err(TrySendError::Full(_)) => self.not_followed += 1,
             Err(TrySendError::Disconnected(_)) => self.ask = None,
         }
+    }
+
+    /// Starts to take the readings of each injection; `None` where the baseline is not followed.
+    pub(crate) fn take_injections(&mut self) -> Option<mpsc::Sender<InjectionReadings>> {
+        let injections = self.injections.take().filter(|_| self.follows)?;
+        let started = injections.start();
+        started
+            .inspect_err(|cause| tracing::warn!("no thread for injections: {cause}"))
+            .ok()
     }
 
     /// Whether the baseline is followed.
@@ -297,6 +321,7 @@ fn run(
     requested: &Receiver<Request>,
     answer: &SyncSender<TimedOutcome>,
     recorder: &WeakSender<RecorderMessage>,
+    shared: &SharedTracking,
     ready: SyncSender<bool>,
 ) {
     // a method that fails here fails again with the first frame, where it is reported
@@ -321,6 +346,11 @@ fn run(
         let outcome =
             containment::run(|| context.make(&request, &mut followed, noise, &mut remarks))
                 .unwrap_or_else(|panicked| Some(Err(Failure::Broken(panicked.message))));
+        if let Some(followed) = &followed
+            && context.status.readers.want_injections()
+        {
+            followed.share(shared);
+        }
         let Some(outcome) = outcome else {
             continue;
         };

@@ -183,7 +183,7 @@ impl Session1 {
     }
 
     /// A descriptor for reading every frame and map. Options: `frames` (b) and `maps` (b), true by default; `pressure`
-    /// (b) and `quality` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
+    /// (b), `quality` (b) and `injections` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]
     async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
         let options: StreamOptions = option_values::read(&options, |key| {
@@ -195,8 +195,18 @@ impl Session1 {
             maps: options.maps.unwrap_or(true),
             pressure: options.pressure.unwrap_or(false),
             quality: options.quality.unwrap_or(false),
+            injections: options.injections.unwrap_or(false),
             ring: options.ring.unwrap_or(RING) as usize,
         };
+        if wanted.injections {
+            let known = tokio::select! {
+                known = self.0.injections.wait() => *known,
+                end = self.0.ended() => return Err(Fault::Failed(end.reason)),
+            };
+            known.map_err(|why| {
+                Fault::Unsupported(format!("there is no load after every injection: {why}"))
+            })?;
+        }
         let permit = STREAMS.take(User::calling())?;
         let descriptor = self
             .0

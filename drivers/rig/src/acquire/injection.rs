@@ -53,7 +53,9 @@ impl InjectionReport {
         // nobody may be waiting for it any more
         let _ = self.to.try_send(InjectionReadings {
             drive,
-            readings: own.map(|(number, (_, reading))| (number, *reading)).collect(),
+            readings: own
+                .map(|(number, (_, reading))| (number, *reading))
+                .collect(),
             monotonic: self.monotonic + middle,
             wall: self.wall + middle,
             duration,

@@ -11,9 +11,9 @@ use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{Atoms, LOADED, Whitened, factor};
 
-/// Injections of the first fit, and of longer ones by speed (m/s): slower loads are fitted to more of them, longest first.
+/// Injections of the first fit, and of longer ones that begin with it, longest first.
 const FIRST: usize = 7;
-const WINDOWS: [(f64, usize); 2] = [(3e-3, 26), (6e-3, 13)];
+const LONGER: [usize; 2] = [26, 13];
 /// Prior of each component of the velocity, m/s.
 const VELOCITY_SD: f64 = 20e-3;
 const STEPS: usize = 40;
@@ -103,10 +103,9 @@ impl DriftModel {
             return Ok(None);
         }
         let first = self.described_moving(&window, &theta, score, last(FIRST).len())?;
-        let speed = theta[2].hypot(theta[3]);
-        for (below, count) in WINDOWS {
+        for count in LONGER {
             let more = last(count);
-            if speed >= below || more.len() <= FIRST {
+            if more.len() <= FIRST {
                 continue;
             }
             let Some(longer) = self.window(more, baseline, covariance)? else {
@@ -115,7 +114,7 @@ impl DriftModel {
             let (theta, cost) = self.descend_moving(&longer, theta);
             let score = longer.white.data().norm_squared() - cost;
             let fit = self.described_moving(&longer, &theta, score, more.len())?;
-            // it may begin before the load came or turned
+            // it may begin before the load came, or before it turned
             if fit.accepted {
                 return Ok(Some(fit));
             }

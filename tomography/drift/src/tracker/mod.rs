@@ -6,6 +6,7 @@
 
 mod anchors;
 pub mod bits;
+mod injections;
 mod innovation;
 mod load;
 mod orders;

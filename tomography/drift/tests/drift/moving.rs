@@ -89,7 +89,9 @@ fn a_load_that_came_is_found_from_the_injections_after_it() {
     let came_s = STEP_S * 20.0;
     let all = injections(30, 4, |at_s| (at_s >= came_s).then_some(place));
     let at = |end: usize| {
-        let found = model.moving_load(&all[..end], &none, model.noise()).unwrap();
+        let found = model
+            .moving_load(&all[..end], &none, model.noise())
+            .unwrap();
         found.expect("it is seen")
     };
     let of = at(30);
@@ -100,7 +102,11 @@ fn a_load_that_came_is_found_from_the_injections_after_it() {
     assert!(!at(23).accepted, "{:?}", at(23));
     let map = of.disc.map(model.mesh());
     let areas = model.mesh().region_areas();
-    let sum: f64 = map.iter().zip(&areas).map(|(value, area)| value * area).sum();
+    let sum: f64 = map
+        .iter()
+        .zip(&areas)
+        .map(|(value, area)| value * area)
+        .sum();
     let area = std::f64::consts::FRAC_PI_4 * of.disc.diameter.powi(2);
     assert!((sum / (-of.disc.loss * area) - 1.0).abs() < 1e-9);
 }

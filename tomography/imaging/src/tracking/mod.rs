@@ -2,6 +2,7 @@
 //! nobody can know is said.
 
 mod kept;
+mod moving;
 mod orders;
 mod tracked;
 
@@ -15,9 +16,10 @@ use serde::{Deserialize, Serialize};
 use survey::{Electrode, Reading};
 
 use crate::conditions::Conditions;
-pub use drift::TrackingOrder;
+pub use drift::{Disc, Injection, TimedReading, TrackingOrder};
 pub use kept::{DriftSummary, KeptTracking, TrackingSummary, keep, kept};
 pub(crate) use kept::{keep_as, kept_as};
+pub use moving::{AfterInjection, InjectionWindow, MovingPlace};
 pub use orders::{ORDERED, Orders, RecordedOrder};
 pub(crate) use tracked::principal_axes;
 pub use tracked::{Doubtful, PlaceRegion, Tracked};

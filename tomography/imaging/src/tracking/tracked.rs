@@ -9,11 +9,11 @@ use survey::Electrode;
 use super::numbers;
 
 /// Standard deviation of a place beyond which it is not known, m.
-const MOST_PLACE_SD_M: f64 = 2e-3;
+pub(super) const MOST_PLACE_SD_M: f64 = 2e-3;
 /// Age of a baseline that must have been followed by an empty frame, s.
 const EMPTY_WITHIN_S: f64 = 3600.0;
 /// Square root of the 95 % quantile of chi squared with two degrees of freedom, and of one.
-const REGION_95: f64 = 2.447_746_830_680_816;
+pub(super) const REGION_95: f64 = 2.447_746_830_680_816;
 const INTERVAL_95: f64 = 1.959_963_984_540_054;
 /// What ends a doubt that an empty frame would end.
 const TAKE_OFF: &str = "take everything off for a few frames, or, if nothing lies there, order `tactus baseline empty-now`";

@@ -119,17 +119,6 @@ impl Scene {
             reported: Mutex::new(reported),
         }));
         let mesh = &setup.geometry.mesh;
-        let context = ReconstructionContext {
-            tracking: None,
-            quantities: None,
-            reading_noise: None,
-            baseline,
-            model,
-            centroids: mesh.region_centroids(),
-            areas: mesh.region_areas(),
-            build: "test".to_owned(),
-        };
-        let (orders, queue) = mpsc::channel(QUEUE);
         let facts = Facts {
             id: "m1".to_owned(),
             kind: logbook::SessionKind::Measurement,
@@ -145,6 +134,18 @@ impl Scene {
             false,
             counters,
         ));
+        let context = ReconstructionContext {
+            status: Arc::clone(&status),
+            tracking: None,
+            quantities: None,
+            reading_noise: None,
+            baseline,
+            model,
+            centroids: mesh.region_centroids(),
+            areas: mesh.region_areas(),
+            build: "test".to_owned(),
+        };
+        let (orders, queue) = mpsc::channel(QUEUE);
         let events = EventLog::new(setup.record_directory.clone());
         let reported_events = Mutex::new(events.subscribe());
         let task = Task::maps(

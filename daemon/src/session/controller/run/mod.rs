@@ -221,7 +221,11 @@ impl Controller {
         };
         let requested = order.plan.clone().or_else(|| runtime.plan.clone());
         let measuring = Measuring::of(requested, order.baseline.as_deref());
+        let has_zero = measuring
+            .now()
+            .is_some_and(|plan| plan.zero_every.is_some());
         self.session_plan.send_replace(measuring.now());
+        let mut injections = None;
         let task = match (order.baseline, order.model) {
             (Some(baseline), Some(model)) => {
                 let measured = Noise::of(&baseline).and_then(Noise::measured);
@@ -258,6 +262,7 @@ impl Controller {
                     centroids: mesh.region_centroids(),
                     areas: mesh.region_areas(),
                     build: runtime.build.clone(),
+                    status: Arc::clone(&status),
                 };
                 let recorder = orders.downgrade();
                 let started = tokio::task::spawn_blocking(move || {
@@ -267,7 +272,10 @@ impl Controller {
                     .await
                     .unwrap_or_else(|failed| Err(std::io::Error::other(failed)));
                 match started {
-                    Ok(worker) => Task::maps(worker, settings),
+                    Ok(mut worker) => {
+                        injections = worker.take_injections();
+                        Task::maps(worker, settings)
+                    }
                     Err(cause) => {
                         let recorded = Err(format!("no thread for maps: {cause}"));
                         let why =
@@ -281,6 +289,19 @@ impl Controller {
                 wanted: order.frames,
             },
         };
+        let injections = match (injections, self.is_recording(), has_zero) {
+            (_, true, _) => Err("a recording has whole frames only"),
+            (_, _, true) => Err(
+                "zero-current frames are subtracted from whole frames only: see `zero_every` in [survey]",
+            ),
+            (None, ..) => Err(
+                "the session does not follow its baseline: see `tracking` in [model], and `tactus events`",
+            ),
+            (Some(to), ..) => Ok(to),
+        };
+        let _ = status
+            .injections
+            .set(injections.as_ref().map(|_| ()).map_err(|why| *why));
         let logbook = LogbookSink {
             status: Arc::clone(&status),
             writer,
@@ -320,6 +341,7 @@ impl Controller {
             events: self.events.clone(),
             plan: self.session_plan.clone(),
             measuring,
+            injections: injections.ok(),
         };
         let ended = self.run_and_recover(&mut acquisition, &orders).await;
         let reason = ended.text();

@@ -1,0 +1,39 @@
+//! The load after each injection of the frame that is being measured, relative to the tracked baseline.
+
+use crate::DriftError;
+use crate::disc::{Injection, MovingLoad};
+
+use super::{DAY_S, MOST_MASKED, Tracker};
+
+impl Tracker {
+    /// The load after the last of these injections, which are in their order and have the times of frames; `None` if the readings
+    /// agree with an empty sheet. Nothing is learnt from it.
+    ///
+    /// # Errors
+    /// As [`crate::DriftModel::moving_load`].
+    pub fn moving_load(&self, injections: &[Injection]) -> Result<Option<MovingLoad>, DriftError> {
+        let Some(last) = injections.last() else {
+            return Ok(None);
+        };
+        let masked = self.state.masked();
+        let measurements = self.model.pairs().protocol().measurements();
+        let healthy = |reading: usize| {
+            let used = measurements.get(reading).map(|one| one.electrodes());
+            used.is_none_or(|used| used.iter().all(|electrode| !masked.contains(&electrode.0)))
+        };
+        let mut kept = injections.to_vec();
+        for injection in &mut kept {
+            injection.readings.retain(|one| healthy(one.reading));
+        }
+        let days = (last.at_s - self.state.at_s).abs() / DAY_S;
+        let grown = &self.prepared.per_day * (self.state.pace().powi(2) * days);
+        let covariance = self.state.covariance() + grown;
+        self.model
+            .moving_load(&kept, &self.state.baseline(), &covariance)
+    }
+
+    /// Whether too many electrodes are faulty for any answer.
+    pub fn is_blind(&self) -> bool {
+        self.state.masked().len() > MOST_MASKED
+    }
+}

@@ -1,0 +1,168 @@
+//! The load after every injection, while its frame is measured: where it is now, and how fast it moves.
+
+use std::collections::VecDeque;
+use std::fmt;
+
+use drift::{Disc, DriftError, Injection, MovingLoad};
+use serde::{Deserialize, Serialize};
+use survey::Dipole;
+
+use super::Tracking;
+use super::tracked::{MOST_PLACE_SD_M, REGION_95, principal_axes};
+
+/// Injections that are kept, and the fewest from which a sheet is known.
+const KEPT: usize = 26;
+const FEWEST: usize = 7;
+/// Time between two injections within which a load keeps its path, s. A clock that was set back ends it as well.
+const PAUSE_S: std::ops::RangeInclusive<f64> = -0.1..=2.0;
+
+/// The last injections that one path may explain, oldest first.
+#[derive(Debug, Default)]
+pub struct InjectionWindow {
+    injections: VecDeque<Injection>,
+    ended_s: f64,
+}
+
+impl InjectionWindow {
+    /// Adds an injection that lasted so long, s; its time is that of its middle.
+    pub fn push(&mut self, injection: Injection, lasted_s: f64) {
+        let began_s = injection.at_s - 0.5 * lasted_s;
+        if !PAUSE_S.contains(&(began_s - self.ended_s)) {
+            self.clear();
+        }
+        if self.injections.len() == KEPT {
+            self.injections.pop_front();
+        }
+        self.ended_s = injection.at_s + 0.5 * lasted_s;
+        self.injections.push_back(injection);
+    }
+
+    /// Forgets all: the readings are not to be believed.
+    pub fn clear(&mut self) {
+        self.injections.clear();
+    }
+}
+
+/// What is known after an injection.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AfterInjection {
+    /// The electrodes between which the current flowed, counted from 1.
+    pub electrodes: [usize; 2],
+    /// Injections that were used.
+    pub injections: usize,
+    /// Whether the answer can be relied on.
+    pub known: bool,
+    /// Why not, and what ends it.
+    pub text: Option<String>,
+    /// The load; `None` where the readings agree with an empty sheet.
+    pub load: Option<MovingPlace>,
+}
+
+/// Where a load is, and how it moves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MovingPlace {
+    /// Centre in the middle of the injection, mm.
+    pub centre_mm: [f64; 2],
+    /// Half axes of the ellipse that contains the centre with 95 %, mm, the longer first.
+    pub half_axes_mm: [f64; 2],
+    /// Angle of the longer one from the x axis, degrees, counter-clockwise.
+    pub angle_deg: f64,
+    /// Velocity, mm/s.
+    pub velocity_mm_s: [f64; 2],
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+    /// Share of the conductance lost.
+    pub loss: f64,
+}
+
+impl MovingPlace {
+    fn new(load: &MovingLoad) -> Self {
+        let (deviations, angle_deg) = principal_axes(load.covariance);
+        Self {
+            centre_mm: load.disc.centre.map(|metres| 1e3 * metres),
+            half_axes_mm: deviations.map(|metres| 1e3 * REGION_95 * metres),
+            angle_deg,
+            velocity_mm_s: load.velocity.map(|metres| 1e3 * metres),
+            diameter_mm: 1e3 * load.disc.diameter,
+            loss: load.disc.loss,
+        }
+    }
+
+    /// Speed, mm/s.
+    pub fn speed_mm_s(&self) -> f64 {
+        self.velocity_mm_s[0].hypot(self.velocity_mm_s[1])
+    }
+}
+
+impl Tracking {
+    /// What is known after the last injection, and the disc that lies there. Nothing is learnt from it: the whole frame follows.
+    ///
+    /// # Errors
+    /// A covariance that cannot be factored, or a reading that the protocol does not have.
+    pub fn after_injection(
+        &self,
+        window: &InjectionWindow,
+        drive: Dipole,
+    ) -> Result<(AfterInjection, Option<Disc>), DriftError> {
+        let injections: Vec<Injection> = window.injections.iter().cloned().collect();
+        let load = self.tracker.moving_load(&injections)?;
+        let text = self.doubt(injections.len(), load.as_ref());
+        let after = AfterInjection {
+            electrodes: [drive.plus.number(), drive.minus.number()],
+            injections: load
+                .as_ref()
+                .map_or(injections.len(), |load| load.injections),
+            known: text.is_none(),
+            text,
+            load: load.as_ref().map(MovingPlace::new),
+        };
+        Ok((after, load.map(|load| load.disc)))
+    }
+
+    fn doubt(&self, injections: usize, load: Option<&MovingLoad>) -> Option<String> {
+        if self.tracker.is_blind() {
+            return Some("more than three electrodes are faulty; repair their contacts".to_owned());
+        }
+        if injections < FEWEST {
+            return Some(format!(
+                "{injections} injections since the last pause; {FEWEST} are needed"
+            ));
+        }
+        let load = load?;
+        if !load.accepted {
+            return Some(
+                "one load on a straight path does not explain the readings: it came, turned or went within the last injections, \
+                 or several lie there; the next injections or the map of the frame tell"
+                    .to_owned(),
+            );
+        }
+        let ([sd_m, _], _) = principal_axes(load.covariance);
+        (sd_m > MOST_PLACE_SD_M).then(|| {
+            let sd_mm = 1e3 * sd_m;
+            format!("the place is uncertain by {sd_mm:.1} mm; the next injections tell")
+        })
+    }
+}
+
+impl fmt::Display for AfterInjection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.load {
+            None => write!(f, "the sheet is empty")?,
+            Some(load) => {
+                let ([x, y], [half, _]) = (load.centre_mm, load.half_axes_mm);
+                match self.known {
+                    true => write!(
+                        f,
+                        "a load at ({x:.1}, {y:.1}) mm within {half:.1} mm (95 %)"
+                    )?,
+                    false => write!(f, "a load near ({x:.0}, {y:.0}) mm")?,
+                }
+                write!(f, ", {:.1} mm/s", load.speed_mm_s())?;
+            }
+        }
+        match &self.text {
+            Some(text) => write!(f, "; not known: {text}"),
+            None => Ok(()),
+        }
+    }
+}
