@@ -114,6 +114,17 @@ impl Source {
         (sound, all)
     }
 
+    /// The configuration without regions, rules and settings of quantities, if it has no fault elsewhere.
+    pub fn without_rules(&self) -> Option<Config> {
+        let (mut table, faults) = DeTable::parse_recoverable(&self.text);
+        for section in ["region", "alarm", "quantities"] {
+            table.get_mut().remove(section);
+        }
+        let is_bad = !faults.is_empty() || !crate::numbers::take_out(table.get_mut()).is_empty();
+        let read = || Config::deserialize(toml::Deserializer::from(table)).ok();
+        (!is_bad).then(read).flatten()
+    }
+
     /// Locates a problem at a dotted key (`survey.electrodes`; `region.0.name` in the first `[[region]]`), or at its nearest
     /// parent in the file.
     pub fn problem(&self, key: &str, text: impl Into<String>) -> Problem {

@@ -313,14 +313,18 @@ mod tests {
             "alarm.2.above: ",
         ];
         let beside = "region.2: region 'far' does not touch";
-        wanted(
-            &entries.replace("QUANTITY", "contact"),
-            &[&of_entries[..], &[beside]].concat(),
-        );
-        let unknown = "alarm.1.quantity: unknown quantity 'pii'";
-        wanted(
-            &entries.replace("QUANTITY", "pii"),
-            &[&of_entries[..], &[unknown]].concat(),
-        );
+        let of_entries = [&of_entries[..], &[beside]].concat();
+        wanted(&entries.replace("QUANTITY", "contact"), &of_entries);
+        let typo = entries.replace("QUANTITY", "pii");
+        let of_type = [
+            &of_entries[..],
+            &["alarm.1.quantity: unknown quantity 'pii'"],
+        ]
+        .concat();
+        wanted(&typo, &of_type);
+        // without a sheet, nothing can lie beside it
+        let unbuilt = format!("{typo}[geometry]\npreset = \"circle\"\n");
+        let unbuilt_wanted = [&of_type[..3], &of_type[4..], &["geometry.preset: "]].concat();
+        wanted(&unbuilt, &unbuilt_wanted);
     }
 }

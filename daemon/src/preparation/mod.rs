@@ -140,6 +140,8 @@ pub(crate) fn load(path: &Path) -> Result<(Source, Config), Vec<Problem>> {
         }]
     })?;
     let source = Source::new(path, text);
+    let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let folder = absolute.parent().unwrap_or(Path::new("/"));
     let config = match source.read() {
         (Some(config), problems) if problems.is_empty() => config,
         (config, found) => {
@@ -147,15 +149,21 @@ pub(crate) fn load(path: &Path) -> Result<(Source, Config), Vec<Problem>> {
                 source: &source,
                 found,
             };
-            if let Some(config) = config {
-                numbers::check(&config, &mut findings);
-            }
-            of_sound_entries(&mut findings);
+            let model = match (source.without_rules(), config) {
+                (Some(rest), _) => {
+                    let resolved = resolve(rest.resolved(folder), &mut findings);
+                    resolved.map(|(setup, _)| setup.model)
+                }
+                (None, Some(config)) => {
+                    numbers::check(&config, &mut findings);
+                    None
+                }
+                (None, None) => None,
+            };
+            of_sound_entries(model.as_ref(), &mut findings);
             return Err(findings.found);
         }
     };
-    let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    let folder = absolute.parent().unwrap_or(Path::new("/"));
     Ok((source, config.resolved(folder)))
 }
 
@@ -280,16 +288,18 @@ fn of_entries(config: &Config, model: Option<&Model>, findings: &mut Findings<'_
 }
 
 /// Checks the regions and rules of a configuration that cannot be used for other faults, as far as that is possible.
-fn of_sound_entries(findings: &mut Findings<'_>) {
+fn of_sound_entries(model: Option<&Model>, findings: &mut Findings<'_>) {
     let (regions, all) = findings.source.sound::<RegionSettings>("region");
     let (rules, _) = findings.source.sound::<AlarmSettings>("alarm");
-    let config = Config::default();
     let each = regions.iter().map(|(index, region)| (*index, region));
-    of_regions(each, &config, None, findings);
-    let known: Vec<RegionSettings> = regions.into_iter().map(|(_, region)| region).collect();
-    let known = all.then_some(known.as_slice());
+    of_regions(each, &Config::default(), model, findings);
+    let config = Config {
+        region: regions.into_iter().map(|(_, region)| region).collect(),
+        ..Config::default()
+    };
+    let known = all.then_some(config.region.as_slice());
     let rules = rules.iter().map(|(index, rule)| (*index, rule));
-    alarms::check(rules, known, &config, None, findings);
+    alarms::check(rules, known, &config, model, findings);
 }
 
 /// Regions must have a name and a shape each, and touch the map.
