@@ -1,10 +1,10 @@
 //! `tactus-lab train rbf`.
 
-use eit::{Model, Network, Report, TrainingReport, TrainingSettings};
+use eit::{Case, Model, Network, Report, TrainingReport, TrainingSettings};
 use studies::{Failure, progress};
 use training::TrainError;
 use training::rbf;
-use training::samples::{Samples, Simulation, dense_target};
+use training::samples::{Sample, SampleError, Samples, Simulation, dense_target};
 
 use super::data::Data;
 use super::limits;
@@ -32,12 +32,23 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
             ..TrainingSettings::default()
         },
     };
+    let drawn_seed = match &data.set {
+        Some(set) => set.settings().seed,
+        None => options.seed,
+    };
+    // recorded cases cannot be simulated: the last tenth judges the training
+    let recorded = data.set.as_ref().filter(|set| set.is_recorded());
+    let first = recorded.map(|set| FirstCases {
+        of: set,
+        count: set.len() - set.len() / 10,
+    });
     let settings = TrainingSettings {
         repeats: options.repeats,
         neurons: options.neurons,
         spread_times: options.spread_times,
         seed: options.seed,
         jitter: data.jitter.clone(),
+        cases: first.as_ref().map_or(drawn.cases, Samples::len),
         ..drawn
     };
     limits::check_memory(settings.cases, data.case.protocol.len(), settings.repeats)?;
@@ -46,13 +57,22 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
     let model = rbf::fit(
         &data.case,
         settings.clone(),
-        data.samples(),
+        first
+            .as_ref()
+            .map(|first| first as &dyn Samples)
+            .or(data.samples()),
         options.data.symmetric,
         &format!("rbf {}", options.data.profile.name()),
         &show,
     )?;
     drop(bars);
-    let [loss, empty] = losses(&data, &model, &settings)?;
+    let unseen = TrainingSettings {
+        cases: JUDGED,
+        neurons: 1,
+        seed: drawn_seed.wrapping_add(1),
+        ..settings
+    };
+    let [loss, empty] = losses(&data.case, &model, first.as_ref(), &unseen)?;
     limits::check_learnt(loss, empty, options.data.yes)?;
     model_file::save(&options.out, &options.replacing, &model)?;
     let report = found(&model);
@@ -95,31 +115,54 @@ fn found(model: &Model) -> &TrainingReport {
     }
 }
 
-/// Losses of a network and of empty maps, without noise: on the last cases of its set, or on simulated ones that it has not seen.
-fn losses(data: &Data, model: &Model, settings: &TrainingSettings) -> Result<[f64; 2], Failure> {
+/// The first cases of a set.
+struct FirstCases<'a> {
+    of: &'a dyn Samples,
+    count: usize,
+}
+
+impl Samples for FirstCases<'_> {
+    fn len(&self) -> usize {
+        self.count
+    }
+
+    fn outputs(&self) -> usize {
+        self.of.outputs()
+    }
+
+    fn baseline(&self) -> &[f64] {
+        self.of.baseline()
+    }
+
+    fn sample(&self, case: usize) -> Result<Sample, SampleError> {
+        self.of.sample(case)
+    }
+}
+
+/// Losses of a network and of empty maps, without noise, on cases that it has not seen: those of a recorded set that it was not
+/// trained on, else simulated ones.
+fn losses(
+    case: &Case,
+    model: &Model,
+    trained_on: Option<&FirstCases<'_>>,
+    unseen: &TrainingSettings,
+) -> Result<[f64; 2], Failure> {
     let Network::Rbf(network) = model.network() else {
         unreachable!("an RBF network was trained");
     };
-    let case = &data.case;
-    let unseen;
-    let samples: &dyn Samples = match data.samples() {
-        Some(set) => set,
+    let simulated;
+    let (samples, first): (&dyn Samples, usize) = match trained_on {
+        Some(trained_on) => (trained_on.of, trained_on.count),
         None => {
-            let settings = TrainingSettings {
-                cases: JUDGED,
-                neurons: 1,
-                seed: settings.seed.wrapping_add(1),
-                ..settings.clone()
-            };
             let sigma0 = case.unloaded_conductance();
             let contacts = &case.contact_ohm_m;
-            unseen = Simulation::new(&case.mesh, contacts, &sigma0, &case.protocol, &settings)?;
-            &unseen
+            simulated = Simulation::new(&case.mesh, contacts, &sigma0, &case.protocol, unseen)?;
+            (&simulated, 0)
         }
     };
     let mut losses = [0.0; 2];
-    let judged = samples.len().min(JUDGED);
-    for number in samples.len() - judged..samples.len() {
+    let judged = (samples.len() - first).max(1);
+    for number in first..samples.len() {
         let sample = samples.sample(number).map_err(TrainError::from)?;
         let input: Vec<f64> = sample.input.iter().map(|x| f64::from(*x)).collect();
         let truth = dense_target(&sample.target, samples.outputs());

@@ -106,12 +106,15 @@ fn a_map_learnt_from_recorded_presses_finds_others() {
         "dataset --recorded {} --case {} --out {}",
         &[&mixed, &known, &set],
     ));
-    let message = refused(TRAIN, &[&set, &known, &nothing]);
-    assert!(
-        message.contains("has learnt nothing") && message.contains("empty maps"),
-        "{message}"
-    );
-    assert!(!nothing.exists());
+    for kind in ["linear", "rbf"] {
+        let train = TRAIN.replace("linear", kind);
+        let message = refused(&train, &[&set, &known, &nothing]);
+        assert!(
+            message.contains("has learnt nothing") && message.contains("empty maps"),
+            "{message}"
+        );
+        assert!(!nothing.exists());
+    }
 }
 
 /// A folder of recorded presses on a tank of 8 electrodes (40 readings), all frames alike.

@@ -21,6 +21,7 @@ pub struct DataSet {
     outputs: usize,
     baseline: Vec<f64>,
     settings: TrainingSettings,
+    recorded: bool,
 }
 
 struct Shard {
@@ -80,6 +81,7 @@ impl DataSet {
             outputs,
             baseline: Vec::new(),
             settings,
+            recorded: head.get("recorded").is_some(),
         };
         for (path, manifest) in &manifests {
             let mut same = manifest["header"].clone();
@@ -131,6 +133,11 @@ impl DataSet {
             ));
         }
         Ok(set)
+    }
+
+    /// Whether the cases were recorded, so that no others can be simulated.
+    pub fn is_recorded(&self) -> bool {
+        self.recorded
     }
 
     /// The settings of the set.
