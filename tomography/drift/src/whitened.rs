@@ -202,29 +202,34 @@ pub(crate) fn places_by_score(
     most: usize,
 ) -> Vec<LoadTest> {
     const APART_M: f64 = 25e-3;
-    let mut tests: Vec<LoadTest> = model
-        .places
+    let mut scores: Vec<f64> = dots
         .iter()
-        .zip(dots)
         .zip(squares)
-        .map(|((place, dot), square)| LoadTest {
-            score: dot * dot / square,
-            change: dot / square,
-            place: *place,
-        })
-        .filter(|test| test.score.is_finite())
+        .map(|(dot, square)| dot * dot / square)
         .collect();
-    tests.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut found: Vec<LoadTest> = Vec::new();
-    for test in tests {
-        let away = |other: &LoadTest| {
-            let (p, q) = (test.place.centre, other.place.centre);
-            (p[0] - q[0]).hypot(p[1] - q[1])
-        };
-        if found.iter().all(|other| away(other) >= APART_M) {
-            found.push(test);
-            if found.len() == most {
-                break;
+    while found.len() < most {
+        // places near one that was found count no more
+        let mut best = None;
+        for (k, &score) in scores.iter().enumerate() {
+            if score.is_finite() && best.is_none_or(|(_, other)| score > other) {
+                best = Some((k, score));
+            }
+        }
+        let Some((k, score)) = best else { break };
+        let place = model.places[k];
+        found.push(LoadTest {
+            score,
+            change: dots[k] / squares[k],
+            place,
+        });
+        if found.len() == most {
+            break;
+        }
+        for (score, other) in scores.iter_mut().zip(&model.places) {
+            let (p, q) = (place.centre, other.centre);
+            if (p[0] - q[0]).hypot(p[1] - q[1]) < APART_M {
+                *score = f64::NAN;
             }
         }
     }
