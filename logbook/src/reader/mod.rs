@@ -81,7 +81,7 @@ impl SessionReader {
     /// As [`SessionReader::open`].
     pub(crate) fn open_without_end(path: &Path) -> Result<Self, LogbookError> {
         match Self::open(path) {
-            Err(damaged @ LogbookError::Damaged { .. }) if opening::missing_end(path).is_some() => {
+            Err(LogbookError::Damaged { place, .. }) if place == opening::END => {
                 let connection = opening::without_end(path)?;
                 let rest = Self::over(
                     connection,
@@ -89,7 +89,12 @@ impl SessionReader {
                     JournalMode::Rollback,
                     WITHOUT_CLOSING,
                 );
-                rest.map_err(|_| damaged)
+                rest.map_err(|_| LogbookError::Damaged {
+                    path: path.to_owned(),
+                    place: "its header".to_owned(),
+                    why: "it was at the end, which is missing; take the file from a copy"
+                        .to_owned(),
+                })
             }
             found => found,
         }

@@ -243,6 +243,9 @@ fn limit(connection: &Connection, size: u64) -> rusqlite::Result<()> {
     connection.pragma_update(None, "temp_store", "MEMORY")
 }
 
+/// Where a file that is shorter than its header says is damaged.
+pub(super) const END: &str = "its end";
+
 /// The file is shorter than its header says.
 pub(super) fn missing_end(path: &Path) -> Option<LogbookError> {
     let mut head = [0; HEAD];
@@ -257,7 +260,7 @@ pub(super) fn missing_end(path: &Path) -> Option<LogbookError> {
     let whole = number(16, 2) * number(28, 4);
     (there < whole).then(|| LogbookError::Damaged {
         path: path.to_owned(),
-        place: "its end".into(),
+        place: END.into(),
         why: format!(
             "{there} of its {whole} bytes are there; take the file from a copy, or copy the frames that are there with \
              `tactus sessions repair`"

@@ -229,6 +229,12 @@ fn a_file_without_its_end_is_refused_and_repaired() {
             assert_eq!(record.unwrap().frame, frame(number, number as i64));
         }
     }
+    std::fs::write(&path, &whole[..2 * PAGE]).unwrap();
+    let refused = repair(&path, None, at(300), |_| {})
+        .err()
+        .unwrap()
+        .to_string();
+    assert!(refused.contains("take the file from a copy"), "{refused}");
     let there = whole.len() - PAGE;
     std::fs::write(&path, &whole[..there]).unwrap();
     let refused = SessionReader::open(&path).err().unwrap().to_string();
