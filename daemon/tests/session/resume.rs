@@ -110,37 +110,43 @@ async fn a_stopped_daemons_session_resumes_a_stopped_session_does_not() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_daemon_stopped_while_suspended_records_no_fault() {
-    let (rig, server, config) = crate::stage::on_tcp().await;
-    let stage = Stage::new(&config.replace("resume = false", "resume = true"));
-    let daemon = stage.start().await;
-    daemon.baseline(1).await;
-    let mut happened = daemon.manager.receive_happened().await.unwrap();
-    let session = daemon.start(Options::new()).await;
-    let (id, file) = (session.id().await.unwrap(), session.path().await.unwrap());
-    durable(&session, 1).await;
-    let ports = crate::stage::ports(&server);
-    server.stop().await;
-    crate::stage::reported(&mut happened, "suspended").await;
-    assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
-    // the source is not verified off
-    assert_eq!(daemon.terminate().await.0.code(), Some(1));
-    let reader = SessionReader::open(&file).unwrap();
-    assert!(reader.closed().is_none());
-    let events = reported(&reader);
-    assert!(
-        events.iter().all(|event| event.kind != "fault"),
-        "{events:#?}"
-    );
-    let last = events.last().unwrap();
-    assert_eq!(last.kind, "shut-down");
-    assert!(last.text.contains("SIGTERM"), "{last:?}");
-
-    let _server = crate::stage::serve(&rig, ports).await;
-    let daemon = stage.start().await;
-    let session = active(&daemon).await;
-    assert_eq!(session.id().await.unwrap(), id);
-    session.stop().await.unwrap();
-    daemon.terminate().await;
+    for resumes in [false, true] {
+        let (rig, server, config) = crate::stage::on_tcp().await;
+        let stage = Stage::new(&config.replace("resume = false", &format!("resume = {resumes}")));
+        let daemon = stage.start().await;
+        daemon.baseline(1).await;
+        let mut happened = daemon.manager.receive_happened().await.unwrap();
+        let session = daemon.start(Options::new()).await;
+        let (id, file) = (session.id().await.unwrap(), session.path().await.unwrap());
+        durable(&session, 1).await;
+        let ports = crate::stage::ports(&server);
+        server.stop().await;
+        crate::stage::reported(&mut happened, "suspended").await;
+        assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
+        // the source is not verified off
+        assert_eq!(daemon.terminate().await.0.code(), Some(1));
+        let reader = SessionReader::open(&file).unwrap();
+        let events = reported(&reader);
+        let faults = events.iter().filter(|event| event.kind == "fault");
+        assert_eq!(faults.count(), 0, "{events:#?}");
+        if !resumes {
+            let reason = &reader.closed().unwrap().reason;
+            assert!(reason.contains("SIGTERM"), "{reason}");
+            continue;
+        }
+        assert!(reader.closed().is_none());
+        let last = events.last().unwrap();
+        assert!(
+            last.kind == "shut-down" && last.text.contains("SIGTERM"),
+            "{last:?}"
+        );
+        let _server = crate::stage::serve(&rig, ports).await;
+        let daemon = stage.start().await;
+        let session = active(&daemon).await;
+        assert_eq!(session.id().await.unwrap(), id);
+        session.stop().await.unwrap();
+        daemon.terminate().await;
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

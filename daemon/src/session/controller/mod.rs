@@ -90,6 +90,8 @@ pub(crate) struct Controller {
 
 struct Inner {
     state: State,
+    /// Whether the daemon is being stopped.
+    stopping: bool,
     baseline: Option<Arc<Baseline>>,
     active: Option<Arc<SessionStatus>>,
     /// An interrupted session that cannot be resumed yet.
@@ -211,6 +213,7 @@ impl Controller {
                     Some(why) => State::Faulted(why.clone()),
                     None => State::Idle,
                 },
+                stopping: false,
                 baseline: baseline.map(Arc::new),
                 active: None,
                 interrupted: None,
@@ -381,6 +384,7 @@ impl Controller {
     /// What could not be made safe.
     pub(crate) async fn shut_down(&self, why: &str, for_good: bool) -> Result<(), String> {
         self.stop_test();
+        self.inner().stopping = true;
         if let Some(status) = self.to_stop() {
             let goes_on = !for_good
                 && status.facts.kind == logbook::SessionKind::Measurement

@@ -68,10 +68,10 @@ impl Controller {
         }
     }
 
-    /// A session that a stopped daemon leaves to the next one has no fault: the failed frame and the state of the source are
-    /// events of it.
+    /// A session that ends because the daemon is stopped has no fault: the failed frame and the state of the source are events
+    /// of it, and the daemon's exit code says whether the source is off.
     fn fault_or_stop(&self, status: &SessionStatus, ended: AcquisitionEnd) -> AcquisitionEnd {
-        if !status.is_left_open() {
+        if !self.inner().stopping || !status.stop_request().is_requested() {
             return ended;
         }
         self.inner().rig_fault = Some(ended.text());
