@@ -20,16 +20,25 @@ use crate::recording::stream_sink::StreamSink;
 const WAITING: usize = 64;
 
 /// The tracked baseline after a frame, and the sequence of that frame.
+struct Reference {
+    tracking: Tracking,
+    sequence: u64,
+}
+
+/// The newest one.
 #[derive(Clone, Default)]
-pub(super) struct SharedTracking(Arc<Mutex<Option<Arc<(Tracking, u64)>>>>);
+pub(super) struct SharedTracking(Arc<Mutex<Option<Arc<Reference>>>>);
 
 impl SharedTracking {
-    fn place(&self) -> std::sync::MutexGuard<'_, Option<Arc<(Tracking, u64)>>> {
+    fn place(&self) -> std::sync::MutexGuard<'_, Option<Arc<Reference>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(super) fn set(&self, tracking: &Tracking, sequence: u64) {
-        *self.place() = Some(Arc::new((tracking.clone(), sequence)));
+        *self.place() = Some(Arc::new(Reference {
+            tracking: tracking.clone(),
+            sequence,
+        }));
     }
 }
 
@@ -73,8 +82,7 @@ impl Injections {
         let Some(reference) = self.tracking.place().clone() else {
             return;
         };
-        let (tracking, sequence) = reference.as_ref();
-        match tracking.after_injection(window, last.drive) {
+        match reference.tracking.after_injection(window, last.drive) {
             Ok((after, disc)) => {
                 let mesh = self.method.mesh();
                 let empty = || vec![0.0; mesh.region().len()];
@@ -82,7 +90,7 @@ impl Injections {
                     values: disc.map_or_else(empty, |disc| disc.map(mesh)),
                     json: serde_json::json!(after).to_string(),
                 };
-                sink.injection(sequence + 1, nanoseconds(last.wall), body);
+                sink.injection(reference.sequence + 1, nanoseconds(last.wall), body);
             }
             Err(error) => tracing::debug!("no load after an injection: {}", chain(&error)),
         }
