@@ -138,7 +138,8 @@ fn perform(args: &Args) -> Result<(), Failure> {
         return print_plan(&prepared, args.json);
     }
     if serves && let Some(problem) = prepared.closed_record() {
-        return Err(of_problems(&[problem]));
+        // its disk may be mounted later: the unit starts the daemon again
+        return Err((FAILED, problem.to_string()));
     }
     // records are readable by their group and not by others, also if a user starts the daemon
     let before = umask(UMASK);

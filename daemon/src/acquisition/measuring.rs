@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use rig::{AcquireError, Clock, InjectionReadings, Stop};
+use rig::{AcquireError, Clock, InjectionSink, Stop};
 use survey::{Baseline, Frame, Plan, RangeRule, Reading};
-use tokio::sync::mpsc;
 
 use crate::events::kind::EventKind;
 use crate::instruments::assembly::AnyRig;
@@ -50,7 +49,7 @@ impl Measuring {
         configured: &Arc<RigPlan>,
         clock: impl Clock + Copy,
         stop: &Stop,
-        injections: Option<mpsc::Sender<InjectionReadings>>,
+        injections: Option<InjectionSink>,
     ) -> Result<Frame, AcquireError> {
         let requested = self.requested.get_or_insert_with(|| Arc::clone(configured));
         let (plan, meter) = (&requested.plan, requested.meter);

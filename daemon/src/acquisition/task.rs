@@ -6,7 +6,9 @@ use std::time::Duration;
 
 use crate::events::kind::EventKind;
 use imaging::recorded::RecordedError;
-use rig::{AcquireError, Clock, InjectionReadings, RingTranscript, Stop, SystemClock};
+use rig::{
+    AcquireError, Clock, InjectionReadings, InjectionSink, RingTranscript, Stop, SystemClock,
+};
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -182,7 +184,10 @@ impl Acquisition {
                     plan,
                 } => {
                     self.transcript.next_transcript();
-                    let injections = self.injections.clone();
+                    let injections = self.injections.clone().map(|to| InjectionSink {
+                        frame: self.status.acquired() + 1,
+                        to,
+                    });
                     let frame = self
                         .measuring
                         .frame(rig, plan, self.clock, &stop, injections)

@@ -6,13 +6,12 @@ use gpio_mux::GpioMux;
 use keithley_6221::Keithley6221;
 use keysight_34980a::Keysight34980a;
 use rig::{
-    AcquireError, BoxStream, CleanupError, Clock, CurrentSource, InjectionReadings, Link,
-    LinkError, MeterSettings, Rig, RigError, RingTranscript, StartError, Stop, Switch,
-    acquire_reporting, check_at_start, find_closed, name_relays, safe_off,
+    AcquireError, BoxStream, CleanupError, Clock, CurrentSource, InjectionSink, Link, LinkError,
+    MeterSettings, Rig, RigError, RingTranscript, StartError, Stop, Switch, acquire_reporting,
+    check_at_start, find_closed, name_relays, safe_off,
 };
 use self_test::{Measured, ProbeError, Request, probe};
 use survey::{Frame, Plan, Relay, Sensing, Wiring};
-use tokio::sync::mpsc;
 
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::identities::{Connected, ExpectedIdentities};
@@ -106,7 +105,7 @@ impl AnyRig {
         meter: MeterSettings,
         clock: impl Clock,
         stop: &Stop,
-        injections: Option<mpsc::Sender<InjectionReadings>>,
+        injections: Option<InjectionSink>,
     ) -> Result<Frame, AcquireError> {
         match self {
             Self::Mainframe(rig) => {

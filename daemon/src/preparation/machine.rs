@@ -17,8 +17,8 @@ impl Prepared {
         no_folder(&self.setup.record_directory).map(|text| self.record_problem(text))
     }
 
-    /// Whether this user lacks the permission to record in the configured folder, at its place in the file. A file system
-    /// that is read-only for the moment is no problem of the configuration.
+    /// Whether this user lacks the permission to record in the configured folder, at its place in the file. Its
+    /// disk may be mounted later, so that this is no error of the configuration.
     pub(crate) fn closed_record(&self) -> Option<Problem> {
         let (cause, text) = not_writable(&self.setup.record_directory)?;
         (cause == Errno::ACCESS).then(|| self.record_problem(text))

@@ -46,7 +46,9 @@ pub use crate::traits::{
     Switch, Voltmeter, mean,
 };
 pub use crate::transcript::ring::{RingTranscript, Transcript};
-pub use acquire::{AcquireError, InjectionReadings, acquire, acquire_reporting, settings};
+pub use acquire::{
+    AcquireError, InjectionReadings, InjectionSink, acquire, acquire_reporting, settings,
+};
 pub use clock::{Clock, SystemClock};
 pub use connect::{connect_tcp, open_serial};
 pub use conversation::{Conversation, Replies};

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rig::{
-    AcquireError, Clock, MeterSettings, RigError, Stop, acquire, acquire_reporting, check_at_start,
-    safe_off,
+    AcquireError, Clock, InjectionSink, MeterSettings, RigError, Stop, acquire, acquire_reporting,
+    check_at_start, safe_off,
 };
 use stand_in::{Fault, Part, StandIn, wirings};
 use survey::{Amps, Electrode, Frame, Injection, Plan, Protocol, Reading, Relay, Volts, Wiring};
@@ -64,13 +64,14 @@ async fn every_wiring_reads_every_question_in_its_place_and_ends_safe() {
 #[tokio::test(start_paused = true)]
 async fn injections_are_reported_once_and_nobody_waits_for_them() {
     for wiring in wirings(5) {
-        for held in [64, 2] {
-            let stand_in = StandIn::new(&wiring).in_compliance_at(Electrode(2));
+        for (held, limited) in [(64, Electrode(2)), (64, Electrode(4)), (2, Electrode(2))] {
+            let stand_in = StandIn::new(&wiring).in_compliance_at(limited);
             let plan = plan(&wiring, Duration::from_millis(2));
             let (to, mut came) = tokio::sync::mpsc::channel(held);
+            let sink = InjectionSink { frame: 7, to };
             let rig = stand_in.rig();
             let never = Stop::never();
-            let frame = acquire_reporting(&rig, &plan, METER, Frozen, &never, Some(to));
+            let frame = acquire_reporting(&rig, &plan, METER, Frozen, &never, Some(sink));
             let frame = frame.await.unwrap();
             let mut all = Vec::new();
             while let Some(injection) = came.recv().await {
@@ -79,7 +80,11 @@ async fn injections_are_reported_once_and_nobody_waits_for_them() {
             assert_eq!(all.len(), held.min(5), "{}", wiring.name);
             for injection in &all {
                 let drive = injection.drive;
-                assert_eq!(injection.compliance, drive.plus == Electrode(2));
+                assert_eq!(
+                    (injection.frame, injection.frame_began),
+                    (7, frame.monotonic)
+                );
+                assert_eq!(injection.compliance, drive.plus == limited);
                 assert!(injection.monotonic >= frame.monotonic && injection.wall >= frame.wall);
                 let measurements = plan.protocol.measurements();
                 for (number, reading) in &injection.readings {

@@ -89,11 +89,14 @@ impl SessionReader {
                     JournalMode::Rollback,
                     WITHOUT_CLOSING,
                 );
-                rest.map_err(|_| LogbookError::Damaged {
-                    path: path.to_owned(),
-                    place: "its header".to_owned(),
-                    why: "it was at the end, which is missing; take the file from a copy"
-                        .to_owned(),
+                rest.map_err(|error| match error {
+                    LogbookError::Damaged { path, .. } => LogbookError::Damaged {
+                        path,
+                        place: "its header".to_owned(),
+                        why: "it was at the end, which is missing; take the file from a copy"
+                            .to_owned(),
+                    },
+                    other => other,
                 })
             }
             found => found,

@@ -26,7 +26,7 @@ mod sizes;
 mod tracker;
 mod whitened;
 
-pub use disc::{Disc, DiscFit, Injection, MovingLoad, TimedReading};
+pub use disc::{Disc, DiscFit, INJECTIONS, Injection, MovingLoad, TimedReading};
 pub use electrodes::{Allowed, ElectrodeCheck, ElectrodeFault};
 pub use error::DriftError;
 pub use evidence::{Assessed, FrameDrift, MapDeviation};

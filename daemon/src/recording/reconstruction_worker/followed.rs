@@ -11,8 +11,6 @@ use imaging::{Conditions, Geometry, TrackedFrame, Tracking};
 use logbook::LogbookError;
 use survey::{Amps, Baseline, Protocol, Reading, error_chain as chain};
 
-use super::injections::SharedTracking;
-
 /// Time of frames between two states that are kept, s: what a restart has to follow again.
 const KEPT_EVERY_S: f64 = 3600.0;
 
@@ -133,14 +131,14 @@ impl Followed {
         Ok(())
     }
 
-    /// Lets others compare with the baseline as it is now.
-    pub(super) fn share(&self, with: &SharedTracking) {
-        with.set(&self.tracking, self.sequence);
-    }
-
     /// Takes an order of a person for the next frame.
     pub(super) fn order(&mut self, order: TrackingOrder) {
         self.tracking.order(order);
+    }
+
+    /// The tracked baseline.
+    pub(super) fn tracking(&self) -> &Tracking {
+        &self.tracking
     }
 
     /// The frame with the baseline to compare it with.

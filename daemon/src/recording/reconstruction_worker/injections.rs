@@ -19,26 +19,17 @@ use crate::recording::stream_sink::StreamSink;
 /// Injections that may wait for a fit in progress: more than a fit needs.
 const WAITING: usize = 64;
 
-/// The tracked baseline after a frame, and the sequence of that frame.
-struct Reference {
-    tracking: Tracking,
-    sequence: u64,
-}
-
-/// The newest one.
+/// The tracked baseline after the newest frame; `None` until a frame is complete, and while nobody reads.
 #[derive(Clone, Default)]
-pub(super) struct SharedTracking(Arc<Mutex<Option<Arc<Reference>>>>);
+pub(super) struct SharedTracking(Arc<Mutex<Option<Arc<Tracking>>>>);
 
 impl SharedTracking {
-    fn place(&self) -> std::sync::MutexGuard<'_, Option<Arc<Reference>>> {
+    fn place(&self) -> std::sync::MutexGuard<'_, Option<Arc<Tracking>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(super) fn set(&self, tracking: &Tracking, sequence: u64) {
-        *self.place() = Some(Arc::new(Reference {
-            tracking: tracking.clone(),
-            sequence,
-        }));
+    pub(super) fn set(&self, tracking: Option<&Tracking>) {
+        *self.place() = tracking.map(|tracking| Arc::new(tracking.clone()));
     }
 }
 
@@ -64,8 +55,18 @@ impl Injections {
         let mut window = InjectionWindow::default();
         let sink = StreamSink(Arc::clone(&self.status));
         let mut rests_until = Instant::now();
+        let mut frame = None;
         while let Some(injection) = came.blocking_recv() {
-            push(&mut window, &injection);
+            let of = (injection.frame, injection.frame_began);
+            let repeated = |(number, began)| number == of.0 && began != of.1;
+            if injection.compliance || frame.is_some_and(repeated) {
+                // compliance may have begun in the injection before; a frame that is measured again has failed
+                window.clear();
+            }
+            frame = Some(of);
+            if !injection.compliance {
+                push(&mut window, &injection);
+            }
             let wanted = self.status.readers.want_injections() && came.is_empty();
             let began = Instant::now();
             if !wanted || injection.compliance || began < rests_until {
@@ -79,10 +80,10 @@ impl Injections {
     }
 
     fn publish(&self, sink: &StreamSink, window: &InjectionWindow, last: &InjectionReadings) {
-        let Some(reference) = self.tracking.place().clone() else {
+        let Some(tracking) = self.tracking.place().clone() else {
             return;
         };
-        match reference.tracking.after_injection(window, last.drive) {
+        match tracking.after_injection(window, last.drive, seconds(last.wall)) {
             Ok((after, disc)) => {
                 let mesh = self.method.mesh();
                 let empty = || vec![0.0; mesh.region().len()];
@@ -90,7 +91,7 @@ impl Injections {
                     values: disc.map_or_else(empty, |disc| disc.map(mesh)),
                     json: serde_json::json!(after).to_string(),
                 };
-                sink.injection(reference.sequence + 1, nanoseconds(last.wall), body);
+                sink.injection(last.frame, nanoseconds(last.wall), body);
             }
             Err(error) => tracing::debug!("no load after an injection: {}", chain(&error)),
         }
@@ -98,17 +99,13 @@ impl Injections {
 }
 
 fn push(window: &mut InjectionWindow, injection: &InjectionReadings) {
-    if injection.compliance {
-        // it may have begun in the injection before
-        return window.clear();
-    }
     let readings = injection.readings.iter().filter_map(|(number, reading)| {
         Some(TimedReading {
             reading: *number,
             volts: reading.volts()?.0,
         })
     });
-    let at_s = seconds(injection.wall);
+    let at_s = injection.monotonic.as_secs_f64();
     let readings = readings.collect();
     window.push(
         Injection { at_s, readings },

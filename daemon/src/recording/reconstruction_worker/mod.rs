@@ -344,13 +344,8 @@ fn run(
         let begun = Instant::now();
         // a failure costs maps, not the session
         let outcome =
-            containment::run(|| context.make(&request, &mut followed, noise, &mut remarks))
+            containment::run(|| context.make(&request, &mut followed, shared, noise, &mut remarks))
                 .unwrap_or_else(|panicked| Some(Err(Failure::Broken(panicked.message))));
-        if let Some(followed) = &followed
-            && context.status.readers.want_injections()
-        {
-            followed.share(shared);
-        }
         let Some(outcome) = outcome else {
             continue;
         };
@@ -433,6 +428,7 @@ impl ReconstructionContext {
         &self,
         request: &FrameRequest,
         followed: &mut Option<Followed>,
+        shared: &SharedTracking,
         noise: Option<f64>,
         remarks: &mut Vec<String>,
     ) -> Option<Result<Mapped, Failure>> {
@@ -441,6 +437,8 @@ impl ReconstructionContext {
             Some(following) => {
                 match following.follow(&request.readings, request.sequence, request.at_s) {
                     Ok(frame) => {
+                        let wanted = self.status.readers.want_injections();
+                        shared.set(Some(following.tracking()).filter(|_| wanted));
                         remarks.extend(following.changes(&frame));
                         Some(frame)
                     }

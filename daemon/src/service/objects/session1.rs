@@ -198,6 +198,7 @@ impl Session1 {
             injections: options.injections.unwrap_or(false),
             ring: options.ring.unwrap_or(RING) as usize,
         };
+        let permit = STREAMS.take(User::calling())?;
         if wanted.injections {
             let known = tokio::select! {
                 known = self.0.injections.wait() => *known,
@@ -206,8 +207,8 @@ impl Session1 {
             known.map_err(|why| {
                 Fault::Unsupported(format!("there is no load after every injection: {why}"))
             })?;
+            self.running()?;
         }
-        let permit = STREAMS.take(User::calling())?;
         let descriptor = self
             .0
             .readers

@@ -24,13 +24,15 @@ impl Controller {
     /// Every problem of the file, or a change that needs a restart; the configuration in force stays.
     pub(crate) async fn reload(self: &Arc<Self>) -> Result<String, Fault> {
         let outcome = self.reload_now().await.map_err(|fault| {
-            let waited = self.inner().waiting.take().is_some();
-            let discarded = |text| {
-                format!("{text}\nthe configuration that was to be taken when the session ends is discarded")
+            let discarded = |text| match self.inner().waiting.take() {
+                Some(_) => format!(
+                    "{text}\nthe configuration that was to be taken when the session ends is discarded"
+                ),
+                None => text,
             };
             match fault {
-                Fault::Configuration(text) if waited => Fault::Configuration(discarded(text)),
-                Fault::Unsupported(text) if waited => Fault::Unsupported(discarded(text)),
+                Fault::Configuration(text) => Fault::Configuration(discarded(text)),
+                Fault::Unsupported(text) => Fault::Unsupported(discarded(text)),
                 other => other,
             }
         });

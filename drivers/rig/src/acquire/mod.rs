@@ -15,13 +15,13 @@ use std::task::Poll;
 use std::time::Duration;
 
 use survey::{Frame, Plan, Precautions, Settings, Step, Volts};
-use tokio::sync::{mpsc, watch};
+use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::safe::{CleanupError, make_safe};
 use crate::{Clock, CurrentSource, MeterSettings, Rig, RigError, Stop, Switch, Voltmeter};
-pub use injection::InjectionReadings;
 use injection::InjectionReport;
+pub use injection::{InjectionReadings, InjectionSink};
 use run::Run;
 
 /// Why there is no frame. All variants except the `Unsafe` ones leave the source off and verified and the injecting
@@ -158,8 +158,7 @@ where
     acquire_reporting(rig, plan, meter, clock, stop, None).await
 }
 
-/// Like [`acquire`], and sends the readings of each injection as soon as they are complete. The frame never waits for the
-/// receiver: what the channel does not hold is not sent.
+/// Like [`acquire`], and sends the readings of each injection as soon as they are complete.
 ///
 /// # Errors
 /// As [`acquire`]; some injections may have been sent before.
@@ -172,7 +171,7 @@ pub async fn acquire_reporting<C, W, V>(
     meter: MeterSettings,
     clock: impl Clock,
     stop: &Stop,
-    injections: Option<mpsc::Sender<InjectionReadings>>,
+    injections: Option<InjectionSink>,
 ) -> Result<Frame, AcquireError>
 where
     C: CurrentSource + 'static,
@@ -183,8 +182,8 @@ where
     let mut instruments = rig.lock().await;
     let monotonic = clock.monotonic();
     let wall = clock.wall();
-    let report = injections.map(|to| InjectionReport {
-        to,
+    let report = injections.map(|sink| InjectionReport {
+        sink,
         began: Instant::now(),
         monotonic,
         wall,

@@ -15,7 +15,7 @@ use crate::model::DriftModel;
 use crate::overlap::overlap;
 use crate::whitened::{LOADED, LoadTest, Whitened};
 use descent::{Problem, descend};
-pub use moving::{Injection, MovingLoad, TimedReading};
+pub use moving::{INJECTIONS, Injection, MovingLoad, TimedReading};
 
 /// Error of the model as a share of the fitted signal.
 pub(crate) const MODEL_SHARE: f64 = 0.01;

@@ -11,6 +11,8 @@ use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{Atoms, LOADED, Whitened, factor};
 
+/// Fewest and most injections that a moving load is fitted to.
+pub const INJECTIONS: std::ops::RangeInclusive<usize> = FIRST..=LONGER[0];
 /// Injections of the first fit, and of longer ones that begin with it, longest first.
 const FIRST: usize = 7;
 const LONGER: [usize; 2] = [26, 13];
@@ -83,25 +85,19 @@ impl DriftModel {
         let Some(window) = window else {
             return Ok(None);
         };
-        let atoms = Atoms::new(
-            window
-                .white
-                .sensitivity(&self.atoms.select_rows(&window.rows)),
-        );
-        let starts = atoms.best(window.white.data(), self, 3);
-        let fits = starts.iter().map(|start| {
-            let [x, y] = start.place.centre;
-            let ln = start.place.diameter.ln();
-            self.descend_moving(&window, SVector::from([x, y, 0.0, 0.0, ln, start.change]))
-        });
-        let best = fits.min_by(|a, b| a.1.total_cmp(&b.1));
-        let Some((theta, cost)) = best.filter(|(_, cost)| cost.is_finite()) else {
-            return Ok(None);
+        let Some((theta, score)) = self.search_moving(&window, 0.0) else {
+            // a weak load may show in more of them
+            let more = last(LONGER[0]);
+            let longest = match more.len() > FIRST {
+                true => self.window(more, baseline, covariance)?,
+                false => None,
+            };
+            let found = longest.and_then(|longest| {
+                let (theta, score) = self.search_moving(&longest, LOADED)?;
+                Some(self.described_moving(&longest, &theta, score, more.len()))
+            });
+            return found.transpose();
         };
-        let score = window.white.data().norm_squared() - cost;
-        if score < LOADED {
-            return Ok(None);
-        }
         let first = self.described_moving(&window, &theta, score, last(FIRST).len())?;
         for count in LONGER {
             let more = last(count);
@@ -120,6 +116,24 @@ impl DriftModel {
             }
         }
         Ok(Some(first))
+    }
+
+    /// A load that the window shows, from the best places of the load test whose scores are at least `least`; its parameters and score.
+    fn search_moving(&self, window: &Window, least: f64) -> Option<(SVector<f64, N>, f64)> {
+        let atoms = self.atoms.select_rows(&window.rows);
+        let atoms = Atoms::new(window.white.sensitivity(&atoms));
+        let starts = atoms.best(window.white.data(), self, 3);
+        let fits = starts
+            .iter()
+            .filter(|start| start.score >= least)
+            .map(|start| {
+                let [x, y] = start.place.centre;
+                let ln = start.place.diameter.ln();
+                self.descend_moving(window, SVector::from([x, y, 0.0, 0.0, ln, start.change]))
+            });
+        let (theta, cost) = fits.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let score = window.white.data().norm_squared() - cost;
+        (score >= LOADED).then_some((theta, score))
     }
 
     /// The fit with its covariance, which contains an error of the model.

@@ -6,15 +6,16 @@ use crate::disc::{Injection, MovingLoad};
 use super::{DAY_S, MOST_MASKED, Tracker};
 
 impl Tracker {
-    /// The load after the last of these injections, which are in their order and have the times of frames; `None` if the readings
-    /// agree with an empty sheet. Nothing is learnt from it.
+    /// The load after the last of these injections, which are in their order, at `at_s` (s, on the clock of the frames); `None` if the
+    /// readings agree with an empty sheet. Nothing is learnt from it.
     ///
     /// # Errors
     /// As [`crate::DriftModel::moving_load`].
-    pub fn moving_load(&self, injections: &[Injection]) -> Result<Option<MovingLoad>, DriftError> {
-        let Some(last) = injections.last() else {
-            return Ok(None);
-        };
+    pub fn moving_load(
+        &self,
+        injections: &[Injection],
+        at_s: f64,
+    ) -> Result<Option<MovingLoad>, DriftError> {
         let masked = self.state.masked();
         let measurements = self.model.pairs().protocol().measurements();
         let healthy = |reading: usize| {
@@ -25,7 +26,7 @@ impl Tracker {
         for injection in &mut kept {
             injection.readings.retain(|one| healthy(one.reading));
         }
-        let days = (last.at_s - self.state.at_s).abs() / DAY_S;
+        let days = (at_s - self.state.at_s).abs() / DAY_S;
         let grown = &self.prepared.per_day * (self.state.pace().powi(2) * days);
         let covariance = self.state.covariance() + grown;
         self.model

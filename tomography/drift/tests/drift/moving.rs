@@ -16,6 +16,16 @@ const RADIUS_M: f64 = 15e-3;
 
 /// The injections of a disc of 30 mm that takes half of the conductance, or of an empty sheet, at 2 uV.
 fn injections(count: usize, seed: u64, place: impl Fn(f64) -> Option<[f64; 2]>) -> Vec<Injection> {
+    injections_of(0.5, count, seed, place)
+}
+
+/// The same of a disc that takes this share.
+fn injections_of(
+    loss: f64,
+    count: usize,
+    seed: u64,
+    place: impl Fn(f64) -> Option<[f64; 2]>,
+) -> Vec<Injection> {
     let fine = Fine::new();
     let protocol = Protocol::sheffield(26).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -24,7 +34,7 @@ fn injections(count: usize, seed: u64, place: impl Fn(f64) -> Option<[f64; 2]>) 
             let at_s = STEP_S * k as f64;
             let centre = place(at_s);
             let volts = fine.volts(|share_within| match centre {
-                Some(centre) => 1.0 - 0.5 * share_within(centre, RADIUS_M),
+                Some(centre) => 1.0 - loss * share_within(centre, RADIUS_M),
                 None => 1.0,
             });
             let drive = (k % 26, (k + 1) % 26);
@@ -109,6 +119,24 @@ fn a_load_that_came_is_found_from_the_injections_after_it() {
         .sum();
     let area = std::f64::consts::FRAC_PI_4 * of.disc.diameter.powi(2);
     assert!((sum / (-of.disc.loss * area) - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_weak_load_shows_in_more_injections() {
+    let model = model();
+    let none = DVector::zeros(299);
+    let place = [0.15, 0.15];
+    let all = injections_of(0.0022, 26, 6, |_| Some(place));
+    let of = |from: usize| {
+        let found = model.moving_load(&all[from..], &none, model.noise());
+        found.unwrap()
+    };
+    assert_eq!(of(19), None, "seven injections do not show it");
+    let found = of(0).expect("26 do");
+    let error = 1e3 * (found.disc.centre[0] - place[0]).hypot(found.disc.centre[1] - place[1]);
+    let sd = 1e3 * found.covariance[0][0].max(found.covariance[1][1]).sqrt();
+    assert_eq!(found.injections, 26);
+    assert!(error < 3.0 * sd, "{error} mm: {found:?}");
 }
 
 #[test]

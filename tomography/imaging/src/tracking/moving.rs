@@ -3,18 +3,15 @@
 use std::collections::VecDeque;
 use std::fmt;
 
-use drift::{Disc, DriftError, Injection, MovingLoad};
+use drift::{Disc, DriftError, INJECTIONS, Injection, MovingLoad};
 use serde::{Deserialize, Serialize};
 use survey::Dipole;
 
 use super::Tracking;
 use super::tracked::{MOST_PLACE_SD_M, REGION_95, principal_axes};
 
-/// Injections that are kept, and the fewest from which a sheet is known.
-const KEPT: usize = 26;
-const FEWEST: usize = 7;
-/// Time between two injections within which a load keeps its path, s. A clock that was set back ends it as well.
-const PAUSE_S: std::ops::RangeInclusive<f64> = -0.1..=2.0;
+/// Time between two injections within which a load keeps its path, s.
+const PAUSE_S: f64 = 2.0;
 
 /// The last injections that one path may explain, oldest first.
 #[derive(Debug, Default)]
@@ -24,13 +21,13 @@ pub struct InjectionWindow {
 }
 
 impl InjectionWindow {
-    /// Adds an injection that lasted so long, s; its time is that of its middle.
+    /// Adds an injection that lasted so long, s; its time is that of its middle, on a clock that never goes back.
     pub fn push(&mut self, injection: Injection, lasted_s: f64) {
         let began_s = injection.at_s - 0.5 * lasted_s;
-        if !PAUSE_S.contains(&(began_s - self.ended_s)) {
+        if began_s - self.ended_s > PAUSE_S {
             self.clear();
         }
-        if self.injections.len() == KEPT {
+        if self.injections.len() == *INJECTIONS.end() {
             self.injections.pop_front();
         }
         self.ended_s = injection.at_s + 0.5 * lasted_s;
@@ -95,7 +92,7 @@ impl MovingPlace {
 }
 
 impl Tracking {
-    /// What is known after the last injection, and the disc that lies there. Nothing is learnt from it: the whole frame follows.
+    /// What is known after the last injection, at `at_s` (s, on the clock of the frames), and the disc that lies there. Nothing is learnt from it: the whole frame follows.
     ///
     /// # Errors
     /// A covariance that cannot be factored, or a reading that the protocol does not have.
@@ -103,9 +100,10 @@ impl Tracking {
         &self,
         window: &InjectionWindow,
         drive: Dipole,
+        at_s: f64,
     ) -> Result<(AfterInjection, Option<Disc>), DriftError> {
         let injections: Vec<Injection> = window.injections.iter().cloned().collect();
-        let load = self.tracker.moving_load(&injections)?;
+        let load = self.tracker.moving_load(&injections, at_s)?;
         let text = self.doubt(injections.len(), load.as_ref());
         let after = AfterInjection {
             electrodes: [drive.plus.number(), drive.minus.number()],
@@ -121,11 +119,12 @@ impl Tracking {
 
     fn doubt(&self, injections: usize, load: Option<&MovingLoad>) -> Option<String> {
         if self.tracker.is_blind() {
-            return Some("more than three electrodes are faulty; repair their contacts".to_owned());
+            return Some("too many electrodes are faulty; repair their contacts".to_owned());
         }
-        if injections < FEWEST {
+        let fewest = *INJECTIONS.start();
+        if injections < fewest {
             return Some(format!(
-                "{injections} injections since the last pause; {FEWEST} are needed"
+                "{injections} injections since the last pause; {fewest} are needed"
             ));
         }
         let load = load?;

@@ -2,6 +2,8 @@
 
 use survey::{Dipole, Extra, Measurement, Reading, Step};
 
+use tokio::time::Instant;
+
 use super::Run;
 use crate::{Compliance, RigError};
 
@@ -34,6 +36,9 @@ impl Run<'_> {
                 self.store(*reading, came[0]);
             }
             _ => {}
+        }
+        if let Some((_, _, last)) = &mut self.driven.unreported {
+            *last = Instant::now();
         }
         // A reply of the mainframe arrives when its relays have moved.
         self.driven.settled = true;

@@ -39,7 +39,8 @@ struct DriveState {
     settled: bool,
     /// Injecting relays that should be closed now.
     relays: Vec<Relay>,
-    since: Option<Instant>,
+    /// The injection that was not reported yet: since when, and its last reading.
+    unreported: Option<(Dipole, Instant, Instant)>,
     /// Whether the source was in compliance.
     compliance: bool,
 }
@@ -129,13 +130,12 @@ impl<'a> Run<'a> {
                 None => self.step(rig, step).await,
             };
             done.map_err(|cause| EndReason::Step(index + 1, step.clone(), cause))?;
-            if let (Some(report), Some(drive), Some(since)) =
-                (&self.report, self.driven.now, self.driven.since)
-                && ends_before(steps.peek().map(|(_, next)| *next))
+            if ends_before(steps.peek().map(|(_, next)| *next))
+                && let Some((drive, from, to)) = self.driven.unreported.take()
+                && let Some(report) = &self.report
             {
                 let compliance = self.driven.compliance;
-                report.ended(plan, drive, &self.readings, since, compliance);
-                self.driven.since = None;
+                report.ended(plan, drive, &self.readings, (from, to), compliance);
             }
         }
         Ok(())
@@ -283,13 +283,14 @@ impl<'a> Run<'a> {
     }
 
     fn set_drive(&mut self, drive: Dipole, relays: &[Relay], settled: bool) {
+        let now = Instant::now();
         self.driven = DriveState {
             now: Some(drive),
             unqueried: self.driven.unqueried,
             reversed: false,
             settled,
             relays: relays.to_vec(),
-            since: Some(Instant::now()),
+            unreported: Some((drive, now, now)),
             compliance: false,
         };
     }
