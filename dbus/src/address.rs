@@ -99,7 +99,8 @@ pub fn search_order(runtime_directory: Option<PathBuf>) -> Vec<Address> {
         .collect()
 }
 
-/// Connects to the given address, or to the first address of [`search_order`] with a daemon.
+/// Connects to the given address, or to the first address of [`search_order`] with a daemon that admits this user: who may not use the
+/// peer socket may still read on the system bus.
 ///
 /// # Errors
 /// No daemon, or not allowed; the message names every address tried.
@@ -107,13 +108,14 @@ pub async fn connect(address: Option<&Address>) -> Result<(Connection, Address),
     if let Some(address) = address {
         return Ok((reach(address).await?, address.clone()));
     }
-    let mut tried = Vec::new();
+    let (mut tried, mut refused) = (Vec::new(), None);
     let runtime_directory = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
     for address in search_order(runtime_directory) {
         match reach(&address).await {
             Ok(connection) => return Ok((connection, address)),
-            Err(refusal @ (ConnectError::NotAuthorized { .. } | ConnectError::Busy { .. })) => {
-                return Err(refusal);
+            Err(busy @ ConnectError::Busy { .. }) => return Err(busy),
+            Err(ConnectError::NotAuthorized { address, cause }) => {
+                refused.get_or_insert((address, cause));
             }
             Err(ConnectError::NoDaemon { address, cause }) => {
                 tried.push(format!("{address} ({cause})"));
@@ -121,7 +123,13 @@ pub async fn connect(address: Option<&Address>) -> Result<(Connection, Address),
             Err(other) => tried.push(other.to_string()),
         }
     }
-    Err(ConnectError::Nowhere { tried })
+    Err(match refused {
+        Some((address, cause)) => {
+            let cause = format!("{cause} (also tried {})", tried.join("; "));
+            ConnectError::NotAuthorized { address, cause }
+        }
+        None => ConnectError::Nowhere { tried },
+    })
 }
 
 async fn reach(address: &Address) -> Result<Connection, ConnectError> {
