@@ -347,6 +347,8 @@ const UNITS: [(&str, &str); 15] = [
 
 /// What is expected instead of a value, in the words of people: serde names types of Rust.
 fn wrong_type(key: &str, found: &str, expected: &str) -> String {
+    // the floating point 5e-324 has 326 digits
+    let found = &*survey::printable_within(found, 100);
     let name = key.rsplit('.').next().unwrap_or(key);
     let ending = name.rsplit('_').next();
     let unit = UNITS.iter().find(|(unit, _)| ending == Some(unit));
