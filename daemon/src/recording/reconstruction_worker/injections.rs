@@ -59,17 +59,18 @@ impl Injections {
         while let Some(injection) = came.blocking_recv() {
             let of = (injection.frame, injection.frame_began);
             let repeated = |(number, began)| number == of.0 && began != of.1;
+            // compliance may have begun in the injection before; a frame that is measured again has failed
             if injection.compliance || frame.is_some_and(repeated) {
-                // compliance may have begun in the injection before; a frame that is measured again has failed
                 window.clear();
             }
             frame = Some(of);
-            if !injection.compliance {
-                push(&mut window, &injection);
+            if injection.compliance {
+                continue;
             }
+            push(&mut window, &injection);
             let wanted = self.status.readers.want_injections() && came.is_empty();
             let began = Instant::now();
-            if !wanted || injection.compliance || began < rests_until {
+            if !wanted || began < rests_until {
                 continue;
             }
             // a panic costs this record

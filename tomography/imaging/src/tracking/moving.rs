@@ -1,6 +1,5 @@
 //! The load after every injection, while its frame is measured: where it is now, and how fast it moves.
 
-use std::collections::VecDeque;
 use std::fmt;
 
 use drift::{Disc, DriftError, INJECTIONS, Injection, MovingLoad};
@@ -16,7 +15,7 @@ const PAUSE_S: f64 = 2.0;
 /// The last injections that one path may explain, oldest first.
 #[derive(Debug, Default)]
 pub struct InjectionWindow {
-    injections: VecDeque<Injection>,
+    injections: Vec<Injection>,
     ended_s: f64,
 }
 
@@ -28,10 +27,10 @@ impl InjectionWindow {
             self.clear();
         }
         if self.injections.len() == *INJECTIONS.end() {
-            self.injections.pop_front();
+            self.injections.remove(0);
         }
         self.ended_s = injection.at_s + 0.5 * lasted_s;
-        self.injections.push_back(injection);
+        self.injections.push(injection);
     }
 
     /// Forgets all: the readings are not to be believed.
@@ -102,8 +101,8 @@ impl Tracking {
         drive: Dipole,
         at_s: f64,
     ) -> Result<(AfterInjection, Option<Disc>), DriftError> {
-        let injections: Vec<Injection> = window.injections.iter().cloned().collect();
-        let load = self.tracker.moving_load(&injections, at_s)?;
+        let injections = &window.injections;
+        let load = self.tracker.moving_load(injections, at_s)?;
         let text = self.doubt(injections.len(), load.as_ref());
         let after = AfterInjection {
             electrodes: [drive.plus.number(), drive.minus.number()],

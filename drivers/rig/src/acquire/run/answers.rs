@@ -1,7 +1,6 @@
 //! Assigns replies to readings, and invalidates readings taken in compliance.
 
 use survey::{Dipole, Extra, Measurement, Reading, Step};
-
 use tokio::time::Instant;
 
 use super::Run;
