@@ -21,8 +21,6 @@ struct Method {
     words: Vec<String>,
     /// Preparation before the first frame, besides loading a model, s.
     training_s: Option<f64>,
-    /// Whether it takes seconds per frame, and is then run on fewer sets.
-    slow: bool,
 }
 
 pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel, Failure> {
@@ -32,12 +30,10 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
     for kind in effort.of(&[Kind::Presses10][..], &Kind::ALL) {
         let sets = kind.sets(effort, place)?;
         for method in &methods {
-            // all five sets would take minutes: fewer draws give the same picture
-            let sets = if method.slow { &sets[..2] } else { &sets[..] };
             let (mut errors, mut times, mut all, mut setups) =
                 (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             let (mut means, mut requested, mut made) = (Vec::new(), 0, 0);
-            for set in sets {
+            for set in &sets {
                 let start = Instant::now();
                 let judged = maps_not_refused(&set.folder, method.line, &method.words)?;
                 let whole = start.elapsed().as_secs_f64();
@@ -102,7 +98,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
                 variation goes by its gap to the minimum, which is what its iterations are for."
             .to_owned(),
         not_proved: "The location error says nothing of shapes: the table's other columns do. Times are of one frame after the other \
-                     in one process; `best` is judged and timed on two draws, 16 frames, only. In the torture scene electrodes come off and are shorted, and \
+                     in one process. In the torture scene electrodes come off and are shorted, and \
                      no method is told."
             .to_owned(),
         not_built: refused,
@@ -214,9 +210,10 @@ fn distances_mm(judged: &Judged) -> Vec<f64> {
         .collect()
 }
 
-fn methods(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Failure> {
+/// The methods that need no training.
+fn untrained(full: bool) -> Vec<Method> {
     let mut methods = Vec::new();
-    let mut plain = |line: &'static str, setting: &str, words: &str, slow: bool| {
+    let mut plain = |line: &'static str, setting: &str, words: &str| {
         methods.push(Method {
             line,
             setting: setting.to_owned(),
@@ -226,49 +223,43 @@ fn methods(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Fa
                 .map(str::to_owned)
                 .collect(),
             training_s: None,
-            slow,
         });
     };
-    plain("one-step", "noser", "one-step", false);
+    plain("one-step", "noser", "one-step");
     plain(
         "one-step",
         "noser, map error 1e-3",
         "one-step --map-error 1e-3",
-        false,
     );
-    plain(
-        "one-step, losses only",
-        "noser",
-        "one-step --loss-only",
-        false,
-    );
-    if effort.full {
-        plain("one-step", "laplace", "one-step --prior laplace", false);
-        plain("one-step", "gaussian", "one-step --prior gaussian", false);
+    plain("one-step, losses only", "noser", "one-step --loss-only");
+    if full {
+        plain("one-step", "laplace", "one-step --prior laplace");
+        plain("one-step", "gaussian", "one-step --prior gaussian");
         plain(
             "one-step, losses only",
             "laplace",
             "one-step --prior laplace --loss-only",
-            false,
         );
     }
-    plain("paper's TV step", "alpha 1e-6", "tv-paper", false);
-    for gap in effort.of(
-        &["1e-1", "1e-3"][..],
-        &["1", "3e-1", "1e-1", "1e-2", "1e-3", "1e-6"],
-    ) {
-        plain(
-            "TV",
-            &format!("gap {gap}"),
-            &format!("tv --gap {gap}"),
-            false,
-        );
+    plain("paper's TV step", "alpha 1e-6", "tv-paper");
+    let gaps = match full {
+        true => &["9e-1", "3e-1", "1e-1", "1e-2", "1e-3", "1e-6"][..],
+        false => &["1e-1", "1e-3"],
+    };
+    for gap in gaps {
+        let setting = format!("gap {gap}");
+        plain("TV", &setting, &format!("tv --gap {gap}"));
         let words = format!("tv --loss-only --gap {gap}");
-        plain("TV, losses only", &format!("gap {gap}"), &words, false);
+        plain("TV, losses only", &setting, &words);
     }
-    if effort.full {
-        plain("best", "full model", "best", true);
+    if full {
+        plain("best", "full model", "best");
     }
+    methods
+}
+
+fn methods(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Failure> {
+    let mut methods = untrained(effort.full);
     let seed = effort.seed.to_string();
     let cases = precision::cases(effort);
     let mut trained = |line: &'static str, setting: String, trained: Trained| {
@@ -277,7 +268,6 @@ fn methods(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Fa
             setting,
             words: trained.words(),
             training_s: Some(trained.seconds),
-            slow: false,
         });
     };
     let common = ["--profile", "matched", "--cases", cases, "--seed", &seed];
@@ -300,4 +290,18 @@ fn methods(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Fa
         trained("deep network", format!("width {width}"), model);
     }
     Ok(methods)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::untrained;
+    use crate::evaluation::MethodOptions;
+
+    #[test]
+    fn options_of_every_method_are_accepted() {
+        for method in [false, true].into_iter().flat_map(untrained) {
+            let options = MethodOptions::parse(method.line, &method.words);
+            assert!(options.is_ok(), "{:?}: {options:?}", method.words);
+        }
+    }
 }
