@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use drift::SheetFit;
 use eit::{Forward, Reconstructor};
 use survey::{Baseline, Electrode, Reading, Volts};
 
@@ -45,25 +46,29 @@ pub fn baseline_remarks(
             .map(|remark| remark.text),
     );
     remarks.extend(geometry.ring_remark(model.reconstructor.protocol(), &baseline.readings));
-    if let Some((uniform, scaled, gain)) = uniform(model.reconstructor.as_ref(), geometry, baseline)
-    {
-        let noise = against(baseline) * per_frame(baseline).sqrt() / gain;
-        if let Some(seen) = loss_between(model, (&uniform, &scaled), noise, LEAST_UNEVEN) {
-            remarks.push(format!("against a uniform sheet it {seen}"));
-        }
-    }
-    remarks.extend(contacts(model, geometry, baseline));
+    let fit = sheet_fit(model, geometry, baseline);
+    let seen = match &fit {
+        Some(fit) => uneven(fit, geometry),
+        None if geometry.is_sheet() => None,
+        None => against_uniform(model, geometry, baseline),
+    };
+    remarks.extend(seen.map(|seen| format!("against a uniform sheet it {seen}")));
+    remarks.extend(fit.as_ref().and_then(contacts));
     remarks
 }
 
-/// Electrodes of the preset sheet whose contact is implausible, by the fit that the tracked baseline begins with.
-fn contacts(model: &Model, geometry: &Geometry, baseline: &Baseline) -> Option<String> {
+/// The sheet that the tracked baseline begins with, if it is the preset one.
+fn sheet_fit(model: &Model, geometry: &Geometry, baseline: &Baseline) -> Option<SheetFit> {
     if !geometry.is_sheet() {
         return None;
     }
     let protocol = model.reconstructor.protocol();
     let conditions = Conditions::live(geometry, protocol, baseline.settings.current);
-    let fit = crate::tracking::sheet_fit(&conditions, &baseline.readings).ok()?;
+    crate::tracking::sheet_fit(&conditions, &baseline.readings).ok()
+}
+
+/// Electrodes whose contact is implausible.
+fn contacts(fit: &SheetFit) -> Option<String> {
     let named: Vec<String> = fit
         .implausible
         .iter()
@@ -80,6 +85,32 @@ fn contacts(model: &Model, geometry: &Geometry, baseline: &Baseline) -> Option<S
             named.join(", ")
         )
     })
+}
+
+/// Where in the region the fitted conductance is lowest, if it is much below its mean. A map of the readings would show
+/// the contacts and the errors of the mesh as loads; the fit leaves both out. Outside of the region it takes up contacts.
+fn uneven(fit: &SheetFit, geometry: &Geometry) -> Option<String> {
+    let mesh = &geometry.mesh;
+    let relative = |triangle: usize| fit.sigma[triangle] / geometry.sigma0[triangle];
+    let (mut area, mut sum) = (0.0, 0.0);
+    for &triangle in mesh.region() {
+        area += mesh.area(triangle);
+        sum += mesh.area(triangle) * relative(triangle);
+    }
+    let each = mesh
+        .region()
+        .iter()
+        .map(|&triangle| (triangle, relative(triangle)));
+    let (triangle, lowest) = each.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let loss = 1.0 - lowest * area / sum;
+    (loss > LEAST_UNEVEN).then(|| loss_at(loss, mesh.centroid(triangle)))
+}
+
+/// Where a baseline of another sheet shows a loss against a uniform one.
+fn against_uniform(model: &Model, geometry: &Geometry, baseline: &Baseline) -> Option<String> {
+    let (uniform, scaled, gain) = uniform(model.reconstructor.as_ref(), geometry, baseline)?;
+    let noise = against(baseline) / (baseline.frames.max(1) as f64).sqrt() / gain;
+    loss_between(model, (&uniform, &scaled), noise, LEAST_UNEVEN)
 }
 
 /// Readings of a uniform sheet at 1 A, the baseline scaled to them, and the scale factor.
@@ -118,11 +149,15 @@ fn loss_between(
         return None;
     }
     let mesh = reconstructor.mesh();
-    let [x, y] = map.found(&mesh.region_centroids(), &mesh.region_areas())?;
-    Some(format!(
+    let found = map.found(&mesh.region_centroids(), &mesh.region_areas())?;
+    Some(loss_at(loss, found))
+}
+
+fn loss_at(loss: f64, [x, y]: [f64; 2]) -> String {
+    format!(
         "shows a loss of {:.0} % at ({:.0}, {:.0}) mm: if a load is on the sheet, take it off and record again",
         100.0 * loss,
         1e3 * x,
         1e3 * y
-    ))
+    )
 }

@@ -1,8 +1,8 @@
 //! The hard cases of the fact sheet, each with a naive implementation that fails, ours, and a bound
 //! (`tactus-lab stability`).
 //!
-//! A case is a function that returns its results; one whose feature does not exist yet is listed as not built. The
-//! numbers are those of the fact sheet `physics-and-hard-cases.md`, section 4. Every bound has been seen to fail.
+//! A case is a function that returns its results. The numbers are those of the fact sheet
+//! `physics-and-hard-cases.md`, section 4. Every bound has been seen to fail.
 
 mod cases;
 mod outcome;
@@ -62,29 +62,17 @@ const CASES: &[Case] = &[
     case(36, "hotspot segmentation", loads::hot_spots),
     case(37, "dose over months", loads::dose),
     case(38, "degenerate polygons", order::polygons),
-    not_built(39, "baseline equals load"),
+    case(39, "baseline equals load", tracked::loaded_baseline),
     case(40, "viscoelastic step", creep::any_step),
 ];
 
 const fn case(number: u8, name: &'static str, run: fn() -> Result<Outcome, Failure>) -> Case {
-    Case {
-        number,
-        name,
-        run: Some(run),
-    }
-}
-
-const fn not_built(number: u8, name: &'static str) -> Case {
-    Case {
-        number,
-        name,
-        run: None,
-    }
+    Case { number, name, run }
 }
 
 /// Results of the cases.
 #[derive(Debug)]
-pub struct Table(Vec<(&'static Case, Option<Outcome>)>);
+pub struct Table(Vec<(&'static Case, Outcome)>);
 
 /// Runs the cases with these numbers, 1 to 40, or all if empty. A case is an item of work in shards.
 ///
@@ -110,14 +98,12 @@ pub fn run(
     };
     let bar = progress::bar(wanted.len(), "hard cases");
     let outcome = study.perform(division, stop, &mut |item| {
-        let outcome = wanted[item].run.map(|run| run()).transpose();
+        let outcome = (wanted[item].run)();
         bar.inc(1);
         outcome
     })?;
     bar.finish_and_clear();
-    outcome.then(|outcomes: Vec<Option<Outcome>>| {
-        Ok(Table(wanted.iter().copied().zip(outcomes).collect()))
-    })
+    outcome.then(|outcomes: Vec<Outcome>| Ok(Table(wanted.iter().copied().zip(outcomes).collect())))
 }
 
 impl Table {
@@ -134,7 +120,7 @@ impl Table {
     pub fn broken(&self) -> Vec<u8> {
         self.0
             .iter()
-            .filter(|(_, outcome)| outcome.as_ref().is_some_and(|outcome| !sound(outcome)))
+            .filter(|(_, outcome)| !sound(outcome))
             .map(|(case, _)| case.number)
             .collect()
     }
@@ -175,17 +161,13 @@ fn figure(value: f64) -> String {
     }
 }
 
-fn text(found: &[(&Case, Option<Outcome>)]) -> String {
+fn text(found: &[(&Case, Outcome)]) -> String {
     let mut text = format!(
         "{:>4}  {:<34} {:<58} {:>9} {:>9} {:>11}  {}\n",
         "case", "name", "what is measured", "naive", "ours", "bound", "verdict"
     );
     let mut notes = String::new();
     for (case, outcome) in found {
-        let Some(outcome) = outcome else {
-            text += &format!("{:>4}  {:<34} not built\n", case.number, case.name);
-            continue;
-        };
         for (row, check) in outcome.checks.iter().enumerate() {
             let (number, name) = match row {
                 0 => (case.number.to_string(), case.name),
@@ -231,15 +213,9 @@ fn text(found: &[(&Case, Option<Outcome>)]) -> String {
 }
 
 /// The table as JSON, one object per line.
-fn lines(found: &[(&Case, Option<Outcome>)]) -> Vec<serde_json::Value> {
+fn lines(found: &[(&Case, Outcome)]) -> Vec<serde_json::Value> {
     let mut lines = Vec::new();
     for (case, outcome) in found {
-        let Some(outcome) = outcome else {
-            lines.push(serde_json::json!({
-                "case": case.number, "name": case.name, "verdict": "not built",
-            }));
-            continue;
-        };
         for check in &outcome.checks {
             let (naive, breaks) = match &check.naive {
                 Naive::Error(error) => (serde_json::json!(error), Some(true)),

@@ -112,8 +112,7 @@ impl Outcome {
 pub(crate) struct Case {
     pub(crate) number: u8,
     pub(crate) name: &'static str,
-    /// `None`: its feature does not exist yet.
-    pub(crate) run: Option<fn() -> Result<Outcome, Failure>>,
+    pub(crate) run: fn() -> Result<Outcome, Failure>,
 }
 
 /// Largest difference of two lists over the largest value of the second; infinite if one is NaN.

@@ -88,12 +88,6 @@ cases! {
     case_36_hot_spots 36
     case_37_dose 37
     case_38_degenerate_polygons 38
+    case_39_baseline_equals_load 39
     case_40_viscoelastic_step 40
-}
-
-#[test]
-fn case_that_waits_for_a_feature_is_not_built() {
-    let lines = found(39);
-    assert_eq!(lines.len(), 1);
-    assert_eq!(lines[0]["verdict"], "not built");
 }

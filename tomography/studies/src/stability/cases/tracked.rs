@@ -1,14 +1,17 @@
-//! Hard case 31: an electrode that opens while the baseline is tracked.
+//! Hard cases of baselines: 31, an electrode that opens while the baseline is tracked, and 39, a load on the sheet while
+//! it is recorded.
 
 use std::sync::Arc;
+use std::time::{Duration, SystemTime};
 
 use drift::Tracker;
-use imaging::{Geometry, Model};
+use imaging::{Geometry, Model, baseline_remarks};
 use phantom::Load;
+use survey::{Amps, Baseline, Precautions, Reading, Settings, Volts};
 
 use crate::evaluation::average;
 use crate::failure::Failure;
-use crate::months::{Simulated, away_mm, model, shipped};
+use crate::months::{CURRENT_A, NOISE_V, Simulated, away_mm, model, shipped};
 use crate::stability::outcome::{Check, Naive, Outcome, worst};
 
 const SEED: u64 = 31;
@@ -152,4 +155,126 @@ pub(crate) fn open_electrode() -> Result<Outcome, Failure> {
         ),
     ])
     .noted("Readings of the electrode are marginalised, its ring is not planned again."))
+}
+
+/// Seeds of the sheets of case 39, which differ in their contacts and in their noise.
+const SHEETS: std::ops::Range<u64> = 390..398;
+/// Frames of a baseline.
+const FRAMES: usize = 10;
+/// Their contacts, and thermal voltages.
+const EVERYDAY: &str = "[effects.contact-spread]\nstd = 0.3\n[effects.thermal-emf]\nuv = 0.9\n";
+/// The load that lies there: place, and diameters of one that shows against a uniform sheet and of one that does not, mm.
+const LAID_MM: [f64; 2] = [150.0, 70.0];
+const WIDE_MM: f64 = 30.0;
+const NARROW_MM: f64 = 10.0;
+/// Loss of a map that shows the load, which takes half of the conductance.
+const SHOWN: f64 = 0.1;
+
+/// Baselines of one sheet: empty, with the wide load, with the narrow one; and a frame with the wide load still there.
+struct Recorded {
+    empty: Baseline,
+    wide: Baseline,
+    narrow: Baseline,
+    later: Vec<Reading>,
+}
+
+fn record(seed: u64, protocol_hash: &str) -> Result<Recorded, Failure> {
+    let mut simulated = Simulated::of("a baseline with a load", EVERYDAY, seed)?;
+    let mut at_s = 0.0;
+    let mut frame = |diameter: Option<f64>| {
+        at_s += 1.0;
+        simulated.frame(at_s, diameter.map(|mm| Load::disc(LAID_MM, mm, 0.5)))
+    };
+    let mut baseline = |id: &str, diameter: Option<f64>| {
+        let frames = (0..FRAMES).map(|_| frame(diameter));
+        let frames: Vec<Vec<Reading>> = frames.collect::<Result<_, Failure>>()?;
+        let settings = Settings {
+            protocol_hash: protocol_hash.to_owned(),
+            current: Amps(CURRENT_A),
+            range: Volts(0.1),
+            nplc: 1.0,
+            settle: Duration::ZERO,
+            wiring: "simulated".into(),
+            precautions: Precautions::default(),
+        };
+        Ok::<_, Failure>(averaged(id, &frames, settings))
+    };
+    Ok(Recorded {
+        empty: baseline("empty", None)?,
+        wide: baseline("wide", Some(WIDE_MM))?,
+        narrow: baseline("narrow", Some(NARROW_MM))?,
+        later: frame(Some(WIDE_MM))?,
+    })
+}
+
+fn averaged(id: &str, frames: &[Vec<Reading>], settings: Settings) -> Baseline {
+    let valid = |reading: usize| {
+        let volts = frames
+            .iter()
+            .filter_map(move |frame| frame[reading].volts());
+        volts.map(|volts| volts.0)
+    };
+    let readings = frames.first().map_or(0, Vec::len);
+    Baseline {
+        id: id.to_owned(),
+        readings: (0..readings)
+            .map(|reading| Reading::Ok(Volts(average(valid(reading)))))
+            .collect(),
+        deviation: vec![Some(NOISE_V); readings],
+        frames: frames.len(),
+        wall: SystemTime::UNIX_EPOCH.into(),
+        settings,
+        simulated: true,
+    }
+}
+
+/// 39: a load lies on the sheet while the baseline is recorded.
+pub(crate) fn loaded_baseline() -> Result<Outcome, Failure> {
+    let geometry = preset()?;
+    let one_step = shipped(&geometry)?;
+    let hash = one_step.reconstructor.protocol().hash();
+    let remarked = |baseline: &Baseline, before: Option<&Baseline>, begins: &str| {
+        let remarks = baseline_remarks(&one_step, &geometry, baseline, before);
+        f64::from(u8::from(
+            remarks.iter().any(|text| text.starts_with(begins)),
+        ))
+    };
+    let (uniform, before) = ("against a uniform sheet", "against baseline");
+    let [mut shown, mut flagged, mut falsely, mut alone, mut against] = [0.0; 5];
+    for seed in SHEETS {
+        let sheet = record(seed, &hash)?;
+        let map = one_step.reconstruct(&sheet.wide.readings, &sheet.later);
+        let map = map.map_err(|fault| Failure::of("one-step", &fault))?;
+        let shows = map.largest_loss().is_some_and(|(_, loss)| loss > SHOWN);
+        shown += f64::from(u8::from(shows));
+        flagged += remarked(&sheet.wide, None, uniform);
+        falsely += remarked(&sheet.empty, None, uniform);
+        alone += remarked(&sheet.narrow, None, uniform);
+        against += remarked(&sheet.narrow, Some(&sheet.empty), before);
+    }
+    let share = |count: f64| count / (SHEETS.end - SHEETS.start) as f64;
+    Ok(Outcome::of([
+        Check::at_least(
+            "share of baselines with a 30 mm load that are flagged; naive: share of maps that show it while it still lies there",
+            Naive::Error(share(shown)),
+            share(flagged),
+            1.0,
+        ),
+        Check::at_most(
+            "share of baselines of an empty sheet that are flagged",
+            Naive::Absent("the naive form flags nothing".into()),
+            share(falsely),
+            0.0,
+        ),
+        Check::at_least(
+            "share with a 10 mm load that are flagged by the baseline before; naive: by the uniform sheet alone",
+            Naive::Error(share(alone)),
+            share(against),
+            1.0,
+        ),
+    ])
+    .noted(
+        "A load that changes a uniform sheet by less than 10 % cannot be told from uneven spraying in a first baseline; \
+         `tactus baseline record` says so.",
+    ))
 }
