@@ -123,6 +123,7 @@ fn daemon_state(status: &dbus::Status) -> DaemonState {
         method: text(&status.method),
         baseline: text(&status.baseline_id),
         baseline_age_s: health.baseline_age_s,
+        baseline_remarks: status.baseline_remarks.clone().unwrap_or_default(),
         version: text(&status.version),
         well: health.well,
         troubles: health.troubles.unwrap_or_default(),

@@ -72,6 +72,8 @@ pub struct DaemonState {
     pub baseline: String,
     /// Its age, s.
     pub baseline_age_s: Option<f64>,
+    /// Warnings about it, a sentence each.
+    pub baseline_remarks: Vec<String>,
     /// Version of the daemon.
     pub version: String,
     /// Whether nothing is wrong.

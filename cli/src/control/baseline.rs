@@ -15,6 +15,9 @@ use crate::failure::Failure;
 use crate::output::Printer;
 use crate::output::time::local;
 
+/// The end of a recording that has no warning.
+const NO_REMARK: &str = "no load shows on the sheet; one that lies there all the same is in no map until a new baseline is recorded";
+
 /// The line of `baseline show --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct BaselineLine {
@@ -78,12 +81,16 @@ pub(crate) async fn record(
         })
         .await?;
     // an aborted recording does not become the baseline
-    for text in report.more.remarks.unwrap_or_default() {
-        if report.id == id {
-            session::warn(&id, text, printer)?;
-        }
+    if report.id != id {
+        return Ok(());
     }
-    Ok(())
+    let remarks = report.more.remarks.unwrap_or_default();
+    if remarks.is_empty() {
+        return printer.text(NO_REMARK);
+    }
+    remarks
+        .into_iter()
+        .try_for_each(|text| session::warn(&id, text, printer))
 }
 
 /// Makes an earlier baseline the current one.

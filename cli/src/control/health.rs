@@ -32,6 +32,16 @@ pub(crate) fn age_of_baseline(health: &Health) -> String {
     }
 }
 
+/// The first remark on the baseline, and where the others are shown.
+pub(crate) fn remark_on_baseline(remarks: &[String]) -> Option<String> {
+    let (first, others) = remarks.split_first()?;
+    let more = match others.len() {
+        0 => String::new(),
+        count => format!("; {count} more: `tactus baseline show`"),
+    };
+    Some(format!("{first}{more}"))
+}
+
 /// A line for each value available.
 pub(crate) fn for_a_person(health: &Health) -> Vec<String> {
     let mut lines = Vec::new();

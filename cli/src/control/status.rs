@@ -71,13 +71,8 @@ fn for_a_person(status: &Status) -> String {
             }
         },
     ]);
-    if let [first, others @ ..] = status.baseline_remarks.as_slice() {
-        let more = match others.len() {
-            0 => String::new(),
-            count => format!("; {count} more: `tactus baseline show`"),
-        };
-        lines.push(format!("           warning: {first}{more}"));
-    }
+    let remark = health::remark_on_baseline(&status.baseline_remarks);
+    lines.extend(remark.map(|text| format!("           warning: {text}")));
     match &status.session {
         None => lines.push("session    none; `tactus start` starts one".to_owned()),
         Some(session) => {

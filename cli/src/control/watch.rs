@@ -14,6 +14,7 @@ use tokio::time::Instant;
 
 use crate::args::Watch;
 use crate::connection::Daemon;
+use crate::control::health::remark_on_baseline;
 use crate::control::status::attempts;
 use crate::control::viewer::{self, Viewer};
 use crate::failure::Failure;
@@ -93,6 +94,9 @@ pub(crate) async fn run(
             Ok(())
         }
     };
+    if let Some(warning) = baseline_warning(daemon, &session).await {
+        message(&printable(&warning))?;
+    }
     let judged = async {
         let mut before = String::new();
         while let Some(signal) = dbus::next(&mut frames).await {
@@ -175,6 +179,15 @@ pub(crate) async fn run(
         Some(reason) => viewer::end(daemon, &session, id, reason, printer).await,
         None => Ok(()),
     }
+}
+
+/// The warning about the current baseline, if the session uses it.
+async fn baseline_warning(daemon: &Daemon, session: &Session1Proxy<'_>) -> Option<String> {
+    let used = session.baseline_id().await.ok()?;
+    let status = daemon.manager.status().await.ok()?;
+    let remarks = status.baseline_remarks.unwrap_or_default();
+    let remark = remark_on_baseline(&remarks).filter(|_| status.baseline_id == Some(used))?;
+    Some(format!("baseline, warning: {remark}"))
 }
 
 /// Waits for each signal that requests the program's end; gives its number. Without the alternate screen nothing must be

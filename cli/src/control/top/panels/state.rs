@@ -9,6 +9,7 @@ use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 use survey::printable;
 use web::{AlarmState, DaemonState};
 
+use crate::control::health::remark_on_baseline;
 use crate::control::top::dashboard::Dashboard;
 use crate::control::top::panels::{titled, warning};
 use crate::options::duration::display_long;
@@ -30,11 +31,13 @@ pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
             (Some(true), _) => lines.push("well".into()),
             (Some(false), []) => lines.push(warned("NOT WELL")),
             (None, []) => lines.push("health not known".into()),
-            (_, troubles) => lines.extend(troubles.iter().map(|trouble| {
-                let (_, sentence) = trouble.split_once(": ").unwrap_or(("", trouble));
-                warned(&format!("NOT WELL: {sentence}"))
-            })),
+            (_, troubles) => {
+                let each = troubles.iter();
+                lines.extend(each.map(|trouble| warned(&format!("NOT WELL: {trouble}"))));
+            }
         }
+        let remark = remark_on_baseline(&daemon.baseline_remarks);
+        lines.extend(remark.map(|text| warned(&format!("baseline, warning: {text}"))));
         lines.extend(
             daemon
                 .lost
