@@ -124,8 +124,11 @@ def test_frames_are_those_of_the_record(daemon, session):
 def test_maps_are_like_those_of_the_package(daemon, session):
     daemon.ask("step")
     live = daemon.connect(frames=False, maps=True)
-    daemon.ask("step", "2")
-    maps = [next(live), next(live)]
+    maps = []
+    for _ in range(2):
+        daemon.ask("step")
+        # that of the step before the connection may come late
+        maps.append(next(one for one in live if one.sequence > 1))
     record = open_session(live.attributes["path"])
     mesh = Mesh.sheet()
     made = OneStep(Forward(mesh, record.protocol)).fit(live.baseline, noise=2e-6).predict(record.voltages[1:])
@@ -159,17 +162,21 @@ def test_slow_reader_counts_what_it_lost(daemon, session):
 
 def test_both_kinds_come_in_order(daemon, session):
     live = daemon.connect(maps=True)
-    daemon.ask("step", "2")
+    daemon.ask("step")
+    # a frame that comes before the map of the one before has none
+    records = [next(live), next(live)]
+    daemon.ask("step")
     daemon.ask("stop")
-    kinds = [(type(record).__name__, record.sequence) for record in live]
+    kinds = [(type(record).__name__, record.sequence) for record in [*records, *live]]
     assert sorted(kinds) == [("LiveFrame", 1), ("LiveFrame", 2), ("LiveMap", 1), ("LiveMap", 2)]
     for number in (1, 2):
         assert kinds.index(("LiveFrame", number)) < kinds.index(("LiveMap", number))
 
 
 def test_stream_goes_on_after_a_timeout(daemon, session):
-    live = daemon.connect(timeout=0.2)
-    with pytest.raises(TimeoutError, match=f"{session}.*0.2 s"):
+    # the timeout counts for the connection too
+    live = daemon.connect(timeout=5.0)
+    with pytest.raises(TimeoutError, match=f"{session}.*5.* s"):
         next(live)
     daemon.ask("step")
     assert next(live).sequence == 1
@@ -181,8 +188,8 @@ def test_ctrl_c_ends_the_wait_for_a_frame(daemon, session):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     timer = threading.Timer(0.3, lambda: signal.pthread_kill(main, signal.SIGINT))
     try:
-        timer.start()
         with pytest.raises(KeyboardInterrupt):
+            timer.start()
             next(live)
     finally:
         timer.join()

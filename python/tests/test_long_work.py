@@ -1,5 +1,6 @@
 """Long work shows how far it is, and ends on Ctrl-C."""
 
+import contextlib
 import signal
 import threading
 import time
@@ -26,8 +27,8 @@ def interrupted(call):
     # a shell starts background jobs with this signal ignored
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        timer.start()
         with pytest.raises(KeyboardInterrupt):
+            timer.start()
             call()
         timer.join()
     finally:
@@ -42,14 +43,14 @@ def test_ctrl_c_ends_long_work(forward, baseline, frame):
     sheet = Forward(Mesh.sheet(), Protocol.sheffield(26))
     # 2 ms a row
     sigma = np.full((3000, len(sheet.mesh.triangles)), 1e-3)
-    # each would take 6 s or more
+    # each would take 6 s or more, and more on a busy machine
     for call in (
         lambda: variation.predict(frames),
         lambda: variation.judge(frames),
         lambda: drift.follow(frames, np.arange(1.0, MANY + 1)),
         lambda: sheet.solve(sigma),
     ):
-        assert interrupted(call) < 2.0
+        assert interrupted(call) < 5.0
     # and all of them can be used afterwards
     assert variation.predict(frame).shape == forward.mesh.region.shape
     assert drift.follow(frame, 1e9).known[0]["judgement"] in ("empty", "loaded", "unknown")
@@ -61,7 +62,12 @@ def test_ctrl_c_ends_one_long_fit():
     model = OneStep(tank, prior="gaussian")
     interrupted(lambda: model.fit(baseline, noise=2e-6))
     # the call has ended before its work, which nobody waits for
-    assert "tactus_eit" in {Path(task, "comm").read_text().strip() for task in Path("/proc/self/task").iterdir()}
+    names = set()
+    for task in Path("/proc/self/task").iterdir():
+        # a thread may end in between
+        with contextlib.suppress(OSError):
+            names.add(Path(task, "comm").read_text().strip())
+    assert "tactus_eit" in names
     assert not hasattr(model, "noise_")
 
 

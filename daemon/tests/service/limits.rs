@@ -249,7 +249,7 @@ async fn a_flood_of_looks_does_not_hold_up_a_stop() {
         println!("stopped after {:.1} ms", 1e3 * took.as_secs_f64());
         stopped.unwrap();
         // one second on an idle machine
-        assert!(took.as_secs() < 3, "{took:?}");
+        assert!(took.as_secs() < 30, "{took:?}");
         assert_eq!(own.frames_failed().await.unwrap(), 0);
         while let Some(look) = within(looks.join_next()).await {
             let look = look.unwrap();
@@ -286,7 +286,7 @@ async fn ten_thousand_sessions_hold_up_neither_start_nor_list() {
             1e3 * took.as_secs_f64()
         );
         // one second on an idle machine
-        assert!(took.as_secs() < 10, "{took:?}");
+        assert!(took.as_secs() < 60, "{took:?}");
         daemon
     };
     let daemon = start("nothing known of them").await;
@@ -312,7 +312,7 @@ async fn ten_thousand_sessions_hold_up_neither_start_nor_list() {
         );
         assert_eq!(listed.len(), 1000);
         // 50 ms on an idle machine
-        assert!(took.as_secs() < 5, "{took:?}");
+        assert!(took.as_secs() < 30, "{took:?}");
         listed
     };
     assert_eq!(listed(&daemon).await[0].kind, "measurement");

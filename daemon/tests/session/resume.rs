@@ -42,7 +42,7 @@ async fn a_killed_session_resumes_with_its_id_schedule_and_a_gap() {
     let daemon = stage.start().await;
     daemon.baseline(2).await;
     let options = Options::new()
-        .with("every_s", 0.02)
+        .with("every_s", 0.2)
         .with("count", 60_u64)
         .with("operator", "Ada")
         .with("nplc", 1.0);

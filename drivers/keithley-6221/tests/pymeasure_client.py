@@ -21,9 +21,9 @@ def check(what, found, expected):
 
 
 def wait_until(what, reached):
-    end = time.monotonic() + 20
+    end = time.monotonic() + 120
     while not reached():
-        assert time.monotonic() < end, f"{what}: not within 20 s"
+        assert time.monotonic() < end, f"{what}: not within 120 s"
 
 
 def no_error():
@@ -109,14 +109,14 @@ check("measurement_events", source.measurement_events, 8)
 source.disable_source()
 check("source_enabled", source.source_enabled, False)
 
-# A wave that ends by itself, told by its service request bit.
+# A wave of 5 s that ends by itself, told by its service request bit.
 source.clear()
 source.waveform_function = "square"
 source.waveform_amplitude = 1e-4
 source.waveform_offset = 0
 source.waveform_frequency = 100
 source.waveform_ranging = "best"
-source.waveform_duration_cycles = 20
+source.waveform_duration_cycles = 500
 source.operation_event_enabled = 128
 source.srq_event_enabled = 128
 source.waveform_arm()
@@ -140,7 +140,7 @@ started = time.monotonic()
 source.delta_start()
 check("complete", source.complete, "1")
 took = time.monotonic() - started
-assert 0.75 < took < 5, f"a sweep of 0.8 s took {took} s"
+assert 0.75 < took < 60, f"a sweep of 0.8 s took {took} s"
 check("last point", source.source_current, 3e-4)
 source.delta_abort()
 no_error()

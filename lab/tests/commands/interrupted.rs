@@ -6,7 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use crate::program::{done, words};
 
-const TRAIN: &str = "train dnn --yes --profile matched --cases 150 --epochs 5 --set width=64 --set hidden_layers=2 --set batch=16 \
+const TRAIN: &str = "train dnn --yes --profile matched --cases 150 --epochs 300 --set patience=0 --set width=64 --set hidden_layers=2 --set batch=16 \
                      --set held_out=20 --case {} --out {}";
 
 fn tank(folder: &Path) -> PathBuf {

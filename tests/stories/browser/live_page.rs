@@ -158,8 +158,9 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     );
     read_by_keys_and_as_a_table(&browser);
     // the same number as everywhere
-    let shown = browser.value("latest.frame.quantities.regions[0].values.load");
-    let sequence = browser.value("latest.frame.sequence");
+    // of one frame: another may come between two questions
+    browser.until("latest.frame.quantities && (window.read = [latest.frame.sequence, latest.frame.quantities.regions[0].values.load])");
+    let [sequence, shown] = ["read[0]", "read[1]"].map(|value| browser.value(value));
     let pictures = Path::new(env!("CARGO_TARGET_TMPDIR"));
     browser.screenshot(&pictures.join("live-page.png"));
 
@@ -277,7 +278,10 @@ fn the_page_fits_a_phone_the_dark_and_a_slow_link() {
 
     // a map has 15 kB: not all pass through 8 kB/s, and none waits for another
     browser.value("performance.clearResourceTimings(), window.slow = [latest.frame.sequence], 0");
-    browser.value("window.set = map.setMap.bind(map), map.setMap = (...all) => { slow.push(all[1].sequence); set(...all); }, 0");
+    browser.value(
+        "window.behind = [], window.set = map.setMap.bind(map), map.setMap = (...all) => { slow.push(all[1].sequence); \
+         behind.push(latest.frame.sequence - all[1].sequence); set(...all); }, 0",
+    );
     browser.slow_link(8_000, 100);
     browser.until("slow.length > 6");
     let left_out = browser
@@ -291,8 +295,9 @@ fn the_page_fits_a_phone_the_dark_and_a_slow_link() {
         overlap, false,
         "a map is asked for when the one before has arrived"
     );
-    let late = browser.value("latest.frame.sequence - slow[slow.length - 1]");
-    assert!(late.as_i64().is_some_and(|frames| frames < 30), "{late}");
+    // maps that waited for each other would be later with each one
+    let late = browser.value("Math.min(...behind.slice(3))");
+    assert!(late.as_i64().is_some_and(|frames| frames < 100), "{late}");
     drop(page);
     ask(&stage, &["stop"]);
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
@@ -336,7 +341,7 @@ fn an_alarm_is_seen_and_acknowledged_in_a_browser() {
     let [x, y] = brightest(&browser);
     let away = (x - PRESS_MM[0]).hypot(y - PRESS_MM[1]);
     assert!(away < 15.0, "the pressed place is {away} mm off");
-    browser.until("document.title.startsWith('ALARM pressed')");
+    browser.until("document.title.startsWith('ALARM ') && document.title.includes('pressed')");
     let button = "document.querySelector('[aria-label=\"Acknowledge pressed\"]')";
     browser.until(&format!("{button} !== null"));
     let row = browser.value("byId('alarms').innerText");

@@ -199,9 +199,8 @@ fn a_wrong_column_count_names_the_line() {
 #[test]
 fn check_warns_of_what_will_not_work_on_this_machine() {
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
-        format!(
-            "{config}\n[notify]\ncommand = [\"/nonexistent/mail\"]\n[schedule]\nevery_s = 0.01\n"
-        )
+        let notify = "[notify]\ncommand = [\"/nonexistent/mail\"]\n";
+        config.replace("[notify]\n", notify) + "\n[schedule]\nevery_s = 0.01\n"
     }) else {
         return;
     };

@@ -6,7 +6,7 @@ use dbus::{Address, Simulation1Proxy};
 use serde_json::Value;
 
 use crate::mosquitto::Mosquitto;
-use crate::test_rig::{self, Needs, ask, baseline, number, runtime};
+use crate::test_rig::{self, Needs, ask, baseline, runtime};
 
 const RULE: &str =
     "\n[[alarm]]\nname = \"heavy\"\nquantity = \"contact\"\nabove = 100.0\nfor_s = 0.0\n";
@@ -53,7 +53,8 @@ fn broker_shows_what_the_commands_show() {
     });
     let (_, mut alarm) = watcher.wait(&topic("alarm/heavy"), |alarm| alarm["active"] == true);
     let (_, shown) = watcher.wait(&topic("quantities"), |shown| {
-        shown["session"] == id.as_str() && number(&shown["regions"][0]["values"], "contact") > 100.0
+        let contact = shown["regions"][0]["values"]["contact"].as_f64();
+        shown["session"] == id.as_str() && contact.is_some_and(|contact| contact > 100.0)
     });
     let listed = stage
         .tactus(&["--json", "alarms"])
