@@ -163,7 +163,7 @@ def test_slow_reader_counts_what_it_lost(daemon, session):
 def test_both_kinds_come_in_order(daemon, session):
     live = daemon.connect(maps=True)
     daemon.ask("step")
-    # a frame that comes before the map of the one before has none
+    # a frame gets no map if it comes before the map of the previous one is made
     records = [next(live), next(live)]
     daemon.ask("step")
     daemon.ask("stop")
@@ -176,7 +176,7 @@ def test_both_kinds_come_in_order(daemon, session):
 def test_stream_goes_on_after_a_timeout(daemon, session):
     # the timeout counts for the connection too
     live = daemon.connect(timeout=5.0)
-    with pytest.raises(TimeoutError, match=f"{session}.*5.* s"):
+    with pytest.raises(TimeoutError, match=rf"{session}.* 5(\.0)? s"):
         next(live)
     daemon.ask("step")
     assert next(live).sequence == 1

@@ -11,7 +11,7 @@ import pytest
 
 from tactus_eit import Drift, Forward, Mesh, OneStep, Protocol, TotalVariation
 
-MANY = 20_000
+MANY = 60_000
 
 
 def interrupted(call):
@@ -42,8 +42,8 @@ def test_ctrl_c_ends_long_work(forward, baseline, frame):
     drift = Drift(forward).fit(baseline)
     sheet = Forward(Mesh.sheet(), Protocol.sheffield(26))
     # 2 ms a row
-    sigma = np.full((3000, len(sheet.mesh.triangles)), 1e-3)
-    # each would take 6 s or more, and more on a busy machine
+    sigma = np.full((9000, len(sheet.mesh.triangles)), 1e-3)
+    # each would take 18 s or more
     for call in (
         lambda: variation.predict(frames),
         lambda: variation.judge(frames),

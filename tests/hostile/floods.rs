@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use crate::calls;
 use crate::flood::{Counts, Flood, Width};
-use crate::site::{SOON, Site, frames};
+use crate::site::{SOON, STOPS_WITHIN, Site, frames};
 use crate::users::User;
 
 const WIDTH: Width = Width {
@@ -136,6 +136,7 @@ async fn eight_users_who_ask_for_the_geometry_delay_no_stop() {
         daemon.assert_unharmed();
     }
     println!("the shortest: {shortest:.2?}");
+    assert!(shortest < STOPS_WITHIN, "{shortest:?}");
 }
 
 /// The bus does not count calls without a requested reply, so only the daemon limits them. Calls that control the rig
@@ -178,6 +179,7 @@ async fn unanswered(users: usize) {
         daemon.assert_unharmed();
     }
     println!("the shortest: {shortest:.2?}");
+    assert!(shortest < STOPS_WITHIN, "{shortest:?}");
 }
 
 fn print(counts: &Counts) {

@@ -211,7 +211,7 @@ function showState(state) {
     add("instruments", daemon.instruments.join("; "));
     add("troubles", daemon.troubles.join("; ") || "none");
     add("baseline", daemon.baseline && `${daemon.baseline}${daemon.baseline_age_s ? `, ${duration(daemon.baseline_age_s)} (h:min:s) old` : ""}`);
-    add("warning", daemon.baseline_remarks.join("; "));
+    add("baseline, warning", daemon.baseline_remarks.join("; "));
     add("method", daemon.method);
     add("disk full in", daemon.disk_days && `${rounded(daemon.disk_days)} days`);
     add("electrodes", electrodesInWords(state.frame));

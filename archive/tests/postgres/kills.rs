@@ -68,8 +68,8 @@ fn kills_of_both_ends_lose_and_double_nothing() {
         2 * kills()
     );
     assert!(
-        interrupted > 0,
-        "no push was interrupted: the kills come too late"
+        interrupted > kills() / 20,
+        "{interrupted} pushes were interrupted: the kills come too late"
     );
     let counts = "SELECT (SELECT count(*) FROM tactus.session), (SELECT count(*) FROM tactus.part), (SELECT sum(frames) FROM tactus.part),
         (SELECT count(*) FROM tactus.event WHERE kind = 'note'), (SELECT count(*) FROM tactus.alarm), (SELECT count(*) FROM tactus.quantity),

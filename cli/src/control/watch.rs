@@ -94,9 +94,12 @@ pub(crate) async fn run(
             Ok(())
         }
     };
-    if let Some(warning) = baseline_warning(daemon, &session).await {
-        message(&printable(&warning))?;
-    }
+    let warned = async {
+        if let Some(warning) = baseline_warning(daemon, &session).await {
+            message(&printable(&warning))?;
+        }
+        std::future::pending().await
+    };
     let judged = async {
         let mut before = String::new();
         while let Some(signal) = dbus::next(&mut frames).await {
@@ -164,6 +167,7 @@ pub(crate) async fn run(
     let ended = tokio::select! {
         ended = viewer.follow(stream, deadline, noise) => ended,
         ended = events => ended,
+        ended = warned => ended,
         ended = judged => ended,
         ended = waiting => ended,
         number = first_of(&mut signals) => Err(Failure::Signal(number)),
@@ -181,12 +185,12 @@ pub(crate) async fn run(
     }
 }
 
-/// The warning about the current baseline, if the session uses it.
+/// The warning about the current baseline, if the session uses it; the daemon may compute it first.
 async fn baseline_warning(daemon: &Daemon, session: &Session1Proxy<'_>) -> Option<String> {
     let used = session.baseline_id().await.ok()?;
-    let status = daemon.manager.status().await.ok()?;
-    let remarks = status.baseline_remarks.unwrap_or_default();
-    let remark = remark_on_baseline(&remarks).filter(|_| status.baseline_id == Some(used))?;
+    let current = daemon.manager.baseline().await.ok()?;
+    let remarks = current.more.remarks.unwrap_or_default();
+    let remark = remark_on_baseline(&remarks).filter(|_| current.id == used)?;
     Some(format!("baseline, warning: {remark}"))
 }
 

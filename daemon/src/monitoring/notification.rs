@@ -15,7 +15,7 @@ use config::NotifySection;
 /// Bytes kept of its standard error.
 const LONGEST_MESSAGE: u64 = 4096;
 /// Time to read the remaining output of child processes after the command has ended.
-const OUTPUT_DRAIN_TIME: Duration = Duration::from_secs(5);
+const OUTPUT_DRAIN_TIME: Duration = Duration::from_secs(2);
 
 /// Result of the command.
 #[derive(Debug, Clone, PartialEq, Eq)]

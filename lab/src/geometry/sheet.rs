@@ -20,7 +20,7 @@ pub(crate) fn sheet(options: &SheetOptions) -> Result<(), Failure> {
     let (baseline, current) = baseline(options, case.protocol.len(), case.currents[0])?;
     let geometry = Geometry::of_case(&case, options.case.display().to_string());
     let conditions = Conditions::live(&geometry, &case.protocol, current);
-    let fit = sheet_fit(&conditions, &baseline)
+    let fit = sheet_fit(&conditions, &baseline, 0.0)
         .map_err(|fault| Failure::of("the sheet cannot be fitted to the baseline", &fault))?;
     case.sigma = [("homog".to_owned(), fit.sigma.clone())].into();
     case.contact_ohm_m.clone_from(&fit.contact_ohm_m);

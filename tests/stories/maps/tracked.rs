@@ -169,7 +169,8 @@ fn a_tracked_baseline_survives_sessions_and_restarts() {
             assert_ne!(frame["verified"], false, "{frame}");
         }
         let same = frames.iter().filter(|frame| frame["verified"] == true);
-        assert!(same.count() > 0, "maps are recorded");
+        // on a busy machine a map may come after the next frame, and is then not recorded
+        assert!(same.count() > 0, "no map is recorded");
         frames
     };
     let daemon = test_rig::start(&stage);

@@ -277,6 +277,12 @@ pub fn likeness(map: &[f64], truth: &[f64], areas: &[f64]) -> Likeness {
     }
 }
 
+/// The upper median; 0 for an empty slice.
+pub fn median(values: &mut [f64]) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use crate::metrics::*;

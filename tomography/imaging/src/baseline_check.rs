@@ -1,9 +1,11 @@
-//! Detects a load on the sheet during a baseline: maps the baseline like a frame, against the previous baseline and
-//! against a uniform sheet.
+//! Detects a load on the sheet during a baseline: maps the baseline like a frame against the previous one; and looks for a
+//! place of low conductance, on the preset sheet in the sheet fitted to the baseline, elsewhere in a map against a uniform
+//! sheet.
 
 use std::sync::Arc;
 
-use drift::SheetFit;
+use drift::{DriftError, SheetFit};
+use eit::metrics::median;
 use eit::{Forward, Reconstructor};
 use survey::{Baseline, Electrode, Reading, Volts};
 
@@ -14,9 +16,13 @@ use crate::{Conditions, Geometry, Model, map_noise};
 const LEAST_CHANGE: f64 = 0.03;
 /// Relative loss against a uniform sheet below which uneven spraying and contacts explain it.
 const LEAST_UNEVEN: f64 = 0.1;
+/// The same in standard deviations of the fitted conductance over the region: a sheet that is uneven everywhere has such places.
+const LEAST_DEVIATIONS: f64 = 4.0;
+/// A median absolute deviation times this is a standard deviation.
+const OF_MEDIAN: f64 = 1.4826;
 
 /// Warnings about a baseline, a sentence each: where it differs from the previous baseline `before`, and from a uniform
-/// sheet. Empty if the method makes no map of it.
+/// sheet. Empty if nothing was seen, or if the method makes no map of it.
 pub fn baseline_remarks(
     model: &Model,
     geometry: &Geometry,
@@ -46,25 +52,34 @@ pub fn baseline_remarks(
             .map(|remark| remark.text),
     );
     remarks.extend(geometry.ring_remark(model.reconstructor.protocol(), &baseline.readings));
-    let fit = sheet_fit(model, geometry, baseline);
-    let seen = match &fit {
-        Some(fit) => uneven(fit, geometry),
-        None if geometry.is_sheet() => None,
-        None => against_uniform(model, geometry, baseline),
-    };
-    remarks.extend(seen.map(|seen| format!("against a uniform sheet it {seen}")));
-    remarks.extend(fit.as_ref().and_then(contacts));
+    if !geometry.is_sheet() {
+        let seen = against_uniform(model, geometry, baseline);
+        remarks.extend(seen.map(|seen| format!("against a uniform sheet it {seen}")));
+        return remarks;
+    }
+    match sheet_fit(model, geometry, baseline) {
+        Ok(fit) => {
+            let seen = uneven(&fit, geometry);
+            remarks.extend(seen.map(|seen| format!("the sheet fitted to it {seen}")));
+            remarks.extend(contacts(&fit));
+        }
+        Err(why) => remarks.push(format!(
+            "whether a load was on the sheet is not known, because no sheet can be fitted to it: {why}"
+        )),
+    }
     remarks
 }
 
-/// The sheet that the tracked baseline begins with, if it is the preset one.
-fn sheet_fit(model: &Model, geometry: &Geometry, baseline: &Baseline) -> Option<SheetFit> {
-    if !geometry.is_sheet() {
-        return None;
-    }
+/// The sheet that explains a baseline of the preset sheet.
+fn sheet_fit(
+    model: &Model,
+    geometry: &Geometry,
+    baseline: &Baseline,
+) -> Result<SheetFit, DriftError> {
     let protocol = model.reconstructor.protocol();
     let conditions = Conditions::live(geometry, protocol, baseline.settings.current);
-    crate::tracking::sheet_fit(&conditions, &baseline.readings).ok()
+    let noise = against(baseline) / (baseline.frames.max(1) as f64).sqrt();
+    crate::tracking::sheet_fit(&conditions, &baseline.readings, noise)
 }
 
 /// Electrodes whose contact is implausible.
@@ -87,23 +102,24 @@ fn contacts(fit: &SheetFit) -> Option<String> {
     })
 }
 
-/// Where in the region the fitted conductance is lowest, if it is much below its mean. A map of the readings would show
-/// the contacts and the errors of the mesh as loads; the fit leaves both out. Outside of the region it takes up contacts.
+/// Where in the region the fitted conductance is lowest, if it is much below the median. A map of the readings would show
+/// the contacts and the errors of the mesh as loads; the fit leaves both out. Outside of the region errors of the contacts
+/// appear as conductance, so that it is not looked at.
 fn uneven(fit: &SheetFit, geometry: &Geometry) -> Option<String> {
     let mesh = &geometry.mesh;
     let relative = |triangle: usize| fit.sigma[triangle] / geometry.sigma0[triangle];
-    let (mut area, mut sum) = (0.0, 0.0);
-    for &triangle in mesh.region() {
-        area += mesh.area(triangle);
-        sum += mesh.area(triangle) * relative(triangle);
-    }
-    let each = mesh
+    let each: Vec<f64> = mesh
         .region()
         .iter()
-        .map(|&triangle| (triangle, relative(triangle)));
-    let (triangle, lowest) = each.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let loss = 1.0 - lowest * area / sum;
-    (loss > LEAST_UNEVEN).then(|| loss_at(loss, mesh.centroid(triangle)))
+        .map(|&triangle| relative(triangle))
+        .collect();
+    let middle = median(&mut each.clone());
+    let mut away: Vec<f64> = each.iter().map(|value| (value - middle).abs()).collect();
+    let deviation = OF_MEDIAN * median(&mut away);
+    let (place, lowest) = each.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1))?;
+    let loss = 1.0 - lowest / middle;
+    let least = LEAST_UNEVEN.max(LEAST_DEVIATIONS * deviation / middle);
+    (loss > least).then(|| loss_at(loss, mesh.centroid(mesh.region()[place])))
 }
 
 /// Where a baseline of another sheet shows a loss against a uniform one.

@@ -143,7 +143,9 @@ fn state() -> State {
             method: "one-step noser, whole sheet".into(),
             baseline: "b20260101t100000_123".into(),
             baseline_age_s: Some(3600.0),
-            baseline_remarks: vec!["a load near electrode 3".into(), "a contact".into()],
+            baseline_remarks: ["a load near electrode 3", "a contact", "another"]
+                .map(String::from)
+                .into(),
             version: "0.1.0".into(),
             well: Some(false),
             troubles: vec!["disk-days: the disk is full in 3.0 days".into()],

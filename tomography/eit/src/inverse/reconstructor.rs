@@ -5,6 +5,7 @@ use std::sync::Arc;
 use survey::{Map, Protocol, Reading};
 
 use crate::Mesh;
+use crate::metrics::median;
 
 /// If the factor of a distance differs from the uniform one by more than this factor, the uniform one is used.
 pub const UNEXPLAINED: f64 = 4.0;
@@ -333,12 +334,6 @@ fn contradictions(
             }
         })
         .collect()
-}
-
-/// The upper median; 0 for an empty slice.
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -32,22 +32,26 @@ pub fn seconds(wall: chrono::DateTime<chrono::Utc>) -> f64 {
     1e-6 * wall.timestamp_micros() as f64
 }
 
-/// The sheet behind a baseline: gain, contacts and uneven conductance that explain it.
+/// The sheet behind a baseline: gain, contacts and uneven conductance that explain it. `noise_v`: standard deviation of a reading
+/// of the baseline, V, where it may be more than the errors that the fit assumes; otherwise 0.
 ///
 /// # Errors
 /// A baseline with missing readings, or a sheet that cannot be solved.
 pub fn sheet_fit(
     conditions: &Conditions<'_>,
     baseline: &[Reading],
+    noise_v: f64,
 ) -> Result<SheetFit, DriftError> {
     let geometry = conditions.geometry;
+    let mut options = options(conditions);
+    options.error_v = options.error_v.max(noise_v);
     SheetFit::of_baseline(
         &geometry.mesh,
         &geometry.contact_ohm_m,
         &geometry.sigma0,
         conditions.protocol,
         baseline,
-        &options(conditions),
+        &options,
     )
 }
 

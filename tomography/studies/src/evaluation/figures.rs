@@ -6,8 +6,9 @@ use shards::any_f64;
 
 use super::maps::{Frame, Judged};
 use super::raster::Raster;
-use super::statistics::{average, median};
+use super::statistics::average;
 use crate::failure::Failure;
+use eit::metrics::median;
 
 /// Figures of merit of one map.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]

@@ -9,8 +9,9 @@ mod raster;
 mod statistics;
 pub mod test_set;
 
+pub use eit::metrics::median;
 pub use figures::{Figures, OfFrame, figures, of_frames};
 pub use maps::{Frame, Judged, maps, maps_not_refused};
 pub use method::MethodOptions;
 pub(crate) use statistics::quantile;
-pub use statistics::{average, mean_and_deviation, median};
+pub use statistics::{average, mean_and_deviation};

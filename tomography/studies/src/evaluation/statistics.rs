@@ -1,4 +1,4 @@
-//! Means, deviations and medians.
+//! Means, deviations and quantiles.
 
 /// Mean and standard deviation.
 pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
@@ -15,12 +15,6 @@ pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
 pub fn average(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
     sum / count
-}
-
-/// The median; 0 for an empty slice.
-pub fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or_default()
 }
 
 /// The value below which this share of the values lies; NaN without values.

@@ -21,7 +21,7 @@ use crate::{Failure, write_tables};
 pub use loads::LoadRow;
 pub use maps::{LoadKind, MapRow, MapSettings};
 pub use simulated::Family;
-pub(crate) use simulated::{CURRENT_A, NOISE_V, Simulated, away_mm, model};
+pub(crate) use simulated::{CURRENT_A, Simulated, away_mm, model};
 pub(crate) use single::shipped;
 pub use single::{Locator, SheetRow, SingleRow};
 pub use tracked::{FrameRow, LongScene, PressRow};

@@ -197,7 +197,10 @@ fn text(found: &[(&Case, Outcome)]) -> String {
                     notes += &format!("{:>4}  naive: {instead}\n", case.number);
                 }
                 Naive::Absent(why) => {
-                    notes += &format!("{:>4}  no naive form: {why}\n", case.number);
+                    let note = format!("{:>4}  no naive form: {why}\n", case.number);
+                    if !notes.contains(&note) {
+                        notes += &note;
+                    }
                 }
                 Naive::Error(_) | Naive::Sound(_) => {}
             }

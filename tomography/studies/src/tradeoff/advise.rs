@@ -6,7 +6,7 @@ use super::panel::{Panel, Point};
 use crate::failure::Failure;
 
 /// The table of the kept full run.
-const KEPT: &str = include_str!("../../../../docs/tradeoff-2026-11-22/acquisition.json");
+const KEPT: &str = include_str!("../../../../docs/tradeoff-2026-11-26/acquisition.json");
 
 /// Requirements on a setting.
 #[derive(Debug)]

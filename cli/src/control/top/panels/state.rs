@@ -36,8 +36,6 @@ pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
                 lines.extend(each.map(|trouble| warned(&format!("NOT WELL: {trouble}"))));
             }
         }
-        let remark = remark_on_baseline(&daemon.baseline_remarks);
-        lines.extend(remark.map(|text| warned(&format!("baseline, warning: {text}"))));
         lines.extend(
             daemon
                 .lost
@@ -58,23 +56,28 @@ pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
         } else {
             lines.push("session  none; `tactus start` starts one".into());
         }
-        lines.extend(of_daemon(daemon).iter().map(|text| plain(text)));
+        let [baseline_and_source, others] = of_daemon(daemon);
+        lines.extend(baseline_and_source.iter().map(|text| plain(text)));
+        let remark = remark_on_baseline(&daemon.baseline_remarks);
+        lines.extend(remark.map(|text| warned(&format!("baseline, warning: {text}"))));
+        lines.extend(others.iter().map(|text| plain(text)));
     }
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
 }
 
-fn of_daemon(daemon: &DaemonState) -> Vec<String> {
+/// Baseline and source, and after their warning the others.
+fn of_daemon(daemon: &DaemonState) -> [Vec<String>; 2] {
     let age = daemon
         .baseline_age_s
         .map(|age| format!(", {} old", display_long(age)));
-    let mut lines = vec![
+    let first = vec![
         match daemon.baseline.as_str() {
             "" => "baseline none; `tactus baseline record`".to_owned(),
             id => format!("baseline {id}{}", age.unwrap_or_default()),
         },
         format!("source   {}, {}", daemon.source, daemon.source_state),
-        format!("method   {}", daemon.method),
     ];
+    let mut lines = vec![format!("method   {}", daemon.method)];
     if let Some(days) = daemon.disk_days {
         lines.push(format!("disk     {days:.0} days left"));
     }
@@ -82,7 +85,7 @@ fn of_daemon(daemon: &DaemonState) -> Vec<String> {
         lines.push(format!("error    {error}"));
     }
     lines.push(format!("daemon   tactusd {}", daemon.version));
-    lines
+    [first, lines]
 }
 
 fn plain(text: &str) -> Line<'static> {

@@ -242,6 +242,7 @@ fn untrained(full: bool) -> Vec<Method> {
         );
     }
     plain("paper's TV step", "alpha 1e-6", "tv-paper");
+    // a gap must be below 1
     let gaps = match full {
         true => &["9e-1", "3e-1", "1e-1", "1e-2", "1e-3", "1e-6"][..],
         false => &["1e-1", "1e-3"],
@@ -298,7 +299,7 @@ mod tests {
     use crate::evaluation::MethodOptions;
 
     #[test]
-    fn options_of_every_method_are_accepted() {
+    fn options_of_methods_without_training_are_accepted() {
         for method in [false, true].into_iter().flat_map(untrained) {
             let options = MethodOptions::parse(method.line, &method.words);
             assert!(options.is_ok(), "{:?}: {options:?}", method.words);
