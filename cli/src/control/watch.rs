@@ -15,6 +15,7 @@ use tokio::time::Instant;
 use crate::args::Watch;
 use crate::connection::Daemon;
 use crate::control::health::remark_on_baseline;
+use crate::control::session;
 use crate::control::status::attempts;
 use crate::control::viewer::{self, Viewer};
 use crate::failure::Failure;
@@ -95,8 +96,10 @@ pub(crate) async fn run(
         }
     };
     let warned = async {
-        if let Some(warning) = baseline_warning(daemon, &session).await {
-            message(&printable(&warning))?;
+        let baseline = session::baseline_in_use(daemon, &session).await;
+        let remarks = baseline.and_then(|baseline| baseline.more.remarks);
+        if let Some(remark) = remark_on_baseline(&remarks.unwrap_or_default()) {
+            message(&printable(&format!("baseline, warning: {remark}")))?;
         }
         std::future::pending().await
     };
@@ -183,15 +186,6 @@ pub(crate) async fn run(
         Some(reason) => viewer::end(daemon, &session, id, reason, printer).await,
         None => Ok(()),
     }
-}
-
-/// The warning about the current baseline, if the session uses it; the daemon may compute it first.
-async fn baseline_warning(daemon: &Daemon, session: &Session1Proxy<'_>) -> Option<String> {
-    let used = session.baseline_id().await.ok()?;
-    let current = daemon.manager.baseline().await.ok()?;
-    let remarks = current.more.remarks.unwrap_or_default();
-    let remark = remark_on_baseline(&remarks).filter(|_| current.id == used)?;
-    Some(format!("baseline, warning: {remark}"))
 }
 
 /// Waits for each signal that requests the program's end; gives its number. Without the alternate screen nothing must be

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use dbus::json::nonempty;
-use dbus::{Session1Proxy, SessionOptions};
+use dbus::{BaselineReport, Session1Proxy, SessionOptions};
 use serde::Serialize;
 
 use crate::args::{Start, Step, Stop};
@@ -78,27 +78,36 @@ pub(crate) async fn start(
     follow(daemon, &session, whole, start.within, printer).await
 }
 
-/// Prints the warnings about the current baseline, if the session uses it. Where they cannot be had, the session goes on.
+/// The current baseline, if the session uses it; the daemon may compute the remarks on it first. `None` where it cannot be had.
+pub(crate) async fn baseline_in_use(
+    daemon: &Daemon,
+    session: &Session1Proxy<'_>,
+) -> Option<BaselineReport> {
+    let requested = async {
+        Ok((
+            session.baseline_id().await?,
+            daemon.manager.baseline().await?,
+        ))
+    };
+    let (used, baseline) = daemon.ask("the baseline", requested).await.ok()?;
+    (baseline.id == used).then_some(baseline)
+}
+
+/// Prints the warnings about the session's baseline. Where they cannot be had, the session goes on.
 async fn warn_of_baseline(
     daemon: &Daemon,
     session: &Session1Proxy<'_>,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let requested = async {
-        let used = (session.id().await?, session.baseline_id().await?);
-        Ok((used, daemon.manager.baseline().await?))
-    };
-    let Ok(((id, used), baseline)) = daemon.ask("the baseline", requested).await else {
+    let Some(baseline) = baseline_in_use(daemon, session).await else {
         return Ok(());
     };
-    if baseline.id != used {
+    let Ok(id) = daemon.ask("the session", session.id()).await else {
         return Ok(());
-    }
+    };
     let remarks = baseline.more.remarks.unwrap_or_default();
-    let texts = remarks.into_iter();
-    texts
-        .map(|text| format!("baseline {used}: {text}"))
-        .try_for_each(|text| warn(&id, text, printer))
+    let mut texts = remarks.into_iter();
+    texts.try_for_each(|text| warn(&id, format!("baseline {}: {text}", baseline.id), printer))
 }
 
 fn start_options(start: &Start) -> Result<SessionOptions, Failure> {

@@ -56,36 +56,32 @@ pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
         } else {
             lines.push("session  none; `tactus start` starts one".into());
         }
-        let [baseline_and_source, others] = of_daemon(daemon);
-        lines.extend(baseline_and_source.iter().map(|text| plain(text)));
-        let remark = remark_on_baseline(&daemon.baseline_remarks);
-        lines.extend(remark.map(|text| warned(&format!("baseline, warning: {text}"))));
-        lines.extend(others.iter().map(|text| plain(text)));
+        lines.extend(of_daemon(daemon, warned));
     }
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
 }
 
-/// Baseline and source, and after their warning the others.
-fn of_daemon(daemon: &DaemonState) -> [Vec<String>; 2] {
+fn of_daemon(daemon: &DaemonState, warned: impl Fn(&str) -> Line<'static>) -> Vec<Line<'static>> {
     let age = daemon
         .baseline_age_s
         .map(|age| format!(", {} old", display_long(age)));
-    let first = vec![
-        match daemon.baseline.as_str() {
-            "" => "baseline none; `tactus baseline record`".to_owned(),
-            id => format!("baseline {id}{}", age.unwrap_or_default()),
-        },
-        format!("source   {}, {}", daemon.source, daemon.source_state),
-    ];
-    let mut lines = vec![format!("method   {}", daemon.method)];
+    let baseline = match daemon.baseline.as_str() {
+        "" => "baseline none; `tactus baseline record`".to_owned(),
+        id => format!("baseline {id}{}", age.unwrap_or_default()),
+    };
+    let source = format!("source   {}, {}", daemon.source, daemon.source_state);
+    let mut lines = vec![plain(&baseline), plain(&source)];
+    let remark = remark_on_baseline(&daemon.baseline_remarks);
+    lines.extend(remark.map(|text| warned(&format!("baseline, warning: {text}"))));
+    lines.push(plain(&format!("method   {}", daemon.method)));
     if let Some(days) = daemon.disk_days {
-        lines.push(format!("disk     {days:.0} days left"));
+        lines.push(plain(&format!("disk     {days:.0} days left")));
     }
     if let Some(error) = &daemon.last_error {
-        lines.push(format!("error    {error}"));
+        lines.push(plain(&format!("error    {error}")));
     }
-    lines.push(format!("daemon   tactusd {}", daemon.version));
-    [first, lines]
+    lines.push(plain(&format!("daemon   tactusd {}", daemon.version)));
+    lines
 }
 
 fn plain(text: &str) -> Line<'static> {
