@@ -393,24 +393,20 @@ async fn a_serial_port_is_pulled_and_plugged() {
             DEADLINE,
         )
     };
+    let port_exists = async |wanted: bool| {
+        let until = async {
+            while std::path::Path::new(&path).exists() != wanted {
+                tokio::task::yield_now().await;
+            }
+        };
+        tokio::time::timeout(DEADLINE, until).await.unwrap();
+    };
     let mut board = GpioMux::connect(open()).await.unwrap();
     served.fault("serial unplug");
     assert!(board.state().await.is_err());
-    tokio::time::timeout(DEADLINE, async {
-        while std::path::Path::new(&path).exists() {
-            tokio::task::yield_now().await;
-        }
-    })
-    .await
-    .unwrap();
+    port_exists(false).await;
     served.fault("serial plug");
-    tokio::time::timeout(DEADLINE, async {
-        while !std::path::Path::new(&path).exists() {
-            tokio::task::yield_now().await;
-        }
-    })
-    .await
-    .unwrap();
+    port_exists(true).await;
     let mut board = GpioMux::connect(open()).await.unwrap();
     assert_eq!(board.state().await.unwrap().0, [None; 4]);
     let source = served.address("6221-serial");
