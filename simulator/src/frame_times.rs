@@ -9,7 +9,7 @@ use rig::{BoxStream, Link, MeterSettings, Rig, Stop, SystemClock, acquire};
 use survey::{Plan, Volts};
 use tokio::runtime::Runtime;
 
-use crate::profile::{Pace, Profile};
+use crate::instrument::{Pace, Profile};
 use crate::simulated_rig::SimulatedRig;
 
 /// Replies are immediate; the timeout only ends a hang.

@@ -28,10 +28,8 @@
 
 mod circuit;
 mod control;
-mod fault;
 mod frame_times;
 mod instrument;
-mod isolated;
 mod profile;
 mod program;
 mod serve;
@@ -41,7 +39,11 @@ mod transcripts;
 mod transport;
 
 pub use crate::circuit::load_network::{LoadNetwork, LoadNetworkError};
-pub use crate::isolated::InstrumentSetup;
+pub use crate::instrument::fault::{Fault, FaultError, ReplyFault, TimedFault};
+pub use crate::instrument::isolated::InstrumentSetup;
+pub use crate::instrument::{
+    Board, Headers, Instrument, Mainframe, Pace, Profile, SecondClient, Source, Wire,
+};
 pub use crate::simulated_instruments::{Messages, TranscriptLine};
 pub use crate::simulated_rig::status::{Client, SourceStatus, Status};
 pub use crate::simulated_rig::{RigError, SimulatedRig};
@@ -49,10 +51,8 @@ pub use crate::transcripts::golden::{Expected, Golden, GoldenError, GoldenLine, 
 pub use crate::transcripts::playback::{
     Comparison, ReplayError, ReplayStatistics, ReplayTarget, golden_of, replay,
 };
-pub use fault::{Fault, FaultError, ReplyFault, TimedFault};
 pub use frame_times::{FrameTimeError, FrameTimes};
-pub use instrument::{Instrument, Wire};
 pub use phantom::{Load, LoadError, PhantomError, Scene, SceneError, Shape};
-pub use profile::{Board, Headers, Mainframe, Pace, Profile, ProfileError, SecondClient, Source};
+pub use profile::ProfileError;
 pub use program::{command, run};
 pub use serve::{Ready, ServeError, ServeOptions, Server, serve};

@@ -1,22 +1,21 @@
 //! The simulated rig on TCP, VXI-11, pseudo-terminals and web pages, for any client that speaks SCPI.
 
+use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use serde::Serialize;
 use tempfile::TempDir;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 
 use crate::control;
-use crate::profile::SecondClient;
+use crate::instrument::{Port, SecondClient};
 use crate::transport::announce::{Announcement, HTTP, LXI, SCPI_RAW, SCPI_TELNET, VXI_11};
-use crate::transport::client::End;
 use crate::transport::pty::Pty;
 use crate::transport::vxi11::Mainframe;
-use crate::transport::{telnet, web};
+use crate::transport::{socket, telnet, web};
 use crate::{Instrument, SimulatedRig};
 
 /// Addresses and ports. Port 0 selects a free one.
@@ -58,6 +57,17 @@ impl Default for ServeOptions {
     }
 }
 
+impl ServeOptions {
+    /// The port of an instrument's raw socket; a free one for an instrument without an option of its own.
+    fn port(&self, instrument: Instrument) -> u16 {
+        match instrument {
+            Instrument::Source => self.port_6221,
+            Instrument::Mainframe => self.port_34980a,
+            _ => 0,
+        }
+    }
+}
+
 /// The line of JSON that is printed once clients can connect.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Ready {
@@ -85,6 +95,9 @@ pub struct Ready {
     pub http: Option<String>,
     /// Path of the control socket.
     pub control: String,
+    /// `host:port` or path of the serial port of each other instrument, by its name in faults.
+    #[serde(flatten)]
+    pub others: BTreeMap<&'static str, String>,
 }
 
 /// Errors of serving.
@@ -151,9 +164,19 @@ pub struct Server {
 pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, ServeError> {
     let mut tasks = JoinSet::new();
     let bind = options.bind.as_str();
-    let (source, source_at) = listen(Instrument::Source, bind, options.port_6221).await?;
-    let (mainframe, mainframe_at) =
-        listen(Instrument::Mainframe, bind, options.port_34980a).await?;
+    let here = Instrument::ALL.into_iter();
+    let here: Vec<_> = here.filter(|instrument| rig.has(*instrument)).collect();
+    let by = |port: Port| {
+        let here = here.iter().copied();
+        here.filter(move |instrument| instrument.kind().port == port)
+    };
+    let mut listeners = Vec::new();
+    let mut sockets = BTreeMap::new();
+    for instrument in by(Port::Network) {
+        let (listener, at) = listen(instrument, bind, options.port(instrument)).await?;
+        listeners.push((instrument, listener));
+        sockets.insert(instrument, at);
+    }
     let pages = options.port_http.or(options.announce.then_some(0));
     let http = match pages {
         Some(port) => Some(listen(Instrument::Mainframe, bind, port).await?),
@@ -185,10 +208,11 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
         tasks.spawn(serial_port(rig.clone(), instrument, path, pty));
         Ok(shown)
     };
-    let board_serial = match rig.has_board() {
-        true => Some(serial(Instrument::Board, "board")?),
-        false => None,
-    };
+    let mut addresses: BTreeMap<Instrument, String> = BTreeMap::new();
+    addresses.extend(sockets.iter().map(|(of, at)| (*of, at.to_string())));
+    for instrument in by(Port::Serial) {
+        addresses.insert(instrument, serial(instrument, instrument.kind().word)?);
+    }
     let source_serial = match options.serial_6221 {
         true => Some(serial(Instrument::Source, "6221")?),
         false => None,
@@ -197,8 +221,9 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
     let vxi11_at = core.as_ref().map(|(_, at)| *at);
     let telnet_at = telnet.as_ref().map(|(_, at)| *at);
     let http_at = http.as_ref().map(|(_, at)| *at);
-    tasks.spawn(accept_source(rig.clone(), source));
-    tasks.spawn(accept(rig.clone(), Instrument::Mainframe, mainframe));
+    for (instrument, listener) in listeners {
+        tasks.spawn(socket::serve(rig.clone(), instrument, listener));
+    }
     tasks.spawn(control::serve(rig.clone(), socket));
     tasks.spawn(time_line(rig.clone()));
     if let Some((core, _)) = core {
@@ -209,21 +234,23 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
     }
     if let Some((http, _)) = http {
         let ports = web::Ports {
-            mainframe: mainframe_at,
+            mainframe: sockets[&Instrument::Mainframe],
             vxi11: vxi11_at,
         };
         tasks.spawn(web::serve(rig.clone(), http, ports));
     }
     let announcement = options.announce.then(|| {
         let of_mainframe = [
-            (SCPI_RAW, Some(mainframe_at)),
             (LXI, http_at),
             (HTTP, http_at),
             (VXI_11, vxi11_at),
             (SCPI_TELNET, telnet_at),
         ];
         let mainframe = rig.identity(Instrument::Mainframe);
-        let mut services = vec![(rig.identity(Instrument::Source), SCPI_RAW, source_at)];
+        let mut services: Vec<_> = sockets
+            .iter()
+            .map(|(instrument, at)| (rig.identity(*instrument), SCPI_RAW, *at))
+            .collect();
         services.extend(
             of_mainframe
                 .into_iter()
@@ -231,18 +258,23 @@ pub async fn serve(rig: SimulatedRig, options: &ServeOptions) -> Result<Server, 
         );
         Announcement::make(&services)
     });
+    let mut address = |instrument| addresses.remove(&instrument);
     Ok(Server {
         ready: Ready {
             ready: true,
-            source: source_at.to_string(),
-            mainframe: mainframe_at.to_string(),
+            source: address(Instrument::Source).unwrap_or_default(),
+            mainframe: address(Instrument::Mainframe).unwrap_or_default(),
             second_client,
-            serial: board_serial,
+            serial: address(Instrument::Board),
             source_serial,
             vxi11: vxi11_at.map(|at| at.to_string()),
             telnet: telnet_at.map(|at| at.to_string()),
             http: http_at.map(|at| at.to_string()),
             control: control.display().to_string(),
+            others: addresses
+                .into_iter()
+                .map(|(instrument, address)| (instrument.kind().word, address))
+                .collect(),
         },
         tasks,
         announcement: announcement.flatten(),
@@ -292,67 +324,6 @@ async fn listen(
     let listener = TcpListener::bind((bind, port)).await.map_err(fault)?;
     let address = listener.local_addr().map_err(fault)?;
     Ok((listener, address))
-}
-
-/// Waits for a client without timeout.
-async fn next_client(instrument: Instrument, listener: &TcpListener) -> (TcpStream, String) {
-    loop {
-        match listener.accept().await {
-            Ok((stream, address)) => {
-                stream.set_nodelay(true).ok();
-                return (stream, address.to_string());
-            }
-            Err(fault) => {
-                tracing::warn!("a client of the {instrument} could not be accepted: {fault}");
-                tokio::task::yield_now().await;
-            }
-        }
-    }
-}
-
-/// Accepts several clients at once.
-async fn accept(rig: SimulatedRig, instrument: Instrument, listener: TcpListener) {
-    let mut clients = JoinSet::new();
-    loop {
-        let (stream, address) = next_client(instrument, &listener).await;
-        clients.spawn(rig.clone().converse(instrument, address, stream));
-        while clients.try_join_next().is_some() {}
-    }
-}
-
-/// Accepts the source's clients according to its profile.
-async fn accept_source(rig: SimulatedRig, listener: TcpListener) {
-    let instrument = Instrument::Source;
-    if rig.source_profile().second_client == SecondClient::Served {
-        return accept(rig, instrument, listener).await;
-    }
-    loop {
-        let (stream, address) = next_client(instrument, &listener).await;
-        let served = async {
-            let end = rig.clone().converse(instrument, address, stream).await;
-            if end == End::Abnormal {
-                let hold = rig.source_profile().slot_hold_s;
-                // The range was checked when the profile was read.
-                tokio::time::sleep(Duration::try_from_secs_f64(hold).unwrap_or_default()).await;
-            }
-        };
-        if rig.source_profile().second_client == SecondClient::Held {
-            served.await;
-            continue;
-        }
-        let refuse = async {
-            loop {
-                let (second, address) = next_client(instrument, &listener).await;
-                tracing::warn!("{address} is refused: the {instrument} has a client");
-                // Closed with a reset: its messages are not received.
-                second.set_zero_linger().ok();
-            }
-        };
-        tokio::select! {
-            () = served => {}
-            () = refuse => {}
-        }
-    }
 }
 
 /// Opens a pseudo-terminal under a fixed name.

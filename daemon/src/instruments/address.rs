@@ -3,11 +3,6 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// Default rate of a multiplexer board on a serial line.
-const BAUD: u32 = 115_200;
-/// Factory default of a 6221 (fact sheet section 1).
-pub(crate) const SOURCE_BAUD: u32 = 9600;
-
 /// An instrument's address.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum InstrumentAddress {
@@ -19,16 +14,6 @@ pub(crate) enum InstrumentAddress {
     Serial { path: String, baud: Option<u32> },
     /// `gpiochip:PATH`, its lines by their names, or `gpiochip:PATH@OFFSET`, 24 lines in a row.
     Gpiochip { path: String, first: Option<u32> },
-}
-
-impl InstrumentAddress {
-    /// The default rate of a serial line.
-    pub(crate) fn baud(role: &str) -> u32 {
-        match role {
-            "source" => SOURCE_BAUD,
-            _ => BAUD,
-        }
-    }
 }
 
 /// An invalid address.

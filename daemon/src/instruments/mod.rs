@@ -5,9 +5,9 @@ pub(crate) mod address;
 pub(crate) mod assembly;
 pub(crate) mod discovery;
 pub(crate) mod identities;
+pub(crate) mod kinds;
 pub(crate) mod last_resort;
 pub(crate) mod lock;
-pub(crate) mod multiplexer;
 pub(crate) mod relay_wear;
 pub(crate) mod rig_plan;
 #[cfg(feature = "simulator")]

@@ -1,12 +1,18 @@
 //! The simulated rig as the daemon uses it: its profile, its scene, loads on its sheet. `without_simulator` replaces
 //! this module if the program is built without feature `simulator`.
 
-use simulator::{Load, Shape};
+use rig::BoxStream;
+use simulator::{Instrument, Load, Shape};
 pub(crate) use simulator::{Profile, Scene, SimulatedRig};
 
 /// Whether this program can simulate instruments; the error says which feature it lacks.
 pub(crate) fn check_built() -> Result<(), String> {
     Ok(())
+}
+
+/// Connects to the simulated instrument of this name.
+pub(crate) fn connect(rig: &SimulatedRig, name: &str) -> BoxStream {
+    rig.connect(Instrument::named(name).expect("every supported model has a simulator"))
 }
 
 /// A shipped scene by name, or a scene file by path; by default an unloaded sheet without effects.

@@ -44,18 +44,10 @@ impl SimulatedRig {
     pub(crate) fn new(profile: &Profile, _scene: Scene) -> Result<Self, NotBuilt> {
         match profile.none {}
     }
+}
 
-    pub(crate) fn connect_6221(&self) -> BoxStream {
-        match self.0 {}
-    }
-
-    pub(crate) fn connect_34980a(&self) -> BoxStream {
-        match self.0 {}
-    }
-
-    pub(crate) fn connect_gpio(&self) -> BoxStream {
-        match self.0 {}
-    }
+pub(crate) fn connect(rig: &SimulatedRig, _name: &str) -> BoxStream {
+    match rig.0 {}
 }
 
 /// Whether this program can simulate instruments; the error says which feature it lacks.

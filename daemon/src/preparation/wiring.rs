@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::Duration;
 
 use keysight_34980a::{MapError, Module};
 use serde::Deserialize;
-use survey::{Limits, OwnWiring, Relay, Sensing, Timing, Transition, Wiring, duration};
+use survey::{Limits, OwnWiring, Relay, Sensing, Timing, Transition, Wiring};
 
+use crate::instruments::kinds;
 use crate::preparation::Findings;
 use config::{Config, WiringKind};
 use survey::error_chain as chain;
@@ -79,7 +79,7 @@ pub(super) fn resolve_wiring(
     let wiring = findings.value_or_problem("wiring", outcome.map_err(|cause| chain(&cause)))?;
     let modules = modules(section.kind, slot, inject_slot);
     Some(WiringWithModules {
-        limits: limits(&modules),
+        limits: kinds::limits(&modules),
         wiring,
         modules,
     })
@@ -149,7 +149,7 @@ fn from_file(path: &Path) -> Result<WiringWithModules, String> {
     })
     .map_err(|cause| named(chain(&cause)))?;
     let wired = WiringWithModules {
-        limits: limits(&modules),
+        limits: kinds::limits(&modules),
         wiring,
         modules,
     };
@@ -159,39 +159,10 @@ fn from_file(path: &Path) -> Result<WiringWithModules, String> {
     }
 }
 
-/// Limits of source and modules; without modules, those of the multiplexer board.
-fn limits(modules: &BTreeMap<u32, Module>) -> Limits {
-    let source = keithley_6221::LIMITS;
-    if modules.is_empty() {
-        return Limits::of(source, [gpio_mux::RELAY_LIMITS]);
-    }
-    let relays = modules.values().map(|module| module.model().relay_limits());
-    Limits::of(source, relays)
-}
-
 impl WiringWithModules {
-    /// Timing of the modules: the slowest relay and the slowest scan.
+    /// Timing of the wiring on its instruments.
     pub(super) fn timing(&self, nplc: f64, line_hz: f64) -> Timing {
-        if self.modules.is_empty() {
-            return Timing {
-                round_trip: gpio_mux::ROUND_TRIP,
-                ..keysight_34980a::reading_timing(nplc, line_hz)
-            };
-        }
-        let slowest = |time: fn(&Module) -> Duration| {
-            self.modules.values().map(time).max().unwrap_or_default()
-        };
-        let measuring = self.wiring.measuring_relays();
-        let scans = measuring
-            .iter()
-            .filter_map(|relay| self.modules.get(&keysight_34980a::split(*relay)?.0));
-        let rate = scans.filter_map(|module| module.model().scan_rate()).min();
-        Timing {
-            relay_close: slowest(|module| module.model().close_time()),
-            relay_open: slowest(|module| module.model().open_time()),
-            scan_period: duration(1.0 / f64::from(rate.unwrap_or(100))),
-            ..keysight_34980a::reading_timing(nplc, line_hz)
-        }
+        kinds::timing(&self.wiring, &self.modules, nplc, line_hz)
     }
 
     /// The first relay that these modules cannot serve, with slot, module, channel and electrodes; `None` if all fit.

@@ -1,161 +1,19 @@
-//! A profile: the instruments of a simulated rig. The scene describes the sheet.
+//! Reads a profile: the instruments of a simulated rig. The scene describes the sheet.
 
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
 use keysight_34980a::Module;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
+use toml::de::DeTable;
 
 use crate::circuit::load_network::{LoadNetwork, LoadNetworkError};
-use crate::fault::TimedFault;
-
-/// Speed of the instruments' time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Pace {
-    /// Real time.
-    Real,
-    /// Faster (above 1) or slower (below) by this factor.
-    Scaled(f64),
-    /// Replies are immediate; the instruments' clock still advances by the time they would have needed.
-    Instant,
-}
-
-/// The instruments of a simulated rig.
-///
-/// ```
-/// let profile = simulator::Profile::parse("mine.toml", "time = \"instant\"\n[slots]\n1 = \"34924A\"\n")?;
-/// assert_eq!(profile.pace, simulator::Pace::Instant);
-/// let refusal = simulator::Profile::parse("mine.toml", "time = \"instant\"\n[slotz]\n").unwrap_err();
-/// assert!(refusal.to_string().starts_with("mine.toml:2:2: "), "{refusal}");
-/// # Ok::<(), simulator::ProfileError>(())
-/// ```
-#[derive(Debug, Clone, PartialEq)]
-pub struct Profile {
-    /// Speed of the instruments' time.
-    pub pace: Pace,
-    /// Mains frequency, Hz: 50 or 60.
-    pub line_hz: f64,
-    /// The current source.
-    pub source: Source,
-    /// The switch and voltmeter.
-    pub mainframe: Mainframe,
-    /// The modules in slots 1 to 8.
-    pub slots: [Option<Module>; 8],
-    /// The multiplexer board, if there is one.
-    pub board: Option<Board>,
-    /// The load on the terminals.
-    pub load: LoadNetwork,
-    /// Faults with their times.
-    pub faults: Vec<TimedFault>,
-}
-
-/// Treatment of a second client of the 6221 while the first is connected.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SecondClient {
-    /// Accepted, but its messages are only received after the first has disconnected.
-    #[default]
-    Held,
-    /// Disconnected immediately.
-    Refused,
-    /// Served like the first.
-    Served,
-}
-
-/// Settings of the simulated 6221.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Source {
-    /// Serial number in `*IDN?`.
-    pub serial: String,
-    /// Time a message takes, ms.
-    pub command_ms: f64,
-    /// Treatment of a second TCP client.
-    pub second_client: SecondClient,
-    /// How long the only connection stays occupied after a client vanished without closing it, s.
-    pub slot_hold_s: f64,
-}
-
-impl Default for Source {
-    fn default() -> Self {
-        Self {
-            serial: "1234567".to_owned(),
-            command_ms: 5.0,
-            second_client: SecondClient::default(),
-            slot_hold_s: 0.0,
-        }
-    }
-}
-
-/// Settings of the simulated 34980A.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Mainframe {
-    /// Serial number in `*IDN?`.
-    pub serial: String,
-    /// Time a message takes, ms.
-    pub command_ms: f64,
-    /// Initial time of its clock, seconds since 1970-01-01. Default: the year 2000, or the present time if the program
-    /// serves it.
-    pub clock_unix_s: Option<u32>,
-    /// Which headers it has for autozero and input impedance.
-    pub headers: Headers,
-}
-
-/// Variants of the headers for autozero and input impedance; the headers of the other variant are undefined.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-pub enum Headers {
-    /// `VOLT:DC:ZERO:AUTO` and `VOLT:DC:IMP:AUTO`, as documented in its help.
-    #[default]
-    #[serde(rename = "34980A")]
-    Documented,
-    /// `ZERO:AUTO` and `INP:IMP:AUTO`, as documented in the 34970A's manual.
-    #[serde(rename = "34970A")]
-    Of34970A,
-}
-
-impl From<Headers> for keysight_34980a::HeaderForm {
-    fn from(headers: Headers) -> Self {
-        match headers {
-            Headers::Documented => Self::Documented,
-            Headers::Of34970A => Self::Of34970A,
-        }
-    }
-}
-
-impl Default for Mainframe {
-    fn default() -> Self {
-        Self {
-            serial: "MY44001234".to_owned(),
-            command_ms: 2.0,
-            clock_unix_s: None,
-            headers: Headers::default(),
-        }
-    }
-}
-
-/// Settings of the simulated multiplexer board.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Board {
-    /// Serial number in `*IDN?`.
-    pub serial: String,
-    /// Time a message takes, ms.
-    pub command_ms: f64,
-}
-
-impl Default for Board {
-    fn default() -> Self {
-        Self {
-            serial: "0001".to_owned(),
-            command_ms: 1.5,
-        }
-    }
-}
+use crate::instrument::fault::TimedFault;
+use crate::instrument::section::Section;
+use crate::instrument::{Instrument, Pace, Profile};
 
 /// Errors of profiles.
 #[derive(Debug, thiserror::Error)]
@@ -213,24 +71,30 @@ fn shipped_names() -> String {
     SHIPPED.map(|(name, _)| name).join(", ")
 }
 
+/// The keys that belong to no instrument. The others are the sections of [`Instrument`].
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
 struct Document {
     #[serde(default = "real")]
     time: toml::Spanned<String>,
     speed: Option<toml::Spanned<f64>>,
     #[serde(default = "default_line_hz")]
     line_hz: toml::Spanned<f64>,
-    #[serde(default)]
-    source: Source,
-    #[serde(default)]
-    mainframe: Mainframe,
-    #[serde(default)]
-    slots: BTreeMap<toml::Spanned<String>, toml::Spanned<String>>,
-    board: Option<Board>,
     load: Option<toml::Spanned<String>>,
     #[serde(default)]
     fault: Vec<FaultText>,
+}
+
+/// Every key of a profile, in the order in which errors name them.
+fn keys() -> Vec<&'static str> {
+    let mut keys = vec!["time", "speed", "line_hz"];
+    keys.extend(sections().map(|section| section.name));
+    keys.extend(["load", "fault"]);
+    keys
+}
+
+fn sections() -> impl Iterator<Item = &'static Section> {
+    let all = Instrument::ALL.into_iter();
+    all.flat_map(|instrument| instrument.kind().sections)
 }
 
 /// An entry of the time line.
@@ -308,8 +172,22 @@ impl Profile {
                 what,
             }
         };
-        let document: Document = toml::from_str(text)
-            .map_err(|error| fault(error.span().unwrap_or(0..0), error.message().to_owned()))?;
+        let invalid = |error: toml::de::Error| {
+            fault(error.span().unwrap_or(0..0), error.message().to_owned())
+        };
+        let mut table = DeTable::parse(text).map_err(invalid)?;
+        let known = keys();
+        let mut given = table.get_ref().keys();
+        if let Some(key) = given.find(|key| !known.contains(&key.get_ref().as_ref())) {
+            let known: Vec<String> = known.iter().map(|key| format!("`{key}`")).collect();
+            let (span, key, known) = (key.span(), key.get_ref(), known.join(", "));
+            let what = format!("unknown field `{key}`, expected one of {known}");
+            return Err(fault(span, what));
+        }
+        let given: Vec<_> = sections()
+            .filter_map(|section| Some((section, table.get_mut().remove(section.name)?)))
+            .collect();
+        let document = Document::deserialize(toml::Deserializer::from(table)).map_err(invalid)?;
         let speed = match &document.speed {
             Some(speed) if !(*speed.get_ref() > 0.0 && speed.get_ref().is_finite()) => {
                 return Err(fault(
@@ -349,31 +227,6 @@ impl Profile {
                 "line_hz is 50 or 60".to_owned(),
             ));
         }
-        for (section, command_ms) in [
-            ("source", document.source.command_ms),
-            ("mainframe", document.mainframe.command_ms),
-            (
-                "board",
-                document
-                    .board
-                    .as_ref()
-                    .map_or(0.0, |board| board.command_ms),
-            ),
-        ] {
-            // Well within the range of a Duration.
-            if !(0.0..=60_000.0).contains(&command_ms) {
-                let at = text.find("command_ms").unwrap_or(0);
-                return Err(fault(
-                    at..at,
-                    format!("command_ms of [{section}] is 0 to 60000"),
-                ));
-            }
-        }
-        let hold = document.source.slot_hold_s;
-        if !(0.0..=3600.0).contains(&hold) {
-            let at = text.find("slot_hold_s").unwrap_or(0);
-            return Err(fault(at..at, "slot_hold_s is 0 to 3600".to_owned()));
-        }
         let moment = |seconds: &toml::Spanned<f64>| {
             Duration::try_from_secs_f64(*seconds.get_ref()).map_err(|_| {
                 let wrong = format!("{} is not a time in seconds", seconds.get_ref());
@@ -394,33 +247,18 @@ impl Profile {
             let read = TimedFault::read(at, lasts, entry.what.get_ref());
             faults.extend(read.map_err(|refusal| fault(entry.what.span(), refusal.to_string()))?);
         }
-        let mut slots = [None; 8];
-        for (number, module) in &document.slots {
-            let slot: usize = number
-                .get_ref()
-                .parse()
-                .ok()
-                .filter(|slot| (1..=8).contains(slot))
-                .ok_or_else(|| fault(number.span(), "slots are 1 to 8".to_owned()))?;
-            let module =
-                module
-                    .get_ref()
-                    .parse()
-                    .map_err(|error: keysight_34980a::ModuleError| {
-                        fault(module.span(), error.to_string())
-                    })?;
-            slots[slot - 1] = Some(module);
+        let line_hz = document.line_hz.into_inner();
+        let mut profile = Self::without_sections(pace, line_hz, load, faults);
+        for (section, value) in given {
+            (section.read)(&mut profile, value).map_err(|error| fault(error.at, error.what))?;
         }
-        Ok(Self {
-            pace,
-            line_hz: document.line_hz.into_inner(),
-            source: document.source,
-            mainframe: document.mainframe,
-            slots,
-            board: document.board,
-            load,
-            faults,
-        })
+        for instrument in Instrument::ALL {
+            (instrument.kind().check)(&profile).map_err(|wrong| {
+                let at = text.find(wrong.key).unwrap_or(0);
+                fault(at..at, wrong.what)
+            })?;
+        }
+        Ok(profile)
     }
 
     /// The same instruments with another speed.
@@ -429,11 +267,6 @@ impl Profile {
         self.pace = pace;
         self
     }
-}
-
-/// Milliseconds of a profile as a duration; validated when the profile was read.
-pub(crate) fn milliseconds(value: f64) -> Duration {
-    Duration::try_from_secs_f64(value * 1e-3).unwrap_or_default()
 }
 
 /// The first line of a text, if it is a comment.

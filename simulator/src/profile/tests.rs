@@ -1,4 +1,5 @@
 use super::*;
+use crate::instrument::Headers;
 
 #[test]
 fn every_shipped_profile_can_be_read() {

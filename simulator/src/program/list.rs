@@ -69,7 +69,7 @@ pub(crate) fn json() -> Value {
         .filter_map(|line| line.split_once("  "))
         .map(|(words, what)| json!({ "words": words.trim(), "what": what.trim() }))
         .collect();
-    let faults: Vec<Value> = crate::fault::GRAMMAR
+    let faults: Vec<Value> = crate::instrument::fault::GRAMMAR
         .lines()
         .filter_map(|line| line.split_once("  "))
         .map(|(words, what)| json!({ "words": words.trim(), "what": what.trim() }))

@@ -18,7 +18,7 @@ use rig::transcript::TranscriptWriter;
 use tokio::signal::unix::{SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
-use crate::fault::GRAMMAR;
+use crate::instrument::fault::GRAMMAR;
 use crate::profile::slot;
 use crate::program::panel::Panel;
 use crate::{LoadNetwork, Pace, Profile, ServeOptions, SimulatedRig, serve};
@@ -41,7 +41,7 @@ enum Command {
     /// Serve the instruments until stopped; prints one line of JSON once clients can connect.
     Serve(Serve),
     /// Start or end a fault in a served rig.
-    #[command(after_help = GRAMMAR)]
+    #[command(after_help = GRAMMAR.as_str())]
     Fault(Words),
     /// Press a disc on the sheet of a served rig: X_MM Y_MM DIAMETER_MM LOSS_PERCENT.
     Press(Words),

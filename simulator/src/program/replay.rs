@@ -18,8 +18,7 @@ use crate::{
 pub(super) struct MakeGolden {
     /// The transcript: lines of JSON, as `serve --record` and the daemon write them.
     file: PathBuf,
-    /// Instrument: 6221, 34980a, gpio.
-    #[arg(long, value_name = "NAME", value_parser = instrument)]
+    #[arg(long, value_name = "NAME", value_parser = instrument, help = instruments())]
     instrument: Instrument,
     /// File for the golden [default: standard output].
     #[arg(long, short, value_name = "FILE")]
@@ -69,7 +68,15 @@ struct SetupArguments {
 }
 
 fn instrument(text: &str) -> Result<Instrument, String> {
-    Instrument::named(text).ok_or_else(|| "there are 6221, 34980a and gpio".to_owned())
+    let known = || Instrument::listed(|kind| kind.name, "and");
+    Instrument::named(text).ok_or_else(|| format!("there are {}", known()))
+}
+
+fn instruments() -> String {
+    format!(
+        "Instrument: {}",
+        Instrument::ALL.map(Instrument::name).join(", ")
+    )
 }
 
 impl SetupArguments {

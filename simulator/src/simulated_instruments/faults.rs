@@ -4,9 +4,8 @@ use std::time::Duration;
 
 use scpi::ParseError;
 
-use crate::fault::Fault;
-use crate::instrument::Instrument;
-use crate::profile::Pace;
+use crate::instrument::fault::Fault;
+use crate::instrument::{Instrument, Pace};
 use crate::simulated_instruments::{ReplyTiming, SimulatedInstruments};
 
 /// More messages than the error queue of any instrument holds.

@@ -1,18 +1,14 @@
-//! The instruments and the sheet of one rig, with their interactions. The drivers' simulators define the instruments'
-//! behaviour, `transport` the connections of clients.
+//! The instruments and the sheet of one rig, with their interactions. `instrument` defines each by itself, `transport` the
+//! connections of clients.
 
-mod board;
 mod faults;
-pub(crate) mod instrument;
-mod mainframe;
-mod source;
 
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
 use gpio_mux::Poles;
-use keithley_6221::{Load, Settings6221, Simulator6221};
-use keysight_34980a::{Alternating, MeterRequest, Settings34980a, Wires};
+use keithley_6221::{Load, Simulator6221};
+use keysight_34980a::{Alternating, MeterRequest, Wires};
 use phantom::Phantom;
 use rig::transcript::TranscriptWriter;
 use survey::{Amps, Electrode, Ohms, Relay, Volts};
@@ -20,16 +16,9 @@ use tokio::time::Instant;
 
 use crate::circuit::sheet::{ReadingRequest, Sheet};
 use crate::circuit::terminals::Fixture;
-use crate::fault::TimedFault;
-use crate::instrument::Instrument;
-use crate::profile::{Pace, Profile, milliseconds};
-pub(crate) use crate::simulated_instruments::board::Board;
-use crate::simulated_instruments::instrument::{ExternalCircuit, Reply, SimulatedInstrument};
-pub(crate) use crate::simulated_instruments::mainframe::Mainframe;
-pub(crate) use crate::simulated_instruments::source::Source;
-
-/// 2000-01-01, seconds since 1970-01-01.
-const YEAR_2000: u32 = 946_684_800;
+use crate::instrument::fault::TimedFault;
+use crate::instrument::simulated::{ExternalCircuit, Reply, SimulatedInstrument};
+use crate::instrument::{Instrument, Pace, Profile};
 
 /// The instruments of one rig, connected to one sheet.
 #[derive(Debug)]
@@ -42,8 +31,6 @@ pub(crate) struct SimulatedInstruments {
     /// In instant time: the time that the instruments would have needed so far. Otherwise the time skipped.
     elapsed: Duration,
     pub(crate) transcript: Option<Vec<TranscriptLine>>,
-    /// Position at which a reply is pending.
-    unanswered: Option<usize>,
     /// Writer of all messages and replies.
     pub(crate) recorder: Option<TranscriptWriter>,
     /// Future faults, earliest first.
@@ -59,6 +46,8 @@ struct RoleEntry {
     instrument: Box<dyn SimulatedInstrument>,
     messages: Messages,
     identity: String,
+    /// Position in the transcript at which its reply is pending.
+    unanswered: Option<usize>,
 }
 
 /// The instruments of a profile with their roles, in the order in which they perform due actions.
@@ -66,34 +55,13 @@ fn of_profile(
     profile: &Profile,
     electrodes: usize,
 ) -> Vec<(Instrument, Box<dyn SimulatedInstrument>)> {
-    let board = profile.board.clone().unwrap_or_default();
-    let mainframe = Mainframe::new(Settings34980a {
-        serial: profile.mainframe.serial.clone(),
-        slots: profile.slots,
-        line_hz: profile.line_hz,
-        message_time: milliseconds(profile.mainframe.command_ms),
-        headers: profile.mainframe.headers.into(),
-        clock: Duration::from_secs(u64::from(
-            profile.mainframe.clock_unix_s.unwrap_or(YEAR_2000),
-        )),
-        ..Settings34980a::default()
-    });
-    let board = Board::new(gpio_mux::Settings {
-        serial: board.serial,
-        electrodes: electrodes.min(32),
-        latency: milliseconds(board.command_ms),
-        ..gpio_mux::Settings::default()
-    });
-    let source = Source::new(Settings6221 {
-        serial: profile.source.serial.clone(),
-        command_time: milliseconds(profile.source.command_ms),
-        ..Settings6221::default()
-    });
-    vec![
-        (Instrument::Mainframe, Box::new(mainframe)),
-        (Instrument::Board, Box::new(board)),
-        (Instrument::Source, Box::new(source)),
-    ]
+    let all = Instrument::ALL.into_iter();
+    let mut all: Vec<_> = all
+        .map(|role| (role, (role.kind().build)(profile, electrodes)))
+        .collect();
+    // Stable: switches before sources, otherwise in the order of the table.
+    all.sort_by_key(|(_, instrument)| instrument.current_source().is_some());
+    all
 }
 
 /// Counters of an instrument's messages.
@@ -156,6 +124,7 @@ impl SimulatedInstruments {
             instrument,
             messages: Messages::default(),
             identity: String::new(),
+            unanswered: None,
         });
         let mut new = Self {
             places: places.collect(),
@@ -171,7 +140,6 @@ impl SimulatedInstruments {
             start: Instant::now(),
             elapsed: Duration::ZERO,
             transcript: None,
-            unanswered: None,
             recorder: None,
         };
         for role in Instrument::ALL {
@@ -296,8 +264,9 @@ impl SimulatedInstruments {
                 received: line.to_owned(),
                 answered: text.clone(),
             });
+            let position = transcript.len() - 1;
             if later {
-                self.unanswered = Some(transcript.len() - 1);
+                self.place_mut(instrument).unanswered = Some(position);
             }
         }
         let wait = match self.pace {
@@ -308,39 +277,38 @@ impl SimulatedInstruments {
                 Duration::ZERO
             }
         };
-        let refused = match self.place(instrument).instrument.latest_error() {
+        let receiver = &self.place(instrument).instrument;
+        let refused = match receiver.latest_error() {
             (added, Some(latest)) if added != errors => Some(latest.to_string()),
             _ => None,
         };
+        let measured = receiver.asks_for_readings(line);
         MessageOutcome {
             text,
             wait,
             later,
             refused,
-            measured: asks_for_readings(instrument, line),
+            measured,
         }
     }
 
-    /// Whether the mainframe's postponed reply is there: its measurement was aborted.
-    pub(crate) fn has_reply(&self, session: u32) -> bool {
-        let mainframe = self.place(Instrument::Mainframe);
-        mainframe.instrument.has_reply(session)
+    /// Whether an instrument's postponed reply is there: its measurement was aborted.
+    pub(crate) fn has_reply(&self, instrument: Instrument, session: u32) -> bool {
+        self.place(instrument).instrument.has_reply(session)
     }
 
     /// The postponed reply, after its time.
-    pub(crate) fn fetch(&mut self, session: u32) -> Option<String> {
+    pub(crate) fn fetch(&mut self, instrument: Instrument, session: u32) -> Option<String> {
         self.catch_up();
         let at = self.now();
-        let fetch = |instrument: &mut dyn SimulatedInstrument,
-                     outside: &mut dyn ExternalCircuit| {
+        let (text, _) = self.act(instrument, |instrument, outside| {
             instrument.fetch(session, at, outside)
-        };
-        let (text, _) = self.act(Instrument::Mainframe, fetch);
-        let count = &mut self.place_mut(Instrument::Mainframe).messages;
-        count.answered += u64::from(text.is_some());
-        let place = self.unanswered.take();
-        if let (Some(transcript), Some(place)) = (&mut self.transcript, place)
-            && let Some(message) = transcript.get_mut(place)
+        });
+        let place = self.place_mut(instrument);
+        place.messages.answered += u64::from(text.is_some());
+        let unanswered = place.unanswered.take();
+        if let (Some(transcript), Some(position)) = (&mut self.transcript, unanswered)
+            && let Some(message) = transcript.get_mut(position)
         {
             message.answered.clone_from(&text);
         }
@@ -358,18 +326,18 @@ impl SimulatedInstruments {
         self.place_mut(instrument).instrument.end_session(session);
     }
 
-    /// Device clear by a client of the mainframe.
-    pub(crate) fn clear_session(&mut self, session: u32) {
+    /// Device clear by a client.
+    pub(crate) fn clear_session(&mut self, instrument: Instrument, session: u32) {
         let at = self.now();
-        self.act(Instrument::Mainframe, |mainframe, outside| {
-            mainframe.clear_session(session, at, outside);
+        self.act(instrument, |instrument, outside| {
+            instrument.clear_session(session, at, outside);
         });
     }
 
-    /// The mainframe's status byte, without message available.
-    pub(crate) fn status_byte(&mut self) -> u8 {
+    /// An instrument's status byte, without message available.
+    pub(crate) fn status_byte(&mut self, instrument: Instrument) -> u8 {
         self.catch_up();
-        self.place(Instrument::Mainframe).instrument.status_byte()
+        self.place(instrument).instrument.status_byte()
     }
 
     /// Power cycle; returns what the instrument then sends without a query.
@@ -461,13 +429,4 @@ impl Poles for SharedCircuit<'_> {
         self.sheet.set_poles(joined, at);
         self.load_changed(at);
     }
-}
-
-/// Whether the numbers of the reply to a message are readings. The source measures nothing: its numbers are settings, and a
-/// fault of readings acts on these.
-fn asks_for_readings(instrument: Instrument, message: &str) -> bool {
-    instrument == Instrument::Source
-        || ["READ?", "FETC?", "MEAS:", "DATA:"]
-            .iter()
-            .any(|query| message.contains(query))
 }

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::sync::{MutexGuard, PoisonError};
 use std::time::Duration;
 
-use crate::fault::{Fault, FaultError, ReplyFault};
-use crate::instrument::{Instrument, Wire};
+use crate::instrument::fault::{Fault, FaultError, ReplyFault};
+use crate::instrument::{Instrument, Port, Wire};
 use crate::simulated_rig::SimulatedRig;
 use survey::Relay;
 
@@ -31,11 +31,15 @@ impl SimulatedRig {
             Fault::Slow(instrument, by) => {
                 self.link_faults()[instrument.index()].slower_by = *by;
             }
-            Fault::Reset(Instrument::Board) => {
-                let banner = self.instruments().power_cycle(Instrument::Board);
-                self.shared.banner.send_replace(banner.unwrap_or_default());
-            }
-            Fault::Reset(instrument) => self.power_cycle(*instrument),
+            Fault::Reset(instrument) => match instrument.kind().port {
+                Port::Network => self.power_cycle(*instrument),
+                Port::Serial => {
+                    let banner = self.instruments().power_cycle(*instrument);
+                    if let Some(banner) = banner {
+                        self.shared.banners[instrument.index()].send_replace(banner);
+                    }
+                }
+            },
             Fault::Serial(plugged) => {
                 if *plugged {
                     self.instruments().power_cycle(Instrument::Board);
@@ -44,13 +48,13 @@ impl SimulatedRig {
                 self.set_wire(Instrument::Board, wire);
             }
             Fault::PowerCut => {
-                for instrument in [Instrument::Source, Instrument::Mainframe] {
+                let here = Instrument::ALL.into_iter();
+                for instrument in here.filter(|instrument| self.has(*instrument)) {
                     self.fault(&Fault::Reset(instrument))?;
-                    self.fault(&Fault::Drop(instrument))?;
-                }
-                if self.has_board() {
-                    // Its line stays: a serial port belongs to the computer.
-                    self.fault(&Fault::Reset(Instrument::Board))?;
+                    // The line of a serial port stays: it belongs to the computer.
+                    if instrument.kind().port == Port::Network {
+                        self.fault(&Fault::Drop(instrument))?;
+                    }
                 }
             }
             Fault::Slot(..) | Fault::Module(..) | Fault::Voltmeter(_) => {
@@ -88,13 +92,13 @@ impl SimulatedRig {
     /// Checks that this rig has the part that a fault concerns.
     fn check_is_here(&self, fault: &Fault) -> Result<(), FaultError> {
         match fault {
-            Fault::Wire(Instrument::Board, _)
-            | Fault::Drop(Instrument::Board)
-            | Fault::Replies(Instrument::Board, ..)
-            | Fault::Slow(Instrument::Board, _)
-            | Fault::QueueOverflow(Instrument::Board)
-            | Fault::Reset(Instrument::Board)
-            | Fault::Serial(_) => self.need_board(),
+            Fault::Wire(instrument, _)
+            | Fault::Drop(instrument)
+            | Fault::Replies(instrument, ..)
+            | Fault::Slow(instrument, _)
+            | Fault::QueueOverflow(instrument)
+            | Fault::Reset(instrument) => self.check_instrument(*instrument),
+            Fault::Serial(_) => self.check_instrument(Instrument::Board),
             Fault::StuckOpen(relay) | Fault::StuckClosed(relay) => self.check_relay(*relay),
             Fault::Free(relay) => {
                 self.check_relay(*relay)?;
@@ -114,18 +118,17 @@ impl SimulatedRig {
     }
 
     fn check_relay(&self, relay: Relay) -> Result<(), FaultError> {
-        let on_board = self.shared.has_board;
+        let on_board = self.has_board();
         match self.instruments().sheet.has_relay(relay, on_board) {
             true => Ok(()),
             false => Err(FaultError::NoRelay(relay)),
         }
     }
 
-    fn need_board(&self) -> Result<(), FaultError> {
-        if self.shared.has_board {
-            Ok(())
-        } else {
-            Err(FaultError::NotHere("there is no multiplexer board"))
+    fn check_instrument(&self, instrument: Instrument) -> Result<(), FaultError> {
+        match self.shared.lacking[instrument.index()] {
+            None => Ok(()),
+            Some(lacking) => Err(FaultError::NotHere(lacking)),
         }
     }
 

@@ -9,9 +9,8 @@ use phantom::{Load, Phantom, PhantomError, Scene};
 use survey::{Amps, Electrode, Relay, Volts};
 use tokio::sync::{Notify, watch};
 
-use crate::fault::TimedFault;
-use crate::instrument::{Instrument, Wire, WireState};
-use crate::profile::Profile;
+use crate::instrument::fault::TimedFault;
+use crate::instrument::{Instrument, Profile, Source, Wire, WireState};
 use crate::simulated_instruments::{Messages, SimulatedInstruments, TranscriptLine};
 use crate::simulated_rig::faults::LinkFaults;
 use crate::simulated_rig::status::{Client, SourceStatus, Status};
@@ -74,13 +73,14 @@ pub(crate) struct Shared {
     clients: Mutex<Clients>,
     /// Number of the next client's session; 0 is the rig's own.
     pub(crate) sessions: AtomicU32,
-    /// Text that the board sends without a query.
-    pub(crate) banner: watch::Sender<String>,
+    /// For each instrument, the text that it sends without a query.
+    pub(crate) banners: [watch::Sender<String>; Instrument::ALL.len()],
     /// Notifies displays of a possible change.
     pub(crate) changed: Notify,
     electrodes: usize,
-    has_board: bool,
-    source: crate::profile::Source,
+    /// For each instrument, why a fault of it is refused if this rig does not have it.
+    lacking: [Option<&'static str>; Instrument::ALL.len()],
+    source: Source,
 }
 
 impl SimulatedRig {
@@ -128,10 +128,10 @@ impl SimulatedRig {
                 link_faults: Mutex::new(Instrument::ALL.map(|_| LinkFaults::default()).into()),
                 clients: Mutex::default(),
                 sessions: AtomicU32::new(1),
-                banner: watch::Sender::new(String::new()),
+                banners: Instrument::ALL.map(|_| watch::Sender::new(String::new())),
                 changed: Notify::new(),
                 electrodes,
-                has_board: profile.board.is_some(),
+                lacking: Instrument::ALL.map(|instrument| (instrument.kind().lacking)(profile)),
                 source: profile.source.clone(),
             }),
         })
@@ -143,13 +143,18 @@ impl SimulatedRig {
     }
 
     /// Settings of the source, including those of its connections.
-    pub(crate) fn source_profile(&self) -> &crate::profile::Source {
+    pub(crate) fn source_profile(&self) -> &Source {
         &self.shared.source
     }
 
     /// Whether the profile has a multiplexer board.
     pub fn has_board(&self) -> bool {
-        self.shared.has_board
+        self.has(Instrument::Board)
+    }
+
+    /// Whether the profile has this instrument.
+    pub(crate) fn has(&self, instrument: Instrument) -> bool {
+        self.shared.lacking[instrument.index()].is_none()
     }
 
     /// Cuts or restores the wire to an instrument.

@@ -56,28 +56,22 @@ impl SimulatedRig {
     }
 
     /// Performs what is due; returns whether a session's postponed reply is there before its time.
-    pub(crate) fn catch_up(&self, session: u32) -> bool {
+    pub(crate) fn catch_up(&self, instrument: Instrument, session: u32) -> bool {
         self.apply_due_faults();
         let mut instruments = self.instruments();
         instruments.catch_up();
-        instruments.has_reply(session)
+        instruments.has_reply(instrument, session)
     }
 
-    /// The mainframe's postponed reply, after its time.
-    pub(crate) fn fetch(&self, session: u32) -> Option<String> {
+    /// An instrument's postponed reply, after its time.
+    pub(crate) fn fetch(&self, instrument: Instrument, session: u32) -> Option<String> {
         self.apply_due_faults();
         let text = {
             let mut instruments = self.instruments();
-            let text = instruments.fetch(session);
+            let text = instruments.fetch(instrument, session);
             if let Some(reply) = &text {
                 let (at, content) = (instruments.now(), EntryContent::Received(reply.clone()));
-                self.record_line(
-                    &mut instruments,
-                    Instrument::Mainframe,
-                    session,
-                    at,
-                    content,
-                );
+                self.record_line(&mut instruments, instrument, session, at, content);
             }
             text
         };
@@ -119,8 +113,8 @@ impl SimulatedRig {
         self.instruments().forget_session(instrument, session);
     }
 
-    pub(crate) fn clear_session(&self, session: u32) {
-        self.instruments().clear_session(session);
+    pub(crate) fn clear_session(&self, instrument: Instrument, session: u32) {
+        self.instruments().clear_session(instrument, session);
         self.shared.changed.notify_waiters();
     }
 
@@ -129,7 +123,7 @@ impl SimulatedRig {
         self.instruments().source().serial_terminator()
     }
 
-    pub(crate) fn status_byte(&self) -> u8 {
-        self.instruments().status_byte()
+    pub(crate) fn status_byte(&self, instrument: Instrument) -> u8 {
+        self.instruments().status_byte(instrument)
     }
 }

@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::Instrument;
-use crate::isolated::{InstrumentSetup, IsolatedInstrument};
+use crate::instrument::isolated::{InstrumentSetup, IsolatedInstrument};
 
 /// A conversation with its instrument.
 #[derive(Debug, Clone, PartialEq)]
@@ -192,7 +192,8 @@ impl Golden {
                 }
                 "instrument" => {
                     let named = Instrument::named(rest.trim());
-                    let reason = || format!("'{rest}' is none of 6221, 34980a and gpio");
+                    let known = || Instrument::listed(|kind| kind.name, "and");
+                    let reason = || format!("'{rest}' is none of {}", known());
                     instrument = Some(named.ok_or_else(|| wrong(reason()))?);
                     None
                 }

@@ -12,7 +12,7 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-use crate::fault::ReplyFault;
+use crate::instrument::fault::ReplyFault;
 use crate::instrument::{Instrument, Wire, WireState};
 use crate::simulated_instruments::{MessageOutcome, ReplyTiming};
 use crate::simulated_rig::SimulatedRig;
@@ -164,16 +164,17 @@ impl ClientSession {
         while received.later && !aborted && end.saturating_duration_since(Instant::now()) > 2 * step
         {
             tokio::time::sleep(step).await;
-            let (rig, session) = (self.rig.clone(), self.session);
-            let there = tokio::task::spawn_blocking(move || rig.catch_up(session)).await;
+            let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
+            let there =
+                tokio::task::spawn_blocking(move || rig.catch_up(instrument, session)).await;
             aborted = there.unwrap_or_default();
         }
         if !aborted && !(received.wait + slowness).is_zero() {
             tokio::time::sleep_until(end).await;
         }
         let text = if received.later {
-            let (rig, session) = (self.rig.clone(), self.session);
-            let fetched = tokio::task::spawn_blocking(move || rig.fetch(session)).await;
+            let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
+            let fetched = tokio::task::spawn_blocking(move || rig.fetch(instrument, session)).await;
             fetched.ok().flatten()
         } else {
             received.text
@@ -212,17 +213,17 @@ impl ClientSession {
 
     /// Device clear: ends what the instrument does for this client.
     pub(crate) async fn clear(&self) {
-        let (rig, session) = (self.rig.clone(), self.session);
+        let (rig, instrument, session) = (self.rig.clone(), self.instrument, self.session);
         // Opening relays needs a solution of the sheet. The blocking task is never cancelled.
-        tokio::task::spawn_blocking(move || rig.clear_session(session))
+        tokio::task::spawn_blocking(move || rig.clear_session(instrument, session))
             .await
             .ok();
     }
 
     /// The status byte of a serial poll, without message available.
     pub(crate) async fn status_byte(&self) -> u8 {
-        let rig = self.rig.clone();
-        let byte = tokio::task::spawn_blocking(move || rig.status_byte()).await;
+        let (rig, instrument) = (self.rig.clone(), self.instrument);
+        let byte = tokio::task::spawn_blocking(move || rig.status_byte(instrument)).await;
         byte.unwrap_or_default()
     }
 
@@ -233,7 +234,7 @@ impl ClientSession {
     {
         let mut framer = scpi::Framer::new(LONGEST_MESSAGE);
         let mut chunk = [0; 4096];
-        let mut banner = self.rig.shared.banner.subscribe();
+        let mut banner = self.rig.shared.banners[self.instrument.index()].subscribe();
         let mut half_closed = false;
         loop {
             // Messages received while the instrument was busy are handled before more is read.
@@ -266,7 +267,7 @@ impl ClientSession {
             }
             let count = tokio::select! {
                 count = stream.read(&mut chunk) => count?,
-                Ok(()) = banner.changed(), if self.instrument == Instrument::Board => {
+                Ok(()) = banner.changed() => {
                     let mut line = banner.borrow_and_update().clone();
                     line.push('\n');
                     stream.write_all(line.as_bytes()).await?;

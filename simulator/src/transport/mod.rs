@@ -4,6 +4,7 @@
 pub(crate) mod announce;
 pub(crate) mod client;
 pub(crate) mod pty;
+pub(crate) mod socket;
 pub(crate) mod telnet;
 pub(crate) mod vxi11;
 pub(crate) mod web;

@@ -16,6 +16,7 @@ use rig::Link;
 use survey::{printable, printable_within};
 
 use crate::instruments::address::InstrumentAddress;
+use crate::instruments::kinds;
 
 /// Timeout of a connection, and of a reply to `*IDN?`.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(2);
@@ -204,10 +205,9 @@ async fn ask(candidate: Candidate, used: &[Used]) -> FoundInstrument {
 async fn identify(place: &InstrumentAddress) -> Result<String, String> {
     let stream = match place {
         InstrumentAddress::Tcp(address) => rig::connect_tcp(address, REPLY_TIMEOUT).await,
-        InstrumentAddress::Serial { path, baud } => rig::open_serial(
-            path,
-            baud.unwrap_or_else(|| InstrumentAddress::baud("source")),
-        ),
+        InstrumentAddress::Serial { path, baud } => {
+            rig::open_serial(path, baud.unwrap_or(kinds::DISCOVERY_BAUD))
+        }
         InstrumentAddress::Simulated | InstrumentAddress::Gpiochip { .. } => {
             return Err("nobody there can be asked for a name".to_owned());
         }
@@ -271,18 +271,15 @@ fn propose(address: &str, identity: &str) -> (String, String) {
     let model = identity.split(',').nth(1).unwrap_or_default().trim();
     // an address may contain a host name from outside, and these lines are copied into a configuration
     let address = toml::Value::String(printable(address).into_owned());
-    let section = |name: &str| format!("[{name}]\naddress = {address}");
-    if model.eq_ignore_ascii_case("MODEL 6221") {
-        (section("source"), String::new())
-    } else if model.eq_ignore_ascii_case("34980A") {
-        (section("switch"), String::new())
-    } else if model == gpio_mux::MODEL {
-        let wiring = "[wiring]\nkind = \"gpio-board\"";
-        (format!("{}\n{wiring}", section("switch")), String::new())
-    } else if identity.is_empty() {
-        (String::new(), String::new())
-    } else {
-        let remark = "an instrument that the daemon has no driver for".to_owned();
-        (String::new(), remark)
+    match kinds::proposal(model) {
+        Some((section, further_lines)) => (
+            format!("[{section}]\naddress = {address}{further_lines}"),
+            String::new(),
+        ),
+        None if identity.is_empty() => (String::new(), String::new()),
+        None => {
+            let remark = "an instrument that the daemon has no driver for".to_owned();
+            (String::new(), remark)
+        }
     }
 }

@@ -4,10 +4,9 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use rig::transcript::{Entry, EntryContent};
-use scpi::parse_message;
 
 use crate::Instrument;
-use crate::isolated::InstrumentSetup;
+use crate::instrument::isolated::InstrumentSetup;
 use crate::transcripts::golden::{Expected, Golden, GoldenLine, Step};
 use crate::transcripts::playback::ReplayError;
 
@@ -53,7 +52,7 @@ pub fn golden_of(
                     line: *line,
                     text: text.clone(),
                 })?;
-                steps[step] = Step::Answer(match varies(instrument, &content) {
+                steps[step] = Step::Answer(match (instrument.kind().varies)(&content) {
                     true => Expected::Shape(text.clone()),
                     false => Expected::Text(text.clone()),
                 });
@@ -114,49 +113,4 @@ pub(super) fn setup_of_transcript(
         }
     }
     setup
-}
-
-/// Whether the reply to a message depends on the individual unit or the time: serial number, clock, age.
-pub(super) fn varies(instrument: Instrument, message: &str) -> bool {
-    use keithley_6221::Command as Source;
-    use keysight_34980a::{Command as Mainframe, Functions, Measure, System};
-    if instrument == Instrument::Board {
-        let command = message.parse();
-        return matches!(
-            command,
-            Ok(gpio_mux::Command::Identify | gpio_mux::Command::AskLastEdge)
-        );
-    }
-    parse_message(message)
-        .into_iter()
-        .flatten()
-        .any(|call| match instrument {
-            Instrument::Source => matches!(
-                Source::of(&call),
-                Ok(Source::Common(scpi::Common::Identify)
-                    | Source::BoardSerial(_)
-                    | Source::BoardRevision(_)
-                    | Source::Address(_))
-            ),
-            Instrument::Mainframe => matches!(
-                Mainframe::of(&call),
-                Ok(Mainframe::Common(scpi::Common::Identify)
-                    | Mainframe::Measure(
-                        Measure::Read(_)
-                            | Measure::Volts { .. }
-                            | Measure::Fetch
-                            | Measure::ReadAndErase(_)
-                            | Measure::Remove(_)
-                    )
-                    | Mainframe::Functions(Functions::Measure(..))
-                    | Mainframe::System(
-                        System::CardType(_)
-                            | System::Date
-                            | System::Time
-                            | System::ScanTime
-                            | System::RelayCycles(_)
-                    ))
-            ),
-            Instrument::Board => false,
-        })
 }

@@ -7,10 +7,10 @@ use std::time::Duration;
 
 use rig::transcript::{Entry, EntryContent};
 
-use crate::isolated::{InstrumentSetup, IsolatedInstrument};
+use crate::instrument::isolated::{InstrumentSetup, IsolatedInstrument};
 use crate::transcripts::golden::Expected;
 pub use crate::transcripts::playback::conversion::golden_of;
-use crate::transcripts::playback::conversion::{setup_of_transcript, varies};
+use crate::transcripts::playback::conversion::setup_of_transcript;
 use crate::{Instrument, SimulatedRig};
 
 /// Why a transcript cannot be replayed, or the first difference.
@@ -18,7 +18,8 @@ use crate::{Instrument, SimulatedRig};
 pub enum ReplayError {
     /// An instrument that is not simulated.
     #[error(
-        "{place}:{line}: there is no simulated '{instrument}'; an instrument's name begins with 6221, 34980a or gpio"
+        "{place}:{line}: there is no simulated '{instrument}'; an instrument's name begins with {}",
+        Instrument::listed(|kind| kind.name, "or")
     )]
     Stranger {
         /// The file.
@@ -236,7 +237,7 @@ impl InstrumentProgress {
         self.under_way.drain(..index);
         let sent = self.under_way.pop_front().ok_or_else(unrequested)?;
         let expected = match comparison {
-            Comparison::Shapes if varies(self.instrument, &sent.message) => {
+            Comparison::Shapes if (self.instrument.kind().varies)(&sent.message) => {
                 Expected::Shape(text.to_owned())
             }
             _ => Expected::Text(text.to_owned()),

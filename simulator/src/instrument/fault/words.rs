@@ -2,19 +2,26 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::sync::LazyLock;
 use std::time::Duration;
 
 use keysight_34980a::ModuleError;
 use survey::Relay;
 
 use super::{Fault, FaultError, ReplyFault};
-use crate::{Instrument, Wire};
+use crate::instrument::{Instrument, Wire};
 
 /// Longest duration of a fault; longer ones are taken for typing errors.
 const LONGEST: Duration = Duration::from_secs(86_400);
 
 /// The grammar of faults, for help texts.
-pub(crate) const GRAMMAR: &str = "\
+pub(crate) static GRAMMAR: LazyLock<String> = LazyLock::new(|| {
+    let numbers = Instrument::ALL.map(Instrument::kind);
+    let numbers = numbers.iter().filter(|kind| kind.has_numbers);
+    let numbers: Vec<&str> = numbers.map(|kind| kind.word).collect();
+    let numbers = numbers.join("|");
+    format!(
+        "\
 wire INSTRUMENT cut|silent|sound    connections are closed, or stay open and carry nothing
 drop INSTRUMENT                     its connections break once, new ones are taken
 late INSTRUMENT SECONDS [COUNT]     the next replies come so much later
@@ -22,8 +29,8 @@ lost INSTRUMENT [COUNT]             the next replies never come
 doubled INSTRUMENT [COUNT]          the next replies come twice
 half-line INSTRUMENT [COUNT]        the next replies break off in the middle
 rubbish INSTRUMENT [COUNT]          the next replies are a line without meaning, with bytes that are not ASCII
-nan 6221|34980a [COUNT]             the next replies with readings have the text NAN in their place
-stale 6221|34980a [COUNT]           the next replies with readings repeat those of the reply before
+{:<36}the next replies with readings have the text NAN in their place
+{:<36}the next replies with readings repeat those of the reply before
 slow INSTRUMENT SECONDS             every answer takes so much longer; 0 ends it
 reset INSTRUMENT                    power off and on; the board says its banner again
 power-cut                           power off and on of all instruments at once; their network connections break
@@ -40,8 +47,13 @@ pulse 6221 LINE                     on line 1 to 6 of its trigger link
 pulse 34980a                        at its external trigger
 serial unplug|plug                  the board's port is gone, or back
 none                                ends every fault
-INSTRUMENT is 6221, 34980a or board; RELAY is 1003, or on a board pole x 100 + electrode;
-MODULE is 34922A, or with its terminal block 34934A,4x128; a reading is a number with an exponent.";
+INSTRUMENT is {}; RELAY is 1003, or on a board pole x 100 + electrode;
+MODULE is 34922A, or with its terminal block 34934A,4x128; a reading is a number with an exponent.",
+        format!("nan {numbers} [COUNT]"),
+        format!("stale {numbers} [COUNT]"),
+        Instrument::listed(|kind| kind.word, "or"),
+    )
+});
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -97,20 +109,17 @@ impl fmt::Display for Fault {
 }
 
 fn word(instrument: Instrument) -> &'static str {
-    match instrument {
-        Instrument::Source => "6221",
-        Instrument::Mainframe => "34980a",
-        Instrument::Board => "board",
-    }
+    instrument.kind().word
 }
 
-fn instrument(word: &str) -> Result<Instrument, String> {
-    match word.to_ascii_lowercase().as_str() {
-        "6221" => Ok(Instrument::Source),
-        "34980a" => Ok(Instrument::Mainframe),
-        "board" => Ok(Instrument::Board),
-        other => Err(format!("'{other}' is not 6221, 34980a or board")),
-    }
+fn instrument(given: &str) -> Result<Instrument, String> {
+    let given = given.to_ascii_lowercase();
+    let mut all = Instrument::ALL.into_iter();
+    all.find(|instrument| word(*instrument) == given)
+        .ok_or_else(|| {
+            let known = Instrument::listed(|kind| kind.word, "or");
+            format!("'{given}' is not {known}")
+        })
 }
 
 fn seconds(word: &str) -> Result<Duration, String> {
@@ -186,8 +195,8 @@ impl FromStr for Fault {
                     "nan" => ReplyFault::NotANumber,
                     _ => ReplyFault::Stale,
                 };
-                if reply_fault.is_of_readings() && at == Instrument::Board {
-                    return Err("the board's replies hold no readings".to_owned());
+                if reply_fault.is_of_readings() && !at.kind().has_numbers {
+                    return Err(format!("the {}'s replies hold no readings", word(at)));
                 }
                 Ok(Self::Replies(at, reply_fault, count(rest.first())?))
             }),

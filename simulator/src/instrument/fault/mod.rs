@@ -8,7 +8,7 @@ use std::time::Duration;
 use keysight_34980a::Module;
 use survey::Relay;
 
-use crate::{Instrument, Wire};
+use crate::instrument::{Instrument, Wire};
 pub(crate) use words::GRAMMAR;
 
 /// Faults of replies.

@@ -4,13 +4,12 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use gpio_mux::Poles;
-use keithley_6221::{Load, Resistor, Settings6221};
-use keysight_34980a::{MeterRequest, Module, Settings34980a, Wires};
+use keithley_6221::{Load, Resistor};
+use keysight_34980a::{MeterRequest, Module, Wires};
 use survey::{Amps, Electrode, Ohms, Relay, Volts};
 
-use crate::Instrument;
-use crate::simulated_instruments::instrument::SimulatedInstrument;
-use crate::simulated_instruments::{Board, Mainframe, Source};
+use crate::instrument::Instrument;
+use crate::instrument::simulated::SimulatedInstrument;
 
 /// Configuration of an instrument, and the circuit at its terminals.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,22 +77,8 @@ pub(crate) struct IsolatedInstrument {
 
 impl IsolatedInstrument {
     pub(crate) fn new(setup: &InstrumentSetup) -> Self {
-        let instrument: Box<dyn SimulatedInstrument> = match setup.instrument {
-            Instrument::Source => Box::new(Source::new(Settings6221::default())),
-            Instrument::Mainframe => {
-                let mut settings = Settings34980a {
-                    slots: setup.slots,
-                    ..Settings34980a::default()
-                };
-                if let Some(vendor) = &setup.vendor {
-                    settings.vendor.clone_from(vendor);
-                }
-                Box::new(Mainframe::new(settings))
-            }
-            Instrument::Board => Box::new(Board::new(gpio_mux::Settings::default())),
-        };
         Self {
-            instrument,
+            instrument: (setup.instrument.kind().isolated)(setup),
             surroundings: FixedCircuit {
                 resistor: Resistor::new(Ohms(setup.ohms)),
                 volts: Volts(setup.volts),

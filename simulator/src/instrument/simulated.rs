@@ -8,7 +8,7 @@ use keithley_6221::{Load, Simulator6221};
 use keysight_34980a::Wires;
 use scpi::{ErrorEntry, ParseError};
 
-use crate::fault::Fault;
+use crate::instrument::fault::Fault;
 
 /// The circuit outside an instrument's terminals: the load of a source, the connections of relays and poles, and the
 /// voltages at a voltmeter. An instrument uses the part that it has terminals for.
@@ -67,6 +67,13 @@ pub(crate) trait SimulatedInstrument: fmt::Debug + Send {
     /// The time of its next action without a message.
     fn due(&self) -> Option<Duration> {
         None
+    }
+
+    /// Whether the numbers of the reply to a message are readings, which a fault of readings acts on.
+    fn asks_for_readings(&self, message: &str) -> bool {
+        ["READ?", "FETC?", "MEAS:", "DATA:"]
+            .iter()
+            .any(|query| message.contains(query))
     }
 
     /// Performs the actions that are due.
