@@ -24,8 +24,8 @@ _Self = TypeVar("_Self", bound="_Estimator")
 class Reason(NamedTuple):
     """Why a map is not sound: kind, electrode (from 0, None where it names none), and text, which counts electrodes from 1.
 
-    kind: "dead_electrode", "noise", "noisy_pair", "gains", "unexplained", "at_electrode", "outside_region", "noise_limit" or
-    "loss_above_one".
+    kind: "dead_electrode", "noise", "noisy_pair", "gains", "unexplained", "at_electrode", "outside_region", "noise_limit",
+    "loss_above_one", "own_misfit" or "novelty".
     """
 
     kind: str

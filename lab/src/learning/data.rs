@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use eit::{Case, Jitter, Preset};
+use eit::{Case, Jitter, Model, Preset};
 use imaging::recorded::read_frames;
 use imaging::{Conditions, Geometry, months_of_drift};
 use studies::Failure;
 use survey::Amps;
 use training::dataset::DataSet;
 use training::samples::Samples;
-use training::{linear, single_current};
+use training::{linear, own_misfit, single_current};
 
 use super::limits;
 use crate::args::{DataOptions, Profile};
@@ -59,6 +59,20 @@ impl Data {
             }
         };
         Ok(Self { case, jitter, set })
+    }
+
+    /// The model with what its maps of cases that it has not seen leave unexplained: of the last `held_out` of a recorded set, else
+    /// of simulated ones.
+    pub(super) fn judged(&self, model: Model, held_out: usize) -> Result<Model, Failure> {
+        let settings = self.set.as_ref().map(|set| set.settings());
+        let drawn = settings.unwrap_or(&model.metadata().training).seed;
+        Ok(match self.set.as_ref().filter(|set| set.is_recorded()) {
+            Some(set) => {
+                let first = set.len().saturating_sub(held_out);
+                own_misfit::of_cases(model, &self.case, set, first..set.len())?
+            }
+            None => own_misfit::of_fresh_cases(model, &self.case, drawn)?,
+        })
     }
 
     /// The set for a training; `None` if cases are simulated for it.

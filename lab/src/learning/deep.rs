@@ -80,6 +80,7 @@ fn summary(path: &Path, model: &Model, report: &DeepReport) -> String {
          {:.3}; of empty maps {:.3}\n\
          weights kept in {}: maps change by {:.1e} of their root mean square, held-out loss {:.3}\n\
          noise figure {}\n\
+         {}\n\
          sha256 {}",
         path.display(),
         model.metadata().name,
@@ -98,6 +99,7 @@ fn summary(path: &Path, model: &Model, report: &DeepReport) -> String {
             .metadata()
             .noise_figure
             .map_or("unknown".to_owned(), |figure| format!("{figure:.2}")),
+        model_file::misfit(model),
         model.hash()
     )
 }
@@ -260,7 +262,8 @@ fn trained(
         None,
     )
     .map_err(|fault| failed(&fault))?;
-    Ok(with_noise_figure(model, case, &sigma0, &noise))
+    let model = with_noise_figure(model, case, &sigma0, &noise);
+    data.judged(model, settings.deep.held_out)
 }
 
 /// A bar per epoch, and a line for each completed one.

@@ -39,22 +39,24 @@ pub(super) fn train(options: &LinearOptions) -> Result<(), Failure> {
         &show,
     )?;
     drop(bars);
-    let Report::Deep(report) = &model.metadata().report else {
+    let Report::Deep(report) = model.metadata().report.clone() else {
         unreachable!("a network of one layer was trained");
     };
     limits::check_learnt(report.held_out_loss, report.empty_loss, options.data.yes)?;
+    let model = data.judged(model, report.settings.held_out)?;
     model_file::save(&options.out, &options.replacing, &model)?;
     if options.json {
-        let line = model_file::json(&options.out, &model, report);
+        let line = model_file::json(&options.out, &model, &report);
         print_line!("{}", survey::printable_json(line.to_string()));
     } else {
         print_line!(
-            "{}: {} of {} samples; loss on held-out cases {:.3}, {:.0} % of an empty map's\nsha256 {}",
+            "{}: {} of {} samples; loss on held-out cases {:.3}, {:.0} % of an empty map's\n{}\nsha256 {}",
             options.out.display(),
             model.metadata().name,
             report.samples,
             report.held_out_loss,
             100.0 * report.held_out_loss / report.empty_loss,
+            model_file::misfit(&model),
             model.hash()
         );
     }

@@ -74,6 +74,10 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
     };
     let [loss, empty] = losses(&data.case, &model, first.as_ref(), &unseen)?;
     limits::check_learnt(loss, empty, options.data.yes)?;
+    let held_out = first
+        .as_ref()
+        .map_or(0, |first| first.of.len() - first.count);
+    let model = data.judged(model, held_out)?;
     model_file::save(&options.out, &options.replacing, &model)?;
     let report = found(&model);
     if let Some(note) = rbf::spread_note(report) {
@@ -89,6 +93,7 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
              width b of the neurons (Eq. 13): {:.3e} of the largest baseline reading, {:.1} times the median distance \
              between samples\n\
              least squares: rank {} of {}, condition {:.1e}, largest weight {:.1e} (relative change of conductance)\n\
+             {}\n\
              sha256 {}",
             options.out.display(),
             model.metadata().name,
@@ -101,6 +106,7 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
             options.neurons,
             report.condition,
             report.largest_weight,
+            model_file::misfit(&model),
             model.hash()
         );
     }

@@ -124,6 +124,12 @@ fn a_linear_map_is_trained_loaded_and_finds_a_press() {
     let model = at("linear.safetensors");
     let line = "train linear --yes --profile matched --cases 800 --symmetric --precision f16 --case {} --out {} --json";
     done(&words(line, &[&case, &model]));
+    let kept = eit::model::load(&model)
+        .unwrap()
+        .metadata()
+        .own_misfit
+        .clone();
+    assert!(kept.is_some_and(|misfit| misfit.classes.len() > 1));
     let read = eit::Case::read(&case).unwrap();
     let mesh = &read.mesh;
     let mut sigma = read.sigma["homog"].clone();

@@ -95,6 +95,21 @@ pub enum Doubt {
         /// The largest relative loss.
         loss: f64,
     },
+    /// A learned map leaves more of the change unexplained than it does of changes like those of its training.
+    OwnMisfit {
+        /// The share that it leaves.
+        share: f64,
+        /// The share that 99.9 % of the held-out cases stay below, or all of them where they are fewer than a thousand.
+        limit: f64,
+        /// Held-out cases behind that limit.
+        cases: usize,
+    },
+    /// The frame is farther from the training inputs of a learned method than 99.9 % of these, but not so far that the method
+    /// refuses it.
+    Novelty {
+        /// Its distance over the one within which they lie.
+        ratio: f64,
+    },
 }
 
 impl Doubt {
@@ -115,6 +130,8 @@ impl Doubt {
             Self::OutsideRegion { .. } => "outside_region",
             Self::NoiseLimit { .. } => "noise_limit",
             Self::LossAboveOne { .. } => "loss_above_one",
+            Self::OwnMisfit { .. } => "own_misfit",
+            Self::Novelty { .. } => "novelty",
         }
     }
 
@@ -129,7 +146,9 @@ impl Doubt {
             Self::Noise { .. }
             | Self::Unexplained { .. }
             | Self::NoiseLimit { .. }
-            | Self::LossAboveOne { .. } => None,
+            | Self::LossAboveOne { .. }
+            | Self::OwnMisfit { .. }
+            | Self::Novelty { .. } => None,
         }
     }
 
@@ -144,7 +163,9 @@ impl Doubt {
             | Self::NoisyPair { .. }
             | Self::AtElectrode { .. }
             | Self::NoiseLimit { .. }
-            | Self::LossAboveOne { .. } => false,
+            | Self::LossAboveOne { .. }
+            | Self::OwnMisfit { .. }
+            | Self::Novelty { .. } => false,
         };
         match unreliable {
             true => Verdict::Unreliable,
@@ -206,6 +227,30 @@ impl fmt::Display for Doubt {
             Self::LossAboveOne { loss } => {
                 write!(f, "a loss of {:.0} % is impossible", 100.0 * loss)
             }
+            Self::OwnMisfit {
+                share,
+                limit,
+                cases,
+            } => {
+                write!(
+                    f,
+                    "the map itself leaves {:.0} % of the change unexplained; ",
+                    100.0 * share
+                )?;
+                match cases {
+                    0..1000 => write!(f, "all {cases}")?,
+                    _ => f.write_str("99.9 % of the")?,
+                }
+                write!(
+                    f,
+                    " held-out cases with changes of that size leave at most {:.0} %",
+                    100.0 * limit
+                )
+            }
+            Self::Novelty { ratio } => write!(
+                f,
+                "the frame is {ratio:.1} times as far from the training inputs as 99.9 % of these are"
+            ),
         }
     }
 }

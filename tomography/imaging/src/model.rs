@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use drift::MapDeviation;
-use eit::{Calibration, LossOnly, ModelCheck, ReconstructError, Reconstructor};
+use eit::{Calibration, LossOnly, ModelCheck, OwnMisfit, ReconstructError, Reconstructor};
 use survey::{Map, Reading};
 
 use crate::drift_removal::{DriftRemoved, FittedSheet};
@@ -27,6 +27,8 @@ pub struct Model {
     pub(crate) fixed_strength: Option<Arc<dyn Reconstructor>>,
     /// Judges its maps; `None` if they are not judged.
     pub(crate) check: Option<Arc<ModelCheck>>,
+    /// What its maps of held-out cases leave unexplained; `None` for a method without that in its model file.
+    pub(crate) own_misfit: Option<OwnMisfit>,
     /// The same as `reconstructor`, if that removes the drift of each frame.
     pub(crate) removal: Option<Arc<DriftRemoved>>,
     /// The sheets of baselines; `None` without conditions of a measurement.
@@ -45,6 +47,7 @@ impl Model {
             varies: false,
             fixed_strength: None,
             check: None,
+            own_misfit: None,
             removal: None,
             sheet: None,
         }
@@ -69,7 +72,7 @@ impl Model {
             .unwrap_or(&self.reconstructor)
             .reconstruct(baseline, frame)?;
         Ok(match &self.check {
-            Some(check) => check.judged(baseline, frame, map),
+            Some(check) => check.judged(baseline, frame, map, self.own_misfit.as_ref()),
             None => map,
         })
     }

@@ -36,9 +36,14 @@ pub fn load(
         cause,
     })?;
     let hash = Some(loaded.hash().to_owned());
+    let own_misfit = loaded.metadata().own_misfit.clone();
     let model = Model::trained(loaded.into_reconstructor(), loss_only);
     check(path, model.reconstructor.as_ref(), geometry, protocol)?;
-    Ok(Model { hash, ..model })
+    Ok(Model {
+        hash,
+        own_misfit,
+        ..model
+    })
 }
 
 /// Loads an ONNX network; its file does not name geometry and protocol, so those of this rig are used.
@@ -134,6 +139,22 @@ pub fn short_hash(hash: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn shipped_models_bring_their_own_misfit() {
+        let protocol = Protocol::sheffield(26).unwrap();
+        for name in ["rbf-matched", "rbf-paper"] {
+            let file = Path::new(env!("CARGO_MANIFEST_DIR"))
+                .join("../../models")
+                .join(format!("{name}.safetensors"));
+            let model = load(&file, false, &protocol, None).unwrap();
+            assert!(
+                model
+                    .own_misfit
+                    .is_some_and(|misfit| misfit.classes.len() == 4)
+            );
+        }
+    }
 
     #[test]
     fn a_model_is_found_by_its_hash_not_its_name() {

@@ -4,7 +4,7 @@
 //!
 //! - **samples**: cases of Algorithm 1 and their jitter; **dataset**: training sets in files, in shards
 //! - **linear**, **rbf**, **deep**: the three kinds of models; **model_cache**: models cached for a case
-//! - **noise_figure**: noise figures of methods, by draws
+//! - **noise_figure**: noise figures of methods, by draws; **own_misfit**: what maps of held-out cases leave unexplained
 //! - **symmetry**: a training set extended by the symmetries of its sheet
 
 pub mod dataset;
@@ -12,6 +12,7 @@ pub mod deep;
 pub mod linear;
 mod model_cache;
 pub mod noise_figure;
+pub mod own_misfit;
 pub mod rbf;
 pub mod samples;
 pub mod symmetry;

@@ -21,7 +21,7 @@ use crate::inverse::learned::network::{
     DeepNetwork, DeepReconstructor, DeepReport, TrainingDistribution,
 };
 use crate::inverse::learned::trained::Trained;
-use crate::{Mesh, RbfNetwork, RbfReconstructor, Reconstructor};
+use crate::{Mesh, OwnMisfit, RbfNetwork, RbfReconstructor, Reconstructor};
 pub use history::{
     CentresReading, ChangeReading, DistancesReading, Jitter, LossReading, OpenReadings,
     PointsReading, SizeReading, SpreadReading, TrainingReport, TrainingSettings,
@@ -111,6 +111,9 @@ pub struct Metadata {
     /// Signal-to-noise ratio of the readings over that of the map ([`Reconstructor::noise_figure`]), computed at
     /// training.
     pub noise_figure: Option<f64>,
+    /// What its maps of held-out cases leave unexplained, computed at training; `None` in files that were made without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own_misfit: Option<OwnMisfit>,
     /// The build that trained it.
     pub build: String,
     /// SHA-256, hex, of this JSON with an empty checksum, then name, kind, shape and bytes of every tensor by name.
@@ -217,7 +220,7 @@ impl Model {
         noise_figure: Option<f64>,
     ) -> Result<Self, ModelError> {
         fits(&network, &mesh, protocol).map_err(ModelError::Network)?;
-        let mut model = Self {
+        let model = Self {
             metadata: Metadata {
                 version: VERSION,
                 kind: network.kind(),
@@ -230,6 +233,7 @@ impl Model {
                 training,
                 report,
                 noise_figure: noise_figure.filter(|figure| figure.is_finite()),
+                own_misfit: None,
                 build: concat!("eit ", env!("CARGO_PKG_VERSION")).to_owned(),
                 checksum: String::new(),
             },
@@ -238,26 +242,33 @@ impl Model {
             network,
             hash: String::new(),
         };
-        let (bytes, checksum) = file::bytes(&model)?;
-        model.metadata.checksum = checksum;
-        model.hash = fingerprint(&bytes);
-        Ok(model)
+        model.summed()
+    }
+
+    /// With the checksum and the hash of its content.
+    fn summed(mut self) -> Result<Self, ModelError> {
+        let (bytes, checksum) = file::bytes(&self)?;
+        self.metadata.checksum = checksum;
+        self.hash = fingerprint(&bytes);
+        Ok(self)
     }
 
     /// The same model with a noise figure in its metadata; a figure that is not finite is omitted.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn with_noise_figure(self, figure: f64) -> Result<Self, ModelError> {
-        Self::new(
-            &self.metadata.name,
-            self.mesh,
-            &self.protocol,
-            self.network,
-            self.metadata.training,
-            self.metadata.report,
-            Some(figure),
-        )
+    pub fn with_noise_figure(mut self, figure: f64) -> Result<Self, ModelError> {
+        self.metadata.noise_figure = Some(figure).filter(|figure| figure.is_finite());
+        self.summed()
+    }
+
+    /// The same model with what its maps of held-out cases leave unexplained.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_own_misfit(mut self, misfit: OwnMisfit) -> Result<Self, ModelError> {
+        self.metadata.own_misfit = Some(misfit);
+        self.summed()
     }
 
     /// The file's metadata.

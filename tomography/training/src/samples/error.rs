@@ -2,7 +2,7 @@
 
 use std::error::Error;
 
-use eit::{ForwardError, ModelError};
+use eit::{ForwardError, ModelError, OneStepError};
 
 /// Errors of samples.
 #[derive(Debug, thiserror::Error)]
@@ -64,6 +64,9 @@ pub enum TrainError {
     /// The fitted result is not a valid network.
     #[error("{0}")]
     Network(String),
+    /// The sheet by which maps of held-out cases are judged cannot be solved.
+    #[error("the check of the maps of held-out cases")]
+    Check(#[from] OneStepError),
     /// Too few repeats of the baseline.
     #[error(
         "the readings' covariance is not definite: measured repeats of the baseline are too few to stand alone; give \

@@ -110,6 +110,21 @@ impl Linear {
         }
     }
 
+    /// The change from the model's readings to others at 1 A (V), in the scale of the data without weights.
+    pub(crate) fn change_to(&self, ohms: &[f64]) -> Vec<f64> {
+        let change = ohms
+            .iter()
+            .zip(&self.model)
+            .map(|(after, before)| after - before);
+        match &self.scale {
+            Scale::Currents(currents) => change
+                .zip(currents)
+                .map(|(ohms, amps)| ohms * amps)
+                .collect(),
+            Scale::Uniform | Scale::ByDistance => change.collect(),
+        }
+    }
+
     /// The largest magnitude of the model's readings, in the scale of the data: the paper's v-hat.
     pub(crate) fn largest(&self) -> f64 {
         self.readings().iter().fold(0.0, |top, v| v.abs().max(top))

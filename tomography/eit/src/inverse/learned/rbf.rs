@@ -238,6 +238,9 @@ impl Reconstructor for RbfReconstructor {
         let (distances, masked) = self.distances(baseline, frame)?;
         let novelty = self.network.nearest(&distances);
         self.trained.refuse_far(novelty, NOVELTY_LIMIT)?;
-        Ok(self.trained.map(self.network.respond(&distances), masked))
+        let values = self.network.respond(&distances);
+        Ok(self
+            .trained
+            .judged_map(values, masked, novelty, self.familiar))
     }
 }

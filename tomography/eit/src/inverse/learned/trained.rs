@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use survey::{Map, MapUnit, Protocol, Reading};
+use survey::{Doubt, Map, MapQuality, MapUnit, Protocol, Reading};
 
 use crate::inverse::reconstructor::Difference;
 use crate::{Mesh, ReconstructError};
@@ -33,7 +33,7 @@ impl Trained {
         Ok((change, left, masked))
     }
 
-    /// Refuses an input too far from the training inputs.
+    /// Refuses an input too far from the training inputs; `novelty` and `limit` in the same unit.
     pub(crate) fn refuse_far(&self, novelty: f64, limit: f64) -> Result<(), ReconstructError> {
         if novelty > limit || novelty.is_nan() {
             return Err(ReconstructError::OutsideModel { novelty, limit });
@@ -51,6 +51,23 @@ impl Trained {
             masked,
             evidence: None,
             quality: None,
+        }
+    }
+
+    /// The same, doubtful if its input is farther from the training inputs (`novelty`) than 99.9 % of these are (`familiar`).
+    pub(crate) fn judged_map(
+        &self,
+        values: Vec<f64>,
+        masked: usize,
+        novelty: f64,
+        familiar: f64,
+    ) -> Map {
+        let ratio = novelty / familiar;
+        // not a number where the file does not know that distance
+        let doubt = (ratio > 1.0).then(|| MapQuality::of(&[Doubt::Novelty { ratio }]));
+        Map {
+            quality: doubt,
+            ..self.map(values, masked)
         }
     }
 }

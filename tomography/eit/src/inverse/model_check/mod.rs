@@ -7,17 +7,19 @@
 //! white errors t, with g and t of the largest likelihood; t beyond the noise is what no map explains.
 
 mod outside;
+mod own_misfit;
 mod reciprocal;
 mod spectrum;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use survey::{Doubt, Electrode, Map, MapQuality, Protocol, Reading};
 
 use self::outside::Outside;
-use self::reciprocal::Reciprocal;
-use self::spectrum::Spectrum;
+pub use self::own_misfit::{Leftover, MisfitClass, OwnMisfit};
+use self::reciprocal::{Found, Reciprocal};
+use self::spectrum::{Fit, Spectrum};
 use crate::inverse::error::OneStepError;
 use crate::inverse::learned::linear::Linear;
 use crate::inverse::options::{OneStepOptions, Scale};
@@ -53,7 +55,12 @@ pub struct ModelCheck {
     model: Vec<f64>,
     /// The smallest noise that is not rounding, in the same scale.
     least_noise: f64,
-    /// Areas of the region that maps show, m2.
+    /// The whole sheet, for predictions.
+    forward: Forward,
+    /// Its conductance without load.
+    sigma0: Vec<f64>,
+    /// Triangles that maps show, and their areas, m2.
+    region: Vec<usize>,
     areas: Vec<f64>,
     /// Covariance of the folded data of a white map of size 1, per area.
     gram: DMatrix<f64>,
@@ -73,6 +80,30 @@ struct Prepared {
     reciprocal: Reciprocal,
     spectrum: Spectrum,
     outside: Option<Outside>,
+}
+
+/// The change of the readings of one frame.
+struct Change {
+    /// Folded, in the scale of the model.
+    data: DVector<f64>,
+    /// Its root mean square.
+    size: f64,
+    /// Standard deviation of one number of it by the stated noise.
+    stated: Option<f64>,
+    /// The same by the noise that was found, else the stated one.
+    noise: f64,
+    /// The same with noise in proportion to the reading.
+    expected: f64,
+    found: Found,
+    fit: Fit,
+    prepared: Arc<Prepared>,
+}
+
+impl Change {
+    /// The share of the change that an error of this size (rms) is, beyond the noise.
+    fn share(&self, error: f64) -> f64 {
+        (error.powi(2) - self.expected.powi(2)).max(0.0).sqrt() / self.size
+    }
 }
 
 impl ModelCheck {
@@ -114,6 +145,9 @@ impl ModelCheck {
             least_noise: RESOLUTION * (square / model.len() as f64).sqrt(),
             linear,
             model,
+            forward,
+            sigma0: sigma0.to_vec(),
+            region: mesh.region().to_vec(),
             areas: mesh.region_areas(),
             gram,
             contacts,
@@ -123,9 +157,24 @@ impl ModelCheck {
         })
     }
 
-    /// The map that a method made of these readings, with its quality: what the method itself says of it, too.
-    pub fn judged(&self, baseline: &[Reading], frame: &[Reading], map: Map) -> Map {
-        let mut doubts = self.of_readings(baseline, frame);
+    /// The map that a method made of these readings, with its quality: what the method itself says of it, too. `usual`: what
+    /// the maps of a learned method leave unexplained; `None` if that is not known, or the method has not learned.
+    pub fn judged(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+        map: Map,
+        usual: Option<&OwnMisfit>,
+    ) -> Map {
+        // nothing else can be concluded from the readings of dead electrodes
+        let mut doubts = self.dead(baseline, frame);
+        if doubts.is_empty()
+            && let Some(mut change) = self.change(baseline, frame)
+        {
+            doubts.append(&mut change.found.doubts);
+            doubts.extend(self.of_change(&change));
+            doubts.extend(usual.and_then(|usual| self.own_doubt(&change, &map.values, usual)));
+        }
         doubts.extend(impossible(&map.values, &self.areas));
         let quality = MapQuality::of(&doubts);
         Map {
@@ -137,25 +186,17 @@ impl ModelCheck {
         }
     }
 
-    /// Why a map of these readings is not sound, whatever the method. Readings that cannot be compared (wrong counts,
-    /// a dead baseline) give no reason: the method refuses them.
-    fn of_readings(&self, baseline: &[Reading], frame: &[Reading]) -> Vec<Doubt> {
-        let mut doubts = self.dead(baseline, frame);
-        if !doubts.is_empty() {
-            return doubts; // nothing else can be concluded from such readings
-        }
-        let Ok((change, missing)) =
-            self.linear
-                .change_as_read(baseline, frame, "check of the model")
-        else {
-            return doubts;
-        };
+    /// The change of these readings and its noise. `None` for the baseline itself, and for readings that cannot be compared
+    /// (wrong counts, a dead baseline): the method refuses them.
+    fn change(&self, baseline: &[Reading], frame: &[Reading]) -> Option<Change> {
+        let compared = self
+            .linear
+            .change_as_read(baseline, frame, "check of the model");
+        let (change, missing) = compared.ok()?;
         if change.iter().all(|value| *value == 0.0) {
-            return doubts; // the baseline itself
+            return None;
         }
-        let Some(prepared) = self.prepared(missing) else {
-            return doubts;
-        };
+        let prepared = self.prepared(missing)?;
         let data = self.linear.fold.seen(&change, &prepared.missing).data;
         let size = (data.norm_squared() / data.len() as f64).sqrt();
         // baseline and frame have noise
@@ -163,38 +204,54 @@ impl ModelCheck {
         let found = prepared
             .reciprocal
             .of(&change, stated, self.least_noise, size);
-        doubts.extend(found.doubts);
-        let Some(fit) = prepared.spectrum.fit(&data) else {
-            return doubts;
-        };
+        let fit = prepared.spectrum.fit(&data)?;
         // without twins, the error of the fit is all that is known of the noise
         let noise = found
             .noise
             .or(stated)
             .unwrap_or(fit.error)
             .max(self.least_noise);
-        if found.noise.is_none()
-            && let Some(stated) = stated
+        Some(Change {
+            data,
+            size,
+            stated,
+            noise,
+            expected: noise.hypot(found.proportional),
+            found,
+            fit,
+            prepared,
+        })
+    }
+
+    /// Why a map of a change is not sound, whatever the method, besides what its twins show.
+    fn of_change(&self, change: &Change) -> Vec<Doubt> {
+        let mut doubts = Vec::new();
+        let Change {
+            fit,
+            noise,
+            prepared,
+            ..
+        } = change;
+        if change.found.noise.is_none()
+            && let Some(stated) = change.stated
             && fit.error * NOISE_RATIO < stated
         {
             doubts.push(Doubt::Noise {
                 ratio: fit.error / stated,
             });
         }
-        let expected = noise.hypot(found.proportional);
-        let beyond = (fit.error.powi(2) - expected.powi(2)).max(0.0).sqrt();
-        let share = beyond / size;
-        if fit.error > UNEXPLAINED_NOISE * expected && share > UNEXPLAINED_SHARE {
+        let share = change.share(fit.error);
+        if fit.error > UNEXPLAINED_NOISE * change.expected && share > UNEXPLAINED_SHARE {
             doubts.push(Doubt::Unexplained { share });
         }
-        let (electrode, improvement) = prepared.spectrum.contact(&fit, noise);
+        let (electrode, improvement) = prepared.spectrum.contact(fit, *noise);
         if improvement > AT_ELECTRODE {
             doubts.push(Doubt::AtElectrode {
                 electrode: Electrode(electrode),
             });
         }
         if let Some(outside) = &prepared.outside {
-            doubts.extend(outside.load(&prepared.spectrum.explained(&fit), noise));
+            doubts.extend(outside.load(&prepared.spectrum.explained(fit), *noise));
         }
         doubts
     }

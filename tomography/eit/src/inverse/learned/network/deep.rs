@@ -8,7 +8,9 @@ use crate::inverse::learned::network::{DeepNetwork, TrainingDistribution};
 use crate::inverse::learned::trained::Trained;
 use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
-/// Novelty above which a deep network refuses a frame, in multiples of the distance of the familiar inputs.
+/// Novelty of the familiar inputs: [`TrainingDistribution`] counts in multiples of their distance.
+const FAMILIAR: f64 = 1.0;
+/// Novelty above which a deep network refuses a frame.
 const NOVELTY_LIMIT: f64 = 10.0;
 
 /// A deep network with the geometry and survey that it was trained for.
@@ -84,7 +86,7 @@ impl Reconstructor for DeepReconstructor {
         let (input, _) = self.input(baseline, frame)?;
         Ok(Some(Novelty {
             value: self.familiar.novelty(&input),
-            limit: 1.0,
+            limit: FAMILIAR,
             measure: "Mahalanobis distance from the training inputs, over the one within which 99.9 % of them lie",
         }))
     }
@@ -104,8 +106,7 @@ impl Reconstructor for DeepReconstructor {
                 cause: format!("its answer for triangle {triangle} is {}", values[triangle]),
             });
         }
-        Ok(self
-            .trained
-            .map(values.into_iter().map(f64::from).collect(), masked))
+        let values = values.into_iter().map(f64::from).collect();
+        Ok(self.trained.judged_map(values, masked, novelty, FAMILIAR))
     }
 }

@@ -1,0 +1,185 @@
+//! What a map itself leaves unexplained: the difference between the change that was measured and the one that the sheet has
+//! with the map's conductance. A learned map is judged by that of cases that its training has not seen.
+//!
+//! The prediction is a full solution: a linear one leaves twice as much of strong loads unexplained. What a map leaves depends
+//! on the size of the change: noise rules the small ones, saturated outputs the large ones. Therefore each class of sizes
+//! has a limit of its own. A load outside of the region is no exception: a learned method puts it into the region, where it
+//! is wrong.
+
+use serde::{Deserialize, Serialize};
+use survey::{Doubt, Reading};
+
+use super::{Change, ModelCheck};
+use crate::inverse::learned::network::FAMILIAR_SHARE;
+
+/// Change of the readings over its noise (both rms) below which a map is not judged.
+const ABOVE_NOISE: f64 = 3.0;
+/// Noise over that of the training above which a map is not judged: it shows noise that the training did not have.
+const MORE_NOISE: f64 = 2.0;
+/// Least conductance of a triangle as a share of the unloaded one: learned maps show losses of 100 % and more.
+const LEAST: f64 = 1e-3;
+/// Most classes of sizes, and fewest cases of a class.
+const CLASSES: usize = 4;
+const FEWEST: usize = 100;
+
+/// What the maps of a learned method leave unexplained of the changes of cases that it was not trained on. A part of the
+/// metadata of a model file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OwnMisfit {
+    /// Noise of a change of one reading (standard deviation), over the largest reading of the baseline.
+    pub noise: f64,
+    /// Classes of changes, smallest first, as many cases in each.
+    pub classes: Vec<MisfitClass>,
+}
+
+/// Held-out cases with changes of similar size.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MisfitClass {
+    /// The smallest change of its cases (rms, of reciprocal pairs of readings), over the largest reading of the baseline.
+    pub above: f64,
+    /// Cases.
+    pub cases: usize,
+    /// Median of the shares of the change that their maps leave.
+    pub median: f64,
+    /// The share that 99.9 % of them stay below; the largest where they are fewer than a thousand.
+    pub limit: f64,
+}
+
+/// What one map leaves unexplained.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Leftover {
+    /// The change (rms), over the largest reading of the baseline.
+    pub change: f64,
+    /// The share of it that is left (rms), beyond the noise.
+    pub share: f64,
+}
+
+impl OwnMisfit {
+    /// From the maps of held-out cases; `None` if they are fewer than a hundred.
+    pub fn of(noise: f64, mut cases: Vec<Leftover>) -> Option<Self> {
+        let count = (cases.len() / FEWEST).min(CLASSES);
+        if count == 0 {
+            return None;
+        }
+        cases.sort_unstable_by(|a, b| a.change.total_cmp(&b.change));
+        let class = |index: usize| {
+            let [first, last] = [index, index + 1].map(|k| cases.len() * k / count);
+            let mut shares: Vec<f64> = cases[first..last].iter().map(|one| one.share).collect();
+            shares.sort_unstable_by(f64::total_cmp);
+            let most = (shares.len() as f64 * FAMILIAR_SHARE) as usize;
+            MisfitClass {
+                above: rounded(cases[first].change),
+                cases: shares.len(),
+                median: rounded(shares[shares.len() / 2]),
+                limit: rounded(shares[most.min(shares.len() - 1)]),
+            }
+        };
+        Some(Self {
+            noise: rounded(noise),
+            classes: (0..count).map(class).collect(),
+        })
+    }
+
+    /// The class of a change; `None` if it is smaller than those of all cases.
+    fn class(&self, change: f64) -> Option<&MisfitClass> {
+        self.classes.iter().rfind(|class| class.above <= change)
+    }
+}
+
+/// With four digits: they are read again exactly, and more would depend on the processor.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
+}
+
+impl ModelCheck {
+    /// What a map (relative change of conductance, one value for each triangle of the region) leaves unexplained of these
+    /// readings. `None` if the change is not well above the noise, or cannot be compared.
+    pub fn own_misfit(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+        map: &[f64],
+    ) -> Option<Leftover> {
+        self.left(&self.change(baseline, frame)?, map)
+    }
+
+    /// Why a learned map is not sound, if it leaves more than those of held-out cases do.
+    pub(super) fn own_doubt(
+        &self,
+        change: &Change,
+        map: &[f64],
+        usual: &OwnMisfit,
+    ) -> Option<Doubt> {
+        if change.noise > MORE_NOISE * usual.noise * self.linear.largest() {
+            return None;
+        }
+        let left = self.left(change, map)?;
+        let class = usual.class(left.change)?;
+        (left.share > class.limit).then_some(Doubt::OwnMisfit {
+            share: left.share,
+            limit: class.limit,
+            cases: class.cases,
+        })
+    }
+
+    fn left(&self, change: &Change, map: &[f64]) -> Option<Leftover> {
+        if change.size <= ABOVE_NOISE * change.expected {
+            return None;
+        }
+        let mut sigma = self.sigma0.clone();
+        for (&triangle, value) in self.region.iter().zip(map) {
+            sigma[triangle] *= (1.0 + value).max(LEAST);
+        }
+        let ohms = self.forward.readings(&sigma, &self.protocol).ok()?;
+        let predicted = self.linear.change_to(ohms.as_slice());
+        let fold = &self.linear.fold;
+        let left = &change.data - fold.seen(&predicted, &change.prepared.missing).data;
+        let error = (left.norm_squared() / left.len() as f64).sqrt();
+        Some(Leftover {
+            change: change.size / self.linear.largest(),
+            share: change.share(error),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cases(count: usize) -> Vec<Leftover> {
+        let case = |k: usize| Leftover {
+            change: k as f64,
+            share: 1e-3 * (k * 7 % count) as f64,
+        };
+        (0..count).map(case).collect()
+    }
+
+    #[test]
+    fn too_few_cases_make_no_limit() {
+        assert!(OwnMisfit::of(1.0, cases(FEWEST - 1)).is_none());
+        assert_eq!(
+            OwnMisfit::of(1.0, cases(FEWEST)).map(|one| one.classes.len()),
+            Some(1)
+        );
+    }
+
+    #[test]
+    fn each_size_of_change_has_its_class() {
+        let misfit = OwnMisfit::of(1.0, cases(403)).unwrap();
+        let counts: Vec<usize> = misfit.classes.iter().map(|class| class.cases).collect();
+        assert_eq!(counts, [100, 101, 101, 101]);
+        assert_eq!(misfit.class(99.5).unwrap().above, 0.0);
+        assert_eq!(misfit.class(100.0).unwrap().above, 100.0);
+        assert_eq!(misfit.class(1e9).unwrap().above, 302.0);
+        assert!(misfit.class(-1.0).is_none());
+        // the largest share of each class
+        let most = |class: &MisfitClass| {
+            let first = class.above as usize;
+            let of_class = &cases(403)[first..first + class.cases];
+            of_class.iter().map(|one| one.share).fold(0.0, f64::max)
+        };
+        for class in &misfit.classes {
+            assert!((class.limit - most(class)).abs() < 1e-9, "{class:?}");
+        }
+    }
+}

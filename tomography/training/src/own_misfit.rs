@@ -1,0 +1,91 @@
+//! What the maps of a trained model leave unexplained of cases that the training has not seen.
+
+use std::f64::consts::SQRT_2;
+use std::ops::Range;
+
+use eit::{Case, Model, ModelCheck, OwnMisfit, Scale, TrainingSettings};
+use rayon::prelude::*;
+use survey::{Reading, Volts};
+
+use crate::samples::{Noise, Samples, Simulation, TrainError};
+
+/// Most cases that are simulated for it.
+const CASES: usize = 3000;
+
+/// The model with what its maps of fresh cases leave, drawn like those of its training but with a seed after `drawn`, the seed
+/// of these.
+///
+/// # Errors
+/// Cases that cannot be simulated.
+pub fn of_fresh_cases(model: Model, case: &Case, drawn: u64) -> Result<Model, TrainError> {
+    let settings = &model.metadata().training;
+    let fresh = TrainingSettings {
+        cases: settings.cases.min(CASES),
+        repeats: 1,
+        neurons: 1,
+        seed: drawn.wrapping_add(1),
+        ..settings.clone()
+    };
+    let sigma0 = case.unloaded_conductance();
+    let simulation = Simulation::new(
+        &case.mesh,
+        &case.contact_ohm_m,
+        &sigma0,
+        &case.protocol,
+        &fresh,
+    )?;
+    let all = 0..simulation.len();
+    of_cases(model, case, &simulation, all)
+}
+
+/// The model with what its maps of these cases of a set leave, each with a copy of the training's noise. Too few cases with a
+/// change above the noise leave the model as it is.
+///
+/// # Errors
+/// A sample that cannot be read, a noise that does not fit it, or a sheet that cannot be solved.
+pub fn of_cases(
+    model: Model,
+    case: &Case,
+    samples: &dyn Samples,
+    cases: Range<usize>,
+) -> Result<Model, TrainError> {
+    let settings = &model.metadata().training;
+    let before = samples.baseline();
+    // another seed than the training's
+    let seed = settings.seed.wrapping_add(1);
+    let noise = Noise::new(&settings.jitter, settings.open.spread, before, seed)?;
+    let top = before.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+    let check = ModelCheck::new(
+        &case.mesh,
+        &case.contact_ohm_m,
+        &case.unloaded_conductance(),
+        &case.protocol,
+        Scale::Uniform,
+        Some(noise.size() * top / SQRT_2),
+    )?;
+    let network = model.clone().into_reconstructor();
+    let readings = |volts: &mut dyn Iterator<Item = f64>| -> Vec<Reading> {
+        volts.map(|v| Reading::Ok(Volts(v))).collect()
+    };
+    let baseline = readings(&mut before.iter().copied());
+    let left = cases
+        .into_par_iter()
+        .map(|number| {
+            let mut row = samples.sample(number)?.input;
+            noise.add(&mut row, number % noise.levels(), number, samples.len());
+            let changed = before
+                .iter()
+                .zip(&row)
+                .map(|(v, x)| v + top * f64::from(*x));
+            let frame = readings(&mut { changed });
+            // a case that the network refuses has no map to judge
+            let map = network.reconstruct(&baseline, &frame).ok();
+            Ok(map.and_then(|map| check.own_misfit(&baseline, &frame, &map.values)))
+        })
+        .collect::<Result<Vec<_>, TrainError>>()?;
+    let left = left.into_iter().flatten().collect();
+    Ok(match OwnMisfit::of(noise.size(), left) {
+        Some(misfit) => model.with_own_misfit(misfit)?,
+        None => model,
+    })
+}
