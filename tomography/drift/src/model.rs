@@ -62,6 +62,8 @@ pub struct DriftModel {
     cells: Cells,
     /// The same by cell.
     by_cell: DMatrix<f64>,
+    /// Whether each cell is in the region, where loads are.
+    within: Vec<bool>,
     /// Derivative of the data by ln contact impedance of each electrode, V.
     pub(crate) contacts: DMatrix<f64>,
     pub(crate) noise: DMatrix<f64>,
@@ -76,6 +78,8 @@ pub struct DriftModel {
     pub(crate) places: Vec<Place>,
     /// Of the instruments.
     instruments: Noise,
+    /// Driven, A.
+    current_a: f64,
     /// Row of each reading of the protocol.
     row_of: Vec<usize>,
     /// Data of a disc at each place with all of its conductance changed by one unit of ln.
@@ -126,15 +130,18 @@ impl DriftModel {
         let second_gram = second_order(&mesh, &fit, &pairs, &contacts, current_a)?;
         let cells = Cells::new(&mesh);
         let by_cell = cells.sum(&sensitivity);
-        let mut within = by_cell.clone();
-        for (cell, within_region) in cells.within(region, &mesh).into_iter().enumerate() {
-            if !within_region {
-                within.column_mut(cell).fill(0.0);
-            }
+        let within = cells.within(region, &mesh);
+        let mut inner = by_cell.clone();
+        for (mut column, _) in inner
+            .column_iter_mut()
+            .zip(&within)
+            .filter(|(_, within)| !**within)
+        {
+            column.fill(0.0);
         }
         let local_map = product(
             view(&matern(&cells.centres, LOCAL_M)),
-            view(&within.transpose()),
+            view(&inner.transpose()),
         );
         let field = product(
             view(&matern(&cells.centres, FIELD_M)),
@@ -152,16 +159,18 @@ impl DriftModel {
         let mut model = Self {
             noise: noise_covariance(&pairs, &ratios, noise),
             instruments: noise,
+            current_a,
             row_of: row_of_readings(&pairs),
             contact_gram: product(view(&contacts), view(&contacts.transpose())),
             second_gram,
             field_gram: product(view(&by_cell), view(&field)),
-            local_gram: product(view(&within), view(&local_map)),
+            local_gram: product(view(&inner), view(&local_map)),
             local_map,
             field_map: field,
             contacts,
             potentials,
             by_cell,
+            within,
             cells,
             sensitivity,
             ratios,
@@ -241,6 +250,47 @@ impl DriftModel {
         &self.by_cell
     }
 
+    /// Cells in the region at most this far from one of these, m, ascending.
+    pub(crate) fn cells_around(&self, of: &[usize], reach: f64) -> Vec<usize> {
+        let mut out: Vec<usize> = of
+            .iter()
+            .flat_map(|&cell| self.cells.near(self.cells.centres[cell], reach))
+            .filter(|&cell| self.within[cell])
+            .collect();
+        out.sort_unstable();
+        out.dedup();
+        out
+    }
+
+    /// Correlation of local change of these cells.
+    pub(crate) fn local_correlation(&self, of: &[usize]) -> DMatrix<f64> {
+        let centres: Vec<[f64; 2]> = of.iter().map(|&cell| self.cells.centres[cell]).collect();
+        matern(&centres, LOCAL_M)
+    }
+
+    /// The linear model about a sheet that changed by this (ln conductance, by cell): the data at no change, V, and their
+    /// derivative by ln conductance of each cell (column), V.
+    ///
+    /// # Errors
+    /// A sheet that cannot be solved.
+    pub(crate) fn linear_about(
+        &self,
+        change: &DVector<f64>,
+    ) -> Result<(DVector<f64>, DMatrix<f64>), DriftError> {
+        let forward = Forward::new(Arc::clone(&self.mesh), &self.fit.contact_ohm_m)?;
+        let sigma = self.fit.sigma.iter().zip(&self.cells.of);
+        let sigma: Vec<f64> = sigma
+            .map(|(sigma, &cell)| sigma * change[cell].exp())
+            .collect();
+        let half = self.pairs.half();
+        let volts = forward.workspace(half)?.plain().readings(&sigma)?;
+        let elements = Parameters::elements().logarithmic();
+        let by_triangle = forward.sensitivity(&sigma, half, &elements)?;
+        let by_cell = self.cells.sum(&by_triangle) * self.current_a;
+        let changed = volts * self.current_a - &self.fit.readings;
+        Ok((changed - &by_cell * change, by_cell))
+    }
+
     /// The covariance R of one frame's noise, V2.
     pub fn noise(&self) -> &DMatrix<f64> {
         &self.noise
@@ -248,13 +298,18 @@ impl DriftModel {
 
     /// D(s), V2; `sizes.local` is that of local change.
     pub fn drift(&self, sizes: &Sizes) -> DMatrix<f64> {
+        self.drift_with(sizes, &self.local_gram)
+    }
+
+    /// The same, where local change of size 1 has another covariance, V2.
+    pub(crate) fn drift_with(&self, sizes: &Sizes, local: &DMatrix<f64>) -> DMatrix<f64> {
         let v = &self.fit.readings;
         let mut out = (v * v.transpose()) * sizes.gain.powi(2);
         for (gram, factor) in [
             (&self.contact_gram, sizes.contact.powi(2)),
             (&self.second_gram, (sizes.contact / SECOND_ORDER_SD).powi(4)),
             (&self.field_gram, sizes.field.powi(2)),
-            (&self.local_gram, sizes.local.powi(2)),
+            (local, sizes.local.powi(2)),
         ] {
             if factor > 0.0 {
                 out.zip_apply(gram, |out, value| *out += factor * value);

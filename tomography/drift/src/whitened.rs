@@ -67,6 +67,15 @@ impl Whitened {
         &self.data
     }
 
+    /// The data as they were given, V, one for each pair; zero in rows that do not count.
+    pub(crate) fn raw(&self) -> DVector<f64> {
+        let mut out = DVector::zeros(self.of);
+        for (&row, value) in self.rows.iter().zip(&self.raw) {
+            out[row] = *value;
+        }
+        out
+    }
+
     /// Rows that count, ascending.
     pub fn rows(&self) -> &[usize] {
         &self.rows

@@ -3,14 +3,15 @@
 //! The map x that explains data d = J x + b + noise with drift b ~ N(0, D) is the same whether b is minimised over or the data
 //! are whitened by R + D: min over b of |d - J x - b|^2_R + |b|^2_D is |d - J x|^2_(R + D). A method that takes d - b for the
 //! most probable b therefore needs no covariance of its own. Here b is the most probable drift beside a load that is a
-//! disc, or, where no disc explains the frame, beside local change of the size that makes the frame most probable.
+//! disc, or, where no disc explains the frame, beside a load of any shape (`any_shape`).
 
 use eit::linear_algebra::symmetric_eigen;
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
 
+use super::any_shape::Prior;
 use crate::DriftError;
-use crate::disc::MODEL_SHARE;
+use crate::disc::{DiscFit, MODEL_SHARE};
 use crate::model::DriftModel;
 use crate::sizes::Sizes;
 use crate::whitened::Whitened;
@@ -61,27 +62,55 @@ impl DriftModel {
     ) -> Result<FrameDrift, DriftError> {
         let assessed = self.assess(data, rows)?;
         let sizes = assessed.sizes;
-        let drift = self.drift(&Sizes {
-            local: 0.0,
-            ..sizes
-        });
-        let fit = assessed.whitened.fit_disc(self)?;
-        let weights = match fit.accepted {
+        let white = &assessed.whitened;
+        let fit = white.fit_disc(self)?;
+        let (sizes, change) = match fit.accepted {
             true => {
-                // `load` is a loss
-                let change = -fit.load / fit.disc.diameter.powi(2);
-                let load = self.disc(fit.disc.centre, fit.disc.diameter) * change;
-                let mut beside = assessed.whitened.with_error(&(&load * MODEL_SHARE))?;
-                beside.set(&(data - load));
-                beside.weights()
+                let drift = Prior::Kinds.covariance(self, &sizes);
+                (sizes, self.drift_beside_disc(&drift, white, &fit)?)
             }
-            false => self.with_load(&sizes, data, rows)?.weights(),
+            false => {
+                let noise = self.noise() * 2.0;
+                self.drift_beside_any_shape(Prior::Kinds, &noise, data, rows)?
+            }
         };
         Ok(FrameDrift {
-            change: drift * weights,
             sizes,
+            change,
             is_disc: fit.accepted,
         })
+    }
+
+    /// The drift beside the load of a frame, where the covariance of the drift is known (V2): its most probable change of the data, V.
+    /// `white`: the data whitened by noise and that drift; `fit`: the disc in them.
+    pub(crate) fn drift_beside_load(
+        &self,
+        drift: &DMatrix<f64>,
+        noise: &DMatrix<f64>,
+        white: &Whitened,
+        fit: &DiscFit,
+    ) -> Result<DVector<f64>, DriftError> {
+        if fit.accepted {
+            return self.drift_beside_disc(drift, white, fit);
+        }
+        let prior = Prior::Covariance(drift);
+        let (_, change) = self.drift_beside_any_shape(prior, noise, &white.raw(), white.rows())?;
+        Ok(change)
+    }
+
+    /// The same beside a disc.
+    fn drift_beside_disc(
+        &self,
+        drift: &DMatrix<f64>,
+        white: &Whitened,
+        fit: &DiscFit,
+    ) -> Result<DVector<f64>, DriftError> {
+        // `load` is a loss
+        let change = -fit.load / fit.disc.diameter.powi(2);
+        let load = self.disc(fit.disc.centre, fit.disc.diameter) * change;
+        let mut beside = white.with_error(&(&load * MODEL_SHARE))?;
+        beside.set(&(white.raw() - load));
+        Ok(drift * beside.weights())
     }
 
     /// How exactly a frame of these sizes and rows tells the map: the posterior of local change.
@@ -89,20 +118,31 @@ impl DriftModel {
     /// # Errors
     /// A covariance that cannot be factored.
     pub fn map_deviation(&self, sizes: &Sizes, rows: &[usize]) -> Result<MapDeviation, DriftError> {
-        let sizes = Sizes {
-            local: sizes.local.max(LEAST_LOAD),
-            ..*sizes
-        };
-        let white = self.with_load(&sizes, &DVector::zeros(self.pairs().len()), rows)?;
+        let errors = self.noise() * 2.0 + Prior::Kinds.covariance(self, sizes);
+        self.map_deviation_beside(errors, sizes.local, rows)
+    }
+
+    /// The posterior of local change of this standard deviation, or of the least that a load may have, where the data have errors of
+    /// this covariance, V2.
+    pub(crate) fn map_deviation_beside(
+        &self,
+        errors: DMatrix<f64>,
+        local: f64,
+        rows: &[usize],
+    ) -> Result<MapDeviation, DriftError> {
+        let local = local.max(LEAST_LOAD);
+        let before = local.powi(2);
+        // a covariance of linear data does not depend on their values
+        let none = DVector::zeros(self.pairs().len());
+        let white = Whitened::new(&(errors + &self.local_gram * before), &none, rows)?;
         let resolved: DMatrix<f64> = white.sensitivity(&self.local_map.transpose());
-        let before = sizes.local.powi(2);
         let of_cells: Vec<f64> = resolved
             .column_iter()
             .map(|column| (1.0 - before * column.norm_squared()).max(0.0).sqrt())
             .collect();
         let shares = self.cell_of_triangle().iter().map(|&cell| of_cells[cell]);
         Ok(MapDeviation {
-            deviation: shares.clone().map(|share| sizes.local * share).collect(),
+            deviation: shares.clone().map(|share| local * share).collect(),
             resolved: shares.map(|share| share <= UNRESOLVED).collect(),
         })
     }
@@ -123,15 +163,5 @@ impl DriftModel {
             changes.filter_map(change).collect()
         });
         Ok(rows.collect())
-    }
-
-    /// Data whitened by noise, drift and load.
-    fn with_load(
-        &self,
-        sizes: &Sizes,
-        data: &DVector<f64>,
-        rows: &[usize],
-    ) -> Result<Whitened, DriftError> {
-        Whitened::new(&(self.noise() * 2.0 + self.drift(sizes)), data, rows)
     }
 }

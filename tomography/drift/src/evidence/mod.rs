@@ -1,6 +1,7 @@
 //! How large each kind of change is, from one frame: the sizes that make its data most probable. The drift of that frame itself is
 //! in `frame`.
 
+mod any_shape;
 mod frame;
 
 use nalgebra::{DMatrix, DVector};
@@ -9,6 +10,7 @@ use crate::DriftError;
 use crate::model::DriftModel;
 use crate::sizes::Sizes;
 use crate::whitened::Whitened;
+use any_shape::Prior;
 pub use frame::{FrameDrift, MapDeviation};
 
 /// Size of a change of the gain that one frame may have: free.
@@ -45,25 +47,59 @@ impl DriftModel {
     /// # Errors
     /// Data that are not finite.
     pub fn assess(&self, data: &DVector<f64>, rows: &[usize]) -> Result<Assessed, DriftError> {
+        let noise = &self.noise * 2.0;
+        let load = &self.local_gram;
+        let (sizes, evaluations) = self.most_probable(Prior::Kinds, data, &noise, load, rows)?;
+        let drift = self.drift(&Sizes {
+            local: 0.0,
+            ..sizes
+        });
+        let whitened = Whitened::new(&(noise + drift), data, rows)?;
+        let score = whitened.load_test(self).map_or(0.0, |found| found.score);
+        Ok(Assessed {
+            sizes,
+            whitened,
+            score,
+            evaluations,
+        })
+    }
+
+    /// The sizes that make the data most probable, where a load of size 1 has the covariance `load`; and how often the likelihood
+    /// was computed.
+    fn most_probable(
+        &self,
+        prior: Prior<'_>,
+        data: &DVector<f64>,
+        noise: &DMatrix<f64>,
+        load: &DMatrix<f64>,
+        rows: &[usize],
+    ) -> Result<(Sizes, usize), DriftError> {
         let mut known = std::collections::BTreeMap::<[usize; 3], f64>::new();
-        let counts = [CONTACT.0, FIELD.0, LOAD.0];
+        // where the covariance of the drift is known, the load alone has a size to be found
+        let counts = match prior {
+            Prior::Kinds => [CONTACT.0, FIELD.0, LOAD.0],
+            Prior::Covariance(_) => [1, 1, LOAD.0],
+        };
         let sizes = |[contact, field, load]: [usize; 3]| Sizes {
             gain: FREE_GAIN,
             contact: grid(CONTACT, contact),
             field: grid(FIELD, field),
             local: grid(LOAD, load),
         };
-        let twice = &self.noise * 2.0;
         let mut value = |at: [usize; 3]| -> Result<f64, DriftError> {
             if let Some(value) = known.get(&at) {
                 return Ok(*value);
             }
-            let covariance = &twice + self.drift(&sizes(at));
+            let sizes = sizes(at);
+            let covariance = match prior {
+                Prior::Kinds => noise + self.drift_with(&sizes, load),
+                Prior::Covariance(known) => noise + known + load * sizes.local.powi(2),
+            };
             let found = log_likelihood(data, &covariance, rows)?;
             known.insert(at, found);
             Ok(found)
         };
-        let mut best = [4, 3, 3];
+        let mut best = [4.min(counts[0] - 1), 3.min(counts[1] - 1), 3];
         let mut most = value(best)?;
         loop {
             let before = best;
@@ -90,20 +126,7 @@ impl DriftModel {
                 break;
             }
         }
-        let evaluations = known.len();
-        let sizes = sizes(best);
-        let drift = self.drift(&Sizes {
-            local: 0.0,
-            ..sizes
-        });
-        let whitened = Whitened::new(&(&twice + drift), data, rows)?;
-        let score = whitened.load_test(self).map_or(0.0, |found| found.score);
-        Ok(Assessed {
-            sizes,
-            whitened,
-            score,
-            evaluations,
-        })
+        Ok((sizes(best), known.len()))
     }
 
     /// Data whitened by noise alone, after gain and contacts are projected out: their size is taken as unknown.

@@ -5,7 +5,9 @@
 //! is taken away. Steps from one frame to the next tell when a load came or went, without any baseline.
 
 mod anchors;
+mod beside_load;
 pub mod bits;
+mod deviation;
 mod injections;
 mod innovation;
 mod load;

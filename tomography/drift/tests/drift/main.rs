@@ -1,5 +1,6 @@
 //! Drift of a sheet: single frames and the tracked baseline, with readings of a finer mesh than the model's.
 
+mod deviation;
 mod moving;
 mod orders;
 mod sheet;

@@ -110,8 +110,7 @@ fn drift_of_one_frame_is_separated_from_its_load() {
     let truth = frame(&nothing).data;
     for (load, is_disc, share) in [
         (&disc as &dyn Fn([f64; 2]) -> bool, true, 0.05),
-        // a wide load that is no disc takes part of the gain with it
-        (&bar, false, 0.7),
+        (&bar, false, 0.05),
         (&nothing, true, 0.02),
     ] {
         let relative = frame(load);

@@ -3,6 +3,10 @@
 use std::sync::Arc;
 
 use drift::{ElectrodeFault, Judgement, Tracker, TrackerState};
+use nalgebra::DVector;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use survey::{Reading, Volts};
 
 use crate::sheet::Sheet;
@@ -284,4 +288,50 @@ fn faulty_electrode_is_named_in_one_frame() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn drift_under_a_load_of_days_is_separated() {
+    let sheet = Sheet::new();
+    let model = Arc::new(sheet.model());
+    let mut random = ChaCha8Rng::seed_from_u64(11);
+    let mut noisy = |readings: Vec<Reading>| -> Vec<Reading> {
+        let with = |reading: Reading| {
+            let normal: f64 = StandardNormal.sample(&mut random);
+            Reading::Ok(Volts(reading.volts().unwrap().0 + 2e-6 * normal))
+        };
+        readings.into_iter().map(with).collect()
+    };
+    let drifted = |electrode: usize| 1.0 + 0.1 * (electrode as f64).cos();
+    let disc = |[x, y]: [f64; 2]| (x - 0.080).hypot(y - 0.140) < 15e-3;
+    let bar = |[x, y]: [f64; 2]| (0.05..0.12).contains(&x) && (0.10..0.13).contains(&y);
+    // two presses beside a bar
+    let many = |at: [f64; 2]| {
+        let near = |x: f64, y: f64| (at[0] - x).hypot(at[1] - y) < 10e-3;
+        bar(at) || near(0.05, 0.05) || near(0.16, 0.17)
+    };
+    for load in [&disc as &dyn Fn([f64; 2]) -> bool, &bar, &many] {
+        let mut tracker = Tracker::new(Arc::clone(&model), 0.0).unwrap();
+        for frame in 1..30 {
+            let readings = noisy(sheet.baseline.clone());
+            let answer = tracker.follow(&readings, EVERY_S * frame as f64).unwrap();
+            assert_eq!(answer.judgement, Judgement::Empty);
+        }
+        let sigma = |at: [f64; 2]| if load(at) { 0.5 } else { 1.0 };
+        let frame = noisy(sheet.readings(|_| 1.0, sigma));
+        let came = tracker.follow(&frame, EVERY_S * 30.0).unwrap();
+        assert!(came.event.is_some_and(|event| event.came));
+        // three days under the load
+        let at_s = EVERY_S * 30.0 + 3.0 * 86_400.0;
+        let frame = noisy(sheet.readings(drifted, |at| 0.98 * sigma(at)));
+        let answer = tracker.follow(&frame, at_s).unwrap();
+        assert_eq!(answer.judgement, Judgement::Loaded);
+        let truth = model.relative(&sheet.readings(drifted, |_| 0.98)).unwrap();
+        let off = |change: &DVector<f64>| (change - &truth.data).norm() / truth.data.norm();
+        let (kept, beside) = (tracker.baseline(), tracker.baseline_beside_load().unwrap());
+        println!("{:.3} {:.3}", off(&kept), off(&beside));
+        assert!(off(&kept) > 0.9 && off(&beside) < 0.15, "{}", off(&beside));
+        // nothing was learnt
+        assert_eq!(tracker.baseline(), kept);
+    }
 }

@@ -9,14 +9,15 @@ mod tracked;
 use std::sync::Arc;
 
 use drift::{
-    AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, Event, FitOptions, Judgement, Noise,
-    SheetFit, Tracker, TrackerState,
+    AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, Event, FitOptions, Noise, SheetFit,
+    Tracker, TrackerState,
 };
+use eit::Mesh;
 use serde::{Deserialize, Serialize};
 use survey::{Electrode, Reading};
 
 use crate::conditions::Conditions;
-pub use drift::{Disc, Injection, TimedReading, TrackingOrder};
+pub use drift::{Disc, Injection, Judgement, TimedReading, TrackingOrder};
 pub use kept::{DriftSummary, KeptTracking, TrackingSummary, keep, kept};
 pub(crate) use kept::{keep_as, kept_as};
 pub use moving::{AfterInjection, InjectionWindow, MovingPlace};
@@ -114,7 +115,8 @@ pub struct TrackingState {
 /// A frame with the baseline to compare it with.
 #[derive(Debug, Clone)]
 pub struct TrackedFrame {
-    /// The first baseline with the drift that was tracked since.
+    /// The first baseline with the drift that was tracked since; while something lies on the sheet, with the drift that is most probable
+    /// beside it.
     pub baseline: Vec<Reading>,
     /// The frame without the readings of faulty electrodes.
     pub readings: Vec<Reading>,
@@ -203,8 +205,14 @@ impl Tracking {
                 Tracked::unanswered(self.tracker.state(), at_s),
             ),
         };
+        let baseline = match tracked.judgement {
+            Judgement::Loaded => self
+                .model()
+                .baseline_with(&self.tracker.baseline_beside_load()?),
+            Judgement::Empty | Judgement::Unknown => self.baseline(),
+        };
         Ok(TrackedFrame {
-            baseline: self.baseline(),
+            baseline,
             readings,
             tracked,
             orders,
@@ -216,6 +224,17 @@ impl Tracking {
     pub fn compare(&self, frame: &[Reading]) -> (Vec<Reading>, Vec<Reading>) {
         let masked = self.tracker.state().masked();
         (self.baseline(), self.without(frame, &masked))
+    }
+
+    /// How exactly the frame that was followed last tells its map: standard deviation of the change of ln conductance of each triangle
+    /// of the region of the sheet's mesh, NaN where the frame says nothing of it. It is that of the linear model, whatever the method.
+    ///
+    /// # Errors
+    /// The frame was not judged, or a covariance that cannot be factored.
+    pub fn map_deviation(&self, mesh: &Mesh) -> Result<Vec<f64>, DriftError> {
+        let whole = self.tracker.map_deviation()?.values();
+        let of_region = mesh.region().iter();
+        Ok(of_region.map(|&triangle| whole[triangle]).collect())
     }
 
     /// The first baseline with the drift that was tracked since.

@@ -101,6 +101,11 @@ impl Sheet {
     }
 
     pub fn model(&self) -> DriftModel {
+        self.model_with_noise(2e-6)
+    }
+
+    /// `reading_v`: standard deviation of one reading, V.
+    pub fn model_with_noise(&self, reading_v: f64) -> DriftModel {
         let sheet = paper_sheet(0.7);
         let mesh = sheet.mesh().unwrap();
         let sigma0 = vec![sheet.conductance(); mesh.triangles().len()];
@@ -111,7 +116,7 @@ impl Sheet {
             &Protocol::sheffield(26).unwrap(),
             &self.baseline,
             Noise {
-                reading_v: 2e-6,
+                reading_v,
                 emf_v: 0.0,
             },
             &FitOptions::default(),

@@ -1,0 +1,117 @@
+//! The drift of a frame whose load is no disc.
+//!
+//! Where any cell may have changed by as much as any other, the mean of a wide load is left to the gain: both change all readings alike.
+//! But a load has edges, and leaves the rest of the sheet as it was. So the cells that changed most are taken as the load,
+//! free in the size that makes the frame most probable, and gain, contacts and field are what the other cells show.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::DriftError;
+use crate::disc::MODEL_SHARE;
+use crate::model::DriftModel;
+use crate::sizes::Sizes;
+use crate::whitened::Whitened;
+
+/// Share of the largest change from which on a cell belongs to the load.
+const LOADED_SHARE: f64 = 0.25;
+/// Distance to which its neighbours belong to it too, m: one cell.
+const BESIDE_M: f64 = 10e-3;
+/// Least and largest change of ln conductance about which the model is linear: it is lost, or doubled.
+const CHANGE: [f64; 2] = [-3.0, 0.7];
+/// Rounds: each finds the load's cells in what the drift of the round before leaves.
+const ROUNDS: usize = 6;
+/// Error of the model that is linear about the sheet without the load, as a share of the load's signal.
+const FIRST_SHARE: f64 = 0.3;
+
+/// What is known of the drift before the frame.
+#[derive(Clone, Copy)]
+pub(crate) enum Prior<'a> {
+    /// Its kinds; their sizes are what the frame makes most probable.
+    Kinds,
+    /// Its covariance, V2.
+    Covariance(&'a DMatrix<f64>),
+}
+
+impl Prior<'_> {
+    /// The covariance of drift of these sizes, V2.
+    pub(super) fn covariance(self, model: &DriftModel, sizes: &Sizes) -> DMatrix<f64> {
+        match self {
+            Self::Kinds => model.drift(&Sizes {
+                local: 0.0,
+                ..*sizes
+            }),
+            Self::Covariance(known) => known.clone(),
+        }
+    }
+}
+
+impl DriftModel {
+    /// The drift of data with this covariance of noise (V2) beside a load of any shape: its sizes and the change of the data, V.
+    pub(super) fn drift_beside_any_shape(
+        &self,
+        prior: Prior<'_>,
+        noise: &DMatrix<f64>,
+        data: &DVector<f64>,
+        rows: &[usize],
+    ) -> Result<(Sizes, DVector<f64>), DriftError> {
+        let errors_of = |share: f64, signal: &DVector<f64>| {
+            noise + DMatrix::from_diagonal(&signal.map(|v| (share * v).powi(2)))
+        };
+        let errors = errors_of(FIRST_SHARE, data);
+        let (sizes, _) = self.most_probable(prior, data, &errors, &self.local_gram, rows)?;
+        let mut map = self.map_beside(prior, &errors, &sizes, data, rows)?;
+        let (mut signal, mut share) = (data.clone(), FIRST_SHARE);
+        let mut linear = self.linear_about(&DVector::zeros(map.len()))?;
+        let mut found = (sizes, DVector::zeros(data.len()));
+        for _ in 0..ROUNDS {
+            let errors = errors_of(share, &signal);
+            let rest = data - &linear.0;
+            let cells = self.load_cells(&map);
+            let sensitivity = linear.1.select_columns(&cells);
+            let from_data = self.local_correlation(&cells) * sensitivity.transpose();
+            let load = &sensitivity * &from_data;
+            let (sizes, _) = self.most_probable(prior, &rest, &errors, &load, rows)?;
+            let drift = prior.covariance(self, &sizes);
+            let covariance = &errors + &drift + load * sizes.local.powi(2);
+            let weights = Whitened::new(&covariance, &rest, rows)?.weights();
+            let of_cells = from_data * &weights * sizes.local.powi(2);
+            let mut about = DVector::zeros(map.len());
+            for (&cell, value) in cells.iter().zip(&of_cells) {
+                about[cell] = value.clamp(CHANGE[0], CHANGE[1]);
+            }
+            let change = drift * weights;
+            signal = data - &change;
+            linear = self.linear_about(&about)?;
+            // what this load leaves is the error that the next round has to expect
+            let left = &signal - &linear.0 - &linear.1 * about;
+            let of_rows = |values: &DVector<f64>| values.select_rows(rows).norm();
+            share = (of_rows(&left) / of_rows(&signal)).clamp(MODEL_SHARE, FIRST_SHARE);
+            // where the load lies, seen without that drift
+            map = self.map_beside(prior, &errors, &sizes, &signal, rows)?;
+            found = (sizes, change);
+        }
+        Ok(found)
+    }
+
+    /// The map, by cell, of a load that may be anywhere.
+    fn map_beside(
+        &self,
+        prior: Prior<'_>,
+        errors: &DMatrix<f64>,
+        sizes: &Sizes,
+        data: &DVector<f64>,
+        rows: &[usize],
+    ) -> Result<DVector<f64>, DriftError> {
+        let load = &self.local_gram * sizes.local.powi(2);
+        let covariance = errors + prior.covariance(self, sizes) + load;
+        let weights = Whitened::new(&covariance, data, rows)?.weights();
+        Ok(self.local_by_cell(&weights).0)
+    }
+
+    /// The cells that a load covers, from a map by cell.
+    fn load_cells(&self, map: &DVector<f64>) -> Vec<usize> {
+        let least = LOADED_SHARE * map.amax();
+        let most = (0..map.len()).filter(|&cell| map[cell].abs() >= least);
+        self.cells_around(&most.collect::<Vec<_>>(), BESIDE_M)
+    }
+}

@@ -1,0 +1,29 @@
+//! How exactly a frame tells the map that is compared with the tracked baseline.
+
+use super::Tracker;
+use crate::DriftError;
+use crate::evidence::MapDeviation;
+use crate::whitened::LOADED;
+
+impl Tracker {
+    /// How exactly the last frame tells the map relative to the tracked baseline: the posterior of local change, with noise and the
+    /// error of the tracked baseline as errors of the data. Before the frame, local change has the size of the disc that explains
+    /// most of it, because what lies there may be as large elsewhere. The sizes of the drift are those that are tracked.
+    ///
+    /// # Errors
+    /// No frame yet, or a covariance that cannot be factored.
+    pub fn map_deviation(&self) -> Result<MapDeviation, DriftError> {
+        let white = self.whitened()?;
+        let tests = white.load_tests(&self.model, 3);
+        let load = match tests.first() {
+            Some(best) if best.score > LOADED => {
+                let fit = white.fit_disc_from(&self.model, &tests)?;
+                (fit.load / fit.disc.diameter.powi(2)).abs()
+            }
+            _ => 0.0,
+        };
+        let errors = self.state.covariance() + &self.model.noise;
+        self.model
+            .map_deviation_beside(errors, load, &self.state.last_rows)
+    }
+}
