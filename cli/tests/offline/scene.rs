@@ -104,6 +104,16 @@ pub fn session_without_baseline(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
+/// [`session`] without a reading in any frame.
+pub fn session_without_readings(folder: &Path) {
+    let header = SessionHeader::new("m20270115_1", at(0), protocol());
+    let course = Course {
+        unread: true,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course);
+}
+
 /// [`session`] with alarms that become active half a second after the second and the third frame.
 pub fn session_with_alarms(folder: &Path) -> PathBuf {
     let header = SessionHeader::new("m20270115_1", at(0), protocol());
@@ -201,6 +211,8 @@ struct Course {
     paused: bool,
     /// An alarm with the second frame and another with the third.
     alarms: bool,
+    /// Nothing was measured in any frame.
+    unread: bool,
 }
 
 fn record(
@@ -265,6 +277,11 @@ fn record(
     let mut frames = vec![(1, unloaded.clone()), (2, gap), (3, loaded.clone())];
     if course.paused {
         frames.extend([(4, loaded.clone()), (604, loaded)]);
+    }
+    if course.unread {
+        for (_, readings) in &mut frames {
+            readings.fill(Reading::NotMeasured);
+        }
     }
     let end = frames.last().map_or(0, |(second, _)| second + 1);
     for (second, readings) in frames {

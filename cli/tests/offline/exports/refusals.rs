@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use crate::scene::{baseline_session, refused, session, session_without_baseline};
+use crate::scene::{
+    baseline_session, refused, session, session_without_baseline, session_without_readings,
+};
 
 /// The files of a folder beside the sessions, sorted.
 pub(super) fn left(folder: &Path) -> Vec<String> {
@@ -75,6 +77,21 @@ fn maps_need_a_baseline_and_the_format() {
     let message = refused(folder.path(), &unknown, 78);
     assert!(message.contains("the mesh has 26"), "{message}");
     assert_eq!(left(folder.path()), before);
+}
+
+#[test]
+fn requested_maps_of_which_none_is_made_are_a_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    session_without_readings(folder.path());
+    let export = ["export", "last", "--format", "nc", "--out", "out.nc"];
+    let maps = ["--maps", "--preset", "disc-tank", "--noise-v", "2e-6"];
+    let message = refused(folder.path(), &[&export[..], &maps].concat(), 1);
+    assert!(
+        message.contains("no frame of session m20270115_1 has a map"),
+        "{message}"
+    );
+    // its readings are exported all the same
+    assert_eq!(left(folder.path()), ["m20270115_1.exported.json", "out.nc"]);
 }
 
 #[test]

@@ -95,6 +95,7 @@ pub(super) struct MapVariables<'a> {
     calibrated: bool,
     sd: bool,
     triangles: usize,
+    made: usize,
 }
 
 impl<'a> MapVariables<'a> {
@@ -105,7 +106,13 @@ impl<'a> MapVariables<'a> {
             sd,
             calibrated: reconstruction.is_calibrated(),
             triangles: reconstruction.mesh().region().len(),
+            made: 0,
         }
+    }
+
+    /// Frames that have a map.
+    pub(super) fn made(&self) -> usize {
+        self.made
     }
 
     pub(super) fn put(&mut self, bytes: &mut RecordBytes, record: &Record) -> Result<(), Failure> {
@@ -127,6 +134,7 @@ impl<'a> MapVariables<'a> {
                 ))
             })
             .ok();
+        self.made += usize::from(of_frame.is_some());
         let (map, pressure, deviation) = match of_frame {
             Some(of_frame) => (
                 Some(of_frame.map.values),
