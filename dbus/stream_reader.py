@@ -27,6 +27,9 @@ def records(stream):
             yield record | dict(kind="quality", **json.loads(body[36:]))
         elif kind == 6:
             yield record | dict(kind="tracked", **json.loads(body[36:]))
+        elif kind == 9:
+            values = struct.unpack_from(f"<{n}d", body, 36)
+            yield record | dict(kind="deviation", values=values, mesh_hash=body[36 + 8 * n:].decode())
 
 
 if __name__ == "__main__":

@@ -142,6 +142,8 @@ options! {
         quality: bool,
         /// Records of the load after every injection, false by default.
         injections: bool,
+        /// Records of the standard deviation of maps, false by default.
+        deviations: bool,
         /// Records held for a slow reader, 64 by default.
         ring: u64,
     }

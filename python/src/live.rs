@@ -90,13 +90,14 @@ impl Stream {
     /// address: "system", "session", "unix:PATH", or None for the first that has a daemon. session: its id, or None for the
     /// one that runs, or will run within `timeout` s (None: without limit). ring: records held for a slow reader.
     #[new]
-    #[pyo3(signature = (address, session, frames, maps, ring, timeout))]
+    #[pyo3(signature = (address, session, frames, maps, deviations, ring, timeout))]
     fn new(
         py: Python<'_>,
         address: Option<&str>,
         session: Option<String>,
         frames: bool,
         maps: bool,
+        deviations: bool,
         ring: u64,
         timeout: Option<f64>,
     ) -> PyResult<Self> {
@@ -119,6 +120,7 @@ impl Stream {
                 pressure: Some(maps),
                 quality: Some(maps),
                 injections: None,
+                deviations: Some(deviations),
                 ring: Some(ring),
             },
             deadline: deadline(timeout),
@@ -380,6 +382,11 @@ fn fields(py: Python<'_>, record: Record) -> PyResult<Bound<'_, PyDict>> {
             fields.set_item("values", PyArray1::from_vec(py, values))?;
             fields.set_item("json", json)?;
             "injection"
+        }
+        Body::Deviation { values, mesh_hash } => {
+            fields.set_item("deviations", PyArray1::from_vec(py, values))?;
+            fields.set_item("mesh_hash", mesh_hash)?;
+            "deviation"
         }
         Body::End { reason } => {
             fields.set_item("reason", reason)?;

@@ -18,7 +18,7 @@ True
 from ._native import Forward, Mesh, Protocol, likeness, merit
 from .drift import Drift, Followed
 from .estimators import Network, OneStep, Quality, Reason, Shapes, TotalVariation
-from .live import Live, LiveFrame, LiveMap, connect
+from .live import Live, LiveDeviation, LiveFrame, LiveMap, connect
 from .order import OrderCheck, check
 from .record import QUALITY_FLAGS, Event, Session, open_session
 
@@ -29,6 +29,7 @@ __all__ = [
     "Followed",
     "Forward",
     "Live",
+    "LiveDeviation",
     "LiveFrame",
     "LiveMap",
     "Mesh",

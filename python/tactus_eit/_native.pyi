@@ -179,7 +179,14 @@ class SessionFile:
 @final
 class Stream:
     def __new__(
-        cls, address: str | None, session: str | None, frames: bool, maps: bool, ring: int, timeout: float | None
+        cls,
+        address: str | None,
+        session: str | None,
+        frames: bool,
+        maps: bool,
+        deviations: bool,
+        ring: int,
+        timeout: float | None,
     ) -> Stream: ...
     def next(self, timeout: float | None) -> dict[str, Any] | None: ...
     def close(self) -> None: ...

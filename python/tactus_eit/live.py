@@ -53,8 +53,24 @@ class LiveMap(NamedTuple):
     lost: int
 
 
+class LiveDeviation(NamedTuple):
+    """How exactly a frame tells its map, relative to the tracked baseline.
+
+    sequence, time, simulated, lost: as of LiveFrame; at most one frame in a second has it, and it comes soon before or after the map.
+    values: standard deviation of the change of ln conductance, by the linear model whatever the method of the map, NaN where the
+    frame says nothing of a triangle: shape (region,). mesh_hash: as of ``Mesh.hash``.
+    """
+
+    sequence: int
+    time: np.datetime64
+    values: NDArray[np.float64]
+    mesh_hash: str
+    simulated: bool
+    lost: int
+
+
 class Live:
-    """The stream of one session, an iterator of LiveFrame and LiveMap. Made by ``connect``; can be used with ``with``.
+    """The stream of one session, an iterator of LiveFrame, LiveMap and LiveDeviation. Made by ``connect``; can be used with ``with``.
 
     Iteration ends with the session: ``ended`` is then the reason. TimeoutError: nothing came in time; it can be continued.
     ConnectionError: the daemon is gone. ``lost`` is the number of records that were lost so far.
@@ -116,10 +132,10 @@ class Live:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def __iter__(self) -> Iterator[LiveFrame | LiveMap]:
+    def __iter__(self) -> Iterator[LiveFrame | LiveMap | LiveDeviation]:
         return self
 
-    def __next__(self) -> LiveFrame | LiveMap:
+    def __next__(self) -> LiveFrame | LiveMap | LiveDeviation:
         while self.ended is None:
             record = self._stream.next(self._timeout)
             if record is None:
@@ -130,6 +146,8 @@ class Live:
                 return self._frame(record)
             if kind == "map":
                 return self._map(record)
+            if kind == "deviation":
+                return self._deviation(record)
             if kind == "end":
                 self.ended = record["reason"]
             else:
@@ -164,6 +182,11 @@ class Live:
             lost,
         )
 
+    def _deviation(self, record: dict[str, Any]) -> LiveDeviation:
+        return LiveDeviation(
+            record["sequence"], _time(record), record["deviations"], record["mesh_hash"], record["simulated"], record["gap"]
+        )
+
     def __repr__(self) -> str:
         return f"<Live stream of {self.session} at {self._about['address']}>"
 
@@ -174,13 +197,15 @@ def connect(
     session: str | None = None,
     frames: bool = True,
     maps: bool = False,
+    deviations: bool = False,
     ring: int = 64,
     timeout: float | None = None,
 ) -> Live:
-    """Follows the session that ``tactusd`` runs: an iterator of frames, or of frames and maps, as they come.
+    """Follows the session that ``tactusd`` runs: an iterator of frames, maps and their standard deviations, as they come.
 
     address: "system", "session" or "unix:PATH"; by default the first of the daemon's usual addresses that has one. session: the id
-    of a session that runs; by default the running one, or the next that starts. frames, maps: what to receive.
+    of a session that runs; by default the running one, or the next that starts. frames, maps, deviations: what to receive; standard
+    deviations of maps come only where the daemon tracks the baseline.
     ring: records, 1 to 4096, that the daemon holds for this reader; then it drops the oldest, counted in ``lost``. The daemon never waits.
     timeout: s, for the session to start and for each record; by default without limit. Ctrl-C ends the wait.
 
@@ -192,16 +217,16 @@ def connect(
     for name, given in (("address", address), ("session", session)):
         if given is not None and not isinstance(given, str):
             raise TypeError(f"argument '{name}': it is a {type(given).__name__}; expected a text, or None")
-    frames, maps = as_truth("frames", frames), as_truth("maps", maps)
-    if not (frames or maps):
-        raise ValueError("argument 'maps': it is False, and 'frames' too; expected one of them to be True")
+    frames, maps, deviations = as_truth("frames", frames), as_truth("maps", maps), as_truth("deviations", deviations)
+    if not (frames or maps or deviations):
+        raise ValueError("argument 'maps': it is False, and 'frames' and 'deviations' too; expected one of them to be True")
     if isinstance(ring, bool) or not isinstance(ring, (int, np.integer)):
         raise TypeError(f"argument 'ring': it is a {type(ring).__name__}; expected a number of records from 1 to 4096")
     if not 1 <= ring <= 4096:
         raise ValueError(f"argument 'ring': it is {ring}; expected a number of records from 1 to 4096")
     if timeout is not None:
         timeout = as_positive("timeout", timeout)
-    return Live(Stream(address, session, frames, maps, int(ring), timeout), timeout)
+    return Live(Stream(address, session, frames, maps, deviations, int(ring), timeout), timeout)
 
 
 def _time(record: dict[str, Any]) -> np.datetime64:

@@ -147,6 +147,44 @@ def test_maps_are_like_those_of_the_package(daemon, session):
         next(live)
 
 
+def test_deviation_is_a_record_beside_the_maps():
+    class Records:
+        attributes = {"session": "m1", "address": "unix:peer"}
+        given = [
+            {"kind": "quality", "sequence": 2, "gap": 1, "json": '{"verdict": "sound", "reasons": []}'},
+            {
+                "kind": "deviation",
+                "sequence": 1,
+                "wall_ns": 5,
+                "gap": 2,
+                "simulated": True,
+                "deviations": np.array([0.05, np.nan]),
+                "mesh_hash": "m",
+            },
+            {
+                "kind": "map",
+                "sequence": 2,
+                "wall_ns": 6,
+                "gap": 0,
+                "simulated": True,
+                "values": np.zeros(2),
+                "method": "one-step",
+                "mesh_hash": "m",
+            },
+        ]
+
+        def next(self, timeout):
+            return self.given.pop(0)
+
+    live = tactus_eit.Live(Records(), None)
+    deviation, map_ = next(live), next(live)
+    assert isinstance(deviation, tactus_eit.LiveDeviation) and (deviation.sequence, deviation.lost) == (1, 2)
+    np.testing.assert_array_equal(deviation.values, [0.05, np.nan])
+    assert isinstance(map_, LiveMap) and map_.quality.verdict == "sound" and (map_.lost, live.lost) == (1, 3)
+    with pytest.raises(ValueError, match="expected one of them to be True"):
+        connect(frames=False, deviations=False)
+
+
 def test_slow_reader_counts_what_it_lost(daemon, session):
     live = daemon.connect(ring=1)
     # some 35 fit into the socket

@@ -183,6 +183,7 @@ impl Following {
             pressure: Some(true),
             quality: Some(true),
             injections: None,
+            deviations: None,
             ring: Some(RING),
         };
         let descriptor = session.open_stream(&options).await?;
@@ -299,7 +300,7 @@ impl Following {
             Body::Tracked { json } => keep("tracked", &json),
             Body::Quantities { json } => keep("quantities", &json),
             // not requested
-            Body::Injection { .. } | Body::End { .. } => {}
+            Body::Injection { .. } | Body::Deviation { .. } | Body::End { .. } => {}
         }
     }
 

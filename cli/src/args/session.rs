@@ -142,6 +142,10 @@ pub struct Watch {
     /// Print one line per frame or injection, without a map
     #[arg(long)]
     pub no_map: bool,
+    /// Also the standard deviation of each triangle's change of ln conductance, once a second at most, where the daemon tracks the
+    /// baseline: in words, or with --json each value, null where the frame says nothing of a triangle
+    #[arg(long, conflicts_with = "fast")]
+    pub sd: bool,
 }
 
 /// Options of `top`.

@@ -68,6 +68,7 @@ pub(crate) async fn run(
         pressure: Some(of_frames),
         quality: Some(of_frames),
         injections: watch.fast.then_some(true),
+        deviations: watch.sd.then_some(true),
         ring: None,
     };
     let descriptor = daemon

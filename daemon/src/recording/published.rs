@@ -99,6 +99,9 @@ impl Published {
             known: self.tracked.as_ref().map(|tracked| tracked.known),
             tracked: json(self.tracked.as_ref()),
             quantities: json(self.quantities.as_ref()),
+            // bulk data, which summaries in signals do not have
+            deviations: None,
+            deviations_sequence: None,
         }
     }
 }

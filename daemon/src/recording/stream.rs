@@ -27,6 +27,8 @@ pub(crate) struct Wanted {
     pub quality: bool,
     /// The load after every injection, which is computed only while somebody reads it.
     pub injections: bool,
+    /// The standard deviation of maps, which is computed only while somebody reads it.
+    pub deviations: bool,
     /// Records held for it.
     pub ring: usize,
 }
@@ -100,7 +102,16 @@ impl Readers {
 
     /// Whether any of them wants the load after every injection.
     pub(crate) fn want_injections(&self) -> bool {
-        let wants = |reader: &Arc<Reader>| reader.wanted.injections && !reader.waiting().gone;
+        self.any_wants(|wanted| wanted.injections)
+    }
+
+    /// Whether any of them wants the standard deviation of maps.
+    pub(crate) fn want_deviations(&self) -> bool {
+        self.any_wants(|wanted| wanted.deviations)
+    }
+
+    fn any_wants(&self, what: impl Fn(&Wanted) -> bool) -> bool {
+        let wants = |reader: &Arc<Reader>| what(&reader.wanted) && !reader.waiting().gone;
         self.lock().iter().any(wants)
     }
 
@@ -122,6 +133,7 @@ impl Readers {
                     reader.wanted.quality
                 }
                 Body::Injection { .. } => reader.wanted.injections,
+                Body::Deviation { .. } => reader.wanted.deviations,
                 Body::End { .. } => true,
             };
             if wants {
@@ -230,6 +242,7 @@ mod tests {
             pressure: false,
             quality: false,
             injections: false,
+            deviations: false,
             ring: 4,
         };
         let fd = readers.add(wanted, ()).unwrap();
@@ -276,6 +289,7 @@ mod tests {
             pressure: true,
             quality: true,
             injections: true,
+            deviations: true,
             ring: 4,
         };
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();
@@ -311,6 +325,7 @@ mod tests {
             pressure: false,
             quality: false,
             injections: false,
+            deviations: false,
             ring: 4,
         };
         let (place, given_back) = tokio::sync::oneshot::channel::<()>();

@@ -52,8 +52,8 @@ impl FrameSink for StreamSink {
 }
 
 impl StreamSink {
-    /// The load after an injection of the frame of this sequence, which is being measured.
-    pub(super) fn injection(&self, sequence: u64, wall_ns: i64, body: Body) {
+    /// What is computed beside frames and maps, of the frame of this sequence.
+    pub(super) fn beside_frames(&self, sequence: u64, wall_ns: i64, body: Body) {
         self.0.readers.publish(&Record {
             sequence,
             wall_ns,

@@ -123,6 +123,7 @@ async fn kinds(stream: &mut tokio::net::UnixStream) -> Vec<&'static str> {
             Body::Tracked { .. } => "tracked",
             Body::Quantities { .. } => "quantities",
             Body::Injection { .. } => "injection",
+            Body::Deviation { .. } => "deviation",
             Body::End { .. } => "end",
         });
     }

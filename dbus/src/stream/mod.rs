@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | 0 to 3 | u32 | length of the rest of the record |
 //! | 4, 5 | u16 | version, 1 |
-//! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end, 4 pressure, 5 quality, 6 tracked, 7 quantities, 8 injection |
+//! | 6, 7 | u16 | kind: 1 frame, 2 map, 3 end, 4 pressure, 5 quality, 6 tracked, 7 quantities, 8 injection, 9 deviation |
 //! | 8 to 15 | u64 | sequence of the frame, from 1 in its session |
 //! | 16 to 23 | i64 | wall time of the frame, ns since 1970 UTC |
 //! | 24 to 31 | u64 | gap: records that this reader lost just before this one, because it read too slowly |
@@ -18,7 +18,8 @@
 //! triangle of the region), a u16 length and the mesh hash, a u16 length and the method (UTF-8); for **pressure**, n values
 //! (f64, kPa, one for each triangle of the region) and the total load (f64, N), just before the map of the same frame; for
 //! **quality**, n bytes of JSON (UTF-8; `verdict` and `reasons`, as in `watch --json`), just before its map; likewise **tracked** and **quantities**, as in `watch --json`; for an **injection** of the frame of
-//! this sequence, which is not complete, n values as in a map and the rest of the record as JSON, as in `watch --fast --json`; for the **end**, the reason in n bytes (UTF-8), after which the descriptor is closed. A reader skips unknown kinds by their
+//! this sequence, which is not complete, n values as in a map and the rest of the record as JSON, as in `watch --fast --json`; for a **deviation**, the standard
+//! deviation of each value of the map of the same frame, n f64 (NaN: the frame says nothing of this triangle), and the rest of the record is the mesh hash; for the **end**, the reason in n bytes (UTF-8), after which the descriptor is closed. A reader skips unknown kinds by their
 //! length, and rejects other versions. `dbus/stream_reader.py` is a reader in some twenty lines.
 //!
 //! ```
@@ -108,6 +109,14 @@ pub enum Body {
         /// `after` of `tactus watch --fast --json`.
         json: String,
     },
+    /// How exactly the frame of this sequence tells each triangle, relative to the tracked baseline.
+    Deviation {
+        /// Standard deviation of the change of ln conductance, one value for each triangle of the region; NaN where the frame says
+        /// nothing of it.
+        values: Vec<f64>,
+        /// Hash of the mesh.
+        mesh_hash: String,
+    },
     /// The session has ended.
     End {
         /// The reason.
@@ -148,6 +157,7 @@ impl Record {
             Body::Tracked { json } => (6, json.len()),
             Body::Quantities { json } => (7, json.len()),
             Body::Injection { values, .. } => (8, values.len()),
+            Body::Deviation { values, .. } => (9, values.len()),
         };
         let mut bytes = vec![0; 4];
         bytes.extend(VERSION.to_le_bytes());
@@ -180,9 +190,13 @@ impl Record {
             | Body::Quantities { json: text } => {
                 bytes.extend(text.as_bytes());
             }
-            Body::Injection { values, json } => {
+            Body::Injection { values, json: text }
+            | Body::Deviation {
+                values,
+                mesh_hash: text,
+            } => {
                 bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-                bytes.extend(json.as_bytes());
+                bytes.extend(text.as_bytes());
             }
             Body::Pressure { kpa, newtons } => {
                 bytes.extend(kpa.iter().flat_map(|kpa| kpa.to_le_bytes()));
@@ -320,13 +334,18 @@ fn decode(record: &[u8]) -> Result<Option<Record>, StreamError> {
                 _ => Body::Quantities { json },
             }
         }
-        8 => {
-            let (values, json) = body
+        8 | 9 => {
+            let (values, text) = body
                 .split_at_checked(count * 8)
                 .ok_or_else(|| malformed("the count does not fit the length"))?;
-            Body::Injection {
-                values: floats(values),
-                json: String::from_utf8(json.to_vec()).map_err(|_| malformed("the text"))?,
+            let values = floats(values);
+            let text = String::from_utf8(text.to_vec()).map_err(|_| malformed("the text"))?;
+            match kind {
+                8 => Body::Injection { values, json: text },
+                _ => Body::Deviation {
+                    values,
+                    mesh_hash: text,
+                },
             }
         }
         _ => return Ok(None),

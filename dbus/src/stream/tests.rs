@@ -35,6 +35,13 @@ fn records() -> Vec<Record> {
         ),
         record(
             2,
+            Body::Deviation {
+                values: vec![0.05, 0.5],
+                mesh_hash: "abc".into(),
+            },
+        ),
+        record(
+            2,
             Body::Pressure {
                 kpa: vec![0.0, 12.5],
                 newtons: 19.6,

@@ -1,6 +1,6 @@
 //! Quantities of maps: the same numbers from the daemon's rows and from the frames, for the sheet and its regions.
 
-use dbus::{Address, Simulation1Proxy};
+use dbus::{Address, Manager1Proxy, Session1Proxy, Simulation1Proxy};
 use serde_json::Value;
 use tactus_tests::Stage;
 
@@ -36,6 +36,36 @@ fn press(stage: &Stage) {
     });
 }
 
+/// The last standard deviations on the bus, and the number of the triangle at the press among them.
+fn on_the_bus(stage: &Stage, id: &str) -> (Vec<f64>, usize) {
+    runtime().block_on(async {
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
+            .await
+            .expect("the daemon listens");
+        let manager = Manager1Proxy::new(&connection).await.expect("a proxy");
+        let geometry = manager.geometry().await.expect("the geometry");
+        let path = dbus::session_path(id).expect("an id");
+        let session = Session1Proxy::builder(&connection).path(path);
+        let session = session.build().await.expect("a proxy");
+        let map = session.latest_map().await.expect("a map");
+        let deviations = map.more.deviations.expect("standard deviations");
+        assert_eq!(deviations.len(), map.values.len());
+        assert!(map.more.deviations_sequence <= Some(map.sequence));
+        let away = |corners: &[u32]| {
+            let sum = |axis: usize| -> f64 {
+                let along = corners
+                    .iter()
+                    .map(|n| geometry.nodes[2 * *n as usize + axis]);
+                along.sum()
+            };
+            (sum(0) / 3.0 - 0.080).hypot(sum(1) / 3.0 - 0.135)
+        };
+        let triangles = geometry.triangles.chunks_exact(3).map(away).enumerate();
+        let nearest = triangles.min_by(|a, b| a.1.total_cmp(&b.1));
+        (deviations, nearest.expect("a triangle").0)
+    })
+}
+
 #[test]
 fn stored_quantities_are_those_of_the_frames() {
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
@@ -48,7 +78,19 @@ fn stored_quantities_are_those_of_the_frames() {
     press(&stage);
     let begun = ask(&stage, &["start", "--every", "500ms"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
-    let watched = ask(&stage, &["watch", "--no-map", "--count", "4"]);
+    let watched = ask(&stage, &["watch", "--no-map", "--count", "6", "--sd"]);
+    let (deviations, at_press) = on_the_bus(&stage, &id);
+    let (of_maps, watched): (Vec<Value>, Vec<Value>) = watched
+        .into_iter()
+        .partition(|line| line["event"] == "deviation");
+    let of_maps = &of_maps.last().expect("one a second")["deviations"];
+    let of_maps = of_maps.as_array().expect("a value for each triangle");
+    assert_eq!(of_maps.len(), deviations.len());
+    let known: Vec<f64> = of_maps.iter().filter_map(Value::as_f64).collect();
+    assert!(known.iter().all(|sd| *sd > 0.0));
+    // half of the conductance is lost there
+    let sd = of_maps[at_press].as_f64().expect("the frame tells it");
+    assert!(sd < 0.7 && deviations[at_press] < 0.7, "{sd}");
     // the daemon computes standard deviations once a second of frames
     let certain =
         |frame: &&Value| !frame["quantities"]["regions"][0]["deviations"]["load"].is_null();

@@ -36,6 +36,8 @@ enum WatchLine {
     Frame(Box<FrameLine>),
     /// The load after an injection.
     Injection(Box<InjectionLine>),
+    /// The standard deviation of a map.
+    Deviation(Box<DeviationLine>),
     /// The session has ended.
     Ended { session: String, reason: String },
 }
@@ -82,6 +84,19 @@ struct InjectionLine {
     /// Records lost just before, because this client was too slow.
     gap: u64,
     after: AfterInjection,
+}
+
+#[derive(Debug, Serialize)]
+struct DeviationLine {
+    session: String,
+    sequence: u64,
+    wall: String,
+    simulated: bool,
+    /// Records lost just before, because this client was too slow.
+    gap: u64,
+    mesh_hash: String,
+    /// Of the change of ln conductance, for each triangle of the region; `None` where the frame says nothing of it.
+    deviations: Vec<Option<f64>>,
 }
 
 /// A map converted by a calibration, and its frame.
@@ -362,6 +377,21 @@ impl<'a, W: Write> Viewer<'a, W> {
                 }
                 Ok(None)
             }
+            Body::Deviation { values, mesh_hash } => {
+                let known = |value: &f64| Some(*value).filter(|value| value.is_finite());
+                let wall = DateTime::from_timestamp_nanos(record.wall_ns);
+                let line = WatchLine::Deviation(Box::new(DeviationLine {
+                    session: self.id.clone(),
+                    sequence: record.sequence,
+                    wall: wall.to_rfc3339_opts(SecondsFormat::Nanos, true),
+                    simulated: record.simulated,
+                    gap: record.gap,
+                    mesh_hash: mesh_hash.clone(),
+                    deviations: values.iter().map(known).collect(),
+                }));
+                self.output(&line, None, wall)?;
+                Ok(None)
+            }
             Body::End { reason } => {
                 self.flush()?;
                 Ok(Some(reason.clone()))
@@ -396,6 +426,7 @@ impl<'a, W: Write> Viewer<'a, W> {
             | Body::Tracked { .. }
             | Body::Quantities { .. }
             | Body::Injection { .. }
+            | Body::Deviation { .. }
             | Body::End { .. } => &[],
         };
         let count = |wanted: u8| flags.iter().filter(|&&flag| flag == wanted).count();
@@ -606,6 +637,27 @@ fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String {
                 seen.after,
                 if seen.simulated { "  SIMULATED" } else { "" }
             )
+        }
+        WatchLine::Deviation(seen) => {
+            let mut known: Vec<f64> = seen.deviations.iter().copied().flatten().collect();
+            known.sort_by(f64::total_cmp);
+            let mut text = format!(
+                "{}{} frame {}, standard deviation of ln conductance: ",
+                missed(seen.gap),
+                seen.session,
+                seen.sequence
+            );
+            match known.get(known.len() / 2) {
+                Some(median) => text.push_str(&format!(
+                    "{median:.3} in the median of {:.0} % of the triangles, the others not known",
+                    100.0 * known.len() as f64 / seen.deviations.len() as f64
+                )),
+                None => text.push_str("not known of any triangle"),
+            }
+            if seen.simulated {
+                text.push_str("  SIMULATED");
+            }
+            text
         }
         WatchLine::Frame(seen) => {
             let mut text = missed(seen.gap);

@@ -100,6 +100,27 @@ async fn injections_are_shown_with_their_map_and_counted() {
     }
 }
 
+#[tokio::test]
+async fn deviations_are_lines_that_are_not_counted() {
+    let body = Body::Deviation {
+        values: vec![0.05, f64::NAN],
+        mesh_hash: "m".into(),
+    };
+    let records = [frame(7, 0), record(7, 0, body), frame(8, 0), frame(9, 0)];
+    let words = ["--sd", "--count", "2"];
+    let (text, _) = shown(&words, None, &records).await;
+    let lines: Vec<serde_json::Value> = text
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let events: Vec<_> = lines.iter().map(|line| &line["event"]).collect();
+    assert_eq!(events, ["frame", "deviation", "frame"], "{text}");
+    assert_eq!(lines[1]["deviations"], serde_json::json!([0.05, null]));
+    let (text, _) = shown_as(false, &words, None, &records).await;
+    let wanted = "0.050 in the median of 50 % of the triangles, the others not known  SIMULATED";
+    assert!(text.contains(wanted), "{text}");
+}
+
 async fn shown(
     words: &[&str],
     field: Option<Field>,

@@ -92,7 +92,7 @@ impl Injections {
                     values: disc.map_or_else(empty, |disc| disc.map(mesh)),
                     json: serde_json::json!(after).to_string(),
                 };
-                sink.injection(last.frame, nanoseconds(last.wall), body);
+                sink.beside_frames(last.frame, nanoseconds(last.wall), body);
             }
             Err(error) => tracing::debug!("no load after an injection: {}", chain(&error)),
         }

@@ -1,6 +1,7 @@
 //! Computes maps on a separate thread: a method that is slow, hangs or fails leaves frames without a map, but never
 //! delays or loses their record.
 
+mod deviations;
 mod followed;
 mod injections;
 mod quantified;
@@ -15,16 +16,17 @@ use std::time::{Duration, Instant};
 use eit::Pressure;
 use logbook::MapRecord;
 use rig::InjectionReadings;
-use survey::{Baseline, Frame, Map, Reading};
+use survey::{Baseline, Frame, Map, Reading, nanoseconds};
 use tokio::sync::mpsc::{self, WeakSender};
 
 use crate::panics::containment;
 use crate::recording::recorder_message::RecorderMessage;
 use crate::recording::session_status::SessionStatus;
+use deviations::Deviations;
 use followed::Followed;
 pub(crate) use followed::TrackingContext;
 use imaging::quantities::FrameQuantities;
-use imaging::tracking::{TrackingOrder, seconds};
+use imaging::tracking::{Judgement, TrackingOrder, seconds};
 use imaging::{Model, Tracked};
 use injections::{Injections, SharedTracking};
 use quantified::Quantified;
@@ -91,6 +93,14 @@ pub(crate) struct Mapped {
     baseline: Vec<Reading>,
 }
 
+impl Mapped {
+    /// Whether the tracked baseline judged the frame.
+    fn is_judged(&self) -> bool {
+        let tracked = self.tracked.as_ref();
+        tracked.is_some_and(|tracked| tracked.judgement != Judgement::Unknown)
+    }
+}
+
 /// Why there is no map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Failure {
@@ -123,6 +133,7 @@ struct FrameRequest {
     readings: Vec<Reading>,
     sequence: u64,
     at_s: f64,
+    wall_ns: i64,
     /// Whether a map is wanted; otherwise the baseline only follows the frame.
     map: bool,
 }
@@ -311,6 +322,7 @@ fn request(frame: &Frame, map: bool) -> Request {
         readings: frame.readings.clone(),
         sequence: frame.sequence,
         at_s: seconds(frame.wall),
+        wall_ns: nanoseconds(frame.wall),
         map,
     })
 }
@@ -331,6 +343,7 @@ fn run(
     let mut quantity_remarks = Vec::new();
     let mut quantified = context.start_to_quantify(&mut quantity_remarks);
     let _ = ready.send(followed.is_some());
+    let mut deviations = followed.as_ref().and_then(|_| context.start_deviations());
     while let Ok(request) = requested.recv() {
         let request = match request {
             Request::Frame(request) => request,
@@ -350,6 +363,7 @@ fn run(
             continue;
         };
         let broken = matches!(outcome, Err(Failure::Broken(_)));
+        let judged = outcome.as_ref().is_ok_and(Mapped::is_judged);
         let quantities = quantified.as_mut().map(|quantified| {
             quantified.take(
                 request.sequence,
@@ -371,6 +385,9 @@ fn run(
         // a full queue wakes the recorder as well
         if let Some(recorder) = recorder.upgrade() {
             let _ = recorder.try_send(RecorderMessage::MapReady);
+        }
+        if let (Some(deviations), Some(followed), true) = (&mut deviations, &followed, judged) {
+            deviations.take(followed.tracking(), &request);
         }
         if broken {
             return;
@@ -411,6 +428,14 @@ impl ReconstructionContext {
                 None
             }
         }
+    }
+
+    /// Starts to compute the standard deviation of maps for readers of the stream.
+    fn start_deviations(&self) -> Option<Deviations> {
+        let method = Arc::clone(&self.model.reconstructor);
+        Deviations::start(method, &self.status)
+            .inspect_err(|cause| tracing::warn!("no thread for standard deviations: {cause}"))
+            .ok()
     }
 
     fn start_to_quantify(&mut self, remarks: &mut Vec<String>) -> Option<Quantified> {

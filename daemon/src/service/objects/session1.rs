@@ -1,6 +1,6 @@
 //! The D-Bus interface of a session: a baseline being recorded, or a measurement.
 
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 
 use dbus::{Fault, FrameQuality, FrameSummary, MapDetails, Options, StreamOptions};
 use zbus::object_server::SignalEmitter;
@@ -135,6 +135,8 @@ impl Session1 {
         let nothing = || Fault::NoFrame("the session has no map yet".into());
         let latest = self.0.latest_map().ok_or_else(nothing)?;
         let map = latest.map.as_ref().ok_or_else(nothing)?;
+        let deviation = self.0.deviation.lock();
+        let deviation = deviation.unwrap_or_else(PoisonError::into_inner).clone();
         Ok((
             latest.frame.sequence,
             nanoseconds(latest.frame.wall),
@@ -143,7 +145,11 @@ impl Session1 {
             map.mesh_hash.clone(),
             map.method.clone(),
             latest.frame.simulated,
-            latest.map_details(),
+            MapDetails {
+                deviations_sequence: deviation.as_ref().map(|(sequence, _)| *sequence),
+                deviations: deviation.map(|(_, values)| values),
+                ..latest.map_details()
+            },
         ))
     }
 
@@ -183,7 +189,7 @@ impl Session1 {
     }
 
     /// A descriptor for reading every frame and map. Options: `frames` (b) and `maps` (b), true by default; `pressure`
-    /// (b), `quality` (b) and `injections` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
+    /// (b), `quality` (b), `injections` (b) and `deviations` (b), false by default; `ring` (t), records held for a slow reader, 64 by default.
     #[zbus(out_args("stream"))]
     async fn open_stream(&self, options: Options) -> Result<OwnedFd, Fault> {
         let options: StreamOptions = option_values::read(&options, |key| {
@@ -196,6 +202,7 @@ impl Session1 {
             pressure: options.pressure.unwrap_or(false),
             quality: options.quality.unwrap_or(false),
             injections: options.injections.unwrap_or(false),
+            deviations: options.deviations.unwrap_or(false),
             ring: options.ring.unwrap_or(RING) as usize,
         };
         let permit = STREAMS.take(User::calling())?;

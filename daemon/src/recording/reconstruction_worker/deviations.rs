@@ -1,0 +1,90 @@
+//! The standard deviation of maps, on a thread of its own: neither frames nor their maps wait for it. It is computed while somebody
+//! reads it, at most once in a second of frames.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, PoisonError};
+
+use dbus::stream::Body;
+use eit::Reconstructor;
+use imaging::Tracking;
+use survey::error_chain as chain;
+
+use super::FrameRequest;
+use crate::panics::containment;
+use crate::recording::session_status::SessionStatus;
+use crate::recording::stream_sink::StreamSink;
+
+/// Time of frames between two with a standard deviation, s: a larger rate tells nothing more, and costs as much as the maps.
+const EVERY_S: f64 = 1.0;
+
+/// The tracked baseline just after it followed a frame.
+struct FollowedFrame {
+    tracking: Tracking,
+    sequence: u64,
+    wall_ns: i64,
+}
+
+/// Passes frames to the thread.
+pub(super) struct Deviations {
+    to: SyncSender<FollowedFrame>,
+    status: Arc<SessionStatus>,
+    last_s: Option<f64>,
+}
+
+impl Deviations {
+    /// Starts the thread, which ends with this value. `method`: that of the session, whose mesh its maps have.
+    pub(super) fn start(
+        method: Arc<dyn Reconstructor>,
+        status: &Arc<SessionStatus>,
+    ) -> std::io::Result<Self> {
+        // without a place to wait in: while one is computed, others have none
+        let (to, came) = sync_channel(0);
+        let sink = StreamSink(Arc::clone(status));
+        std::thread::Builder::new()
+            .name("deviations".to_owned())
+            .spawn(move || run(&came, method.as_ref(), &sink))?;
+        Ok(Self {
+            to,
+            status: Arc::clone(status),
+            last_s: None,
+        })
+    }
+
+    /// Takes the frame that the baseline followed last, if its standard deviation is wanted now. Never waits.
+    pub(super) fn take(&mut self, tracking: &Tracking, frame: &FrameRequest) {
+        let recent = |last: f64| (frame.at_s - last).abs() < EVERY_S;
+        if !self.status.readers.want_deviations() || self.last_s.is_some_and(recent) {
+            return;
+        }
+        let followed = FollowedFrame {
+            tracking: tracking.clone(),
+            sequence: frame.sequence,
+            wall_ns: frame.wall_ns,
+        };
+        if self.to.try_send(followed).is_ok() {
+            self.last_s = Some(frame.at_s);
+        }
+    }
+}
+
+fn run(came: &Receiver<FollowedFrame>, method: &dyn Reconstructor, sink: &StreamSink) {
+    let mesh = method.mesh();
+    while let Ok(followed) = came.recv() {
+        // a panic costs this record
+        let Ok(found) = containment::run(|| followed.tracking.map_deviation(mesh)) else {
+            continue;
+        };
+        match found {
+            Ok(values) => {
+                let latest = &sink.0.deviation;
+                let mut latest = latest.lock().unwrap_or_else(PoisonError::into_inner);
+                *latest = Some((followed.sequence, values.clone()));
+                drop(latest);
+                let mesh_hash = mesh.hash().to_owned();
+                let body = Body::Deviation { values, mesh_hash };
+                sink.beside_frames(followed.sequence, followed.wall_ns, body);
+            }
+            Err(error) => tracing::debug!("a map has no standard deviation: {}", chain(&error)),
+        }
+    }
+}
