@@ -17,6 +17,8 @@ pub(crate) struct Compared<'a> {
     /// Time of the frame, s of the Unix epoch; its number where it has no time.
     at_s: f64,
     baseline: &'a [Reading],
+    /// The baseline before the drift beside a load: the deviation has that drift as an error, and one sheet is fitted for all its frames.
+    tracked_baseline: &'a [Reading],
     readings: &'a [Reading],
     tracked: Option<&'a Tracked>,
 }
@@ -28,13 +30,15 @@ impl<'a> Compared<'a> {
         recorded: &'a RecordedFrame,
         followed: Option<&'a TrackedFrame>,
     ) -> Self {
-        let (baseline, readings) = match followed {
-            Some(frame) => (&frame.baseline, &frame.readings),
-            None => (&recording.unloaded.readings, &recorded.readings),
+        let own = &recording.unloaded.readings;
+        let (baseline, tracked_baseline, readings) = match followed {
+            Some(frame) => (&frame.baseline, &frame.tracked_baseline, &frame.readings),
+            None => (own, own, &recorded.readings),
         };
         Self {
             at_s: recorded.at_s(),
             baseline,
+            tracked_baseline,
             readings,
             tracked: followed.map(|frame| &frame.tracked),
         }
@@ -53,7 +57,7 @@ impl<'a> Compared<'a> {
     /// # Errors
     /// It is not known.
     pub(crate) fn deviation(&self, reconstruction: &Reconstruction) -> Result<Vec<f64>, Failure> {
-        reconstruction.map_deviation(self.baseline, self.readings)
+        reconstruction.map_deviation(self.tracked_baseline, self.readings)
     }
 
     /// The quantities and the map; a frame without a map has no quantities, and the reason.

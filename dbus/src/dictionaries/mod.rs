@@ -305,8 +305,8 @@ dictionaries! {
         tracked: String,
         /// Load, contact area and others: `quantities` of `tactus watch --json`, as JSON.
         quantities: String,
-        /// Standard deviation of the change of ln conductance of each triangle of the region, relative to the tracked baseline; NaN
-        /// where the frame says nothing of it. Only in `LatestMap`, and absent until a reader of the stream requests standard deviations.
+        /// Standard deviation of the change of ln conductance of each triangle of the region, relative to the sheet without its load; NaN
+        /// where the frame says nothing of it. Only in `LatestMap`, and absent until a reader of the stream requests standard deviations; the last one stays when that reader leaves.
         deviations: Vec<f64>,
         /// Sequence of the frame of the standard deviations: at most one in a second has some.
         deviations_sequence: u64,

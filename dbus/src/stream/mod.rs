@@ -109,7 +109,7 @@ pub enum Body {
         /// `after` of `tactus watch --fast --json`.
         json: String,
     },
-    /// How exactly the frame of this sequence tells each triangle, relative to the tracked baseline.
+    /// How exactly the frame of this sequence tells each triangle, relative to the sheet without its load.
     Deviation {
         /// Standard deviation of the change of ln conductance, one value for each triangle of the region; NaN where the frame says
         /// nothing of it.

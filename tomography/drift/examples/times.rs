@@ -60,6 +60,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let begun = clock();
     assessed.whitened.fit_disc(&model)?;
     println!("one disc          {:.0} ms", ms(clock() - begun));
+    // a load that is no disc: two of them
+    let two = &disc + model.disc([0.14, 0.08], 0.04) * -0.5;
+    let begun = clock();
+    let drift = model.frame_drift(&two, &relative.rows)?;
+    println!(
+        "drift of a frame  {:.0} ms, {}",
+        ms(clock() - begun),
+        if drift.is_disc { "one disc" } else { "no disc" }
+    );
     let mut tracker = Tracker::new(Arc::clone(&model), 0.0)?;
     for k in 1..=14 {
         tracker.follow(&baseline, 600.0 * f64::from(k))?;

@@ -250,7 +250,7 @@ impl DriftModel {
         &self.by_cell
     }
 
-    /// Cells in the region at most this far from one of these, m, ascending.
+    /// Cells in the region that are less than this far from one of these, m, ascending.
     pub(crate) fn cells_around(&self, of: &[usize], reach: f64) -> Vec<usize> {
         let mut out: Vec<usize> = of
             .iter()

@@ -1,6 +1,7 @@
 //! The standard deviation of maps, on a thread of its own: neither frames nor their maps wait for it. It is computed while somebody
 //! reads it, at most once in a second of frames.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, PoisonError};
 
@@ -27,6 +28,8 @@ struct FollowedFrame {
 /// Passes frames to the thread.
 pub(super) struct Deviations {
     to: SyncSender<FollowedFrame>,
+    /// Whether the thread still computes one: a frame is copied only for a thread that takes it.
+    busy: Arc<AtomicBool>,
     status: Arc<SessionStatus>,
     last_s: Option<f64>,
 }
@@ -37,14 +40,16 @@ impl Deviations {
         method: Arc<dyn Reconstructor>,
         status: &Arc<SessionStatus>,
     ) -> std::io::Result<Self> {
-        // without a place to wait in: while one is computed, others have none
-        let (to, came) = sync_channel(0);
+        let (to, came) = sync_channel(1);
         let sink = StreamSink(Arc::clone(status));
+        let busy = Arc::new(AtomicBool::new(false));
+        let computing = Arc::clone(&busy);
         std::thread::Builder::new()
             .name("deviations".to_owned())
-            .spawn(move || run(&came, method.as_ref(), &sink))?;
+            .spawn(move || run(&came, method.as_ref(), &sink, &computing))?;
         Ok(Self {
             to,
+            busy,
             status: Arc::clone(status),
             last_s: None,
         })
@@ -53,7 +58,8 @@ impl Deviations {
     /// Takes the frame that the baseline followed last, if its standard deviation is wanted now. Never waits.
     pub(super) fn take(&mut self, tracking: &Tracking, frame: &FrameRequest) {
         let recent = |last: f64| (frame.at_s - last).abs() < EVERY_S;
-        if !self.status.readers.want_deviations() || self.last_s.is_some_and(recent) {
+        let wanted = self.status.readers.want_deviations() && !self.last_s.is_some_and(recent);
+        if !wanted || self.busy.swap(true, Ordering::AcqRel) {
             return;
         }
         let followed = FollowedFrame {
@@ -61,17 +67,24 @@ impl Deviations {
             sequence: frame.sequence,
             wall_ns: frame.wall_ns,
         };
-        if self.to.try_send(followed).is_ok() {
-            self.last_s = Some(frame.at_s);
-        }
+        // the thread is idle, so that its only place is free
+        let _ = self.to.try_send(followed);
+        self.last_s = Some(frame.at_s);
     }
 }
 
-fn run(came: &Receiver<FollowedFrame>, method: &dyn Reconstructor, sink: &StreamSink) {
+fn run(
+    came: &Receiver<FollowedFrame>,
+    method: &dyn Reconstructor,
+    sink: &StreamSink,
+    busy: &AtomicBool,
+) {
     let mesh = method.mesh();
     while let Ok(followed) = came.recv() {
         // a panic costs this record
-        let Ok(found) = containment::run(|| followed.tracking.map_deviation(mesh)) else {
+        let found = containment::run(|| followed.tracking.map_deviation(mesh));
+        busy.store(false, Ordering::Release);
+        let Ok(found) = found else {
             continue;
         };
         match found {

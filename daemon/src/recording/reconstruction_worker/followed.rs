@@ -9,7 +9,9 @@ use imaging::tracking::{
 };
 use imaging::{Conditions, Geometry, TrackedFrame, Tracking};
 use logbook::LogbookError;
-use survey::{Amps, Baseline, Protocol, Reading, error_chain as chain};
+use survey::{Amps, Baseline, Protocol, error_chain as chain};
+
+use super::FrameRequest;
 
 /// Time of frames between two states that are kept, s: what a restart has to follow again.
 const KEPT_EVERY_S: f64 = 3600.0;
@@ -141,21 +143,19 @@ impl Followed {
         &self.tracking
     }
 
-    /// The frame with the baseline to compare it with.
+    /// The frame with the baseline to compare its map with, if one is wanted.
     ///
     /// # Errors
     /// A frame that cannot be followed.
-    pub(super) fn follow(
-        &mut self,
-        readings: &[Reading],
-        sequence: u64,
-        at_s: f64,
-    ) -> Result<TrackedFrame, String> {
-        let frame = self
-            .tracking
-            .follow(readings, at_s)
-            .map_err(|error| chain(&error))?;
-        self.sequence = sequence;
+    pub(super) fn follow(&mut self, request: &FrameRequest) -> Result<TrackedFrame, String> {
+        let (readings, at_s) = (&request.readings, request.at_s);
+        self.sequence = request.sequence;
+        let frame = match request.map {
+            true => self.tracking.follow(readings, at_s),
+            // frames wait to be followed: the baseline beside a load takes as long as a map
+            false => self.tracking.judge(readings, at_s),
+        };
+        let frame = frame.map_err(|error| chain(&error))?;
         // what a person sees after an order is what it did
         if (at_s - self.kept_s).abs() >= KEPT_EVERY_S || !frame.orders.is_empty() {
             self.kept_s = at_s;

@@ -459,17 +459,15 @@ impl ReconstructionContext {
     ) -> Option<Result<Mapped, Failure>> {
         let tracked = match followed {
             None => None,
-            Some(following) => {
-                match following.follow(&request.readings, request.sequence, request.at_s) {
-                    Ok(frame) => {
-                        let wanted = self.status.readers.want_injections();
-                        shared.set(Some(following.tracking()).filter(|_| wanted));
-                        remarks.extend(following.changes(&frame));
-                        Some(frame)
-                    }
-                    Err(why) => return Some(Err(Failure::Refused(why))).filter(|_| request.map),
+            Some(following) => match following.follow(request) {
+                Ok(frame) => {
+                    let wanted = self.status.readers.want_injections();
+                    shared.set(Some(following.tracking()).filter(|_| wanted));
+                    remarks.extend(following.changes(&frame));
+                    Some(frame)
                 }
-            }
+                Err(why) => return Some(Err(Failure::Refused(why))).filter(|_| request.map),
+            },
         };
         if !request.map {
             return None;

@@ -1,7 +1,7 @@
 //! The drift of a frame whose load is no disc.
 //!
-//! Where any cell may have changed by as much as any other, the mean of a wide load is left to the gain: both change all readings alike.
-//! But a load has edges, and leaves the rest of the sheet as it was. So the cells that changed most are taken as the load,
+//! Where any cell may have changed by as much as any other, the estimate takes the mean change of a wide load for a change of the gain:
+//! both change all readings alike. But a load has edges, and leaves the rest of the sheet as it was. So the cells that changed most are taken as the load,
 //! free in the size that makes the frame most probable, and gain, contacts and field are what the other cells show.
 
 use nalgebra::{DMatrix, DVector};
@@ -61,9 +61,9 @@ impl DriftModel {
         let (sizes, _) = self.most_probable(prior, data, &errors, &self.local_gram, rows)?;
         let mut map = self.map_beside(prior, &errors, &sizes, data, rows)?;
         let (mut signal, mut share) = (data.clone(), FIRST_SHARE);
-        let mut linear = self.linear_about(&DVector::zeros(map.len()))?;
+        let mut linear = (DVector::zeros(data.len()), self.cell_sensitivity().clone());
         let mut found = (sizes, DVector::zeros(data.len()));
-        for _ in 0..ROUNDS {
+        for round in 1..=ROUNDS {
             let errors = errors_of(share, &signal);
             let rest = data - &linear.0;
             let cells = self.load_cells(&map);
@@ -81,14 +81,18 @@ impl DriftModel {
             }
             let change = drift * weights;
             signal = data - &change;
+            found = (sizes, change);
+            if round == ROUNDS {
+                break;
+            }
             linear = self.linear_about(&about)?;
             // what this load leaves is the error that the next round has to expect
             let left = &signal - &linear.0 - &linear.1 * about;
             let of_rows = |values: &DVector<f64>| values.select_rows(rows).norm();
-            share = (of_rows(&left) / of_rows(&signal)).clamp(MODEL_SHARE, FIRST_SHARE);
+            let share_left = of_rows(&left) / of_rows(&signal).max(f64::MIN_POSITIVE);
+            share = share_left.clamp(MODEL_SHARE, FIRST_SHARE);
             // where the load lies, seen without that drift
             map = self.map_beside(prior, &errors, &sizes, &signal, rows)?;
-            found = (sizes, change);
         }
         Ok(found)
     }

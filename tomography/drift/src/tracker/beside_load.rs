@@ -1,27 +1,28 @@
-//! The sheet as it is now while something lies on it: what was tracked until then, and the drift since.
+//! The sheet as it is now while something lies on it: the drift since it was empty.
 
 use nalgebra::DVector;
 
 use super::Tracker;
 use crate::DriftError;
 
-/// Standard deviation of the tracked baseline over that of the noise from which on its drift is looked for beside a load: what is less
-/// changes no map.
+/// Standard deviation of the tracked baseline over that of the noise from which on its drift is looked for beside a load: less is
+/// hidden by the noise of the frame.
 const GROWN: f64 = 2.0;
 
 impl Tracker {
-    /// The change of the data since the first baseline that the last frame is to be compared with, V: as it is tracked, and while
-    /// something lies on the sheet with the drift that is most probable beside that load, under the covariance that grew since the
-    /// sheet was empty. Nothing is learnt from such a frame: how much of it is load is not certain.
+    /// The drift of the data since the tracked baseline learnt last, V, that is most probable beside what lies on the sheet in the last
+    /// frame, under the covariance that grew since. Nothing is learnt from it: how much of such a frame is load is not certain. `None`
+    /// on an empty sheet, while that covariance is hardly more than noise, and for a load that came by degrees, which is
+    /// itself told from drift by its pace alone.
     ///
     /// # Errors
     /// No frame yet, or a covariance that cannot be factored.
-    pub fn baseline_beside_load(&self) -> Result<DVector<f64>, DriftError> {
-        let baseline = self.baseline();
+    pub fn drift_beside_load(&self) -> Result<Option<DVector<f64>>, DriftError> {
         let noise = self.model.noise();
         let noise_v = (noise.trace() / noise.nrows() as f64).sqrt();
-        if !self.state.ledger.loaded() || self.state.deviation() < GROWN * noise_v {
-            return Ok(baseline);
+        let ledger = &self.state.ledger;
+        if !(ledger.loaded() && ledger.by_event) || self.state.deviation() < GROWN * noise_v {
+            return Ok(None);
         }
         let white = self.whitened()?;
         let fit = white.fit_disc(&self.model)?;
@@ -29,6 +30,6 @@ impl Tracker {
         let drift = self
             .model
             .drift_beside_load(&covariance, noise, &white, &fit)?;
-        Ok(baseline + drift)
+        Ok(Some(drift))
     }
 }

@@ -6,7 +6,7 @@ use crate::evidence::MapDeviation;
 use crate::whitened::LOADED;
 
 impl Tracker {
-    /// How exactly the last frame tells the map relative to the tracked baseline: the posterior of local change, with noise and the
+    /// How exactly the last frame tells the map relative to the sheet without its load: the posterior of local change, with noise and the
     /// error of the tracked baseline as errors of the data. Before the frame, local change has the size of the disc that explains
     /// most of it, because what lies there may be as large elsewhere. The sizes of the drift are those that are tracked.
     ///
@@ -15,8 +15,10 @@ impl Tracker {
     pub fn map_deviation(&self) -> Result<MapDeviation, DriftError> {
         let white = self.whitened()?;
         let tests = white.load_tests(&self.model, 3);
+        let is_loaded = self.state.ledger.loaded();
         let load = match tests.first() {
-            Some(best) if best.score > LOADED => {
+            // what lies there for days may be hidden by the drift since then
+            Some(best) if is_loaded || best.score > LOADED => {
                 let fit = white.fit_disc_from(&self.model, &tests)?;
                 (fit.load / fit.disc.diameter.powi(2)).abs()
             }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use drift::{ElectrodeFault, Judgement, Tracker, TrackerState};
+use drift::{ElectrodeFault, Judgement, MapDeviation, Tracker, TrackerState};
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -321,6 +321,9 @@ fn drift_under_a_load_of_days_is_separated() {
         let frame = noisy(sheet.readings(|_| 1.0, sigma));
         let came = tracker.follow(&frame, EVERY_S * 30.0).unwrap();
         assert!(came.event.is_some_and(|event| event.came));
+        // the baseline is certain: what lies there came with this frame
+        assert_eq!(tracker.drift_beside_load().unwrap(), None);
+        let certain = tracker.map_deviation().unwrap();
         // three days under the load
         let at_s = EVERY_S * 30.0 + 3.0 * 86_400.0;
         let frame = noisy(sheet.readings(drifted, |at| 0.98 * sigma(at)));
@@ -328,10 +331,13 @@ fn drift_under_a_load_of_days_is_separated() {
         assert_eq!(answer.judgement, Judgement::Loaded);
         let truth = model.relative(&sheet.readings(drifted, |_| 0.98)).unwrap();
         let off = |change: &DVector<f64>| (change - &truth.data).norm() / truth.data.norm();
-        let (kept, beside) = (tracker.baseline(), tracker.baseline_beside_load().unwrap());
+        let kept = tracker.baseline();
+        let beside = &kept + tracker.drift_beside_load().unwrap().unwrap();
         println!("{:.3} {:.3}", off(&kept), off(&beside));
         assert!(off(&kept) > 0.9 && off(&beside) < 0.15, "{}", off(&beside));
         // nothing was learnt
         assert_eq!(tracker.baseline(), kept);
+        let sum = |deviation: MapDeviation| deviation.deviation.iter().sum::<f64>();
+        assert!(sum(tracker.map_deviation().unwrap()) > sum(certain));
     }
 }

@@ -99,6 +99,8 @@ pub struct Tracking {
     tracker: Tracker,
     began_s: f64,
     alarm: Option<AnchorAlarm>,
+    /// What the map of the last frame was compared with, where something has lain on the sheet for long.
+    beside_load: Option<Vec<Reading>>,
 }
 
 /// What [`Tracking`] remembers: stored with a session, and restored to the same bits.
@@ -115,9 +117,11 @@ pub struct TrackingState {
 /// A frame with the baseline to compare it with.
 #[derive(Debug, Clone)]
 pub struct TrackedFrame {
-    /// The first baseline with the drift that was tracked since; while something lies on the sheet, with the drift that is most probable
-    /// beside it.
+    /// What its map is compared with: the first baseline with the drift that was tracked since, and, where something has lain on the
+    /// sheet for long, with the drift since then that is most probable beside it.
     pub baseline: Vec<Reading>,
+    /// The same without the drift beside a load: it stays the same while a load lies there.
+    pub tracked_baseline: Vec<Reading>,
     /// The frame without the readings of faulty electrodes.
     pub readings: Vec<Reading>,
     /// What is known of the frame.
@@ -143,6 +147,7 @@ impl Tracking {
             tracker: Tracker::new(Arc::new(model), at_s)?,
             began_s: at_s,
             alarm: None,
+            beside_load: None,
         })
     }
 
@@ -153,6 +158,7 @@ impl Tracking {
     pub fn restore(&mut self, state: TrackingState) -> Result<(), DriftError> {
         self.tracker = Tracker::restore(Arc::clone(self.tracker.model()), state.tracker)?;
         (self.began_s, self.alarm) = (state.began_s, state.alarm);
+        self.beside_load = None;
         Ok(())
     }
 
@@ -190,6 +196,21 @@ impl Tracking {
     /// A covariance that cannot be factored; a frame of another length. A frame with too few readings is no error: it is not
     /// known.
     pub fn follow(&mut self, frame: &[Reading], at_s: f64) -> Result<TrackedFrame, DriftError> {
+        let mut followed = self.judge(frame, at_s)?;
+        // a frame that gives no estimate is compared as it was tracked: what was learnt from it is kept all the same
+        if let Ok(Some(drift)) = self.tracker.drift_beside_load() {
+            let change = self.tracker.baseline() + drift;
+            followed.baseline = self.model().baseline_with(&change);
+            self.beside_load = Some(followed.baseline.clone());
+        }
+        Ok(followed)
+    }
+
+    /// Follows a frame of which nobody wants the map: the drift beside a load that lies there for long is not looked for.
+    ///
+    /// # Errors
+    /// As [`Tracking::follow`].
+    pub fn judge(&mut self, frame: &[Reading], at_s: f64) -> Result<TrackedFrame, DriftError> {
         let mut orders = Vec::new();
         let (readings, tracked) = match self.learn(frame, at_s)? {
             Some(mut answer) => {
@@ -205,13 +226,9 @@ impl Tracking {
                 Tracked::unanswered(self.tracker.state(), at_s),
             ),
         };
-        let baseline = match tracked.judgement {
-            Judgement::Loaded => self
-                .model()
-                .baseline_with(&self.tracker.baseline_beside_load()?),
-            Judgement::Empty | Judgement::Unknown => self.baseline(),
-        };
+        let baseline = self.baseline();
         Ok(TrackedFrame {
+            tracked_baseline: baseline.clone(),
             baseline,
             readings,
             tracked,
@@ -223,7 +240,9 @@ impl Tracking {
     /// nothing is learnt from it, and nothing is known of it.
     pub fn compare(&self, frame: &[Reading]) -> (Vec<Reading>, Vec<Reading>) {
         let masked = self.tracker.state().masked();
-        (self.baseline(), self.without(frame, &masked))
+        let baseline = self.beside_load.clone();
+        let baseline = baseline.unwrap_or_else(|| self.baseline());
+        (baseline, self.without(frame, &masked))
     }
 
     /// How exactly the frame that was followed last tells its map: standard deviation of the change of ln conductance of each triangle
@@ -252,6 +271,7 @@ impl Tracking {
 
     /// What the tracker says of a frame; `None` if it has too few readings.
     fn learn(&mut self, frame: &[Reading], at_s: f64) -> Result<Option<Answer>, DriftError> {
+        self.beside_load = None;
         match self.tracker.follow(frame, at_s) {
             Ok(answer) => {
                 if !answer.orders.is_empty() {
