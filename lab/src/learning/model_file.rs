@@ -30,23 +30,23 @@ pub(super) fn json(path: &Path, model: &Model, report: &impl Serialize) -> Value
 /// What its maps leave unexplained of cases that it has not seen, by the size of their change.
 pub(super) fn misfit(model: &Model) -> String {
     let Some(misfit) = &model.metadata().own_misfit else {
-        return "what its maps leave unexplained is not known: too few held-out cases".to_owned();
+        return "no limit for own misfit: too few held-out cases".to_owned();
     };
     let classes: Vec<String> = misfit
         .classes
         .iter()
         .map(|class| {
             format!(
-                "{:.0} % (at most {:.0} %) of {} changes from {:.1e}",
+                "  changes from {:.1e} of the largest reading: median {:.0} %, limit {:.0} % ({} cases)",
+                class.above,
                 100.0 * class.median,
                 100.0 * class.limit,
-                class.cases,
-                class.above
+                class.cases
             )
         })
         .collect();
     format!(
-        "its maps of held-out cases leave unexplained: {}; of the largest baseline reading",
-        classes.join(", ")
+        "own misfit, the share of the change that maps of held-out cases leave unexplained:\n{}",
+        classes.join("\n")
     )
 }

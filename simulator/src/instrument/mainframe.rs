@@ -266,6 +266,12 @@ impl SimulatedInstrument for SimulatedMainframe {
         self.simulator.due()
     }
 
+    fn asks_for_readings(&self, message: &str) -> bool {
+        ["READ?", "FETC?", "MEAS:", "DATA:"]
+            .iter()
+            .any(|query| message.contains(query))
+    }
+
     fn pass(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) {
         self.simulator.pass(at, outside);
     }

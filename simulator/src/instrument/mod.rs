@@ -2,7 +2,13 @@
 //! the sheet; connections of clients are in `transport`.
 //!
 //! A further instrument is a file here, a variant of [`Instrument`] with its row in `Instrument::kind`, and a field of
-//! [`Profile`]. Everything else follows from its row.
+//! [`Profile`]. Profiles, goldens, replays, faults of its wire and serving follow from its row. What other files still do for
+//! one variant only:
+//! - `transport/socket.rs`: a second client of the source, and how long its slot is held; `transport/client.rs`: its rate
+//!   of messages and its serial port.
+//! - `serve.rs`: ports with an option of their own, the serial port of the source, fields of [`crate::Ready`] with names;
+//!   `transport/vxi11.rs`, `telnet.rs` and `web.rs`: the mainframe's other services.
+//! - `simulated_rig/faults.rs`: `Fault::Serial` is of the board; faults of slots and voltmeter switch the mainframe off.
 
 mod board;
 pub(crate) mod fault;

@@ -53,7 +53,8 @@ impl Model {
         }
     }
 
-    /// The map of a frame, with its quality.
+    /// The map of a frame, with its quality; without one if maps are not judged: what the method alone says of it would read as if
+    /// the readings had been judged too.
     ///
     /// # Errors
     /// As [`Reconstructor::reconstruct`].
@@ -73,7 +74,10 @@ impl Model {
             .reconstruct(baseline, frame)?;
         Ok(match &self.check {
             Some(check) => check.judged(baseline, frame, map, self.own_misfit.as_ref()),
-            None => map,
+            None => Map {
+                quality: None,
+                ..map
+            },
         })
     }
 

@@ -157,6 +157,20 @@ mod tests {
     }
 
     #[test]
+    fn without_a_check_a_novel_frame_has_no_quality() {
+        let protocol = Protocol::sheffield(26).unwrap();
+        let file =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/rbf-matched.safetensors");
+        let model = load(&file, false, &protocol, None).unwrap();
+        assert!(model.check.is_none());
+        let volts = |volts| vec![Reading::Ok(survey::Volts(volts)); protocol.len()];
+        let (baseline, frame) = (volts(1.0), volts(1.06));
+        let own = model.reconstructor.reconstruct(&baseline, &frame).unwrap();
+        assert!(own.quality.is_some_and(|own| own.text().contains("as far")));
+        assert_eq!(model.reconstruct(&baseline, &frame).unwrap().quality, None);
+    }
+
+    #[test]
     fn a_model_is_found_by_its_hash_not_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let [configured, other] =

@@ -7,7 +7,9 @@ use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
 
-use eit::{Case, Forward, ModelCheck, PaperSheet, Scale, TrainingSettings, model::load};
+use eit::{
+    Case, Forward, ModelCheck, PaperSheet, ReconstructError, Scale, TrainingSettings, model::load,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
@@ -22,6 +24,7 @@ const CURRENT: f64 = 1e-3;
 const MIDDLE: [f64; 2] = [0.107, 0.115];
 const REGION: [f64; 2] = [0.08876, 0.0954];
 
+type Failure = Box<dyn std::error::Error + Send + Sync>;
 type Factor = Box<dyn Fn([f64; 2]) -> f64>;
 
 /// Loads as the training has them, and others.
@@ -120,7 +123,7 @@ fn changed(mut map: Map, change: usize) -> Map {
     map
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> Result<(), Failure> {
     let mut arguments = std::env::args().skip(1);
     let file = arguments.next().ok_or("own_misfit FILE [FRAMES]")?;
     let frames: usize = arguments.next().map_or(Ok(500), |text| text.parse())?;
@@ -179,11 +182,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let count = if kind == 0 { polygons.len() } else { frames };
             let found = (0..count)
                 .into_par_iter()
-                .map(|frame| {
+                .map(|frame| -> Result<Option<[bool; 2]>, Failure> {
                     let random = &mut ChaCha8Rng::seed_from_u64(SEED);
                     random.set_stream((kind as u64) << 32 | frame as u64);
                     let ohms: Vec<f64> = if kind == 0 {
-                        let sample = simulation.solve(polygons[frame]).ok()?;
+                        let sample = simulation.solve(polygons[frame])?;
                         let both = unloaded.iter().zip(&sample.input);
                         both.map(|(v, x)| v + simulation.top() * f64::from(*x))
                             .collect()
@@ -191,24 +194,28 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                         let factor = load_of(kind, &electrodes, random);
                         let at = |t: usize| sigma0[t] * factor(mesh.centroid(t));
                         let sigma: Vec<f64> = (0..sigma0.len()).map(at).collect();
-                        let ohms = forward.readings(&sigma, &case.protocol).ok()?;
+                        let ohms = forward.readings(&sigma, &case.protocol)?;
                         ohms.iter().copied().collect()
                     };
-                    let noise = Normal::new(0.0, NOISE_V).ok()?;
+                    let noise = Normal::new(0.0, NOISE_V)?;
                     let mut measured = |ohms: &[f64]| -> Vec<Reading> {
                         let noisy = ohms.iter().map(|v| CURRENT * v + noise.sample(random));
                         noisy.map(|v| Reading::Ok(Volts(v))).collect()
                     };
                     let [baseline, frame] = [measured(unloaded.as_slice()), measured(&ohms)];
-                    let map = network.reconstruct(&baseline, &frame).ok()?;
+                    let map = match network.reconstruct(&baseline, &frame) {
+                        Err(ReconstructError::OutsideModel { .. }) => return Ok(None),
+                        made => made?,
+                    };
                     let map = changed(map, change);
                     let quality = check
                         .judged(&baseline, &frame, map, usual.as_ref())
-                        .quality?;
+                        .quality
+                        .ok_or("a judged map has a quality")?;
                     let has = |kind| quality.reasons.iter().any(|reason| reason.kind == kind);
-                    Some([has("own_misfit"), has("novelty")])
+                    Ok(Some([has("own_misfit"), has("novelty")]))
                 })
-                .collect::<Vec<Option<[bool; 2]>>>();
+                .collect::<Result<Vec<_>, Failure>>()?;
             let maps: Vec<[bool; 2]> = found.iter().copied().flatten().collect();
             let share = |which: usize| {
                 let with = maps.iter().filter(|one| one[which]).count();

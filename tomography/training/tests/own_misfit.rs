@@ -133,20 +133,37 @@ impl FineSheet {
         random: &mut ChaCha8Rng,
         usual: &OwnMisfit,
     ) -> MapQuality {
+        self.judged(network, &self.readings(loss, random), usual)
+    }
+
+    /// Baseline and frame of this loss.
+    fn readings(
+        &self,
+        loss: impl Fn([f64; 2]) -> f64,
+        random: &mut ChaCha8Rng,
+    ) -> [Vec<Reading>; 2] {
         let mesh = self.forward.mesh();
         let loaded: Vec<f64> = (0..self.sigma0.len())
             .map(|t| self.sigma0[t] * (1.0 - loss(mesh.centroid(t))))
             .collect();
         let noise = Normal::new(0.0, NOISE_V).unwrap();
-        let [baseline, frame] = [&self.sigma0, &loaded].map(|sigma| -> Vec<Reading> {
+        [&self.sigma0, &loaded].map(|sigma| -> Vec<Reading> {
             let ohms = self.forward.readings(sigma, &sheet().protocol).unwrap();
             let volts = ohms
                 .iter()
                 .map(|ohms| CURRENT * ohms + noise.sample(random));
             volts.map(|volts| Reading::Ok(Volts(volts))).collect()
-        });
-        let map = network.reconstruct(&baseline, &frame).unwrap();
-        let judged = self.check.judged(&baseline, &frame, map, Some(usual));
+        })
+    }
+
+    fn judged(
+        &self,
+        network: &dyn Reconstructor,
+        [baseline, frame]: &[Vec<Reading>; 2],
+        usual: &OwnMisfit,
+    ) -> MapQuality {
+        let map = network.reconstruct(baseline, frame).unwrap();
+        let judged = self.check.judged(baseline, frame, map, Some(usual));
         judged.quality.unwrap()
     }
 }
@@ -264,6 +281,38 @@ fn more_noise_and_smaller_changes_are_not_judged() {
         class.limit = 0.0;
     }
     assert!(found(&lowest, 1.0) && !found(&lowest, 0.003));
+}
+
+#[test]
+fn readings_missing_with_their_twins_are_not_judged() {
+    let fine = FineSheet::new();
+    let empty = damaged(|weights| weights.fill(0.0));
+    let random = &mut ChaCha8Rng::seed_from_u64(75);
+    let mut readings = fine.readings(press(random), random);
+    let twin = sheet().protocol.reciprocal_twins()[40].unwrap();
+    let found = |readings: &_| {
+        has(
+            &fine.judged(empty.as_ref(), readings, &usual()),
+            "own_misfit",
+        )
+    };
+    assert!(found(&readings));
+    // the network takes the twin in its place
+    readings[1][40] = Reading::Overload;
+    assert!(found(&readings));
+    readings[1][twin] = Reading::Overload;
+    assert!(!found(&readings));
+}
+
+#[test]
+fn a_map_of_another_region_has_no_misfit() {
+    let fine = FineSheet::new();
+    let random = &mut ChaCha8Rng::seed_from_u64(76);
+    let [baseline, frame] = fine.readings(press(random), random);
+    let mut map = vec![0.0; sheet().mesh.region().len()];
+    assert!(fine.check.own_misfit(&baseline, &frame, &map).is_some());
+    map.pop();
+    assert_eq!(fine.check.own_misfit(&baseline, &frame, &map), None);
 }
 
 #[test]

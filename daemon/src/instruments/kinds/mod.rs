@@ -162,6 +162,8 @@ async fn connect_board(by: Connector<'_>) -> Result<Multiplexer, ConnectError> {
 }
 
 /// Everything of a rig except its source.
+// one value that is moved into its rig at once
+#[allow(clippy::large_enum_variant)]
 pub(super) enum SwitchAndVoltmeter {
     /// The mainframe is both.
     Mainframe(Mainframe),
@@ -333,6 +335,19 @@ impl AnyRig {
         match self {
             Self::Mainframe(rig) => Some(rig.lock().await.voltmeter.relay_cycles(relays).await),
             Self::Board(_) => None,
+        }
+    }
+}
+
+#[cfg(all(test, feature = "simulator"))]
+mod tests {
+    use super::MODELS;
+
+    #[test]
+    fn every_model_has_a_simulator() {
+        for model in MODELS {
+            let simulated = simulator::Instrument::named(model.simulated);
+            assert!(simulated.is_some(), "{}: {}", model.name, model.simulated);
         }
     }
 }

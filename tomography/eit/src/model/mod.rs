@@ -265,8 +265,12 @@ impl Model {
     /// The same model with what its maps of held-out cases leave unexplained.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// As [`Self::new`], and numbers that no file may have: not finite, or out of order.
     pub fn with_own_misfit(mut self, misfit: OwnMisfit) -> Result<Self, ModelError> {
+        if !misfit.is_sound() {
+            let why = format!("its own misfit has numbers not finite or out of order: {misfit:?}");
+            return Err(ModelError::Network(why));
+        }
         self.metadata.own_misfit = Some(misfit);
         self.summed()
     }

@@ -54,7 +54,8 @@ impl Trained {
         }
     }
 
-    /// The same, doubtful if its input is farther from the training inputs (`novelty`) than 99.9 % of these are (`familiar`).
+    /// The same, doubtful if its input is farther from the training inputs (`novelty`) than 99.9 % of these are (`familiar`; 0
+    /// where each training input is a neuron, so that nothing is known of others: no doubt).
     pub(crate) fn judged_map(
         &self,
         values: Vec<f64>,
@@ -63,8 +64,9 @@ impl Trained {
         familiar: f64,
     ) -> Map {
         let ratio = novelty / familiar;
-        // not a number where the file does not know that distance
-        let doubt = (ratio > 1.0).then(|| MapQuality::of(&[Doubt::Novelty { ratio }]));
+        // `familiar` is not a number where the file does not know that distance
+        let doubt =
+            (familiar > 0.0 && ratio > 1.0).then(|| MapQuality::of(&[Doubt::Novelty { ratio }]));
         Map {
             quality: doubt,
             ..self.map(values, masked)

@@ -53,6 +53,8 @@ pub struct ModelCheck {
     linear: Linear,
     /// The model's readings, in the scale of the data.
     model: Vec<f64>,
+    /// The largest magnitude of them.
+    largest: f64,
     /// The smallest noise that is not rounding, in the same scale.
     least_noise: f64,
     /// The whole sheet, for predictions.
@@ -143,6 +145,7 @@ impl ModelCheck {
         Ok(Self {
             protocol: protocol.clone(),
             least_noise: RESOLUTION * (square / model.len() as f64).sqrt(),
+            largest: linear.largest(),
             linear,
             model,
             forward,

@@ -5,6 +5,9 @@
 //! on the size of the change: noise rules the small ones, saturated outputs the large ones. Therefore each class of sizes
 //! has a limit of its own. A load outside of the region is no exception: a learned method puts it into the region, where it
 //! is wrong.
+//!
+//! Sizes are those of the folded data: of each pair of reciprocal twins the rotated sum, (a + b) / sqrt 2 at equal currents. A change
+//! of both twins is sqrt 2 times as large in it, their noise is not.
 
 use serde::{Deserialize, Serialize};
 use survey::{Doubt, Reading};
@@ -26,7 +29,8 @@ const FEWEST: usize = 100;
 /// metadata of a model file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OwnMisfit {
-    /// Noise of a change of one reading (standard deviation), over the largest reading of the baseline.
+    /// Noise of a change of one reading (rms), over the largest reading of the baseline: white noise, and the drift of a training
+    /// that has drift.
     pub noise: f64,
     /// Classes of changes, smallest first, as many cases in each.
     pub classes: Vec<MisfitClass>,
@@ -35,7 +39,8 @@ pub struct OwnMisfit {
 /// Held-out cases with changes of similar size.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MisfitClass {
-    /// The smallest change of its cases (rms, of reciprocal pairs of readings), over the largest reading of the baseline.
+    /// The smallest change of its cases: the rms of the rotated sums of reciprocal twins, which is sqrt 2 times that of the readings,
+    /// over the largest reading of the baseline.
     pub above: f64,
     /// Cases.
     pub cases: usize,
@@ -48,14 +53,14 @@ pub struct MisfitClass {
 /// What one map leaves unexplained.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leftover {
-    /// The change (rms), over the largest reading of the baseline.
+    /// The change, as [`MisfitClass::above`].
     pub change: f64,
     /// The share of it that is left (rms), beyond the noise.
     pub share: f64,
 }
 
 impl OwnMisfit {
-    /// From the maps of held-out cases; `None` if they are fewer than a hundred.
+    /// From the maps of held-out cases; `None` if they are fewer than a hundred, or have numbers that are not finite.
     pub fn of(noise: f64, mut cases: Vec<Leftover>) -> Option<Self> {
         let count = (cases.len() / FEWEST).min(CLASSES);
         if count == 0 {
@@ -74,15 +79,36 @@ impl OwnMisfit {
                 limit: rounded(shares[most.min(shares.len() - 1)]),
             }
         };
-        Some(Self {
+        let misfit = Self {
             noise: rounded(noise),
             classes: (0..count).map(class).collect(),
-        })
+        };
+        misfit.is_sound().then_some(misfit)
+    }
+
+    /// Whether its numbers can be those of held-out cases: finite, with a noise, and with classes from small to large changes.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.noise > 0.0
+            && self.noise.is_finite()
+            && !self.classes.is_empty()
+            && self.classes.is_sorted_by(|a, b| a.above <= b.above)
+            && self.classes.iter().all(MisfitClass::is_sound)
     }
 
     /// The class of a change; `None` if it is smaller than those of all cases.
     fn class(&self, change: f64) -> Option<&MisfitClass> {
         self.classes.iter().rfind(|class| class.above <= change)
+    }
+}
+
+impl MisfitClass {
+    fn is_sound(&self) -> bool {
+        self.cases > 0
+            && self.above >= 0.0
+            && self.above.is_finite()
+            && self.median >= 0.0
+            && self.limit >= self.median
+            && self.limit.is_finite()
     }
 }
 
@@ -93,7 +119,7 @@ fn rounded(value: f64) -> f64 {
 
 impl ModelCheck {
     /// What a map (relative change of conductance, one value for each triangle of the region) leaves unexplained of these
-    /// readings. `None` if the change is not well above the noise, or cannot be compared.
+    /// readings. `None` if the change is not well above the noise, or cannot be compared, or the map is of another region.
     pub fn own_misfit(
         &self,
         baseline: &[Reading],
@@ -110,11 +136,14 @@ impl ModelCheck {
         map: &[f64],
         usual: &OwnMisfit,
     ) -> Option<Doubt> {
-        if change.noise > MORE_NOISE * usual.noise * self.linear.largest() {
+        // a learned method is told nothing of a reading that is missing with its twin; the limits are those of complete frames
+        let complete = change.data.len() == self.linear.fold.rows();
+        if !complete || change.noise > MORE_NOISE * usual.noise * self.largest {
             return None;
         }
+        // before the forward solution, which takes milliseconds
+        let class = usual.class(change.size / self.largest)?;
         let left = self.left(change, map)?;
-        let class = usual.class(left.change)?;
         (left.share > class.limit).then_some(Doubt::OwnMisfit {
             share: left.share,
             limit: class.limit,
@@ -123,7 +152,7 @@ impl ModelCheck {
     }
 
     fn left(&self, change: &Change, map: &[f64]) -> Option<Leftover> {
-        if change.size <= ABOVE_NOISE * change.expected {
+        if map.len() != self.region.len() || change.size <= ABOVE_NOISE * change.expected {
             return None;
         }
         let mut sigma = self.sigma0.clone();
@@ -136,7 +165,7 @@ impl ModelCheck {
         let left = &change.data - fold.seen(&predicted, &change.prepared.missing).data;
         let error = (left.norm_squared() / left.len() as f64).sqrt();
         Some(Leftover {
-            change: change.size / self.linear.largest(),
+            change: change.size / self.largest,
             share: change.share(error),
         })
     }
@@ -161,6 +190,17 @@ mod tests {
             OwnMisfit::of(1.0, cases(FEWEST)).map(|one| one.classes.len()),
             Some(1)
         );
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_make_no_limit() {
+        assert!(OwnMisfit::of(f64::NAN, cases(FEWEST)).is_none());
+        assert!(OwnMisfit::of(0.0, cases(FEWEST)).is_none());
+        for wrong in [f64::NAN, f64::INFINITY] {
+            let mut shares = cases(FEWEST);
+            shares[7].share = wrong;
+            assert!(OwnMisfit::of(1.0, shares).is_none(), "{wrong}");
+        }
     }
 
     #[test]
