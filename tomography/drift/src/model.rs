@@ -120,9 +120,7 @@ impl DriftModel {
         let fit = SheetFit::new(&mesh, contact_ohm_m, sigma0, &pairs, &baseline, options)?;
         let current_a = options.current_a;
         let forward = Forward::new(Arc::clone(&mesh), &fit.contact_ohm_m)?;
-        let elements = Parameters::elements().logarithmic();
-        let mut sensitivity = forward.sensitivity(&fit.sigma, pairs.half(), &elements)?;
-        sensitivity *= current_a;
+        let sensitivity = by_triangle(&forward, &fit.sigma, &pairs, current_a)?;
         let mut contacts = forward.contact_jacobian(&fit.sigma, pairs.half())?;
         for (mut column, contact) in contacts.column_iter_mut().zip(&fit.contact_ohm_m) {
             column *= current_a * contact;
@@ -284,9 +282,8 @@ impl DriftModel {
             .collect();
         let half = self.pairs.half();
         let volts = forward.workspace(half)?.plain().readings(&sigma)?;
-        let elements = Parameters::elements().logarithmic();
-        let by_triangle = forward.sensitivity(&sigma, half, &elements)?;
-        let by_cell = self.cells.sum(&by_triangle) * self.current_a;
+        let by_triangle = by_triangle(&forward, &sigma, &self.pairs, self.current_a)?;
+        let by_cell = self.cells.sum(&by_triangle);
         let changed = volts * self.current_a - &self.fit.readings;
         Ok((changed - &by_cell * change, by_cell))
     }
@@ -298,18 +295,13 @@ impl DriftModel {
 
     /// D(s), V2; `sizes.local` is that of local change.
     pub fn drift(&self, sizes: &Sizes) -> DMatrix<f64> {
-        self.drift_with(sizes, &self.local_gram)
-    }
-
-    /// The same, where local change of size 1 has another covariance, V2.
-    pub(crate) fn drift_with(&self, sizes: &Sizes, local: &DMatrix<f64>) -> DMatrix<f64> {
         let v = &self.fit.readings;
         let mut out = (v * v.transpose()) * sizes.gain.powi(2);
         for (gram, factor) in [
             (&self.contact_gram, sizes.contact.powi(2)),
             (&self.second_gram, (sizes.contact / SECOND_ORDER_SD).powi(4)),
             (&self.field_gram, sizes.field.powi(2)),
-            (local, sizes.local.powi(2)),
+            (&self.local_gram, sizes.local.powi(2)),
         ] {
             if factor > 0.0 {
                 out.zip_apply(gram, |out, value| *out += factor * value);
@@ -423,6 +415,18 @@ impl DriftModel {
         }
         places
     }
+}
+
+/// Derivative of the data by ln conductance of each triangle, V.
+fn by_triangle(
+    forward: &Forward,
+    sigma: &[f64],
+    pairs: &Pairs,
+    current_a: f64,
+) -> Result<DMatrix<f64>, DriftError> {
+    let elements = Parameters::elements().logarithmic();
+    let sensitivity = forward.sensitivity(sigma, pairs.half(), &elements)?;
+    Ok(sensitivity * current_a)
 }
 
 fn row_of_readings(pairs: &Pairs) -> Vec<usize> {

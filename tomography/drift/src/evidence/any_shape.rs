@@ -43,6 +43,16 @@ impl Prior<'_> {
             Self::Covariance(known) => known.clone(),
         }
     }
+
+    /// The same with a load that has the covariance `load` at size 1.
+    pub(super) fn with_load(
+        self,
+        model: &DriftModel,
+        sizes: &Sizes,
+        load: &DMatrix<f64>,
+    ) -> DMatrix<f64> {
+        self.covariance(model, sizes) + load * sizes.local.powi(2)
+    }
 }
 
 impl DriftModel {
@@ -71,15 +81,14 @@ impl DriftModel {
             let from_data = self.local_correlation(&cells) * sensitivity.transpose();
             let load = &sensitivity * &from_data;
             let (sizes, _) = self.most_probable(prior, &rest, &errors, &load, rows)?;
-            let drift = prior.covariance(self, &sizes);
-            let covariance = &errors + &drift + load * sizes.local.powi(2);
+            let covariance = &errors + prior.with_load(self, &sizes, &load);
             let weights = Whitened::new(&covariance, &rest, rows)?.weights();
             let of_cells = from_data * &weights * sizes.local.powi(2);
             let mut about = DVector::zeros(map.len());
             for (&cell, value) in cells.iter().zip(&of_cells) {
                 about[cell] = value.clamp(CHANGE[0], CHANGE[1]);
             }
-            let change = drift * weights;
+            let change = prior.covariance(self, &sizes) * weights;
             signal = data - &change;
             found = (sizes, change);
             if round == ROUNDS {
@@ -106,8 +115,7 @@ impl DriftModel {
         data: &DVector<f64>,
         rows: &[usize],
     ) -> Result<DVector<f64>, DriftError> {
-        let load = &self.local_gram * sizes.local.powi(2);
-        let covariance = errors + prior.covariance(self, sizes) + load;
+        let covariance = errors + prior.with_load(self, sizes, &self.local_gram);
         let weights = Whitened::new(&covariance, data, rows)?.weights();
         Ok(self.local_by_cell(&weights).0)
     }

@@ -50,10 +50,7 @@ impl DriftModel {
         let noise = &self.noise * 2.0;
         let load = &self.local_gram;
         let (sizes, evaluations) = self.most_probable(Prior::Kinds, data, &noise, load, rows)?;
-        let drift = self.drift(&Sizes {
-            local: 0.0,
-            ..sizes
-        });
+        let drift = Prior::Kinds.covariance(self, &sizes);
         let whitened = Whitened::new(&(noise + drift), data, rows)?;
         let score = whitened.load_test(self).map_or(0.0, |found| found.score);
         Ok(Assessed {
@@ -90,11 +87,7 @@ impl DriftModel {
             if let Some(value) = known.get(&at) {
                 return Ok(*value);
             }
-            let sizes = sizes(at);
-            let covariance = match prior {
-                Prior::Kinds => noise + self.drift_with(&sizes, load),
-                Prior::Covariance(known) => noise + known + load * sizes.local.powi(2),
-            };
+            let covariance = noise + prior.with_load(self, &sizes(at), load);
             let found = log_likelihood(data, &covariance, rows)?;
             known.insert(at, found);
             Ok(found)
