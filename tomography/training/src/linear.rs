@@ -90,13 +90,7 @@ pub fn fit(
     progress: Progress<'_>,
 ) -> Result<Model, TrainError> {
     let sigma0 = case.unloaded_conductance();
-    let simulation = Simulation::new(
-        &case.mesh,
-        &case.contact_ohm_m,
-        &sigma0,
-        &case.protocol,
-        &settings,
-    )?;
+    let simulation = Simulation::of_case(case, &settings)?;
     let once: &dyn Samples = samples.unwrap_or(&simulation);
     // the last cases are for evaluation; all symmetric copies of a case are on the same side
     let held_out = (once.len() / 10).min(500);

@@ -26,14 +26,7 @@ pub fn of_fresh_cases(model: Model, case: &Case, drawn: u64) -> Result<Model, Tr
         seed: drawn.wrapping_add(1),
         ..settings.clone()
     };
-    let sigma0 = case.unloaded_conductance();
-    let simulation = Simulation::new(
-        &case.mesh,
-        &case.contact_ohm_m,
-        &sigma0,
-        &case.protocol,
-        &fresh,
-    )?;
+    let simulation = Simulation::of_case(case, &fresh)?;
     let all = 0..simulation.len();
     of_cases(model, case, &simulation, all)
 }

@@ -78,13 +78,7 @@ pub fn make_shard(
     if paths.manifest.exists() {
         return Ok(complete());
     }
-    let simulation = Simulation::new(
-        &case.mesh,
-        &case.contact_ohm_m,
-        &case.unloaded_conductance(),
-        &case.protocol,
-        settings,
-    )?;
+    let simulation = Simulation::of_case(case, settings)?;
     outfile::make_folder(folder, Existing::Replace)?;
     let mut part = PartFile::lock(&paths.part)?;
     // both may have changed before the lock was taken

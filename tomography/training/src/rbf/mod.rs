@@ -41,13 +41,7 @@ pub fn fit(
     progress: Progress<'_>,
 ) -> Result<Model, TrainError> {
     let sigma0 = case.unloaded_conductance();
-    let simulation = Simulation::new(
-        &case.mesh,
-        &case.contact_ohm_m,
-        &sigma0,
-        &case.protocol,
-        &settings,
-    )?;
+    let simulation = Simulation::of_case(case, &settings)?;
     let once = samples.unwrap_or(&simulation);
     let mirrored = Symmetric::new(once, case, &sigma0);
     let samples: &dyn Samples = if symmetric { &mirrored } else { once };

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use eit::{
-    CentresReading, ChangeReading, Forward, LossReading, Mesh, PointsReading, SizeReading,
+    Case, CentresReading, ChangeReading, Forward, LossReading, Mesh, PointsReading, SizeReading,
     TrainingSettings,
 };
 use rand::RngExt;
@@ -29,6 +29,21 @@ pub struct Simulation {
 }
 
 impl Simulation {
+    /// Of a case's sheet without load.
+    ///
+    /// # Errors
+    /// As [`Simulation::new`].
+    pub fn of_case(case: &Case, settings: &TrainingSettings) -> Result<Self, TrainError> {
+        let sigma0 = case.unloaded_conductance();
+        Self::new(
+            &case.mesh,
+            &case.contact_ohm_m,
+            &sigma0,
+            &case.protocol,
+            settings,
+        )
+    }
+
     /// Solves the baseline at `sigma0` (S per square, one per triangle).
     ///
     /// # Errors
