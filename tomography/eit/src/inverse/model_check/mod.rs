@@ -97,7 +97,8 @@ struct Change {
     /// The same with noise in proportion to the reading.
     expected: f64,
     found: Found,
-    fit: Fit,
+    /// The best map of the whole sheet; `None` if the readings have none.
+    fit: Option<Fit>,
     prepared: Arc<Prepared>,
 }
 
@@ -207,12 +208,14 @@ impl ModelCheck {
         let found = prepared
             .reciprocal
             .of(&change, stated, self.least_noise, size);
-        let fit = prepared.spectrum.fit(&data)?;
+        let fit = prepared.spectrum.fit(&data);
+        let left_by_fit = fit.as_ref().map(|fit| fit.error);
         // without twins, the error of the fit is all that is known of the noise
         let noise = found
             .noise
             .or(stated)
-            .unwrap_or(fit.error)
+            .or(left_by_fit)
+            .unwrap_or_default()
             .max(self.least_noise);
         Some(Change {
             data,
@@ -230,11 +233,14 @@ impl ModelCheck {
     fn of_change(&self, change: &Change) -> Vec<Doubt> {
         let mut doubts = Vec::new();
         let Change {
-            fit,
+            fit: Some(fit),
             noise,
             prepared,
             ..
-        } = change;
+        } = change
+        else {
+            return doubts;
+        };
         if change.found.noise.is_none()
             && let Some(stated) = change.stated
             && fit.error * NOISE_RATIO < stated
