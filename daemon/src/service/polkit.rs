@@ -13,8 +13,9 @@ const INTERFACE: &str = "org.freedesktop.PolicyKit1.Authority";
 
 /// `AllowUserInteraction`.
 const ASK_THE_USER: u32 = 1;
-/// Timeout without user interaction; callers give up after 25 s by default.
-const REPLY_TIMEOUT: Duration = Duration::from_secs(10);
+/// Timeout without user interaction. Callers give up after 25 s by default; a busy polkit needs more than 10 s, and a stop must
+/// not be refused because of that.
+const REPLY_TIMEOUT: Duration = Duration::from_secs(20);
 /// Timeout if a user types a password.
 const DIALOG_TIMEOUT: Duration = Duration::from_secs(120);
 
