@@ -2,6 +2,12 @@
 //! in playback.
 
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use rustix::process::{Pid, Signal, kill_process};
 
 use super::driver::Browser;
 use super::live_page::{PRESS_MM, Page, press};
@@ -56,6 +62,40 @@ fn uncertainty_is_shown(browser: &Browser) {
     assert!(known.count() > 20, "{cells:?}");
 }
 
+/// A process that has a tenth of the time, until this is dropped.
+struct Slowed(Option<(Arc<AtomicBool>, JoinHandle<()>)>);
+
+impl Slowed {
+    fn begin(id: u32) -> Self {
+        let pid = i32::try_from(id).ok().and_then(Pid::from_raw);
+        let pid = pid.expect("the number of a process");
+        let over = Arc::new(AtomicBool::new(false));
+        let until = Arc::clone(&over);
+        let pulses = std::thread::spawn(move || {
+            while !until.load(Ordering::Relaxed) {
+                for (signal, ms) in [(Signal::STOP, 180), (Signal::CONT, 20)] {
+                    kill_process(pid, signal).expect("the daemon runs");
+                    std::thread::sleep(Duration::from_millis(ms));
+                }
+            }
+        });
+        Self(Some((over, pulses)))
+    }
+}
+
+impl Drop for Slowed {
+    fn drop(&mut self) {
+        let Some((over, pulses)) = self.0.take() else {
+            return;
+        };
+        over.store(true, Ordering::Relaxed);
+        let ended = pulses.join();
+        if !std::thread::panicking() {
+            ended.expect("the daemon runs");
+        }
+    }
+}
+
 #[test]
 fn a_slow_map_follows_a_provisional_one_in_a_browser() {
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
@@ -82,11 +122,13 @@ fn a_slow_map_follows_a_provisional_one_in_a_browser() {
          showWords(frame); verdicts.add(byId('verdict').textContent); }, window.set = map.setMap.bind(map), map.setMap = (...all) => { const [values, frame] = all; \
          shownMaps.push({ sequence: frame.sequence, provisional: frame.provisional, method: frame.method, centre: centre(values) }); set(...all); }, 0",
     );
-    // time for both maps of a frame before the next one comes, on a busy machine too
     ask(&stage, &["start", "--every", "5s"]);
+    // its map takes several times as long as the provisional one of the page's process, on a busy machine too
+    let slowed = Slowed::begin(daemon.id());
     let pair = "shownMaps.map(first => [first, shownMaps.find(second => second.sequence === first.sequence && !second.provisional)]) \
         .find(([first, second]) => first.provisional && second)";
     browser.until(&format!("{pair} !== undefined"));
+    drop(slowed);
     let found = browser.value(pair);
     let (first, second) = (&found[0], &found[1]);
     let words = first["provisional"].as_str().expect("text");
