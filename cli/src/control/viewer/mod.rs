@@ -1,16 +1,17 @@
 //! Displays the records of a session's stream for `tactus watch`.
 
+mod lines;
+
 use std::cell::Cell;
 use std::io::Write;
 use std::time::Duration;
 
-use chrono::{DateTime, Local, SecondsFormat};
+use chrono::{DateTime, SecondsFormat};
 use dbus::Session1Proxy;
 use dbus::stream::{Body, Decoder, Record};
 use imaging::Tracked;
 use imaging::quantities::FrameQuantities;
 use imaging::tracking::AfterInjection;
-use serde::Serialize;
 use survey::{Map, MapQuality, MapUnit, Reason, Verdict};
 use tokio::io::AsyncReadExt;
 use tokio::signal::unix::{SignalKind, signal};
@@ -19,6 +20,7 @@ use tokio::time::Instant;
 use crate::args::Watch;
 use crate::connection::Daemon;
 use crate::control::session;
+use crate::control::viewer::lines::{DeviationLine, FrameLine, InjectionLine, WatchLine, sentence};
 use crate::failure::Failure;
 use crate::maps::drawing;
 use crate::maps::drawing::Field;
@@ -27,77 +29,6 @@ use crate::output::screen::Screen;
 
 /// Maximum time to hold a frame for its map, which usually follows immediately.
 const MAP_TIMEOUT: Duration = Duration::from_secs(2);
-
-/// A line of `watch --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-#[serde(tag = "event", rename_all = "snake_case")]
-enum WatchLine {
-    /// A frame with its map's results.
-    Frame(Box<FrameLine>),
-    /// The load after an injection.
-    Injection(Box<InjectionLine>),
-    /// The standard deviation of a map.
-    Deviation(Box<DeviationLine>),
-    /// The session has ended.
-    Ended { session: String, reason: String },
-}
-
-#[derive(Debug, Serialize)]
-struct FrameLine {
-    session: String,
-    sequence: u64,
-    wall: String,
-    simulated: bool,
-    /// Records lost just before, because this client was too slow.
-    gap: u64,
-    readings: usize,
-    overloads: usize,
-    timeouts: usize,
-    not_measured: usize,
-    /// `None` without a map.
-    method: Option<String>,
-    largest_loss: Option<f64>,
-    /// Whether that is more than `noise`; `None` if the noise is unknown.
-    significant: Option<bool>,
-    /// The largest loss by noise alone.
-    noise: Option<f64>,
-    found_mm: Option<[f64; 2]>,
-    /// Unit of the displayed map; `None` without a map.
-    unit: Option<&'static str>,
-    /// Present with a calibration.
-    newtons: Option<f64>,
-    largest_kpa: Option<f64>,
-    quality: Option<MapQuality>,
-    /// What the tracked baseline says; `None` where it is not tracked.
-    tracked: Option<Tracked>,
-    /// `None` without a map.
-    quantities: Option<FrameQuantities>,
-}
-
-#[derive(Debug, Serialize)]
-struct InjectionLine {
-    session: String,
-    /// The frame that is being measured.
-    frame: u64,
-    wall: String,
-    simulated: bool,
-    /// Records lost just before, because this client was too slow.
-    gap: u64,
-    after: AfterInjection,
-}
-
-#[derive(Debug, Serialize)]
-struct DeviationLine {
-    session: String,
-    sequence: u64,
-    wall: String,
-    simulated: bool,
-    /// Records lost just before, because this client was too slow.
-    gap: u64,
-    mesh_hash: String,
-    /// Of the change of ln conductance, for each triangle of the region; `None` where the frame says nothing of it.
-    deviations: Vec<Option<f64>>,
-}
 
 /// A map converted by a calibration, and its frame.
 struct PressureMap {
@@ -613,98 +544,6 @@ fn quality(details: &dbus::MapDetails) -> Option<MapQuality> {
         verdict: Verdict::from_word(details.quality.as_deref()?)?,
         reasons: details.doubts.as_deref().map(reason).into_iter().collect(),
     })
-}
-
-/// A line about records that this reader lost.
-fn missed(records: u64) -> String {
-    match records {
-        0 => String::new(),
-        _ => format!("-- {records} records were not shown: this reader is too slow --\n"),
-    }
-}
-
-fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String {
-    match line {
-        WatchLine::Ended { session, reason } => format!("{session} ended: {reason}"),
-        WatchLine::Injection(seen) => {
-            let [plus, minus] = seen.after.electrodes;
-            format!(
-                "{}{} frame {}, after {plus}-{minus}  {}  {}{}",
-                missed(seen.gap),
-                seen.session,
-                seen.frame,
-                wall.with_timezone(&Local).format("%H:%M:%S%.3f"),
-                seen.after,
-                if seen.simulated { "  SIMULATED" } else { "" }
-            )
-        }
-        WatchLine::Deviation(seen) => {
-            let mut known: Vec<f64> = seen.deviations.iter().copied().flatten().collect();
-            known.sort_by(f64::total_cmp);
-            let mut text = format!(
-                "{}{} frame {}, standard deviation of ln conductance: ",
-                missed(seen.gap),
-                seen.session,
-                seen.sequence
-            );
-            match known.get(known.len() / 2) {
-                Some(median) => text.push_str(&format!(
-                    "{median:.3} in the median of {:.0} % of the triangles, the others not known",
-                    100.0 * known.len() as f64 / seen.deviations.len() as f64
-                )),
-                None => text.push_str("not known of any triangle"),
-            }
-            if seen.simulated {
-                text.push_str("  SIMULATED");
-            }
-            text
-        }
-        WatchLine::Frame(seen) => {
-            let mut text = missed(seen.gap);
-            text.push_str(&format!(
-                "{} frame {}  {}",
-                seen.session,
-                seen.sequence,
-                wall.with_timezone(&Local).format("%H:%M:%S%.3f")
-            ));
-            match seen.largest_loss {
-                Some(loss) => {
-                    match seen.significant {
-                        Some(false) => text.push_str("  "),
-                        _ => text.push_str(&format!("  found {}  ", drawing::place(seen.found_mm))),
-                    }
-                    text.push_str(&drawing::map_summary(
-                        loss,
-                        seen.newtons.zip(seen.largest_kpa),
-                        seen.noise,
-                    ));
-                }
-                None => text.push_str("  no map"),
-            }
-            if let Some(quality) = seen.quality.as_ref().filter(|quality| !quality.is_silent()) {
-                text.push_str(&format!("  {quality}"));
-            }
-            if let Some(tracked) = &seen.tracked {
-                text.push_str(&format!("  {tracked}"));
-            }
-            if let Some(summary) = seen.quantities.as_ref().and_then(FrameQuantities::summary) {
-                text.push_str(&format!("  {summary}"));
-            }
-            for (count, what) in [
-                (seen.overloads, "overloads"),
-                (seen.timeouts, "timeouts"),
-                (seen.not_measured, "not measured"),
-            ] {
-                if count > 0 {
-                    text.push_str(&format!("  {count} {what}"));
-                }
-            }
-            if seen.simulated {
-                text.push_str("  SIMULATED");
-            }
-            text
-        }
-    }
 }
 
 #[cfg(test)]
