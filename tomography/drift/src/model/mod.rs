@@ -3,31 +3,28 @@
 //! D(s) = gain^2 v v' + contact^2 C C' + (contact / 0.1)^4 N N' + field^2 F F' + local^2 X X'; C: first order of the contacts,
 //! N: what the first order leaves of contacts drawn at 10 %, F: Matern 80 mm, X: Matern 8 mm.
 
+mod cells;
+mod covariances;
+
 use std::sync::Arc;
 
 use eit::linear_algebra::{product, view};
 use eit::{Forward, Mesh, Parameters};
 use nalgebra::{DMatrix, DVector};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use survey::{Dipole, Electrode, Reading, Volts};
 
 use crate::DriftError;
+use crate::model::cells::{Cells, PITCH_M};
+use crate::model::covariances::{SECOND_ORDER_SD, matern, noise_covariance, second_order};
 use crate::overlap::overlap;
 use crate::pairs::{Pairs, Relative, baseline_volts};
 use crate::sheet::{FitOptions, SheetFit};
 use crate::sizes::Sizes;
 
-/// Side of the cells of fields and maps, m.
-const PITCH_M: f64 = 7e-3;
 /// Correlation lengths of smooth fields and of local change, m.
 const FIELD_M: f64 = 80e-3;
 const LOCAL_M: f64 = 8e-3;
-/// Deviation of ln contact at which the second order is drawn, and the number of draws.
-const SECOND_ORDER_SD: f64 = 0.1;
-const DRAWS: usize = 240;
 /// Distance of the load test's places, m, and its diameters, m.
 const PLACES_M: f64 = 10e-3;
 const DIAMETERS_M: [f64; 2] = [20e-3, 50e-3];
@@ -86,15 +83,6 @@ pub struct DriftModel {
     pub(crate) atoms: DMatrix<f64>,
     /// Voltage of each electrode (row) at 1 A from electrode e to e + 1 (column), V.
     pub(crate) potentials: DMatrix<f64>,
-}
-
-/// Triangles in squares.
-struct Cells {
-    /// The cell of each triangle.
-    of: Vec<usize>,
-    /// The triangles of each cell.
-    triangles: Vec<Vec<usize>>,
-    centres: Vec<[f64; 2]>,
 }
 
 impl DriftModel {
@@ -437,141 +425,4 @@ fn row_of_readings(pairs: &Pairs) -> Vec<usize> {
         }
     }
     out
-}
-
-/// R: independent noise of each reading, and one thermal voltage for each sensing pair.
-fn noise_covariance(pairs: &Pairs, ratios: &[f64], noise: Noise) -> DMatrix<f64> {
-    let rows = pairs.len();
-    let mut out = DMatrix::zeros(rows, rows);
-    let mut emf = DMatrix::zeros(rows, pairs.protocol().electrodes());
-    for row in 0..rows {
-        let [a, b] = pairs.readings(row);
-        let weight = if a == b { 1.0 } else { 0.5 };
-        let both = if a == b { vec![a] } else { vec![a, b] };
-        for reading in both {
-            let share = weight * ratios[reading];
-            out[(row, row)] += (share * noise.reading_v).powi(2);
-            let sense = pairs.protocol().measurements()[reading].sense;
-            emf[(row, sense.plus.0)] += share * noise.emf_v;
-        }
-    }
-    out + product(view(&emf), view(&emf.transpose()))
-}
-
-/// Covariance of what the first order of the contacts leaves, from nonlinear draws.
-fn second_order(
-    mesh: &Arc<Mesh>,
-    fit: &SheetFit,
-    pairs: &Pairs,
-    contacts: &DMatrix<f64>,
-    current_a: f64,
-) -> Result<DMatrix<f64>, DriftError> {
-    let mut random = ChaCha8Rng::seed_from_u64(1);
-    let draws: Vec<DVector<f64>> = (0..DRAWS)
-        .map(|_| {
-            DVector::from_fn(fit.contact_ohm_m.len(), |_, _| {
-                let normal: f64 = StandardNormal.sample(&mut random);
-                SECOND_ORDER_SD * normal
-            })
-        })
-        .collect();
-    let left: Vec<Vec<DVector<f64>>> = draws
-        .par_chunks(DRAWS / 8)
-        .map(|draws| {
-            let mut forward = Forward::new(Arc::clone(mesh), &fit.contact_ohm_m)?;
-            draws
-                .iter()
-                .map(|draw| {
-                    let drawn: Vec<f64> = fit
-                        .contact_ohm_m
-                        .iter()
-                        .zip(draw)
-                        .map(|(contact, draw)| contact * draw.exp())
-                        .collect();
-                    forward.set_contact_ohm_m(&drawn)?;
-                    let volts = forward
-                        .workspace(pairs.half())?
-                        .plain()
-                        .readings(&fit.sigma)?;
-                    Ok(volts * current_a - &fit.readings - contacts * draw)
-                })
-                .collect::<Result<_, DriftError>>()
-        })
-        .collect::<Result<_, _>>()?;
-    let columns: Vec<DVector<f64>> = left.into_iter().flatten().collect();
-    let left = DMatrix::from_columns(&columns) / (DRAWS as f64).sqrt();
-    Ok(product(view(&left), view(&left.transpose())))
-}
-
-/// Correlation of a Matern field of smoothness 3/2.
-fn matern(places: &[[f64; 2]], length: f64) -> DMatrix<f64> {
-    DMatrix::from_fn(places.len(), places.len(), |i, j| {
-        let (p, q) = (places[i], places[j]);
-        let scaled = 3_f64.sqrt() * (p[0] - q[0]).hypot(p[1] - q[1]) / length;
-        (1.0 + scaled) * (-scaled).exp()
-    })
-}
-
-impl Cells {
-    fn new(mesh: &Mesh) -> Self {
-        let key = |triangle: usize| {
-            mesh.centroid(triangle)
-                .map(|at| (at / PITCH_M).floor() as i64)
-        };
-        let keys: std::collections::BTreeMap<[i64; 2], usize> = {
-            let all: std::collections::BTreeSet<[i64; 2]> =
-                (0..mesh.triangles().len()).map(key).collect();
-            all.into_iter().zip(0..).collect()
-        };
-        let of: Vec<usize> = (0..mesh.triangles().len())
-            .map(|triangle| keys[&key(triangle)])
-            .collect();
-        let mut sums = vec![[0.0; 3]; keys.len()];
-        let mut triangles = vec![Vec::new(); keys.len()];
-        for (triangle, &cell) in of.iter().enumerate() {
-            triangles[cell].push(triangle);
-            let (area, centre) = (mesh.area(triangle), mesh.centroid(triangle));
-            sums[cell][0] += area * centre[0];
-            sums[cell][1] += area * centre[1];
-            sums[cell][2] += area;
-        }
-        let centres = sums.iter().map(|[x, y, area]| [x / area, y / area]);
-        Self {
-            centres: centres.collect(),
-            triangles,
-            of,
-        }
-    }
-
-    /// Whether most of each cell's area is in a region: beside electrodes, local change is that of their contacts.
-    fn within(&self, region: &[usize], mesh: &Mesh) -> Vec<bool> {
-        let mut inside = vec![0.0; self.centres.len()];
-        for &triangle in region {
-            inside[self.of[triangle]] += mesh.area(triangle);
-        }
-        let areas = self.triangles.iter().map(|triangles| -> f64 {
-            triangles.iter().map(|&triangle| mesh.area(triangle)).sum()
-        });
-        let shares = inside.iter().zip(areas);
-        shares.map(|(inside, area)| *inside > 0.5 * area).collect()
-    }
-
-    /// Columns of triangles summed to columns of cells.
-    fn sum(&self, sensitivity: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut out = DMatrix::zeros(sensitivity.nrows(), self.centres.len());
-        for (column, &cell) in sensitivity.column_iter().zip(&self.of) {
-            let mut into = out.column_mut(cell);
-            into += column;
-        }
-        out
-    }
-
-    /// Cells within a distance of a place, ascending.
-    fn near(&self, place: [f64; 2], reach: f64) -> impl Iterator<Item = usize> + '_ {
-        let centres = self.centres.iter().enumerate();
-        centres.filter_map(move |(cell, at)| {
-            let away = (at[0] - place[0]).hypot(at[1] - place[1]);
-            (away < reach).then_some(cell)
-        })
-    }
 }
