@@ -1,0 +1,153 @@
+//! `tactus quantities`: numbers that describe the maps of a recording, for spans of time or for each frame.
+
+mod output;
+mod words;
+
+use std::cell::Cell;
+use std::io::Write;
+use std::path::Path;
+
+use imaging::quantities::{LoadUnit, Quantifier, QuantityRow, STORED_S, joined, stored};
+use imaging::recorded::{Recording, SessionParts};
+
+use crate::args::{Global, Quantities};
+use crate::failure::Failure;
+use crate::maps::compared::Compared;
+use crate::maps::follower::Follower;
+use crate::maps::quantities::output::Output;
+use crate::maps::reconstruction::Reconstruction;
+use crate::maps::recording::{self, Thinning};
+use crate::output::Printer;
+use crate::output::progress::progress;
+use crate::session_files;
+
+/// Computes the quantities of each frame and prints what was asked for.
+pub(crate) fn run(
+    global: &Global,
+    requested: &Quantities,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let source = &requested.from;
+    if let Some((rows, damaged)) = stored_rows(global, requested)? {
+        return print_stored(requested, &rows, damaged, printer);
+    }
+    let recording = recording::open(global, source, requested.asked.geometry.electrodes)?;
+    let reconstruction = Reconstruction::asked(&requested.asked, &recording)?;
+    let mut quantifier = reconstruction.quantifier(&recording)?;
+    check_region(requested.region.as_deref(), &quantifier, &recording)?;
+    if requested.mmhg && quantifier.unit() == LoadUnit::RelativeLoss {
+        return Err(not_calibrated(&recording.name));
+    }
+    if requested.each_frame {
+        quantifier = quantifier.with_deviation(reconstruction.deviation());
+    }
+    let mut follower = Follower::of(&reconstruction, &requested.asked.tracked, &recording)?;
+    let mut output = Output::new(requested);
+    if !requested.csv {
+        for remark in &reconstruction.remarks {
+            printer.text(remark)?;
+        }
+    }
+    let count = recording::count(&recording, source, Thinning::NONE)?;
+    let progress = progress(count.map(|count| count as u64), printer.is_terminal());
+    let damaged = Cell::new(0);
+    for (recorded, asked) in recording::frames(&recording, source, Thinning::NONE, &damaged)? {
+        if !asked {
+            if let Some(follower) = &mut follower {
+                follower.pass(&recorded)?;
+            }
+            continue;
+        }
+        let followed = match &mut follower {
+            Some(follower) => Some(follower.follow(&recorded)?),
+            None => None,
+        };
+        let compared = Compared::new(&recording, &recorded, followed.as_ref());
+        let (frame, _) = compared.quantities(&reconstruction, &mut quantifier)?;
+        progress.suspend(|| output.take(&recorded, frame, printer))?;
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    output.finish(printer)?;
+    recording::check_undamaged(damaged.get(), &recording.name)
+}
+
+/// The rows stored with a session, joined to the requested spans, and the number of damaged lines; `None` where they do not
+/// answer what is asked.
+fn stored_rows(
+    global: &Global,
+    requested: &Quantities,
+) -> Result<Option<(Vec<QuantityRow>, usize)>, Failure> {
+    let source = &requested.from;
+    let span_s = requested.span_s();
+    if requested.recomputes() || !span_s.is_multiple_of(STORED_S) {
+        return Ok(None);
+    }
+    if Path::new(&source.source).is_dir() {
+        return Ok(None);
+    }
+    let path = session_files::session_file(global, &source.source)?;
+    let parts = SessionParts::open(&path)?;
+    let session = parts.header().session();
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let rows = stored(folder, session)?;
+    Ok(rows.map(|(rows, damaged)| (joined(&rows, span_s), damaged)))
+}
+
+fn print_stored(
+    requested: &Quantities,
+    rows: &[QuantityRow],
+    damaged: usize,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    if let Some(name) = &requested.region
+        && !rows.iter().any(|row| row.region == *name)
+    {
+        let mut known: Vec<&str> = Vec::new();
+        for row in rows {
+            if !known.contains(&row.region.as_str()) {
+                known.push(&row.region);
+            }
+        }
+        return Err(no_region(&requested.from.source, name, &known));
+    }
+    if requested.mmhg && rows.iter().any(|row| row.of == LoadUnit::RelativeLoss) {
+        return Err(not_calibrated(&requested.from.source));
+    }
+    if damaged > 0 {
+        eprintln!(
+            "tactus: {damaged} of the stored minutes are damaged and left out; --recompute computes them from the frames"
+        );
+    }
+    let mut output = Output::new(requested);
+    for rows in rows.chunk_by(|a, b| a.begin_s == b.begin_s) {
+        output.spans(rows, printer)?;
+    }
+    Ok(())
+}
+
+fn check_region(
+    name: Option<&str>,
+    quantifier: &Quantifier,
+    recording: &Recording,
+) -> Result<(), Failure> {
+    let known: Vec<&str> = quantifier.surface().regions().collect();
+    match name {
+        Some(name) if !known.contains(&name) => Err(no_region(&recording.name, name, &known)),
+        _ => Ok(()),
+    }
+}
+
+fn no_region(session: &str, name: &str, known: &[&str]) -> Failure {
+    Failure::Usage(format!(
+        "{session} has no region '{name}'; it has: {}",
+        known.join(", ")
+    ))
+}
+
+fn not_calibrated(session: &str) -> Failure {
+    Failure::Usage(format!(
+        "{session} has no calibration, so that its maps have no pressure; name one with --calibration FILE (`tactus-lab calibrate` \
+         makes it), or leave out --mmhg"
+    ))
+}

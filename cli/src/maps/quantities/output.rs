@@ -1,0 +1,241 @@
+//! The lines of `tactus quantities`: as JSON, as CSV, and for people.
+
+use std::io::Write;
+
+use chrono::{DateTime, Utc};
+use imaging::quantities::{FrameQuantities, Quantity, QuantityRow, Rows};
+use imaging::recorded::{RecordedFrame, table_time};
+use serde::Serialize;
+
+use crate::args::Quantities;
+use crate::failure::Failure;
+use crate::output::Printer;
+use crate::output::time::utc;
+
+/// A line of `quantities --json`; see `docs/reference/json.md`.
+#[derive(Debug, Serialize)]
+struct SpanLine<'a> {
+    begin: String,
+    region: &'a str,
+    quantity: Quantity,
+    unit: String,
+    min: f64,
+    mean: f64,
+    max: f64,
+    frames: u64,
+    known: u64,
+}
+
+/// A line of `quantities --each-frame --json`.
+#[derive(Debug, Serialize)]
+struct FrameLine {
+    frame: u64,
+    wall: Option<String>,
+    #[serde(flatten)]
+    quantities: FrameQuantities,
+}
+
+/// Prints rows of spans, or frames, as they come.
+pub(crate) struct Output<'a> {
+    requested: &'a Quantities,
+    rows: Rows,
+    begun: bool,
+    /// The last frame, for the summary.
+    last: Option<FrameQuantities>,
+}
+
+impl<'a> Output<'a> {
+    pub(crate) fn new(requested: &'a Quantities) -> Self {
+        Self {
+            requested,
+            rows: Rows::new(requested.span_s()),
+            begun: false,
+            last: None,
+        }
+    }
+
+    pub(crate) fn take(
+        &mut self,
+        recorded: &RecordedFrame,
+        frame: FrameQuantities,
+        printer: &mut Printer<impl Write>,
+    ) -> Result<(), Failure> {
+        if self.requested.each_frame {
+            self.frame(recorded, &frame, printer)?;
+        } else {
+            let at_s = recorded.at_s();
+            let ended = self.rows.take(at_s, &frame);
+            self.spans(&ended, printer)?;
+        }
+        self.last = Some(frame);
+        Ok(())
+    }
+
+    pub(crate) fn finish(mut self, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+        let ended = self.rows.end();
+        self.spans(&ended, printer)?;
+        let Some(last) = self.last.filter(|_| !self.requested.csv) else {
+            return Ok(());
+        };
+        for region in last
+            .regions
+            .iter()
+            .filter(|region| self.requested.has(&region.name))
+        {
+            let at = |place: Option<[f64; 2]>| {
+                place.map_or(String::new(), |[x, y]| format!(" at ({x:.0}, {y:.0}) mm"))
+            };
+            let shown = |quantity| self.requested.shown(quantity, last.unit, &region.values);
+            printer.text(&format!(
+                "{}: largest dose {}{}, longest unrelieved time at the end {}{}",
+                region.name,
+                shown(Quantity::Dose),
+                at(region.dose_mm),
+                shown(Quantity::Unrelieved),
+                at(region.unrelieved_mm),
+            ))?;
+        }
+        Ok(())
+    }
+
+    /// The rows of one span.
+    pub(crate) fn spans(
+        &mut self,
+        rows: &[QuantityRow],
+        printer: &mut Printer<impl Write>,
+    ) -> Result<(), Failure> {
+        let requested = self.requested;
+        let chosen: Vec<&QuantityRow> = rows
+            .iter()
+            .filter(|row| requested.has(&row.region) && requested.wants(row.quantity))
+            .collect();
+        if requested.csv {
+            self.heading(
+                "begin_utc,region,quantity,unit,min,mean,max,frames,known\n",
+                printer,
+            )?;
+        }
+        for row in &chosen {
+            let convert = |value| requested.convert(row.quantity, row.of, value);
+            let begin = DateTime::<Utc>::from_timestamp(row.begin_s, 0).unwrap_or_default();
+            let line = SpanLine {
+                begin: utc(begin),
+                region: &row.region,
+                quantity: row.quantity,
+                unit: requested.unit(row.quantity, row.of),
+                min: convert(row.min),
+                mean: convert(row.mean),
+                max: convert(row.max),
+                frames: row.frames,
+                known: row.known,
+            };
+            if requested.csv {
+                let text = format!(
+                    "{},{},{},{},{},{},{},{},{}\n",
+                    table_time(begin),
+                    line.region,
+                    line.quantity.name(),
+                    line.unit,
+                    line.min,
+                    line.mean,
+                    line.max,
+                    line.frames,
+                    line.known
+                );
+                printer.raw(text.as_bytes())?;
+            } else if printer.is_json() {
+                printer.record(&line, |_| String::new())?;
+            }
+        }
+        if requested.csv || printer.is_json() {
+            return Ok(());
+        }
+        if !chosen.is_empty() {
+            self.heading(&requested.table_heading(chosen[0].of), printer)?;
+        }
+        for of_region in chosen.chunk_by(|a, b| a.region == b.region) {
+            printer.text(&requested.table_row(of_region))?;
+        }
+        Ok(())
+    }
+
+    fn frame(
+        &mut self,
+        recorded: &RecordedFrame,
+        frame: &FrameQuantities,
+        printer: &mut Printer<impl Write>,
+    ) -> Result<(), Failure> {
+        let requested = self.requested;
+        if requested.csv {
+            let time = recorded.wall.map(table_time).unwrap_or_default();
+            self.heading(
+                "frame,time_utc,region,quantity,unit,value,sd,known\n",
+                printer,
+            )?;
+            for region in frame
+                .regions
+                .iter()
+                .filter(|region| requested.has(&region.name))
+            {
+                for quantity in Quantity::ALL.into_iter().filter(|q| requested.wants(*q)) {
+                    let Some(value) = region.values.get(quantity) else {
+                        continue;
+                    };
+                    let convert = |value| requested.convert(quantity, frame.unit, value);
+                    let text = format!(
+                        "{},{},{},{},{},{},{},{}\n",
+                        recorded.sequence,
+                        time,
+                        region.name,
+                        quantity.name(),
+                        requested.unit(quantity, frame.unit),
+                        convert(value),
+                        region
+                            .deviations
+                            .get(quantity)
+                            .map_or(String::new(), |sd| convert(sd).to_string()),
+                        frame.known,
+                    );
+                    printer.raw(text.as_bytes())?;
+                }
+            }
+            return Ok(());
+        }
+        let mut quantities = frame.clone();
+        quantities
+            .regions
+            .retain(|region| requested.has(&region.name));
+        for region in &mut quantities.regions {
+            let kept = |quantity, value| {
+                let value = requested.convert(quantity, frame.unit, value);
+                requested.wants(quantity).then_some(value)
+            };
+            region.values = region.values.filter_map(kept);
+            region.deviations = region.deviations.filter_map(kept);
+        }
+        let line = FrameLine {
+            frame: recorded.sequence,
+            wall: recorded.wall.map(utc),
+            quantities,
+        };
+        printer.record(&line, |_| {
+            let mut text = String::new();
+            for region in frame
+                .regions
+                .iter()
+                .filter(|region| requested.has(&region.name))
+            {
+                text.push_str(&requested.frame_sentence(recorded.sequence, region, frame));
+                text.push('\n');
+            }
+            text
+        })
+    }
+
+    fn heading(&mut self, text: &str, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
+        if std::mem::replace(&mut self.begun, true) {
+            return Ok(());
+        }
+        printer.raw(text.as_bytes())
+    }
+}
