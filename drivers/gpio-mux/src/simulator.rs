@@ -5,6 +5,7 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
+pub use scpi::Response;
 use scpi::{ErrorEntry, ErrorQueue};
 use survey::{Electrode, Relay};
 
@@ -46,15 +47,6 @@ impl Default for Settings {
             edge_time: Duration::from_micros(1),
         }
     }
-}
-
-/// A reply, and the time that the board needs for it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Response {
-    /// The reply without its LF. Every line except an empty one has a reply.
-    pub text: Option<String>,
-    /// Time until the reply.
-    pub busy: Duration,
 }
 
 /// A change on a pole's lines.

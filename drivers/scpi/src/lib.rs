@@ -30,6 +30,7 @@ mod error_queue;
 mod framer;
 mod message;
 mod reading;
+mod response;
 mod status;
 pub(crate) mod syntax;
 
@@ -48,4 +49,5 @@ pub use reading::{
     Answer, INFINITY, NOT_A_NUMBER, ReplyError, format_block, format_nr3, format_nr3_signed,
     parse_block, parse_boolean, parse_integer, parse_reading, parse_readings, quote, unquote,
 };
+pub use response::Response;
 pub use status::{StandardEvent, StatusModel, StatusRegister};

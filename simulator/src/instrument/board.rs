@@ -81,12 +81,7 @@ impl SimulatedInstrument for SimulatedBoard {
         at: Duration,
         outside: &mut dyn ExternalCircuit,
     ) -> Reply {
-        let reply = self.0.receive(line, at, outside);
-        Reply {
-            text: reply.text,
-            busy: reply.busy,
-            later: false,
-        }
+        self.0.receive(line, at, outside).into()
     }
 
     fn pass(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) {

@@ -222,14 +222,9 @@ impl SimulatedInstrument for SimulatedMainframe {
         at: Duration,
         outside: &mut dyn ExternalCircuit,
     ) -> Reply {
-        let reply = self
-            .simulator
-            .receive_from(Session(session), line, at, outside);
-        Reply {
-            text: reply.text,
-            busy: reply.busy,
-            later: false,
-        }
+        let session = Session(session);
+        let response = self.simulator.receive_from(session, line, at, outside);
+        response.into()
     }
 
     fn begin(
@@ -239,13 +234,11 @@ impl SimulatedInstrument for SimulatedMainframe {
         at: Duration,
         outside: &mut dyn ExternalCircuit,
     ) -> Reply {
-        let (reply, later) = self
-            .simulator
-            .begin_from(Session(session), line, at, outside);
+        let session = Session(session);
+        let (response, later) = self.simulator.begin_from(session, line, at, outside);
         Reply {
-            text: reply.text,
-            busy: reply.busy,
             later,
+            ..response.into()
         }
     }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use gpio_mux::Poles;
 use keithley_6221::{Load, Simulator6221};
 use keysight_34980a::Wires;
-use scpi::{ErrorEntry, ParseError};
+use scpi::{ErrorEntry, ParseError, Response};
 
 use crate::instrument::fault::Fault;
 
@@ -25,6 +25,16 @@ pub(crate) struct Reply {
     pub(crate) busy: Duration,
     /// Whether the reply must be fetched by [`SimulatedInstrument::fetch`] after that time.
     pub(crate) later: bool,
+}
+
+impl From<Response> for Reply {
+    fn from(response: Response) -> Self {
+        Self {
+            text: response.text,
+            busy: response.busy,
+            later: false,
+        }
+    }
 }
 
 /// An instrument of the simulated rig. It receives and sends text; times are those of its own clock, since power on.

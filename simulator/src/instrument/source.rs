@@ -125,12 +125,7 @@ impl SimulatedInstrument for SimulatedSource {
         at: Duration,
         outside: &mut dyn ExternalCircuit,
     ) -> Reply {
-        let reply = self.simulator.receive(line, at, outside);
-        Reply {
-            text: reply.text,
-            busy: reply.busy,
-            later: false,
-        }
+        self.simulator.receive(line, at, outside).into()
     }
 
     /// The source measures nothing: its numbers are settings, and a fault of readings acts on these.

@@ -25,7 +25,8 @@ use std::time::Duration;
 use scpi::{Common, ErrorEntry, ErrorQueue, ParseError, StatusModel, parse_message};
 use survey::Amps;
 
-pub use settings::{Response, Settings6221};
+pub use scpi::Response;
+pub use settings::Settings6221;
 pub use sweep::Trigger;
 
 use crate::command::{COMPLIANCE_BIT, Command, Element, error_numbers};

@@ -1,4 +1,4 @@
-//! Settings of the simulator, and the reply to a message.
+//! Settings of the simulator.
 
 use std::time::Duration;
 
@@ -38,13 +38,4 @@ impl Default for Settings6221 {
             slot_held: Duration::ZERO,
         }
     }
-}
-
-/// The instrument's response to a message.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Response {
-    /// The reply without its terminator; `None` if the message has no query, or none with a reply.
-    pub text: Option<String>,
-    /// Time that the instrument needs.
-    pub busy: Duration,
 }

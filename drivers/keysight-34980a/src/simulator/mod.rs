@@ -22,6 +22,7 @@ mod sessions;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
+pub use scpi::Response;
 use scpi::{ErrorEntry, ErrorQueue, ParseError, StandardEvent, StatusModel};
 use survey::{Amps, Relay, Volts};
 
@@ -138,15 +139,6 @@ impl Default for Settings34980a {
             headers: HeaderForm::default(),
         }
     }
-}
-
-/// A reply, and the time that the instrument needs for it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Response {
-    /// The replies of a message's queries joined by `;`, without line end; `None` without a reply.
-    pub text: Option<String>,
-    /// Time from the message's end until the instrument has executed it.
-    pub busy: Duration,
 }
 
 /// Entries of the error queue (section 7).

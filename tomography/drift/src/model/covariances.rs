@@ -91,4 +91,3 @@ pub(crate) fn matern(places: &[[f64; 2]], length: f64) -> DMatrix<f64> {
         (1.0 + scaled) * (-scaled).exp()
     })
 }
-
