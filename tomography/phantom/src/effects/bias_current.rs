@@ -34,17 +34,14 @@ impl Effect for BiasCurrentSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(BiasCurrent(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct BiasCurrent(BiasCurrentSettings);
-
-impl OnReading for BiasCurrent {
+impl OnReading for BiasCurrentSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
         // An open input drifts to the rail: beyond any range, so the voltmeter reports an overload.
-        Volts(volts.0 + self.0.pa * 1e-12 * context.source_resistance.0)
+        Volts(volts.0 + self.pa * 1e-12 * context.source_resistance.0)
     }
 
     fn needs_source_resistance(&self) -> bool {

@@ -51,18 +51,13 @@ impl Effect for ChargeInjectionSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects
-            .readings
-            .push(Box::new(ChargeInjection(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct ChargeInjection(ChargeInjectionSettings);
-
-impl OnReading for ChargeInjection {
+impl OnReading for ChargeInjectionSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 + self.0.left(context))
+        Volts(volts.0 + self.left(context))
     }
 
     fn needs_source_resistance(&self) -> bool {

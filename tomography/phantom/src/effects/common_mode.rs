@@ -49,15 +49,12 @@ impl Effect for CommonModeSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(CommonMode(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct CommonMode(CommonModeSettings);
-
-impl OnReading for CommonMode {
+impl OnReading for CommonModeSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 + self.0.volts(context))
+        Volts(volts.0 + self.volts(context))
     }
 }

@@ -101,23 +101,20 @@ impl Effect for CrackSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.sheet.push(Box::new(Crack(self.clone())));
+        effects.sheet.push(Box::new(self.clone()));
     }
 }
-
-#[derive(Debug)]
-pub(super) struct Crack(CrackSettings);
 
 /// Steps of the computed growth.
 const STEPS: f64 = 1000.0;
 
-impl OnSheet for Crack {
+impl OnSheet for CrackSettings {
     fn act(&mut self, at: Duration, places: &[[f64; 2]], sigma: &mut [f64]) {
-        self.0.cut(self.epoch(at) as f64 / STEPS, places, sigma);
+        self.cut(self.epoch(at) as f64 / STEPS, places, sigma);
     }
 
     fn epoch(&self, at: Duration) -> u64 {
         let days = at.as_secs_f64() / 86_400.0;
-        (STEPS * -(-days / self.0.days).exp_m1()) as u64
+        (STEPS * -(-days / self.days).exp_m1()) as u64
     }
 }

@@ -56,16 +56,13 @@ impl Effect for CrosstalkSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(Crosstalk(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-struct Crosstalk(CrosstalkSettings);
-
-impl OnReading for Crosstalk {
+impl OnReading for CrosstalkSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 + self.0.left(context))
+        Volts(volts.0 + self.left(context))
     }
 
     fn needs_source_resistance(&self) -> bool {
@@ -86,7 +83,7 @@ mod tests {
 
     #[test]
     fn the_step_comes_divided_and_is_gone_within_its_time() {
-        let mut crosstalk = Crosstalk(CrosstalkSettings::default());
+        let mut crosstalk = CrosstalkSettings::default();
         let mut seen = |settled_ns: u64| {
             let context = context(1.0, 1e-9);
             let since_change = context.integration + Duration::from_nanos(settled_ns);

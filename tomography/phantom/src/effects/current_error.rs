@@ -55,15 +55,12 @@ impl Effect for CurrentErrorSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(CurrentError(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct CurrentError(CurrentErrorSettings);
-
-impl OnReading for CurrentError {
+impl OnReading for CurrentErrorSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 * self.0.times(context))
+        Volts(volts.0 * self.times(context))
     }
 }

@@ -91,22 +91,19 @@ impl Effect for DetachmentSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.contacts.push(Box::new(Detachment(self.clone())));
+        effects.contacts.push(Box::new(self.clone()));
     }
 }
-
-#[derive(Debug)]
-pub(super) struct Detachment(DetachmentSettings);
 
 /// Steps of the computed change.
 const STEPS: f64 = 200.0;
 
-impl OnContacts for Detachment {
+impl OnContacts for DetachmentSettings {
     fn act(&mut self, at: Duration, contacts: &mut [f64]) {
-        self.0.lift(self.epoch(at) as f64 / STEPS, contacts);
+        self.lift(self.epoch(at) as f64 / STEPS, contacts);
     }
 
     fn epoch(&self, at: Duration) -> u64 {
-        (STEPS * self.0.share(at.as_secs_f64())) as u64
+        (STEPS * self.share(at.as_secs_f64())) as u64
     }
 }

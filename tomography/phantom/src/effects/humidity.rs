@@ -63,28 +63,23 @@ impl Effect for HumiditySettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.sheet.push(Box::new(Humidity(self.clone())));
+        effects.sheet.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Humidity(HumiditySettings);
-
-impl OnSheet for Humidity {
+impl OnSheet for HumiditySettings {
     fn act(&mut self, at: Duration, _places: &[[f64; 2]], sigma: &mut [f64]) {
-        let settings = &self.0;
-        let hours = self.epoch(at) as f64 * settings.every_s / 3600.0;
-        let turn = TAU / settings.period_h;
-        let slow = turn * settings.tau_h;
-        let wetter =
-            settings.room_rh * (turn * hours - slow.atan()).sin() / (1.0 + slow * slow).sqrt();
-        let factor = 1.0 + settings.percent_per_10_rh / 100.0 * wetter / 10.0;
+        let hours = self.epoch(at) as f64 * self.every_s / 3600.0;
+        let turn = TAU / self.period_h;
+        let slow = turn * self.tau_h;
+        let wetter = self.room_rh * (turn * hours - slow.atan()).sin() / (1.0 + slow * slow).sqrt();
+        let factor = 1.0 + self.percent_per_10_rh / 100.0 * wetter / 10.0;
         for sigma in sigma {
             *sigma *= factor;
         }
     }
 
     fn epoch(&self, at: Duration) -> u64 {
-        (at.as_secs_f64() / self.0.every_s) as u64
+        (at.as_secs_f64() / self.every_s) as u64
     }
 }

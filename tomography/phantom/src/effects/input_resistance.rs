@@ -39,18 +39,13 @@ impl Effect for InputResistanceSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects
-            .readings
-            .push(Box::new(InputResistance(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct InputResistance(InputResistanceSettings);
-
-impl OnReading for InputResistance {
+impl OnReading for InputResistanceSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let input = self.0.mohm * 1e6;
+        let input = self.mohm * 1e6;
         if context.source_resistance.0.is_infinite() {
             return Volts(0.0);
         }

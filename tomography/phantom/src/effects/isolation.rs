@@ -50,16 +50,13 @@ impl Effect for IsolationSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.network.push(Box::new(Isolation(self.clone())));
+        effects.network.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Isolation(IsolationSettings);
-
-impl OnNetwork for Isolation {
+impl OnNetwork for IsolationSettings {
     fn act(&mut self, _at: Duration, z: &mut DMatrix<f64>) {
-        self.0.leak(z);
+        self.leak(z);
     }
 
     fn epoch(&self, _at: Duration) -> u64 {

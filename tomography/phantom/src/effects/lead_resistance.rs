@@ -38,17 +38,14 @@ impl Effect for LeadResistanceSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.wires.push(Box::new(LeadResistance(self.clone())));
+        effects.wires.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-struct LeadResistance(LeadResistanceSettings);
-
-impl OnWires for LeadResistance {
+impl OnWires for LeadResistanceSettings {
     fn act(&mut self, _relay: Relay, _closures: u64, _at: Duration, _contact: &mut RelayContact) {}
 
     fn loop_resistance(&self) -> Ohms {
-        Ohms(2.0 * self.0.ohm)
+        Ohms(2.0 * self.ohm)
     }
 }

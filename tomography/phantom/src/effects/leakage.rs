@@ -48,16 +48,13 @@ impl Effect for LeakageSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(Leakage(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Leakage(LeakageSettings);
-
-impl OnReading for Leakage {
+impl OnReading for LeakageSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 + self.0.amps() * context.source_resistance.0)
+        Volts(volts.0 + self.amps() * context.source_resistance.0)
     }
 
     fn needs_source_resistance(&self) -> bool {

@@ -57,7 +57,7 @@ impl Effect for MainsPickupSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(MainsPickup(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
@@ -67,17 +67,14 @@ fn kept(hz: f64, time: f64) -> f64 {
     if half == 0.0 { 1.0 } else { half.sin() / half }
 }
 
-#[derive(Debug)]
-pub(super) struct MainsPickup(MainsPickupSettings);
-
-impl OnReading for MainsPickup {
+impl OnReading for MainsPickupSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let MainsPickupSettings {
+        let Self {
             mv,
             third,
             line_hz,
             off_percent,
-        } = self.0;
+        } = *self;
         let time = context.integration.as_secs_f64();
         let mains = line_hz * (1.0 + off_percent / 100.0);
         let middle = context.at.as_secs_f64() - 0.5 * time;
@@ -93,12 +90,12 @@ mod tests {
     use super::*;
 
     fn rms(off_percent: f64, nplc: f64) -> f64 {
-        let mut pickup = MainsPickup(MainsPickupSettings {
+        let mut pickup = MainsPickupSettings {
             mv: 1.0,
             third: 0.0,
             off_percent,
             ..Default::default()
-        });
+        };
         let sum: f64 = (0..1000)
             .map(|k| {
                 let at = survey::duration(k as f64 * 0.123_456_7);

@@ -36,22 +36,17 @@ impl Effect for OutputResistanceSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects
-            .readings
-            .push(Box::new(OutputResistance(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct OutputResistance(OutputResistanceSettings);
-
-impl OnReading for OutputResistance {
+impl OnReading for OutputResistanceSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
         let load = context.load_resistance.0;
         if load.is_infinite() {
             return volts;
         }
-        Volts(volts.0 / (1.0 + load / (self.0.mohm * 1e6)))
+        Volts(volts.0 / (1.0 + load / (self.mohm * 1e6)))
     }
 
     fn needs_load_resistance(&self) -> bool {

@@ -42,16 +42,13 @@ impl Effect for QuantisationSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(Quantisation(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Quantisation(QuantisationSettings);
-
-impl OnReading for Quantisation {
+impl OnReading for QuantisationSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        let step = self.0.step(context);
+        let step = self.step(context);
         if step > 0.0 {
             Volts((volts.0 / step).round_ties_even() * step)
         } else {
@@ -67,12 +64,12 @@ mod tests {
 
     #[test]
     fn a_reading_falls_on_a_step() {
-        let mut fixed = Quantisation(QuantisationSettings {
+        let mut fixed = QuantisationSettings {
             step_uv: Some(10.0),
-        });
+        };
         let got = fixed.bend(Volts(1.234_56e-3), &context(1.0, 1.0));
         assert!((got.0 - 1.23e-3).abs() < 1e-18);
-        let mut by_range = Quantisation(QuantisationSettings::default());
+        let mut by_range = QuantisationSettings::default();
         let got = by_range.bend(Volts(1.2345e-3), &context(10.0, 1.0));
         assert!((got.0 - 1.23e-3).abs() < 1e-18, "{got:?}");
     }

@@ -95,22 +95,19 @@ impl Effect for ShortSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.network.push(Box::new(Short(self.clone())));
+        effects.network.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Short(ShortSettings);
-
-impl OnNetwork for Short {
+impl OnNetwork for ShortSettings {
     fn act(&mut self, at: Duration, z: &mut DMatrix<f64>) {
         if self.epoch(at) == 1 {
-            self.0.bridge(z);
+            self.bridge(z);
         }
     }
 
     fn epoch(&self, at: Duration) -> u64 {
-        u64::from(self.0.is_on(at.as_secs_f64()))
+        u64::from(self.is_on(at.as_secs_f64()))
     }
 }
 
@@ -122,12 +119,12 @@ mod tests {
     fn a_resistor_beside_a_resistor() {
         // Two electrodes connected by 300 ohm: Z = 75 [[1, -1], [-1, 1]] in the mean-zero gauge.
         let mut z = DMatrix::from_row_slice(2, 2, &[75.0, -75.0, -75.0, 75.0]);
-        let mut short = Short(ShortSettings {
+        let mut short = ShortSettings {
             electrodes: [1, 2],
             ohm: 100.0,
             from_s: 5.0,
             to_s: None,
-        });
+        };
         short.act(Duration::from_secs(4), &mut z);
         assert_eq!(z[(0, 0)], 75.0);
         short.act(Duration::from_secs(5), &mut z);

@@ -44,18 +44,13 @@ impl Effect for SourceSettlingSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects
-            .readings
-            .push(Box::new(SourceSettling(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct SourceSettling(SourceSettlingSettings);
-
-impl OnReading for SourceSettling {
+impl OnReading for SourceSettlingSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(volts.0 * (1.0 - self.0.missing(context)))
+        Volts(volts.0 * (1.0 - self.missing(context)))
     }
 }
 
@@ -68,9 +63,9 @@ mod tests {
 
     #[test]
     fn settling_leaves_a_hundredth_and_integration_averages_it() {
-        let mut settling = SourceSettling(SourceSettlingSettings {
+        let mut settling = SourceSettlingSettings {
             tau_us: 100.0 / 100_f64.ln(),
-        });
+        };
         let mut missing = |settled_us: u64, nplc: f64| {
             let context = context(1.0, nplc);
             let since_change = context.integration + Duration::from_micros(settled_us);

@@ -65,25 +65,21 @@ impl Effect for TemperatureSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.sheet.push(Box::new(Temperature(self.clone())));
+        effects.sheet.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct Temperature(TemperatureSettings);
-
-impl OnSheet for Temperature {
+impl OnSheet for TemperatureSettings {
     fn act(&mut self, at: Duration, _places: &[[f64; 2]], sigma: &mut [f64]) {
-        let settings = &self.0;
-        let at = self.epoch(at) as f64 * settings.every_s;
-        let warmer = settings.room_c * (TAU * at / (settings.period_h * 3600.0)).sin();
-        let factor = 1.0 - settings.percent_per_c / 100.0 * warmer;
+        let at = self.epoch(at) as f64 * self.every_s;
+        let warmer = self.room_c * (TAU * at / (self.period_h * 3600.0)).sin();
+        let factor = 1.0 - self.percent_per_c / 100.0 * warmer;
         for sigma in sigma {
             *sigma *= factor;
         }
     }
 
     fn epoch(&self, at: Duration) -> u64 {
-        (at.as_secs_f64() / self.0.every_s) as u64
+        (at.as_secs_f64() / self.every_s) as u64
     }
 }

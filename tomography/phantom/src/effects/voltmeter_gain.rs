@@ -66,16 +66,13 @@ impl Effect for VoltmeterGainSettings {
     }
 
     fn add(&self, _seed: u64, effects: &mut Effects) {
-        effects.readings.push(Box::new(VoltmeterGain(self.clone())));
+        effects.readings.push(Box::new(self.clone()));
     }
 }
 
-#[derive(Debug)]
-pub(super) struct VoltmeterGain(VoltmeterGainSettings);
-
-impl OnReading for VoltmeterGain {
+impl OnReading for VoltmeterGainSettings {
     fn bend(&mut self, volts: Volts, context: &ReadingContext) -> Volts {
-        Volts(self.0.given(volts.0, context.range.0))
+        Volts(self.given(volts.0, context.range.0))
     }
 }
 
