@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use eit::linear_algebra::{Definite, product, view};
-use eit::{Forward, Mesh, Parameters};
+use eit::{Forward, Mesh, Parameters, bounding_box};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -225,18 +225,7 @@ fn jacobian(
 /// Cosines over the mesh's bounding box at the centroid of each triangle (row), lowest wave numbers first and without the
 /// constant; and the variance of each amplitude by the spectrum of a Matern field.
 fn cosine_modes(mesh: &Mesh, options: &FitOptions) -> (DMatrix<f64>, Vec<f64>) {
-    let nodes = mesh.nodes();
-    let [low, high] = nodes.iter().fold(
-        [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]],
-        |[low, high], p| {
-            [0, 1].map(|end| {
-                [0, 1].map(|axis| match end {
-                    0 => p[axis].min(low[axis]),
-                    _ => p[axis].max(high[axis]),
-                })
-            })
-        },
-    );
+    let [low, high] = bounding_box(mesh.nodes().iter().copied());
     let size = [high[0] - low[0], high[1] - low[1]];
     let most = options.modes + 1;
     let mut numbers: Vec<([usize; 2], f64)> = (0..most)

@@ -59,7 +59,7 @@ pub use case::{
 };
 pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
 pub use jacobian::Parameters;
-pub use mesh::{Depth, ENOUGH_EDGES, Mesh, MeshError, MeshQuality};
+pub use mesh::{Depth, ENOUGH_EDGES, Mesh, MeshError, MeshQuality, bounding_box};
 pub use model::{
     CentresReading, ChangeReading, DistancesReading, Jitter, LossReading, Model, ModelError,
     Network, OpenReadings, PointsReading, Report, SizeReading, SpreadReading, TrainingReport,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use eit::Case;
+use eit::{Case, bounding_box};
 use survey::Dipole;
 
 use crate::samples::{Sample, SampleError, Samples};
@@ -79,13 +79,7 @@ impl Samples for Symmetric<'_> {
 /// The symmetry with these signs of the coordinates about the middle of the bounding box, if the sheet has it.
 fn turn(case: &Case, sigma0: &[f64], signs: [f64; 2]) -> Option<SymmetryPermutation> {
     let mesh = &case.mesh;
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for node in mesh.nodes() {
-        for axis in 0..2 {
-            low[axis] = low[axis].min(node[axis]);
-            high[axis] = high[axis].max(node[axis]);
-        }
-    }
+    let [low, high] = bounding_box(mesh.nodes().iter().copied());
     let size = (high[0] - low[0]).max(high[1] - low[1]);
     let image = |p: [f64; 2]| {
         [0, 1].map(|axis| {

@@ -9,7 +9,7 @@ mod covariances;
 use std::sync::Arc;
 
 use eit::linear_algebra::{product, view};
-use eit::{Forward, Mesh, Parameters};
+use eit::{Forward, Mesh, Parameters, bounding_box};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use survey::{Dipole, Electrode, Reading, Volts};
@@ -376,13 +376,7 @@ impl DriftModel {
 
     /// Lowest and highest corner of the sheet, m.
     pub(crate) fn bounds(&self) -> [[f64; 2]; 2] {
-        let nodes = self.mesh.nodes().iter();
-        nodes.fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[a, b], p| {
-            [
-                [a[0].min(p[0]), a[1].min(p[1])],
-                [b[0].max(p[0]), b[1].max(p[1])],
-            ]
-        })
+        bounding_box(self.mesh.nodes().iter().copied())
     }
 
     fn load_places(&self) -> Vec<Place> {

@@ -6,7 +6,7 @@ use super::{
     CALIBRATION_KIND, CONTRADICTION, Calibration, CalibrationError, FEWEST_PRESSES,
     FEWEST_PRESSURES, GAIN, KnownPress, TERMS, check, gain_at, terms,
 };
-use crate::Mesh;
+use crate::{Mesh, bounding_box};
 
 /// More presses than this are needed for a gain over the position.
 const FOR_A_GAIN: usize = 9;
@@ -190,13 +190,7 @@ impl Turn {
 
 /// Centre and half extents of the region's centroids, m.
 pub(super) fn frame(mesh: &Mesh) -> [f64; 4] {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for centroid in mesh.region_centroids() {
-        for axis in 0..2 {
-            low[axis] = low[axis].min(centroid[axis]);
-            high[axis] = high[axis].max(centroid[axis]);
-        }
-    }
+    let [low, high] = bounding_box(mesh.region_centroids());
     [
         0.5 * (low[0] + high[0]),
         0.5 * (low[1] + high[1]),

@@ -1,6 +1,6 @@
 //! The parameters of a sensitivity: triangles, those of the region, or coarser cells; conductance or its logarithm.
 
-use crate::{ForwardError, Mesh};
+use crate::{ForwardError, Mesh, bounding_box};
 
 /// The columns of a sensitivity.
 ///
@@ -50,9 +50,7 @@ impl Parameters {
     /// A pitch that is not positive gives one cell, the whole region.
     pub fn grid(mesh: &Mesh, pitch: f64) -> (Self, Vec<[f64; 2]>) {
         let centroids = mesh.region_centroids();
-        let low = centroids.iter().fold([f64::INFINITY; 2], |low, p| {
-            [low[0].min(p[0]), low[1].min(p[1])]
-        });
+        let [low, _] = bounding_box(centroids.iter().copied());
         let place = |p: [f64; 2]| {
             let along = |axis: usize| {
                 if pitch > 0.0 {

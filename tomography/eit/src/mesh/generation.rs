@@ -3,6 +3,8 @@
 
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
+use crate::mesh::bounding_box;
+
 /// Rounds in which every inner point moves to the middle of its triangles.
 const ROUNDS: usize = 60;
 
@@ -120,14 +122,7 @@ impl Buckets {
 }
 
 fn pack(domain: &Domain) -> Vec<[f64; 2]> {
-    let mut low = [f64::INFINITY; 2];
-    let mut high = [f64::NEG_INFINITY; 2];
-    for point in &domain.boundary {
-        for axis in 0..2 {
-            low[axis] = low[axis].min(point[axis]);
-            high[axis] = high[axis].max(point[axis]);
-        }
-    }
+    let [low, high] = bounding_box(domain.boundary.iter().copied());
     // the golden ratio's multiples never come close to repeating
     let shift = |golden: f64| domain.largest * (f64::from(domain.seeding) * golden).fract();
     let side = (high[0] - low[0]).max(high[1] - low[1]) + domain.largest;

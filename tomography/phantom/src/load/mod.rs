@@ -5,7 +5,7 @@ mod tests;
 
 use std::f64::consts::TAU;
 
-use eit::Mesh;
+use eit::{Mesh, bounding_box};
 use serde::{Deserialize, Serialize};
 
 /// Corners of the polygon that approximates a circle; its area is exactly that of the circle.
@@ -208,11 +208,11 @@ impl Load {
     pub(crate) fn covered(&self, mesh: &Mesh) -> Result<Vec<(usize, f64)>, LoadError> {
         self.check_outline()?;
         let outline = self.outline();
-        let [low, high] = bounds(&outline);
+        let [low, high] = bounding_box(outline.iter().copied());
         let covered: Vec<(usize, f64)> = (0..mesh.triangles().len())
             .filter_map(|t| {
                 let corners = mesh.corners(t);
-                let [from, to] = bounds(&corners);
+                let [from, to] = bounding_box(corners);
                 let apart = (0..2).any(|i| from[i] >= high[i] || to[i] <= low[i]);
                 if apart {
                     return None;
@@ -364,18 +364,6 @@ fn area(points: &[[f64; 2]]) -> f64 {
     signed_area(points).abs()
 }
 
-fn bounds(points: &[[f64; 2]]) -> [[f64; 2]; 2] {
-    let mut low = [f64::INFINITY; 2];
-    let mut high = [f64::NEG_INFINITY; 2];
-    for point in points {
-        for i in 0..2 {
-            low[i] = low[i].min(point[i]);
-            high[i] = high[i].max(point[i]);
-        }
-    }
-    [low, high]
-}
-
 /// Twice the area of a, b, p: positive if p is to the left of a to b.
 fn left(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
@@ -427,8 +415,8 @@ fn check_polygon(load: &str, points: &[[f64; 2]]) -> Result<(), LoadError> {
             }
             let ((a, b), (c, d)) = (side(first), side(second));
             let apart = left(a, b, c) * left(a, b, d) > 0.0 || left(c, d, a) * left(c, d, b) > 0.0;
-            let [[al, bl], [ah, bh]] = bounds(&[a, b]);
-            let [[cl, dl], [ch, dh]] = bounds(&[c, d]);
+            let [[al, bl], [ah, bh]] = bounding_box([a, b]);
+            let [[cl, dl], [ch, dh]] = bounding_box([c, d]);
             let beside = al > ch || cl > ah || bl > dh || dl > bh;
             if !(apart || beside) {
                 return Err(LoadError::Crossing {

@@ -16,7 +16,7 @@ fn areas_of_the_papers_loads() {
     let lens = 1250.0 * 0.9_f64.acos() - 22.5 * (2500.0_f64 - 2025.0).sqrt();
     let exact = 2.0 * TAU / 2.0 * 625.0 - lens;
     assert!((eight.area() * 1e6 / exact - 1.0).abs() < 1e-4);
-    let [low, high] = bounds(&eight.outline_mm());
+    let [low, high] = bounding_box(eight.outline_mm());
     assert!((high[0] - low[0] - 95.0).abs() < 0.01);
 }
 

@@ -1,7 +1,7 @@
 //! Maps as pixels, for SSIM and GREIT's figures.
 
-use eit::Case;
 use eit::metrics::Image;
+use eit::{Case, bounding_box};
 
 use crate::failure::Failure;
 
@@ -21,13 +21,7 @@ pub(super) struct Raster {
 impl Raster {
     pub(super) fn new(case: &Case) -> Self {
         let mesh = &case.mesh;
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for node in mesh.nodes() {
-            for axis in 0..2 {
-                low[axis] = low[axis].min(node[axis]);
-                high[axis] = high[axis].max(node[axis]);
-            }
-        }
+        let [low, high] = bounding_box(mesh.nodes().iter().copied());
         let longer = (high[0] - low[0]).max(high[1] - low[1]);
         let count = |axis: usize| {
             ((PIXELS as f64 * (high[axis] - low[axis]) / longer).round() as usize).max(2)

@@ -1,6 +1,6 @@
 //! How much of each triangle of the region a convex outline covers.
 
-use crate::Mesh;
+use crate::{Mesh, bounding_box};
 
 /// The region's triangles, indexed by position.
 pub(crate) struct Cover {
@@ -19,14 +19,14 @@ impl Cover {
     pub(crate) fn new(mesh: &Mesh) -> Self {
         let corners: Vec<[[f64; 2]; 3]> = mesh.region().iter().map(|&t| mesh.corners(t)).collect();
         let areas = mesh.region_areas();
-        let [low, high] = bounds(corners.iter().flatten().copied());
+        let [low, high] = bounding_box(corners.iter().flatten().copied());
         let mean = areas.iter().sum::<f64>() / areas.len() as f64;
         let cell = 2.0 * mean.sqrt();
         let columns = ((high[0] - low[0]) / cell) as usize + 1;
         let rows = ((high[1] - low[1]) / cell) as usize + 1;
         let mut cells = vec![Vec::new(); columns * rows];
         for (t, corners) in corners.iter().enumerate() {
-            let [from, to] = bounds(corners.iter().copied());
+            let [from, to] = bounding_box(*corners);
             let at = |p: [f64; 2], axis: usize| ((p[axis] - low[axis]) / cell) as usize;
             for row in at(from, 1)..=at(to, 1) {
                 for column in at(from, 0)..=at(to, 0) {
@@ -50,7 +50,7 @@ impl Cover {
         if outline.len() < 3 {
             return Vec::new();
         }
-        let [from, to] = bounds(outline.iter().copied());
+        let [from, to] = bounding_box(outline.iter().copied());
         let range = |axis: usize, count: usize| {
             let first = ((from[axis] - self.low[axis]) / self.cell).floor().max(0.0);
             let last = ((to[axis] - self.low[axis]) / self.cell).floor();
@@ -131,16 +131,4 @@ fn area(points: &[[f64; 2]]) -> f64 {
         .windows(2)
         .map(|w| (w[0][0] - o[0]) * (w[1][1] - o[1]) - (w[0][1] - o[1]) * (w[1][0] - o[0]))
         .sum::<f64>()
-}
-
-fn bounds(points: impl Iterator<Item = [f64; 2]>) -> [[f64; 2]; 2] {
-    points.fold(
-        [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]],
-        |[low, high], p| {
-            [
-                [low[0].min(p[0]), low[1].min(p[1])],
-                [high[0].max(p[0]), high[1].max(p[1])],
-            ]
-        },
-    )
 }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use eit::Mesh;
+use eit::{Mesh, bounding_box};
 use phantom::{Load, Shape, loss_of_pressure, paper, pressure_kpa};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -69,15 +69,8 @@ pub fn true_map(mesh: &Mesh, loads: &[Load]) -> Result<Vec<f64>, Failure> {
 
 /// Lowest and highest corner of the region's centroids, mm.
 pub(crate) fn bounds(mesh: &Mesh) -> [[f64; 2]; 2] {
-    let mut low = [f64::INFINITY; 2];
-    let mut high = [f64::NEG_INFINITY; 2];
-    for centroid in mesh.region_centroids() {
-        for axis in 0..2 {
-            low[axis] = low[axis].min(centroid[axis] * 1e3);
-            high[axis] = high[axis].max(centroid[axis] * 1e3);
-        }
-    }
-    [low, high]
+    let centroids = mesh.region_centroids().into_iter();
+    bounding_box(centroids.map(|centroid| centroid.map(|m| m * 1e3)))
 }
 
 /// A disc at a random position, completely inside the region; diameter in mm.
