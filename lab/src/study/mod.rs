@@ -5,6 +5,7 @@ mod chosen;
 mod division;
 mod evaluate;
 
+use clap::ValueEnum;
 use studies::honesty::{MapMethod, TargetKind};
 use studies::months::{Family, LongScene, MapSettings};
 use studies::paper::Made;
@@ -112,8 +113,8 @@ pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
         noises_uv,
         maps: options.maps.map(|count| honest_maps::MapSettings {
             count,
-            kinds: chosen_or(&options.load, &TargetKind::ALL),
-            methods: chosen_or(&options.method, &MapMethod::ALL),
+            kinds: chosen_or(&options.load, TargetKind::value_variants()),
+            methods: chosen_or(&options.method, MapMethod::value_variants()),
             unstated: options.unstated,
         }),
     })?;
@@ -137,10 +138,10 @@ pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
     let methods = [MapMethod::OneStep, MapMethod::Tv, MapMethod::Best];
     let report = long_maps::run(&long_maps::Settings {
         seed: options.seed,
-        families: chosen_or(&options.drift, &Family::ALL),
+        families: chosen_or(&options.drift, Family::value_variants()),
         sheets,
         presses,
-        scenes: chosen_or(&options.scene, &LongScene::ALL),
+        scenes: chosen_or(&options.scene, LongScene::value_variants()),
         days,
         maps: MapSettings {
             loads: options.maps,

@@ -58,15 +58,6 @@ pub enum MapMethod {
 }
 
 impl MapMethod {
-    /// All methods.
-    pub const ALL: [Self; 5] = [
-        Self::OneStep,
-        Self::OneStepLossOnly,
-        Self::Tv,
-        Self::TvLossOnly,
-        Self::Best,
-    ];
-
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::OneStep => "one-step",

@@ -47,25 +47,6 @@ pub enum TargetKind {
 }
 
 impl TargetKind {
-    /// All kinds.
-    pub const ALL: [Self; 15] = [
-        Self::Press10,
-        Self::Press30,
-        Self::Polygons,
-        Self::Discs,
-        Self::Blob,
-        Self::Ring,
-        Self::Crescent,
-        Self::Foot,
-        Self::Hand,
-        Self::SevenDiscs,
-        Self::Bar,
-        Self::Outside,
-        Self::Ramp,
-        Self::Field,
-        Self::Nothing,
-    ];
-
     /// Name for people.
     pub fn name(self) -> &'static str {
         match self {

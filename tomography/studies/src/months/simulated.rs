@@ -48,17 +48,6 @@ pub enum Family {
 }
 
 impl Family {
-    /// All kinds.
-    pub const ALL: [Self; 7] = [
-        Self::GainContacts,
-        Self::Bedside,
-        Self::Contacts30,
-        Self::Spray,
-        Self::Misplaced,
-        Self::Month,
-        Self::Crack,
-    ];
-
     /// Its name in tables.
     pub fn name(self) -> &'static str {
         match self {

@@ -54,15 +54,6 @@ pub enum LongScene {
 }
 
 impl LongScene {
-    /// All scenes.
-    pub const ALL: [Self; 5] = [
-        Self::Month,
-        Self::HoldOut,
-        Self::Bedside,
-        Self::HoldOutContacts,
-        Self::HoldOutSpray,
-    ];
-
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Month => "month",
