@@ -210,7 +210,7 @@ pub struct TestLine {
 }
 
 /// Result of a search for instruments (`(a(ssssbss)as)`).
-#[derive(Debug, Serialize, Deserialize, Type)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, Type)]
 pub struct Discovery {
     /// One entry for each instrument, however many ways it was found.
     pub seen: Vec<SeenInstrument>,
@@ -219,7 +219,7 @@ pub struct Discovery {
 }
 
 /// An instrument that was found (`(ssssbss)`).
-#[derive(Debug, Serialize, Deserialize, Type)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Type)]
 pub struct SeenInstrument {
     /// In the form of the configuration; empty if the daemon cannot connect to it.
     pub address: String,

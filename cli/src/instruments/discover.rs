@@ -3,8 +3,8 @@
 
 use std::io::Write;
 
-use dbus::{DiscoverOptions, Discovery, SeenInstrument};
-use serde::Serialize;
+use dbus::json::DiscoverLine;
+use dbus::{DiscoverOptions, Discovery};
 use survey::printable;
 
 use crate::args::Discover;
@@ -13,24 +13,6 @@ use crate::failure::Failure;
 use crate::options::duration::display_span;
 use crate::output::Printer;
 use crate::output::table::columns;
-
-/// A line of `instruments discover --json`; see `docs/reference/json.md`.
-#[derive(Debug, Serialize)]
-#[serde(tag = "event", rename_all = "snake_case")]
-enum DiscoverLine {
-    Instrument {
-        address: Option<String>,
-        identity: Option<String>,
-        found_by: String,
-        name: Option<String>,
-        in_use: bool,
-        proposal: Option<String>,
-        remark: Option<String>,
-    },
-    Note {
-        text: String,
-    },
-}
 
 pub(crate) async fn run(
     daemon: &Daemon,
@@ -58,7 +40,7 @@ pub(crate) async fn run(
 fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
     if printer.is_json() {
         for seen in found.seen {
-            printer.record(&line(seen), |_| String::new())?;
+            printer.record(&DiscoverLine::from(seen), |_| String::new())?;
         }
         for text in found.notes {
             printer.record(&DiscoverLine::Note { text }, |_| String::new())?;
@@ -108,21 +90,10 @@ fn show(found: Discovery, printer: &mut Printer<impl Write>) -> Result<(), Failu
     Ok(())
 }
 
-fn line(seen: SeenInstrument) -> DiscoverLine {
-    let some = |text: String| Some(text).filter(|text| !text.is_empty());
-    DiscoverLine::Instrument {
-        address: some(seen.address),
-        identity: some(seen.identity),
-        found_by: seen.found_by,
-        name: some(seen.name),
-        in_use: seen.in_use,
-        proposal: some(seen.proposal),
-        remark: some(seen.remark),
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use dbus::SeenInstrument;
+
     use crate::instruments::discover::*;
 
     #[test]

@@ -1,13 +1,15 @@
-//! What the daemon reports, as the JSON of `tactus status`, `tactus alarms` and the live topics: one line each, with the same fields
+//! What the daemon reports, as the JSON of `tactus status`, `tactus alarms`, `tactus instruments discover` and the live topics: one line each, with the same fields
 //! wherever it is written. Draws and prints nothing.
 
 mod alarm;
+mod discovery;
 mod health;
 mod status;
 
 use chrono::{DateTime, SecondsFormat, Utc};
 
 pub use alarm::Alarm;
+pub use discovery::DiscoverLine;
 pub use health::{ActiveAlarm, Gap, Gaps, Health, InstrumentState, LastFrame, RelayLife};
 pub use status::{MapSummary, Recovery, Running, Status};
 

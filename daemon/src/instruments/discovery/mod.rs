@@ -12,6 +12,7 @@ use std::collections::BTreeSet;
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use dbus::{Discovery, SeenInstrument};
 use rig::Link;
 use survey::{printable, printable_within};
 
@@ -55,32 +56,6 @@ impl Default for Search {
     }
 }
 
-/// An instrument, or a candidate.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct FoundInstrument {
-    /// As in a configuration: `tcp:HOST:PORT`; empty if the daemon could not use it.
-    pub address: String,
-    /// The reply to `*IDN?`; empty if there was none.
-    pub identity: String,
-    /// `mdns`, `vxi-11`, `address`, `configuration`; several joined by `, `.
-    pub found_by: String,
-    /// Its announced name, if any.
-    pub name: String,
-    /// Whether the running configuration uses it.
-    pub in_use: bool,
-    /// Proposed lines of configuration; may be empty.
-    pub proposal: String,
-    /// Why there is no identity or no proposal.
-    pub remark: String,
-}
-
-/// Everything found, and notes on failed methods.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Discovered {
-    pub seen: Vec<FoundInstrument>,
-    pub notes: Vec<String>,
-}
-
 /// Somewhere an instrument may listen.
 #[derive(Debug, Clone)]
 struct Candidate {
@@ -92,8 +67,8 @@ struct Candidate {
 }
 
 /// Runs all methods and queries each candidate's identity.
-pub(crate) async fn discover(search: &Search) -> Discovered {
-    let mut found = Discovered::default();
+pub(crate) async fn discover(search: &Search) -> Discovery {
+    let mut found = Discovery::default();
     let announced = async {
         match search.mdns {
             true => mdns::browse(search.within).await,
@@ -153,7 +128,7 @@ async fn used_sockets(in_use: &[(String, String)]) -> Vec<Used> {
 }
 
 /// Queries a candidate's identity at the first address that replies.
-async fn ask(candidate: Candidate, used: &[Used]) -> FoundInstrument {
+async fn ask(candidate: Candidate, used: &[Used]) -> SeenInstrument {
     let Candidate {
         places,
         found_by,
@@ -184,7 +159,7 @@ async fn ask(candidate: Candidate, used: &[Used]) -> FoundInstrument {
         (false, Some(place)) => place.to_string(),
         _ => String::new(),
     };
-    FoundInstrument {
+    SeenInstrument {
         remark: match identities {
             true => "it answers on VXI-11 only; the daemon speaks on raw sockets and serial lines"
                 .to_owned(),
@@ -219,7 +194,7 @@ async fn identify(place: &InstrumentAddress) -> Result<String, String> {
 }
 
 /// Merges duplicates: the same identity at the same address, or the same serial number, is one instrument.
-fn add(all: &mut Vec<FoundInstrument>, one: FoundInstrument) {
+fn add(all: &mut Vec<SeenInstrument>, one: SeenInstrument) {
     let same = all.iter_mut().find(|identities| {
         let identity = !one.identity.is_empty() && identities.identity == one.identity;
         let address = !one.address.is_empty() && identities.address == one.address;
@@ -252,10 +227,10 @@ fn found_instrument(
     found_by: &str,
     name: &str,
     in_use: bool,
-) -> FoundInstrument {
+) -> SeenInstrument {
     let identity = printable_within(&identity, LONGEST_TEXT).into_owned();
     let (proposal, remark) = propose(&address, &identity);
-    FoundInstrument {
+    SeenInstrument {
         proposal,
         remark,
         address,

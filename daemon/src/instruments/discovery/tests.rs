@@ -59,12 +59,12 @@ fn what_a_stranger_says_is_no_line_of_a_configuration() {
             false,
         ),
         found_instrument(format!("tcp:{hostile}:2"), gpio, "mdns", "", false),
-        FoundInstrument {
+        SeenInstrument {
             remark: hostile.clone(),
             ..found_instrument(hostile.clone(), String::new(), "mdns", "", false)
         },
     ];
-    let found = Discovered {
+    let found = Discovery {
         seen: all.to_vec(),
         notes: vec![hostile.clone()],
     };

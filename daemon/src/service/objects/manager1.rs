@@ -228,8 +228,7 @@ impl Manager1 {
         options: Options,
     ) -> Result<(Vec<SeenInstrument>, Vec<String>), Fault> {
         let found = self.0.discover(&addresses, &options).await?;
-        let seen = found.seen.into_iter().map(report::found_instrument);
-        Ok((seen.collect(), found.notes))
+        Ok((found.seen, found.notes))
     }
 
     /// Progress of a self-test: steps done, number of steps, the present step.

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use dbus::json::DiscoverLine;
 use dbus::{
-    BaselineDetails, BaselineReport, GeometryDetails, PlanDetails, PlanReport, RelayWear,
-    SeenInstrument, SessionDetails, SessionSummary, TestDetails, TestLine, TestReport,
+    BaselineDetails, BaselineReport, Discovery, GeometryDetails, PlanDetails, PlanReport,
+    RelayWear, SessionDetails, SessionSummary, TestDetails, TestLine, TestReport,
 };
 use survey::{Baseline, Volts, printable, printable_json};
 
-use crate::instruments::discovery::{Discovered, FoundInstrument};
 use crate::instruments::relay_wear::Wear;
 use crate::instruments::rig_plan::RigPlan;
 use crate::preparation::costs;
@@ -169,43 +169,23 @@ pub(crate) fn test(report: Report) -> TestReport {
     }
 }
 
-/// An instrument that was found.
-pub(crate) fn found_instrument(seen: FoundInstrument) -> SeenInstrument {
-    SeenInstrument {
-        address: seen.address,
-        identity: seen.identity,
-        found_by: seen.found_by,
-        name: seen.name,
-        in_use: seen.in_use,
-        proposal: seen.proposal,
-        remark: seen.remark,
-    }
-}
-
 /// The instruments found, as text or as JSON, as printed by `tactus instruments discover`.
-pub(crate) fn found_lines(found: &Discovered, json: bool) -> Vec<String> {
-    let some = |text: &str| Some(text.to_owned()).filter(|text| !text.is_empty());
+pub(crate) fn found_lines(found: &Discovery, json: bool) -> Vec<String> {
     let mut lines = Vec::new();
     for seen in &found.seen {
         if json {
-            let object = serde_json::json!({
-                "event": "instrument",
-                "address": some(&seen.address),
-                "identity": some(&seen.identity),
-                "found_by": seen.found_by,
-                "name": some(&seen.name),
-                "in_use": seen.in_use,
-                "proposal": some(&seen.proposal),
-                "remark": some(&seen.remark),
-            });
-            lines.push(printable_json(object.to_string()));
+            let line = DiscoverLine::from(seen.clone());
+            lines.push(printable_json(serde_json::json!(line).to_string()));
             continue;
         }
-        let registered_path = some(&seen.identity).unwrap_or_else(|| seen.remark.clone());
+        let title = match seen.identity.as_str() {
+            "" => &seen.remark,
+            identity => identity,
+        };
         lines.push(
             format!(
                 "# {} (found by {} {})",
-                printable(&registered_path),
+                printable(title),
                 seen.found_by,
                 printable(&seen.name)
             )
@@ -217,8 +197,9 @@ pub(crate) fn found_lines(found: &Discovered, json: bool) -> Vec<String> {
         });
     }
     for note in &found.notes {
+        let text = note.clone();
         lines.push(match json {
-            true => printable_json(serde_json::json!({"event": "note", "text": note}).to_string()),
+            true => printable_json(serde_json::json!(DiscoverLine::Note { text }).to_string()),
             false => format!("# note: {}", printable(note)),
         });
     }

@@ -6,14 +6,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use chrono::SecondsFormat;
-use dbus::{DiscoverOptions, Fault, Options};
+use dbus::{DiscoverOptions, Discovery, Fault, Options};
 use rig::{Clock, Stop};
 use survey::Relay;
 
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
 use crate::instruments::address::InstrumentAddress;
-use crate::instruments::discovery::{Discovered, Search, discover};
+use crate::instruments::discovery::{Search, discover};
 use crate::instruments::relay_wear::{Wear, wear};
 use crate::instruments::rig_plan::RigPlan;
 use crate::session::controller::Controller;
@@ -64,7 +64,7 @@ impl Controller {
         &self,
         addresses: &[String],
         options: &Options,
-    ) -> Result<Discovered, Fault> {
+    ) -> Result<Discovery, Fault> {
         let options: DiscoverOptions = option_values::read(options, |key| {
             (key == "within_s").then_some(option_values::WITHIN_S)
         })?;
