@@ -6,22 +6,11 @@ use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair,
 use survey::{Protocol, Reading, Volts};
 
 use crate::example_frames::taken::{at, taken};
+use crate::example_frames::written::written;
 use crate::mounts::loop_disk::{Disk, has_disks};
 use crate::mounts::{has_own_mounts, mount};
 
 const FRAMES: u64 = 20;
-
-fn written(dir: &Path, id: &str) -> SessionWriter {
-    let protocol = Protocol::sheffield(8).unwrap();
-    let header = SessionHeader::new(id, at(0), protocol.clone());
-    let mut writer = SessionWriter::create(dir, &header).unwrap();
-    for number in 1..=FRAMES {
-        let readings = vec![Reading::Ok(Volts(number as f64)); protocol.len()];
-        let frame = taken(&protocol, number, number as i64, readings);
-        writer.append(&frame, None).unwrap();
-    }
-    writer
-}
 
 #[test]
 fn a_read_only_disk_is_read_and_every_write_is_refused() {
@@ -32,9 +21,11 @@ fn a_read_only_disk_is_read_and_every_write_is_refused() {
     let disk = place.path().join("disk");
     std::fs::create_dir(&disk).unwrap();
     mount(&["-t", "tmpfs", "none"], &disk);
-    written(&disk, "closed").close(at(100), "done").unwrap();
+    written(&disk, "closed", 8, FRAMES)
+        .close(at(100), "done")
+        .unwrap();
     // as a killed writer leaves it: with its journal
-    let running = written(&disk, "running");
+    let running = written(&disk, "running", 8, FRAMES);
     let copy = place.path().join("copy");
     std::fs::create_dir(&copy).unwrap();
     for end in ["", "-wal", "-shm"] {
@@ -130,7 +121,7 @@ fn a_filesystem_error_loses_no_acknowledged_frame() {
         let folder = place.path().join(format!("disk{attempt}"));
         let image = place.path().join("image");
         let disk = Disk::mounted(image.clone(), folder.clone());
-        let mut writer = written(&folder, "running");
+        let mut writer = written(&folder, "running", 8, FRAMES);
         let acknowledged = std::thread::scope(|scope| {
             let frames = scope.spawn(|| {
                 for number in FRAMES + 1.. {

@@ -1,4 +1,4 @@
-//! Frames for tests: plain ones around given readings, and noisy ones as a rig gives them.
+//! Frames for tests: plain ones around given readings, noisy ones as a rig gives them, and a session of plain ones.
 //! The tests' own assertions are in the folders of the test binaries.
 
 // each binary uses what it needs of it
@@ -6,3 +6,4 @@
 
 pub mod noisy;
 pub mod taken;
+pub mod written;

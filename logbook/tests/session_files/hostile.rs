@@ -6,23 +6,16 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::Duration;
 
-use crate::example_frames::taken::{at, taken};
-use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, verify};
+use crate::example_frames::taken::at;
+use crate::example_frames::written::written;
+use logbook::{LogbookError, SessionReader, verify};
 use rusqlite::Connection;
-use survey::{Protocol, Reading, Volts};
 
 /// Whoever looks this long looks for ever.
 const DEADLINE: Duration = Duration::from_secs(120);
 
 fn closed(dir: &Path, id: &str) -> PathBuf {
-    let protocol = Protocol::sheffield(8).unwrap();
-    let header = SessionHeader::new(id, at(0), protocol.clone());
-    let mut writer = SessionWriter::create(dir, &header).unwrap();
-    for number in 1..=20 {
-        let readings = vec![Reading::Ok(Volts(number as f64)); protocol.len()];
-        let frame = taken(&protocol, number, number as i64, readings);
-        writer.append(&frame, None).unwrap();
-    }
+    let writer = written(dir, id, 8, 20);
     let path = writer.path().to_owned();
     writer.close(at(100), "done").unwrap();
     path

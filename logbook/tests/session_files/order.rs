@@ -2,24 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::example_frames::taken::{at, taken};
-use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair, verify};
-use survey::{Protocol, Reading, Volts};
+use crate::example_frames::taken::at;
+use crate::example_frames::written::written;
+use logbook::{LogbookError, SessionReader, SessionWriter, repair, verify};
 
 /// The reader fetches 64 at a time: the last one is looked for by its number.
 const FRAMES: u64 = 65;
-
-fn written(dir: &Path) -> SessionWriter {
-    let protocol = Protocol::sheffield(16).unwrap();
-    let header = SessionHeader::new("m1", at(0), protocol.clone());
-    let mut writer = SessionWriter::create(dir, &header).unwrap();
-    for number in 1..=FRAMES {
-        let readings = vec![Reading::Ok(Volts(number as f64)); protocol.len()];
-        let frame = taken(&protocol, number, number as i64, readings);
-        writer.append(&frame, None).unwrap();
-    }
-    writer
-}
 
 fn change(path: &Path, sql: &str) {
     rusqlite::Connection::open(path)
@@ -53,7 +41,7 @@ fn behind(path: &Path) {
 #[test]
 fn negative_number_of_the_last_frame_is_reported() {
     let dir = tempfile::tempdir().unwrap();
-    let writer = written(dir.path());
+    let writer = written(dir.path(), "m1", 16, FRAMES);
     let path = writer.path().to_owned();
     writer.close(at(100), "done").unwrap();
     let whole = std::fs::read(&path).unwrap();
@@ -93,7 +81,7 @@ fn negative_number_of_the_last_frame_is_reported() {
 #[test]
 fn nothing_is_appended_after_a_negative_frame_number() {
     let dir = tempfile::tempdir().unwrap();
-    let path = written(dir.path()).path().to_owned();
+    let path = written(dir.path(), "m1", 16, FRAMES).path().to_owned();
     behind(&path);
     let refused = SessionWriter::resume(&path).map(|_| ()).unwrap_err();
     assert!(

@@ -6,23 +6,12 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use crate::example_frames::taken::{at, taken};
-use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair, verify};
+use crate::example_frames::written::written;
+use logbook::{LogbookError, SessionReader, SessionWriter, repair, verify};
 use rusqlite::Connection;
-use survey::{Protocol, Reading, Volts};
+use survey::{Protocol, Reading};
 
 const FRAMES: u64 = 20;
-
-fn written(dir: &Path, id: &str) -> SessionWriter {
-    let protocol = Protocol::sheffield(8).unwrap();
-    let header = SessionHeader::new(id, at(0), protocol.clone());
-    let mut writer = SessionWriter::create(dir, &header).unwrap();
-    for number in 1..=FRAMES {
-        let readings = vec![Reading::Ok(Volts(number as f64)); protocol.len()];
-        let frame = taken(&protocol, number, number as i64, readings);
-        writer.append(&frame, None).unwrap();
-    }
-    writer
-}
 
 fn beside(path: &Path, end: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
@@ -70,7 +59,7 @@ fn looked_at(path: &Path) -> u64 {
 #[test]
 fn looking_changes_no_byte_no_time_and_no_listing() {
     let made = tempfile::tempdir().unwrap();
-    let writer = written(made.path(), "m1");
+    let writer = written(made.path(), "m1", 8, FRAMES);
     for ends in [&["", "-wal", "-shm"][..], &["", "-wal"]] {
         let dir = tempfile::tempdir().unwrap();
         let path = as_killed(&writer, dir.path(), ends);
@@ -117,7 +106,7 @@ fn hostile_log(path: &Path) -> Vec<u8> {
 #[test]
 fn a_stray_journal_beside_a_closed_session_is_not_played_back() {
     let dir = tempfile::tempdir().unwrap();
-    let writer = written(dir.path(), "m1");
+    let writer = written(dir.path(), "m1", 8, FRAMES);
     let path = writer.path().to_owned();
     writer.close(at(100), "done").unwrap();
     let header = SessionReader::open(&path).unwrap().header().clone();
@@ -147,7 +136,7 @@ fn a_stray_journal_beside_a_closed_session_is_not_played_back() {
 fn an_interrupted_session_resumes_without_a_stray_journal() {
     let made = tempfile::tempdir().unwrap();
     let dir = tempfile::tempdir().unwrap();
-    let writer = written(made.path(), "m1");
+    let writer = written(made.path(), "m1", 8, FRAMES);
     let path = as_killed(&writer, dir.path(), &["", "-wal"]);
     writer.close(at(100), "done").unwrap();
     let stray = hostile_journal(&made.path().join("m1.tactus"));
@@ -175,7 +164,7 @@ fn an_interrupted_session_resumes_without_a_stray_journal() {
 #[test]
 fn a_reader_of_another_process_sees_what_is_acknowledged() {
     let dir = tempfile::tempdir().unwrap();
-    let mut writer = written(dir.path(), "m1");
+    let mut writer = written(dir.path(), "m1", 8, FRAMES);
     let protocol = Protocol::sheffield(8).unwrap();
     let session = SessionReader::open(writer.path()).unwrap();
     for number in FRAMES + 1..FRAMES + 30 {
