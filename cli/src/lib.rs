@@ -34,7 +34,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, FromArgMatches};
+use clap::CommandFactory;
 
 use args::{Arguments, BaselineCommand, Command, InstrumentsCommand, NotifyCommand};
 use failure::Failure;
@@ -57,23 +57,15 @@ pub fn command() -> clap::Command {
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     let args: Vec<OsString> = args.collect();
     let command = command();
-    let parsed = command.clone().try_get_matches_from(&args);
-    let (matches, arguments) = match parsed.and_then(|matches| {
-        let arguments = Arguments::from_arg_matches(&matches)?;
-        Ok((matches, arguments))
-    }) {
+    let report = |text: String| {
+        output::report(&Failure::Usage(text.trim_end().to_owned()), true);
+        ExitCode::from(2)
+    };
+    let asks_for_json = survey::asks_for_json(&args);
+    let parsed = help_examples::parsed::<Arguments>(&command, &args, asks_for_json, report);
+    let (matches, arguments) = match parsed {
         Ok(parsed) => parsed,
-        Err(refusal) => {
-            let code = u8::try_from(refusal.exit_code()).unwrap_or(2);
-            if refusal.use_stderr() && survey::asks_for_json(&args) {
-                let text = refusal.render().to_string();
-                output::report(&Failure::Usage(text.trim_end().to_owned()), true);
-                return ExitCode::from(code);
-            }
-            // If the terminal itself is closed, nothing can be reported.
-            let _unsayable = refusal.print();
-            return ExitCode::from(code);
-        }
+        Err(code) => return code,
     };
     let json = arguments.global.json;
     let mut printer = Printer::stdout(json, arguments.global.colour);

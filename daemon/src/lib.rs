@@ -38,7 +38,6 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use crate::events::kind::EventKind;
-use clap::FromArgMatches;
 use rig::{Clock, SystemClock};
 use rustix::fs::Mode;
 use rustix::process::umask;
@@ -78,19 +77,10 @@ pub fn command() -> clap::Command {
 pub fn run(args: impl Iterator<Item = OsString>) -> ExitCode {
     let args: Vec<OsString> = args.collect();
     let json = survey::asks_for_json(&args);
-    let parsed = command().try_get_matches_from(&args);
-    let args = match parsed.and_then(|matches| Args::from_arg_matches(&matches)) {
-        Ok(args) => args,
-        Err(error) if json && error.use_stderr() => {
-            return report_failure(&(USAGE, error.render().to_string()), json);
-        }
-        Err(error) => {
-            let _ = error.print();
-            return match error.use_stderr() {
-                true => ExitCode::from(USAGE),
-                false => ExitCode::SUCCESS,
-            };
-        }
+    let report = |text| report_failure(&(USAGE, text), json);
+    let args = match help_examples::parsed::<Args>(&command(), &args, json, report) {
+        Ok((_, args)) => args,
+        Err(code) => return code,
     };
     crate::events::journal::begin();
     match perform(&args) {

@@ -1,9 +1,13 @@
-//! The section EXAMPLES of every command's help and manual page, from one text of command lines for each program.
+//! The section EXAMPLES of every command's help and manual page, from one text of command lines for each program; and how the
+//! programs read a command line.
 //!
 //! A line of the text is `program command words # what it does`. It belongs to the command that its words lead to; a command
 //! that has only subcommands shows the examples of those.
 
-use clap::Command;
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{ArgMatches, Command, FromArgMatches};
 use clap_mangen::Man;
 use clap_mangen::roff::{Roff, roman};
 
@@ -27,6 +31,32 @@ pub fn with_examples(program: Command, text: &str) -> Command {
     let lines = lines(text);
     let path = vec![program.get_name().to_owned()];
     add(program, &path, &lines)
+}
+
+/// The arguments of a command line, whose first word is the program's name, and what they were read from.
+///
+/// # Errors
+/// The program's exit code, for a refused command line and for `--help` and `--version`, which are printed. With `json` a
+/// refusal is not printed: `report` gets its text.
+pub fn parsed<A: FromArgMatches>(
+    command: &Command,
+    words: &[OsString],
+    json: bool,
+    report: impl FnOnce(String) -> ExitCode,
+) -> Result<(ArgMatches, A), ExitCode> {
+    let matches = command.clone().try_get_matches_from(words);
+    let parsed = matches.and_then(|matches| {
+        let arguments = A::from_arg_matches(&matches)?;
+        Ok((matches, arguments))
+    });
+    parsed.map_err(|refusal| {
+        if json && refusal.use_stderr() {
+            return report(refusal.render().to_string());
+        }
+        // a closed terminal is ignored
+        let _ = refusal.print();
+        ExitCode::from(if refusal.use_stderr() { 2 } else { 0 })
+    })
 }
 
 /// The words of a command line, the line, and what it does.

@@ -31,7 +31,7 @@ mod study;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, FromArgMatches};
+use clap::CommandFactory;
 use studies::Failure;
 
 use args::{Arguments, Command};
@@ -47,20 +47,11 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     let words: Vec<OsString> = words.into_iter().collect();
     let json = survey::asks_for_json(&words);
     let command = command();
-    let parsed = command.clone().try_get_matches_from(&words);
-    let (matches, arguments) = match parsed.and_then(|matches| {
-        let arguments = Arguments::from_arg_matches(&matches)?;
-        Ok((matches, arguments))
-    }) {
+    let refused = |text| report(&Failure::usage(text), json);
+    let parsed = help_examples::parsed::<Arguments>(&command, &words, json, refused);
+    let (matches, arguments) = match parsed {
         Ok(parsed) => parsed,
-        Err(refusal) if json && refusal.use_stderr() => {
-            return report(&Failure::usage(refusal.render().to_string()), json);
-        }
-        Err(refusal) => {
-            // also for --help and --version, which are no errors; a closed terminal is ignored
-            let _ = refusal.print();
-            return ExitCode::from(if refusal.use_stderr() { 2 } else { 0 });
-        }
+        Err(code) => return code,
     };
     let outputs = outfile::check_arguments(&command, &matches).map_err(Failure::from);
     match outputs.and_then(|()| perform(&arguments.command)) {

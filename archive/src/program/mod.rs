@@ -8,7 +8,7 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, FromArgMatches};
+use clap::CommandFactory;
 
 use crate::args::{AddSite, Arguments, Command, Filter, Pull, Task};
 use crate::catalogue::{Catalogue, Selection};
@@ -30,19 +30,11 @@ pub fn command() -> clap::Command {
 pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     let words: Vec<OsString> = words.into_iter().collect();
     let json = survey::asks_for_json(&words);
-    let parsed = command()
-        .try_get_matches_from(&words)
-        .and_then(|matches| Arguments::from_arg_matches(&matches));
+    let refused = |text| Failure::Usage(text).report(json);
+    let parsed = help_examples::parsed::<Arguments>(&command(), &words, json, refused);
     let arguments = match parsed {
-        Ok(arguments) => arguments,
-        Err(refusal) if json && refusal.use_stderr() => {
-            return Failure::Usage(refusal.render().to_string()).report(json);
-        }
-        Err(refusal) => {
-            // also for --help and --version, which are no errors; a closed terminal is ignored
-            let _ = refusal.print();
-            return ExitCode::from(if refusal.use_stderr() { 2 } else { 0 });
-        }
+        Ok((_, arguments)) => arguments,
+        Err(code) => return code,
     };
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::SystemTime;
 
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use keysight_34980a::Module;
 use outfile::OutPath;
 use phantom::Scene;
@@ -147,24 +147,14 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let words: Vec<OsString> = arguments.into_iter().collect();
     let json = survey::asks_for_json(&words);
     let command = command();
-    let parsed = command.clone().try_get_matches_from(&words);
-    let (matches, arguments) = match parsed.and_then(|matches| {
-        let arguments = Arguments::from_arg_matches(&matches)?;
-        Ok((matches, arguments))
-    }) {
+    let report = |text: String| {
+        eprintln!("{}", survey::error_line("usage", USAGE, &text));
+        ExitCode::from(USAGE)
+    };
+    let parsed = help_examples::parsed::<Arguments>(&command, &words, json, report);
+    let (matches, arguments) = match parsed {
         Ok(parsed) => parsed,
-        Err(refusal) if json && refusal.use_stderr() => {
-            eprintln!(
-                "{}",
-                survey::error_line("usage", USAGE, &refusal.render().to_string())
-            );
-            return ExitCode::from(USAGE);
-        }
-        Err(refusal) => {
-            // An error that cannot be printed cannot be reported.
-            refusal.print().ok();
-            return ExitCode::from(u8::try_from(refusal.exit_code()).unwrap_or(USAGE));
-        }
+        Err(code) => return code,
     };
     if let Err(refused) = outfile::check_arguments(&command, &matches) {
         return fail(&refused, CONFIGURATION);
