@@ -427,6 +427,10 @@ pub(crate) enum End {
     Damaged(Closing),
 }
 
+/// The columns of a header without those of its closing.
+pub(crate) const HEADER_COLUMNS: &str = "id, kind, started_ns, simulated, build, seed, config_toml, config_hash, model_hash, \
+     geometry_hash, protocol, instruments, modules, note, about, asked, continues, first_sequence, checksum";
+
 pub(crate) fn header_row(
     row: &Row<'_>,
 ) -> Result<(SessionHeader, HeaderChecksum, End), HeaderFault> {

@@ -46,24 +46,14 @@ impl SessionReader {
 
     /// The sequence of the next frame after a given one.
     pub(crate) fn sequence_behind(&self, sequence: u64) -> Result<Option<u64>, LogbookError> {
-        self.ask()
-            .prepare_cached("SELECT min(sequence) FROM frame WHERE sequence > ?1")
-            .and_then(|mut statement| {
-                statement.query_row([sequence as i64], |row| row.get::<_, Option<i64>>(0))
-            })
-            .map(|behind| behind.map(|behind| behind as u64))
-            .map_err(|source| LogbookError::reading(&self.path, "read the frames of", source))
+        let sql = "SELECT min(sequence) FROM frame WHERE sequence > ?1";
+        let behind = self.one_number(sql, [sequence as i64], "read the frames of")?;
+        Ok(behind.map(|behind| behind as u64))
     }
 
     pub(super) fn row(&self, sequence: u64) -> Result<Option<StoredFrame>, LogbookError> {
-        self.ask()
-            .prepare_cached("SELECT * FROM frame WHERE sequence = ?1")
-            .and_then(|mut statement| {
-                statement
-                    .query_row([sequence as i64], StoredFrame::read)
-                    .optional()
-            })
-            .map_err(|source| LogbookError::reading(&self.path, "read a frame of", source))
+        let sql = "SELECT * FROM frame WHERE sequence = ?1";
+        self.one_row(sql, [sequence as i64], "read a frame of", StoredFrame::read)
     }
 
     /// All frames in order. A damaged frame yields an error; the frames after it follow.
@@ -119,28 +109,18 @@ impl SessionReader {
     pub(super) fn map_record(&self, id: i64, hash: &Value) -> Result<MapRecord, LogbookError> {
         let (hash, sum) = unpack_trace(hash)
             .ok_or_else(|| self.damaged("the hash of a map".into(), "it is no hash"))?;
-        let row = self
-            .ask()
-            .prepare_cached(
-                "SELECT method, model_hash, build, cpu, checksum FROM mapper WHERE id = ?1",
-            )
-            .and_then(|mut statement| {
-                let row = |row: &rusqlite::Row<'_>| {
-                    let record = MapRecord {
-                        hash,
-                        sum,
-                        method: row.get(0)?,
-                        model_hash: row.get(1)?,
-                        build: row.get(2)?,
-                        cpu: row.get(3)?,
-                    };
-                    Ok((record, row.get::<_, Vec<u8>>(4)?))
-                };
-                statement.query_row([id], row).optional()
-            })
-            .map_err(|source| {
-                LogbookError::reading(&self.path, "read the map methods of", source)
-            })?;
+        let sql = "SELECT method, model_hash, build, cpu, checksum FROM mapper WHERE id = ?1";
+        let row = self.one_row(sql, [id], "read the map methods of", |row| {
+            let record = MapRecord {
+                hash,
+                sum,
+                method: row.get(0)?,
+                model_hash: row.get(1)?,
+                build: row.get(2)?,
+                cpu: row.get(3)?,
+            };
+            Ok((record, row.get::<_, Vec<u8>>(4)?))
+        })?;
         let place = || format!("map method {id}");
         let Some((record, checksum)) = row else {
             return Err(self.damaged(place(), "it is not there"));
@@ -153,19 +133,11 @@ impl SessionReader {
 
     /// The record of a map that was made after its frame was written.
     pub(super) fn late_map(&self, sequence: i64) -> Result<Option<MapRecord>, LogbookError> {
-        let late = self
-            .ask()
-            .prepare_cached(
-                "SELECT number, mapper, map_hash, checksum FROM late_map WHERE sequence = ?1",
-            )
-            .and_then(|mut statement| {
-                let row = |row: &rusqlite::Row<'_>| {
-                    let numbers: [i64; 3] = [row.get(0)?, row.get(1)?, row.get(3)?];
-                    Ok((numbers, row.get::<_, Value>(2)?))
-                };
-                statement.query_row([sequence], row).optional()
-            })
-            .map_err(|source| LogbookError::reading(&self.path, "read the late maps of", source))?;
+        let sql = "SELECT number, mapper, map_hash, checksum FROM late_map WHERE sequence = ?1";
+        let late = self.one_row(sql, [sequence], "read the late maps of", |row| {
+            let numbers: [i64; 3] = [row.get(0)?, row.get(1)?, row.get(3)?];
+            Ok((numbers, row.get::<_, Value>(2)?))
+        })?;
         let Some(([number, mapper, checksum], trace)) = late else {
             return Ok(None);
         };

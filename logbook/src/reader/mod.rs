@@ -12,14 +12,14 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use rusqlite::{Connection, OptionalExtension};
+use rusqlite::{Connection, OptionalExtension, Params, Row};
 use survey::{Amps, Baseline, Checks, Settings, Volts};
 
 use crate::codec::Reference;
 use crate::files::{self, folder_of, id_of, part_of};
 use crate::row::{
-    End, HeaderChecksum, HeaderFault, baseline_checksum, event_checksum, header_row,
-    settings_checksum,
+    End, HEADER_COLUMNS, HeaderChecksum, HeaderFault, baseline_checksum, event_checksum,
+    header_row, settings_checksum,
 };
 use crate::{Closing, Event, LogbookError, SessionHeader, SessionSummary, Taken, schema};
 use guard::Guard;
@@ -30,10 +30,6 @@ pub(crate) use order::SMALLEST;
 
 /// The row of the header.
 const ALL_OF_IT: &str = "SELECT * FROM session";
-/// The same without the columns of the closing, which may lie on the last page.
-const WITHOUT_CLOSING: &str = "SELECT id, kind, started_ns, simulated, build, seed, config_toml, config_hash, model_hash, geometry_hash,
- protocol, instruments, modules, note, about, asked, continues, first_sequence, checksum, NULL AS closed_ns, NULL AS closed_reason,
- NULL AS closed_tally, NULL AS closed_checksum FROM session";
 
 /// A session's file, opened for reading; neither it nor its companion files are changed.
 #[derive(Debug)]
@@ -83,12 +79,13 @@ impl SessionReader {
         match Self::open(path) {
             Err(LogbookError::Damaged { place, .. }) if place == opening::END => {
                 let connection = opening::without_end(path)?;
-                let rest = Self::over(
-                    connection,
-                    path.to_owned(),
-                    JournalMode::Rollback,
-                    WITHOUT_CLOSING,
+                // the columns of the closing may lie on the last page
+                let sql = format!(
+                    "SELECT {HEADER_COLUMNS}, NULL AS closed_ns, NULL AS closed_reason, NULL AS closed_tally,
+                     NULL AS closed_checksum FROM session"
                 );
+                let mode = JournalMode::Rollback;
+                let rest = Self::over(connection, path.to_owned(), mode, &sql);
                 rest.map_err(|error| match error {
                     LogbookError::Damaged { path, .. } => LogbookError::Damaged {
                         path,
@@ -178,6 +175,31 @@ impl SessionReader {
         &self.connection
     }
 
+    /// The row of a query that returns one at most; `attempt` as in [`LogbookError::reading`].
+    fn one_row<T>(
+        &self,
+        sql: &str,
+        values: impl Params,
+        attempt: &'static str,
+        read: impl FnOnce(&Row<'_>) -> rusqlite::Result<T>,
+    ) -> Result<Option<T>, LogbookError> {
+        self.ask()
+            .prepare_cached(sql)
+            .and_then(|mut statement| statement.query_row(values, read).optional())
+            .map_err(|source| LogbookError::reading(&self.path, attempt, source))
+    }
+
+    /// The same for one number.
+    fn one_number(
+        &self,
+        sql: &str,
+        values: impl Params,
+        attempt: &'static str,
+    ) -> Result<Option<i64>, LogbookError> {
+        let number = self.one_row(sql, values, attempt, |row| row.get(0))?;
+        Ok(number.flatten())
+    }
+
     /// Metadata of the session.
     pub fn header(&self) -> &SessionHeader {
         &self.header
@@ -217,23 +239,16 @@ impl SessionReader {
 
     /// Sequence of the first frame that is there.
     pub(crate) fn first_present(&self) -> Result<Option<u64>, LogbookError> {
-        self.ask()
-            .query_row("SELECT min(sequence) FROM frame", [], |row| {
-                row.get::<_, Option<i64>>(0)
-            })
-            .map(|first| first.map(|first| first as u64))
-            .map_err(|source| LogbookError::reading(&self.path, "count the frames of", source))
+        let sql = "SELECT min(sequence) FROM frame";
+        let first = self.one_number(sql, [], "count the frames of")?;
+        Ok(first.map(|first| first as u64))
     }
 
     /// The largest id in a table; 0 where there is none.
     pub(crate) fn last_number(&self, table: &'static str) -> Result<i64, LogbookError> {
-        self.ask()
-            .query_row(
-                &format!("SELECT coalesce(max(id), 0) FROM {table}"),
-                [],
-                |row| row.get(0),
-            )
-            .map_err(|source| LogbookError::reading(&self.path, "count the rows of", source))
+        let sql = format!("SELECT max(id) FROM {table}");
+        let last = self.one_number(&sql, [], "count the rows of")?;
+        Ok(last.unwrap_or(0))
     }
 
     /// When the last frame was taken, even if its readings are damaged.
@@ -255,12 +270,9 @@ impl SessionReader {
 
     /// How many late maps were written.
     pub(crate) fn late_maps_written(&self) -> Result<u64, LogbookError> {
-        self.ask()
-            .query_row("SELECT coalesce(max(number), 0) FROM late_map", [], |row| {
-                row.get::<_, i64>(0)
-            })
-            .map(i64::unsigned_abs)
-            .map_err(|source| LogbookError::reading(&self.path, "count the late maps of", source))
+        let sql = "SELECT max(number) FROM late_map";
+        let last = self.one_number(sql, [], "count the late maps of")?;
+        Ok(last.map_or(0, i64::unsigned_abs))
     }
 
     /// Whether there is no frame.
@@ -300,18 +312,19 @@ impl SessionReader {
     /// The file cannot be read, or its baseline is damaged.
     pub fn baseline(&self) -> Result<Option<Baseline>, LogbookError> {
         type Stored = (String, i64, i64, i64, bool, [Vec<u8>; 3]);
-        let row = self
-            .ask()
-            .query_row(
-                "SELECT id, wall_ns, frames, settings, simulated, readings, deviation, checksum FROM baseline",
-                [],
-                |row| -> rusqlite::Result<Stored> {
-                    let blobs = [row.get(5)?, row.get(6)?, row.get(7)?];
-                    Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?, row.get(4)?, blobs))
-                },
-            )
-            .optional()
-            .map_err(|source| LogbookError::reading(&self.path, "read the baseline of", source))?;
+        let sql = "SELECT id, wall_ns, frames, settings, simulated, readings, deviation, checksum FROM baseline";
+        let row = self.one_row(sql, [], "read the baseline of", |row| {
+            let blobs = [row.get(5)?, row.get(6)?, row.get(7)?];
+            let stored: Stored = (
+                row.get(0)?,
+                row.get(1)?,
+                row.get(2)?,
+                row.get(3)?,
+                row.get(4)?,
+                blobs,
+            );
+            Ok(stored)
+        })?;
         let Some((id, wall, frames, settings, simulated, blobs)) = row else {
             return Ok(None);
         };
@@ -410,22 +423,16 @@ impl SessionReader {
 
     /// One event by its number, if it is there and agrees with its checksum.
     pub(crate) fn event(&self, number: i64) -> Result<Option<Event>, LogbookError> {
-        let read = || -> rusqlite::Result<Option<(Event, i64, Vec<u8>)>> {
-            self.ask()
-                .prepare_cached("SELECT at_ns, kind, text, checksum FROM event WHERE id = ?1")?
-                .query_row([number], |row| {
-                    let at = row.get(0)?;
-                    let event = Event {
-                        at: DateTime::from_timestamp_nanos(at),
-                        kind: row.get(1)?,
-                        text: row.get(2)?,
-                    };
-                    Ok((event, at, row.get(3)?))
-                })
-                .optional()
-        };
-        let row = read()
-            .map_err(|source| LogbookError::reading(&self.path, "read an event of", source))?;
+        let sql = "SELECT at_ns, kind, text, checksum FROM event WHERE id = ?1";
+        let row = self.one_row(sql, [number], "read an event of", |row| {
+            let at = row.get(0)?;
+            let event = Event {
+                at: DateTime::from_timestamp_nanos(at),
+                kind: row.get(1)?,
+                text: row.get(2)?,
+            };
+            Ok((event, at, row.get::<_, Vec<u8>>(3)?))
+        })?;
         let Some((event, at, checksum)) = row else {
             return Ok(None);
         };
@@ -437,30 +444,22 @@ impl SessionReader {
     }
 
     fn settings(&self, id: i64) -> Result<Settings, LogbookError> {
-        let row = self
-            .ask()
-            .prepare_cached(
-                "SELECT protocol_hash, current_a, range_v, nplc, settle_ns, wiring, precautions, checksum FROM settings
-                 WHERE id = ?1",
-            )
-            .and_then(|mut statement| {
-                let row = |row: &rusqlite::Row<'_>| {
-                    let precautions: String = row.get(6)?;
-                    let settings = Settings {
-                        protocol_hash: row.get(0)?,
-                        current: Amps(row.get(1)?),
-                        range: Volts(row.get(2)?),
-                        nplc: row.get(3)?,
-                        settle: Duration::from_nanos(row.get::<_, i64>(4)?.max(0) as u64),
-                        wiring: row.get(5)?,
-                        // Damage shows in the checksum.
-                        precautions: serde_json::from_str(&precautions).unwrap_or_default(),
-                    };
-                    Ok((settings, row.get::<_, Vec<u8>>(7)?))
-                };
-                statement.query_row([id], row).optional()
-            })
-            .map_err(|source| LogbookError::reading(&self.path, "read the settings of", source))?;
+        let sql = "SELECT protocol_hash, current_a, range_v, nplc, settle_ns, wiring, precautions, checksum FROM settings
+                   WHERE id = ?1";
+        let row = self.one_row(sql, [id], "read the settings of", |row| {
+            let precautions: String = row.get(6)?;
+            let settings = Settings {
+                protocol_hash: row.get(0)?,
+                current: Amps(row.get(1)?),
+                range: Volts(row.get(2)?),
+                nplc: row.get(3)?,
+                settle: Duration::from_nanos(row.get::<_, i64>(4)?.max(0) as u64),
+                wiring: row.get(5)?,
+                // Damage shows in the checksum.
+                precautions: serde_json::from_str(&precautions).unwrap_or_default(),
+            };
+            Ok((settings, row.get::<_, Vec<u8>>(7)?))
+        })?;
         let place = || format!("settings {id}");
         let Some((settings, checksum)) = row else {
             return Err(self.damaged(place(), "they are not there"));

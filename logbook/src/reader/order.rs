@@ -37,7 +37,7 @@ impl SessionReader {
 
     /// The number of the physically last row.
     pub(crate) fn last_row(&self) -> Result<Option<i64>, LogbookError> {
-        self.frame_number("SELECT max(sequence) FROM frame", [])
+        self.one_number("SELECT max(sequence) FROM frame", [], "count the frames of")
     }
 
     /// Number of frame rows, including those that no sequence leads to.
@@ -49,23 +49,13 @@ impl SessionReader {
     /// Runs an aggregate over all rows, at most as many as fit in the file, since a forged file may loop.
     fn scan(&self, what: &str) -> Result<Option<i64>, LogbookError> {
         let sql = format!("SELECT {what} FROM (SELECT sequence FROM frame LIMIT ?1)");
-        self.frame_number(&sql, [self.most_rows()])
+        self.one_number(&sql, [self.most_rows()], "count the frames of")
     }
 
     /// Upper bound of the number of rows in the file.
     pub(super) fn most_rows(&self) -> i64 {
         self.bytes()
             .map_or(0, |bytes| (bytes / SMALLEST as u64) as i64)
-    }
-
-    fn frame_number(
-        &self,
-        sql: &str,
-        values: impl rusqlite::Params,
-    ) -> Result<Option<i64>, LogbookError> {
-        self.ask()
-            .query_row(sql, values, |row| row.get(0))
-            .map_err(|source| LogbookError::reading(&self.path, "count the frames of", source))
     }
 
     /// Describes rows that exist but were not reached; `None` if all were.

@@ -9,8 +9,8 @@ use super::references::Packed;
 use super::{nanoseconds, span};
 use crate::codec::{EncodeError, Reference, encode};
 use crate::row::{
-    FrameExtras, FrameRow, HeaderChecksum, Stretch, baseline_checksum, event_checksum,
-    mapper_checksum, reference_checksum, settings_checksum,
+    FrameExtras, FrameRow, HEADER_COLUMNS, HeaderChecksum, Stretch, baseline_checksum,
+    event_checksum, mapper_checksum, reference_checksum, settings_checksum,
 };
 use crate::{LogbookError, MapRecord, SessionHeader};
 
@@ -25,10 +25,10 @@ pub(super) fn write_header(
 ) -> rusqlite::Result<HeaderChecksum> {
     let header_checksum = json(HeaderChecksum::of(header))?;
     transaction.execute(
-        "INSERT INTO session (only, id, kind, started_ns, simulated, build, seed, config_toml, config_hash,
-            model_hash, geometry_hash, protocol, instruments, modules, note, about, asked, continues, first_sequence,
-            checksum)
-         VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)",
+        &format!(
+            "INSERT INTO session (only, {HEADER_COLUMNS})
+             VALUES (1, ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)"
+        ),
         params![
             header.id,
             header.kind.as_str(),
