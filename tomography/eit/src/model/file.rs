@@ -287,7 +287,11 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
         }
         Ok(found)
     };
-    let index = |name, width| Ok::<_, ModelError>(indices(&tensor(name, Dtype::U32, width)?));
+    let index = |name, width| {
+        Ok::<_, ModelError>(numbers(&tensor(name, Dtype::U32, width)?, |bytes| {
+            u32::from_le_bytes(bytes) as usize
+        }))
+    };
     let ends = index("electrode_edges", 3)?;
     // Every electrode has an edge: a larger number would only allocate memory.
     if metadata.electrodes > ends.len() / 3 {
@@ -304,7 +308,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
             .ok_or_else(|| damaged(format!("an edge of electrode {}", edge[0])))?
             .push([edge[1], edge[2]]);
     }
-    let nodes = f64s(&tensor("nodes", Dtype::F64, 2)?);
+    let nodes = numbers(&tensor("nodes", Dtype::F64, 2)?, f64::from_le_bytes);
     let mesh = Mesh::new(
         nodes.chunks(2).map(|p| [p[0], p[1]]).collect(),
         index("triangles", 3)?
@@ -317,7 +321,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
     .map_err(|fault| damaged(fault.to_string()))?;
     let depth = match tensors.tensor("depth") {
         Ok(_) => {
-            let numbers = f64s(&tensor("depth", Dtype::F64, 0)?);
+            let numbers = numbers(&tensor("depth", Dtype::F64, 0)?, f64::from_le_bytes);
             let numbers = <[f64; 5]>::try_from(numbers)
                 .map_err(|_| damaged("tensor 'depth' has not 5 numbers".to_owned()))?;
             Some(Depth::of_numbers(numbers).map_err(|fault| damaged(fault.to_string()))?)
@@ -363,16 +367,26 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
             let neurons = centres.shape().first().copied().unwrap_or(1);
             let network = RbfNetwork::new(
                 [protocol.len(), mesh.region().len()],
-                first("spread", f64s(&tensor("spread", Dtype::F64, 1)?))?,
-                f32s(&centres),
-                f64s(&tensor("mixing", Dtype::F64, neurons)?),
-                f32s(&tensor("weights", Dtype::F32, mesh.region().len())?),
+                first(
+                    "spread",
+                    numbers(&tensor("spread", Dtype::F64, 1)?, f64::from_le_bytes),
+                )?,
+                numbers(&centres, f32::from_le_bytes),
+                numbers(&tensor("mixing", Dtype::F64, neurons)?, f64::from_le_bytes),
+                numbers(
+                    &tensor("weights", Dtype::F32, mesh.region().len())?,
+                    f32::from_le_bytes,
+                ),
             );
             Network::Rbf(network.map_err(damaged)?)
         }
         Kind::Deep => {
-            let floats =
-                |name: &str, width| Ok::<_, ModelError>(f32s(&tensor(name, Dtype::F32, width)?));
+            let floats = |name: &str, width| {
+                Ok::<_, ModelError>(numbers(
+                    &tensor(name, Dtype::F32, width)?,
+                    f32::from_le_bytes,
+                ))
+            };
             let mut layers = Vec::new();
             let mut width = protocol.len();
             while tensors.tensor(&layer_name(layers.len(), "bias")).is_ok() {
@@ -382,9 +396,15 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Model, ModelError> {
                     .tensor(&name("weights"))
                     .map_err(|fault| damaged(format!("tensor '{}': {fault}", name("weights"))))?;
                 let weights = match kept.dtype() {
-                    Dtype::F16 => Weights::F16(f16s(&tensor(&name("weights"), Dtype::F16, width)?)),
+                    Dtype::F16 => Weights::F16(numbers(
+                        &tensor(&name("weights"), Dtype::F16, width)?,
+                        f16::from_le_bytes,
+                    )),
                     Dtype::I8 => Weights::Int8 {
-                        values: i8s(&tensor(&name("weights"), Dtype::I8, width)?),
+                        values: numbers(
+                            &tensor(&name("weights"), Dtype::I8, width)?,
+                            i8::from_le_bytes,
+                        ),
                         scales: floats(&name("scales"), 1)?,
                     },
                     _ => Weights::F32(floats(&name("weights"), width)?),
@@ -489,44 +509,10 @@ impl View for Tensor {
     }
 }
 
-fn f64s(tensor: &TensorView<'_>) -> Vec<f64> {
-    let (values, _) = tensor.data().as_chunks::<8>();
-    values
-        .iter()
-        .map(|bytes| f64::from_le_bytes(*bytes))
-        .collect()
-}
-
-fn f32s(tensor: &TensorView<'_>) -> Vec<f32> {
-    let (values, _) = tensor.data().as_chunks::<4>();
-    values
-        .iter()
-        .map(|bytes| f32::from_le_bytes(*bytes))
-        .collect()
-}
-
-fn f16s(tensor: &TensorView<'_>) -> Vec<f16> {
-    let (values, _) = tensor.data().as_chunks::<2>();
-    values
-        .iter()
-        .map(|bytes| f16::from_le_bytes(*bytes))
-        .collect()
-}
-
-fn i8s(tensor: &TensorView<'_>) -> Vec<i8> {
-    tensor
-        .data()
-        .iter()
-        .map(|byte| byte.cast_signed())
-        .collect()
-}
-
-fn indices(tensor: &TensorView<'_>) -> Vec<usize> {
-    let (values, _) = tensor.data().as_chunks::<4>();
-    values
-        .iter()
-        .map(|bytes| u32::from_le_bytes(*bytes) as usize)
-        .collect()
+/// The numbers of a tensor, of `N` bytes each.
+fn numbers<T, const N: usize>(tensor: &TensorView<'_>, number: impl Fn([u8; N]) -> T) -> Vec<T> {
+    let (values, _) = tensor.data().as_chunks::<N>();
+    values.iter().map(|bytes| number(*bytes)).collect()
 }
 
 #[cfg(test)]
