@@ -8,6 +8,7 @@ use survey::{Electrode, Relay};
 use crate::chip::{GpioChip, GpioFault};
 use crate::command::{Pole, State};
 use crate::lines::{Chip, Levels, Line, steps};
+use crate::moves::state_after;
 
 /// A multiplexer board on the lines of a chip.
 ///
@@ -103,37 +104,6 @@ impl<C: GpioChip> GpioBoard<C> {
         })
     }
 
-    /// The state after the moves, or why they must not be made. Checked before any line is set.
-    fn target(&self, from: State, moves: &[Move]) -> Result<State, RigError> {
-        let mut state = from;
-        for one in moves {
-            let (Move::Close(relays) | Move::Open(relays)) = one;
-            for relay in relays {
-                let (pole, electrode) = self.pole_and_electrode(*relay)?;
-                match one {
-                    Move::Open(_) if state.on(pole) == Some(electrode) => {
-                        state = state.with(pole, None);
-                    }
-                    Move::Open(_) => {}
-                    Move::Close(_) => {
-                        if let Some(other) = state.on(pole).filter(|other| *other != electrode) {
-                            return Err(self.unable(format!(
-                                "close relay {relay} while electrode {other} is on {pole}: a pole carries one electrode"
-                            )));
-                        }
-                        state = state.with(pole, Some(electrode));
-                    }
-                }
-            }
-        }
-        match state.shorted() {
-            Some(electrode) => Err(self.unable(format!(
-                "put electrode {electrode} on I+ and on I-: it would short the source"
-            ))),
-            None => Ok(state),
-        }
-    }
-
     fn apply(&mut self, from: State, to: State) -> Result<(), RigError> {
         for step in steps(from, to) {
             let outcome = self.chip.set(step.mask, step.bits);
@@ -161,7 +131,9 @@ impl<C: GpioChip> GpioBoard<C> {
 impl<C: GpioChip> Switch for GpioBoard<C> {
     async fn move_relays(&mut self, moves: &[Move]) -> Result<(), RigError> {
         let from = self.state()?;
-        let to = self.target(from, moves)?;
+        // checked before any line is set
+        let place = |relay| self.pole_and_electrode(relay);
+        let to = state_after(from, moves, place, |what| self.unable(what))?;
         self.apply(from, to)?;
         if from != to && !self.settling.is_zero() {
             tokio::time::sleep(self.settling).await;

@@ -11,6 +11,7 @@ use tokio::io::{AsyncRead, AsyncReadExt};
 
 use crate::MODEL;
 use crate::command::{Command, MOST_ERRORS, Pair, Pole, State, error_in_reply};
+use crate::moves::state_after;
 
 /// Options of the driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -168,36 +169,8 @@ impl<S: Stream> GpioMux<S> {
 
     /// The state after the moves, or why they must not be made.
     fn target(&self, from: State, moves: &[Move]) -> Result<State, RigError> {
-        let mut state = from;
-        for one in moves {
-            match one {
-                Move::Close(relays) => {
-                    for relay in relays {
-                        let (pole, electrode) = self.pole_and_electrode(*relay)?;
-                        if let Some(other) = state.on(pole).filter(|other| *other != electrode) {
-                            return Err(self.conversation.unable(format!(
-                                "close relay {relay} while electrode {other} is on {pole}: a pole carries one electrode"
-                            )));
-                        }
-                        state = state.with(pole, Some(electrode));
-                    }
-                }
-                Move::Open(relays) => {
-                    for relay in relays {
-                        let (pole, electrode) = self.pole_and_electrode(*relay)?;
-                        if state.on(pole) == Some(electrode) {
-                            state = state.with(pole, None);
-                        }
-                    }
-                }
-            }
-        }
-        match state.shorted() {
-            Some(electrode) => Err(self.conversation.unable(format!(
-                "put electrode {electrode} on I+ and on I-: it would short the source"
-            ))),
-            None => Ok(state),
-        }
+        let place = |relay| self.pole_and_electrode(relay);
+        state_after(from, moves, place, |what| self.conversation.unable(what))
     }
 }
 

@@ -32,6 +32,7 @@ mod chip;
 mod command;
 mod driver;
 mod lines;
+mod moves;
 #[cfg(feature = "simulator")]
 mod simulator;
 mod wiring;
