@@ -113,7 +113,7 @@ impl ArchiveReader {
             let parts = catalogue.parts(&name.selection()).await?;
             let store = self.settings.store.open()?;
             for part in &parts {
-                retrieval::check_names(part)?;
+                retrieval::check_names(&part.name)?;
             }
             let failed = |source| ReadError::Cache {
                 path: cache.to_owned(),

@@ -6,7 +6,7 @@ use logbook::sha256_of;
 use serde::Serialize;
 
 use crate::catalogue::ArchivedPart;
-use crate::store::{Store, StoreError, WholeFileError, write_whole};
+use crate::store::{PartName, Store, StoreError, WholeFileError, write_whole};
 
 /// Why a part cannot be taken out.
 #[derive(Debug, thiserror::Error)]
@@ -34,7 +34,7 @@ pub enum RetrievalError {
 }
 
 /// Whoever may insert rows chooses their names: none may lead out of a folder.
-pub(crate) fn check_names(part: &ArchivedPart) -> Result<(), RetrievalError> {
+pub(crate) fn check_names(part: &PartName) -> Result<(), RetrievalError> {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"_-".contains(&byte);
     let is_good = |name: &String| !name.is_empty() && name.len() <= 128 && name.bytes().all(plain);
     let names = [&part.site, &part.daq, &part.session, &part.part];
@@ -53,22 +53,23 @@ pub fn pull(
     part: &ArchivedPart,
     folder: &Path,
 ) -> Result<PathBuf, RetrievalError> {
-    check_names(part)?;
-    let path = folder.join(format!("{}.tactus", part.part));
+    let name = &part.name;
+    check_names(name)?;
+    let path = folder.join(format!("{}.tactus", name.part));
     let file = |source| RetrievalError::File {
-        part: part.part.clone(),
+        part: name.part.clone(),
         source,
     };
     if !path.exists() {
-        let mut from = store.open(&part.name())?;
-        match write_whole(&mut from, &path, &part.sha256) {
+        let mut from = store.open(name)?;
+        match write_whole(&mut from, &path, &name.sha256) {
             Err(WholeFileError::Exists(_)) => {}
             written => return written.map(|_| path).map_err(file),
         }
     }
     let there = std::fs::File::open(&path).and_then(sha256_of);
     match there {
-        Ok((found, _)) if found == part.sha256 => Ok(path),
+        Ok((found, _)) if found == name.sha256 => Ok(path),
         _ => Err(RetrievalError::Exists(path)),
     }
 }
@@ -93,9 +94,9 @@ pub enum Holding {
 /// # Errors
 /// The store cannot be read.
 pub fn verify(store: &dyn Store, part: &ArchivedPart) -> Result<Holding, RetrievalError> {
-    check_names(part)?;
-    let name = part.name();
-    let from = match store.open(&name) {
+    let name = &part.name;
+    check_names(name)?;
+    let from = match store.open(name) {
         Ok(from) => from,
         Err(StoreError::Missing { .. }) => return Ok(Holding::Missing),
         Err(error) => return Err(error.into()),
@@ -105,7 +106,7 @@ pub fn verify(store: &dyn Store, part: &ArchivedPart) -> Result<Holding, Retriev
         attempt: "read",
         source,
     })?;
-    Ok(match found == part.sha256 {
+    Ok(match found == name.sha256 {
         true => Holding::Whole,
         false => Holding::Damaged { found },
     })

@@ -19,35 +19,15 @@ pub struct Selection {
 /// A part as the catalogue has it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ArchivedPart {
-    /// Site.
-    pub site: String,
-    /// Machine.
-    pub daq: String,
-    /// Session.
-    pub session: String,
-    /// Part.
-    pub part: String,
-    /// SHA-256, hexadecimal.
-    pub sha256: String,
+    /// Its name in the store.
+    #[serde(flatten)]
+    pub name: PartName,
     /// Size, bytes.
     pub bytes: u64,
     /// Sequence of its first frame.
     pub first_sequence: u64,
     /// Frames in it.
     pub frames: u64,
-}
-
-impl ArchivedPart {
-    /// Its name in the store.
-    pub fn name(&self) -> PartName {
-        PartName {
-            site: self.site.clone(),
-            daq: self.daq.clone(),
-            session: self.session.clone(),
-            part: self.part.clone(),
-            sha256: self.sha256.clone(),
-        }
-    }
 }
 
 impl Catalogue {
@@ -65,11 +45,13 @@ impl Catalogue {
             .await?;
         let number = |count: i64| u64::try_from(count).unwrap_or_default();
         let part = |row: &tokio_postgres::Row| ArchivedPart {
-            site: row.get(0),
-            daq: row.get(1),
-            session: row.get(2),
-            part: row.get(3),
-            sha256: row.get(4),
+            name: PartName {
+                site: row.get(0),
+                daq: row.get(1),
+                session: row.get(2),
+                part: row.get(3),
+                sha256: row.get(4),
+            },
             bytes: number(row.get(5)),
             first_sequence: number(row.get(6)),
             frames: number(row.get(7)),

@@ -98,7 +98,7 @@ pub(super) fn verified(line: &Verified<'_>) -> String {
         Holding::Damaged { found } => format!("DAMAGED: its SHA-256 is {found}"),
         Holding::Missing => "MISSING".to_owned(),
     };
-    format!("{}: {state}", line.part.name())
+    format!("{}: {state}", line.part.name)
 }
 
 pub(super) fn migrated(line: &Migration) -> String {

@@ -9,13 +9,15 @@ use std::fs::File;
 use std::io::Read;
 use std::path::PathBuf;
 
+use serde::Serialize;
+
 pub use directory::Directory;
 pub use objects::{BucketAccess, Objects};
 pub use whole_file::{WholeFileError, write_whole};
 
 /// The name of a part in a store: `SITE/DAQ/SESSION/PART.SHA256.tactus`. The hash is of the content, so a name never
 /// stands for two contents.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct PartName {
     /// The site.
     pub site: String,
