@@ -1,12 +1,42 @@
 //! Voltages as a rig returns them.
 
+use std::time::{Duration, SystemTime};
+
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use survey::{Reading, Volts};
+use survey::{Amps, Frame, Precautions, Reading, Settings, Volts};
 
 /// Valid readings.
 pub fn measured(volts: &[f64]) -> Vec<Reading> {
     volts.iter().map(|v| Reading::Ok(Volts(*v))).collect()
+}
+
+/// A frame with these readings, like those of a rig.
+pub(crate) fn plain_frame(
+    readings: Vec<Reading>,
+    protocol_hash: String,
+    current: Amps,
+    range: Volts,
+) -> Frame {
+    Frame {
+        sequence: 0,
+        readings,
+        extra: Vec::new(),
+        monotonic: Duration::ZERO,
+        wall: SystemTime::UNIX_EPOCH.into(),
+        duration: Duration::ZERO,
+        settings: Settings {
+            protocol_hash,
+            current,
+            range,
+            nplc: 1.0,
+            settle: Duration::ZERO,
+            wiring: "simulated".into(),
+            precautions: Precautions::default(),
+        },
+        compliance: Vec::new(),
+        simulated: true,
+    }
 }
 
 /// Adds white noise, standard deviation in V.

@@ -1,27 +1,11 @@
 //! Hard cases 35 and 38: the order of sums on any number of threads, and degenerate polygons.
 
-use std::sync::Arc;
-
-use eit::{Jitter, Model, Network, Report, TrainingSettings};
-use training::rbf::train_rbf;
+use eit::{Model, TrainingSettings};
 use training::samples::Simulation;
 
 use crate::failure::Failure;
 use crate::stability::outcome::{Check, Naive, Outcome};
-use crate::stability::solvers::tank::{Tank, refused};
-
-fn settings(cases: usize) -> TrainingSettings {
-    TrainingSettings {
-        cases,
-        repeats: 2,
-        neurons: 12,
-        jitter: Jitter::Matched {
-            noise_v: 2e-6,
-            current_a: 1e-3,
-        },
-        ..TrainingSettings::default()
-    }
-}
+use crate::stability::solvers::tank::{Tank, few_neurons, refused};
 
 /// 35: one, two and eight threads.
 pub(crate) fn threads() -> Result<Outcome, Failure> {
@@ -31,7 +15,8 @@ pub(crate) fn threads() -> Result<Outcome, Failure> {
             .num_threads(threads)
             .build()
             .map_err(|fault| Failure::of("the threads", &fault))?;
-        let model = pool.install(|| model(&tank))?;
+        let hash = |(_, model): (_, Model)| model.hash().to_owned();
+        let model = pool.install(|| tank.trained(60).map(hash))?;
         let forward = tank.forward(&tank.contact)?;
         let jacobian = pool
             .install(|| forward.jacobian(&tank.sigma, &tank.protocol))
@@ -64,31 +49,6 @@ pub(crate) fn threads() -> Result<Outcome, Failure> {
     .noted("naive: a sum in f32 with as many parts as there are threads"))
 }
 
-/// The hash of the file that a training writes.
-fn model(tank: &Tank) -> Result<String, Failure> {
-    let settings = settings(60);
-    let (network, report) = train_rbf(
-        &tank.mesh,
-        &tank.contact,
-        &tank.sigma,
-        &tank.protocol,
-        &settings,
-        &|_, _, _| {},
-    )
-    .map_err(|fault| Failure::of("the training", &fault))?;
-    let model = Model::new(
-        "rbf matched",
-        Arc::clone(&tank.mesh),
-        &tank.protocol,
-        Network::Rbf(network),
-        settings,
-        Report::Rbf(report),
-        None,
-    );
-    let model = model.map_err(|fault| Failure::of("the model", &fault))?;
-    Ok(model.hash().to_owned())
-}
-
 /// A sum divided by the number of threads.
 fn summed(threads: usize) -> u32 {
     let values: Vec<f32> = (0..100_000)
@@ -107,7 +67,7 @@ pub(crate) fn polygons() -> Result<Outcome, Failure> {
     let drawn = |radius_m: f64| -> Result<[usize; 2], Failure> {
         let settings = TrainingSettings {
             radius_m,
-            ..settings(DRAWS)
+            ..few_neurons(DRAWS)
         };
         let simulation = Simulation::new(
             &tank.mesh,

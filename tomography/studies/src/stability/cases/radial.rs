@@ -1,13 +1,9 @@
 //! Hard cases 19 to 24: radial basis functions that are almost parallel, duplicated, heavy-tailed, many, close, or
 //! distant.
 
-use std::sync::Arc;
-
-use eit::{
-    Jitter, Model, Network, RbfNetwork, ReconstructError, Report, TrainingReport, TrainingSettings,
-};
+use eit::{Jitter, RbfNetwork, ReconstructError, TrainingReport, TrainingSettings};
 use nalgebra::{DMatrix, DVector, SVD};
-use training::rbf::{train_rbf, train_rbf_on};
+use training::rbf::train_rbf_on;
 use training::samples::{Sample, SampleError, Samples, TrainError};
 
 use crate::failure::Failure;
@@ -340,41 +336,13 @@ pub(crate) fn near_duplicates() -> Result<Outcome, Failure> {
 /// 24: an input far from every neuron.
 pub(crate) fn far_input() -> Result<Outcome, Failure> {
     let tank = Tank::small()?;
-    let settings = TrainingSettings {
-        cases: 80,
-        repeats: 2,
-        neurons: 12,
-        jitter: Jitter::Matched {
-            noise_v: 2e-6,
-            current_a: 1e-3,
-        },
-        ..TrainingSettings::default()
-    };
-    let (network, report) = train_rbf(
-        &tank.mesh,
-        &tank.contact,
-        &tank.sigma,
-        &tank.protocol,
-        &settings,
-        &|_, _, _| {},
-    )
-    .map_err(untrained)?;
+    let (network, model) = tank.trained(80)?;
     let volts = tank.ours(&tank.contact, &tank.sigma)?;
     let far: Vec<f64> = volts.iter().map(|v| 5.0 * v).collect();
     let largest = volts.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
     let change: Vec<f64> = volts.iter().map(|v| 4.0 * v / largest).collect();
     let silent = network.predict(&change);
     let silent = silent.iter().fold(0.0_f64, |top, x| top.max(x.abs()));
-    let model = Model::new(
-        "rbf matched",
-        Arc::clone(&tank.mesh),
-        &tank.protocol,
-        Network::Rbf(network),
-        settings,
-        Report::Rbf(report),
-        None,
-    )
-    .map_err(|fault| Failure::of("the model", &fault))?;
     let answer = model
         .into_reconstructor()
         .reconstruct(&measured(&volts), &measured(&far));

@@ -1,14 +1,13 @@
 //! Hard cases 30 and 32 to 34: missing readings, tiny baselines, reversed signs, and one channel with a spike.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use eit::{MOST_MISSING, OneStep, OneStepOptions, ReconstructError, Reconstructor};
 use nalgebra::{DMatrix, DVector};
-use survey::{Amps, Checks, Frame, Precautions, QualityFlag, Reading, Settings, Volts};
+use survey::{Amps, Checks, Frame, QualityFlag, Reading, Volts};
 
 use crate::failure::Failure;
-use crate::readings::measured;
+use crate::readings::{measured, plain_frame};
 use crate::stability::outcome::{Check, Naive, Outcome, naive, worst};
 use crate::stability::solvers::tank::Tank;
 
@@ -239,25 +238,8 @@ pub(crate) fn reversed_leads() -> Result<Outcome, Failure> {
 
 /// A frame like those of a rig.
 fn frame(scene: &Scene, readings: Vec<Reading>) -> Frame {
-    Frame {
-        sequence: 1,
-        readings,
-        extra: Vec::new(),
-        monotonic: Duration::ZERO,
-        wall: Default::default(),
-        duration: Duration::from_secs(1),
-        settings: Settings {
-            protocol_hash: scene.tank.protocol.hash(),
-            current: Amps(CURRENT),
-            range: Volts(1.0),
-            nplc: 1.0,
-            settle: Duration::ZERO,
-            wiring: "none".to_owned(),
-            precautions: Precautions::default(),
-        },
-        compliance: Vec::new(),
-        simulated: true,
-    }
+    let hash = scene.tank.protocol.hash();
+    plain_frame(readings, hash, Amps(CURRENT), Volts(1.0))
 }
 
 /// 34: one channel a hundred times too large.

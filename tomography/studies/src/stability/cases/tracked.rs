@@ -2,16 +2,17 @@
 //! it is recorded.
 
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use drift::Tracker;
 use imaging::{Geometry, Model, baseline_remarks};
 use phantom::Load;
-use survey::{Amps, Baseline, Frame, Precautions, Reading, Settings, Volts};
+use survey::{Amps, Baseline, Frame, Reading, Volts};
 
 use crate::evaluation::average;
 use crate::failure::Failure;
 use crate::months::{CURRENT_A, Simulated, away_mm, model, shipped};
+use crate::readings::plain_frame;
 use crate::stability::outcome::{Check, Naive, Outcome, worst};
 
 const SEED: u64 = 31;
@@ -187,8 +188,16 @@ fn record(effects: &str, seed: u64, protocol_hash: &str) -> Result<Recorded, Fai
         at_s += 1.0;
         simulated.frame(at_s, diameter.map(|mm| Load::disc(LAID_MM, mm, 0.5)))
     };
+    let as_measured = |readings| {
+        plain_frame(
+            readings,
+            protocol_hash.to_owned(),
+            Amps(CURRENT_A),
+            Volts(0.1),
+        )
+    };
     let mut baseline = |id: &str, diameter: Option<f64>| {
-        let frames = (0..FRAMES).map(|_| Ok(as_measured(frame(diameter)?, protocol_hash)));
+        let frames = (0..FRAMES).map(|_| Ok(as_measured(frame(diameter)?)));
         let frames: Vec<Frame> = frames.collect::<Result<_, Failure>>()?;
         Baseline::from_frames(id, &frames).map_err(|fault| Failure::of("the baseline", &fault))
     };
@@ -199,28 +208,6 @@ fn record(effects: &str, seed: u64, protocol_hash: &str) -> Result<Recorded, Fai
         again: baseline("again", None)?,
         later: frame(Some(WIDE_MM))?,
     })
-}
-
-fn as_measured(readings: Vec<Reading>, protocol_hash: &str) -> Frame {
-    Frame {
-        sequence: 0,
-        readings,
-        extra: Vec::new(),
-        monotonic: Duration::ZERO,
-        wall: SystemTime::UNIX_EPOCH.into(),
-        duration: Duration::ZERO,
-        settings: Settings {
-            protocol_hash: protocol_hash.to_owned(),
-            current: Amps(CURRENT_A),
-            range: Volts(0.1),
-            nplc: 1.0,
-            settle: Duration::ZERO,
-            wiring: "simulated".into(),
-            precautions: Precautions::default(),
-        },
-        compliance: Vec::new(),
-        simulated: true,
-    }
 }
 
 /// 39: a load lies on the sheet while the baseline is recorded.

@@ -2,9 +2,13 @@
 
 use std::sync::Arc;
 
-use eit::{DiscTank, Forward, Mesh, PaperSheet};
+use eit::{
+    DiscTank, Forward, Jitter, Mesh, Model, Network, PaperSheet, RbfNetwork, Report,
+    TrainingSettings,
+};
 use qd::Quad;
 use survey::Protocol;
+use training::rbf::train_rbf;
 
 use super::bordered::{Bordered, Ground, Number};
 use crate::failure::Failure;
@@ -121,6 +125,45 @@ impl Tank {
     /// The readings in twice the precision.
     pub(crate) fn exact(&self, contact: &[f64], sigma: &[f64]) -> Vec<f64> {
         self.textbook::<Quad>(contact, sigma, Ground::Node)
+    }
+
+    /// A network of [`few_neurons`], and its model.
+    pub(crate) fn trained(&self, cases: usize) -> Result<(RbfNetwork, Model), Failure> {
+        let settings = few_neurons(cases);
+        let (network, report) = train_rbf(
+            &self.mesh,
+            &self.contact,
+            &self.sigma,
+            &self.protocol,
+            &settings,
+            &|_, _, _| {},
+        )
+        .map_err(|fault| Failure::of("the training", &fault))?;
+        let model = Model::new(
+            "rbf matched",
+            Arc::clone(&self.mesh),
+            &self.protocol,
+            Network::Rbf(network.clone()),
+            settings,
+            Report::Rbf(report),
+            None,
+        );
+        let model = model.map_err(|fault| Failure::of("the model", &fault))?;
+        Ok((network, model))
+    }
+}
+
+/// A training of twelve neurons with the noise of the paper's instruments.
+pub(crate) fn few_neurons(cases: usize) -> TrainingSettings {
+    TrainingSettings {
+        cases,
+        repeats: 2,
+        neurons: 12,
+        jitter: Jitter::Matched {
+            noise_v: 2e-6,
+            current_a: 1e-3,
+        },
+        ..TrainingSettings::default()
     }
 }
 
