@@ -4,7 +4,7 @@ use std::io::Write;
 
 use imaging::noise::rms_deviation;
 use imaging::recorded::SessionParts;
-use logbook::About;
+use logbook::{About, InstrumentRecord};
 use serde::Serialize;
 use survey::{Baseline, Settings, printable};
 
@@ -38,7 +38,7 @@ struct SessionDetails {
     baseline: Option<BaselineDetails>,
     about: About,
     note: String,
-    instruments: Vec<Instrument>,
+    instruments: Vec<InstrumentRecord>,
     modules: Vec<String>,
     geometry_hash: Option<String>,
     config_hash: String,
@@ -65,13 +65,6 @@ struct BaselineDetails {
     frames: usize,
     taken: String,
     noise_v: Option<f64>,
-}
-
-#[derive(Debug, Serialize)]
-struct Instrument {
-    role: String,
-    identity: String,
-    address: String,
 }
 
 impl From<&Settings> for Measured {
@@ -189,16 +182,7 @@ fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
         baseline: baseline.as_ref().map(BaselineDetails::from),
         about: header.about.clone(),
         note: header.note.clone(),
-        instruments: header
-            .instruments
-            .iter()
-            .cloned()
-            .map(|instrument| Instrument {
-                role: instrument.role,
-                identity: instrument.identity,
-                address: instrument.address,
-            })
-            .collect(),
+        instruments: header.instruments.clone(),
         modules: header.modules.clone(),
         geometry_hash: header.geometry_hash.clone(),
         config_hash: header.config_hash.clone(),

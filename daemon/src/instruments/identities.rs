@@ -4,10 +4,10 @@
 //! same role and address are compared by serial number; changing the address in the configuration counts as accepting
 //! the new instrument. Simulated instruments follow their profile, and are not stored.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use logbook::InstrumentRecord;
+use outfile::Existing;
 use serde::{Deserialize, Serialize};
 
 /// In the directory of the record.
@@ -213,11 +213,8 @@ impl ExpectedIdentities {
             source,
         };
         let text = serde_json::to_string_pretty(&kept).map_err(|fail| fault(fail.into()))?;
-        let beside = path.with_extension("json.new");
-        let mut file = std::fs::File::create(&beside).map_err(fault)?;
-        file.write_all(text.as_bytes()).map_err(fault)?;
-        file.sync_all().map_err(fault)?;
-        std::fs::rename(&beside, &path).map_err(fault)
+        outfile::write(&path, Existing::Replace, text.as_bytes())
+            .map_err(|refusal| fault(refusal.into_io()))
     }
 }
 
