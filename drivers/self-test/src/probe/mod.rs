@@ -255,7 +255,8 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
     async fn read_pairs(&mut self, only: Option<&[bool]>) -> Result<Vec<Option<f64>>, ProbeError> {
         let wiring = &self.request.plan.wiring;
         if wiring.sensing == Sensing::Scan {
-            let scanned = self.interruptible_scan().await?;
+            let scan = self.rig.voltmeter.scan();
+            let scanned = interruptible(&self.request.stop, &mut self.rig.source, scan).await?;
             return Ok(scanned.into_iter().map(volts).collect());
         }
         let mut read = Vec::new();
@@ -272,32 +273,9 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         Ok(read)
     }
 
-    /// A scan that a stop can interrupt: a reading may take long, but the source has its own connection and is switched
-    /// off at once.
-    async fn interruptible_scan(&mut self) -> Result<Vec<Reading>, ProbeError> {
-        let mut stop = self.request.stop.clone();
-        let mut reading = pin!(self.rig.voltmeter.scan());
-        tokio::select! {
-            read = &mut reading => Ok(read?),
-            () = stop.requested() => {
-                self.rig.source.off().await?;
-                reading.await?;
-                Err(ProbeError::Stopped)
-            }
-        }
-    }
-
     async fn interruptible_read(&mut self) -> Result<Reading, ProbeError> {
-        let mut stop = self.request.stop.clone();
-        let mut reading = pin!(self.rig.voltmeter.read());
-        tokio::select! {
-            read = &mut reading => Ok(read?),
-            () = stop.requested() => {
-                self.rig.source.off().await?;
-                reading.await?;
-                Err(ProbeError::Stopped)
-            }
-        }
+        let reading = self.rig.voltmeter.read();
+        interruptible(&self.request.stop, &mut self.rig.source, reading).await
     }
 
     /// Repeats the same readings with the current through this pair.
@@ -318,6 +296,25 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
         self.drive(Amps(0.0)).await?;
         self.open(relays).await?;
         Ok(repeats)
+    }
+}
+
+/// A reading that a stop can interrupt: it may take long, but the source has its own connection and is switched off at
+/// once.
+async fn interruptible<T>(
+    stop: &Stop,
+    source: &mut impl CurrentSource,
+    reading: impl Future<Output = Result<T, RigError>>,
+) -> Result<T, ProbeError> {
+    let mut stop = stop.clone();
+    let mut reading = pin!(reading);
+    tokio::select! {
+        read = &mut reading => Ok(read?),
+        () = stop.requested() => {
+            source.off().await?;
+            reading.await?;
+            Err(ProbeError::Stopped)
+        }
     }
 }
 
