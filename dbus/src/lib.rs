@@ -75,8 +75,6 @@ pub const INSTRUMENT_INTERFACE: &str = "org.tactus.Tactus1.Instrument1";
 pub const SESSION_INTERFACE: &str = "org.tactus.Tactus1.Session1";
 /// Name of the interface for loads on a simulated sheet.
 pub const SIMULATION_INTERFACE: &str = "org.tactus.Tactus1.Simulation1";
-/// Prefix of every error name.
-pub const ERROR_PREFIX: &str = "org.tactus.Tactus1.Error";
 /// Introspection data of the five interfaces as the daemon must return it: interface name and XML.
 pub const INTERFACE_XML: [(&str, &str); 5] = [
     (

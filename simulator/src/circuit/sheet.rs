@@ -37,7 +37,8 @@ pub(crate) struct ReadingRequest {
     pub(crate) bus: u32,
 }
 
-/// A phantom with its wiring: the load of the source, and the voltage at the voltmeter.
+/// A phantom with its wiring: the load of the source, and the voltage at the voltmeter. While the phantom cannot be solved,
+/// the source sees an open circuit and readings are over range.
 #[derive(Debug)]
 pub(crate) struct Sheet {
     pub(crate) phantom: Phantom,
@@ -66,8 +67,6 @@ pub(crate) struct Sheet {
     line_hz: f64,
     /// Time of the last change of current or relays.
     changed: Duration,
-    /// Error of the phantom's last solution; the source then sees an open circuit and readings are over range.
-    fault: Option<PhantomError>,
 }
 
 impl Sheet {
@@ -95,7 +94,6 @@ impl Sheet {
             source_range: Amps(0.0),
             line_hz,
             changed: Duration::ZERO,
-            fault: None,
         }
     }
 
@@ -225,10 +223,6 @@ impl Sheet {
         self.flowing
     }
 
-    pub(crate) fn fault(&self) -> Option<&PhantomError> {
-        self.fault.as_ref()
-    }
-
     /// The voltage at an ideal voltmeter's terminals.
     pub(crate) fn voltage(&mut self, at: Duration) -> Volts {
         self.voltage_with(at, Amps(0.0), 1)
@@ -262,10 +256,7 @@ impl Sheet {
                 };
                 Volts(own + test.0 * seen)
             }
-            Err(fault) => {
-                self.fault = Some(fault);
-                Volts(f64::INFINITY)
-            }
+            Err(_) => Volts(f64::INFINITY),
         }
     }
 
@@ -324,10 +315,7 @@ impl Sheet {
         let resistors = self.resistors(at);
         match self.impedance(at) {
             Ok(z) => Flow::solve_between(resistors, [from, to], z).resistance(z),
-            Err(fault) => {
-                self.fault = Some(fault);
-                f64::INFINITY
-            }
+            Err(_) => f64::INFINITY,
         }
     }
 
@@ -336,10 +324,7 @@ impl Sheet {
         let resistors = self.resistors(at);
         match self.impedance(at) {
             Ok(z) => Ohms(Flow::solve(resistors, z).across(z, METER_HI, METER_LO)),
-            Err(fault) => {
-                self.fault = Some(fault);
-                Ohms(0.0)
-            }
+            Err(_) => Ohms(0.0),
         }
     }
 

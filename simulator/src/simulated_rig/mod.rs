@@ -221,11 +221,6 @@ impl SimulatedRig {
         instruments.sheet.voltage(at)
     }
 
-    /// Error of the sheet's last failed solution, if any; readings are then over range.
-    pub fn sheet_fault(&self) -> Option<String> {
-        self.instruments().sheet.fault().map(ToString::to_string)
-    }
-
     /// Counters of an instrument's messages.
     pub fn messages(&self, instrument: Instrument) -> Messages {
         self.instruments().messages(instrument)

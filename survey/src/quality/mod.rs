@@ -102,14 +102,6 @@ impl Quality {
         }
     }
 
-    /// Whether every reading was taken and is valid, the source never in compliance.
-    pub fn is_clean(&self) -> bool {
-        self.overloads == 0
-            && self.timeouts == 0
-            && self.not_measured == 0
-            && self.compliance.is_empty()
-    }
-
     /// The flags' words, joined by commas; empty if there is none.
     pub fn words(&self) -> String {
         let words: Vec<&str> = self.flags.iter().map(|flag| flag.word()).collect();
