@@ -35,8 +35,8 @@ pub(crate) fn part_of(id: &str) -> (&str, u32) {
         .unwrap_or((id, 1))
 }
 
-/// The session files and parts in a folder, by name; a missing folder holds none.
-pub(crate) fn in_folder(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
+/// What a folder holds; a missing folder holds nothing.
+pub(crate) fn entries(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
     let failed = |source| LogbookError::Io {
         path: dir.to_owned(),
         attempt: "list",
@@ -47,13 +47,15 @@ pub(crate) fn in_folder(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
         Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(source) => return Err(failed(source)),
     };
-    let mut files = Vec::new();
-    for entry in entries {
-        let path = entry.map_err(failed)?.path();
-        if path.extension().is_some_and(|end| end == EXTENSION) {
-            files.push(path);
-        }
-    }
+    entries
+        .map(|entry| Ok(entry.map_err(failed)?.path()))
+        .collect()
+}
+
+/// The session files and parts in a folder, by name.
+pub(crate) fn in_folder(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
+    let mut files = entries(dir)?;
+    files.retain(|path| path.extension().is_some_and(|end| end == EXTENSION));
     files.sort();
     Ok(files)
 }

@@ -10,7 +10,7 @@ use outfile::Existing;
 use serde::{Deserialize, Serialize};
 
 use crate::directory::index;
-use crate::files::{EXTENSION, id_of, part_of, path_of};
+use crate::files::{EXTENSION, entries, id_of, part_of, path_of};
 use crate::{LogbookError, SessionKind, SessionReader, SessionSummary};
 
 /// Name of the list of what has been pruned, a JSON object a line.
@@ -258,20 +258,9 @@ fn due(
 /// The files of a folder by session: its own file, journals, marker, transcripts of failed frames. One directory scan;
 /// files of no session are left out. A session's own file is the last in its list.
 fn by_session(dir: &Path) -> Result<BTreeMap<String, Vec<PathBuf>>, LogbookError> {
-    let failed = |source| LogbookError::Io {
-        path: dir.to_owned(),
-        attempt: "list",
-        source,
-    };
     let mut sessions: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     let mut beside = Vec::new();
-    let entries = match std::fs::read_dir(dir) {
-        Ok(entries) => entries,
-        Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(sessions),
-        Err(source) => return Err(failed(source)),
-    };
-    for entry in entries {
-        let path = entry.map_err(failed)?.path();
+    for path in entries(dir)? {
         match path.extension().is_some_and(|end| end == EXTENSION) {
             true => drop(sessions.insert(id_of(&path).to_owned(), Vec::new())),
             false => beside.push(path),
