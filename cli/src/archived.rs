@@ -5,6 +5,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use archive::{ArchiveReader, ArchivedSession, FetchedSession, ReadError, SessionFilter, Task};
+use config::path_from_environment;
 
 use crate::args::{Global, Sessions};
 use crate::failure::Failure;
@@ -15,16 +16,10 @@ use crate::output::time::local;
 /// Where the daemon's configuration is installed.
 const CONFIG: &str = "/etc/tactus/config.toml";
 
-fn set(name: &str) -> Option<PathBuf> {
-    std::env::var_os(name)
-        .filter(|value| !value.is_empty())
-        .map(PathBuf::from)
-}
-
 fn config(global: &Global) -> PathBuf {
     let named = global.archive_config.clone();
     named
-        .or_else(|| set("TACTUS_ARCHIVE"))
+        .or_else(|| path_from_environment("TACTUS_ARCHIVE"))
         .unwrap_or_else(|| CONFIG.into())
 }
 
@@ -52,9 +47,12 @@ pub(crate) fn fetch(global: &Global, named: &str) -> Result<FetchedSession, Fail
 
 /// The folder of fetched sessions: of the unit's cache, else of the user's.
 fn cache() -> Result<PathBuf, Failure> {
-    let home = || Some(set("HOME")?.join(".cache"));
-    let user = || Some(set("XDG_CACHE_HOME").or_else(home)?.join("tactus"));
-    let cache = set("CACHE_DIRECTORY").or_else(user);
+    let home = || Some(path_from_environment("HOME")?.join(".cache"));
+    let user = || {
+        let caches = path_from_environment("XDG_CACHE_HOME").or_else(home)?;
+        Some(caches.join("tactus"))
+    };
+    let cache = path_from_environment("CACHE_DIRECTORY").or_else(user);
     let cache = cache.map(|cache| cache.join("archive"));
     cache.ok_or_else(|| {
         Failure::Configuration(

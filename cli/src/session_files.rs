@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use config::path_from_environment;
 use logbook::{LogbookError, SessionReader};
 
 use crate::args::Global;
@@ -21,17 +22,12 @@ pub(crate) fn directories(global: &Global) -> Result<Vec<PathBuf>, Failure> {
     if let Some(directory) = &global.state {
         return Ok(vec![directory.clone()]);
     }
-    let set = |name: &str| {
-        std::env::var_os(name)
-            .filter(|value| !value.is_empty())
-            .map(PathBuf::from)
-    };
-    if let Some(directory) = set("TACTUS_STATE") {
+    if let Some(directory) = path_from_environment("TACTUS_STATE") {
         return Ok(vec![directory]);
     }
     let usual = [
-        set("XDG_STATE_HOME").map(|state| state.join("tactus")),
-        set("HOME").map(|home| home.join(".local/state/tactus")),
+        path_from_environment("XDG_STATE_HOME").map(|state| state.join("tactus")),
+        path_from_environment("HOME").map(|home| home.join(".local/state/tactus")),
         Some(PathBuf::from("/var/lib/tactus")),
     ];
     let mut places: Vec<PathBuf> = Vec::new();

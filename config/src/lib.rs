@@ -495,28 +495,25 @@ impl Config {
     }
 }
 
+/// The path in a variable of the environment, if it is set and not empty.
+pub fn path_from_environment(name: &str) -> Option<PathBuf> {
+    std::env::var_os(name)
+        .filter(|value| !value.is_empty())
+        .map(PathBuf::from)
+}
+
 /// `$STATE_DIRECTORY` (systemd), else `$XDG_STATE_HOME/tactus`, else `~/.local/state/tactus`, else `/var/lib/tactus`.
 fn default_record_directory() -> PathBuf {
-    let set = |name: &str| {
-        std::env::var_os(name)
-            .filter(|value| !value.is_empty())
-            .map(PathBuf::from)
-    };
-    set("STATE_DIRECTORY")
-        .or_else(|| Some(set("XDG_STATE_HOME")?.join("tactus")))
-        .or_else(|| Some(set("HOME")?.join(".local/state/tactus")))
+    path_from_environment("STATE_DIRECTORY")
+        .or_else(|| Some(path_from_environment("XDG_STATE_HOME")?.join("tactus")))
+        .or_else(|| Some(path_from_environment("HOME")?.join(".local/state/tactus")))
         .unwrap_or_else(|| PathBuf::from("/var/lib/tactus"))
 }
 
 /// `$RUNTIME_DIRECTORY/peer` (systemd), else `$XDG_RUNTIME_DIR/tactus/peer`, else `/run/tactus/peer`.
 fn default_peer_path() -> PathBuf {
-    let set = |name: &str| {
-        std::env::var_os(name)
-            .filter(|value| !value.is_empty())
-            .map(PathBuf::from)
-    };
-    set("RUNTIME_DIRECTORY")
+    path_from_environment("RUNTIME_DIRECTORY")
         .map(|directory| directory.join("peer"))
-        .or_else(|| Some(set("XDG_RUNTIME_DIR")?.join("tactus/peer")))
+        .or_else(|| Some(path_from_environment("XDG_RUNTIME_DIR")?.join("tactus/peer")))
         .unwrap_or_else(|| PathBuf::from("/run/tactus/peer"))
 }
