@@ -87,14 +87,8 @@ pub(crate) fn calibrate(options: &CalibrateOptions) -> Result<(), Failure> {
 
 /// A calibration from its file.
 pub(crate) fn read(path: &Path) -> Result<Calibration, Failure> {
-    let refused = |why: String| Failure::because(format!("calibration {}: {why}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|cause| refused(cause.to_string()))?;
-    let calibration: Calibration =
-        toml::from_str(&text).map_err(|fault| refused(fault.to_string()))?;
-    calibration
-        .check()
-        .map_err(|fault| refused(fault.to_string()))?;
-    Ok(calibration)
+    let refused = |why| Failure::because(format!("calibration {}: {why}", path.display()));
+    imaging::read_calibration(path).map_err(refused)
 }
 
 /// The method as arguments of `reconstruct`.

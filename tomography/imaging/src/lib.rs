@@ -47,6 +47,8 @@ pub use geometry::{
 pub use map_noise::map_noise;
 pub use model::Model;
 pub use model_file::{find_model, find_model_in, load, short_hash};
-pub use reconstruction::{build, calibrate, check_live, judging, unjudged, with_drift};
+pub use reconstruction::{
+    build, calibrate, check_live, judging, read_calibration, unjudged, with_drift,
+};
 pub use settings::{DriftRule, HyperChoice, Method, PriorName, ReconstructionSettings, Unknowns};
 pub use tracking::{Tracked, TrackedFrame, Tracking};

@@ -170,6 +170,17 @@ fn model_check(
     )?)
 }
 
+/// A calibration from its file.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn read_calibration(path: &Path) -> Result<Calibration, String> {
+    let text = std::fs::read_to_string(path).map_err(|cause| cause.to_string())?;
+    let calibration: Calibration = toml::from_str(&text).map_err(|fault| fault.to_string())?;
+    calibration.check().map_err(|fault| fault.to_string())?;
+    Ok(calibration)
+}
+
 /// Reads a calibration for a model.
 ///
 /// # Errors
@@ -179,12 +190,7 @@ pub fn calibrate(model: &mut Model, path: &Path) -> Result<(), BuildError> {
         path: path.to_owned(),
         why,
     };
-    let text = std::fs::read_to_string(path).map_err(|cause| refused(cause.to_string()))?;
-    let calibration: Calibration =
-        toml::from_str(&text).map_err(|fault| refused(fault.to_string()))?;
-    calibration
-        .check()
-        .map_err(|fault| refused(fault.to_string()))?;
+    let calibration = read_calibration(path).map_err(refused)?;
     let mesh = model.reconstructor.mesh().hash();
     if calibration.mesh != mesh {
         return Err(refused(format!(
