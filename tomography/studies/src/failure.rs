@@ -122,6 +122,15 @@ pub fn write(path: &Path, existing: Existing, text: String) -> Result<(), Failur
     Ok(outfile::write(path, existing, text.as_bytes())?)
 }
 
+/// Rows of a table as JSON, with the table's name.
+pub(crate) fn tagged<T: serde::Serialize>(
+    table: &str,
+    rows: &[T],
+) -> impl Iterator<Item = serde_json::Value> {
+    rows.iter()
+        .map(move |row| serde_json::json!({ "table": table, "row": row }))
+}
+
 /// Writes the tables of a study into a folder: `NAME.txt`, and `NAME.json` with an object for each row.
 pub(crate) fn write_tables(
     folder: &Path,

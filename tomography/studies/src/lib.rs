@@ -24,8 +24,8 @@ pub mod tradeoff;
 
 pub use artifact_cache::Program;
 pub use exit::{EXIT_TABLE, Exit, ExitRow};
-pub(crate) use failure::write_tables;
 pub use failure::{Failure, write};
+pub(crate) use failure::{tagged, write_tables};
 pub use readings::{add_noise, measured};
 
 /// What numbers depend on besides the options of a study.

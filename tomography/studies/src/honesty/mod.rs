@@ -14,7 +14,7 @@ use imaging::Geometry;
 use outfile::Existing;
 use survey::Protocol;
 
-use crate::{Failure, write_tables};
+use crate::{Failure, tagged, write_tables};
 
 pub use maps::{MapMethod, MapRow, Stated};
 pub use quality::QualityRow;
@@ -113,11 +113,8 @@ impl Report {
 
     /// The tables as JSON, one object a row.
     pub fn lines(&self) -> Vec<serde_json::Value> {
-        let quality = self.quality.iter();
-        let maps = self.maps.iter();
-        quality
-            .map(|row| serde_json::json!({ "table": "quality", "row": row }))
-            .chain(maps.map(|row| serde_json::json!({ "table": "maps", "row": row })))
+        tagged("quality", &self.quality)
+            .chain(tagged("maps", &self.maps))
             .collect()
     }
 

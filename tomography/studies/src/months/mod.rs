@@ -16,7 +16,7 @@ use std::path::Path;
 use imaging::Geometry;
 use outfile::Existing;
 
-use crate::{Failure, write_tables};
+use crate::{Failure, tagged, write_tables};
 
 pub use loads::LoadRow;
 pub use maps::{LoadKind, MapRow, MapSettings};
@@ -118,19 +118,12 @@ impl Report {
 
     /// The tables as JSON, one object a row.
     pub fn lines(&self) -> Vec<serde_json::Value> {
-        let single = self.single.iter();
-        let sheets = self.sheets.iter();
-        let presses = self.presses.iter();
-        let frames = self.frames.iter();
-        let maps = self.maps.iter();
-        let loads = self.loads.iter();
-        single
-            .map(|row| serde_json::json!({ "table": "single", "row": row }))
-            .chain(sheets.map(|row| serde_json::json!({ "table": "sheets", "row": row })))
-            .chain(maps.map(|row| serde_json::json!({ "table": "maps", "row": row })))
-            .chain(presses.map(|row| serde_json::json!({ "table": "presses", "row": row })))
-            .chain(frames.map(|row| serde_json::json!({ "table": "frames", "row": row })))
-            .chain(loads.map(|row| serde_json::json!({ "table": "loads", "row": row })))
+        tagged("single", &self.single)
+            .chain(tagged("sheets", &self.sheets))
+            .chain(tagged("maps", &self.maps))
+            .chain(tagged("presses", &self.presses))
+            .chain(tagged("frames", &self.frames))
+            .chain(tagged("loads", &self.loads))
             .collect()
     }
 
