@@ -1,4 +1,4 @@
-//! What is asked of `tactus quantities`: which regions and quantities, in which units, in which words.
+//! The request of `tactus quantities`: which regions and quantities, in which units, in which words.
 
 use chrono::{DateTime, Utc};
 use imaging::quantities::{
