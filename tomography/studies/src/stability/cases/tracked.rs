@@ -2,7 +2,6 @@
 //! it is recorded.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use drift::Tracker;
 use imaging::{Geometry, Model, baseline_remarks};
