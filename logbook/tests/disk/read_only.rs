@@ -1,7 +1,5 @@
 //! A disk that is mounted read-only: what was recorded is read as ever, what would write is refused with the path.
 
-use std::path::Path;
-
 use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair, verify};
 use survey::{Protocol, Reading, Volts};
 
