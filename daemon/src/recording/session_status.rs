@@ -5,14 +5,14 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-use dbus::{Fault, FrameSummary};
+use dbus::Fault;
 use imaging::tracking::TrackingOrder;
 use logbook::{LogbookError, SessionKind};
 use rig::{Stop, StopButton};
 use tokio::sync::mpsc::WeakSender;
 use tokio::sync::{OnceCell, SetOnce, oneshot, watch};
 
-use crate::events::event::{Event, FrameDone};
+use crate::events::event::Event;
 use crate::monitoring::Counters;
 use crate::monitoring::counters::LastFrame;
 use crate::recording::end_marks::Marked;
@@ -337,22 +337,6 @@ impl SessionStatus {
             .unwrap_or_else(PoisonError::into_inner)
             .frame
             .clone()
-    }
-
-    /// Content of a frame's signal.
-    pub(crate) fn summary(&self, published: &Published) -> FrameDone {
-        FrameDone {
-            session: self.facts.id.clone(),
-            sequence: published.frame.sequence,
-            wall_ns: survey::nanoseconds(published.frame.wall),
-            summary: FrameSummary {
-                frames_acquired: Some(self.acquired()),
-                frames_dropped: Some(self.dropped()),
-                simulated: Some(published.frame.simulated),
-                quality: published.quality_details(),
-                map: published.map_details(),
-            },
-        }
     }
 
     /// The last frame with a map.

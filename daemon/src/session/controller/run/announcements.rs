@@ -3,7 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::events::event::BusEvent;
+use dbus::FrameSummary;
+
+use crate::events::event::{BusEvent, FrameDone};
 use crate::recording::session_status::SessionStatus;
 use crate::session::controller::{Controller, Inner};
 
@@ -51,8 +53,19 @@ impl Controller {
                 && latest.frame.sequence > reported
             {
                 reported = latest.frame.sequence;
-                self.events
-                    .publish(&BusEvent::FrameDone(Arc::new(status.summary(&latest))));
+                let done = FrameDone {
+                    session: status.facts.id.clone(),
+                    sequence: reported,
+                    wall_ns: survey::nanoseconds(latest.frame.wall),
+                    summary: FrameSummary {
+                        frames_acquired: Some(status.acquired()),
+                        frames_dropped: Some(status.dropped()),
+                        simulated: Some(latest.frame.simulated),
+                        quality: latest.quality_details(),
+                        map: latest.map_details(),
+                    },
+                };
+                self.events.publish(&BusEvent::FrameDone(Arc::new(done)));
                 if !over {
                     tokio::time::sleep(SUMMARY_INTERVAL).await;
                 }

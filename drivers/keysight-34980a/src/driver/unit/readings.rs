@@ -92,9 +92,8 @@ impl<S: Stream> Unit<S> {
         deadline: Duration,
     ) -> Result<Vec<Answer>, RigError> {
         self.doubted = true;
-        let mut sent = self.held.clone();
-        sent.extend(commands.iter().cloned());
-        let replies = self.send(commands, deadline).await?;
+        let sent = self.with_held(commands);
+        let replies = self.conversation.send_within(&sent, deadline).await?;
         if replies.error.code != 0 {
             return Err(self.refused_message(sent, replies).await);
         }
