@@ -38,11 +38,11 @@ async fn an_overload_is_a_flag_and_not_a_number() {
     }
 }
 
-/// Files on this disk cannot grow beyond 1.5 MB: an I/O error to SQLite, after which the state of a file is uncertain.
+/// Files on this disk cannot grow beyond 0.6 MB: an I/O error to SQLite, after which the state of a file is uncertain.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_file_that_cannot_be_written_is_followed_by_the_next_part() {
     let stage = Stage::new(SMALL);
-    let daemon = stage.start_on_a_small_disk(1500).await;
+    let daemon = stage.start_on_a_small_disk(600).await;
     daemon.baseline(2).await;
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     let session = daemon.start(Options::new()).await;
