@@ -1,4 +1,5 @@
-//! The unknowns of the nonlinear problem: the triangles of the region one by one, those outside of it in larger cells.
+//! The unknowns of the nonlinear problem: the triangles of the region one by one or a few together, those outside of it in larger
+//! cells.
 
 use std::collections::BTreeMap;
 
@@ -7,11 +8,17 @@ use crate::{Mesh, Parameters};
 
 /// Edge of the square cells outside of the region, in mean edges of the region's triangles.
 const OUTSIDE_EDGE: f64 = 2.5;
+/// The same in the region, for the first steps of the search.
+const INSIDE_EDGE: f64 = 2.0;
+/// How often values are replaced by the means over their neighbours to smooth them.
+const SMOOTHED: usize = 2;
 
-/// Cells of a mesh: the first are the triangles of its region, in their order.
+/// Cells of a mesh.
 pub(super) struct Cells {
     /// The triangles of each cell.
     pub(super) triangles: Vec<Vec<usize>>,
+    /// The cell of each triangle.
+    of: Vec<usize>,
     /// Area of each cell over the mean area of a triangle of the region.
     pub(super) sizes: Vec<f64>,
     /// Neighbours, with the length of their border, m, as weight.
@@ -19,27 +26,50 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    pub(super) fn new(mesh: &Mesh) -> Self {
-        let mut triangles: Vec<Vec<usize>> = mesh.region().iter().map(|&t| vec![t]).collect();
-        let shown = triangles.len();
+    /// The first cells are the triangles of the region, in their order.
+    pub(super) fn fine(mesh: &Mesh) -> Self {
+        Self::new(mesh, 0.0)
+    }
+
+    /// Cells of several triangles in the region too.
+    pub(super) fn coarse(mesh: &Mesh) -> Self {
+        Self::new(mesh, INSIDE_EDGE)
+    }
+
+    /// `inside`: edge of the cells of the region, in mean edges of its triangles; 0: each triangle is one.
+    fn new(mesh: &Mesh, inside: f64) -> Self {
         let area: f64 = mesh.region_areas().iter().sum();
-        let mean = area / shown as f64;
-        let mut of = vec![usize::MAX; mesh.triangles().len()];
-        for (cell, members) in triangles.iter().enumerate() {
-            of[members[0]] = cell;
+        let mean = area / mesh.region().len() as f64;
+        let mut in_region = vec![false; mesh.triangles().len()];
+        let mut order = mesh.region().to_vec();
+        for &triangle in mesh.region() {
+            in_region[triangle] = true;
         }
-        let pitch = OUTSIDE_EDGE * mean.sqrt();
-        let mut squares = BTreeMap::<[i64; 2], usize>::new();
-        for (triangle, of) in of.iter_mut().enumerate() {
-            if *of != usize::MAX {
-                continue;
-            }
-            let place = mesh.centroid(triangle).map(|x| (x / pitch).floor() as i64);
-            *of = *squares.entry(place).or_insert_with(|| {
+        order.extend((0..mesh.triangles().len()).filter(|&triangle| !in_region[triangle]));
+        let mut triangles: Vec<Vec<usize>> = Vec::new();
+        let mut of = vec![0; mesh.triangles().len()];
+        let mut squares = BTreeMap::<(bool, [i64; 2]), usize>::new();
+        for triangle in order {
+            let edges = match in_region[triangle] {
+                true => inside,
+                false => OUTSIDE_EDGE,
+            };
+            let mut next = || {
                 triangles.push(Vec::new());
                 triangles.len() - 1
-            });
-            triangles[*of].push(triangle);
+            };
+            let cell = match edges > 0.0 {
+                true => {
+                    let pitch = edges * mean.sqrt();
+                    let place = mesh.centroid(triangle).map(|x| (x / pitch).floor() as i64);
+                    *squares
+                        .entry((in_region[triangle], place))
+                        .or_insert_with(next)
+                }
+                false => next(),
+            };
+            of[triangle] = cell;
+            triangles[cell].push(triangle);
         }
         let mut borders = BTreeMap::<[usize; 2], f64>::new();
         let mut open = BTreeMap::new();
@@ -73,7 +103,32 @@ impl Cells {
             neighbours: Laplacian::new(centres.collect(), edges, lengths),
             sizes: areas.into_iter().map(|area| area / mean).collect(),
             triangles,
+            of,
         }
+    }
+
+    /// The values of these cells from those of larger ones.
+    pub(super) fn refined(&self, coarse: &Self, values: &[f64]) -> Vec<f64> {
+        let cells = self.triangles.iter();
+        cells.map(|members| values[coarse.of[members[0]]]).collect()
+    }
+
+    /// Means over neighbours.
+    pub(super) fn smoothed(&self, values: &[f64]) -> Vec<f64> {
+        let mut smooth = values.to_vec();
+        for _ in 0..SMOOTHED {
+            let mut sums: Vec<[f64; 2]> = smooth.iter().map(|value| [*value, 1.0]).collect();
+            for &[a, b] in &self.neighbours.edges {
+                for (into, from) in [(a, b), (b, a)] {
+                    sums[into][0] += smooth[from];
+                    sums[into][1] += 1.0;
+                }
+            }
+            for (value, [sum, count]) in smooth.iter_mut().zip(sums) {
+                *value = sum / count;
+            }
+        }
+        smooth
     }
 
     pub(super) fn count(&self) -> usize {
@@ -110,7 +165,7 @@ mod tests {
             ..PaperSheet::default()
         };
         let mesh = sheet.mesh().unwrap();
-        let cells = Cells::new(&mesh);
+        let cells = Cells::fine(&mesh);
         let mut all: Vec<usize> = cells.triangles.iter().flatten().copied().collect();
         all.sort_unstable();
         assert_eq!(all, (0..mesh.triangles().len()).collect::<Vec<_>>());

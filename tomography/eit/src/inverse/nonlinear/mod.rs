@@ -1,8 +1,9 @@
 //! Total variation with the full forward model: large and wide loads cause no linearisation error, and losses only take
 //! conductance away.
 //!
-//! - [`cells`]: the unknowns, ln sigma of the triangles of the region and of larger cells outside of it
-//! - [`solver`]: Gauss and Newton's method
+//! - [`cells`]: the unknowns, ln sigma of the triangles of the region and of larger cells outside of it; larger ones in the region
+//!   too for the first steps
+//! - [`solver`]: Gauss and Newton's method, first with few unknowns
 
 mod cells;
 mod solver;
@@ -135,7 +136,7 @@ impl NonlinearTv {
             sigma0,
             STRENGTH / area.sqrt(),
         )?;
-        let sensitivity = sheet.sensitivity.clone();
+        let sensitivity = sheet.fine.sensitivity.clone();
         let penalty = Penalty::noser(&sensitivity, NOSER_POWER);
         let rule = FrameRule::new(HyperRule::Evidence, noise, &linear, sensitivity, &penalty)?;
         Ok(Self {
@@ -282,7 +283,7 @@ impl Reconstructor for NonlinearTv {
             format!(
                 "total variation of ln sigma on the whole sheet ({} cells; the map shows the {} of the region), with the full \
                  forward model",
-                self.sheet.cells.count(),
+                self.sheet.fine.cells.count(),
                 mesh.region().len()
             ),
             match self.noise {

@@ -27,14 +27,16 @@ const SMOOTH: f64 = 0.02;
 const GAIN_PENALTY: f64 = 1e3;
 /// r: determines the mean level where readings do not.
 const LEVEL: f64 = 1e-4;
-/// Most steps.
-const STEPS: usize = 12;
+/// Least and most steps with few unknowns, and after them with those of the map, which begin at a map of squares.
+const COARSE_STEPS: [usize; 2] = [1, 12];
+const FINE_STEPS: [usize; 2] = [3, 8];
 /// Largest change of ln sigma in a step.
 const LONGEST: f64 = 1.5;
 /// Lowest ln sigma: below it a cell insulates.
 const LOWEST: f64 = -6.0;
-/// The search ends when a step improves the objective by less than this share.
-const DONE: f64 = 0.01;
+/// The search ends when a step improves the objective by less than this share: with few unknowns, and with those of the map.
+const COARSE_DONE: f64 = 0.2;
+const DONE: f64 = 0.05;
 /// Most halvings of a step.
 const HALVINGS: usize = 4;
 /// Draws of the posterior: a whole number of lanes.
@@ -53,15 +55,57 @@ pub(super) struct Sheet {
     pub(super) questions: Protocol,
     pub(super) factors: DVector<f64>,
     pub(super) sigma0: Vec<f64>,
+    /// Unknowns of the first steps, which are few, and those of the map.
+    coarse: Level,
+    pub(super) fine: Level,
+    /// Folded readings of the unloaded sheet.
+    pub(super) unloaded: DVector<f64>,
+    /// alpha, 1/m.
+    pub(super) alpha: f64,
+}
+
+/// A division of the sheet into unknowns.
+pub(super) struct Level {
     pub(super) cells: Cells,
     parameters: Parameters,
     /// The pattern of the penalty's factor.
     pattern: Half,
-    /// Folded readings of the unloaded sheet, and their sensitivity to ln sigma of the cells.
-    pub(super) unloaded: DVector<f64>,
+    /// Sensitivity of the folded readings of the unloaded sheet to ln sigma of the cells.
     pub(super) sensitivity: DMatrix<f64>,
-    /// alpha, 1/m.
-    pub(super) alpha: f64,
+}
+
+impl Level {
+    fn new(
+        forward: &Forward,
+        questions: &Protocol,
+        factors: &DVector<f64>,
+        sigma0: &[f64],
+        cells: Cells,
+    ) -> Result<Self, OneStepError> {
+        let mut level = Self {
+            parameters: cells.parameters(forward.mesh()),
+            pattern: cells.neighbours.pattern().ok_or(OneStepError::Prior)?,
+            cells,
+            sensitivity: DMatrix::zeros(0, 0),
+        };
+        let mut sensitivity = DMatrix::zeros(0, 0);
+        level.sensitivity_into(forward, questions, factors, sigma0, &mut sensitivity)?;
+        level.sensitivity = sensitivity;
+        Ok(level)
+    }
+
+    fn sensitivity_into(
+        &self,
+        forward: &Forward,
+        questions: &Protocol,
+        factors: &DVector<f64>,
+        sigma: &[f64],
+        sensitivity: &mut DMatrix<f64>,
+    ) -> Result<(), ForwardError> {
+        forward.sensitivity_into(sigma, questions, &self.parameters, sensitivity)?;
+        scale_rows(sensitivity, factors.as_slice());
+        Ok(())
+    }
 }
 
 /// A minimum.
@@ -107,40 +151,26 @@ impl Sheet {
         sigma0: &[f64],
         alpha: f64,
     ) -> Result<Self, OneStepError> {
-        let cells = Cells::new(forward.mesh());
+        let mesh = forward.mesh();
+        let factors = DVector::from_column_slice(factors);
+        let level = |cells| Level::new(&forward, &questions, &factors, sigma0, cells);
         let mut sheet = Self {
-            parameters: cells.parameters(forward.mesh()),
-            pattern: cells.neighbours.pattern().ok_or(OneStepError::Prior)?,
-            cells,
+            coarse: level(Cells::coarse(mesh))?,
+            fine: level(Cells::fine(mesh))?,
             unloaded: DVector::zeros(questions.len()),
-            sensitivity: DMatrix::zeros(0, 0),
             sigma0: sigma0.to_vec(),
             forward,
             questions,
-            factors: DVector::from_column_slice(factors),
+            factors,
             alpha,
         };
         sheet.unloaded = sheet.readings(sigma0)?;
-        let mut sensitivity = DMatrix::zeros(0, 0);
-        sheet.sensitivity_into(sigma0, &mut sensitivity)?;
-        sheet.sensitivity = sensitivity;
         Ok(sheet)
     }
 
     fn readings(&self, sigma: &[f64]) -> Result<DVector<f64>, ForwardError> {
         let readings = self.forward.readings(sigma, &self.questions)?;
         Ok(readings.zip_map(&self.factors, |value, factor| value * factor))
-    }
-
-    fn sensitivity_into(
-        &self,
-        sigma: &[f64],
-        sensitivity: &mut DMatrix<f64>,
-    ) -> Result<(), ForwardError> {
-        let (forward, questions) = (&self.forward, &self.questions);
-        forward.sensitivity_into(sigma, questions, &self.parameters, sensitivity)?;
-        scale_rows(sensitivity, self.factors.as_slice());
-        Ok(())
     }
 
     /// The minimum for the change of the readings. The standard deviation of their errors is `first`, then what the map leaves
@@ -152,47 +182,34 @@ impl Sheet {
         least: f64,
         bounded: bool,
     ) -> Result<Option<Found<'_>>, ForwardError> {
-        let mut penalty = Penalty::new(self, bounded);
-        let mut at = Point {
-            change: vec![0.0; self.cells.count()],
+        let start = Point {
+            change: vec![0.0; self.coarse.cells.count()],
             residual: seen.data.clone(),
             sigma: self.sigma0.clone(),
         };
-        let mut deviation = first;
-        let mut value = self.value(&at, deviation, bounded);
-        let mut last = None;
-        // kept from step to step: new memory takes longer than what fills it
-        let mut changed = DMatrix::zeros(0, 0);
-        for step in 1..=STEPS {
-            let sensitivity = match step {
-                1 => &self.sensitivity,
-                _ => {
-                    self.sensitivity_into(&at.sigma, &mut changed)?;
-                    &changed
-                }
-            };
-            let problem = Linearised::new(&seen.rows(sensitivity), &at, deviation);
-            let Some(solution) = penalty.minimum(&problem, &at.change) else {
-                return Ok(None);
-            };
-            let solution = last.insert(solution);
-            let Some(next) =
-                self.towards(seen, &at, &solution.change, value, deviation, bounded)?
-            else {
-                break; // no step improves it further
-            };
-            at = next;
-            let before = value;
-            value = self.value(&at, deviation, bounded);
-            let estimated = at.error(solution.degrees).max(least);
-            if estimated < KEPT * deviation || step == RAISED && estimated > deviation {
-                deviation = estimated;
-                value = self.value(&at, deviation, bounded);
-            } else if before - value < DONE * value {
-                break;
-            }
+        let mut search = Search {
+            sheet: self,
+            seen,
+            least,
+            bounded,
+            deviation: first,
+            at: start,
+        };
+        let start = search.at.change.clone();
+        let coarse = search.down(&self.coarse, &start, COARSE_STEPS, COARSE_DONE)?;
+        if coarse.is_none() {
+            return Ok(None);
         }
-        Ok(last.map(|last| Found {
+        let cells = &self.fine.cells;
+        search.at.change = cells.refined(&self.coarse.cells, &search.at.change);
+        // the borders of the squares are none of the load
+        let borders = cells.smoothed(&search.at.change);
+        let found = search.down(&self.fine, &borders, FINE_STEPS, DONE)?;
+        let Some((penalty, last)) = found else {
+            return Ok(None);
+        };
+        let at = search.at;
+        Ok(Some(Found {
             error: at.error(last.degrees),
             left: at.residual.norm_squared() / seen.data.norm_squared(),
             change: at.change,
@@ -200,37 +217,124 @@ impl Sheet {
             last,
         }))
     }
+}
+
+/// A search for the minimum.
+struct Search<'a, 'b> {
+    sheet: &'a Sheet,
+    seen: &'b Seen,
+    /// Least standard deviation of a reading.
+    least: f64,
+    /// Gains are penalised.
+    bounded: bool,
+    /// Standard deviation of a reading.
+    deviation: f64,
+    at: Point,
+}
+
+impl<'a> Search<'a, '_> {
+    /// Takes at most so many steps with the unknowns of a level; returns the last one, or `None` if a step cannot be solved.
+    /// `borders`: the values whose differences decide which borders the first step may part.
+    fn down(
+        &mut self,
+        level: &'a Level,
+        borders: &[f64],
+        [fewest, most]: [usize; 2],
+        done: f64,
+    ) -> Result<Option<(Penalty<'a>, Solution)>, ForwardError> {
+        let sheet = self.sheet;
+        let mut penalty = Penalty::new(level, sheet.alpha, self.bounded, &self.at.change);
+        // a map with borders that are none of the load's has no value to compare with
+        let mut value = match borders == self.at.change {
+            true => self.value(level, &self.at),
+            false => f64::INFINITY,
+        };
+        let mut last = None;
+        // kept from step to step: new memory takes longer than what fills it
+        let mut changed = DMatrix::zeros(0, 0);
+        for step in 1..=most {
+            let at_rest = self.at.change.iter().all(|change| *change == 0.0);
+            let sensitivity = match at_rest {
+                true => &level.sensitivity,
+                false => {
+                    let (forward, questions) = (&sheet.forward, &sheet.questions);
+                    let sigma = &self.at.sigma;
+                    level.sensitivity_into(
+                        forward,
+                        questions,
+                        &sheet.factors,
+                        sigma,
+                        &mut changed,
+                    )?;
+                    &changed
+                }
+            };
+            let problem = Linearised::new(&self.seen.rows(sensitivity), &self.at, self.deviation);
+            let borders = match step {
+                1 => borders,
+                _ => &self.at.change,
+            };
+            let Some(solution) = penalty.minimum(&problem, borders) else {
+                return Ok(None);
+            };
+            let solution = last.insert(solution);
+            let Some(next) = self.towards(level, &solution.change, value)? else {
+                break; // no step improves it further
+            };
+            self.at = next;
+            let before = value;
+            value = self.value(level, &self.at);
+            let estimated = self.at.error(solution.degrees).max(self.least);
+            if estimated < KEPT * self.deviation || step == RAISED && estimated > self.deviation {
+                self.deviation = estimated;
+                value = self.value(level, &self.at);
+            } else if step >= fewest && before - value < done * value {
+                break;
+            }
+        }
+        Ok(last.map(|last| (penalty, last)))
+    }
 
     /// The objective.
-    fn value(&self, at: &Point, deviation: f64, bounded: bool) -> f64 {
-        let edges = self.cells.neighbours.edges.iter();
+    fn value(&self, level: &Level, at: &Point) -> f64 {
+        let neighbours = &level.cells.neighbours;
+        let edges = neighbours.edges.iter().zip(&neighbours.weights);
         let variation: f64 = edges
-            .zip(&self.cells.neighbours.weights)
             .map(|(&[a, b], length)| length * (at.change[a] - at.change[b]).hypot(SMOOTH))
             .sum();
-        let sizes = self.cells.sizes.iter().zip(&at.change);
-        let gains: f64 = match bounded {
+        let sizes = level.cells.sizes.iter().zip(&at.change);
+        let gains: f64 = match self.bounded {
             true => sizes.map(|(size, u)| size * u.max(0.0).powi(2)).sum(),
             false => 0.0,
         };
-        let level: f64 = at.change.iter().map(|u| u * u).sum();
-        0.5 * (at.residual.norm_squared() / (deviation * deviation)
+        let mean: f64 = at.change.iter().map(|u| u * u).sum();
+        0.5 * (at.residual.norm_squared() / (self.deviation * self.deviation)
             + GAIN_PENALTY * gains
-            + LEVEL * level)
-            + self.alpha * variation
+            + LEVEL * mean)
+            + self.sheet.alpha * variation
+    }
+
+    /// What a change of ln sigma leaves of the readings.
+    fn point(&self, level: &Level, change: Vec<f64>) -> Result<Point, ForwardError> {
+        let (sheet, seen) = (self.sheet, self.seen);
+        let sigma = level.cells.conductances(&sheet.sigma0, &change);
+        let shift = sheet.readings(&sigma)? - &sheet.unloaded;
+        let shift = DMatrix::from_column_slice(shift.len(), 1, shift.as_slice());
+        Ok(Point {
+            residual: &seen.data - seen.rows(&shift).column(0),
+            change,
+            sigma,
+        })
     }
 
     /// A point on the way to a solution with a smaller objective; `None` if none was found.
     fn towards(
         &self,
-        seen: &Seen,
-        from: &Point,
+        level: &Level,
         to: &[f64],
         value: f64,
-        deviation: f64,
-        bounded: bool,
     ) -> Result<Option<Point>, ForwardError> {
-        let both = || from.change.iter().zip(to);
+        let both = || self.at.change.iter().zip(to);
         let longest = both()
             .map(|(from, to)| (to - from).abs())
             .fold(0.0, f64::max);
@@ -239,22 +343,8 @@ impl Sheet {
             let change: Vec<f64> = both()
                 .map(|(from, to)| (from + share * (to - from)).max(LOWEST))
                 .collect();
-            let sigma = self.cells.conductances(&self.sigma0, &change);
-            let shift = self.readings(&sigma)? - &self.unloaded;
-            let shift = seen
-                .rows(&DMatrix::from_column_slice(
-                    shift.len(),
-                    1,
-                    shift.as_slice(),
-                ))
-                .column(0)
-                .into_owned();
-            let point = Point {
-                change,
-                residual: &seen.data - shift,
-                sigma,
-            };
-            if self.value(&point, deviation, bounded) < value {
+            let point = self.point(level, change)?;
+            if self.value(level, &point) < value {
                 return Ok(Some(point));
             }
             share *= 0.5;
@@ -288,7 +378,8 @@ impl Linearised {
 
 /// The quadratic penalty of a step.
 struct Penalty<'a> {
-    sheet: &'a Sheet,
+    cells: &'a Cells,
+    alpha: f64,
     laplacian: Laplacian,
     half: Half,
     /// The cells with gains in the solution of the step before, which are penalised; `None` if gains are free.
@@ -306,18 +397,20 @@ struct Solution {
 }
 
 impl<'a> Penalty<'a> {
-    fn new(sheet: &'a Sheet, bounded: bool) -> Self {
+    /// `bounded`: gains are penalised, those at `start` from the first step on.
+    fn new(level: &'a Level, alpha: f64, bounded: bool, start: &[f64]) -> Self {
         Self {
-            laplacian: sheet.cells.neighbours.clone(),
-            half: sheet.pattern.clone(),
-            gains: bounded.then(|| vec![false; sheet.cells.count()]),
-            sheet,
+            laplacian: level.cells.neighbours.clone(),
+            half: level.pattern.clone(),
+            gains: bounded.then(|| start.iter().map(|u| *u > 0.0).collect()),
+            cells: &level.cells,
+            alpha,
         }
     }
 
     /// The minimum with the penalty's tangent parabola at `at`; `None` if a matrix cannot be factored.
     fn minimum(&mut self, problem: &Linearised, at: &[f64]) -> Option<Solution> {
-        let cells = &self.sheet.cells;
+        let cells = self.cells;
         for ((weight, length), &[a, b]) in self
             .laplacian
             .weights
@@ -337,10 +430,10 @@ impl<'a> Penalty<'a> {
     }
 
     fn solved(&mut self, problem: &Linearised) -> Option<Solution> {
-        let sizes = &self.sheet.cells.sizes;
+        let sizes = &self.cells.sizes;
         let gains = self.gains.as_ref();
         self.half
-            .factor_again(&self.laplacian, self.sheet.alpha, |cell| {
+            .factor_again(&self.laplacian, self.alpha, |cell| {
                 match gains.is_some_and(|gains| gains[cell]) {
                     true => LEVEL + GAIN_PENALTY * sizes[cell],
                     false => LEVEL,
