@@ -2,18 +2,21 @@
 
 use std::sync::Arc;
 
-use drift::{Judgement, Tracker};
+use drift::{DriftError, DriftModel, Judgement, Tracker, Whitened};
 use imaging::Geometry;
 use nalgebra::DMatrix;
 use phantom::Load;
 use rayon::prelude::*;
 use serde::Serialize;
+use survey::Reading;
 
 use super::simulated::{Simulated, away_mm, model};
 use super::tracked::LongScene;
 use crate::{Failure, progress};
 
 const DAY_S: f64 = 86_400.0;
+/// Standard deviation of local changes of ln conductance in the maps of a night.
+const MAP_SIZE: f64 = 0.3;
 
 /// A figure of the run of one load.
 #[derive(Debug, Clone, Serialize)]
@@ -44,6 +47,8 @@ struct Seen {
     day: f64,
     /// Amplitude of the load at its true place, in the change of ln conductance.
     amplitude: f64,
+    /// The change of ln conductance in its map near the load, summed over the area, mm2; of frames of a night only.
+    of_map_mm2: f64,
     loaded: bool,
     /// Whether a baseline of the past shows a change at its true place.
     anchor: bool,
@@ -152,8 +157,14 @@ fn run(kind: Kind, seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<Seen
         let answer = tracker.follow(&frame, at_s).map_err(failed)?;
         let white = tracker.whitened().map_err(failed)?;
         let column = white.sensitivity(&atom);
+        let night = kind == Kind::Nights && at_night(day);
+        let of_map_mm2 = match night {
+            true => load_of_map(&tracker, &frame, place, diameter).map_err(failed)?,
+            false => f64::NAN,
+        };
         out.push(Seen {
             day,
+            of_map_mm2,
             amplitude: column.column(0).dot(white.data()) / column.norm_squared(),
             loaded: answer.judgement == Judgement::Loaded,
             anchor: answer
@@ -162,6 +173,27 @@ fn run(kind: Kind, seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<Seen
         });
     }
     Ok(out)
+}
+
+/// The load that a linear map of the last frame shows, in the middle of which a load of this size lies. It is compared, as maps of the
+/// daemon are, with the tracked baseline and with the drift that is most probable beside what lies there.
+fn load_of_map(
+    tracker: &Tracker,
+    frame: &[Reading],
+    place_mm: [f64; 2],
+    diameter_mm: f64,
+) -> Result<f64, DriftError> {
+    let model: &DriftModel = tracker.model();
+    let relative = model.relative(frame)?;
+    let mut change = relative.data - tracker.baseline();
+    if let Some(drift) = tracker.drift_beside_load()? {
+        change -= drift;
+    }
+    let white = Whitened::new(model.noise(), &change, &relative.rows)?;
+    let map = white.one_step(model, MAP_SIZE)?;
+    let mesh = model.mesh();
+    let near = (0..map.len()).filter(|&t| away_mm(mesh.centroid(t), place_mm) < diameter_mm);
+    Ok(near.map(|t| 1e6 * mesh.area(t) * map[t]).sum())
 }
 
 /// Whether the night's load lies there; a frame at its end, up to the rounding of the time of day, has none.
@@ -212,30 +244,35 @@ fn judged(kind: Kind, seen: &[Seen]) -> Vec<LoadRow> {
             ]
         }
         Kind::Nights => {
-            let nights: Vec<Vec<f64>> = (0..seen.last().map_or(0, |last| last.day as usize))
+            let whole = 0..seen.last().map_or(0, |last| last.day as usize);
+            let nights: Vec<Vec<&Seen>> = whole
                 .map(|night| {
                     let of = seen.iter().filter(|one| one.day as usize == night);
-                    of.filter(|one| at_night(one.day))
-                        .map(|one| one.amplitude)
-                        .collect()
+                    of.filter(|one| at_night(one.day)).collect()
                 })
-                .filter(|night: &Vec<f64>| !night.is_empty())
+                .filter(|night: &Vec<&Seen>| !night.is_empty())
                 .collect();
-            let mean = nights.iter().map(|night| night[0]).sum::<f64>() / nights.len() as f64;
-            let squares = nights.iter().map(|night| (night[0] / mean - 1.0).powi(2));
-            let rms = 100.0 * (squares.sum::<f64>() / nights.len() as f64).sqrt();
-            let within = nights.iter().map(|night| {
-                let [low, high] = extremes(&mut night.iter().map(|value| value / night[0]));
-                100.0 * (high - 1.0).max(1.0 - low)
-            });
+            // of the first frames of the nights, % rms, and the largest change within one, %
+            let spread = |value: fn(&Seen) -> f64| {
+                let firsts = || nights.iter().map(|night| value(night[0]));
+                let mean = firsts().sum::<f64>() / nights.len() as f64;
+                let squares = firsts().map(|first| (first / mean - 1.0).powi(2));
+                let rms = (squares.sum::<f64>() / nights.len() as f64).sqrt();
+                let within = nights.iter().map(|night| {
+                    let first = value(night[0]);
+                    let [low, high] = extremes(&mut night.iter().map(|one| value(one) / first));
+                    (high - 1.0).max(1.0 - low)
+                });
+                [100.0 * rms, 100.0 * within.fold(0.0, f64::max)]
+            };
+            let [rms, within] = spread(|one| one.amplitude);
+            let [map_rms, map_within] = spread(|one| one.of_map_mm2);
             vec![
                 row("nights", nights.len() as f64, ""),
                 row("first amplitude of each night, % rms", rms, "1"),
-                row(
-                    "largest change within a night, %",
-                    within.fold(0.0, f64::max),
-                    "4",
-                ),
+                row("largest change within a night, %", within, "4"),
+                row("first load of each night's maps, % rms", map_rms, "1"),
+                row("its largest change within a night, %", map_within, "4"),
             ]
         }
         Kind::Slow { days: rise, nights } => {
