@@ -51,6 +51,8 @@ pub enum LongScene {
     HoldOutContacts,
     /// A sheet sprayed unevenly by 15 % with misplaced electrodes, whose load sets by 2 % per decade; the tracker is not told
     HoldOutSpray,
+    /// Noise of the readings and nothing else: what no tracking does better
+    Noise,
 }
 
 impl LongScene {
@@ -61,6 +63,7 @@ impl LongScene {
             Self::Bedside => "bedside",
             Self::HoldOutContacts => "contacts",
             Self::HoldOutSpray => "spray",
+            Self::Noise => "noise",
         }
     }
 
@@ -88,6 +91,7 @@ impl LongScene {
                 Family::Spray.effects().replace("std = 0.1\n", "std = 0.15\n")
                     + "[effects.electrode-placement]\n[effects.set]\npercent_per_decade = 2.0\n"
             }
+            Self::Noise => String::new(),
         }
     }
 
@@ -102,8 +106,7 @@ impl LongScene {
     /// Days that are judged of a run of `days`.
     pub(super) fn days(self, days: f64) -> f64 {
         match self {
-            Self::Month => days,
-            Self::Bedside => days,
+            Self::Month | Self::Bedside | Self::Noise => days,
             Self::HoldOut | Self::HoldOutContacts | Self::HoldOutSpray => days.min(20.0),
         }
     }
