@@ -1,5 +1,5 @@
-//! What the daemon reports, as the JSON of `tactus status`, `tactus alarms`, `tactus instruments discover` and the live topics: one line each, with the same fields
-//! wherever it is written. Draws and prints nothing.
+//! What the daemon reports, as the JSON of `tactus status`, `tactus alarms`, `tactus instruments discover` and the live topics: one
+//! line each, with the same fields wherever it is written. Draws and prints nothing.
 
 mod alarm;
 mod discovery;

@@ -62,8 +62,11 @@ fn uncertainty_is_shown(browser: &Browser) {
     assert!(known.count() > 20, "{cells:?}");
 }
 
-/// A process that has a tenth of the time, until this is dropped.
-struct Slowed(Option<(Arc<AtomicBool>, JoinHandle<()>)>);
+/// Leaves a process a tenth of the time, until this is dropped.
+struct Slowed {
+    over: Arc<AtomicBool>,
+    pulses: Option<JoinHandle<()>>,
+}
 
 impl Slowed {
     fn begin(id: u32) -> Self {
@@ -79,19 +82,19 @@ impl Slowed {
                 }
             }
         });
-        Self(Some((over, pulses)))
+        Self {
+            over,
+            pulses: Some(pulses),
+        }
     }
 }
 
 impl Drop for Slowed {
     fn drop(&mut self) {
-        let Some((over, pulses)) = self.0.take() else {
-            return;
-        };
-        over.store(true, Ordering::Relaxed);
-        let ended = pulses.join();
+        self.over.store(true, Ordering::Relaxed);
+        let ended = self.pulses.take().map(JoinHandle::join);
         if !std::thread::panicking() {
-            ended.expect("the daemon runs");
+            ended.transpose().expect("the daemon runs");
         }
     }
 }

@@ -418,7 +418,6 @@ impl Mesh {
     }
 }
 
-/// The signed area.
 /// Lowest and highest corner of the rectangle round points; infinite without a point.
 pub fn bounding_box(points: impl IntoIterator<Item = [f64; 2]>) -> [[f64; 2]; 2] {
     points.into_iter().fold(
@@ -432,6 +431,7 @@ pub fn bounding_box(points: impl IntoIterator<Item = [f64; 2]>) -> [[f64; 2]; 2]
     )
 }
 
+/// The signed area.
 pub(crate) fn signed_area([a, b, c]: [[f64; 2]; 3]) -> f64 {
     0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 }

@@ -28,16 +28,16 @@ pub(super) struct Cells {
 impl Cells {
     /// The first cells are the triangles of the region, in their order.
     pub(super) fn fine(mesh: &Mesh) -> Self {
-        Self::new(mesh, 0.0)
+        Self::new(mesh, None)
     }
 
     /// Cells of several triangles in the region too.
     pub(super) fn coarse(mesh: &Mesh) -> Self {
-        Self::new(mesh, INSIDE_EDGE)
+        Self::new(mesh, Some(INSIDE_EDGE))
     }
 
-    /// `inside`: edge of the cells of the region, in mean edges of its triangles; 0: each triangle is one.
-    fn new(mesh: &Mesh, inside: f64) -> Self {
+    /// `inside`: edge of the cells of the region, in mean edges of its triangles; `None`: each triangle is one.
+    fn new(mesh: &Mesh, inside: Option<f64>) -> Self {
         let area: f64 = mesh.region_areas().iter().sum();
         let mean = area / mesh.region().len() as f64;
         let mut in_region = vec![false; mesh.triangles().len()];
@@ -52,21 +52,21 @@ impl Cells {
         for triangle in order {
             let edges = match in_region[triangle] {
                 true => inside,
-                false => OUTSIDE_EDGE,
+                false => Some(OUTSIDE_EDGE),
             };
             let mut next = || {
                 triangles.push(Vec::new());
                 triangles.len() - 1
             };
-            let cell = match edges > 0.0 {
-                true => {
+            let cell = match edges {
+                Some(edges) => {
                     let pitch = edges * mean.sqrt();
                     let place = mesh.centroid(triangle).map(|x| (x / pitch).floor() as i64);
                     *squares
                         .entry((in_region[triangle], place))
                         .or_insert_with(next)
                 }
-                false => next(),
+                None => next(),
             };
             of[triangle] = cell;
             triangles[cell].push(triangle);

@@ -19,7 +19,7 @@ use crate::inverse::prior::{Half, Laplacian, block_of_columns};
 use crate::inverse::reciprocity::Seen;
 use crate::linear_algebra::dense;
 use crate::linear_algebra::sparse::Block;
-use crate::{Forward, ForwardError, OneStepError, Parameters};
+use crate::{Forward, ForwardError, Mesh, OneStepError, Parameters};
 
 /// b: differences of ln sigma below this are penalised as squares.
 const SMOOTH: f64 = 0.02;
@@ -75,36 +75,14 @@ pub(super) struct Level {
 }
 
 impl Level {
-    fn new(
-        forward: &Forward,
-        questions: &Protocol,
-        factors: &DVector<f64>,
-        sigma0: &[f64],
-        cells: Cells,
-    ) -> Result<Self, OneStepError> {
-        let mut level = Self {
-            parameters: cells.parameters(forward.mesh()),
+    /// Without its sensitivity.
+    fn new(mesh: &Mesh, cells: Cells) -> Result<Self, OneStepError> {
+        Ok(Self {
+            parameters: cells.parameters(mesh),
             pattern: cells.neighbours.pattern().ok_or(OneStepError::Prior)?,
             cells,
             sensitivity: DMatrix::zeros(0, 0),
-        };
-        let mut sensitivity = DMatrix::zeros(0, 0);
-        level.sensitivity_into(forward, questions, factors, sigma0, &mut sensitivity)?;
-        level.sensitivity = sensitivity;
-        Ok(level)
-    }
-
-    fn sensitivity_into(
-        &self,
-        forward: &Forward,
-        questions: &Protocol,
-        factors: &DVector<f64>,
-        sigma: &[f64],
-        sensitivity: &mut DMatrix<f64>,
-    ) -> Result<(), ForwardError> {
-        forward.sensitivity_into(sigma, questions, &self.parameters, sensitivity)?;
-        scale_rows(sensitivity, factors.as_slice());
-        Ok(())
+        })
     }
 }
 
@@ -152,25 +130,42 @@ impl Sheet {
         alpha: f64,
     ) -> Result<Self, OneStepError> {
         let mesh = forward.mesh();
-        let factors = DVector::from_column_slice(factors);
-        let level = |cells| Level::new(&forward, &questions, &factors, sigma0, cells);
         let mut sheet = Self {
-            coarse: level(Cells::coarse(mesh))?,
-            fine: level(Cells::fine(mesh))?,
+            coarse: Level::new(mesh, Cells::coarse(mesh))?,
+            fine: Level::new(mesh, Cells::fine(mesh))?,
             unloaded: DVector::zeros(questions.len()),
             sigma0: sigma0.to_vec(),
             forward,
             questions,
-            factors,
+            factors: DVector::from_column_slice(factors),
             alpha,
         };
         sheet.unloaded = sheet.readings(sigma0)?;
+        let sensitivity = |level| {
+            let mut sensitivity = DMatrix::zeros(0, 0);
+            sheet.sensitivity_into(level, sigma0, &mut sensitivity)?;
+            Ok::<_, ForwardError>(sensitivity)
+        };
+        let [coarse, fine] = [sensitivity(&sheet.coarse)?, sensitivity(&sheet.fine)?];
+        (sheet.coarse.sensitivity, sheet.fine.sensitivity) = (coarse, fine);
         Ok(sheet)
     }
 
     fn readings(&self, sigma: &[f64]) -> Result<DVector<f64>, ForwardError> {
         let readings = self.forward.readings(sigma, &self.questions)?;
         Ok(readings.zip_map(&self.factors, |value, factor| value * factor))
+    }
+
+    fn sensitivity_into(
+        &self,
+        level: &Level,
+        sigma: &[f64],
+        sensitivity: &mut DMatrix<f64>,
+    ) -> Result<(), ForwardError> {
+        let (forward, questions) = (&self.forward, &self.questions);
+        forward.sensitivity_into(sigma, questions, &level.parameters, sensitivity)?;
+        scale_rows(sensitivity, self.factors.as_slice());
+        Ok(())
     }
 
     /// The minimum for the change of the readings. The standard deviation of their errors is `first`, then what the map leaves
@@ -182,21 +177,20 @@ impl Sheet {
         least: f64,
         bounded: bool,
     ) -> Result<Option<Found<'_>>, ForwardError> {
-        let start = Point {
-            change: vec![0.0; self.coarse.cells.count()],
-            residual: seen.data.clone(),
-            sigma: self.sigma0.clone(),
-        };
+        let rest = vec![0.0; self.coarse.cells.count()];
         let mut search = Search {
             sheet: self,
             seen,
             least,
             bounded,
             deviation: first,
-            at: start,
+            at: Point {
+                change: rest.clone(),
+                residual: seen.data.clone(),
+                sigma: self.sigma0.clone(),
+            },
         };
-        let start = search.at.change.clone();
-        let coarse = search.down(&self.coarse, &start, COARSE_STEPS, COARSE_DONE)?;
+        let coarse = search.down(&self.coarse, &rest, COARSE_STEPS, COARSE_DONE)?;
         if coarse.is_none() {
             return Ok(None);
         }
@@ -257,15 +251,7 @@ impl<'a> Search<'a, '_> {
             let sensitivity = match at_rest {
                 true => &level.sensitivity,
                 false => {
-                    let (forward, questions) = (&sheet.forward, &sheet.questions);
-                    let sigma = &self.at.sigma;
-                    level.sensitivity_into(
-                        forward,
-                        questions,
-                        &sheet.factors,
-                        sigma,
-                        &mut changed,
-                    )?;
+                    sheet.sensitivity_into(level, &self.at.sigma, &mut changed)?;
                     &changed
                 }
             };

@@ -1,7 +1,5 @@
 //! Diagram 8: location error and zero over months, for four ways to compare a frame with the past.
 
-use clap::ValueEnum;
-
 use crate::failure::Failure;
 use crate::months::LongScene;
 use crate::months::course::{Approach, Outcome, Request, samples};
@@ -12,7 +10,13 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
     let request = Request {
         scenes: effort.of(
             &[LongScene::Month, LongScene::HoldOut][..],
-            LongScene::value_variants(),
+            &[
+                LongScene::Month,
+                LongScene::HoldOut,
+                LongScene::Bedside,
+                LongScene::HoldOutContacts,
+                LongScene::HoldOutSpray,
+            ],
         ),
         days: effort.of(
             &[0.05, 0.2, 1.0][..],
