@@ -263,7 +263,8 @@ class SheetMap {
   marks(at, ink) {
     const frame = this.frame;
     const place = frame && frame.tracked && frame.tracked.place;
-    if (this.showRegion && place) {
+    // the region of a load that is unlike a disc does not hold
+    if (this.showRegion && place && place.accepted) {
       at.strokeStyle = ink;
       at.setLineDash([4 * this.pixels, 3 * this.pixels]);
       at.beginPath();
