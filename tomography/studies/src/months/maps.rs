@@ -82,6 +82,8 @@ pub struct MapRow {
     pub resolved: f64,
     /// Share of that part where the map is within 1.96 stated deviations of the truth.
     pub covered: f64,
+    /// The same of the part under the load.
+    pub covered_load: f64,
 }
 
 /// One method, prepared for both rules.
@@ -100,6 +102,7 @@ struct Judged {
     correlation: f64,
     resolved: f64,
     covered: f64,
+    covered_load: f64,
 }
 
 /// All rows.
@@ -248,13 +251,16 @@ fn judge(
             let map = model
                 .reconstruct(baseline, frame)
                 .map_err(|fault| Failure::of(&one.name, &fault))?;
-            let covered: f64 = (0..areas.len())
-                .filter(|&k| {
-                    deviation.resolved[k]
-                        && (map.values[k] - truth[k]).abs() <= WITHIN_95 * deviation.deviation[k]
-                })
-                .map(|k| areas[k])
-                .sum();
+            let covered = |of: &dyn Fn(usize) -> bool| -> f64 {
+                let known = (0..areas.len()).filter(|&k| deviation.resolved[k] && of(k));
+                let (mut within, mut all) = (0.0, 0.0);
+                for k in known {
+                    let off = (map.values[k] - truth[k]).abs();
+                    all += areas[k];
+                    within += f64::from(off <= WITHIN_95 * deviation.deviation[k]) * areas[k];
+                }
+                within / all
+            };
             let found = map.found(&centroids, &areas).unwrap_or([0.0; 2]);
             judged.push(Judged {
                 method,
@@ -264,7 +270,8 @@ fn judge(
                 error_mm: centre.map(|centre| away_mm(found, centre)),
                 correlation: likeness(&map.values, truth, &areas).correlation,
                 resolved: resolved / area,
-                covered: covered / resolved,
+                covered: covered(&|_| true),
+                covered_load: covered(&|k| truth[k] != 0.0),
             });
         }
     }
@@ -294,13 +301,14 @@ fn row(
         correlation: mean(&|one| one.correlation),
         resolved: mean(&|one| one.resolved),
         covered: mean(&|one| one.covered),
+        covered_load: mean(&|one| one.covered_load),
     }
 }
 
 /// The rows as text.
 pub(super) fn text(rows: &[MapRow]) -> String {
     let mut text = format!(
-        "{:<15} {:<15} {:<20} {:<6} {:<9} {:>6} {:>10} {:>8} {:>12} {:>6} {:>8}\n",
+        "{:<15} {:<15} {:<20} {:<6} {:<9} {:>6} {:>10} {:>8} {:>12} {:>6} {:>8} {:>8}\n",
         "drift",
         "load",
         "method",
@@ -311,12 +319,13 @@ pub(super) fn text(rows: &[MapRow]) -> String {
         "p95 mm",
         "correlation",
         "resolved",
-        "covered"
+        "covered",
+        "under it"
     );
     let mm = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
     for row in rows {
         text += &format!(
-            "{:<15} {:<15} {:<20} {:<6} {:<9} {:>6} {:>10} {:>8} {:>12.3} {:>4.0} % {:>6.0} %\n",
+            "{:<15} {:<15} {:<20} {:<6} {:<9} {:>6} {:>10} {:>8} {:>12.3} {:>4.0} % {:>6.0} % {:>6.0} %\n",
             row.family.name(),
             row.load.name(),
             row.method,
@@ -330,7 +339,8 @@ pub(super) fn text(rows: &[MapRow]) -> String {
             mm(row.p95_mm),
             row.correlation,
             100.0 * row.resolved,
-            100.0 * row.covered
+            100.0 * row.covered,
+            100.0 * row.covered_load
         );
     }
     text
