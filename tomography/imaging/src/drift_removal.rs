@@ -74,7 +74,7 @@ impl FittedSheet {
     ) -> Result<MapDeviation, ReconstructError> {
         let fit = self.fit(baseline)?;
         let (relative, drift) = fit.drift(frame)?;
-        let whole = fit.model.map_deviation(&drift.sizes, &relative.rows);
+        let whole = fit.model.map_deviation(&drift, &relative.rows);
         let whole = whole.map_err(refused)?;
         let region = self.geometry.mesh.region().iter();
         Ok(MapDeviation {

@@ -53,6 +53,8 @@ pub struct DiscFit {
     pub covariance: [[f64; 2]; 2],
     /// Standard deviation of the load as a share of it.
     pub load_sd: f64,
+    /// Standard deviation of the change of conductance under the disc as a share of it.
+    pub change_sd: f64,
     /// Improvement of chi squared by the disc.
     pub score: f64,
     /// Chi squared per row after the fit, with 1 % of the disc's signal as an error of the model.
@@ -77,6 +79,14 @@ impl DiscFit {
     pub fn is_load(&self) -> bool {
         self.score > LOADED
     }
+
+    /// Linear change of conductance that the load may have, 0 to 2: that of the disc, and a standard deviation of its logarithm more where a
+    /// disc explains the data. A small disc that changed much is hardly told apart from a larger one that changed less.
+    fn largest_change(&self) -> f64 {
+        let change = (self.load / self.disc.diameter.powi(2)).abs();
+        let more = self.change_sd.min(1.0);
+        (change * more.exp()).min(2.0)
+    }
 }
 
 impl Whitened {
@@ -94,12 +104,35 @@ impl Whitened {
         model: &DriftModel,
         starts: &[LoadTest],
     ) -> Result<DiscFit, DriftError> {
-        let fits = starts.iter().map(|start| self.descend(model, start));
-        let (theta, cost) = fits
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .filter(|(_, cost)| cost.is_finite())
-            .ok_or(DriftError::Covariance)?;
+        let fits = self.descents(model, starts);
+        let &(theta, cost) = fits.first().ok_or(DriftError::Covariance)?;
         self.described(model, theta, cost)
+    }
+
+    /// The disc that explains the data best, and the largest linear change of conductance that a load of these data may have, 0 to 2. A
+    /// wide disc that stands for several loads changes less than each of them, so that the disc nearest to each start counts, if it
+    /// explains at least half as much.
+    pub(crate) fn fit_disc_and_change(
+        &self,
+        model: &DriftModel,
+        starts: &[LoadTest],
+    ) -> Result<(DiscFit, f64), DriftError> {
+        let fits = self.descents(model, starts).into_iter();
+        let fits: Vec<DiscFit> = fits
+            .map(|(theta, cost)| self.described(model, theta, cost))
+            .collect::<Result<_, _>>()?;
+        let best = fits.first().ok_or(DriftError::Covariance)?;
+        let counts = fits.iter().filter(|fit| fit.score > 0.5 * best.score);
+        let largest = counts.map(DiscFit::largest_change).fold(0.0, f64::max);
+        Ok((best.clone(), largest))
+    }
+
+    /// The disc from each start and its cost, the least first.
+    fn descents(&self, model: &DriftModel, starts: &[LoadTest]) -> Vec<(Vector4<f64>, f64)> {
+        let fits = starts.iter().map(|start| self.descend(model, start));
+        let mut fits: Vec<_> = fits.filter(|(_, cost)| cost.is_finite()).collect();
+        fits.sort_by(|a, b| a.1.total_cmp(&b.1));
+        fits
     }
 
     /// Whitened data of a disc: theta is x, y (m), ln diameter (m), change.
@@ -173,6 +206,7 @@ impl Whitened {
             load: -change * (2.0 * theta[2]).exp(),
             covariance: place,
             load_sd,
+            change_sd: covariance[(3, 3)].max(0.0).sqrt() / change.abs(),
             score: self.data().norm_squared() - cost,
             chi,
             accepted: chi <= REFUSED,

@@ -30,6 +30,8 @@ pub struct FrameDrift {
     pub change: DVector<f64>,
     /// Whether a disc explains what is not drift.
     pub is_disc: bool,
+    /// Largest linear change of conductance that the load may have, 0 to 2; 0 where there is none.
+    pub load: f64,
 }
 
 /// How exactly a frame tells each triangle's change of ln conductance, by the linear model.
@@ -63,7 +65,7 @@ impl DriftModel {
         let assessed = self.assess(data, rows)?;
         let sizes = assessed.sizes;
         let white = &assessed.whitened;
-        let fit = white.fit_disc(self)?;
+        let (fit, largest) = white.fit_disc_and_change(self, &white.load_tests(self, 3))?;
         let (sizes, change) = match fit.accepted {
             true => {
                 let drift = Prior::Kinds.covariance(self, &sizes);
@@ -78,6 +80,10 @@ impl DriftModel {
             sizes,
             change,
             is_disc: fit.accepted,
+            load: match fit.is_load() {
+                true => largest,
+                false => 0.0,
+            },
         })
     }
 
@@ -113,13 +119,18 @@ impl DriftModel {
         Ok(drift * beside.weights())
     }
 
-    /// How exactly a frame of these sizes and rows tells the map: the posterior of local change.
+    /// How exactly a frame with this drift and these rows tells the map: the posterior of local change. Before the frame, local change
+    /// is as large as the load's: what is most probable for all of the sheet is far less than what lies under a load.
     ///
     /// # Errors
     /// A covariance that cannot be factored.
-    pub fn map_deviation(&self, sizes: &Sizes, rows: &[usize]) -> Result<MapDeviation, DriftError> {
-        let errors = self.noise() * 2.0 + Prior::Kinds.covariance(self, sizes);
-        self.map_deviation_beside(errors, sizes.local, rows)
+    pub fn map_deviation(
+        &self,
+        drift: &FrameDrift,
+        rows: &[usize],
+    ) -> Result<MapDeviation, DriftError> {
+        let errors = self.noise() * 2.0 + Prior::Kinds.covariance(self, &drift.sizes);
+        self.map_deviation_beside(errors, drift.load, rows)
     }
 
     /// The posterior of local change of this standard deviation, or of the least that a load may have, where the data have errors of

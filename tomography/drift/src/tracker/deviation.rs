@@ -19,8 +19,8 @@ impl Tracker {
         let load = match tests.first() {
             // what lies there for days may be hidden by the drift since then
             Some(best) if is_loaded || best.score > LOADED => {
-                let fit = white.fit_disc_from(&self.model, &tests)?;
-                (fit.load / fit.disc.diameter.powi(2)).abs()
+                let (_, change) = white.fit_disc_and_change(&self.model, &tests)?;
+                change
             }
             _ => 0.0,
         };

@@ -127,11 +127,16 @@ fn drift_of_one_frame_is_separated_from_its_load() {
 #[test]
 fn deviation_of_a_map_grows_with_noise_and_lost_rows() {
     let model = model(&readings(|_| 1.0, |_| 1.0));
-    let sizes = drift::Sizes {
-        gain: 0.1,
-        contact: 0.1,
-        field: 1e-3,
-        local: 0.1,
+    let drift = drift::FrameDrift {
+        sizes: drift::Sizes {
+            gain: 0.1,
+            contact: 0.1,
+            field: 1e-3,
+            local: 0.1,
+        },
+        change: nalgebra::DVector::zeros(299),
+        is_disc: true,
+        load: 0.1,
     };
     let mesh = model.mesh();
     let nearest = |place: [f64; 2]| {
@@ -145,12 +150,12 @@ fn deviation_of_a_map_grows_with_noise_and_lost_rows() {
     };
     let (middle, edge) = (nearest([0.107, 0.115]), nearest([0.030, 0.115]));
     let all: Vec<usize> = (0..299).collect();
-    let whole = model.map_deviation(&sizes, &all).unwrap();
+    let whole = model.map_deviation(&drift, &all).unwrap();
     // electrodes see what is near them better, and nothing is more certain than before the frame
     assert!(whole.deviation[edge] < 0.8 * whole.deviation[middle]);
     assert!(whole.deviation.iter().all(|sd| (0.0..=0.1).contains(sd)));
     let half: Vec<usize> = (0..150).collect();
-    let fewer = model.map_deviation(&sizes, &half).unwrap();
+    let fewer = model.map_deviation(&drift, &half).unwrap();
     let resolved = |deviation: &drift::MapDeviation| {
         deviation
             .resolved
