@@ -349,7 +349,7 @@ pub struct BaselineReport {
     pub frames: u64,
     /// Mean voltages, V; NaN where the flag is not 0.
     pub volts: Vec<f64>,
-    /// Flags: 0 ok, 1 overload, 2 timeout, 3 not measured.
+    /// Flags: 0 ok, 1 overload, 3 not measured.
     pub flags: Vec<u8>,
     /// Standard deviation of one reading, V; NaN with fewer than two valid ones.
     pub deviation: Vec<f64>,

@@ -111,7 +111,7 @@ pub struct LatestFrame {
     pub wall_ns: i64,
     /// Voltages in the protocol's order; NaN where the flag is not 0.
     pub volts: Vec<f64>,
-    /// Flags: 0 ok, 1 overload, 2 timeout, 3 not measured.
+    /// Flags: 0 ok, 1 overload, 3 not measured.
     pub flags: Vec<u8>,
     /// `V`.
     pub unit: String,

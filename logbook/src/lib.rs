@@ -32,7 +32,7 @@
 //! # let settings = Settings { protocol_hash: protocol.hash(), current: Amps(1e-3), range: Volts(1.0), nplc: 1.0,
 //! #     settle: Duration::ZERO, wiring: "w".into(), precautions: Default::default() };
 //! let frame = Frame {
-//!     readings: vec![Reading::Ok(Volts(0.1234567)), Reading::Overload, Reading::Timeout, Reading::NotMeasured],
+//!     readings: vec![Reading::Ok(Volts(0.1234567)), Reading::Ok(Volts(-0.2)), Reading::Overload, Reading::NotMeasured],
 //! #   sequence: 0, monotonic: Duration::ZERO, wall: at, duration: Duration::ZERO, settings, compliance: vec![], extra: vec![],
 //! #   simulated: true,
 //!     // when, how long, with which settings

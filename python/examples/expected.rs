@@ -263,7 +263,7 @@ fn session(
     writer.roll(at)?;
     writer.append(&frame(1, &loaded[0]), None)?;
     let mut last = loaded[1].clone();
-    (last[0], last[1]) = (Reading::Overload, Reading::Timeout);
+    (last[0], last[1]) = (Reading::Overload, Reading::NotMeasured);
     writer.append(&frame(2, &last), None)?;
     writer.close(at, "asked to stop")?;
     Ok(())

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 QUALITY_FLAGS: tuple[str, ...] = tuple(quality_flags())
 
 #: What the numbers of ``Session.status`` mean.
-_STATUS = ("ok", "overload", "timeout", "not_measured")
+_STATUS = {0: "ok", 1: "overload", 3: "not_measured"}
 
 
 class Event(NamedTuple):
@@ -63,7 +63,7 @@ class Session:
 
     @property
     def status(self) -> NDArray[np.uint8]:
-        """Why a reading is missing: 0 ok, 1 overload, 2 timeout, 3 not measured: shape (frames, readings)."""
+        """Why a reading is missing: 0 ok, 1 overload, 3 not measured: shape (frames, readings)."""
         return self._column("status")
 
     @property
@@ -144,7 +144,7 @@ class Session:
             "status": (
                 ("time", "reading"),
                 self.status,
-                {"flag_values": list(range(len(_STATUS))), "flag_meanings": " ".join(_STATUS)},
+                {"flag_values": list(_STATUS), "flag_meanings": " ".join(_STATUS.values())},
             ),
             "quality": (
                 ("time",),

@@ -12,9 +12,6 @@ pub enum Reading {
     Ok(Volts),
     /// The voltmeter was over its range, or returned something that is not a number.
     Overload,
-    /// No reply in time. The drivers of this workspace do not return it, because a late reply fails the whole frame; another
-    /// voltmeter or an imported frame may have it.
-    Timeout,
     /// The plan was stopped before this reading, or the source was in compliance.
     NotMeasured,
 }
@@ -24,7 +21,7 @@ impl Reading {
     pub fn volts(self) -> Option<Volts> {
         match self {
             Self::Ok(volts) => Some(volts),
-            Self::Overload | Self::Timeout | Self::NotMeasured => None,
+            Self::Overload | Self::NotMeasured => None,
         }
     }
 
@@ -33,12 +30,11 @@ impl Reading {
         matches!(self, Self::Ok(_))
     }
 
-    /// The flag's stable number in messages and files: 0 ok, 1 overload, 2 timeout, 3 not measured.
+    /// The flag's stable number in messages and files: 0 ok, 1 overload, 3 not measured.
     pub fn flag(self) -> u8 {
         match self {
             Self::Ok(_) => 0,
             Self::Overload => 1,
-            Self::Timeout => 2,
             Self::NotMeasured => 3,
         }
     }
@@ -48,7 +44,6 @@ impl Reading {
         match flag {
             0 if volts.is_finite() => Some(Self::Ok(Volts(volts))),
             1 => Some(Self::Overload),
-            2 => Some(Self::Timeout),
             3 => Some(Self::NotMeasured),
             _ => None,
         }

@@ -39,7 +39,7 @@ struct BaselineLine {
     protocol_hash: Option<String>,
     /// V, in the protocol's order; null for invalid readings.
     volts: Vec<Option<f64>>,
-    /// 0 ok, 1 overload, 2 timeout, 3 not measured.
+    /// 0 ok, 1 overload, 3 not measured.
     flags: Vec<u8>,
     /// Warnings about its use.
     remarks: Vec<String>,

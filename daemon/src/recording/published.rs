@@ -58,7 +58,6 @@ impl Published {
         let quality = &self.quality;
         FrameQuality {
             overloads: Some(quality.overloads as u64),
-            timeouts: Some(quality.timeouts as u64),
             not_measured: Some(quality.not_measured as u64),
             compliance: Some(quality.compliance.len() as u64),
             duration_s: Some(self.frame.duration.as_secs_f64()),

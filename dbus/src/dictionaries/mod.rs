@@ -253,8 +253,6 @@ dictionaries! {
     FrameQuality {
         /// Readings over their range.
         overloads: u64,
-        /// Readings that came too late.
-        timeouts: u64,
         /// Readings that were not measured.
         not_measured: u64,
         /// Injections at the voltage limit.

@@ -13,8 +13,7 @@
 //! | 32 to 35 | u32 | bit 0: simulated; other bits 0 |
 //! | 36 to 39 | u32 | n |
 //!
-//! followed, for a **frame**, by n voltages (f64, V; NaN where the flag is not 0) and n flags (u8: 0 ok, 1 overload,
-//! 2 timeout, 3 not measured); for a **map**, n values (f64, relative change of conductance, one for each
+//! followed, for a **frame**, by n voltages (f64, V; NaN where the flag is not 0) and n flags (u8: 0 ok, 1 overload, 3 not measured); for a **map**, n values (f64, relative change of conductance, one for each
 //! triangle of the region), a u16 length and the mesh hash, a u16 length and the method (UTF-8); for **pressure**, n values
 //! (f64, kPa, one for each triangle of the region) and the total load (f64, N), just before the map of the same frame; for
 //! **quality**, n bytes of JSON (UTF-8; `verdict` and `reasons`, as in `watch --json`), just before its map; likewise **tracked** and **quantities**, as in `watch --json`; for an **injection** of the frame of
@@ -68,7 +67,7 @@ pub enum Body {
     Frame {
         /// V; NaN where the flag is not 0.
         volts: Vec<f64>,
-        /// 0 ok, 1 overload, 2 timeout, 3 not measured.
+        /// 0 ok, 1 overload, 3 not measured.
         flags: Vec<u8>,
     },
     /// One value for each triangle of the region.

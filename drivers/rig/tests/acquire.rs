@@ -288,10 +288,10 @@ async fn compliance_before_relays_are_confirmed_voids_both_drives() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_overload_or_a_missing_answer_is_a_flag_in_its_place() {
+async fn an_overload_or_a_missing_reading_is_a_flag_in_its_place() {
     let wiring = wirings::pairs(6);
     let plan = plan(&wiring, Duration::ZERO);
-    for flag in [Reading::Overload, Reading::Timeout] {
+    for flag in [Reading::Overload, Reading::NotMeasured] {
         let requested = plan.protocol.measurements()[4];
         let stand_in = StandIn::new(&wiring).answering(requested, flag);
         let frame = run(&stand_in, &plan).await.unwrap();

@@ -238,7 +238,6 @@ fn write() -> Written {
 fn frame(protocol: &Protocol, number: u64) -> Frame {
     let readings = (0..protocol.len() as u64).map(|k| match (k + number) % 37 {
         5 => Reading::Overload,
-        6 => Reading::Timeout,
         7 => Reading::NotMeasured,
         8 => Reading::Ok(Volts(1.0 / (3 + k) as f64)),
         noise => Reading::Ok(Volts((7919 * k * k % 3_000_000 + noise) as f64 / 1e7)),

@@ -21,7 +21,6 @@ fn any_reading() -> impl Strategy<Value = Reading> {
         1 => Just(Reading::Ok(Volts(0.0))),
         1 => Just(Reading::Ok(Volts(f64::MIN_POSITIVE / 8.0))),
         1 => Just(Reading::Overload),
-        1 => Just(Reading::Timeout),
         1 => Just(Reading::NotMeasured),
     ]
 }

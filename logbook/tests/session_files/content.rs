@@ -33,7 +33,6 @@ pub(crate) fn frame(number: u64) -> Frame {
     let readings = (0..protocol().len() as u64)
         .map(|k| match (k + number) % 37 {
             5 => Reading::Overload,
-            6 => Reading::Timeout,
             7 => Reading::NotMeasured,
             noise => {
                 let counts = 7919 * k * k % 3_000_000 + noise;

@@ -28,12 +28,12 @@ fn baseline_averages_valid_readings_and_flags_the_never_valid() {
         frame(vec![
             Reading::Ok(Volts(1.0)),
             Reading::Overload,
-            Reading::Timeout,
+            Reading::NotMeasured,
         ]),
         frame(vec![
             Reading::Ok(Volts(3.0)),
             Reading::Ok(Volts(5.0)),
-            Reading::Timeout,
+            Reading::NotMeasured,
         ]),
     ];
     let baseline = Baseline::from_frames("b", &frames).unwrap();
@@ -42,7 +42,7 @@ fn baseline_averages_valid_readings_and_flags_the_never_valid() {
         [
             Reading::Ok(Volts(2.0)),
             Reading::Ok(Volts(5.0)),
-            Reading::Timeout
+            Reading::NotMeasured
         ]
     );
     assert_eq!(baseline.deviation, [Some(2.0_f64.sqrt()), None, None]);
@@ -66,11 +66,11 @@ fn a_baseline_taken_with_other_settings_is_refused_by_name() {
 #[test]
 fn not_a_number_has_no_flag_ok() {
     assert_eq!(Reading::from_flag(0, f64::NAN), None);
+    assert_eq!(Reading::from_flag(2, 1.0), None);
     assert_eq!(Reading::from_flag(9, 1.0), None);
     for reading in [
         Reading::Ok(Volts(1.0)),
         Reading::Overload,
-        Reading::Timeout,
         Reading::NotMeasured,
     ] {
         assert_eq!(Reading::from_flag(reading.flag(), 1.0), Some(reading));

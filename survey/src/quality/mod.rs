@@ -66,8 +66,6 @@ impl fmt::Display for QualityFlag {
 pub struct Quality {
     /// Readings over range.
     pub overloads: usize,
-    /// Readings without a reply in time.
-    pub timeouts: usize,
     /// Readings not taken.
     pub not_measured: usize,
     /// Driving electrodes (plus side) at which the source was in compliance.
@@ -95,7 +93,6 @@ impl Quality {
         };
         Self {
             overloads: count(1),
-            timeouts: count(2),
             not_measured: count(3),
             compliance: frame.compliance.clone(),
             ..Self::default()
@@ -161,7 +158,7 @@ impl Checks {
         let flags = [
             (
                 QualityFlag::Incomplete,
-                quality.overloads + quality.timeouts + quality.not_measured > 0,
+                quality.overloads + quality.not_measured > 0,
             ),
             (QualityFlag::Compliance, !quality.compliance.is_empty()),
             (QualityFlag::Reciprocity, beyond(quality.reciprocity, 2.0)),

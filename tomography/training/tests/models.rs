@@ -150,7 +150,7 @@ fn a_masked_reading_moves_the_map_little() {
         // it is replaced by its reciprocal twin, equal up to the forward solution's rounding
         assert!((a - b).abs() < 1e-6 * most, "{a} {b}");
     }
-    masked[..11].fill(Reading::Timeout);
+    masked[..11].fill(Reading::NotMeasured);
     assert!(matches!(
         network.reconstruct(&baseline, &masked),
         Err(ReconstructError::TooManyMissing { missing: 11, .. })

@@ -33,7 +33,6 @@ pub(crate) struct FrameLine {
     pub(crate) gap: u64,
     pub(crate) readings: usize,
     pub(crate) overloads: usize,
-    pub(crate) timeouts: usize,
     pub(crate) not_measured: usize,
     /// `None` without a map.
     pub(crate) method: Option<String>,
@@ -158,7 +157,6 @@ pub(crate) fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String 
             }
             for (count, what) in [
                 (seen.overloads, "overloads"),
-                (seen.timeouts, "timeouts"),
                 (seen.not_measured, "not measured"),
             ] {
                 if count > 0 {

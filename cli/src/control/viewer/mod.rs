@@ -393,7 +393,6 @@ impl<'a, W: Write> Viewer<'a, W> {
             gap: frame.gap,
             readings: flags.len(),
             overloads: count(1),
-            timeouts: count(2),
             not_measured: count(3),
             method: map.map(|map| map.method.clone()),
             largest_loss: map.map(|map| map.largest_loss().map_or(0.0, |(_, loss)| loss)),

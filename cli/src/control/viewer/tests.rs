@@ -166,7 +166,7 @@ async fn a_frame_and_its_map_are_one_line() {
     assert_eq!(
         text,
         "{\"event\":\"frame\",\"session\":\"m1\",\"sequence\":1,\"wall\":\"1970-01-01T00:00:01.000000000Z\",\
-         \"simulated\":true,\"gap\":0,\"readings\":2,\"overloads\":1,\"timeouts\":0,\"not_measured\":0,\
+         \"simulated\":true,\"gap\":0,\"readings\":2,\"overloads\":1,\"not_measured\":0,\
          \"method\":\"one-step\",\"largest_loss\":0.5,\"significant\":true,\"noise\":0.1,\"found_mm\":[10.0,10.0],\
          \"unit\":\"relative loss of conductance\",\"newtons\":null,\"largest_kpa\":null,\"quality\":null,\"tracked\":null,\"quantities\":null}\n"
     );

@@ -98,7 +98,7 @@ impl CompanionFiles {
 /// Columns of the table of frames: summary values first, then the voltages. Files number electrodes from 0.
 fn frames_heading(readings: usize) -> String {
     let mut heading = String::from(
-        "sequence,wall_utc,monotonic_s,duration_s,simulated,current_A,overloads,timeouts,not_measured,compliance,missing",
+        "sequence,wall_utc,monotonic_s,duration_s,simulated,current_A,overloads,not_measured,compliance,missing",
     );
     for reading in 0..readings {
         let _infallible = write!(heading, ",m{reading}_V");
@@ -110,7 +110,7 @@ fn frames_heading(readings: usize) -> String {
 fn frame_row(record: &Record) -> String {
     let frame = &record.frame;
     let mut row = format!(
-        "{},{},{},{},{},{},{},{},{},{},{}",
+        "{},{},{},{},{},{},{},{},{},{}",
         frame.sequence,
         table_time(frame.wall),
         frame.monotonic.as_secs_f64(),
@@ -118,7 +118,6 @@ fn frame_row(record: &Record) -> String {
         frame.simulated,
         frame.settings.current.0,
         record.quality.overloads,
-        record.quality.timeouts,
         record.quality.not_measured,
         electrodes(frame),
         missing(frame),

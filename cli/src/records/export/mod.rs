@@ -199,7 +199,6 @@ fn reason(reading: Reading) -> Option<&'static str> {
     match reading {
         Reading::Ok(_) => None,
         Reading::Overload => Some("overload"),
-        Reading::Timeout => Some("timeout"),
         Reading::NotMeasured => Some("not_measured"),
     }
 }

@@ -29,7 +29,6 @@ impl Health {
         self.frames += 1;
         let counts = [
             ("readings over range", quality.overloads),
-            ("readings without a reply in time", quality.timeouts),
             ("readings that were not taken", quality.not_measured),
             ("source in compliance", quality.compliance.len()),
         ];

@@ -128,4 +128,4 @@ fn tables(folder: &Path, session: &str) -> (Cells, Cells) {
 }
 
 /// Columns of the table of frames in front of the voltages.
-const BEFORE_VOLTAGES: usize = 11;
+const BEFORE_VOLTAGES: usize = 10;

@@ -83,7 +83,7 @@ impl Session1 {
         Ok(end.reason)
     }
 
-    /// The last durable frame. Voltages are NaN where the flag is not 0: 0 ok, 1 overload, 2 timeout, 3 not measured.
+    /// The last durable frame. Voltages are NaN where the flag is not 0: 0 ok, 1 overload, 3 not measured.
     #[allow(clippy::type_complexity)]
     #[zbus(out_args(
         "sequence",

@@ -229,7 +229,7 @@ fn gap_and_clock_that_goes_back_are_survived() {
     // NaN and missing readings: the pairs are left out
     let mut readings = walk.frame(None);
     readings[7] = Reading::Ok(Volts(f64::NAN));
-    readings[100] = Reading::Timeout;
+    readings[100] = Reading::NotMeasured;
     let answer = tracker.follow(&readings, EVERY_S * 500.0).unwrap();
     assert_eq!(answer.judgement, Judgement::Empty, "{answer:?}");
     assert!(tracker.follow(&readings[1..], EVERY_S * 501.0).is_err());

@@ -158,7 +158,7 @@ fn input_unlike_training_is_reported_then_refused() {
     gaps[3] = Reading::Overload;
     gaps[8] = Reading::Ok(Volts(f64::NAN));
     assert_eq!(network.reconstruct(&baseline, &gaps).unwrap().masked, 2);
-    gaps[10..30].fill(Reading::Timeout);
+    gaps[10..30].fill(Reading::NotMeasured);
     assert!(matches!(
         network.reconstruct(&baseline, &gaps),
         Err(ReconstructError::TooManyMissing { .. })

@@ -93,7 +93,7 @@ fn masking_is_the_smaller_problem() {
             };
             let mut masked = volts.clone().map(|volts| readings(&volts));
             for (i, &reading) in gone.iter().enumerate() {
-                masked[i % 2][reading] = [Reading::Overload, Reading::Timeout][i % 2];
+                masked[i % 2][reading] = [Reading::Overload, Reading::NotMeasured][i % 2];
             }
             let map = build(&protocol)
                 .reconstruct(&masked[0], &masked[1])

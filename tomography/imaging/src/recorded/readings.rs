@@ -163,7 +163,11 @@ mod tests {
                 Reading::Overload,
                 Reading::Ok(Volts(2.0)),
             ],
-            vec![Reading::Ok(Volts(3.0)), Reading::Overload, Reading::Timeout],
+            vec![
+                Reading::Ok(Volts(3.0)),
+                Reading::Overload,
+                Reading::NotMeasured,
+            ],
         ];
         let unloaded = Unloaded::mean(&[&frames[0], &frames[1]]);
         assert_eq!(

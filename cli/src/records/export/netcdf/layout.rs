@@ -28,6 +28,8 @@ enum Values {
 pub(super) struct Layout {
     set: DataSet,
     fixed: Vec<(String, Values)>,
+    /// Values of the attributes of small whole numbers.
+    flags: Vec<Vec<i8>>,
 }
 
 impl Layout {
@@ -35,8 +37,11 @@ impl Layout {
     pub(super) fn new(records: &str) -> Result<Self, Failure> {
         let mut set = DataSet::new();
         set.set_unlimited_dim(records, 0).map_err(invalid)?;
-        let fixed = Vec::new();
-        Ok(Self { set, fixed })
+        Ok(Self {
+            set,
+            fixed: Vec::new(),
+            flags: Vec::new(),
+        })
     }
 
     pub(super) fn dimension(&mut self, name: &str, size: usize) -> Result<(), Failure> {
@@ -103,6 +108,7 @@ impl Layout {
         name: &str,
         values: &[i8],
     ) -> Result<(), Failure> {
+        self.flags.push(values.to_vec());
         let added = self.set.add_var_attr_i8(variable, name, values.to_vec());
         added.map_err(invalid)
     }
@@ -132,7 +138,28 @@ impl Layout {
             .map_err(unwritten)?;
         }
         writer.close().map_err(unwritten)?;
-        Ok(sink.0.take().into_inner())
+        let mut bytes = sink.0.take().into_inner();
+        for values in &self.flags {
+            zero_padding(&mut bytes, values);
+        }
+        Ok(bytes)
+    }
+}
+
+/// Puts zeros behind an attribute of small whole numbers, up to a multiple of four bytes: netcdf3 0.6.1 writes its fill value there, and
+/// readers refuse that, its own too.
+fn zero_padding(header: &mut [u8], values: &[i8]) {
+    const BYTE: u32 = 1;
+    let mut attribute = Vec::from(BYTE.to_be_bytes());
+    attribute.extend((values.len() as u32).to_be_bytes());
+    attribute.extend(values.iter().map(|value| value.to_be_bytes()[0]));
+    let mut places = header.windows(attribute.len());
+    if let Some(at) = places.position(|window| window == attribute) {
+        let (begin, end) = (
+            at + attribute.len(),
+            at + attribute.len().next_multiple_of(4),
+        );
+        header[begin..end].fill(0);
     }
 }
 

@@ -11,7 +11,7 @@ use imaging::recorded::{Recording, SessionParts};
 use logbook::Record;
 use netcdf3::DataType;
 use outfile::OutFile;
-use survey::{Electrode, Measurement, Reading};
+use survey::{Electrode, Measurement};
 
 use super::{Written, seconds, volts};
 use crate::args::Export;
@@ -23,18 +23,9 @@ use crate::output::time::utc;
 use layout::{Layout, RECORD_COUNT_AT, RecordBytes};
 use maps::MapVariables;
 
-/// The flag of a reading in `quality`, by its place in [`FLAG_MEANINGS`].
-fn flag(reading: Reading) -> i8 {
-    match reading {
-        Reading::Ok(_) => 0,
-        Reading::Overload => 1,
-        Reading::Timeout => 2,
-        Reading::NotMeasured => 3,
-    }
-}
-
-const FLAGS: [i8; 4] = [0, 1, 2, 3];
-const FLAG_MEANINGS: &str = "ok overload timeout not_measured";
+/// The values of [`survey::Reading::flag`], and their meanings in the same order.
+const FLAGS: [i8; 3] = [0, 1, 3];
+const FLAG_MEANINGS: &str = "ok overload not_measured";
 
 /// Writes the file and reports its path.
 pub(super) fn write(
@@ -284,7 +275,7 @@ fn frame(bytes: &mut RecordBytes, record: &Record) -> Result<(), Failure> {
     })?;
     bytes.reals([seconds(record)]);
     bytes.whole(sequence);
-    bytes.small(frame.readings.iter().copied().map(flag));
+    bytes.small(frame.readings.iter().map(|reading| reading.flag() as i8));
     bytes.reals(frame.readings.iter().map(volts));
     Ok(())
 }

@@ -116,7 +116,7 @@ pub(crate) fn no_reading() -> Result<Outcome, Failure> {
     }
     let mut most = frame.clone();
     let count = (MOST_MISSING * frame.len() as f64) as usize + 1;
-    most[..count].fill(Reading::Timeout);
+    most[..count].fill(Reading::NotMeasured);
     // zeros for what is missing
     let change = DVector::from_fn(frame.len(), |k, _| match k < count {
         true => 0.0,
