@@ -2,7 +2,7 @@
 //! memory, descriptors and threads are sampled.
 //!
 //! ```text
-//! cargo run -p tactus-tests --example soak [-- FRAMES]
+//! cargo run --release -p tactus-tests --example soak [-- FRAMES]
 //! ```
 //!
 //! A million frames by default (an hour on two cores): an 8-electrode tank whose transfer impedance is solved once, and
