@@ -24,7 +24,7 @@ def test_frames_of_both_parts(session, expected):
     last[[0, 1, 5]] = np.nan
     np.testing.assert_array_equal(session.voltages, [frames[0], frames[0], last])
     assert session.status.dtype == np.uint8
-    assert session.status[2, :7].tolist() == [1, 2, 0, 0, 0, 3, 0] and not session.status[:2].any()
+    assert session.status[2, :7].tolist() == [1, 3, 0, 0, 0, 3, 0] and not session.status[:2].any()
     assert session.sequence.tolist() == [1, 2, 3] and len(session) == 3
     assert session.damaged == []
 
