@@ -43,7 +43,7 @@ fn recorded(dir: &Path) -> PathBuf {
             };
             *reading = Reading::Ok(Volts(sent.parse().unwrap()));
             if (k + number) % 97 == 0 {
-                *reading = [Reading::Overload, Reading::NotMeasured][number as usize % 2];
+                *reading = [Reading::Overload, Reading::NotMeasured][number % 2];
             }
             if (k + number) % 201 == 0 {
                 *reading = Reading::Ok(Volts(-loaded / 3.0));
