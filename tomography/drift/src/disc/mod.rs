@@ -80,8 +80,8 @@ impl DiscFit {
         self.score > LOADED
     }
 
-    /// Linear change of conductance that the load may have, 0 to 2: that of the disc, and a standard deviation of its logarithm more where a
-    /// disc explains the data. A small disc that changed much is hardly told apart from a larger one that changed less.
+    /// Linear change of conductance that the load may have, 0 to 2: that of the disc, and a standard deviation of its logarithm more (at
+    /// most 1). A small disc that changed much is hardly told apart from a larger one that changed less.
     fn largest_change(&self) -> f64 {
         let change = (self.load / self.disc.diameter.powi(2)).abs();
         let more = self.change_sd.min(1.0);
@@ -117,14 +117,15 @@ impl Whitened {
         model: &DriftModel,
         starts: &[LoadTest],
     ) -> Result<(DiscFit, f64), DriftError> {
-        let fits = self.descents(model, starts).into_iter();
-        let fits: Vec<DiscFit> = fits
-            .map(|(theta, cost)| self.described(model, theta, cost))
-            .collect::<Result<_, _>>()?;
-        let best = fits.first().ok_or(DriftError::Covariance)?;
-        let counts = fits.iter().filter(|fit| fit.score > 0.5 * best.score);
-        let largest = counts.map(DiscFit::largest_change).fold(0.0, f64::max);
-        Ok((best.clone(), largest))
+        let mut fits = self.descents(model, starts).into_iter();
+        let (theta, cost) = fits.next().ok_or(DriftError::Covariance)?;
+        let best = self.described(model, theta, cost)?;
+        let largest = fits
+            .filter_map(|(theta, cost)| self.described(model, theta, cost).ok())
+            .filter(|fit| fit.score > 0.5 * best.score)
+            .map(|fit| fit.largest_change())
+            .fold(best.largest_change(), f64::max);
+        Ok((best, largest))
     }
 
     /// The disc from each start and its cost, the least first.
