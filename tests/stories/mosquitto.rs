@@ -89,16 +89,22 @@ impl Mosquitto {
         let (messages, received) = channel();
         let (subscribed, ready) = channel();
         std::thread::spawn(move || {
+            let mut is_subscribed = false;
             for event in events.iter() {
                 match event {
-                    Ok(Event::Incoming(Packet::SubAck(_))) => drop(subscribed.send(())),
+                    Ok(Event::Incoming(Packet::SubAck(_))) => {
+                        is_subscribed = true;
+                        let _waiting = subscribed.send(());
+                    }
                     Ok(Event::Incoming(Packet::Publish(message))) => {
                         if messages.send(message).is_err() {
                             return;
                         }
                     }
                     Ok(_) => {}
-                    Err(_) => return,
+                    Err(_) if is_subscribed => return,
+                    // a broker that has just begun to listen may refuse or close a connection; the client connects again
+                    Err(_) => std::thread::sleep(Duration::from_millis(20)),
                 }
             }
         });
