@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use survey::Reading;
 
 use crate::sheet::Sheet;
-use crate::walk::{EVERY_S, Walk, follow};
+use crate::walk::{EVERY_S, walked};
 
 /// Size of local change of the maps, ln conductance: they are smoothed as those of the one-step method are.
 const SMOOTHED: f64 = 0.03;
@@ -28,11 +28,7 @@ fn inner(model: &DriftModel) -> Vec<usize> {
 
 #[test]
 fn deviation_of_a_tracked_map_contains_the_truth() {
-    let mut walk = Walk::new(1.0);
-    let mut empty = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
-    for frame in 1..=30 {
-        follow(&mut empty, &mut walk, frame, None);
-    }
+    let (mut walk, empty) = walked(30);
     let model = Arc::clone(&walk.model);
     let away = |at: [f64; 2], [x, y]: [f64; 2]| (at[0] - x).hypot(at[1] - y);
     let disc = |at: [f64; 2]| away(at, [0.080, 0.135]) < 15e-3;
@@ -136,11 +132,7 @@ fn random_load(random: &mut ChaCha8Rng, kind: usize) -> impl Fn([f64; 2]) -> f64
 
 #[test]
 fn deviation_holds_under_random_loads() {
-    let mut walk = Walk::new(1.0);
-    let mut empty = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
-    for frame in 1..=30 {
-        follow(&mut empty, &mut walk, frame, None);
-    }
+    let (mut walk, empty) = walked(30);
     let model = Arc::clone(&walk.model);
     let rows: Vec<usize> = (0..299).collect();
     let inner = inner(&model);

@@ -4,17 +4,11 @@ use std::sync::Arc;
 
 use drift::{Judgement, Sizes, Tracker, TrackerState, TrackingOrder};
 
-use crate::walk::{EVERY_S, Walk, follow};
-
-fn started() -> (Walk, Tracker) {
-    let walk = Walk::new(1.0);
-    let tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
-    (walk, tracker)
-}
+use crate::walk::{EVERY_S, follow, walked};
 
 #[test]
 fn empty_now_makes_what_lies_there_part_of_the_sheet() {
-    let (mut walk, mut tracker) = started();
+    let (mut walk, mut tracker) = walked(0);
     let fixture = walk.model.disc([0.06, 0.07], 0.06) * -0.3;
     for frame in 1..=30 {
         follow(&mut tracker, &mut walk, frame, None);
@@ -57,7 +51,7 @@ fn empty_now_makes_what_lies_there_part_of_the_sheet() {
 
 #[test]
 fn loaded_now_learns_nothing_until_empty_now() {
-    let (mut walk, mut tracker) = started();
+    let (mut walk, mut tracker) = walked(0);
     let load = walk.model.disc([0.1, 0.1], 0.03);
     for frame in 1..=30 {
         follow(&mut tracker, &mut walk, frame, None);
@@ -82,7 +76,7 @@ fn loaded_now_learns_nothing_until_empty_now() {
 
 #[test]
 fn a_slow_load_that_a_person_confirms_is_shown_again() {
-    let (mut walk, mut tracker) = started();
+    let (mut walk, mut tracker) = walked(0);
     let load = walk.model.disc([0.06, 0.15], 0.03);
     let loss = |frame: usize| -0.02 * (frame as f64 / 144.0 - 1.0).clamp(0.0, 6.0);
     let mut alarmed = None;
@@ -133,7 +127,7 @@ fn walk_model(tracker: &Tracker) -> Arc<drift::DriftModel> {
 
 #[test]
 fn an_order_waits_in_the_stored_state_for_its_frame() {
-    let (mut walk, mut tracker) = started();
+    let (mut walk, mut tracker) = walked(0);
     let load = walk.model.disc([0.06, 0.07], 0.06) * -0.3;
     for frame in 1..=20 {
         follow(
@@ -165,7 +159,7 @@ fn an_order_waits_in_the_stored_state_for_its_frame() {
 
 #[test]
 fn drift_by_kind_names_gain_contact_and_place() {
-    let (walk, tracker) = started();
+    let (walk, tracker) = walked(0);
     let model = &walk.model;
     let error = model.noise().clone();
     let none = Sizes {

@@ -10,7 +10,7 @@ use rand_distr::{Distribution, StandardNormal};
 use survey::{Reading, Volts};
 
 use crate::sheet::Sheet;
-use crate::walk::{EVERY_S, Walk, follow};
+use crate::walk::{EVERY_S, Walk, follow, walked};
 
 #[test]
 fn two_loads_come_and_go_and_nothing_is_learnt_of_them() {
@@ -60,11 +60,7 @@ fn two_loads_come_and_go_and_nothing_is_learnt_of_them() {
 
 #[test]
 fn load_that_changes_within_a_frame_is_one_load_and_no_fault() {
-    let mut walk = Walk::new(1.0);
-    let mut empty = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
-    for frame in 1..=30 {
-        follow(&mut empty, &mut walk, frame, None);
-    }
+    let (mut walk, empty) = walked(30);
     let (mut named, mut miscounted) = (Vec::new(), Vec::new());
     for (centre, diameter) in [
         ([0.08, 0.135], 0.03),
@@ -103,11 +99,7 @@ fn load_that_changes_within_a_frame_is_one_load_and_no_fault() {
 
 #[test]
 fn restored_state_goes_on_with_the_same_bits() {
-    let mut walk = Walk::new(1.0);
-    let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
-    for frame in 1..=45 {
-        follow(&mut tracker, &mut walk, frame, None);
-    }
+    let (mut walk, mut tracker) = walked(45);
     let text = serde_json::to_string(tracker.state()).unwrap();
     let state: TrackerState = serde_json::from_str(&text).unwrap();
     let mut again = Tracker::restore(Arc::clone(&walk.model), state).unwrap();
@@ -205,11 +197,7 @@ fn load_that_rises_over_three_days_is_kept() {
 
 #[test]
 fn gap_and_clock_that_goes_back_are_survived() {
-    let mut walk = Walk::new(1.0);
-    let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
-    for frame in 1..=20 {
-        follow(&mut tracker, &mut walk, frame, None);
-    }
+    let (mut walk, mut tracker) = walked(20);
     let before = tracker.state().deviation();
     let mut away = tracker.clone();
     let open = walk.frame(Some((&walk.model.disc([0.06, 0.15], 0.03), -0.3)));

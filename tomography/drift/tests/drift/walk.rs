@@ -78,6 +78,16 @@ impl Walk {
     }
 }
 
+/// A walk of the tracker's own pace, and the tracker after so many empty frames of it.
+pub fn walked(frames: usize) -> (Walk, Tracker) {
+    let mut walk = Walk::new(1.0);
+    let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();
+    for frame in 1..=frames {
+        follow(&mut tracker, &mut walk, frame, None);
+    }
+    (walk, tracker)
+}
+
 /// Follows a frame of the walk.
 pub fn follow(
     tracker: &mut Tracker,
