@@ -41,6 +41,7 @@ use crate::events::kind::EventKind;
 use rig::{Clock, SystemClock};
 use rustix::fs::Mode;
 use rustix::process::umask;
+use sd_notify::NotifyState;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::args::Args;
@@ -52,6 +53,7 @@ pub use crate::events::kind::{EventRow, event_kinds};
 use crate::instruments::assembly::{Assembled, AssemblyError, OnClosedRelays, assemble};
 use crate::instruments::identities::ExpectedIdentities;
 pub use crate::monitoring::metrics::{MetricRow, metrics};
+use crate::monitoring::service_manager;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::recording::records::Records;
 use crate::service::Listener;
@@ -277,10 +279,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
             .report(None, EventKind::RelaysClosed, &text)
             .await;
     }
-    let _ = sd_notify::notify(&[
-        sd_notify::NotifyState::Ready,
-        sd_notify::NotifyState::Status("idle"),
-    ]);
+    service_manager::notify(&[NotifyState::Ready, NotifyState::Status("idle")]);
     let begins = begin(std::sync::Arc::clone(&controller), start && !goes_on, reads);
     let beginning = match reads {
         true => Some(tokio::spawn(begins)),
@@ -297,10 +296,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
             _ = hangup.recv() => reload(&controller).await,
         }
     };
-    let _ = sd_notify::notify(&[
-        sd_notify::NotifyState::Stopping,
-        sd_notify::NotifyState::Status("stopping"),
-    ]);
+    service_manager::notify(&[NotifyState::Stopping, NotifyState::Status("stopping")]);
     tracing::info!("{why}");
     if let Some(beginning) = beginning {
         // no session may start any more
@@ -311,6 +307,7 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     controller.report(None, EventKind::Stopped, why).await;
     controller.events.close().await;
     listener.close().await;
+    service_manager::finish();
     safe
 }
 
@@ -396,11 +393,10 @@ async fn begin(controller: std::sync::Arc<Controller>, start: bool, reads: bool)
 
 /// SIGHUP: also notifies systemd, whose notify-reload waits for it.
 async fn reload(controller: &std::sync::Arc<Controller>) {
-    use sd_notify::NotifyState;
     let mut begins = vec![NotifyState::Reloading];
     begins.extend(NotifyState::monotonic_usec_now().ok());
-    let _ = sd_notify::notify(&begins);
+    service_manager::notify(&begins);
     // the outcome is reported by the controller
     let _ = controller.reload().await;
-    let _ = sd_notify::notify(&[NotifyState::Ready]);
+    service_manager::notify(&[NotifyState::Ready]);
 }

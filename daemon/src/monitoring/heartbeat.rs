@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use rig::{Clock, SystemClock};
-use sd_notify::NotifyState;
 
 use crate::events::event::{BusEvent, Event};
 use crate::events::event_log::EventLog;
 use crate::events::kind::EventKind;
+use crate::monitoring::service_manager;
 use config::BusSection;
 
 /// A monitored part of the daemon.
@@ -115,7 +115,7 @@ pub(crate) async fn report_to_systemd(
         match heartbeats.overdue(now) {
             None => {
                 silent = false;
-                let _ = sd_notify::notify(&[NotifyState::Watchdog]);
+                service_manager::notify_alive();
             }
             Some((part, late)) if !silent => {
                 silent = true;

@@ -11,6 +11,7 @@ pub(crate) mod metrics;
 pub(crate) mod notices;
 pub(crate) mod notification;
 mod relay_life;
+pub(crate) mod service_manager;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};

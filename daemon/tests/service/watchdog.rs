@@ -41,3 +41,22 @@ async fn systemd_is_notified_of_readiness_life_and_end() {
     expect_notification(&socket, "STOPPING=1").await;
     assert!(!log.contains("sign of life"), "{log}");
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_service_manager_that_does_not_read_stops_nothing() {
+    let stage = Stage::new(SMALL);
+    let (daemon, unread) = stage.start_watched(Duration::from_millis(300)).await;
+    let other = std::os::unix::net::UnixDatagram::unbound().unwrap();
+    other.connect(stage.path().join("notify")).unwrap();
+    other.set_nonblocking(true).unwrap();
+    while other.send(b"X_FULL=1").is_ok() {}
+    within(async {
+        daemon.baseline(1).await;
+        let session = daemon.start(Options::new()).await;
+        session.stop().await.unwrap();
+    })
+    .await;
+    let (status, log) = within(daemon.terminate()).await;
+    assert!(status.success(), "{log}");
+    drop(unread);
+}

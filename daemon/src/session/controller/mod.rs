@@ -21,6 +21,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
 use chrono::{DateTime, Utc};
 use dbus::Fault;
 use rig::{Clock, RingTranscript, SystemClock};
+use sd_notify::NotifyState;
 use survey::{Baseline, Settings};
 use tokio::sync::{Notify, watch};
 
@@ -35,6 +36,7 @@ use crate::instruments::rig_plan::RigPlan;
 use crate::instruments::simulation::SimulatedRig;
 use crate::monitoring::Observed;
 use crate::monitoring::heartbeat::Heartbeats;
+use crate::monitoring::service_manager;
 use crate::preparation::{FramesFrom, Prepared, Setup};
 use crate::recording::end_marks::EndMarks;
 use crate::recording::records::Records;
@@ -371,7 +373,7 @@ impl Controller {
         };
         if outcome.is_ok() {
             let status = self.state().to_string();
-            let _ = sd_notify::notify(&[sd_notify::NotifyState::Status(&status)]);
+            service_manager::notify(&[NotifyState::Status(&status)]);
             self.events.publish(&BusEvent::Daemon);
         }
         outcome
