@@ -42,6 +42,9 @@ pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
                 .iter()
                 .map(|lost| warned(&format!("reconnecting: {lost}"))),
         );
+        // before what a small terminal has no room for
+        let remark = remark_on_baseline(&daemon.baseline_remarks);
+        lines.extend(remark.map(|text| warned(&format!("baseline, warning: {text}"))));
         if let Some(session) = &shown.seen.session {
             let count = |count: Option<u64>| count.unwrap_or(0);
             lines.push(plain(&format!(
@@ -56,12 +59,12 @@ pub(crate) fn health(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard) {
         } else {
             lines.push("session  none; `tactus start` starts one".into());
         }
-        lines.extend(of_daemon(daemon, warned));
+        lines.extend(of_daemon(daemon));
     }
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
 }
 
-fn of_daemon(daemon: &DaemonState, warned: impl Fn(&str) -> Line<'static>) -> Vec<Line<'static>> {
+fn of_daemon(daemon: &DaemonState) -> Vec<Line<'static>> {
     let age = daemon
         .baseline_age_s
         .map(|age| format!(", {} old", display_long(age)));
@@ -71,8 +74,6 @@ fn of_daemon(daemon: &DaemonState, warned: impl Fn(&str) -> Line<'static>) -> Ve
     };
     let source = format!("source   {}, {}", daemon.source, daemon.source_state);
     let mut lines = vec![plain(&baseline), plain(&source)];
-    let remark = remark_on_baseline(&daemon.baseline_remarks);
-    lines.extend(remark.map(|text| warned(&format!("baseline, warning: {text}"))));
     lines.push(plain(&format!("method   {}", daemon.method)));
     if let Some(days) = daemon.disk_days {
         lines.push(plain(&format!("disk     {days:.0} days left")));
