@@ -5,6 +5,8 @@ use crate::{Mesh, bounding_box};
 /// The region's triangles, indexed by position.
 pub(crate) struct Cover {
     corners: Vec<[[f64; 2]; 3]>,
+    /// Centre of each triangle, and how far its corners are from there, m.
+    circles: Vec<([f64; 2], f64)>,
     areas: Vec<f64>,
     low: [f64; 2],
     cell: f64,
@@ -18,6 +20,12 @@ impl Cover {
     /// Sorts the region's triangles into cells of twice their mean size.
     pub(crate) fn new(mesh: &Mesh) -> Self {
         let corners: Vec<[[f64; 2]; 3]> = mesh.region().iter().map(|&t| mesh.corners(t)).collect();
+        let circle = |corners: &[[f64; 2]; 3]| {
+            let centre = [0, 1].map(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / 3.0);
+            let away = |p: &[f64; 2]| (p[0] - centre[0]).hypot(p[1] - centre[1]);
+            (centre, corners.iter().map(away).fold(0.0, f64::max))
+        };
+        let circles = corners.iter().map(circle).collect();
         let areas = mesh.region_areas();
         let [low, high] = bounding_box(corners.iter().flatten().copied());
         let mean = areas.iter().sum::<f64>() / areas.len() as f64;
@@ -36,6 +44,7 @@ impl Cover {
         }
         Self {
             corners,
+            circles,
             areas,
             low,
             cell,
@@ -67,54 +76,96 @@ impl Cover {
             .collect();
         near.sort_unstable();
         near.dedup();
+        let sides: Vec<Side> = (0..outline.len())
+            .map(|k| Side::new(outline[k], outline[(k + 1) % outline.len()]))
+            .collect();
+        let mut clipped = Clipped::default();
         near.into_iter()
             .filter_map(|t| {
-                let share = self.share(t as usize, outline);
+                let share = self.share(t as usize, &sides, &mut clipped);
                 (share > 0.0).then_some((t, share))
             })
             .collect()
     }
 
-    fn share(&self, t: usize, outline: &[[f64; 2]]) -> f64 {
-        let corners = self.corners[t];
-        let count = outline.len();
-        let mut whole = true;
-        for k in 0..count {
-            let (a, b) = (outline[k], outline[(k + 1) % count]);
-            let inside = corners.map(|p| left(a, b, p) >= 0.0);
-            if !inside[0] && !inside[1] && !inside[2] {
+    /// The share of a triangle on the inner side of all sides.
+    fn share(&self, t: usize, sides: &[Side], clipped: &mut Clipped) -> f64 {
+        let (centre, reach) = self.circles[t];
+        clipped.points.clear();
+        for side in sides {
+            let depth = side.depth(centre);
+            if depth <= -reach {
                 return 0.0;
             }
-            whole &= inside[0] && inside[1] && inside[2];
-        }
-        if whole {
-            return 1.0;
-        }
-        // clips the triangle by the sides of the outline
-        let mut points: Vec<[f64; 2]> = corners.to_vec();
-        let mut kept: Vec<[f64; 2]> = Vec::with_capacity(12);
-        for k in 0..count {
-            let (a, b) = (outline[k], outline[(k + 1) % count]);
-            kept.clear();
-            let n = points.len();
-            if n == 0 {
-                return 0.0;
-            }
-            let mut previous = (points[n - 1], left(a, b, points[n - 1]));
-            for &p in &points {
-                let side = left(a, b, p);
-                if (side >= 0.0) != (previous.1 >= 0.0) {
-                    let s = previous.1 / (previous.1 - side);
-                    kept.push([0, 1].map(|i| previous.0[i] + s * (p[i] - previous.0[i])));
+            // other sides do not touch the triangle
+            if depth < reach {
+                if clipped.points.is_empty() {
+                    clipped.points.extend(self.corners[t]);
                 }
-                if side >= 0.0 {
-                    kept.push(p);
+                clipped.cut(side);
+                if clipped.points.is_empty() {
+                    return 0.0;
                 }
-                previous = (p, side);
             }
-            std::mem::swap(&mut points, &mut kept);
         }
-        (area(&points) / self.areas[t]).clamp(0.0, 1.0)
+        match clipped.points.is_empty() {
+            true => 1.0,
+            false => (area(&clipped.points) / self.areas[t]).clamp(0.0, 1.0),
+        }
+    }
+}
+
+/// A side of an outline.
+struct Side {
+    ends: [[f64; 2]; 2],
+    /// The unit vector to the inner side.
+    normal: [f64; 2],
+}
+
+impl Side {
+    fn new(a: [f64; 2], b: [f64; 2]) -> Self {
+        let [x, y] = [b[0] - a[0], b[1] - a[1]];
+        let length = x.hypot(y).max(f64::MIN_POSITIVE);
+        Self {
+            ends: [a, b],
+            normal: [-y / length, x / length],
+        }
+    }
+
+    /// How deep on the inner side a place lies, m.
+    fn depth(&self, [x, y]: [f64; 2]) -> f64 {
+        let [a, _] = self.ends;
+        self.normal[0] * (x - a[0]) + self.normal[1] * (y - a[1])
+    }
+}
+
+/// What is left of a triangle.
+#[derive(Default)]
+struct Clipped {
+    points: Vec<[f64; 2]>,
+    kept: Vec<[f64; 2]>,
+}
+
+impl Clipped {
+    /// Keeps what lies on the inner side.
+    fn cut(&mut self, side: &Side) {
+        let [a, b] = side.ends;
+        self.kept.clear();
+        let last = self.points[self.points.len() - 1];
+        let mut previous = (last, left(a, b, last));
+        for &p in &self.points {
+            let side = left(a, b, p);
+            if (side >= 0.0) != (previous.1 >= 0.0) {
+                let s = previous.1 / (previous.1 - side);
+                self.kept
+                    .push([0, 1].map(|i| previous.0[i] + s * (p[i] - previous.0[i])));
+            }
+            if side >= 0.0 {
+                self.kept.push(p);
+            }
+            previous = (p, side);
+        }
+        std::mem::swap(&mut self.points, &mut self.kept);
     }
 }
 

@@ -69,8 +69,12 @@ impl Problem<'_> {
     fn take(&self, shape: &Shape, kept: &mut [f64]) {
         let kept_within = 1.0 - shape.loss();
         for (outline, weight) in shape.layers() {
+            let covered = kept_within.powf(weight);
             for (t, share) in self.cover.of(&outline) {
-                kept[t as usize] *= kept_within.powf(weight * share);
+                kept[t as usize] *= match share {
+                    1.0 => covered,
+                    _ => kept_within.powf(weight * share),
+                };
             }
         }
     }

@@ -1,6 +1,7 @@
 //! One load with few parameters, with a prior: a disc, or what a disc becomes by one or two numbers more.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
+use std::sync::LazyLock;
 
 /// Largest radius, m.
 pub(crate) const LARGEST: f64 = 0.070;
@@ -12,6 +13,9 @@ const LOGIT: f64 = 1.8138;
 const REACH: f64 = 5.0;
 /// Corners of the polygon that approximates a circle: a multiple of 2.
 const ROUND: usize = 32;
+/// Sine and cosine of the angle of each.
+static CORNERS: LazyLock<[(f64, f64); ROUND]> =
+    LazyLock::new(|| std::array::from_fn(|k| (TAU / ROUND as f64 * k as f64).sin_cos()));
 /// Discs on top of each other that approximate a soft edge.
 const LAYERS: usize = 5;
 /// The parameter that is the logit of the loss.
@@ -156,19 +160,22 @@ impl Shape {
 fn outline(centre: [f64; 2], radius: f64, [x, y]: [f64; 2]) -> Vec<[f64; 2]> {
     let step = TAU / ROUND as f64;
     let radius = radius * (step / step.sin()).sqrt();
-    let place = |k: usize, end: f64, angle: f64| {
-        let (sin, cos) = (angle + step * k as f64).sin_cos();
+    // each corner turned by an angle
+    let place = |k: usize, end: f64, (sin, cos): (f64, f64)| {
+        let (own_sin, own_cos) = CORNERS[k];
+        let (sin, cos) = (sin * own_cos + cos * own_sin, cos * own_cos - sin * own_sin);
         [
             centre[0] + end * x + radius * cos,
             centre[1] + end * y + radius * sin,
         ]
     };
     if x == 0.0 && y == 0.0 {
-        return (0..ROUND).map(|k| place(k, 0.0, 0.0)).collect();
+        return (0..ROUND).map(|k| place(k, 0.0, (0.0, 1.0))).collect();
     }
-    let first = y.atan2(x) - 0.5 * PI;
+    // the ends begin at right angles to the line
+    let [sin, cos] = [-x, y].map(|part| part / x.hypot(y));
     let half = 0..=ROUND / 2;
-    let ends = [(1.0, first), (-1.0, first + PI)].map(|(end, angle)| {
+    let ends = [(1.0, (sin, cos)), (-1.0, (-sin, -cos))].map(|(end, angle)| {
         half.clone()
             .map(move |k| place(k, end, angle))
             .collect::<Vec<_>>()
