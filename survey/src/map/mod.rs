@@ -62,8 +62,8 @@ impl MapUnit {
 /// What speaks for the kind of a map that its method chose (the map's `method` names it), against the next best kind that was tried.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
-    /// Mean square that the map leaves of the frame, over that which noise and errors of the model may leave: at most 1 for shapes.
-    /// `None` for a map that is fitted until it leaves about that much.
+    /// Mean square that the map leaves of the frame, over that which noise and errors of the model may leave: at most 1 for shapes and
+    /// smooth loads. `None` for a map that is fitted until it leaves about that much.
     pub left: Option<f64>,
     /// The next best kind; `None` where nothing else was tried: the simplest one left clearly less than it may, or is too small for others.
     pub next: Option<NextKind>,

@@ -3,7 +3,7 @@
 //!
 //! - [`cells`]: the unknowns, ln sigma of the triangles of the region and of larger cells outside of it; larger ones in the region
 //!   too for the first steps
-//! - [`solver`]: Gauss and Newton's method, first with few unknowns
+//! - [`solver`]: Gauss and Newton's method, first with few unknowns; a load over most of the sheet that changes slowly needs no more
 
 mod cells;
 mod solver;
@@ -41,6 +41,9 @@ const ACCEPTED: f64 = 1.25;
 /// where no map above them agrees with its load to less than 0.5: decision 183.
 const LEAST_OF_SHAPES: f64 = 0.95;
 const LEAST_OF_VARIATION: f64 = 0.3;
+/// Spread of the losses of the linear map above which a load may be smooth. Chosen on loads of seed 61 (`tactus-lab honesty --maps`):
+/// ramps and fields have at least 0.5, all others at 2 and 20 uV at most 0.5.
+const WIDE: f64 = 0.5;
 /// Power of the sensitivity in the linear prior by which a frame is told from noise.
 const NOSER_POWER: f64 = 0.25;
 
@@ -97,6 +100,7 @@ struct Likely {
 }
 
 const METHOD: &str = "nonlinear total variation";
+const SMOOTH: &str = "smooth load, loss only";
 /// [`Map::method`] of a frame that a linear map explains no better than noise does.
 pub const NOTHING: &str = "nothing but noise";
 
@@ -172,15 +176,22 @@ impl NonlinearTv {
         let least = noise.max(model);
         let first = least.max(FIRST_ERROR * size);
         let most = |error: f64| ACCEPTED * error * error + model * model;
-        // shapes cost a tenth of the minimum
+        // shapes cost a tenth of the minimum, a smooth load a fifth
         let mut next = None;
         if self.noise.is_some() {
             let start = self.shown(&linear, 0.0);
-            match self
-                .shapes
-                .explain(seen, least, most(least), &start)
-                .map_err(forward)?
-            {
+            let (shapes, most) = (&self.shapes, most(least));
+            if self.spread(&start) > WIDE {
+                let disc = shapes.one_disc(seen, least, most, &start);
+                let disc = disc.map_err(forward)?;
+                if disc.as_ref().is_none_or(|disc| disc.left > 1.0) {
+                    let smooth = self.sheet.smooth_minimum(seen, first, least, most);
+                    if let Some((found, left)) = smooth.map_err(forward)? {
+                        return Ok(self.of_smooth(&found, left, disc));
+                    }
+                }
+            }
+            match shapes.explain(seen, least, most, &start).map_err(forward)? {
                 Attempt::Explained(shapes) => return Ok(self.of_shapes(shapes)),
                 Attempt::Unexplained(nearest) => next = nearest,
             }
@@ -235,15 +246,47 @@ impl NonlinearTv {
         method: String,
         next: Option<NextKind>,
     ) -> Likely {
-        let values = self.shown(&found.change, most);
-        let possible = found.possible();
-        let possible: Vec<Vec<f64>> = possible.iter().map(|u| self.shown(u, most)).collect();
+        let evidence = Evidence { left: None, next };
+        self.of_values(found, method, evidence, |change| self.shown(change, most))
+    }
+
+    /// The map of a smooth load that leaves this share of what may be left; `next`: the disc that leaves more.
+    fn of_smooth(&self, found: &Found<'_>, left: f64, next: Option<NextKind>) -> Likely {
+        let evidence = Evidence {
+            left: Some(left),
+            next,
+        };
+        self.of_values(found, SMOOTH.to_owned(), evidence, |change| {
+            self.shown(&self.sheet.smooth(change), 0.0)
+        })
+    }
+
+    /// `shown`: the map of a change of the cells.
+    fn of_values(
+        &self,
+        found: &Found<'_>,
+        method: String,
+        evidence: Evidence,
+        shown: impl Fn(&[f64]) -> Vec<f64>,
+    ) -> Likely {
+        let values = shown(&found.change);
+        let possible: Vec<Vec<f64>> = found.possible().iter().map(|u| shown(u)).collect();
         Likely {
             doubtful: self.doubtful(&values, &possible, LEAST_OF_VARIATION),
             values,
             method,
-            evidence: Some(Evidence { left: None, next }),
+            evidence: Some(evidence),
         }
+    }
+
+    /// (sum |x|)^2 over area and sum x^2: 1 for the same change everywhere, the share of the area that is changed for one load.
+    fn spread(&self, map: &[f64]) -> f64 {
+        let areas = self.mesh().region_areas();
+        let sum = |power: i32| -> f64 {
+            let all = areas.iter().zip(map);
+            all.map(|(area, x)| area * x.abs().powi(power)).sum()
+        };
+        sum(1).powi(2) / (areas.iter().sum::<f64>() * sum(2)).max(f64::MIN_POSITIVE)
     }
 
     /// The mean correlation of a map with others that are possible, if it is below `least`.
@@ -472,6 +515,24 @@ mod tests {
         let (map, correlation) = stage.map(|at| -disc(at));
         assert_eq!(map.method, METHOD);
         assert!(correlation > 0.8, "{correlation}");
+    }
+
+    #[test]
+    fn smooth_load_over_the_sheet_is_found_as_one() {
+        let stage = stage();
+        let wave = |[x, y]: [f64; 2]| -0.2 * (1.0 + (15.0 * x + 10.0 * y).sin());
+        let (map, correlation) = stage.map(wave);
+        assert_eq!(map.method, SMOOTH);
+        assert!(correlation > 0.98, "{correlation}");
+        assert!(map.values.iter().all(|value| *value <= 0.0));
+        let evidence = map.evidence.unwrap();
+        let (left, next) = (evidence.left.unwrap(), evidence.next.unwrap());
+        assert!(left > 0.0 && left <= 1.0, "{left}");
+        assert!(next.method == "discs (1)" && next.left > 1.0, "{next:?}");
+        // losses cannot explain the same gains
+        let (map, correlation) = stage.map(|at| -wave(at));
+        assert_eq!(map.method, METHOD);
+        assert!(correlation > 0.9, "{correlation}");
     }
 
     #[test]

@@ -5,7 +5,8 @@
 //! with u the change of ln sigma of each cell, c(u) the change of the readings by the forward model, s the deviation of a
 //! reading, L_e the length of a border and A_i the size of a cell. The square root is replaced by its tangent parabola at
 //! each step (lagged diffusivity: C. Vogel, M. Oman, SIAM J. Sci. Comput. 17 (1996) 227), so that a step solves a
-//! least-squares problem with a sparse penalty, in the space of the readings.
+//! least-squares problem with a sparse penalty, in the space of the readings. For a load that changes slowly from place to place
+//! the square root is replaced by (u_a - u_b)^2 / 2 c.
 
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -30,6 +31,11 @@ const LEVEL: f64 = 1e-4;
 /// Least and most steps with few unknowns, and after them with those of the map, which begin at a map of squares.
 const COARSE_STEPS: [usize; 2] = [1, 12];
 const FINE_STEPS: [usize; 2] = [3, 8];
+/// c of smooth loads: the first that explains a frame. Chosen on ramps and fields of seed 61 (`tactus-lab honesty --maps`).
+const SLOPES: [f64; 2] = [0.006, 0.02];
+/// Steps for each.
+const SMOOTH_STEPS: [usize; 2] = [2, 4];
+const SMOOTH_DONE: f64 = 0.1;
 /// Largest change of ln sigma in a step.
 const LONGEST: f64 = 1.5;
 /// Lowest ln sigma: below it a cell insulates.
@@ -119,6 +125,10 @@ impl Point {
     fn error(&self, degrees: f64) -> f64 {
         (self.residual.norm_squared() / (self.residual.len() as f64 - degrees)).sqrt()
     }
+
+    fn mean_square(&self) -> f64 {
+        self.residual.norm_squared() / self.residual.len() as f64
+    }
 }
 
 impl Sheet {
@@ -177,19 +187,8 @@ impl Sheet {
         least: f64,
         bounded: bool,
     ) -> Result<Option<Found<'_>>, ForwardError> {
-        let rest = vec![0.0; self.coarse.cells.count()];
-        let mut search = Search {
-            sheet: self,
-            seen,
-            least,
-            bounded,
-            deviation: first,
-            at: Point {
-                change: rest.clone(),
-                residual: seen.data.clone(),
-                sigma: self.sigma0.clone(),
-            },
-        };
+        let mut search = self.search(seen, first, least, bounded);
+        let rest = search.at.change.clone();
         let coarse = search.down(&self.coarse, &rest, COARSE_STEPS, COARSE_DONE)?;
         if coarse.is_none() {
             return Ok(None);
@@ -202,14 +201,82 @@ impl Sheet {
         let Some((penalty, last)) = found else {
             return Ok(None);
         };
-        let at = search.at;
-        Ok(Some(Found {
-            error: at.error(last.degrees),
-            left: at.residual.norm_squared() / seen.data.norm_squared(),
-            change: at.change,
-            penalty,
-            last,
-        }))
+        Ok(Some(search.found(penalty, last)))
+    }
+
+    /// The same for a load without gains that changes slowly from place to place, with few unknowns: its values are those of
+    /// [`Self::smooth`]. Also the mean square that it leaves, a share of `most`; `None` also if it leaves more.
+    pub(super) fn smooth_minimum(
+        &self,
+        seen: &Seen,
+        first: f64,
+        least: f64,
+        most: f64,
+    ) -> Result<Option<(Found<'_>, f64)>, ForwardError> {
+        let mut search = self.search(seen, first, least, true);
+        for slope in SLOPES {
+            search.differences = Differences::Square(slope);
+            let from = search.at.change.clone();
+            let Some((penalty, last)) =
+                search.down(&self.coarse, &from, SMOOTH_STEPS, SMOOTH_DONE)?
+            else {
+                return Ok(None);
+            };
+            let left = search.at.mean_square() / most;
+            if left <= 1.0 {
+                return Ok(Some((search.found(penalty, last), left)));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The values of the triangles of a smooth map, from those of few unknowns.
+    pub(super) fn smooth(&self, change: &[f64]) -> Vec<f64> {
+        let cells = &self.fine.cells;
+        cells.smoothed(&cells.refined(&self.coarse.cells, change))
+    }
+
+    /// A search that begins at the unloaded sheet with few unknowns.
+    fn search<'b>(&self, seen: &'b Seen, first: f64, least: f64, bounded: bool) -> Search<'_, 'b> {
+        Search {
+            sheet: self,
+            seen,
+            least,
+            bounded,
+            differences: Differences::Amount,
+            deviation: first,
+            at: Point {
+                change: vec![0.0; self.coarse.cells.count()],
+                residual: seen.data.clone(),
+                sigma: self.sigma0.clone(),
+            },
+        }
+    }
+}
+
+/// What differences between neighbours cost.
+#[derive(Debug, Clone, Copy)]
+enum Differences {
+    /// Their amount: a load has borders.
+    Amount,
+    /// Their square over 2 c: a load changes slowly from place to place.
+    Square(f64),
+}
+
+impl Differences {
+    fn cost(self, difference: f64) -> f64 {
+        match self {
+            Self::Amount => difference.hypot(SMOOTH),
+            Self::Square(slope) => 0.5 * difference * difference / slope,
+        }
+    }
+
+    /// The curvature of the parabola that touches the cost at a difference.
+    fn curvature(self, difference: f64) -> f64 {
+        match self {
+            Self::Amount => 1.0 / difference.hypot(SMOOTH),
+            Self::Square(slope) => 1.0 / slope,
+        }
     }
 }
 
@@ -221,12 +288,24 @@ struct Search<'a, 'b> {
     least: f64,
     /// Gains are penalised.
     bounded: bool,
+    differences: Differences,
     /// Standard deviation of a reading.
     deviation: f64,
     at: Point,
 }
 
 impl<'a> Search<'a, '_> {
+    /// Where it is after a last step.
+    fn found(self, penalty: Penalty<'a>, last: Solution) -> Found<'a> {
+        Found {
+            error: self.at.error(last.degrees),
+            left: self.at.residual.norm_squared() / self.seen.data.norm_squared(),
+            change: self.at.change,
+            penalty,
+            last,
+        }
+    }
+
     /// Takes at most so many steps with the unknowns of a level; returns the last one, or `None` if a step cannot be solved.
     /// `borders`: the values whose differences decide which borders the first step may part.
     fn down(
@@ -237,7 +316,13 @@ impl<'a> Search<'a, '_> {
         done: f64,
     ) -> Result<Option<(Penalty<'a>, Solution)>, ForwardError> {
         let sheet = self.sheet;
-        let mut penalty = Penalty::new(level, sheet.alpha, self.bounded, &self.at.change);
+        let mut penalty = Penalty::new(
+            level,
+            sheet.alpha,
+            self.bounded,
+            self.differences,
+            &self.at.change,
+        );
         // a map with borders that are none of the load's has no value to compare with
         let mut value = match borders == self.at.change {
             true => self.value(level, &self.at),
@@ -286,7 +371,7 @@ impl<'a> Search<'a, '_> {
         let neighbours = &level.cells.neighbours;
         let edges = neighbours.edges.iter().zip(&neighbours.weights);
         let variation: f64 = edges
-            .map(|(&[a, b], length)| length * (at.change[a] - at.change[b]).hypot(SMOOTH))
+            .map(|(&[a, b], length)| length * self.differences.cost(at.change[a] - at.change[b]))
             .sum();
         let sizes = level.cells.sizes.iter().zip(&at.change);
         let gains: f64 = match self.bounded {
@@ -370,6 +455,7 @@ struct Penalty<'a> {
     half: Half,
     /// The cells with gains in the solution of the step before, which are penalised; `None` if gains are free.
     gains: Option<Vec<bool>>,
+    differences: Differences,
 }
 
 /// The solution of a step.
@@ -384,13 +470,20 @@ struct Solution {
 
 impl<'a> Penalty<'a> {
     /// `bounded`: gains are penalised, those at `start` from the first step on.
-    fn new(level: &'a Level, alpha: f64, bounded: bool, start: &[f64]) -> Self {
+    fn new(
+        level: &'a Level,
+        alpha: f64,
+        bounded: bool,
+        differences: Differences,
+        start: &[f64],
+    ) -> Self {
         Self {
             laplacian: level.cells.neighbours.clone(),
             half: level.pattern.clone(),
             gains: bounded.then(|| start.iter().map(|u| *u > 0.0).collect()),
             cells: &level.cells,
             alpha,
+            differences,
         }
     }
 
@@ -404,7 +497,7 @@ impl<'a> Penalty<'a> {
             .zip(&cells.neighbours.weights)
             .zip(&cells.neighbours.edges)
         {
-            *weight = length / (at[a] - at[b]).hypot(SMOOTH);
+            *weight = length * self.differences.curvature(at[a] - at[b]);
         }
         let solution = self.solved(problem)?;
         if let Some(gains) = &mut self.gains {

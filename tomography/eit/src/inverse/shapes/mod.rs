@@ -84,18 +84,7 @@ impl Shapes {
         most: f64,
         map: &[f64],
     ) -> Result<Attempt, ForwardError> {
-        let rows = self.model.baseline.len();
-        let frame = Frame {
-            problem: Problem {
-                model: &self.model,
-                cover: &self.cover,
-            },
-            data: Data {
-                white: seen.spread(rows) / deviation,
-                weights: seen.shares(rows) / deviation,
-            },
-            wanted: 0.5 * most * seen.data.len() as f64 / (deviation * deviation),
-        };
+        let frame = self.frame(seen, deviation, most);
         let peaks = self.peaks.of(map);
         let Some(first) = peaks.first() else {
             return Ok(Attempt::Unexplained(None));
@@ -125,6 +114,38 @@ impl Shapes {
                 next: next.map(|fit| frame.described(fit, Some(fit.cost() - chosen.cost()))),
             },
         }))
+    }
+
+    /// One disc at the largest peak of a map, as for [`Self::explain`]; it explains the frame if it leaves at most 1. `None` for a
+    /// map without losses.
+    pub(crate) fn one_disc(
+        &self,
+        seen: &Seen,
+        deviation: f64,
+        most: f64,
+        map: &[f64],
+    ) -> Result<Option<NextKind>, ForwardError> {
+        let frame = self.frame(seen, deviation, most);
+        let described = |peak: &Peak| {
+            let disc = frame.fit(std::slice::from_ref(&peak.disc))?;
+            Ok(frame.described(&disc, None))
+        };
+        self.peaks.of(map).first().map(described).transpose()
+    }
+
+    fn frame(&self, seen: &Seen, deviation: f64, most: f64) -> Frame<'_> {
+        let rows = self.model.baseline.len();
+        Frame {
+            problem: Problem {
+                model: &self.model,
+                cover: &self.cover,
+            },
+            data: Data {
+                white: seen.spread(rows) / deviation,
+                weights: seen.shares(rows) / deviation,
+            },
+            wanted: 0.5 * most * seen.data.len() as f64 / (deviation * deviation),
+        }
     }
 }
 
