@@ -125,12 +125,20 @@ fn a_slow_map_follows_a_provisional_one_in_a_browser() {
          showWords(frame); verdicts.add(byId('verdict').textContent); }, window.set = map.setMap.bind(map), map.setMap = (...all) => { const [values, frame] = all; \
          shownMaps.push({ sequence: frame.sequence, provisional: frame.provisional, method: frame.method, centre: centre(values) }); set(...all); }, 0",
     );
-    ask(&stage, &["start", "--every", "5s"]);
-    // its map takes several times as long as the provisional one of the page's process, on a busy machine too
+    ask(&stage, &["start", "--step"]);
+    // its map takes several times as long as the provisional one of the page's process, on a busy machine too; the next frame waits
+    // for both
     let slowed = Slowed::begin(daemon.id());
     let pair = "shownMaps.map(first => [first, shownMaps.find(second => second.sequence === first.sequence && !second.provisional)]) \
         .find(([first, second]) => first.provisional && second)";
-    browser.until(&format!("{pair} !== undefined"));
+    let both = (1..=10).any(|frame| {
+        ask(&stage, &["step"]);
+        browser.until(&format!(
+            "shownMaps.some(map => map.sequence === {frame} && !map.provisional)"
+        ));
+        browser.value(&format!("{pair} !== undefined")) == true
+    });
+    assert!(both, "{}", browser.value("shownMaps"));
     drop(slowed);
     let found = browser.value(pair);
     let (first, second) = (&found[0], &found[1]);
