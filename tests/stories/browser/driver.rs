@@ -126,10 +126,13 @@ impl Browser {
         self.of_session("POST", "/chromium/network_conditions", Some(&conditions));
     }
 
-    /// A click of the mouse at a place of the window, CSS pixels.
-    pub fn click(&self, x: i64, y: i64) {
+    /// A click of the mouse at a place beside the middle of an element that is whole in view, CSS pixels. The browser
+    /// finds the element at the moment of the click, so that a row that appears above it moves nothing.
+    pub fn click(&self, selector: &str, x: i64, y: i64) {
+        let wanted = json!({"using": "css selector", "value": selector});
+        let element = self.of_session("POST", "/element", Some(&wanted));
         self.act(&json!({"type": "pointer", "id": "mouse", "actions": [
-            {"type": "pointerMove", "duration": 0, "origin": "viewport", "x": x, "y": y},
+            {"type": "pointerMove", "duration": 0, "origin": element, "x": x, "y": y},
             {"type": "pointerDown", "button": 0}, {"type": "pointerUp", "button": 0}]}));
     }
 

@@ -331,16 +331,24 @@ fn an_alarm_is_seen_and_acknowledged_in_a_browser() {
     // by the page's own control: a click on the map
     browser.value("byId('press').checked = true, byId('press-loss').value = '50', byId('map').scrollIntoView({ block: 'center' }), 0");
     let at = browser.value(&format!(
-        "(box => [box.left + map.x({0}) / map.pixels, box.top + map.y({1}) / map.pixels].map(Math.round))(map.canvas.getBoundingClientRect())",
+        "(box => [map.x({0}) / map.pixels - box.width / 2, map.y({1}) / map.pixels - box.height / 2].map(Math.round))(map.canvas.getBoundingClientRect())",
         PRESS_MM[0], PRESS_MM[1]
     ));
     let [x, y] = [0, 1].map(|axis| at[axis].as_i64().expect("a pixel"));
-    browser.click(x, y);
+    browser.value(
+        "window.sent = [], window.post = send, send = call => (sent.push(call), post(call)), 0",
+    );
+    browser.click("#map", x, y);
     browser.until("byId('answer').textContent === 'press: done'");
-    // the frame in which the press came is of two sheets
+    let sent = browser.value("[1000 * sent[0].x_m, 1000 * sent[0].y_m]");
+    for (axis, asked) in PRESS_MM.iter().enumerate() {
+        let place = sent[axis].as_f64().expect("a place");
+        assert!((place - asked).abs() < 2.0, "pressed at {sent}");
+    }
+    // the frame in which the press came is of two sheets, and a map arrives after its frame
     let pressed = browser.value("latest.frame.sequence");
     browser.until(&format!(
-        "latest.frame.sequence > {pressed} + 2 && map.values.reduce((most, v) => Math.max(most, v), 0) > 0.2"
+        "map.frame.sequence > {pressed} + 2 && map.values.reduce((most, v) => Math.max(most, v), 0) > 0.2"
     ));
     let [x, y] = brightest(&browser);
     let away = (x - PRESS_MM[0]).hypot(y - PRESS_MM[1]);
