@@ -66,6 +66,9 @@ pub trait Manager1 {
     /// The current baseline.
     fn baseline(&self) -> Result<BaselineReport, Fault>;
 
+    /// Remarks to read before this kept baseline is used, a sentence each.
+    fn baseline_remarks(&self, id: &str) -> Result<Vec<String>, Fault>;
+
     /// Makes an earlier baseline the current one until another is recorded or the daemon ends; returns its id.
     fn use_baseline(&self, id: &str) -> Result<String, Fault>;
 

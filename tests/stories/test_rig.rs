@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use dbus::{Address, Simulation1Proxy};
 use survey::Amps;
 use tactus_tests::{DaemonProcess, SIMULATED, Stage};
 
@@ -103,6 +104,35 @@ pub fn ask(stage: &Stage, args: &[&str]) -> Vec<serde_json::Value> {
     args.push("--json");
     let spoken = stage.tactus(&args).and_then(|spoken| spoken.succeeded());
     spoken.unwrap_or_else(|fault| panic!("{fault}")).json()
+}
+
+/// The place of most presses, mm.
+pub const PRESS_MM: [f64; 2] = [80.0, 135.0];
+
+/// Presses the simulated sheet with a disc at a place, mm, that takes this share of the conductance.
+pub fn press(stage: &Stage, at_mm: [f64; 2], diameter_mm: f64, loss: f64) {
+    let [x, y] = at_mm.map(|mm| 1e-3 * mm);
+    simulation(stage, async |hand| {
+        hand.press("disc", x, y, 1e-3 * diameter_mm, loss).await
+    });
+}
+
+/// Takes everything off the simulated sheet.
+pub fn release(stage: &Stage) {
+    simulation(stage, async |hand| hand.release().await);
+}
+
+fn simulation(
+    stage: &Stage,
+    call: impl AsyncFnOnce(Simulation1Proxy<'_>) -> Result<(), dbus::Fault>,
+) {
+    runtime().block_on(async {
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
+            .await
+            .expect("the daemon listens");
+        let hand = Simulation1Proxy::new(&connection).await.expect("a proxy");
+        call(hand).await.expect("the place is on the sheet");
+    });
 }
 
 /// Records a baseline and waits for it.

@@ -102,9 +102,11 @@ pub(crate) async fn choose(
     let id = daemon.baseline_id(id).await?;
     let requested = daemon.manager.use_baseline(&id);
     let id = daemon.ask("the baseline", requested).await?;
-    printer.record(&BaselineUsed { baseline: id }, |used| {
+    let used = BaselineUsed { baseline: id };
+    printer.record(&used, |used| {
         format!("baseline {} is the current one", used.baseline)
-    })
+    })?;
+    session::warn_of(daemon, &used.baseline, &used.baseline, printer).await
 }
 
 /// The line of `baseline use --json`; see `docs/reference/json.md`.

@@ -117,7 +117,7 @@ impl Limit {
             }
         };
         Err(Fault::LimitsExceeded(format!(
-            "{whose} {most} {}, and there may be no more at once",
+            "{whose} {most} {}, which is the limit; try again when one has ended",
             self.what
         )))
     }
@@ -158,12 +158,12 @@ mod tests {
         let _second = TWO_EACH.take(ann).unwrap();
         assert_eq!(
             refused(TWO_EACH.take(ann)),
-            "you have 2 dishes, and there may be no more at once"
+            "you have 2 dishes, which is the limit; try again when one has ended"
         );
         let other = TWO_EACH.take(eve).unwrap();
         assert_eq!(
             refused(TWO_EACH.take(eve)),
-            "all together have 3 dishes, and there may be no more at once"
+            "all together have 3 dishes, which is the limit; try again when one has ended"
         );
         drop(first);
         let _third = TWO_EACH.take(ann).unwrap();

@@ -248,7 +248,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_claim_is_looked_at_and_left_where_it_is() {
+    async fn claimed_uid_is_parsed_and_left_in_the_socket() {
         assert_eq!(
             claimed_uid(b"\0AUTH EXTERNAL 31303030\r\nNEGOTIATE_UNIX_FD\r\n"),
             Some(1000)

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use imaging::noise;
 use rig::Clock;
+use survey::Baseline;
 
 use crate::monitoring::health::{Counts, Health, Running};
 use crate::recording::recorder_message::QUEUE;
@@ -13,11 +14,9 @@ use crate::session::controller::Controller;
 use crate::session::state::State;
 
 impl Controller {
-    /// How the configured noise contradicts the current baseline.
-    pub(crate) fn noise_contradiction(&self) -> Option<String> {
-        let noise_uv = self.runtime().setup.config.model.noise_uv;
-        let baseline = self.baseline().filter(|_| !self.is_recording());
-        noise::contradiction(noise_uv?, &*baseline?)
+    /// How the configured noise contradicts a baseline.
+    pub(crate) fn noise_contradiction(&self, baseline: &Baseline) -> Option<String> {
+        noise::contradiction(self.runtime().setup.config.model.noise_uv?, baseline)
     }
 
     /// Collects the health of the daemon. Queries the disk, for two seconds at most; queries no instrument.
@@ -64,7 +63,10 @@ impl Controller {
                 (baseline.id.clone(), age.to_std().unwrap_or_default())
             }),
             rules: self.alarms.shown().of_rules(),
-            noise: self.noise_contradiction(),
+            noise: self
+                .baseline()
+                .filter(|_| !self.is_recording())
+                .and_then(|baseline| self.noise_contradiction(&baseline)),
             space,
             warn_below: runtime.setup.config.record.warn_below_mb * 1_000_000,
             metrics: self.observed.metrics(),

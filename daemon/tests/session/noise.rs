@@ -101,6 +101,7 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
     within(daemon.baseline(3).await.wait()).await.unwrap();
     let remarks = daemon.manager.baseline().await.unwrap().more.remarks;
     let remarks = remarks.unwrap();
+    let loaded = daemon.manager.baseline_id().await.unwrap();
     let status = daemon.manager.status().await.unwrap();
     assert_eq!(status.baseline_remarks.as_ref(), Some(&remarks));
     let remarks = remarks.join("\n");
@@ -123,6 +124,17 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
     let used = daemon.manager.use_baseline(&before.id).await.unwrap();
     assert_eq!(used, before.id);
     assert_eq!(daemon.manager.baseline_id().await.unwrap(), before.id);
+    // remarks on each are still told from those on the other
+    let loaded = daemon.manager.baseline_remarks(&loaded).await.unwrap();
+    assert_eq!(loaded.join("\n"), remarks);
+    let empty = daemon.manager.baseline_remarks(&before.id).await.unwrap();
+    assert_eq!(empty, Vec::<String>::new());
+    let refused = daemon
+        .manager
+        .baseline_remarks("nothing")
+        .await
+        .unwrap_err();
+    assert!(matches!(refused, Fault::NoSession(_)), "{refused:?}");
     let refused = daemon.manager.use_baseline("nothing").await.unwrap_err();
     assert!(matches!(refused, Fault::NoSession(_)), "{refused:?}");
 }

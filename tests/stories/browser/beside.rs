@@ -10,9 +10,9 @@ use std::time::Duration;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::driver::Browser;
-use super::live_page::{PRESS_MM, Page, press};
+use super::live_page::Page;
 use super::playback::exact;
-use crate::test_rig::{self, Needs, ask, baseline};
+use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press};
 
 /// Pixels of the map that have the colour of the uncertainty's lines.
 const LINES: &str = "(() => { map.draw(); const { width, height } = map.canvas; \
@@ -112,7 +112,7 @@ fn a_slow_map_follows_a_provisional_one_in_a_browser() {
     };
     let daemon = test_rig::start(&stage);
     baseline(&stage, 3);
-    press(&stage);
+    press(&stage, PRESS_MM, 30.0, 0.5);
     let page = Page::serve(&stage, &[]);
     browser.open(&page.url);
     browser.value("location.reload()");

@@ -4,14 +4,10 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Stdio};
 
-use dbus::{Address, Simulation1Proxy};
 use tactus_tests::Stage;
 
 use super::driver::Browser;
-use crate::test_rig::{self, Needs, ask, baseline, runtime};
-
-/// Centre of the press, mm.
-pub(super) const PRESS_MM: [f64; 2] = [80.0, 135.0];
+use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press};
 
 /// `tactus web`, ended when dropped.
 pub(super) struct Page {
@@ -49,17 +45,6 @@ impl Drop for Page {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
-}
-
-pub(super) fn press(stage: &Stage) {
-    runtime().block_on(async {
-        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
-            .await
-            .expect("the daemon listens");
-        let hand = Simulation1Proxy::new(&connection).await.expect("a proxy");
-        let [x, y] = PRESS_MM.map(|mm| 1e-3 * mm);
-        hand.press("disc", x, y, 0.030, 0.5).await.expect("a press");
-    });
 }
 
 /// Centroid of the largest value on the page's map, mm.
@@ -115,7 +100,7 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
         "the token stays in no history"
     );
     let before = colour(&browser, PRESS_MM);
-    press(&stage);
+    press(&stage, PRESS_MM, 30.0, 0.5);
     browser.until("latest.frame.quantities && latest.frame.quantities.spots.length === 1 && map.frame.sequence === latest.frame.sequence");
     browser.until("map.values.reduce((most, v) => Math.max(most, v), 0) > 0.2");
     browser.value("map.draw()");
@@ -251,7 +236,7 @@ fn the_page_fits_a_phone_the_dark_and_a_slow_link() {
     let daemon = test_rig::start(&stage);
     baseline(&stage, 3);
     ask(&stage, &["start", "--every", "100ms"]);
-    press(&stage);
+    press(&stage, PRESS_MM, 30.0, 0.5);
     let page = Page::serve(&stage, &["--control"]);
     browser.open(&page.url);
     browser.until("typeof map !== 'undefined' && map.values !== null");

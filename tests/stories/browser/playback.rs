@@ -5,8 +5,8 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::driver::Browser;
-use super::live_page::{PRESS_MM, Page, brightest, press};
-use crate::test_rig::{self, Needs, ask, baseline};
+use super::live_page::{Page, brightest};
+use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press};
 
 const REGION_AND_ALARM: &str = "\n[[region]]\nname = \"corner\"\nrectangle_mm = [50.0, 100.0, 110.0, 170.0]\n\
     [[alarm]]\nname = \"pressed\"\nquantity = \"contact\"\nabove = 100.0\nseverity = \"minor\"\n";
@@ -37,7 +37,7 @@ fn a_session_is_played_in_a_browser() {
     browser.value("location.reload()");
     ask(&stage, &["start", "--every", "300ms"]);
     browser.until("latest && latest.frame && latest.frame.map && latest.frame.sequence > 2");
-    press(&stage);
+    press(&stage, PRESS_MM, 30.0, 0.5);
     browser.until("latest.frame.quantities && latest.frame.quantities.spots.length === 1");
     let pressed = browser
         .value("latest.frame.sequence")

@@ -4,9 +4,9 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use super::driver::Browser;
-use super::live_page::{Page, press};
+use super::live_page::Page;
 use super::server::{DATABASE, OWNER, PASSWORD, Server};
-use crate::test_rig::{self, Needs, ask, baseline};
+use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press};
 
 const ALARM: &str = "\n[[alarm]]\nname = \"pressed\"\nquantity = \"contact\"\nabove = 100.0\nseverity = \"minor\"\n";
 
@@ -63,7 +63,7 @@ fn an_alarm_of_all_sheets_is_found_and_played() {
     browser.open(&page.url);
     browser.value("location.reload()");
     ask(&stage, &["start", "--every", "300ms"]);
-    press(&stage);
+    press(&stage, PRESS_MM, 30.0, 0.5);
     browser
         .until("latest && latest.alarms.some(alarm => alarm.name === 'pressed' && alarm.active)");
     ask(&stage, &["stop"]);

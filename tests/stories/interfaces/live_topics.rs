@@ -2,11 +2,10 @@
 
 use std::process::Stdio;
 
-use dbus::{Address, Simulation1Proxy};
 use serde_json::Value;
 
 use crate::mosquitto::Mosquitto;
-use crate::test_rig::{self, Needs, ask, baseline, runtime};
+use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press};
 
 const RULE: &str =
     "\n[[alarm]]\nname = \"heavy\"\nquantity = \"contact\"\nabove = 100.0\nfor_s = 0.0\n";
@@ -42,15 +41,7 @@ fn broker_shows_what_the_commands_show() {
     baseline(&stage, 3);
     let begun = ask(&stage, &["start", "--every", "500ms"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
-    runtime().block_on(async {
-        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
-            .await
-            .expect("the daemon listens");
-        let hand = Simulation1Proxy::new(&connection).await.expect("a proxy");
-        hand.press("disc", 0.080, 0.135, 0.020, 0.5)
-            .await
-            .expect("a press");
-    });
+    press(&stage, PRESS_MM, 20.0, 0.5);
     let (_, mut alarm) = watcher.wait(&topic("alarm/heavy"), |alarm| alarm["active"] == true);
     let (_, shown) = watcher.wait(&topic("quantities"), |shown| {
         let contact = shown["regions"][0]["values"]["contact"].as_f64();

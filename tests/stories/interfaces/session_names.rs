@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::test_rig::{self, Needs, ask, baseline};
+use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press};
 
 #[test]
 fn baselines_are_listed_and_chosen_by_name() {
@@ -44,6 +44,38 @@ fn baselines_are_listed_and_chosen_by_name() {
         "{}",
         refused.stderr
     );
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
+}
+
+#[test]
+fn session_warns_of_its_own_baseline_and_of_no_other() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    let empty = baseline(&stage, 3)[0]["session"].clone();
+    press(&stage, PRESS_MM, 30.0, 0.5);
+    let loaded = baseline(&stage, 3)[0]["session"].clone();
+    let warnings = |args: &[&str]| -> Vec<String> {
+        let lines = ask(&stage, args);
+        let warnings = lines.iter().filter(|line| line["event"] == "warning");
+        let text = |line: &Value| line["text"].as_str().expect("a text").to_owned();
+        warnings.map(text).collect()
+    };
+    let [empty, loaded] = [&empty, &loaded].map(|id| id.as_str().expect("an id"));
+    // the loaded one is current
+    assert_eq!(warnings(&["start", "--step", "--baseline", empty]), [""; 0]);
+    ask(&stage, &["stop"]);
+    assert_eq!(warnings(&["baseline", "use", empty]), [""; 0]);
+    // now the empty one is
+    let found = warnings(&["start", "--step", "--baseline", loaded]);
+    ask(&stage, &["stop"]);
+    let shows = format!("baseline {loaded}: against baseline {empty}");
+    assert!(
+        found.iter().any(|text| text.starts_with(&shows)),
+        "{found:?}"
+    );
+    assert_eq!(warnings(&["baseline", "use", loaded]), found);
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 }
 

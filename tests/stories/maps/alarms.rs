@@ -1,10 +1,9 @@
 //! Alarms of a running daemon: they begin and end with a press, outlive a restart, and never take what is not known for well.
 
-use dbus::{Address, Simulation1Proxy};
 use serde_json::Value;
 use tactus_tests::Stage;
 
-use crate::test_rig::{self, Needs, ask, baseline, runtime};
+use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press, release};
 
 const RULES: &str = "\n[[region]]\nname = \"press\"\nrectangle_mm = [60.0, 115.0, 100.0, 155.0]\n\
     [[alarm]]\nname = \"heavy\"\nquantity = \"contact\"\nregion = \"press\"\nabove = 100.0\ndeadband = 50.0\nfor_s = 0.5\n\
@@ -37,20 +36,6 @@ fn wait_for(stage: &Stage, name: &str, wanted: impl Fn(&Value) -> bool) -> Value
     panic!("never so: {:?}", alarm(stage, name));
 }
 
-fn press(stage: &Stage, loss: f64) {
-    runtime().block_on(async {
-        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
-            .await
-            .expect("the daemon listens");
-        let hand = Simulation1Proxy::new(&connection).await.expect("a proxy");
-        let done = match loss > 0.0 {
-            true => hand.press("disc", 0.080, 0.135, 0.030, loss).await,
-            false => hand.release().await,
-        };
-        done.expect("the sheet is simulated");
-    });
-}
-
 #[test]
 fn an_alarm_begins_with_a_press_and_outlives_a_restart() {
     let Some(stage) = test_rig::set_with(Needs::SIMULATED, test_rig::NOISY, |config| {
@@ -76,7 +61,7 @@ fn an_alarm_begins_with_a_press_and_outlives_a_restart() {
     let status = ask(&stage, &["status"]);
     assert_eq!(status[0]["health"]["well"], false, "{status:?}");
 
-    press(&stage, 0.5);
+    press(&stage, PRESS_MM, 30.0, 0.5);
     let active = wait_for(&stage, "heavy", |alarm| alarm["active"] == true);
     assert_eq!(
         (&active["level"], &active["acknowledged"]),
@@ -116,7 +101,7 @@ fn an_alarm_begins_with_a_press_and_outlives_a_restart() {
         .expect("the program runs");
     assert_eq!(nobody.code, Some(2), "{}", nobody.stderr);
     assert!(nobody.stderr.contains("there are: "), "{}", nobody.stderr);
-    press(&stage, 0.0);
+    release(&stage);
     let held = wait_for(&stage, "heavy", |alarm| alarm["held"] == true);
     assert_eq!(held["active"], true, "{held}");
     ask(&stage, &["stop"]);

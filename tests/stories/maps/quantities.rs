@@ -1,10 +1,10 @@
 //! Quantities of maps: the same numbers from the daemon's rows and from the frames, for the sheet and its regions.
 
-use dbus::{Address, Manager1Proxy, Session1Proxy, Simulation1Proxy};
+use dbus::{Address, Manager1Proxy, Session1Proxy};
 use serde_json::Value;
 use tactus_tests::Stage;
 
-use crate::test_rig::{self, Needs, ask, baseline, number, runtime};
+use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, number, press, runtime};
 
 const REGIONS: &str = "\n[[region]]\nname = \"press\"\nrectangle_mm = [60.0, 115.0, 100.0, 155.0]\n\
     [[region]]\nname = \"far\"\npolygon_mm = [[150.0, 60.0], [200.0, 60.0], [175.0, 100.0]]\n";
@@ -21,19 +21,6 @@ fn mean(rows: &[Value], region: &str, quantity: &str) -> f64 {
     }
     assert!(frames > 0.0, "no {quantity} of {region} in {rows:?}");
     sum / frames
-}
-
-/// A press of 20 mm that takes half of the conductance.
-fn press(stage: &Stage) {
-    runtime().block_on(async {
-        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
-            .await
-            .expect("the daemon listens");
-        let hand = Simulation1Proxy::new(&connection).await.expect("a proxy");
-        let (x, y) = (0.080, 0.135);
-        let pressed = hand.press("disc", x, y, 0.020, 0.5).await;
-        pressed.expect("a press");
-    });
 }
 
 /// The last standard deviations on the bus, and the number of the triangle at the press among them.
@@ -75,7 +62,7 @@ fn stored_quantities_are_those_of_the_frames() {
     };
     let daemon = test_rig::start(&stage);
     baseline(&stage, 3);
-    press(&stage);
+    press(&stage, PRESS_MM, 20.0, 0.5);
     let begun = ask(&stage, &["start", "--every", "500ms"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
     let watched = ask(&stage, &["watch", "--no-map", "--count", "6", "--sd"]);
@@ -176,7 +163,7 @@ fn a_restart_continues_dose_and_hot_spots() {
     };
     let daemon = test_rig::start(&stage);
     baseline(&stage, 3);
-    press(&stage);
+    press(&stage, PRESS_MM, 20.0, 0.5);
     let begun = ask(&stage, &["start", "--every", "500ms"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
     ask(&stage, &["watch", "--no-map", "--count", "4"]);

@@ -1,8 +1,6 @@
 //! The main use case: after a baseline, the position of a press is found.
 
-use dbus::{Address, Simulation1Proxy};
-
-use crate::test_rig::{self, Needs, ask, baseline, measure};
+use crate::test_rig::{self, Needs, ask, baseline, measure, press};
 
 #[test]
 fn press_is_located_where_it_is() {
@@ -11,18 +9,8 @@ fn press_is_located_where_it_is() {
     };
     let _guard = test_rig::start(&stage);
     baseline(&stage, 10);
-    let truth = [0.0847, 0.1387];
-    test_rig::runtime().block_on(async {
-        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
-            .await
-            .expect("the daemon listens");
-        let hand = Simulation1Proxy::new(&connection)
-            .await
-            .expect("a simulated rig has a hand");
-        hand.press("disc", truth[0], truth[1], 0.010, 0.5)
-            .await
-            .expect("the place is on the sheet");
-    });
+    let truth = [84.7, 138.7];
+    press(&stage, truth, 10.0, 0.5);
     let id = measure(&stage, 1);
     let found = &ask(&stage, &["replay", &id, "--no-map"])[0];
     assert_eq!(
@@ -31,8 +19,8 @@ fn press_is_located_where_it_is() {
     );
     assert_eq!(found["simulated"], true);
     let place = &found["found_mm"];
-    let off = (place[0].as_f64().expect("x") - truth[0] * 1e3)
-        .hypot(place[1].as_f64().expect("y") - truth[1] * 1e3);
+    let off =
+        (place[0].as_f64().expect("x") - truth[0]).hypot(place[1].as_f64().expect("y") - truth[1]);
     assert!(off < 5.0, "{off} mm off: {found}");
 }
 

@@ -1,9 +1,7 @@
 //! Another pattern is one line of the configuration: the linearised method adapts, a model trained for another is
 //! refused.
 
-use dbus::{Address, Simulation1Proxy};
-
-use crate::test_rig::{self, Needs, ask, baseline, measure, number};
+use crate::test_rig::{self, Needs, ask, baseline, measure, number, press};
 
 const BOARD: &str = "time = \"instant\"\n[board]\n";
 
@@ -13,24 +11,14 @@ fn found_with(change: impl FnOnce(&str) -> String) -> Option<usize> {
     std::fs::write(stage.path().join("board.toml"), BOARD).expect("the story's folder");
     let _guard = test_rig::start(&stage);
     baseline(&stage, 4);
-    let truth = [0.0847, 0.1387];
-    test_rig::runtime().block_on(async {
-        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
-            .await
-            .expect("the daemon listens");
-        let hand = Simulation1Proxy::new(&connection)
-            .await
-            .expect("a simulated rig has a hand");
-        hand.press("disc", truth[0], truth[1], 0.015, 0.5)
-            .await
-            .expect("the place is on the sheet");
-    });
+    let truth = [84.7, 138.7];
+    press(&stage, truth, 15.0, 0.5);
     let id = measure(&stage, 1);
     let found = &ask(&stage, &["replay", &id, "--no-map"])[0];
     assert_eq!(found["verified"], true, "{found}");
     let place = &found["found_mm"];
-    let off = (place[0].as_f64().expect("x") - truth[0] * 1e3)
-        .hypot(place[1].as_f64().expect("y") - truth[1] * 1e3);
+    let off =
+        (place[0].as_f64().expect("x") - truth[0]).hypot(place[1].as_f64().expect("y") - truth[1]);
     assert!(off < 10.0, "{off} mm off: {found}");
     Some(number(&ask(&stage, &["plan"])[0], "readings") as usize)
 }

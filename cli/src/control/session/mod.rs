@@ -99,15 +99,26 @@ async fn warn_of_baseline(
     session: &Session1Proxy<'_>,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let Some(baseline) = baseline_in_use(daemon, session).await else {
+    let requested = async { Ok((session.id().await?, session.baseline_id().await?)) };
+    let Ok((id, baseline)) = daemon.ask("the session", requested).await else {
         return Ok(());
     };
-    let Ok(id) = daemon.ask("the session", session.id()).await else {
+    warn_of(daemon, &baseline, &id, printer).await
+}
+
+/// Prints the warnings about a baseline, as those of a session.
+pub(crate) async fn warn_of(
+    daemon: &Daemon,
+    baseline: &str,
+    session: &str,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let requested = daemon.manager.baseline_remarks(baseline);
+    let Ok(remarks) = daemon.ask("remarks on the baseline", requested).await else {
         return Ok(());
     };
-    let remarks = baseline.more.remarks.unwrap_or_default();
     let mut texts = remarks.into_iter();
-    texts.try_for_each(|text| warn(&id, format!("baseline {}: {text}", baseline.id), printer))
+    texts.try_for_each(|text| warn(session, format!("baseline {baseline}: {text}"), printer))
 }
 
 fn start_options(start: &Start) -> Result<SessionOptions, Failure> {

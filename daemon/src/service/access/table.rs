@@ -82,6 +82,7 @@ pub(super) const METHODS: &[(&str, &str, Action, CallClass)] = &[
     (MANAGER, "PlanWith", Action::Observe, Query),
     (MANAGER, "Geometry", Action::Observe, LargeQuery),
     (MANAGER, "Baseline", Action::Observe, Query),
+    (MANAGER, "BaselineRemarks", Action::Observe, Query),
     (MANAGER, "Health", Action::Observe, Query),
     (MANAGER, "Status", Action::Observe, Query),
     // runs a program that only the configuration names

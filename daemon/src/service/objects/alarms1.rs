@@ -46,8 +46,8 @@ impl Alarms1 {
             .await
     }
 
-    /// The alarm calls nobody for a time, and is judged and recorded meanwhile. Options: `for_s` (d; until it ends without
-    /// it), `comment` (s).
+    /// Shelves the alarm: no notifications for a time; it is still evaluated and recorded. Options: `for_s` (d; if absent, until the
+    /// alarm ends), `comment` (s).
     async fn shelve(
         &self,
         name: &str,
@@ -61,7 +61,7 @@ impl Alarms1 {
         self.order(name, order, &comment, connection, &header).await
     }
 
-    /// The alarm calls again. Options: `comment` (s).
+    /// Unshelves the alarm: it sends notifications again. Options: `comment` (s).
     async fn unshelve(
         &self,
         name: &str,

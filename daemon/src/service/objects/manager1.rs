@@ -284,6 +284,13 @@ impl Manager1 {
         ))
     }
 
+    /// Remarks to read before this kept baseline is used, a sentence each: noise that contradicts the configuration, a load on
+    /// the sheet. None if there is nothing to remark.
+    #[zbus(out_args("remarks"))]
+    async fn baseline_remarks(&self, id: &str) -> Result<Vec<String>, Fault> {
+        self.0.remarks_on_kept(id).await
+    }
+
     /// Makes an earlier baseline the current one for later sessions, until another is recorded or the daemon ends;
     /// returns its id. It must have been measured with the settings of such a session.
     #[zbus(out_args("baseline"))]
@@ -291,10 +298,10 @@ impl Manager1 {
         self.0.use_baseline(id)
     }
 
-    /// Overrules what the tracked baseline of the running session concludes, and returns the number of the first frame that the
-    /// order is for. Orders: `empty-now` (nothing lies on the sheet: that frame is its baseline), `loaded-now` (something does:
-    /// nothing is learnt until `empty-now`), `forget-anchor` (slow changes until now are age). Each is an event of the session,
-    /// and replay carries it out at the same frame.
+    /// Overrules the tracked baseline of the running session, and returns the number of the first frame that the order applies to.
+    /// Orders: `empty-now` (the sheet is empty: that frame becomes the tracked baseline), `loaded-now` (a load is on the sheet: the
+    /// tracked baseline is not updated until `empty-now`), `forget-anchor` (slow changes so far are ageing: past baselines are
+    /// discarded). Each order is an event of the session, and replay applies it at the same frame.
     #[zbus(out_args("from_frame"))]
     async fn override_tracking(
         &self,
@@ -379,11 +386,8 @@ impl Manager1 {
         Ok(self.0.notify_test().await.report())
     }
 
-    /// An event of the rig or of a session; events of a session are in its record too. Kinds: `frame-failed`,
-    /// `source-unknown`, `alarm` (neither source nor switch can be made safe), `suspended`, `reconnecting`,
-    /// `source-off`, `relays-open`, `others-found`, `accepted`, `reconnected`, `settings-verified`, `resumed`,
-    /// `transcript`, `relays-closed`, `opened`, `fault`, `reloaded`, `reload-refused`; of the daemon `started`,
-    /// `stopped`, `daily`, `trouble`, `trouble-over`, `notify-failed`. Details: `session` (s).
+    /// An event of the rig or of a session; events of a session are in its record too. The kinds, such as `frame-failed`, are listed in
+    /// `docs/reference/events.md`. Details: `session` (s).
     #[zbus(signal)]
     async fn happened(
         emitter: &SignalEmitter<'_>,

@@ -32,7 +32,7 @@ impl Session1 {
         }
         if self.0.is_resumed_by_next_daemon() {
             return Err(Fault::Failed(
-                "the daemon was being stopped already, and the session goes on when it starts again; stop it then".into(),
+                "the daemon is already stopping and will resume this session at its next start; stop the session then".into(),
             ));
         }
         Ok(())

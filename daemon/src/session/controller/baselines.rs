@@ -35,19 +35,28 @@ impl Controller {
         self: &Arc<Self>,
         baseline: &Arc<Baseline>,
     ) -> Vec<String> {
-        let mut remarks: Vec<String> = self.noise_contradiction().into_iter().collect();
         if self.is_recording() {
-            return remarks;
+            return Vec::new();
         }
+        let mut remarks: Vec<String> = self.noise_contradiction(baseline).into_iter().collect();
         let mut kept = self.remarked.lock().await;
-        if kept.as_ref().is_none_or(|(id, _)| *id != baseline.id) {
+        if !kept.contains_key(&baseline.id) {
             let (controller, baseline) = (Arc::clone(self), Arc::clone(baseline));
             let id = baseline.id.clone();
             let found = containment::blocking(move || controller.remarks_on(&baseline)).await;
-            *kept = Some((id, found.unwrap_or_default()));
+            kept.insert(id, found.unwrap_or_default());
         }
-        remarks.extend(kept.iter().flat_map(|(_, found)| found.iter().cloned()));
+        remarks.extend(kept[&baseline.id].iter().cloned());
         remarks
+    }
+
+    /// The same of any kept baseline.
+    ///
+    /// # Errors
+    /// No such baseline.
+    pub(crate) async fn remarks_on_kept(self: &Arc<Self>, id: &str) -> Result<Vec<String>, Fault> {
+        let chosen = self.chosen_baseline(Some(id))?;
+        Ok(self.baseline_remarks(&chosen).await)
     }
 
     /// The remarks on the current baseline, without those on its noise, if they are known; otherwise they are computed for
@@ -55,9 +64,9 @@ impl Controller {
     pub(crate) fn known_remarks(self: &Arc<Self>) -> Option<Vec<String>> {
         let baseline = self.baseline().filter(|_| !self.is_recording())?;
         // locked while they are computed
-        let kept = self.remarked.try_lock().ok()?.clone();
-        if let Some((_, found)) = kept.filter(|(id, _)| *id == baseline.id) {
-            return Some(found);
+        let found = self.remarked.try_lock().ok()?.get(&baseline.id).cloned();
+        if found.is_some() {
+            return found;
         }
         let controller = Arc::clone(self);
         tokio::spawn(async move { controller.baseline_remarks(&baseline).await });
@@ -78,7 +87,7 @@ impl Controller {
         };
         let session = self.active().ok_or_else(|| {
             Fault::NoSession(
-                "no session is running, whose tracked baseline an order could be for".into(),
+                "no session is running: there is no tracked baseline to overrule; `tactus start` starts a session".into(),
             )
         })?;
         session.order_tracking(order, by).await

@@ -14,7 +14,7 @@ mod waiting;
 
 pub(crate) use crate::session::controller::session_options::{no_baseline, no_plan};
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
 
@@ -86,8 +86,8 @@ pub(crate) struct Controller {
     /// Notified when other instruments have been accepted.
     agreed: Notify,
     inner: Mutex<Inner>,
-    /// Remarks on the baseline with this id.
-    remarked: tokio::sync::Mutex<Option<(String, Vec<String>)>>,
+    /// Remarks on baselines by id, without those on their noise.
+    remarked: tokio::sync::Mutex<HashMap<String, Vec<String>>>,
 }
 
 struct Inner {

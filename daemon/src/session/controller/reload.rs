@@ -26,7 +26,7 @@ impl Controller {
         let outcome = self.reload_now().await.map_err(|fault| {
             let discarded = |text| match self.inner().waiting.take() {
                 Some(_) => format!(
-                    "{text}\nthe configuration that was to be taken when the session ends is discarded"
+                    "{text}\nthe configuration waiting for the end of the session is discarded"
                 ),
                 None => text,
             };
@@ -60,7 +60,7 @@ impl Controller {
         if let Some(status) = self.active() {
             self.inner().waiting = Some(Box::new(prepared));
             return Ok(format!(
-                "{} is sound; it is taken when session {} ends",
+                "{} is valid; it takes effect when session {} ends",
                 path.display(),
                 status.facts.id
             ));

@@ -279,7 +279,7 @@ impl Controller {
             }
             // of measurements too, which are no candidates
             Err(LogbookError::Ambiguous { .. }) => Err(Fault::InvalidOption(format!(
-                "no baseline is '{}', with which the ids of several sessions begin; `tactus baseline list` lists the recorded ones",
+                "'{}' is the beginning of several session ids, not the id of a baseline; `tactus baseline list` lists the recorded ones",
                 survey::printable(id)
             ))),
             Err(error) => Err(Fault::NoBaseline(chain(&error))),
@@ -328,7 +328,7 @@ impl Controller {
         }
         if self.is_recording() {
             return Err(Fault::InvalidOption(
-                "a recording was measured as it was; leave out how to measure".into(),
+                "measuring options do not apply to a recording; leave them out".into(),
             ));
         }
         Ok(Some(survey))
