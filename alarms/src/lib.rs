@@ -168,7 +168,7 @@ impl Alarm {
     }
 
     /// Whether it is active and nobody has put it aside: not shelved, and in service.
-    pub fn calls(&self) -> bool {
+    pub fn notifies(&self) -> bool {
         self.state.is_active() && !self.is_put_aside()
     }
 

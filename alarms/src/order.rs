@@ -11,15 +11,15 @@ pub const LONGEST_SHELF_S: f64 = 86_400.0;
 pub enum Order {
     /// Somebody has seen it.
     Acknowledge,
-    /// It calls nobody for this time, s; at most [`LONGEST_SHELF_S`].
+    /// It notifies nobody for this time, s; at most [`LONGEST_SHELF_S`].
     Shelve(f64),
-    /// It calls nobody until it ends.
+    /// It notifies nobody until it ends.
     ShelveOnce,
-    /// It calls again.
+    /// It notifies again.
     Unshelve,
     /// Ends a latched alarm whose condition is gone.
     Reset,
-    /// It calls nobody until it is in service again.
+    /// It notifies nobody until it is in service again.
     OutOfService,
     /// It is in service again.
     InService,

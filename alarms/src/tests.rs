@@ -168,22 +168,22 @@ fn a_shelved_alarm_is_judged_and_calls_nobody() {
     order(&mut alarms, 0.0, Order::Shelve(100.0)).unwrap();
     let begun = play(&mut alarms, 0, 99, &beyond());
     assert!(begun.contains(&(10, TransitionKind::Active)));
-    assert!(!alarms.get(NAME).unwrap().calls());
+    assert!(!alarms.get(NAME).unwrap().notifies());
     assert_eq!(
         play(&mut alarms, 99, 110, &beyond()),
         [(100, TransitionKind::Handled)]
     );
-    assert!(alarms.get(NAME).unwrap().calls());
+    assert!(alarms.get(NAME).unwrap().notifies());
     order(&mut alarms, 110.0, Order::ShelveOnce).unwrap();
-    assert!(!alarms.get(NAME).unwrap().calls());
+    assert!(!alarms.get(NAME).unwrap().notifies());
     play(&mut alarms, 110, 200, &Judgement::Within);
     assert!(alarms.get(NAME).unwrap().state.shelf().is_none());
     order(&mut alarms, 200.0, Order::OutOfService).unwrap();
     assert_eq!(level(&alarms), None);
     play(&mut alarms, 200, 220, &beyond());
-    assert!(!alarms.get(NAME).unwrap().calls());
+    assert!(!alarms.get(NAME).unwrap().notifies());
     order(&mut alarms, 220.0, Order::InService).unwrap();
-    assert!(alarms.get(NAME).unwrap().calls());
+    assert!(alarms.get(NAME).unwrap().notifies());
 }
 
 #[test]
@@ -203,7 +203,7 @@ fn a_removed_rule_stays_until_it_is_acknowledged() {
     play(&mut alarms, 0, 20, &beyond());
     alarms.set_rules(Vec::new());
     let orphan = alarms.get(NAME).unwrap();
-    assert!(orphan.removed && orphan.calls());
+    assert!(orphan.removed && orphan.notifies());
     assert_eq!(play(&mut alarms, 20, 100, &Judgement::Within), []);
     order(&mut alarms, 100.0, Order::Acknowledge).unwrap();
     assert_eq!(alarms.get(NAME), None);

@@ -6,7 +6,7 @@
 //!   ([`Catalogue`])
 //! - **receipt**: a file beside a part, written when the store holds it (read back) and the catalogue's row is committed
 //!
-//! - **live topics**: what the daemon reports at present, on an MQTT broker; for eyes only ([`LiveSettings`])
+//! - **live topics**: what the daemon reports at present, on an MQTT broker; for display only ([`LiveSettings`])
 //!
 //! [`ArchiveReader`] lists what there is and fetches sessions. [`Uploader`] takes to the archive what it lacks. Every step
 //! may be repeated or interrupted: the key of a part is its

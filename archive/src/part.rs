@@ -93,7 +93,7 @@ impl Part {
         let summary = session.summary().map_err(PartError::Unreadable)?;
         let events = session.events().map_err(PartError::Unreadable)?;
         let (sha256, bytes) = sha256_of(&file).map_err(io)?;
-        let folder = path.parent().unwrap_or(Path::new("."));
+        let folder = logbook::folder_of(path);
         let tracking = match header.id == header.session() {
             // a damaged state stays one: it is refused where maps are made again, and the frames are archived
             true => logbook::kept_state(folder, &header.id, StateKind::Tracking)

@@ -50,8 +50,8 @@ pub enum ReadError {
     /// What lies beside the parts in the cache cannot be written.
     #[error(transparent)]
     Record(#[from] LogbookError),
-    /// The system gives no runtime.
-    #[error("the program cannot wait for anything")]
+    /// The asynchronous runtime cannot be started.
+    #[error("the asynchronous runtime cannot be started")]
     Runtime(#[source] std::io::Error),
 }
 
@@ -66,7 +66,7 @@ pub struct FetchedSession {
     pub in_use: InUse,
 }
 
-/// The archive for reading. Each method connects anew, so that a server that was restarted is no matter. Not to be used from
+/// The archive for reading. Each method opens a new connection, so that a restarted server does no harm. Not to be used from
 /// asynchronous code.
 #[derive(Debug, Clone)]
 pub struct ArchiveReader {

@@ -129,7 +129,9 @@ fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(
             let runtime = tokio::runtime::Builder::new_current_thread()
                 .enable_all()
                 .build()
-                .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
+                .map_err(|error| {
+                    Failure::failed("the asynchronous runtime cannot be started", &error)
+                })?;
             runtime.block_on(async {
                 let daemon = crate::connection::open(&global).await?;
                 match live {

@@ -154,7 +154,7 @@ pub struct RecordingSection {
     /// A file, or `first:N`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<String>,
-    /// Whether voltages change sign.
+    /// Whether the sign of all voltages is inverted, for recordings of magnitudes.
     pub negate: bool,
     /// Frames a second.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -257,7 +257,7 @@ pub struct SurveySection {
     pub ranges: RangesName,
     /// Margin of planned ranges, a factor.
     pub range_margin: f64,
-    /// Whether triggers are chained.
+    /// With a matrix: whether all readings of an injection are requested in one message.
     pub chained: bool,
     /// A zero-current frame before the first and after this many frames; never if not given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -322,7 +322,7 @@ pub struct RecordSection {
     pub reserve_mb: u64,
     /// Whether the daemon resumes an interrupted session when it starts.
     pub resume: bool,
-    /// Largest age of its last frame.
+    /// Largest age of an interrupted session's last frame at which the session is still resumed, h.
     pub resume_within_h: f64,
     /// Most resumptions of a session within an hour.
     pub resume_per_hour: u64,

@@ -14,7 +14,7 @@ pub struct NotifySection {
     pub relay_life: f64,
     /// Age of the baseline, days.
     pub baseline_days: f64,
-    /// Frame periods without a frame, but at least `no_frame_s`.
+    /// Frame periods without a frame after which the alarm `no-frame` begins, but not before `no_frame_s`.
     pub no_frame_periods: f64,
     /// s
     pub no_frame_s: f64,

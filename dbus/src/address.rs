@@ -19,7 +19,7 @@ pub enum Address {
 
 /// A text that is not a valid address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no way to the daemon; write system, session or unix:PATH")]
+#[error("'{0}' is not an address of the daemon; write system, session or unix:PATH")]
 pub struct AddressError(String);
 
 impl FromStr for Address {

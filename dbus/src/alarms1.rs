@@ -14,17 +14,17 @@ pub trait Alarms1 {
     /// All alarms, by name: the daemon's own and those of `[[alarm]]`.
     fn list(&self) -> Result<Vec<AlarmReport>, Fault>;
 
-    /// Somebody has seen it (options: `comment`).
+    /// Acknowledges an alarm (options: `comment`).
     fn acknowledge<O>(&self, name: &str, options: &O) -> Result<(), Fault>
     where
         O: Sync;
 
-    /// It calls nobody for a time, or until it ends (options: [`crate::ShelveOptions`]).
+    /// Shelves an alarm: no notifications for a time, or until it ends (options: [`crate::ShelveOptions`]).
     fn shelve<O>(&self, name: &str, options: &O) -> Result<(), Fault>
     where
         O: Sync;
 
-    /// It calls again (options: `comment`).
+    /// Unshelves an alarm: it sends notifications again (options: `comment`).
     fn unshelve<O>(&self, name: &str, options: &O) -> Result<(), Fault>
     where
         O: Sync;
@@ -50,8 +50,7 @@ pub struct AlarmReport {
     pub built_in: Option<bool>,
     /// How bad it is when active: `minor` or `major`.
     pub severity: Option<String>,
-    /// What it says at present: `ok`, `minor`, `major`, or `invalid` where it cannot be judged; absent while it is not to be
-    /// judged.
+    /// Present level: `ok`, `minor`, `major`, or `invalid` if it cannot be evaluated; absent while its evaluation is suppressed.
     pub level: Option<String>,
     /// Whether it is active.
     pub active: Option<bool>,
@@ -61,7 +60,7 @@ pub struct AlarmReport {
     pub held: Option<bool>,
     /// When it last became active or ended, ns since 1970 UTC.
     pub changed_ns: Option<i64>,
-    /// Value and limit when it was last beyond: the present ones while it is active.
+    /// Value and limit at the last time the limit was exceeded; the present ones while it is active.
     pub cause: Option<String>,
     /// Why it cannot be judged.
     pub invalid: Option<String>,
@@ -69,7 +68,7 @@ pub struct AlarmReport {
     pub suppressed: Option<String>,
     /// By whom and why it is shelved.
     pub shelved: Option<String>,
-    /// Until when, ns since 1970 UTC; absent where until it ends.
+    /// Until when it is shelved, ns since 1970 UTC; absent if until it ends.
     pub shelved_until_ns: Option<i64>,
     /// By whom and why it is out of service.
     pub out_of_service: Option<String>,

@@ -124,7 +124,7 @@ options! {
 
     /// Options of `Alarms1.Shelve`; the other methods of `Alarms1` have only `comment`.
     ShelveOptions {
-        /// Time on the shelf, s; until the alarm ends without it.
+        /// Time for which the alarm is shelved, s; if absent, until the alarm ends.
         for_s: f64,
         /// Free text.
         comment: String,

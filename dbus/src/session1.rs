@@ -69,7 +69,7 @@ pub trait Session1 {
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_durable(&self) -> Result<u64, Fault>;
 
-    /// Scheduled frames that the rig could not measure in time.
+    /// Scheduled frames that the rig could not measure in time, or that the disk refused.
     #[zbus(property(emits_changed_signal = "false"))]
     fn frames_dropped(&self) -> Result<u64, Fault>;
 

@@ -211,15 +211,7 @@ async fn press_all(
         if latest.mesh_hash != geometry.mesh_hash {
             return Err("the daemon's map is of another mesh than its geometry".into());
         }
-        let map = Map {
-            mesh_hash: latest.mesh_hash,
-            values: latest.values,
-            unit: survey::MapUnit::RelativeConductance,
-            method: latest.method,
-            masked: 0,
-            evidence: None,
-            quality: None,
-        };
+        let map = Map::relative(latest.mesh_hash, latest.values, latest.method);
         let found = latest
             .more
             .found_x_m

@@ -241,7 +241,7 @@ pub struct Taken {
 pub struct Event {
     /// When.
     pub at: DateTime<Utc>,
-    /// Machine-readable kind: `started`, `compliance`, `link_lost`.
+    /// Machine-readable kind, such as `frame-failed`; all are listed in `docs/reference/events.md`.
     pub kind: String,
     /// Text for people.
     pub text: String,

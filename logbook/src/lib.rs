@@ -2,7 +2,8 @@
 //!
 //! One SQLite file a session, `<id>.tactus`, in one folder. When [`SessionWriter::append`] returns, the frame is on
 //! disk: it survives `kill -9` and, if the disk honours syncs, a power cut. Voltages are recorded to the last bit; of a
-//! map only its hash is kept. The crate reads no clock (time is passed in), depends on no instrument or mathematics,
+//! map not its values, but its hash, a checksum of its values and its origin ([`MapRecord`]). The crate reads no clock (time is passed
+//! in), depends on no instrument or mathematics,
 //! and refuses numbers that are not finite.
 //!
 //! - **session**: one run of measurement, or the recording of a **baseline**; its **header** holds its settings and
@@ -82,6 +83,7 @@ pub use header::{
     About, Closing, Event, InstrumentRecord, MapRecord, Record, SessionHeader, SessionKind,
     SessionSummary, Taken,
 };
+pub use outfile::folder_of;
 pub use quantities::{
     QuantityLine, QuantityLines, append_quantities, quantities_file, quantity_lines,
 };

@@ -393,14 +393,13 @@ pub(crate) fn pack_trace(map: &MapRecord) -> Value {
 }
 
 pub(crate) fn unpack_trace(stored: &Value) -> Option<(String, Option<f32>)> {
-    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     match stored {
         Value::Text(text) => Some((text.clone(), None)),
-        Value::Blob(bytes) => Some((hex(bytes), None)),
+        Value::Blob(bytes) => Some((survey::hex(bytes), None)),
         Value::Integer(number) => {
             let [a, b, c, d, e, f, g, h] = number.to_be_bytes();
             let sum = f32::from_le_bytes([e, f, g, h]);
-            Some((hex(&[a, b, c, d]), Some(sum)))
+            Some((survey::hex(&[a, b, c, d]), Some(sum)))
         }
         _ => None,
     }

@@ -25,15 +25,16 @@
 //!
 //! `frame.reference` says what the blob's differences are taken against: NULL nothing, 0 the baseline, n the row n of
 //! `reference`, which itself refers to nothing or to the baseline. Times of a frame are kept to the microsecond:
-//! monotonic = the stretch's + (sequence - the stretch's) x period + tick, wall = the stretch's + as much + skew. What
+//! monotonic = stretch.monotonic + (sequence - stretch.sequence) x period + tick, wall = stretch.wall +
+//! (sequence - stretch.sequence) x period + tick + skew. What
 //! follows from the readings (how many are not ok, how far reciprocal twins differ) is not kept.
 //!
 //! `checksum` is the beginning of the SHA-256 over the name of the table, the header's checksum, the row's number and its
 //! content: 4 bytes of frames and late maps, 8 of all others; a row that does not agree with it is an error, never a
 //! number. Rows of `event`, `reference`, `stretch`, `settings`, `mapper` and (column `number`) `late_map` are numbered
-//! from 1 without a gap, frames from the header's first sequence: a row that is missing between two others is known, and
-//! one behind the last by the closing's counts. Of a session that was not closed the last rows of a table may be
-//! missing unknown, unless a later row refers to them.
+//! from 1 without a gap, frames from the header's first sequence: a row missing between two others is therefore detected, and a row missing at the
+//! end is detected by the counts of the closing entry. In a session that was not closed, rows missing at the end of a table are
+//! detected only if a later row refers to them.
 //!
 //! A file with any other table, view, trigger or index, or with other columns, is refused before a row of it is read.
 

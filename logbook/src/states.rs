@@ -39,8 +39,7 @@ impl StateKind {
 }
 
 pub(crate) fn checksum(text: &str) -> String {
-    let digest = Sha256::digest(text);
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    survey::hex(&Sha256::digest(text))
 }
 
 /// Keeps the state of this session or baseline, in place of an earlier one.

@@ -137,8 +137,8 @@ pub(crate) fn open_stream(path: &Path) -> Result<File, OutFileError> {
     }
 }
 
-/// The folder of a path.
-pub(crate) fn folder_of(path: &Path) -> &Path {
+/// The folder that a file lies in: `.` for a name without one.
+pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if folder.as_os_str().is_empty() => Path::new("."),
         Some(folder) => folder,

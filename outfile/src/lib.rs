@@ -35,7 +35,7 @@ use std::path::{Path, PathBuf};
 
 #[cfg(feature = "arguments")]
 pub use arguments::{check_arguments, outputs_of};
-pub use check::{check, check_folder, is_stream};
+pub use check::{check, check_folder, folder_of, is_stream};
 pub use folder::NewFolder;
 pub use path::{GrowingFolder, OutFolder, OutPath};
 pub use writing::{OutFile, create_in_place, make_folder, write};

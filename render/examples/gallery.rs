@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use render::{Grid, Scale, Scales, Sheet, Style, TerminalColour, TerminalStyle, TruePlace};
-use survey::{Doubt, Electrode, Map, MapQuality, MapUnit};
+use survey::{Doubt, Electrode, Map, MapQuality};
 
 fn grid(columns: usize, title: &str) -> Grid<'_> {
     Grid {
@@ -109,15 +109,7 @@ fn map(sheet: &Sheet, bumps: &[([f64; 2], f64, f64)], waves: f64) -> Map {
             .sum();
         loss + waves * (90.0 * middle[0]).sin() * (70.0 * middle[1]).cos()
     });
-    Map {
-        mesh_hash: "made up".into(),
-        values: values.collect(),
-        unit: MapUnit::RelativeConductance,
-        method: "made-up bumps".into(),
-        masked: 0,
-        evidence: None,
-        quality: None,
-    }
+    Map::relative("made up", values.collect(), "made-up bumps")
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -22,7 +22,7 @@ pub fn hot_spots(sheet: &Sheet, map: &Map) -> Result<Vec<HotSpot>, PictureError>
 
 #[cfg(test)]
 mod tests {
-    use survey::{Map, MapUnit};
+    use survey::Map;
 
     use super::*;
 
@@ -47,15 +47,7 @@ mod tests {
                 }; 2],
             );
         }
-        let mut map = Map {
-            mesh_hash: "m".into(),
-            values,
-            unit: MapUnit::RelativeConductance,
-            method: "test".into(),
-            masked: 0,
-            evidence: None,
-            quality: None,
-        };
+        let mut map = Map::relative("m", values, "test");
         let spots = hot_spots(&sheet, &map).unwrap();
         assert_eq!(spots.len(), 2);
         assert_eq!(spots[0].peak, 0.5);

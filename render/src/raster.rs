@@ -83,7 +83,6 @@ pub(crate) fn fill(
 
 #[cfg(test)]
 mod tests {
-    use survey::MapUnit;
 
     use super::*;
 
@@ -97,15 +96,7 @@ mod tests {
             outline: vec![corners.to_vec()],
             electrodes: vec![[1.0, 0.0], [2.0, 1.0]],
         };
-        let map = Map {
-            mesh_hash: "m".into(),
-            values: vec![-0.5, 0.25],
-            unit: MapUnit::RelativeConductance,
-            method: "test".into(),
-            masked: 0,
-            evidence: None,
-            quality: None,
-        };
+        let map = Map::relative("m", vec![-0.5, 0.25], "test");
         (sheet, map)
     }
 

@@ -1,7 +1,7 @@
 //! Films: read back picture by picture, and compared with pictures of one map.
 
 use render::{Film, Pace, Range, Scale, Sheet, SpotMark, Style};
-use survey::{Map, MapUnit};
+use survey::Map;
 
 /// Sixteen by sixteen squares of 10 mm whose corners lie on the sheet's edge.
 fn scene(pressed: [f64; 2], depth: f64) -> (Sheet, Map) {
@@ -20,15 +20,7 @@ fn scene(pressed: [f64; 2], depth: f64) -> (Sheet, Map) {
             values.extend([0.03 - depth * (-away * away / 0.0008).exp(); 2]);
         }
     }
-    let map = Map {
-        mesh_hash: "m".into(),
-        values,
-        unit: MapUnit::RelativeConductance,
-        method: "by hand".into(),
-        masked: 0,
-        evidence: None,
-        quality: None,
-    };
+    let map = Map::relative("m", values, "by hand");
     (sheet, map)
 }
 

@@ -23,13 +23,8 @@ fn scene() -> (Sheet, Map) {
         }
     }
     let map = Map {
-        mesh_hash: "m".into(),
-        values,
-        unit: MapUnit::RelativeConductance,
-        method: "by hand".into(),
         masked: 2,
-        evidence: None,
-        quality: None,
+        ..Map::relative("m", values, "by hand")
     };
     (sheet, map)
 }

@@ -43,7 +43,8 @@ pub(crate) async fn serve(rig: SimulatedRig, listener: UnixListener) {
             }
             Err(fault) => {
                 tracing::warn!("the control socket cannot accept: {fault}");
-                tokio::task::yield_now().await;
+                // out of descriptors: retry after a moment
+                tokio::time::sleep(Duration::from_millis(100)).await;
             }
         }
         while clients.try_join_next().is_some() {}

@@ -105,7 +105,7 @@ pub struct Ready {
 pub enum ServeError {
     /// A port that cannot be opened.
     #[error(
-        "{address} cannot be listened on for the {instrument}; choose another port, or 0 for a free one"
+        "cannot listen on {address} for the {instrument}; choose another port, or 0 for a free one"
     )]
     Listen {
         /// Address and port.
@@ -137,7 +137,7 @@ pub enum ServeError {
         cause: std::io::Error,
     },
     /// The control socket cannot be created.
-    #[error("the control socket {path} cannot be had; name another path")]
+    #[error("the control socket {path} cannot be created; name another path")]
     Control {
         /// Its path.
         path: String,

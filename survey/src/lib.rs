@@ -32,12 +32,12 @@ mod units;
 mod wiring;
 
 pub use bounds::{Bounds, LONGEST_S, OutOfBounds, duration, nanoseconds};
-pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Settings};
+pub use frame::{Baseline, BaselineError, Extra, Frame, Precautions, Settings, mean_of};
 pub use map::{
     Adjacency, Doubt, Evidence, HotSpot, Map, MapQuality, MapUnit, NextKind, Reason, Verdict,
 };
 pub use nearest::nearest;
-pub use pattern::{Measurement, Protocol, ProtocolError, half, sheffield, skip};
+pub use pattern::{Measurement, Protocol, ProtocolError, half, hex, sheffield, skip};
 pub use plan::{
     Channel, Counts, Injection, Limits, Plan, PlanError, RangeRule, RelayLimits, Resolution,
     Routed, SourceLimits, Step, Timing,
@@ -50,4 +50,4 @@ pub use quality::{Checks, Quality, QualityFlag};
 pub use reading::{Reading, relative_changes};
 pub use ring::{Dipole, Electrode};
 pub use units::{Amps, Metres, Ohms, Volts};
-pub use wiring::{OwnWiring, Relay, Sensing, Transition, Wiring, WiringError};
+pub use wiring::{Relay, RelayTable, Sensing, Transition, Wiring, WiringError};

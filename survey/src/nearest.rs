@@ -1,7 +1,8 @@
 //! The name that was probably meant by one that does not exist.
 
-/// The known name that is nearest to an unknown one: which has the other in it (from three letters on), or is at most a third
-/// of its letters away; `None` where none is. Upper case and `_` for `-` count as the same.
+/// The known name most similar to an unknown one: one name contains the other (if the unknown one has three letters or more), or
+/// their edit distance is at most a third of the unknown name's length, and at least 1 is allowed. `None` if there is none. Case, and `_`
+/// instead of `-`, do not count.
 ///
 /// ```
 /// let known = ["temperature", "thermal-emf", "creep"];

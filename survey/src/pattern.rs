@@ -106,7 +106,9 @@ pub enum ProtocolError {
         electrode: Electrode,
     },
     /// No measurements.
-    #[error("a protocol without readings asks nothing")]
+    #[error(
+        "the protocol has no measurement; it needs at least one, and the Sheffield pattern at least 4 electrodes"
+    )]
     Empty,
 }
 
@@ -237,8 +239,8 @@ impl Protocol {
     }
 }
 
-/// Lower-case hexadecimal of some bytes.
-pub(crate) fn hex(bytes: &[u8]) -> String {
+/// Bytes as lower-case hexadecimal digits.
+pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 

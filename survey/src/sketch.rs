@@ -62,18 +62,9 @@ fn mixed(number: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::MapUnit;
 
     fn map(values: impl IntoIterator<Item = f64>) -> Map {
-        Map {
-            mesh_hash: "m".into(),
-            values: values.into_iter().collect(),
-            unit: MapUnit::RelativeConductance,
-            method: "test".into(),
-            masked: 0,
-            evidence: None,
-            quality: None,
-        }
+        Map::relative("m", values.into_iter().collect(), "test")
     }
 
     /// Pseudo-random numbers between -1 and 1.

@@ -2,10 +2,36 @@
 
 use std::sync::Arc;
 
-use axum::http::header;
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use imaging::quantities::RegionShape;
 use serde::Serialize;
+use tokio::sync::Semaphore;
+
+/// An answer, or a refusal in a sentence.
+pub(crate) type Answer = Result<Response, (StatusCode, String)>;
+
+pub(crate) fn refused(code: StatusCode, why: impl std::fmt::Display) -> (StatusCode, String) {
+    (code, format!("{why}\n"))
+}
+
+/// Works beside the server's own threads; with a bound, as one of so many. The work counts until it is done, even if its client
+/// has gone.
+pub(crate) async fn worked<T: Send + 'static>(
+    bound: Option<Arc<Semaphore>>,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, (StatusCode, String)> {
+    let stops = || refused(StatusCode::SERVICE_UNAVAILABLE, "the server stops");
+    let permit = match bound {
+        Some(bound) => Some(bound.acquire_owned().await.map_err(|_| stops())?),
+        None => None,
+    };
+    let worker = tokio::task::spawn_blocking(move || {
+        let _permit = permit;
+        work()
+    });
+    worker.await.map_err(|_| stops())
+}
 
 /// A text of JSON.
 pub(crate) fn json(text: Arc<str>) -> Response {

@@ -1,4 +1,4 @@
-//! Who may ask: the exact `Host`, the same site, the token; and the headers of every answer.
+//! Access check of every HTTP request (exact `Host`, same origin, token), and the security headers of every response.
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -34,7 +34,7 @@ impl FromStr for HostName {
     }
 }
 
-/// What a request must have.
+/// The rules that a request must satisfy.
 #[derive(Debug)]
 pub(crate) struct Guard {
     hosts: Vec<String>,
@@ -129,7 +129,7 @@ const HEADERS: [(&str, &str); 6] = [
     ("cache-control", "no-store"),
 ];
 
-/// Refuses or passes on, and adds the headers.
+/// Middleware: refuses or forwards a request, and adds the headers to the response.
 pub(crate) async fn check(
     State(guard): State<Arc<Guard>>,
     request: Request,

@@ -12,7 +12,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use tokio::sync::{Semaphore, watch};
 
-use crate::answer::{geometry_json, json, packed};
+use crate::answer::{Answer, geometry_json, json, packed, refused, worked};
 use crate::beside::Beside;
 use crate::control::{self, Call};
 use crate::guard::{self, Guard};
@@ -143,14 +143,11 @@ async fn provisional(State(shared): State<Shared>, Path(sequence): Path<String>)
 }
 
 /// Standard deviations of the last frame, or of one of the last seconds: `{"sequence", "unit"}` and one value a triangle.
-async fn deviation(State(shared): State<Shared>) -> Response {
+async fn deviation(State(shared): State<Shared>) -> Answer {
     let beside = Arc::clone(&shared.beside);
-    let worked = tokio::task::spawn_blocking(move || beside.deviation(&shared.live)).await;
-    match worked {
-        Ok(Ok(made)) => packed(&*made, &made.values),
-        Ok(Err(why)) => (StatusCode::CONFLICT, format!("{why}\n")).into_response(),
-        Err(_) => (StatusCode::SERVICE_UNAVAILABLE, "the server stops\n").into_response(),
-    }
+    let made = worked(None, move || beside.deviation(&shared.live)).await?;
+    let made = made.map_err(|why| refused(StatusCode::CONFLICT, why))?;
+    Ok(packed(&*made, &made.values))
 }
 
 fn kept(known: Option<Arc<[u8]>>) -> Response {

@@ -161,7 +161,7 @@ pub struct AlarmState {
     pub held: bool,
     /// When it last became active or ended, ms since 1970 UTC.
     pub changed_ms: Option<i64>,
-    /// Value and limit when it was last beyond: the present ones while it is active.
+    /// Value and limit at the last time the limit was exceeded; the present ones while it is active.
     pub cause: Option<String>,
     /// Why it cannot be judged.
     pub invalid: Option<String>,
@@ -175,13 +175,13 @@ pub struct AlarmState {
 
 impl AlarmState {
     /// Whether it is active, and neither shelved nor out of service.
-    pub fn calls(&self) -> bool {
+    pub fn notifies(&self) -> bool {
         self.active && self.shelved.is_none() && self.out_of_service.is_none()
     }
 
-    /// Whether a person should look at it: it calls, is not acknowledged, or cannot be judged.
+    /// Whether a person should look at it: it notifies, is not acknowledged, or cannot be judged.
     pub fn matters(&self) -> bool {
-        self.calls() || !self.acknowledged || self.level.as_deref() == Some("invalid")
+        self.notifies() || !self.acknowledged || self.level.as_deref() == Some("invalid")
     }
 
     /// What it says and what it waits for, a few words each.

@@ -1,4 +1,4 @@
-//! The token that a page needs: whoever knows it may read. A port of this machine is open to all its users.
+//! The access token of the page: reading requires it, because every user of this machine can connect to its ports.
 
 use std::fmt;
 use std::io::Read;

@@ -1,5 +1,5 @@
-//! Live topics: what the daemon reports, published on an MQTT broker. For eyes only, never the record: a broker may lose messages,
-//! and none is kept for it. Nothing here waits for uploads, and no upload waits for this: it has a thread of its own.
+//! Live topics: what the daemon reports, published on an MQTT broker. For display only, not a record: a broker may lose messages, and
+//! none is repeated. Nothing here waits for uploads, and no upload waits for this: it has a thread of its own.
 //!
 //! - **daemon**: asks the daemon over its bus, as any client does
 //! - **topics**: the messages for its answers; **home_assistant**: the message that announces them there

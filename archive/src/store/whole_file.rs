@@ -128,7 +128,7 @@ pub(super) fn read_back(path: &Path, sha256: &str) -> Result<u64, WholeFileError
 
 /// Writes the entries of the folder of a file to the disk.
 pub(super) fn sync_folder_of(path: &Path) -> Result<(), WholeFileError> {
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = logbook::folder_of(path);
     let synced = File::open(folder).and_then(|folder| folder.sync_all());
     synced.map_err(|source| WholeFileError::Io {
         path: folder.to_owned(),

@@ -131,7 +131,7 @@ impl Daemon {
     }
 
     pub fn wait_until_requested(&self, count: u64) {
-        let limit = std::time::Instant::now() + std::time::Duration::from_secs(90);
+        let limit = std::time::Instant::now() + crate::server::PATIENCE;
         while self.requests() < count {
             assert!(std::time::Instant::now() < limit, "the daemon is not asked");
             std::thread::sleep(std::time::Duration::from_millis(20));

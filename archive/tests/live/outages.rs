@@ -81,7 +81,7 @@ fn frozen_broker_delays_no_upload() {
         daemon.change(|report| *report = crate::daemon::report(1 + count));
         daemon.wait_until_requested(asked + 2);
     }
-    let limit = std::time::Instant::now() + std::time::Duration::from_secs(60);
+    let limit = std::time::Instant::now() + crate::server::PATIENCE;
     while server.sql("SELECT count(*) FROM tactus.part") != "10" {
         assert!(
             std::time::Instant::now() < limit,

@@ -43,7 +43,7 @@ impl Publisher {
 
     /// Waits until the log has these words.
     pub fn wait_for(&self, words: &str) {
-        let limit = Instant::now() + Duration::from_secs(90);
+        let limit = Instant::now() + crate::server::PATIENCE;
         loop {
             let log = std::fs::read_to_string(self.folder.join("log")).unwrap();
             if log.contains(words) {

@@ -210,7 +210,7 @@ fn service_survives_a_server_that_stops_and_comes_back() {
         .spawn()
         .unwrap();
     let wait = |what: &str, done: &dyn Fn() -> bool| {
-        let limit = Instant::now() + Duration::from_secs(60);
+        let limit = Instant::now() + crate::server::PATIENCE;
         while !done() {
             assert!(
                 Instant::now() < limit,

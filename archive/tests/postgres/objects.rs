@@ -48,7 +48,7 @@ impl Moto {
             child,
             endpoint: format!("{scheme}://127.0.0.1:{port}"),
         };
-        let limit = Instant::now() + Duration::from_secs(60);
+        let limit = Instant::now() + crate::server::PATIENCE;
         while TcpStream::connect(("127.0.0.1", port)).is_err() {
             assert!(Instant::now() < limit, "moto does not listen");
             std::thread::sleep(Duration::from_millis(50));

@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, getuid, kill_process};
 use tempfile::TempDir;
 
+/// How long a test waits for a thing before it fails: a busy machine takes minutes where a quiet one takes a second.
+pub const PATIENCE: Duration = Duration::from_secs(300);
 /// Role that owns the catalogue.
 pub const OWNER: &str = "owner";
 /// Database of the catalogue.
@@ -149,7 +151,7 @@ impl Server {
 
     /// Starts the server and waits until it answers.
     pub fn resume(&mut self) {
-        let limit = Instant::now() + Duration::from_secs(60);
+        let limit = Instant::now() + PATIENCE;
         loop {
             let mut command = self.command("postgres");
             command.arg("-D").arg(self.data());
@@ -258,7 +260,7 @@ impl Server {
 
     /// Waits until a query gives this.
     pub fn wait_for(&self, query: &str, expected: &str) {
-        let limit = Instant::now() + Duration::from_secs(60);
+        let limit = Instant::now() + PATIENCE;
         loop {
             let found = self.sql(query);
             if found == expected {

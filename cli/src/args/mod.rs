@@ -144,7 +144,7 @@ pub enum Command {
     },
     /// Check the machine that the daemon runs on: permissions, devices, buses, clock, disk; gives advice (exit code 1 if a check fails)
     Doctor(Doctor),
-    /// Write a session's frames as CSV, or a frame's map as PNG or SVG
+    /// Write a session's frames (csv, nc, mat, parquet), one frame's map (png, svg, raster) or a film (apng)
     Export(Export),
     /// Write what happened in a session as one HTML page for reading and printing: worst moments, curves, alarms, gaps, health
     Report(Box<Report>),

@@ -135,8 +135,8 @@ pub struct Export {
     /// Write the map of each frame and its mesh into the netCDF file
     #[arg(long)]
     pub maps: bool,
-    /// With --maps: also the standard deviation of each triangle's change of ln conductance, nan where the frame says nothing of a
-    /// triangle; by the linear model with noise and drift of the frame, whatever the method
+    /// With --maps: also the standard deviation of each triangle's change of ln conductance, nan for triangles that the frame does not
+    /// determine; always from the linear model with noise and drift of the frame
     #[arg(long, requires = "maps")]
     pub sd: bool,
     /// Sequence number of the frame whose map is drawn (default: the last one)

@@ -60,7 +60,7 @@ pub struct NamedAlarm {
 pub enum AlarmOrder {
     /// Acknowledge an alarm: somebody has seen it
     Ack(NamedAlarm),
-    /// Shelve an alarm: it calls nobody for a time, and is judged and recorded meanwhile
+    /// Shelve an alarm: it sends no notifications for a time; it is still evaluated and recorded
     Shelve {
         #[command(flatten)]
         alarm: NamedAlarm,
@@ -68,11 +68,11 @@ pub enum AlarmOrder {
         #[arg(long = "for", value_name = "SPAN", value_parser = span)]
         span: Option<Duration>,
     },
-    /// Let a shelved alarm call again
+    /// Unshelve an alarm: it sends notifications again
     Unshelve(NamedAlarm),
     /// End a latched alarm whose condition is gone
     Reset(NamedAlarm),
-    /// Take an alarm out of service: it calls nobody until it is in service again
+    /// Take an alarm out of service: it sends no notifications until it is in service again
     OutOfService(NamedAlarm),
     /// Set an alarm in service again
     InService(NamedAlarm),

@@ -26,11 +26,11 @@ pub enum BaselineCommand {
         #[arg(value_name = "ID")]
         id: String,
     },
-    /// Nothing lies on the sheet: the tracked baseline of the running session begins again with its next frame
+    /// Declare the sheet empty: the running session takes its next frame as the new tracked baseline
     EmptyNow,
-    /// Something lies on the sheet: the running session learns nothing until `empty-now`
+    /// Declare a load on the sheet: the running session stops updating its tracked baseline until `empty-now`
     LoadedNow,
-    /// What changed slowly until now is age: the running session forgets the baselines of the past
+    /// Declare all slow changes so far to be ageing of the sheet: the running session discards its past baselines
     ForgetAnchor,
 }
 
@@ -143,7 +143,7 @@ pub struct Watch {
     #[arg(long)]
     pub no_map: bool,
     /// Also the standard deviation of each triangle's change of ln conductance, once a second at most, where the daemon tracks the
-    /// baseline: in words, or with --json each value, null where the frame says nothing of a triangle
+    /// baseline: in words, or with --json each value, null for triangles that the frame does not determine
     #[arg(long, conflicts_with = "fast")]
     pub sd: bool,
 }

@@ -113,7 +113,7 @@ pub(crate) async fn run(
     print(&listed, requested.all, printer)?;
     let calling: Vec<&str> = listed
         .iter()
-        .filter(|alarm| alarm.seen.calls())
+        .filter(|alarm| alarm.seen.notifies())
         .map(|alarm| alarm.line.name.as_str())
         .collect();
     match calling.len() {
@@ -247,12 +247,12 @@ mod tests {
             ..reported("heel", Some("major"))
         };
         let alarm = Alarm::from(shelved);
-        assert!(!alarm.seen.calls() && alarm.matters());
+        assert!(!alarm.seen.notifies() && alarm.matters());
         assert!(
             alarm
                 .state()
                 .ends_with("shelved until it ends by user 1000: known")
         );
-        assert!(Alarm::from(reported("heel", Some("major"))).seen.calls());
+        assert!(Alarm::from(reported("heel", Some("major"))).seen.notifies());
     }
 }

@@ -252,7 +252,7 @@ fn reason(id: &str, status: dbus::Status) -> (String, Option<String>) {
 /// What a frame's checks report, printed when it changes.
 fn quality(frame: u64, flags: &str) -> String {
     match flags {
-        "" => format!("quality: from frame {frame} on nothing is the matter"),
+        "" => format!("quality: no flags from frame {frame} on"),
         flags => format!(
             "quality: frame {frame} raises {}",
             flags.replace(',', ", ").replace('_', " ")

@@ -37,7 +37,7 @@ pub(crate) fn run(
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
-        .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
+        .map_err(|error| Failure::failed("the asynchronous runtime cannot be started", &error))?;
     runtime.block_on(async {
         let listen = settings.listen.clone();
         let server = Server::open(settings).await.map_err(|error| {

@@ -147,7 +147,7 @@ pub(crate) fn run(
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
-        .map_err(|error| Failure::failed("the program cannot wait for anything", &error))?;
+        .map_err(|error| Failure::failed("the asynchronous runtime cannot be started", &error))?;
     let running = runtime.block_on(running::check(global, &wanted));
     // a running daemon knows its directory
     let directory = running

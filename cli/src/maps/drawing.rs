@@ -71,15 +71,7 @@ impl Field {
 
     /// These values, one for each triangle of the region, as a map of this mesh.
     pub(crate) fn map(&self, values: Vec<f64>, method: &str) -> Map {
-        Map {
-            mesh_hash: self.mesh_hash.clone(),
-            values,
-            unit: MapUnit::RelativeConductance,
-            method: method.to_owned(),
-            masked: 0,
-            evidence: None,
-            quality: None,
-        }
+        Map::relative(self.mesh_hash.clone(), values, method.to_owned())
     }
 
     /// Whether the map is of this mesh.
@@ -224,15 +216,7 @@ mod tests {
     #[test]
     fn a_geometry_from_the_bus_finds_a_load() {
         let field = Field::from_bus(&geometry()).unwrap();
-        let map = Map {
-            mesh_hash: "m".into(),
-            values: vec![-0.5],
-            unit: MapUnit::RelativeConductance,
-            method: "test".into(),
-            masked: 0,
-            evidence: None,
-            quality: None,
-        };
+        let map = Map::relative("m", vec![-0.5], "test");
         assert!(field.fits(&map));
         assert_eq!(
             place(millimetres(field.found(&map, None))),

@@ -212,7 +212,7 @@ impl VerifySummary {
     }
 
     fn sentence(&self) -> String {
-        let mut text = format!("{} maps have the bits that were recorded", self.same);
+        let mut text = format!("{} maps are identical to the recorded ones", self.same);
         if let Some(furthest) = self.furthest {
             text.push_str(&format!(
                 ", {} of another build or processor are within {furthest:.1e} of them (allowed: {TOLERANCE:e})",
@@ -220,11 +220,11 @@ impl VerifySummary {
             ));
         }
         if !self.different.is_empty() {
-            text.push_str(&format!(", {} are others", self.different.len()));
+            text.push_str(&format!(", {} differ", self.different.len()));
         }
         if !self.elsewhere.is_empty() {
             text.push_str(&format!(
-                ", {} of another build or processor differ, which here proves nothing: only their hashes were kept",
+                ", {} by another build or processor differ and cannot be verified: only their hashes were recorded",
                 self.elsewhere.len()
             ));
         }
@@ -232,7 +232,7 @@ impl VerifySummary {
             text.push_str(&format!("; the other build: {made_by}"));
         }
         if self.without > 0 {
-            text.push_str(&format!(", {} frames kept no trace of one", self.without));
+            text.push_str(&format!(", {} frames have no recorded map", self.without));
         }
         text
     }
@@ -241,7 +241,7 @@ impl VerifySummary {
         let Some(first) = self.different.first() else {
             if self.same == 0 && self.near == 0 && self.elsewhere.is_empty() {
                 return Err(Failure::Failed(format!(
-                    "{session} keeps no trace of any map: there is nothing to verify"
+                    "{session} has no recorded map checksum: there is nothing to verify"
                 )));
             }
             return Ok(());

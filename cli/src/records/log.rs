@@ -81,7 +81,7 @@ pub(crate) fn run(
     }
     if lines.is_empty() && !printer.is_json() {
         return printer.text(&format!(
-            "nothing of that has happened in {}; --state DIR names another directory",
+            "no such events in {}; --state DIR selects another directory",
             session_files::listed(&places)
         ));
     }

@@ -257,9 +257,13 @@ impl Acquisition {
             let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
             self.plan.send_replace(self.measuring.now());
             self.events.publish(&BusEvent::Happened(event.clone()));
-            // a recorder that has ended is noticed at the next frame
-            let _ = self.recorder.send(RecorderMessage::Event(event)).await;
+            self.record(event).await;
         }
+    }
+
+    async fn record(&self, event: Event) {
+        // a recorder that has ended is noticed at the next frame
+        let _ = self.recorder.send(RecorderMessage::Event(event)).await;
     }
 
     /// Waits for the logbook to accept the frame, the only sink that may delay acquisition: between frames, with the
@@ -298,9 +302,8 @@ impl Acquisition {
     /// Writes an event to the record only: it explains a gap.
     async fn note(&self, kind: EventKind, text: String) {
         let at = self.clock.wall();
-        // a recorder that has ended is noticed at the next frame
         let event = Event::new(at, kind, &text, Some(&self.status.facts.id));
-        let _ = self.recorder.send(RecorderMessage::Event(event)).await;
+        self.record(event).await;
     }
 
     /// Waits while suspended; returns the duration.

@@ -285,7 +285,7 @@ impl Shown {
             .alarms
             .iter()
             .filter(own)
-            .filter(|alarm| alarm.calls())
+            .filter(|alarm| alarm.notifies())
             .collect();
         calling.sort_by_key(|alarm| std::cmp::Reverse(alarm.rule.severity));
         let invalid = self

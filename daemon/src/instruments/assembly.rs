@@ -177,9 +177,7 @@ fn alone<'a>(plan: &'a RigPlan, simulated_rig: &'a Option<SimulatedRig>) -> Conn
 
 async fn relays_open(by: Connector<'_>) -> Result<String, AssemblyError> {
     let wiring = &by.plan.plan.wiring;
-    let mut relays = wiring.injecting_relays();
-    relays.extend(wiring.measuring_relays());
-    relays.extend(&wiring.bus);
+    let relays = wiring.relays();
     let opened = kinds::open_relays(by, &relays).await?;
     let found = match opened.found {
         Ok(closed) if !closed.is_empty() => format!("; found closed: {}", name_relays(&closed)),

@@ -104,7 +104,7 @@ impl ExpectedIdentities {
             };
             if !expected.is_same(found) {
                 reported.push(format!(
-                    "the {} at {} is another: {} was known, {} is there",
+                    "the {} at {} has been replaced: {} is expected, {} was found",
                     found.role, found.address, expected.identity, found.identity
                 ));
             }
@@ -113,7 +113,7 @@ impl ExpectedIdentities {
         if mainframe.is_some_and(|mainframe| mainframe.successor(&other.instruments).is_some()) {
             for (expected, found) in self.cards.iter().zip(&other.cards) {
                 if expected != found {
-                    reported.push(format!("{expected} was known, {found} is there"));
+                    reported.push(format!("{expected} is expected, {found} was found"));
                 }
             }
         }

@@ -42,11 +42,8 @@ impl RigPlan {
     /// Closures of each relay of the wiring in a frame; for relays that a scan closes, of the channels.
     pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
         let wiring = &self.plan.wiring;
-        let mut relays = wiring.injecting_relays();
-        relays.extend(wiring.measuring_relays());
-        relays.extend(&wiring.bus);
-        let mut closures: Vec<(Relay, f64)> =
-            relays.into_iter().map(|relay| (relay, 0.0)).collect();
+        let relays = wiring.relays().into_iter();
+        let mut closures: Vec<(Relay, f64)> = relays.map(|relay| (relay, 0.0)).collect();
         let mut count = |closed: &[Relay]| {
             for (relay, closures) in &mut closures {
                 *closures += if closed.contains(relay) { 1.0 } else { 0.0 };

@@ -120,7 +120,7 @@ pub(crate) async fn report_to_systemd(
             Some((part, late)) if !silent => {
                 silent = true;
                 let text = format!(
-                    "{} has given no sign of life for {:.0} s beyond its time; systemd is told nothing any more, and will \
+                    "the heartbeat of {} is {:.0} s overdue; systemd's watchdog is no longer fed, so that systemd will \
                      restart the daemon",
                     part.name(),
                     late.as_secs_f64()
@@ -149,7 +149,7 @@ mod tests {
     const S: fn(u64) -> Duration = Duration::from_secs;
 
     #[test]
-    fn a_word_that_is_not_kept_is_found_and_one_that_is_kept_is_not() {
+    fn overdue_heartbeat_is_found_and_a_punctual_one_is_not() {
         let heartbeats = Heartbeats::default();
         assert_eq!(
             heartbeats.overdue(S(1_000_000)),
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_promise_beyond_all_time_is_no_rest_and_no_overflow() {
+    fn largest_deadline_does_not_overflow() {
         let heartbeats = Heartbeats::default();
         heartbeats.set_deadline(Part::Record, Duration::MAX, Duration::MAX);
         assert_eq!(heartbeats.overdue(S(u64::MAX / 1000)), None);

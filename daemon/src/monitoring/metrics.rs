@@ -192,7 +192,7 @@ const METRICS: [Metric; 25] = [
     ),
     Metric::new(
         "tactus_well",
-        "Whether nothing is in trouble",
+        "1 if the daemon has no problem and no alarm is active",
         Values::Flag(|at| at.well),
     ),
     Metric::new(
@@ -269,7 +269,7 @@ const METRICS: [Metric; 25] = [
     ),
     Metric::new(
         "tactus_state",
-        "What the daemon is doing",
+        "State of the daemon: 1 for the present one",
         Values::Flags("state", |at| {
             let on = |state| (state, at.health.state == state);
             STATES.map(on).to_vec()
@@ -277,7 +277,7 @@ const METRICS: [Metric; 25] = [
     ),
     Metric::new(
         "tactus_trouble",
-        "What people are notified of",
+        "1 for each built-in alarm, of those that are notified, that is active",
         Values::Flags("kind", |at| {
             let on = |kind| (kind, at.troubles.contains(&kind));
             built_in::notified().map(on).collect()
@@ -290,7 +290,7 @@ const METRICS: [Metric; 25] = [
     ),
     Metric::new(
         "tactus_alarm_unjudged",
-        "Whether it cannot be judged: no all-clear. 0 while nothing is measured",
+        "1 if the alarm of a rule cannot be evaluated: its condition may hold unnoticed. 0 while nothing is measured",
         Values::OfAlarms(|alarm| alarm.state.why_invalid().is_some()),
     ),
     Metric::new(

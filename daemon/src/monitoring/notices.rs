@@ -44,8 +44,8 @@ pub(crate) struct Notices(BTreeMap<String, Notice>);
 
 #[derive(Debug, Default)]
 struct Notice {
-    /// Whether the alarm called at the last look.
-    calls: bool,
+    /// Whether the alarm before at the last look.
+    notifies: bool,
     /// Whether its beginning was notified, so that its end will be.
     reported: bool,
     /// When a beginning was last notified.
@@ -64,7 +64,7 @@ impl Notices {
                 continue;
             }
             let notice = self.0.entry(name.clone()).or_default();
-            messages.extend(notice.step(name, now, alarm.calls(), alarm.state.cause(), again));
+            messages.extend(notice.step(name, now, alarm.notifies(), alarm.state.cause(), again));
         }
         messages
     }
@@ -75,7 +75,7 @@ impl Notice {
         &mut self,
         name: &str,
         now: Instant,
-        calls: bool,
+        notifies: bool,
         cause: &str,
         again: Duration,
     ) -> Option<Message> {
@@ -84,12 +84,12 @@ impl Notice {
             phase,
             text,
         };
-        let called = std::mem::replace(&mut self.calls, calls);
-        if !calls {
+        let before = std::mem::replace(&mut self.notifies, notifies);
+        if !notifies {
             let reported = std::mem::take(&mut self.reported);
             return reported.then(|| message(Phase::Ended, format!("over; it was: {cause}")));
         }
-        if !called {
+        if !before {
             self.unreported += 1;
         }
         let may = self
@@ -115,15 +115,15 @@ mod tests {
 
     const AGAIN: Duration = Duration::from_secs(3600);
 
-    /// Simulates one look a second: whether the alarm calls, and which notifications are sent.
+    /// Simulates one look a second: whether the alarm notifies, and which notifications are sent.
     fn play(
         notice: &mut Notice,
         begin: Instant,
         seconds: u64,
-        calls: bool,
+        notifies: bool,
     ) -> Vec<(Phase, String)> {
         let looks = (0..seconds).map(|second| begin + Duration::from_secs(second));
-        let sent = looks.filter_map(|now| notice.step("disk-days", now, calls, "3 days", AGAIN));
+        let sent = looks.filter_map(|now| notice.step("disk-days", now, notifies, "3 days", AGAIN));
         sent.map(|message| (message.phase, message.text)).collect()
     }
 
@@ -145,8 +145,8 @@ mod tests {
         let mut now = Instant::now();
         // five hours of alternating two minutes with the alarm and two without
         for _ in 0..75 {
-            for calls in [true, false] {
-                let sent = play(&mut notice, now, 120, calls);
+            for notifies in [true, false] {
+                let sent = play(&mut notice, now, 120, notifies);
                 begun.extend(sent.into_iter().filter(|(phase, _)| *phase == Phase::Begun));
                 now += Duration::from_secs(120);
             }

@@ -329,8 +329,7 @@ fn of_regions<'a>(
 fn effective(config: &Config) -> Result<(String, String), String> {
     let text = toml::to_string(config).map_err(|cause| cause.to_string())?;
     let hash = Sha256::digest(text.as_bytes());
-    let hash = hash.iter().map(|byte| format!("{byte:02x}")).collect();
-    Ok((text, hash))
+    Ok((text, survey::hex(&hash)))
 }
 
 impl Setup {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use keysight_34980a::{MapError, Module};
 use serde::Deserialize;
-use survey::{Limits, OwnWiring, Relay, Sensing, Timing, Transition, Wiring};
+use survey::{Limits, Relay, RelayTable, Sensing, Timing, Transition, Wiring};
 
 use crate::instruments::kinds;
 use crate::preparation::Findings;
@@ -139,7 +139,7 @@ fn from_file(path: &Path) -> Result<WiringWithModules, String> {
         let relays = |pair: Vec<u32>| pair.into_iter().map(Relay).collect();
         pairs.into_iter().map(relays).collect()
     };
-    let wiring = Wiring::own(OwnWiring {
+    let wiring = Wiring::from_table(RelayTable {
         name: document.name,
         sensing: document.sensing,
         transition: document.transition,

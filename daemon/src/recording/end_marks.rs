@@ -57,7 +57,7 @@ impl EndMarks {
     pub(crate) fn open(record: &Path, runtime: &Path) -> Self {
         let real = std::fs::canonicalize(record).unwrap_or_else(|_| record.to_owned());
         let hash = Sha256::digest(real.as_os_str().as_encoded_bytes());
-        let short: String = hash[..6].iter().map(|byte| format!("{byte:02x}")).collect();
+        let short = survey::hex(&hash[..6]);
         let marks = Self {
             durable: record.join(FILE),
             until_restart: runtime.join(format!("{FILE}-{short}")),

@@ -218,7 +218,7 @@ async fn two_announced_simulators_are_each_listed_once() {
     server.stop().await;
     let mut gone = Vec::new();
     while gone.len() < 2 {
-        let event = tokio::time::timeout(Duration::from_secs(60), raw.recv_async()).await;
+        let event = tokio::time::timeout(Duration::from_secs(300), raw.recv_async()).await;
         if let ServiceEvent::ServiceRemoved(_, name) = event.expect("a goodbye").unwrap()
             && !gone.contains(&name)
         {

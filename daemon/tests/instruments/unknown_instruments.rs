@@ -79,7 +79,7 @@ async fn what_was_exchanged_while_no_daemon_ran_waits_for_a_person() {
     let why = daemon.manager.last_error().await.unwrap();
     for reported in [
         "7654321",
-        "slot 5: empty was known",
+        "slot 5: empty is expected",
         "34931A",
         "tactus instruments accept",
     ] {

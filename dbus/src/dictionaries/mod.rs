@@ -45,7 +45,7 @@ dictionaries! {
         total_durable: u64,
         /// Frames that failed since the daemon started.
         total_failed: u64,
-        /// Frames that missed their scheduled time since the daemon started.
+        /// Frames since the daemon started that missed their scheduled time, or that the disk refused.
         total_dropped: u64,
         /// Readings over their range since the daemon started.
         total_overloads: u64,
@@ -59,7 +59,7 @@ dictionaries! {
         frames_durable: u64,
         /// Frames of the running session that failed.
         frames_failed: u64,
-        /// Frames of the running session that missed their scheduled time.
+        /// Frames of the running session that missed their scheduled time, or that the disk refused.
         frames_dropped: u64,
         /// Frames waiting to be written to disk.
         backlog: u64,
@@ -225,13 +225,14 @@ dictionaries! {
         current_a: f64,
         /// Sheet resistance, ohm.
         sheet_ohm: f64,
-        /// Difference between the readings and those of a uniform sheet.
+        /// Rms difference between the readings and those of a uniform sheet, relative to the rms of the latter.
         misfit: f64,
         /// Sheet resistance by van der Pauw's method, ohm.
         pauw_ohm: f64,
         /// The same without the correction for the electrodes, ohm.
         pauw_raw_ohm: f64,
-        /// Largest difference between reciprocal readings.
+        /// Rms difference between reciprocal readings, relative to the rms of the readings.
+
         reciprocity: f64,
         /// Noise of a reading, V.
         noise_v: f64,
@@ -263,9 +264,10 @@ dictionaries! {
         implausible: u64,
         /// Words of `survey::QualityFlag` joined by commas.
         flags: String,
-        /// Largest difference between reciprocal readings, if there are any.
+        /// Largest difference between reciprocal readings, relative to the largest reading; absent if there are none.
         reciprocity: f64,
-        /// Sum of the voltages round the ring, if all of them were read.
+        /// Largest sum of the voltages round the ring at one injection, relative to the largest reading; absent if no injection was read all the
+/// way round.
         loop_sum: f64,
     }
 

@@ -21,7 +21,7 @@ pub struct Alarm {
     pub held: bool,
     /// When it last became active or ended.
     pub changed: Option<String>,
-    /// Value and limit when it was last beyond: the present ones while it is active.
+    /// Value and limit at the last time the limit was exceeded; the present ones while it is active.
     pub cause: Option<String>,
     /// Why it cannot be judged.
     pub invalid: Option<String>,
@@ -29,7 +29,7 @@ pub struct Alarm {
     pub suppressed: Option<String>,
     /// By whom and why it is shelved.
     pub shelved: Option<String>,
-    /// Until when; `None` where until it ends.
+    /// Until when it is shelved; `None` if until it ends.
     pub shelved_until: Option<String>,
     /// By whom and why it is out of service.
     pub out_of_service: Option<String>,

@@ -58,7 +58,7 @@ pub struct LastFrame {
 pub struct Gaps {
     /// Failed frames.
     pub failed: u64,
-    /// Frames that missed their scheduled time.
+    /// Frames that missed their scheduled time, or that the disk refused.
     pub dropped: u64,
     /// The last one.
     pub last: Option<Gap>,

@@ -73,7 +73,7 @@ pub struct Running {
     pub frames_acquired: u64,
     /// Frames on disk.
     pub frames_durable: u64,
-    /// Frames that missed their scheduled time.
+    /// Frames that missed their scheduled time, or that the disk refused.
     pub frames_dropped: u64,
     /// Frames that failed.
     pub frames_failed: u64,

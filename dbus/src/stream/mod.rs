@@ -13,13 +13,22 @@
 //! | 32 to 35 | u32 | bit 0: simulated; other bits 0 |
 //! | 36 to 39 | u32 | n |
 //!
-//! followed, for a **frame**, by n voltages (f64, V; NaN where the flag is not 0) and n flags (u8: 0 ok, 1 overload, 3 not measured); for a **map**, n values (f64, relative change of conductance, one for each
-//! triangle of the region), a u16 length and the mesh hash, a u16 length and the method (UTF-8); for **pressure**, n values
-//! (f64, kPa, one for each triangle of the region) and the total load (f64, N), just before the map of the same frame; for
-//! **quality**, n bytes of JSON (UTF-8; `verdict` and `reasons`, as in `watch --json`), just before its map; likewise **tracked** and **quantities**, as in `watch --json`; for an **injection** of the frame of
-//! this sequence, which is not complete, n values as in a map and the rest of the record as JSON, as in `watch --fast --json`; for a **deviation**, the standard
-//! deviation of each value of the map of the same frame, n f64 (NaN: the frame says nothing of this triangle), and the rest of the record is the mesh hash; for the **end**, the reason in n bytes (UTF-8), after which the descriptor is closed. A reader skips unknown kinds by their
-//! length, and rejects other versions. `dbus/stream_reader.py` is a reader in some twenty lines.
+//! followed by the body:
+//!
+//! | kind | body |
+//! |---|---|
+//! | frame | n voltages (f64, V; NaN where the flag is not 0), n flags (u8: 0 ok, 1 overload, 3 not measured) |
+//! | map | n relative changes of conductance (f64, one a triangle of the region), then mesh hash and method, each after a u16 length |
+//! | pressure | n pressures (f64, kPa, one a triangle of the region), then the total load (f64, N) |
+//! | quality | n bytes of JSON (UTF-8): `verdict` and `reasons`, as in `watch --json` |
+//! | tracked, quantities | n bytes of JSON (UTF-8), as in `watch --json` |
+//! | injection | n values as in a map, then JSON to the end of the record, as in `watch --fast --json` |
+//! | deviation | n standard deviations of the change of ln conductance (f64; NaN: not determined), then the mesh hash to the end |
+//! | end | the reason, n bytes (UTF-8); the descriptor is then closed |
+//!
+//! Pressure, quality, tracked and quantities come just before the map of the same frame. An injection belongs to the frame of its
+//! sequence, which is still being measured. A reader skips unknown kinds by their length, and rejects other versions.
+//! `dbus/stream_reader.py` is a reader in some twenty lines.
 //!
 //! ```
 //! use dbus::stream::{Body, Decoder, Record};

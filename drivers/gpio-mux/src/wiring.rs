@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use survey::{
-    Amps, Dipole, OwnWiring, RelayLimits, Sensing, Transition, Volts, Wiring, WiringError,
+    Amps, Dipole, RelayLimits, RelayTable, Sensing, Transition, Volts, Wiring, WiringError,
 };
 
 use crate::command::Pole;
@@ -38,7 +38,7 @@ pub fn wiring(electrodes: usize) -> Result<Wiring, WiringError> {
         each.map(|pair| vec![plus.relay(pair.plus), minus.relay(pair.minus)])
             .collect()
     };
-    Wiring::own(OwnWiring {
+    Wiring::from_table(RelayTable {
         name,
         sensing: Sensing::Single,
         transition: Transition::Break,

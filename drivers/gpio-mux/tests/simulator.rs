@@ -149,7 +149,7 @@ fn watchdog_ignores_noise_and_oversized_line_gets_a_reply() {
 
 proptest! {
     #[test]
-    fn nothing_that_is_said_breaks_it(
+    fn any_messages_leave_the_simulator_consistent(
         lines in prop::collection::vec(prop_oneof![
             (0..4_usize, 0..30_usize).prop_map(|(pole, electrode)| {
                 format!("SET {} {electrode}", Pole::ALL[pole])

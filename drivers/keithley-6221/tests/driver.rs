@@ -115,7 +115,7 @@ async fn a_current_flows_and_is_switched_off() {
 }
 
 #[tokio::test]
-async fn all_the_driver_says_is_heard() {
+async fn simulator_parses_every_driver_command() {
     let device = device(500.0);
     let mut source = connected(&device).await;
     source.prepare(Amps(-2e-6), Volts(0.1)).await.unwrap();

@@ -47,6 +47,6 @@ pub use meter::{INTEGRATION, OVERRANGE, RANGES, range_for, reading_timing, resol
 pub use modules::{Contact, Model, Module, ModuleError, Terminal, join, split};
 #[cfg(feature = "simulator")]
 pub use simulator::{
-    Alternating, MeterRequest, Output, Response, Session, Settings34980a, Simulator34980a, Wires,
+    Alternating, MeterRequest, Response, Session, Settings34980a, Simulator34980a, Wires,
 };
 pub use wiring::{MapError, fast_34925a, matrix_34932a, matrix_34934a, pairs_34922a, pairs_34924a};

@@ -1,6 +1,6 @@
 //! Wiring maps of section 8: the channels that connect each pair of electrodes to the source and to the voltmeter.
 
-use survey::{Dipole, Electrode, OwnWiring, Relay, Sensing, Transition, Wiring, WiringError};
+use survey::{Dipole, Electrode, Relay, RelayTable, Sensing, Transition, Wiring, WiringError};
 
 /// Why a map is invalid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -143,7 +143,7 @@ fn table(
         let relay = |channel| Relay(slot * 1000 + channel);
         channels.into_iter().map(relay).collect()
     };
-    Ok(Wiring::own(OwnWiring {
+    Ok(Wiring::from_table(RelayTable {
         name,
         sensing,
         transition: Transition::Overlap,

@@ -4,7 +4,7 @@ mod stand_in;
 
 use std::time::Duration;
 
-use keysight_34980a::{Output, Protection, Session, Simulator34980a};
+use keysight_34980a::{Protection, Session, Simulator34980a};
 use scpi::ParseError;
 use stand_in::{Sheet, mainframe, say};
 use survey::Relay;
@@ -74,25 +74,15 @@ fn readings_of_anothers_read_appear_one_by_one() {
 }
 
 #[test]
-fn each_session_has_its_own_reply_and_losing_it_is_an_error() {
+fn faults_of_a_session_are_in_the_error_queue() {
     let (mut unit, mut sheet) = (mainframe(&["34924A"]), Sheet::default());
-    unit.write_from(A, "*ESE?", START, &mut sheet);
-    unit.write_from(
-        B,
-        "ROUT:CLOS (@1001);:ROUT:CLOS? (@1001)",
-        START,
-        &mut sheet,
-    );
-    assert_eq!(unit.read_by(A, START), Output::Reply("+0".to_owned()));
-    assert_eq!(
-        unit.read_by(B, START),
-        Output::Later(Duration::from_micros(500))
-    );
-    // A new message before the reply was read.
-    unit.write_from(B, "*STB?", ms(1), &mut sheet);
-    assert_eq!(unit.read_by(B, ms(1)), Output::Reply("+4".to_owned()));
-    assert_eq!(unit.read_by(B, ms(1)), Output::Nothing);
-    unit.fault_of_session(A, ParseError::QueryDeadlocked);
+    for fault in [
+        ParseError::QueryInterrupted,
+        ParseError::QueryUnterminated,
+        ParseError::QueryDeadlocked,
+    ] {
+        unit.fault_of_session(fault);
+    }
     let errors = "SYST:ERR?;:SYST:ERR?;:SYST:ERR?;:SYST:ERR?;*ESR?";
     assert_eq!(
         ask(&mut unit, &mut sheet, A, errors, ms(2)),

@@ -271,7 +271,7 @@ fn fragment() -> impl Strategy<Value = String> {
 
 proptest! {
     #[test]
-    fn nothing_that_is_said_breaks_it(
+    fn any_messages_leave_the_simulator_consistent(
         messages in prop::collection::vec(prop::collection::vec(fragment(), 0..6), 0..30),
     ) {
         let mut settings = Settings34980a::default();

@@ -1,6 +1,6 @@
 //! Applies and reads back settings, before a frame and after a lost connection.
 
-use survey::{Plan, Sensing};
+use survey::Plan;
 
 use crate::traits::Instruments;
 use crate::{CurrentSource, MeterSettings, Rig, RigError, Voltmeter};
@@ -33,9 +33,7 @@ where
     V: Voltmeter,
 {
     rig.source.prepare(plan.current, plan.compliance).await?;
-    let scan = match plan.wiring.sensing {
-        Sensing::Scan => plan.wiring.measuring_relays(),
-        _ => Vec::new(),
-    };
-    rig.voltmeter.prepare(meter, &scan).await
+    rig.voltmeter
+        .prepare(meter, &plan.wiring.scanned_channels())
+        .await
 }

@@ -137,7 +137,7 @@ where
     W: Switch,
 {
     let detected = Instant::now();
-    let relays = every_relay(wiring);
+    let relays = wiring.relays();
     let mut off = std::pin::pin!(async {
         let off = instruments.source.off().await;
         (off, detected.elapsed())
@@ -169,7 +169,7 @@ pub(crate) async fn open_checked<W: Switch>(
 ) -> Result<(), RigError> {
     let relays = wiring.injecting_relays();
     let states = switch
-        .closed_before_opening(&relays, &every_relay(wiring))
+        .closed_before_opening(&relays, &wiring.relays())
         .await?;
     let (mut open, mut closed) = (Vec::new(), Vec::new());
     for (relay, is_closed) in relays.into_iter().zip(states) {
@@ -196,12 +196,4 @@ fn found(relay: Relay, wiring: &Wiring) -> FoundRelay {
             .map(|(pair, _)| *pair)
             .collect(),
     }
-}
-
-/// Injecting relays first: those matter most.
-pub(crate) fn every_relay(wiring: &Wiring) -> Vec<Relay> {
-    let mut relays = wiring.injecting_relays();
-    relays.extend(wiring.measuring_relays());
-    relays.extend(&wiring.bus);
-    relays
 }

@@ -154,15 +154,11 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
             "{message}"
         );
         for (row, truth) in [(1, [0.0, 0.0]), (2, [0.0, 0.07])] {
-            let map = survey::Map {
-                mesh_hash: mesh.hash().to_owned(),
-                values: numbers(&maps)[row].clone(),
-                unit: survey::MapUnit::RelativeConductance,
-                method: String::new(),
-                masked: 0,
-                evidence: None,
-                quality: None,
-            };
+            let map = survey::Map::relative(
+                mesh.hash().to_owned(),
+                numbers(&maps)[row].clone(),
+                String::new(),
+            );
             let found = map.found(&centroids, &areas).unwrap();
             let error = (found[0] - truth[0]).hypot(found[1] - truth[1]);
             println!(
@@ -186,17 +182,8 @@ fn ball_errors(mesh: &Mesh, maps: &[Vec<f64>]) -> Vec<f64> {
                 other.is_none_or(|other| to(ball) < to(&other))
             };
             let values = maps[*frame].iter().zip(&centroids);
-            let map = survey::Map {
-                mesh_hash: mesh.hash().to_owned(),
-                values: values
-                    .map(|(value, at)| if near(at) { *value } else { 0.0 })
-                    .collect(),
-                unit: survey::MapUnit::RelativeConductance,
-                method: String::new(),
-                masked: 0,
-                evidence: None,
-                quality: None,
-            };
+            let values = values.map(|(value, at)| if near(at) { *value } else { 0.0 });
+            let map = survey::Map::relative(mesh.hash(), values.collect(), "");
             let found = map.found(&centroids, &areas).unwrap();
             (found[0] - ball[0]).hypot(found[1] - ball[1])
         })

@@ -161,8 +161,5 @@ fn parse(line: &[u8]) -> Option<Line> {
 
 fn sum(line: &[u8]) -> String {
     let hash = Sha256::digest(line);
-    hash.iter()
-        .take(SUM)
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    survey::hex(&hash[..SUM])
 }

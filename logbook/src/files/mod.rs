@@ -12,14 +12,6 @@ pub(crate) const EXTENSION: &str = "tactus";
 /// Extension of an unfinished copy; see [`crate::SessionWriter::rescue`].
 pub(crate) const COPY_EXTENSION: &str = "rescue";
 
-/// The folder that a session's file lies in.
-pub(crate) fn folder_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(dir) if !dir.as_os_str().is_empty() => dir,
-        _ => Path::new("."),
-    }
-}
-
 /// The file of a session or part.
 pub(crate) fn path_of(dir: &Path, id: &str) -> PathBuf {
     dir.join(format!("{id}.{EXTENSION}"))

@@ -46,11 +46,7 @@ pub fn sha256_of(mut from: impl Read) -> std::io::Result<(String, u64)> {
         hash.update(&block[..read]);
         bytes += read as u64;
     }
-    let digits = hash
-        .finalize()
-        .into_iter()
-        .map(|byte| format!("{byte:02x}"));
-    Ok((digits.collect(), bytes))
+    Ok((survey::hex(&hash.finalize()), bytes))
 }
 
 /// Writes the receipt of a part beside it.
@@ -76,7 +72,7 @@ pub fn archived(path: impl AsRef<Path>) -> Option<ArchiveReceipt> {
     let path = path.as_ref();
     let receipt = receipt(path)?;
     let (sha256, bytes) = sha256_of(std::fs::File::open(path).ok()?).ok()?;
-    let dir = crate::files::folder_of(path);
+    let dir = outfile::folder_of(path);
     let beside = crate::quantity_lines(dir, crate::files::id_of(path)).ok()?;
     let lines = beside.map_or(0, |found| found.lines.last().map_or(0, |last| last.number));
     (sha256 == receipt.sha256 && bytes == receipt.bytes && lines <= receipt.quantity_lines)

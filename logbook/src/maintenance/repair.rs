@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use chrono::{DateTime, Utc};
 use serde::Serialize;
 
-use crate::files::{folder_of, id_of, path_of};
+use crate::files::{id_of, path_of};
 use crate::reader::SMALLEST;
 use crate::{LogbookError, Record, SessionHeader, SessionReader, SessionWriter, schema};
+use outfile::folder_of;
 
 /// Kind of the event that lists the frames lost in a repair; its text begins `frames 5 to 9 `.
 pub const CUT: &str = "cut";

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use chrono::{DateTime, TimeDelta, Utc};
 use serde::Serialize;
 
-use crate::files::{self, folder_of, id_of, part_of};
+use crate::files::{self, id_of, part_of};
 use crate::maintenance::prune::pruned_parts;
 use crate::writer::CONTINUED_IN;
 use crate::{CUT, Event, LogbookError, RESUMED, Record, SessionReader};
+use outfile::folder_of;
 
 /// A gap in a scheduled session: frames further apart than this many periods.
 const GAP_PERIODS: f64 = 1.5;

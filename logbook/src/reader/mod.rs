@@ -16,7 +16,7 @@ use rusqlite::{Connection, OptionalExtension, Params, Row};
 use survey::{Amps, Baseline, Checks, Settings, Volts};
 
 use crate::codec::Reference;
-use crate::files::{self, folder_of, id_of, part_of};
+use crate::files::{self, id_of, part_of};
 use crate::row::{
     End, HEADER_COLUMNS, HeaderChecksum, HeaderFault, baseline_checksum, event_checksum,
     header_row, settings_checksum,
@@ -24,6 +24,7 @@ use crate::row::{
 use crate::{Closing, Event, LogbookError, SessionHeader, SessionSummary, Taken, schema};
 use guard::Guard;
 use opening::JournalMode;
+use outfile::folder_of;
 
 pub use frames::Frames;
 pub(crate) use order::SMALLEST;

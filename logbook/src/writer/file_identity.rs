@@ -10,8 +10,9 @@ use rusqlite::{Connection, params};
 use rustix::io::Errno;
 
 use crate::error::{DiskFault, LogbookError};
-use crate::files::{COPY_EXTENSION, EXTENSION, companion, folder_of};
+use crate::files::{COPY_EXTENSION, EXTENSION, companion};
 use crate::writer::SessionWriter;
+use outfile::folder_of;
 
 /// Most bytes that are copied while acquisition waits.
 const MOST_COPIED: u64 = 1 << 30;

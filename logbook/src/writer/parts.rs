@@ -13,10 +13,11 @@ use super::{
     InitialContent, SessionWriter, Storage, adjust, discard, nanoseconds, open_for_writing,
     write_closing,
 };
-use crate::files::{companion, folder_of, part_of, path_of};
+use crate::files::{companion, part_of, path_of};
 use crate::reader::continued_by;
 use crate::row::RowCounts;
 use crate::{LogbookError, SessionHeader, SessionReader, Taken};
+use outfile::folder_of;
 
 /// Kind of the first event after a session is resumed; [`Resumed::before`] counts them.
 pub const RESUMED: &str = "restarted";

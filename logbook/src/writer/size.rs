@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use crate::files::{folder_of, part_of, path_of};
+use crate::files::{part_of, path_of};
 use crate::{LogbookError, SessionReader};
+use outfile::folder_of;
 
 /// Size of the newest part of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -182,15 +182,7 @@ mod tests {
     use crate::drawing::scale::*;
 
     fn map(values: Vec<f64>) -> Map {
-        Map {
-            mesh_hash: "m".into(),
-            values,
-            unit: MapUnit::RelativeConductance,
-            method: "test".into(),
-            masked: 0,
-            evidence: None,
-            quality: None,
-        }
+        Map::relative("m", values, "test")
     }
 
     #[test]

@@ -275,12 +275,12 @@ impl SimulatedInstrument for SimulatedMainframe {
 
     fn refuse(
         &mut self,
-        session: u32,
+        _: u32,
         refusal: ParseError,
         _: Duration,
         _: &mut dyn ExternalCircuit,
     ) -> Option<String> {
-        self.simulator.fault_of_session(Session(session), refusal);
+        self.simulator.fault_of_session(refusal);
         None
     }
 

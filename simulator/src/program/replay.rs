@@ -106,7 +106,7 @@ pub(super) fn make_golden(options: &MakeGolden) -> ExitCode {
         Ok((golden, differs)) => {
             if let Some(differs) = differs {
                 eprintln!(
-                    "tactus-sim: the golden is made; the simulator does not hold it yet: {differs}"
+                    "tactus-sim: the golden is written, but the simulator does not reproduce it: {differs}"
                 );
             }
             match &options.out {

@@ -9,8 +9,8 @@ use crate::instrument::{Instrument, SecondClient};
 use crate::simulated_rig::SimulatedRig;
 use crate::transport::client::End;
 
-/// Waits for a client without timeout.
-async fn next_client(instrument: Instrument, listener: &TcpListener) -> (TcpStream, String) {
+/// Waits for a client of a port without timeout.
+pub(crate) async fn next_client(port: &str, listener: &TcpListener) -> (TcpStream, String) {
     loop {
         match listener.accept().await {
             Ok((stream, address)) => {
@@ -18,8 +18,9 @@ async fn next_client(instrument: Instrument, listener: &TcpListener) -> (TcpStre
                 return (stream, address.to_string());
             }
             Err(fault) => {
-                tracing::warn!("a client of the {instrument} could not be accepted: {fault}");
-                tokio::task::yield_now().await;
+                tracing::warn!("a client of the {port} could not be accepted: {fault}");
+                // out of descriptors: retry after a moment
+                tokio::time::sleep(Duration::from_millis(100)).await;
             }
         }
     }
@@ -39,7 +40,7 @@ pub(crate) async fn serve(rig: SimulatedRig, instrument: Instrument, listener: T
 async fn accept(rig: SimulatedRig, instrument: Instrument, listener: TcpListener) {
     let mut clients = JoinSet::new();
     loop {
-        let (stream, address) = next_client(instrument, &listener).await;
+        let (stream, address) = next_client(&instrument.to_string(), &listener).await;
         clients.spawn(rig.clone().converse(instrument, address, stream));
         while clients.try_join_next().is_some() {}
     }
@@ -48,7 +49,7 @@ async fn accept(rig: SimulatedRig, instrument: Instrument, listener: TcpListener
 /// Accepts one client at a time.
 async fn accept_one(rig: SimulatedRig, instrument: Instrument, listener: TcpListener) {
     loop {
-        let (stream, address) = next_client(instrument, &listener).await;
+        let (stream, address) = next_client(&instrument.to_string(), &listener).await;
         let served = async {
             let end = rig.clone().converse(instrument, address, stream).await;
             if end == End::Abnormal {
@@ -63,7 +64,7 @@ async fn accept_one(rig: SimulatedRig, instrument: Instrument, listener: TcpList
         }
         let refuse = async {
             loop {
-                let (second, address) = next_client(instrument, &listener).await;
+                let (second, address) = next_client(&instrument.to_string(), &listener).await;
                 tracing::warn!("{address} is refused: the {instrument} has a client");
                 // Closed with a reset: its messages are not received.
                 second.set_zero_linger().ok();

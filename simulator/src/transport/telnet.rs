@@ -12,6 +12,7 @@ use rig::Stream;
 use scpi::{Framer, ParseError};
 
 use crate::transport::client::{ClientSession, LONGEST_MESSAGE};
+use crate::transport::socket::next_client;
 use crate::{Instrument, SimulatedRig};
 
 /// The wording is assumed; the sources only mention a prompt.
@@ -31,16 +32,8 @@ const END: u8 = 240;
 pub(crate) async fn serve(rig: SimulatedRig, listener: TcpListener) {
     let mut clients = JoinSet::new();
     loop {
-        match listener.accept().await {
-            Ok((stream, address)) => {
-                stream.set_nodelay(true).ok();
-                clients.spawn(converse(rig.clone(), stream, address.to_string()));
-            }
-            Err(fault) => {
-                tracing::warn!("a telnet client could not be accepted: {fault}");
-                tokio::task::yield_now().await;
-            }
-        }
+        let (stream, address) = next_client("telnet port", &listener).await;
+        clients.spawn(converse(rig.clone(), stream, address));
         while clients.try_join_next().is_some() {}
     }
 }

@@ -217,7 +217,7 @@ fn unplayable_transcripts_are_refused() {
         (
             sent.replace("sent", "received"),
             1,
-            "talk.jsonl:1: 'OUTP ON' is received, and nothing was asked",
+            "talk.jsonl:1: the reply 'OUTP ON' has no message before it",
         ),
         (
             sent.replace("OUTP ON", "OUTP?"),

@@ -59,13 +59,14 @@ impl MapUnit {
     }
 }
 
-/// What speaks for the kind of a map that its method chose (the map's `method` names it), against the next best kind that was tried.
+/// Why a method that tries several kinds of map chose this one ([`Map::method`] names it), compared with the next best kind.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
-    /// Mean square that the map leaves of the frame, over that which noise and errors of the model may leave: at most 1 for shapes and
-    /// smooth loads. `None` for a map that is fitted until it leaves about that much.
+    /// Mean squared residual of the map, over the largest that noise and model error explain: at most 1 for shapes and smooth loads.
+    /// `None` for total variation, which is fitted until its residual is about that large.
     pub left: Option<f64>,
-    /// The next best kind; `None` where nothing else was tried: the simplest one left clearly less than it may, or is too small for others.
+    /// The next best kind. `None` if no other was tried: a plain disc left a clearly smaller residual than allowed, or is too small to be
+    /// told from other shapes.
     pub next: Option<NextKind>,
 }
 
@@ -76,8 +77,8 @@ pub struct NextKind {
     pub method: String,
     /// As [`Evidence::left`].
     pub left: f64,
-    /// Logarithm of the odds of the chosen kind against it, negative if it is likelier but leaves too much; `None` beside total
-    /// variation, whose parameters have no count.
+    /// Logarithm of the odds of the chosen kind against this one; negative if this one is more probable but its residual is too large.
+    /// `None` if the chosen map is total variation or a smooth load, whose parameters have no count.
     pub ln_odds: Option<f64>,
 }
 
@@ -103,6 +104,23 @@ pub struct Map {
 }
 
 impl Map {
+    /// Relative changes of conductance of a mesh's region, with nothing masked or judged.
+    pub fn relative(
+        mesh_hash: impl Into<String>,
+        values: Vec<f64>,
+        method: impl Into<String>,
+    ) -> Self {
+        Self {
+            mesh_hash: mesh_hash.into(),
+            values,
+            unit: MapUnit::RelativeConductance,
+            method: method.into(),
+            masked: 0,
+            evidence: None,
+            quality: None,
+        }
+    }
+
     /// SHA-256 of the values' bits and the mesh hash, hex: the same build recomputes the same hash.
     pub fn hash(&self) -> String {
         let mut hasher = Sha256::new();
@@ -169,15 +187,7 @@ mod tests {
     use super::*;
 
     fn map(values: Vec<f64>) -> Map {
-        Map {
-            mesh_hash: "m".into(),
-            values,
-            unit: MapUnit::RelativeConductance,
-            method: "test".into(),
-            masked: 0,
-            evidence: None,
-            quality: None,
-        }
+        Map::relative("m", values, "test")
     }
 
     #[test]

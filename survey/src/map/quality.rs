@@ -222,7 +222,7 @@ impl fmt::Display for Doubt {
             ),
             Self::NoiseLimit { correlation } => write!(
                 f,
-                "the noise leaves the load uncertain: loads that are as likely agree with the map to a correlation of {correlation:.2}"
+                "the noise leaves the load uncertain: equally probable loads correlate with this map by {correlation:.2} on average"
             ),
             Self::LossAboveOne { loss } => {
                 write!(f, "a loss of {:.0} % is impossible", 100.0 * loss)
@@ -249,7 +249,7 @@ impl fmt::Display for Doubt {
             }
             Self::Novelty { ratio } => write!(
                 f,
-                "the frame is {ratio:.1} times as far from the training inputs as 99.9 % of these are"
+                "the frame's distance from the training inputs is {ratio:.1} times that within which 99.9 % of them lie"
             ),
         }
     }

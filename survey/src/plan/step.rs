@@ -184,7 +184,7 @@ impl fmt::Display for Step {
             Self::Settle { wait } => write!(f, "settle {wait:?}"),
             Self::Scan { channels } => write!(
                 f,
-                "scan {} pairs, {} of them asked{}",
+                "scan {} pairs, {} of them in the protocol{}",
                 channels.len(),
                 channels
                     .iter()

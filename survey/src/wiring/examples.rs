@@ -1,6 +1,6 @@
 //! Wirings for the tests of this crate.
 
-use super::{OwnWiring, Relay, Sensing, Transition, Wiring};
+use super::{Relay, RelayTable, Sensing, Transition, Wiring};
 use crate::Dipole;
 
 fn wiring(
@@ -15,7 +15,7 @@ fn wiring(
         each.map(|relays| relays.into_iter().map(Relay).collect())
             .collect()
     };
-    Wiring::own(OwnWiring {
+    Wiring::from_table(RelayTable {
         name: "an example".to_owned(),
         sensing,
         transition,

@@ -14,7 +14,7 @@ mod relay_table;
 mod transition;
 
 pub use error::WiringError;
-pub use relay_table::OwnWiring;
+pub use relay_table::RelayTable;
 pub use transition::Transition;
 
 /// The number of a switch as its instrument counts, such as slot x 1000 + channel in a mainframe (`1042`).
@@ -181,6 +181,22 @@ impl Wiring {
     /// Every relay that leads to the voltmeter, in the order of the pairs, each once.
     pub fn measuring_relays(&self) -> Vec<Relay> {
         distinct(self.measure.iter().flat_map(|(_, relays)| relays))
+    }
+
+    /// Every relay, those that carry the source's current first.
+    pub fn relays(&self) -> Vec<Relay> {
+        let mut relays = self.injecting_relays();
+        relays.extend(self.measuring_relays());
+        relays.extend(&self.bus);
+        relays
+    }
+
+    /// The channels of the voltmeter's own scan, in the order of the pairs; none if it does not scan.
+    pub fn scanned_channels(&self) -> Vec<Relay> {
+        match self.sensing {
+            Sensing::Scan => self.measuring_relays(),
+            Sensing::Single | Sensing::Chain => Vec::new(),
+        }
     }
 }
 

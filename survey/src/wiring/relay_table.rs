@@ -5,7 +5,7 @@ use crate::{Dipole, Transition};
 
 /// A wiring as a table: the relays of pair 1, pair 2, and so on.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct OwnWiring {
+pub struct RelayTable {
     /// Display name.
     pub name: String,
     /// How the voltmeter is joined to the pairs.
@@ -25,13 +25,13 @@ impl Wiring {
     ///
     /// # Errors
     /// The numbers of injecting and measuring pairs differ, or [`Wiring::check`] refuses the wiring.
-    pub fn own(own: OwnWiring) -> Result<Self, WiringError> {
-        let electrodes = own.inject.len();
-        if own.measure.len() != electrodes {
+    pub fn from_table(table: RelayTable) -> Result<Self, WiringError> {
+        let electrodes = table.inject.len();
+        if table.measure.len() != electrodes {
             return Err(WiringError::Uneven {
-                wiring: own.name,
+                wiring: table.name,
                 inject: electrodes,
-                measure: own.measure.len(),
+                measure: table.measure.len(),
             });
         }
         let pairs = |relays: Vec<Vec<Relay>>| {
@@ -41,13 +41,13 @@ impl Wiring {
                 .collect()
         };
         let wiring = Self {
-            name: own.name,
+            name: table.name,
             electrodes,
-            sensing: own.sensing,
-            transition: own.transition,
-            inject: pairs(own.inject),
-            measure: pairs(own.measure),
-            bus: own.bus,
+            sensing: table.sensing,
+            transition: table.transition,
+            inject: pairs(table.inject),
+            measure: pairs(table.measure),
+            bus: table.bus,
         };
         wiring.check()?;
         Ok(wiring)
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_wiring_written_down_is_checked_as_the_others_are() {
-        let own = |inject: Vec<Vec<Relay>>| OwnWiring {
+        let own = |inject: Vec<Vec<Relay>>| RelayTable {
             name: "mine".to_owned(),
             sensing: Sensing::Single,
             transition: Transition::Break,
@@ -110,15 +110,15 @@ mod tests {
             bus: vec![Relay(1921)],
         };
         let relays = |first: u32| (0..4).map(|k| vec![Relay(first + k)]).collect();
-        let wiring = Wiring::own(own(relays(1201))).unwrap();
+        let wiring = Wiring::from_table(own(relays(1201))).unwrap();
         assert_eq!(wiring.electrodes, 4);
         assert_eq!(
             wiring.injecting(Dipole::adjacent(3, 4)),
             Some(&[Relay(1204)][..])
         );
-        let shared = Wiring::own(own(relays(1101))).unwrap_err();
+        let shared = Wiring::from_table(own(relays(1101))).unwrap_err();
         assert!(shared.to_string().contains("relay 1101"), "{shared}");
-        let uneven = Wiring::own(own(vec![vec![Relay(1201)]])).unwrap_err();
+        let uneven = Wiring::from_table(own(vec![vec![Relay(1201)]])).unwrap_err();
         assert!(uneven.to_string().contains("1 injecting"), "{uneven}");
     }
 }

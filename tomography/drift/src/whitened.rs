@@ -112,7 +112,8 @@ impl Whitened {
     /// S^-1 d, zero in rows that do not count.
     pub(crate) fn weights(&self) -> DVector<f64> {
         let mut out = DVector::zeros(self.of);
-        for (&row, value) in self.rows.iter().zip(&self.factor.solve(&self.raw)) {
+        let weights = self.factor.unwhiten_transposed(&self.data);
+        for (&row, value) in self.rows.iter().zip(&weights) {
             out[row] = *value;
         }
         out

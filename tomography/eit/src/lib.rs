@@ -38,12 +38,13 @@ pub use crate::inverse::error::OneStepError;
 pub use crate::inverse::learned::network::{DeepNetwork, DeepReport, DeepSettings, Precision};
 pub use crate::inverse::learned::rbf::{NOVELTY_LIMIT, RbfNetwork, RbfReconstructor};
 pub use crate::inverse::model_check::{Leftover, MisfitClass, ModelCheck, OwnMisfit};
-pub use crate::inverse::nonlinear::{NOTHING, NonlinearTv, NonlinearTvOptions};
+pub use crate::inverse::nonlinear::{NOISE_ONLY, NonlinearTv, NonlinearTvOptions};
 pub use crate::inverse::one_step::{CLIPPED, EXPECTED_CHANGE, MODEL_SHARE, OneStep};
 pub use crate::inverse::options::{DEFAULT_NOISE_V, Hyper, HyperRule, OneStepOptions, Scale};
 pub use crate::inverse::prior::{OUTSIDE_WEIGHT, Prior, SMOOTH_LENGTH_M};
 pub use crate::inverse::reconstructor::{
-    MOST_MISSING, MOST_MISSING_TRAINED, Novelty, ReconstructError, Reconstructor, UNEXPLAINED,
+    LARGEST_SCALE_RATIO, MOST_MISSING, MOST_MISSING_TRAINED, Novelty, ReconstructError,
+    Reconstructor,
 };
 pub use crate::inverse::tv::{Strength, TV_STRENGTH, Tv, TvError, TvOptions, TvSolution};
 pub use crate::inverse::wrappers::loss_only::LossOnly;
@@ -61,9 +62,9 @@ pub use forward::{Admitted, FLOOR, Fields, Forward, ForwardError, Workspace};
 pub use jacobian::Parameters;
 pub use mesh::{Depth, ENOUGH_EDGES, Mesh, MeshError, MeshQuality, bounding_box};
 pub use model::{
-    CentresReading, ChangeReading, DistancesReading, Jitter, LossReading, Model, ModelError,
-    Network, OpenReadings, PointsReading, Report, SizeReading, SpreadReading, TrainingReport,
-    TrainingSettings, load_reconstructor,
+    CentresChoice, ChangeChoice, DistancesChoice, Jitter, LossChoice, Model, ModelError, Network,
+    OpenChoices, PointsChoice, Report, SizeChoice, SpreadChoice, TrainingReport, TrainingSettings,
+    load_reconstructor,
 };
 /// Whether writing a model or case may replace an existing file.
 pub use outfile::Existing;

@@ -27,7 +27,8 @@ pub struct MethodArguments {
     /// Exponent of the NOSER prior, as in noser:P; a number from 0 to 1 [default: 0.5 with --prior noser, else 0.25]
     #[arg(long, value_name = "P", conflicts_with = "model", value_parser = exponent, allow_hyphen_values = true)]
     pub exponent: Option<f64>,
-    /// White noise of one reading (standard deviation), V: the least errors of a frame, and the noise by which maps are judged [default: what the session used, else of the baseline]
+    /// Standard deviation of the white noise of one reading, V: lower limit of a frame's errors, and the noise that the quality check of
+    /// maps expects [default: what the session used, else measured from the baseline]
     #[arg(long, value_name = "SD", conflicts_with = "model", value_parser = above_zero, allow_hyphen_values = true)]
     pub noise_v: Option<f64>,
     /// Hyper-parameter: lambda of the one-step method, alpha of total variation (readings as they are, V); a number above 0 [default: by --choose]
@@ -37,7 +38,8 @@ pub struct MethodArguments {
     /// noise (one for all frames, by --noise-v), noise-figure:X [default: what the session used, else evidence; with --map-error noise]
     #[arg(long, value_name = "RULE", conflicts_with_all = ["model", "lambda"])]
     pub choose: Option<ChooseArgument>,
-    /// One-step: make frames quicker where a map is proved to be within this share of its largest value, e.g. 1e-3 [default: what the session used, else exact]
+    /// One-step: use a faster low-rank product for maps whose proved error is at most this share of their largest value, e.g. 1e-3
+    /// [default: what the session used, else exact]
     #[arg(long, value_name = "X", conflicts_with_all = ["model", "loss_only"], value_parser = share, allow_hyphen_values = true)]
     pub map_error: Option<f64>,
     /// Total variation: stop within this share of the minimum [default: what the session used, else 1e-3]
@@ -49,7 +51,7 @@ pub struct MethodArguments {
     /// One-step, tv and best: which conductances are unknown [default: what the session used, else sheet]
     #[arg(long, value_enum, value_name = "WHICH", conflicts_with = "model")]
     pub unknowns: Option<Unknowns>,
-    /// What is done about the drift of the sheet since the baseline; with a baseline that is not followed (--tracked) [default: what the session used, else off]
+    /// Treatment of drift since the baseline, if the baseline is not tracked (see --tracked) [default: what the session used, else off]
     #[arg(long, value_enum, value_name = "RULE")]
     pub drift: Option<DriftRule>,
 }
@@ -58,7 +60,8 @@ pub struct MethodArguments {
 #[derive(Debug, Clone, Default, PartialEq, Args)]
 #[command(next_help_heading = "Reconstruction")]
 pub struct TrackedArguments {
-    /// Follow the baseline through all frames, so that maps stay true while the sheet drifts, and say what is known of each frame; --tracked=off: compare with the baseline as it was recorded [default: as the session did; of a recording without a configuration off]
+    /// Track the drift of the baseline through all frames, and report for each frame whether its map can be relied on; --tracked=off:
+    /// use the baseline as recorded [default: as in the session; off for a recording without a configuration]
     #[arg(long, value_name = "on|off", num_args = 0..=1, require_equals = true, default_missing_value = "on", value_parser = on_or_off)]
     pub tracked: Option<bool>,
     /// With --tracked, for frames without times: time from one frame to the next, s

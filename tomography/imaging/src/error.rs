@@ -22,8 +22,8 @@ pub enum BuildError {
     },
     /// The model was made for another protocol.
     #[error(
-        "model {model} asks {asks} readings of {model_electrodes} electrodes (survey {model_hash}), this rig asks {rig} \
-         of {rig_electrodes} (survey {rig_hash}); use a model trained for this rig{}",
+        "model {model} needs {asks} readings of {model_electrodes} electrodes (protocol {model_hash}), the frames have {rig} \
+         of {rig_electrodes} (protocol {rig_hash}); use a model trained for this protocol{}",
         if *.half { HALF } else { "" }
     )]
     Survey {

@@ -53,8 +53,8 @@ impl Model {
         }
     }
 
-    /// The map of a frame, with its quality; without one if maps are not judged: what the method alone says of it would read as if
-    /// the readings had been judged too.
+    /// The map of a frame, with its quality. If this model does not judge its maps, the quality is `None`, even if the method itself
+    /// reported doubts: these alone would look like a complete judgement.
     ///
     /// # Errors
     /// As [`Reconstructor::reconstruct`].
@@ -81,9 +81,9 @@ impl Model {
         })
     }
 
-    /// How exactly a frame tells each triangle of the map: standard deviation of ln conductance by the linear model, with noise
-    /// and drift of the frame, whatever the method. `None` for a model that was loaded without a geometry. The first frame of a
-    /// baseline takes a second: the sheet is fitted to it.
+    /// Standard deviation of ln conductance of each triangle of the map, from the linear model with noise and drift of the frame; it does
+    /// not depend on the method. `None` for a model that was loaded without a geometry. The first call with a baseline takes a second,
+    /// because the sheet is fitted to it.
     ///
     /// # Errors
     /// A baseline or frame with missing readings, or of another length.

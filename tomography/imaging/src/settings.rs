@@ -122,8 +122,8 @@ pub struct ReconstructionSettings {
     /// Correlation length of the Gaussian prior, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub length_mm: Option<f64>,
-    /// Standard deviation of the noise of one reading, uV, in place of the baseline's: the least errors of a frame, and the
-    /// noise that the check of maps expects.
+    /// Standard deviation of the noise of one reading, uV, in place of the baseline's: lower limit of a frame's errors, and
+    /// the noise that the quality check of maps expects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_uv: Option<f64>,
     /// Hyper-parameter: lambda of the one-step method, alpha of total variation.
@@ -135,7 +135,7 @@ pub struct ReconstructionSettings {
     /// How the hyper-parameter is chosen; default by evidence, with `map_error` by the noise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choose: Option<HyperChoice>,
-    /// Share of a map's largest value by which a quicker frame may differ.
+    /// Faster one-step maps: largest error allowed, as a share of a map's largest value; default exact.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_error: Option<f64>,
     /// Bounds the relative change to [-1, 0]; default false.
@@ -150,8 +150,8 @@ pub struct ReconstructionSettings {
     /// A running rig makes a map of every so many frames; default 1, all of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map_every: Option<u64>,
-    /// Follows the baseline through the frames, so that maps stay true while the sheet drifts; default: for the
-    /// preset sheet on a rig.
+    /// Follows the baseline through the frames, so that maps stay valid while the sheet drifts; default: on for
+    /// the preset sheet on a rig, otherwise off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<bool>,
     /// What is done about drift where the baseline is not followed; default off.

@@ -124,7 +124,7 @@ fn a_load_takes_away_what_it_says() {
 }
 
 #[test]
-fn all_lost_and_beside_the_sheet() {
+fn total_loss_is_solved_and_load_off_the_sheet_is_refused() {
     let mut phantom = coarse("");
     phantom
         .press(Load::disc([107.0, 115.0], 60.0, 1.0))

@@ -5,8 +5,8 @@
 //! models and test sets that a study needs are made by commands, through [`Program`].
 //!
 //! - **paper**: every experiment, figure and claim of the paper; **tradeoff**: error against time, as eight diagrams;
-//!   **stability**: the hard cases, each with a naive implementation that fails; **honesty**: whether maps say what they
-//!   cannot know; **months**: maps while the sheet drifts
+//!   **stability**: the hard cases, each with a naive implementation that fails; **honesty**: quality verdicts of maps on
+//!   healthy and faulty frames; **months**: maps while the sheet drifts
 //! - **evaluation**: test sets, methods given as command-line options, and figures of merit of their maps
 
 mod artifact_cache;

@@ -7,12 +7,11 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use axum::Router;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use imaging::quantities::{SHEET, is_name};
 
 use super::{History, Recordings};
-use crate::answer::json;
+use crate::answer::{Answer, json, refused, worked};
 
 /// Most rows of a curve: one for about two pixels of a screen.
 const SPANS: u32 = 720;
@@ -47,7 +46,7 @@ pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
 
 /// The time that is asked for, and its rows.
 #[derive(serde::Serialize)]
-struct Answer {
+struct Rows {
     from_ms: i64,
     to_ms: i64,
     #[serde(flatten)]
@@ -57,19 +56,16 @@ struct Answer {
 async fn history(
     State(shared): State<Shared>,
     Path((hours, region)): Path<(String, String)>,
-) -> Response {
+) -> Answer {
     let hours = hours.parse().ok().filter(|h| (1..=LONGEST_H).contains(h));
     let (Some(hours), true) = (hours, region == SHEET || is_name(&region)) else {
-        let text = format!("a history is history/HOURS/REGION, with 1 to {LONGEST_H} hours\n");
-        return (StatusCode::BAD_REQUEST, text).into_response();
+        let text = format!("a history is history/HOURS/REGION, with 1 to {LONGEST_H} hours");
+        return Err(refused(StatusCode::BAD_REQUEST, text));
     };
     // one at a time: the second one finds the answer of the first
-    let worked = tokio::task::spawn_blocking(move || shared.answer(hours, &region)).await;
-    match worked {
-        Ok(Ok(text)) => json(text),
-        Ok(Err(why)) => (StatusCode::CONFLICT, format!("{why}\n")).into_response(),
-        Err(_) => (StatusCode::SERVICE_UNAVAILABLE, "the server stops\n").into_response(),
-    }
+    let found = worked(None, move || shared.answer(hours, &region)).await?;
+    let text = found.map_err(|why| refused(StatusCode::CONFLICT, why))?;
+    Ok(json(text))
 }
 
 impl Shared {
@@ -85,7 +81,7 @@ impl Shared {
         let from_ms = to_ms - 3_600_000 * i64::from(hours);
         let ends = (from_ms.div_euclid(1000), to_ms.div_euclid(1000));
         let history = self.recordings.history(ends.0, ends.1, region, SPANS)?;
-        let answer = Answer {
+        let answer = Rows {
             from_ms,
             to_ms,
             history,

@@ -6,14 +6,13 @@ use std::time::Duration;
 use axum::Router;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use axum::response::Response;
 use axum::routing::get;
 use render::Sheet;
 use tokio::sync::Semaphore;
 use tokio::time::Instant;
 
 use super::{MapKind, Place, Playback, Recordings};
-use crate::answer::{geometry_json, json, packed};
+use crate::answer::{Answer, geometry_json, json, packed, refused, worked};
 
 /// Sessions that stay open.
 const OPEN: usize = 2;
@@ -70,29 +69,13 @@ pub(crate) fn router(recordings: Arc<dyn Recordings>) -> Router {
         })
 }
 
-/// Refusals are sentences.
-type Answer = Result<Response, (StatusCode, String)>;
-
-fn refused(code: StatusCode, why: String) -> (StatusCode, String) {
-    (code, format!("{why}\n"))
-}
-
 impl Shared {
     /// Works beside the server's own thread.
     async fn work<T: Send + 'static>(
         self,
         work: impl FnOnce(&Self) -> Result<T, (StatusCode, String)> + Send + 'static,
     ) -> Result<T, (StatusCode, String)> {
-        let stops = || {
-            refused(
-                StatusCode::SERVICE_UNAVAILABLE,
-                "the server stops".to_owned(),
-            )
-        };
-        let permit = Arc::clone(&self.workers).acquire_owned().await;
-        let _permit = permit.map_err(|_| stops())?;
-        let worker = tokio::task::spawn_blocking(move || work(&self));
-        worker.await.map_err(|_| stops())?
+        worked(Some(Arc::clone(&self.workers)), move || work(&self)).await?
     }
 
     /// The session with this id if it is open.

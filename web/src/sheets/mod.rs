@@ -8,12 +8,11 @@ use std::sync::Arc;
 use axum::Router;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use axum::response::Response;
 use axum::routing::get;
 use serde_json::Value;
 use tokio::sync::Semaphore;
 
-use crate::answer::json;
+use crate::answer::{Answer, json, refused, worked};
 
 /// Requests that ask the catalogue at the same time.
 const WORKERS: usize = 2;
@@ -50,9 +49,6 @@ pub(crate) fn router(sheets: Option<Arc<dyn Sheets>>) -> Router {
         })
 }
 
-/// Refusals are sentences.
-type Answer = Result<Response, (StatusCode, String)>;
-
 async fn machines(State(shared): State<Shared>) -> Answer {
     shared.ask(|sheets| sheets.machines()).await
 }
@@ -74,17 +70,8 @@ impl Shared {
             let text = "this page has no archive; `tactus web --archive` shows all sheets\n";
             return Err((StatusCode::NOT_FOUND, text.to_owned()));
         };
-        let stops = || {
-            (
-                StatusCode::SERVICE_UNAVAILABLE,
-                "the server stops\n".to_owned(),
-            )
-        };
-        let permit = self.workers.acquire_owned().await;
-        let _permit = permit.map_err(|_| stops())?;
-        let worker = tokio::task::spawn_blocking(move || question(&*sheets));
-        let found = worker.await.map_err(|_| stops())?;
-        let found = found.map_err(|why| (StatusCode::CONFLICT, format!("{why}\n")))?;
+        let found = worked(Some(self.workers), move || question(&*sheets)).await?;
+        let found = found.map_err(|why| refused(StatusCode::CONFLICT, why))?;
         Ok(json(found.to_string().into()))
     }
 }

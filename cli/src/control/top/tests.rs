@@ -262,7 +262,7 @@ fn screens_are_the_kept_ones() {
     golden("top-alarms-80x24.txt", &text(&drawn(&shown, 80, 24)));
 }
 
-/// One that calls, one that is over, one that cannot be judged, one that is shelved and one that is well.
+/// One that notifies, one that is over, one that cannot be judged, one that is shelved and one that is well.
 fn alarms() -> Vec<AlarmState> {
     let alarm = |name: &str, level: &str, active: bool| AlarmState {
         name: name.into(),

@@ -122,7 +122,7 @@ fn header(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard, now: DateTime<Fi
         words.push("  ".into());
         words.push(Span::styled(" SIMULATED ", warning(shown.colour)));
     }
-    if let Some(alarm) = shown.seen.alarms.iter().find(|alarm| alarm.calls()) {
+    if let Some(alarm) = shown.seen.alarms.iter().find(|alarm| alarm.notifies()) {
         words.push("  ".into());
         let text = format!(" ALARM {} ", printable(&alarm.name));
         words.push(Span::styled(text, warning(shown.colour)));

@@ -258,7 +258,7 @@ async fn a_map_whose_frame_was_lost_is_shown_alone() {
 }
 
 #[tokio::test]
-async fn enough_is_enough() {
+async fn watch_ends_after_count_frames() {
     let records = [frame(1, 0), frame(2, 0), frame(3, 0), end()];
     let (text, ended) = shown(&["--count", "2"], None, &records).await;
     assert_eq!(text.lines().count(), 2);

@@ -145,7 +145,7 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
     let recording = Recording::from_session(path, None, false)?;
     let total = recording.len()?;
     shared.known().total = total;
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = logbook::folder_of(path);
     let stored = stored(folder, &recording.name)?;
     let is_stored = stored.is_some();
     if let Some((rows, damaged)) = stored {

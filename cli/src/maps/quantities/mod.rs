@@ -89,7 +89,7 @@ fn stored_rows(
     let path = session_files::session_file(global, &source.source)?;
     let parts = SessionParts::open(&path)?;
     let session = parts.header().session();
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = logbook::folder_of(&path);
     let rows = stored(folder, session)?;
     Ok(rows.map(|(rows, damaged)| (joined(&rows, span_s), damaged)))
 }

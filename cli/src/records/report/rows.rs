@@ -34,7 +34,7 @@ impl SessionRows {
         on_terminal: bool,
     ) -> Result<Self, Failure> {
         if let (Origin::Session(header), false) = (&recording.origin, requested.asked.differ()) {
-            let folder = path.parent().unwrap_or(Path::new("."));
+            let folder = logbook::folder_of(path);
             if let Some((rows, damaged)) = stored(folder, header.session())?
                 && let (Some(first), Some(last)) = (rows.first(), rows.last())
             {

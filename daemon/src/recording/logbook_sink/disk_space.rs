@@ -208,13 +208,11 @@ impl LogbookSink {
         self.status.set_path(self.writer.path());
         let todo = match error {
             LogbookError::Gone { .. } => "do not touch the files of a session that runs",
-            LogbookError::Locked { .. } => {
-                "do not open the files of a session that runs for writing"
-            }
+            LogbookError::Locked { .. } => "do not open the files of a running session for writing",
             _ => "mend the disk",
         };
         let text = format!(
-            "{} is written no more: {why}{kept}; the session goes on in {}; {todo}",
+            "writing to {} has stopped: {why}{kept}; the session continues in {}; {todo}",
             left.display(),
             self.writer.path().display()
         );
@@ -338,7 +336,7 @@ impl LogbookSink {
     }
 
     fn folder(&self) -> &Path {
-        self.writer.path().parent().unwrap_or(Path::new("."))
+        logbook::folder_of(self.writer.path())
     }
 
     /// Deletes the oldest sessions; reports each. Returns whether something was deleted.

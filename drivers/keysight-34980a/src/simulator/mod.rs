@@ -36,8 +36,8 @@ use crate::simulator::measurement::meter::{Meter, Settings};
 use calendar::Calendar;
 use relays::Relays;
 use sequences::Sequences;
+pub use sessions::Session;
 use sessions::Sessions;
-pub use sessions::{Output, Session};
 
 /// The circuit that the mainframe's relays and voltmeter are connected to. The simulated rig implements it.
 pub trait Wires {
@@ -280,7 +280,7 @@ impl Simulator34980a {
         let mut execution = Execution {
             session,
             now: self.sessions.start_execution(session, at) + self.settings.message_time,
-            replied: self.sessions.has_reply(session),
+            replied: false,
             last: false,
             depth: 0,
             wires,

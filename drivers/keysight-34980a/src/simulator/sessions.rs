@@ -1,4 +1,4 @@
-//! Several clients at once: a reply queue for each, and the exclusive lock (sections 1 and 10).
+//! Several clients at once, and the exclusive lock (sections 1 and 10).
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -12,22 +12,9 @@ use crate::command::{Command, Functions, Measure, System};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
 pub struct Session(pub u32);
 
-/// Result of a session's read.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Output {
-    /// A reply, without line end.
-    Reply(String),
-    /// A reply that is ready only after this time.
-    Later(Duration),
-    /// There was no query; -420 is now in the error queue.
-    Nothing,
-}
-
 #[derive(Debug, Default)]
 pub(crate) struct Sessions {
     names: BTreeMap<Session, String>,
-    /// Unread replies, and when they are ready.
-    replies: BTreeMap<Session, (String, Duration)>,
     /// The time until which the last message keeps each session busy.
     busy: BTreeMap<Session, Duration>,
     /// The session that holds the lock, and the number of requests to release.
@@ -35,10 +22,6 @@ pub(crate) struct Sessions {
 }
 
 impl Sessions {
-    pub(crate) fn has_reply(&self, session: Session) -> bool {
-        self.replies.contains_key(&session)
-    }
-
     /// The start of execution of a message: messages of one session follow one another.
     pub(crate) fn start_execution(&self, session: Session, at: Duration) -> Duration {
         self.busy.get(&session).map_or(at, |busy| at.max(*busy))
@@ -122,10 +105,9 @@ impl Simulator34980a {
         self.sessions.names.insert(session, name.into());
     }
 
-    /// Ends a session: its reply is dropped, and its lock is released.
+    /// Ends a session; its lock is released.
     pub fn end_session(&mut self, session: Session) {
         self.sessions.names.remove(&session);
-        self.sessions.replies.remove(&session);
         self.sessions.busy.remove(&session);
         self.forget_deferred(session);
         if self
@@ -137,45 +119,9 @@ impl Simulator34980a {
         }
     }
 
-    /// Receives a message of a session that fetches its replies (VXI-11, GPIB); returns the time for which it is busy.
-    /// An unread reply is lost: -410.
-    pub fn write_from(
-        &mut self,
-        session: Session,
-        line: &str,
-        at: Duration,
-        wires: &mut dyn Wires,
-    ) -> Duration {
-        if self.sessions.replies.remove(&session).is_some() {
-            self.fail(ParseError::QueryInterrupted.into());
-        }
-        let response = self.receive_from(session, line, at, wires);
-        if let Some(text) = response.text {
-            let ready = at + response.busy;
-            self.sessions.replies.insert(session, (text, ready));
-        }
-        response.busy
-    }
-
-    /// Fetches a session's reply. Without a query: -420.
-    pub fn read_by(&mut self, session: Session, at: Duration) -> Output {
-        match self.sessions.replies.remove(&session) {
-            Some((text, ready)) if ready <= at => Output::Reply(text),
-            Some((text, ready)) => {
-                self.sessions.replies.insert(session, (text, ready));
-                Output::Later(ready - at)
-            }
-            None => {
-                self.fail(ParseError::QueryUnterminated.into());
-                Output::Nothing
-            }
-        }
-    }
-
-    /// A device clear of a session: cancels its reply and the operations that its last message waits for, and stops a
-    /// running measurement. Settings, status and error queue stay.
+    /// A device clear of a session: cancels the operations that its last message waits for, and stops a running
+    /// measurement. Settings, status and error queue stay.
     pub fn clear_session(&mut self, session: Session, at: Duration, wires: &mut dyn Wires) {
-        self.sessions.replies.remove(&session);
         self.sessions.busy.remove(&session);
         self.forget_deferred(session);
         self.pass(at, wires);
@@ -189,9 +135,8 @@ impl Simulator34980a {
     }
 
     /// Reports a fault of a session's connection: a message arrived before the reply was read (-410), a read without a
-    /// query (-420), or both buffers were full (-430). The session's reply is lost.
-    pub fn fault_of_session(&mut self, session: Session, fault: ParseError) {
-        self.sessions.replies.remove(&session);
+    /// query (-420), or both buffers were full (-430).
+    pub fn fault_of_session(&mut self, fault: ParseError) {
         self.fail(fault.into());
     }
 }

@@ -148,11 +148,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
         self.write(message, deadline, until).await?;
         let answer = self.line(message, deadline, until).await?;
         // A stale line received first would shift the true reply: with two lines neither can be trusted.
-        self.read_available(message).await?;
-        if !self.received.is_empty() {
-            return Err(self.unsolicited());
-        }
-        self.state = State::Synchronised;
+        self.confirm_synchronised(message).await?;
         Ok(answer)
     }
 

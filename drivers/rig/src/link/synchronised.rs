@@ -98,7 +98,7 @@ impl<S: AsyncRead + AsyncWrite + Unpin + Send> Link<S> {
     }
 
     /// In step again if nothing was received after the last recognised line.
-    async fn confirm_synchronised(&mut self, message: &str) -> Result<(), LinkError> {
+    pub(super) async fn confirm_synchronised(&mut self, message: &str) -> Result<(), LinkError> {
         self.read_available(message).await?;
         if !self.received.is_empty() {
             return Err(self.unsolicited());

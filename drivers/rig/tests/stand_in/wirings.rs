@@ -1,6 +1,6 @@
 //! Wirings for the tests.
 
-use survey::{Dipole, OwnWiring, Relay, Sensing, Transition, Wiring};
+use survey::{Dipole, Relay, RelayTable, Sensing, Transition, Wiring};
 
 fn wiring(
     electrodes: usize,
@@ -14,7 +14,7 @@ fn wiring(
         each.map(|relays| relays.into_iter().map(Relay).collect())
             .collect()
     };
-    Wiring::own(OwnWiring {
+    Wiring::from_table(RelayTable {
         name: "an example".to_owned(),
         sensing,
         transition,

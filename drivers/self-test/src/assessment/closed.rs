@@ -15,9 +15,9 @@ impl Assessment<'_> {
                     "relay {relay} stays closed: it {}",
                     self.wiring.purpose(relay)
                 ),
-                None => format!(
-                    "a relay that {kind} stays closed; which is not to be told from the readings"
-                ),
+                None => {
+                    format!("a relay that {kind} stays closed; the readings do not show which one")
+                }
             };
             if !findings.contains(&text) {
                 findings.push(text);

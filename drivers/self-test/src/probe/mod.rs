@@ -196,29 +196,29 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
 
     async fn prepare(&mut self, meter: MeterSettings) -> Result<(), RigError> {
         let wiring = &self.request.plan.wiring;
-        let scan = match wiring.sensing {
-            Sensing::Scan => wiring.measuring_relays(),
-            Sensing::Single | Sensing::Chain => Vec::new(),
-        };
+        let scan = wiring.scanned_channels();
         self.rig.voltmeter.prepare(meter, &scan).await
     }
 
     async fn close(&mut self, relays: &[Relay]) -> Result<(), RigError> {
-        if relays.is_empty() {
-            return Ok(());
-        }
-        let close = Move::Close(relays.to_vec());
-        self.rig.switch.move_relays(&[close]).await?;
-        self.rig.switch.settle().await
+        self.moved(relays, Move::Close).await
     }
 
     async fn open(&mut self, relays: &[Relay]) -> Result<(), RigError> {
+        self.moved(relays, Move::Open).await
+    }
+
+    async fn moved(
+        &mut self,
+        relays: &[Relay],
+        direction: fn(Vec<Relay>) -> Move,
+    ) -> Result<(), RigError> {
         if relays.is_empty() {
             return Ok(());
         }
-        let open = Move::Open(relays.to_vec());
-        self.rig.switch.move_relays(&[open]).await?;
-        self.rig.switch.settle().await
+        let switch = &mut self.rig.switch;
+        switch.move_relays(&[direction(relays.to_vec())]).await?;
+        switch.settle().await
     }
 
     /// The output is switched on at 0 A, never at a level.

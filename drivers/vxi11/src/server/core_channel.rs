@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt, DuplexStream};
 use tokio::net::TcpListener;
@@ -67,7 +68,8 @@ impl<D: Device> CoreChannel<D> {
                 }
                 Err(fault) => {
                     tracing::warn!("a VXI-11 client could not be accepted: {fault}");
-                    tokio::task::yield_now().await;
+                    // out of descriptors: retry after a moment
+                    tokio::time::sleep(Duration::from_millis(100)).await;
                 }
             }
             while clients.try_join_next().is_some() {}

@@ -39,7 +39,7 @@ pub enum ReplayError {
     },
     /// A reply without a message.
     #[error(
-        "{place}:{line}: '{text}' is received, and nothing was asked; replies stand behind their messages"
+        "{place}:{line}: the reply '{text}' has no message before it; a reply must follow its message"
     )]
     Unrequested {
         /// The file.

@@ -8,7 +8,7 @@ mod descent;
 mod moving;
 
 use eit::Mesh;
-use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
+use nalgebra::{DMatrix, DVector, Matrix4, SMatrix, SVector, Vector4};
 
 use crate::DriftError;
 use crate::model::DriftModel;
@@ -155,20 +155,9 @@ impl Whitened {
 
     /// Central differences by the four parameters.
     fn derivative(&self, model: &DriftModel, theta: &Vector4<f64>) -> DMatrix<f64> {
-        let steps = [0.2e-3, 0.2e-3, 0.02];
-        let columns: Vec<DVector<f64>> = (0..4)
-            .map(|k| {
-                if k == 3 {
-                    let one = Vector4::new(theta[0], theta[1], theta[2], 1.0);
-                    return self.of_disc(model, &one);
-                }
-                let (mut up, mut down) = (*theta, *theta);
-                up[k] += steps[k];
-                down[k] -= steps[k];
-                (self.of_disc(model, &up) - self.of_disc(model, &down)) / (2.0 * steps[k])
-            })
-            .collect();
-        DMatrix::from_columns(&columns)
+        differences(theta, &[0.2e-3, 0.2e-3, 0.02], |theta| {
+            self.of_disc(model, theta)
+        })
     }
 
     /// The fit with its covariance, which contains an error of the model of 1 % of the signal.
@@ -181,7 +170,7 @@ impl Whitened {
         let signal = model.disc([theta[0], theta[1]], theta[2].exp()) * theta[3];
         let wider = self.with_error(&(&signal * MODEL_SHARE))?;
         let h = wider.derivative(model, &theta);
-        let mut information = Matrix4::from_fn(|i, j| h.column(i).dot(&h.column(j)));
+        let mut information: Matrix4<f64> = gram(&h);
         information[(2, 2)] += LN_DIAMETER_SD.powi(-2);
         let left = wider.data() - wider.column(&signal);
         let chi = left.norm_squared() / self.rows().len() as f64;
@@ -213,6 +202,30 @@ impl Whitened {
             accepted: chi <= REFUSED,
         })
     }
+}
+
+/// Derivatives by the parameters: central differences with these steps; the last parameter is a factor.
+fn differences<const N: usize>(
+    theta: &SVector<f64, N>,
+    steps: &[f64],
+    of: impl Fn(&SVector<f64, N>) -> DVector<f64>,
+) -> DMatrix<f64> {
+    let mut columns: Vec<DVector<f64>> = Vec::with_capacity(N);
+    for (k, step) in steps.iter().enumerate() {
+        let (mut up, mut down) = (*theta, *theta);
+        up[k] += step;
+        down[k] -= step;
+        columns.push((of(&up) - of(&down)) / (2.0 * step));
+    }
+    let mut one = *theta;
+    one[N - 1] = 1.0;
+    columns.push(of(&one));
+    DMatrix::from_columns(&columns)
+}
+
+/// H' H
+fn gram<const N: usize>(h: &DMatrix<f64>) -> SMatrix<f64, N, N> {
+    SMatrix::from_fn(|i, j| h.column(i).dot(&h.column(j)))
 }
 
 /// Factor of a covariance by chi squared per row after the fit.
@@ -258,7 +271,7 @@ impl Problem<4> for Resting<'_> {
 
     fn normal(&self, theta: &Vector4<f64>, left: &DVector<f64>) -> (Matrix4<f64>, Vector4<f64>) {
         let h = self.white.derivative(self.model, theta);
-        let mut normal: Matrix4<f64> = Matrix4::from_fn(|i, j| h.column(i).dot(&h.column(j)));
+        let mut normal: Matrix4<f64> = gram(&h);
         let mut right = Vector4::from_fn(|i, _| h.column(i).dot(left));
         normal[(2, 2)] += LN_DIAMETER_SD.powi(-2);
         right[2] -= (theta[2] - self.mean) * LN_DIAMETER_SD.powi(-2);

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::descent::{Problem, descend};
-use super::{DIAMETER_M, Disc, LN_DIAMETER_SD, MODEL_SHARE, REFUSED, place_covariance};
+use super::{
+    DIAMETER_M, Disc, LN_DIAMETER_SD, MODEL_SHARE, REFUSED, differences, gram, place_covariance,
+};
 use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{Atoms, LOADED, Whitened, factor};
@@ -238,21 +240,8 @@ impl DriftModel {
     }
 
     fn derivative_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DMatrix<f64> {
-        let steps = [0.2e-3, 0.2e-3, 0.1e-3, 0.1e-3, 0.02, 0.0];
-        let columns: Vec<DVector<f64>> = (0..N)
-            .map(|k| {
-                if k == N - 1 {
-                    let mut one = *theta;
-                    one[k] = 1.0;
-                    return self.of_moving(window, &one);
-                }
-                let (mut up, mut down) = (*theta, *theta);
-                up[k] += steps[k];
-                down[k] -= steps[k];
-                (self.of_moving(window, &up) - self.of_moving(window, &down)) / (2.0 * steps[k])
-            })
-            .collect();
-        DMatrix::from_columns(&columns)
+        let steps = [0.2e-3, 0.2e-3, 0.1e-3, 0.1e-3, 0.02];
+        differences(theta, &steps, |theta| self.of_moving(window, theta))
     }
 
     /// Levenberg-Marquardt; the parameters and their cost.
@@ -309,7 +298,7 @@ impl Problem<N> for Moving<'_> {
 
 /// H' H with the priors.
 fn information(h: &DMatrix<f64>) -> SMatrix<f64, N, N> {
-    let mut out = SMatrix::from_fn(|i, j| h.column(i).dot(&h.column(j)));
+    let mut out: SMatrix<f64, N, N> = gram(h);
     for axis in [2, 3] {
         out[(axis, axis)] += VELOCITY_SD.powi(-2);
     }

@@ -282,7 +282,7 @@ impl Tracker {
         event: Option<LoadTest>,
         now: &Arc<Steady>,
     ) -> Result<(), DriftError> {
-        let white = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows);
+        let white = whitened(now, frame);
         let found = now.atoms.best(white.data(), &self.model, 3);
         let best = found.first().copied();
         answer.score = best.map(|test| test.score);
@@ -319,9 +319,9 @@ impl Tracker {
             self.predict(now);
             self.allow_local(test.change.abs());
             let now = self.innovation(0.0, &frame.rows)?;
-            self.learn(answer, frame, &now);
+            self.learn(answer, frame, &now, &whitened(&now, frame));
         } else {
-            self.learn(answer, frame, now);
+            self.learn(answer, frame, now, &white);
         }
         if answer.anchor.is_some_and(|anchor| anchor.change < 0.0) {
             self.maybe_loaded_slowly(answer, frame);
@@ -354,10 +354,9 @@ impl Tracker {
         answer.since_empty_s = at_s - kept_s;
     }
 
-    /// Corrects the state by a frame without load.
-    fn learn(&mut self, answer: &mut Answer, frame: &Frame, now: &Arc<Steady>) {
-        let weights = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows).weights();
-        self.state.correct(&(&now.predicted * weights));
+    /// Corrects the state by a frame without load, whose innovation is `white`.
+    fn learn(&mut self, answer: &mut Answer, frame: &Frame, now: &Arc<Steady>, white: &Whitened) {
+        self.state.correct(&(&now.predicted * white.weights()));
         let complete = frame.rows.len() == self.prepared.rows.len();
         let (run, at_s) = (self.state.run, self.state.at_s);
         let renewed = run >= STEADY_AFTER && (run - STEADY_AFTER).is_multiple_of(RENEWED_EVERY);
@@ -403,7 +402,7 @@ impl Tracker {
     ) -> Result<(), DriftError> {
         answer.judgement = Judgement::Loaded;
         self.predict(now);
-        let white = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows);
+        let white = whitened(now, frame);
         let mut back_to_empty = false;
         let comes = std::mem::take(&mut self.state.ledger.comes);
         if let (Some(test), Some(step)) = (event, &frame.step) {
@@ -471,7 +470,7 @@ impl Tracker {
             self.allow_local(REST_ALLOWED * best.change.abs());
             let now = self.innovation(0.0, &frame.rows)?;
             answer.judgement = Judgement::Empty;
-            self.learn(answer, frame, &now);
+            self.learn(answer, frame, &now, &whitened(&now, frame));
         } else {
             self.leave_lock_out(answer, frame)?;
         }
@@ -516,7 +515,7 @@ impl Tracker {
                 self.state.ledger.release();
                 self.state.restart();
                 answer.judgement = Judgement::Empty;
-                self.learn(answer, frame, &now);
+                self.learn(answer, frame, &now, &white);
                 return Ok(true);
             }
         }
@@ -527,7 +526,7 @@ impl Tracker {
 
     /// The best disc of the load test, and the innovation whitened.
     fn best_disc(&self, frame: &Frame, now: &Steady) -> (Option<LoadTest>, Whitened) {
-        let white = Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows);
+        let white = whitened(now, frame);
         let found = now.atoms.best(white.data(), &self.model, 1);
         (found.first().copied(), white)
     }
@@ -570,6 +569,11 @@ impl Tracker {
         let covariance = self.state.covariance() + &self.model.noise;
         Whitened::new(&covariance, &e, rows)
     }
+}
+
+/// The innovation of a frame, whitened by its covariance.
+fn whitened(now: &Steady, frame: &Frame) -> Whitened {
+    Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows)
 }
 
 /// P - P S^-1 P of the rows that were measured.

@@ -44,15 +44,7 @@ fn presses(mesh: &Mesh, wrong: f64) -> Vec<KnownPress> {
             .collect();
         presses.push(KnownPress {
             name: format!("press {}", k + 1),
-            map: Map {
-                mesh_hash: mesh.hash().to_owned(),
-                values,
-                unit: MapUnit::RelativeConductance,
-                method: "bump".to_owned(),
-                masked: 0,
-                evidence: None,
-                quality: None,
-            },
+            map: Map::relative(mesh.hash().to_owned(), values, "bump"),
             centre,
             area,
             newtons: 1e3 * kpa * area * if k % 3 == 0 { wrong } else { 1.0 },

@@ -15,7 +15,7 @@ const LABEL: &str = "frame";
 /// one that is not finite, and an overload (9.9e37) are missing readings.
 ///
 /// # Errors
-/// A file that cannot be read, or neither whose rows nor whose columns fit; the line is named.
+/// A file that cannot be read, or whose rows and columns both do not match the number of readings; the line is named.
 pub fn read_frames(path: &Path, readings: usize) -> Result<Vec<Vec<Option<f64>>>, CaseError> {
     Ok(read_named_frames(path, readings)?
         .into_iter()
@@ -67,8 +67,8 @@ pub fn read_named_frames(path: &Path, readings: usize) -> Result<Vec<NamedFrame>
         line: table.lines.first().copied().unwrap_or(1),
         has: table.width(),
         wants: format!(
-            "{readings} (a row a frame, before them a label under the heading '{LABEL}'; or {readings} rows, a column a frame; there are \
-             {frames} rows)"
+            "{readings} (one row per frame, optionally with a first column '{LABEL}' of labels; or {readings} rows and one column per \
+             frame; the file has {frames} rows)"
         ),
     })
 }

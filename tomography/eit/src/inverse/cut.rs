@@ -56,6 +56,12 @@ impl CutGraph {
         Self { first, arcs, head }
     }
 
+    /// The neighbours of a node, in the order of the edges.
+    pub(crate) fn neighbours(&self, node: usize) -> impl Iterator<Item = usize> + '_ {
+        let arcs = &self.arcs[self.first[node]..self.first[node + 1]];
+        arcs.iter().map(|&arc| self.head[arc as usize] as usize)
+    }
+
     /// The set S that minimises  sum of `cost` over S + sum of `capacity` over edges with one end in S: the smallest
     /// such set, up to rounding. Capacities must not be negative.
     pub(crate) fn minimum(&self, cost: &[f64], capacity: &[f64]) -> Vec<bool> {

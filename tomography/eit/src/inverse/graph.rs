@@ -12,9 +12,6 @@ pub(crate) struct Graph {
     /// Length of each border, m.
     pub(crate) lengths: Vec<f64>,
     pub(crate) cut: CutGraph,
-    /// Offsets into `around` of each unknown: `around[first[u]..first[u + 1]]` are its edges and neighbours.
-    first: Vec<usize>,
-    around: Vec<[u32; 2]>,
 }
 
 impl Graph {
@@ -35,38 +32,12 @@ impl Graph {
     }
 
     pub(crate) fn new(unknowns: usize, edges: Vec<[usize; 2]>, lengths: Vec<f64>) -> Self {
-        let mut first = vec![0_usize; unknowns + 1];
-        for edge in &edges {
-            for &end in edge {
-                first[end + 1] += 1;
-            }
-        }
-        for unknown in 0..unknowns {
-            first[unknown + 1] += first[unknown];
-        }
-        let mut next = first.clone();
-        let mut around = vec![[0; 2]; 2 * edges.len()];
-        for (edge, &[a, b]) in edges.iter().enumerate() {
-            for (from, to) in [(a, b), (b, a)] {
-                around[next[from]] = [edge as u32, to as u32];
-                next[from] += 1;
-            }
-        }
         Self {
             unknowns,
             cut: CutGraph::new(unknowns, &edges),
             edges,
             lengths,
-            first,
-            around,
         }
-    }
-
-    /// Edge and neighbour, for each neighbour.
-    pub(crate) fn around(&self, unknown: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.around[self.first[unknown]..self.first[unknown + 1]]
-            .iter()
-            .map(|&[edge, other]| (edge as usize, other as usize))
     }
 
     /// Connected parts of unknowns, joined across the edges for which `same` holds: the part of each unknown, and the
@@ -82,7 +53,7 @@ impl Graph {
             part[seed] = count;
             frontier.push(seed);
             while let Some(unknown) = frontier.pop() {
-                for (_, other) in self.around(unknown) {
+                for other in self.cut.neighbours(unknown) {
                     if part[other] == usize::MAX && same(unknown, other) {
                         part[other] = count;
                         frontier.push(other);

@@ -30,8 +30,8 @@ pub enum Hyper {
     Frame {
         /// How it follows from the frame.
         rule: HyperRule,
-        /// Standard deviation of one reading, V, the same on baseline and frame, below which the errors of a frame are not
-        /// estimated; `None` if it is unknown.
+        /// Standard deviation of one reading, V, the same on baseline and frame: lower limit of the estimated errors of a frame. `None` if it
+        /// is unknown.
         volts: Option<f64>,
         /// Injected current of that noise, A.
         current: f64,
@@ -57,7 +57,7 @@ pub enum Scale {
     /// A factor for each distance round the ring between driving and sensing pair, by least squares. Besides the factor
     /// of [`Scale::Uniform`] it corrects a decay with distance that differs from the plane model's (depth of a tank, a
     /// coating, a conductive back). Many readings share each factor, so single offsets and noise hardly matter. A
-    /// distance whose factor differs from the uniform one by more than [`UNEXPLAINED`](crate::UNEXPLAINED) keeps the
+    /// distance whose factor differs from the uniform one by more than [`LARGEST_SCALE_RATIO`](crate::LARGEST_SCALE_RATIO) keeps the
     /// uniform one.
     #[default]
     ByDistance,

@@ -8,7 +8,7 @@ use crate::Mesh;
 use crate::metrics::median;
 
 /// If the factor of a distance differs from the uniform one by more than this factor, the uniform one is used.
-pub const UNEXPLAINED: f64 = 4.0;
+pub const LARGEST_SCALE_RATIO: f64 = 4.0;
 
 /// Share of the readings that may be missing before a method with a model of the sheet refuses a map: three faulty electrodes of 26
 /// take 43 %.
@@ -250,7 +250,7 @@ impl Difference {
     }
 
     /// Scales the change to the model: divides it by the factor between baseline and model. There is one factor for all
-    /// readings, or one per group if that stays within [`UNEXPLAINED`] of the common one.
+    /// readings, or one per group if that stays within [`LARGEST_SCALE_RATIO`] of the common one.
     pub(crate) fn scale(
         &mut self,
         model: &[f64],
@@ -278,7 +278,9 @@ impl Difference {
             let own = groups
                 .map(|groups| sums[groups[reading]])
                 .map(|[cross, square]| cross / square)
-                .filter(|own| (UNEXPLAINED.recip()..=UNEXPLAINED).contains(&(own / uniform)));
+                .filter(|own| {
+                    (LARGEST_SCALE_RATIO.recip()..=LARGEST_SCALE_RATIO).contains(&(own / uniform))
+                });
             *change /= own.unwrap_or(uniform);
         }
         Ok(())

@@ -481,11 +481,7 @@ fn hash(
     for number in depth.iter().flat_map(Depth::numbers) {
         hasher.update(number.to_bits().to_le_bytes());
     }
-    hasher
-        .finalize()
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    survey::hex(&hasher.finalize())
 }
 
 #[cfg(test)]

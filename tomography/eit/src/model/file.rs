@@ -10,7 +10,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView, View};
 use sha2::{Digest, Sha256};
 use survey::{Dipole, Electrode, Measurement, Protocol};
 
-use super::{Kind, Metadata, Model, ModelError, Network, Report, VERSION, fingerprint, fits, hex};
+use super::{Kind, Metadata, Model, ModelError, Network, Report, VERSION, fingerprint, fits};
 use crate::inverse::learned::network::{DeepNetwork, Layer, TrainingDistribution, Weights};
 use crate::{Depth, Mesh, RbfNetwork};
 
@@ -174,7 +174,7 @@ fn checksum<'a>(
         hasher.update(format!("{name} {kind:?} {shape:?}").as_bytes());
         hasher.update(bytes);
     }
-    hex(&hasher.finalize())
+    survey::hex(&hasher.finalize())
 }
 
 /// A model from the content of its file; `path` is for messages.

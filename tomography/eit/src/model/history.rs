@@ -1,5 +1,5 @@
 //! Training record of a network, as stored in its model file: settings, jitter and results. Choices that the paper
-//! leaves open are settings ([`OpenReadings`]). The training itself is in the crate `training`.
+//! leaves open are settings ([`OpenChoices`]). The training itself is in the crate `training`.
 
 use std::fmt;
 
@@ -29,8 +29,8 @@ pub struct TrainingSettings {
     /// The same seed gives the same network.
     pub seed: u64,
     /// Choices that the paper leaves open.
-    #[serde(skip_serializing_if = "OpenReadings::is_default")]
-    pub open: OpenReadings,
+    #[serde(skip_serializing_if = "OpenChoices::is_default")]
+    pub open: OpenChoices,
 }
 
 impl Default for TrainingSettings {
@@ -45,7 +45,7 @@ impl Default for TrainingSettings {
             neurons: 100,
             spread_times: 1.0,
             seed: 1,
-            open: OpenReadings::default(),
+            open: OpenChoices::default(),
         }
     }
 }
@@ -82,24 +82,24 @@ pub struct TrainingReport {
 /// Choices that the paper leaves open, each with its default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct OpenReadings {
+pub struct OpenChoices {
     /// What R_p measures.
-    pub size: SizeReading,
+    pub size: SizeChoice,
     /// How many points are drawn on a circle.
-    pub points: PointsReading,
+    pub points: PointsChoice,
     /// How often a loss is drawn.
-    pub loss: LossReading,
+    pub loss: LossChoice,
     /// Where centres lie.
-    pub centres: CentresReading,
+    pub centres: CentresChoice,
     /// The divisor of Eq. 7.
-    pub change: ChangeReading,
+    pub change: ChangeChoice,
     /// The meaning of the second argument of N(0, .) in Eq. 9.
-    pub spread: SpreadReading,
+    pub spread: SpreadChoice,
     /// The samples whose distances enter Eq. 13.
-    pub distances: DistancesReading,
+    pub distances: DistancesChoice,
 }
 
-impl OpenReadings {
+impl OpenChoices {
     /// Whether every choice is the default.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
@@ -109,7 +109,7 @@ impl OpenReadings {
 /// R_p = 70 mm: "radius size of a circumference" (section 4.1) or "maximum size of the polygons" (section 5.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum SizeReading {
+pub enum SizeChoice {
     /// The circle's largest radius (default).
     #[default]
     Radius,
@@ -120,7 +120,7 @@ pub enum SizeReading {
 /// Algorithm 1 draws a number of edges and then selects "K_p random points".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum PointsReading {
+pub enum PointsChoice {
     /// As many points as edges drawn, 0 to K_p; fewer than three give no polygon (default).
     #[default]
     Drawn,
@@ -131,7 +131,7 @@ pub enum PointsReading {
 /// "Reduce the conductivity of each polygonal region of a random value", and "by a random value ... for each case".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum LossReading {
+pub enum LossChoice {
     /// One per polygon; the remaining conductances multiply where polygons overlap (default).
     #[default]
     Polygon,
@@ -142,7 +142,7 @@ pub enum LossReading {
 /// "A random location on the sensing surface", and "random polygons within a rectangular region of interest".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum CentresReading {
+pub enum CentresChoice {
     /// Uniform over the region of interest (default).
     #[default]
     Region,
@@ -153,7 +153,7 @@ pub enum CentresReading {
 /// Eq. 7 is a difference of conductivities; figures and Eq. 6 suggest a relative one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum ChangeReading {
+pub enum ChangeChoice {
     /// dsigma / sigma0 of each triangle (default).
     #[default]
     Relative,
@@ -164,7 +164,7 @@ pub enum ChangeReading {
 /// N(0, gamma std(v0 / v-hat)).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum SpreadReading {
+pub enum SpreadChoice {
     /// A standard deviation (default).
     #[default]
     Deviation,
@@ -175,7 +175,7 @@ pub enum SpreadReading {
 /// "Distances between all the possible combinations" of delta v-tilde.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum DistancesReading {
+pub enum DistancesChoice {
     /// Of samples with jitter, as the tilde indicates (default).
     #[default]
     Jittered,

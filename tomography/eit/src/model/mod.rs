@@ -23,8 +23,8 @@ use crate::inverse::learned::network::{
 use crate::inverse::learned::trained::Trained;
 use crate::{Mesh, OwnMisfit, RbfNetwork, RbfReconstructor, Reconstructor};
 pub use history::{
-    CentresReading, ChangeReading, DistancesReading, Jitter, LossReading, OpenReadings,
-    PointsReading, SizeReading, SpreadReading, TrainingReport, TrainingSettings,
+    CentresChoice, ChangeChoice, DistancesChoice, Jitter, LossChoice, OpenChoices, PointsChoice,
+    SizeChoice, SpreadChoice, TrainingReport, TrainingSettings,
 };
 
 const VERSION: u32 = 2;
@@ -441,9 +441,5 @@ fn fits(network: &Network, mesh: &Mesh, protocol: &Protocol) -> Result<(), Strin
 
 /// SHA-256 of some bytes, hex: the identity of models and their training data.
 pub fn fingerprint(bytes: &[u8]) -> String {
-    hex(&Sha256::digest(bytes))
-}
-
-fn hex(digest: &[u8]) -> String {
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    survey::hex(&Sha256::digest(bytes))
 }

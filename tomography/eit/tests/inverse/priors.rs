@@ -258,7 +258,7 @@ fn frames_with_gain_are_not_bounded() {
 }
 
 #[test]
-fn quick_frames_keep_their_word() {
+fn low_rank_maps_stay_within_map_error() {
     let tank = Tank::new(1.0);
     let (baseline, frames) = tank.recording(2e-6, 8);
     let exact = tank.step(OneStepOptions::default());

@@ -21,17 +21,17 @@ pub struct MapCompanions {
     pub deviations: PathBuf,
 }
 
-/// How exactly a frame tells its map, in two numbers.
+/// Summary of the standard deviations of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DeviationSummary {
-    /// Share of the region's area of which the frame says something.
+    /// Share of the region's area that the frame determines.
     pub resolved: f64,
-    /// Median of the standard deviations there, ln conductance; `None` where the frame says nothing at all.
+    /// Median of the standard deviations of ln conductance there; `None` if the frame determines no triangle.
     pub median: Option<f64>,
 }
 
 impl DeviationSummary {
-    /// Of the standard deviation of each triangle, NaN where the frame says nothing of it, and their areas.
+    /// From the standard deviation of each triangle (NaN where the frame does not determine it) and the triangles' areas.
     pub fn of(deviations: &[f64], areas: &[f64]) -> Self {
         let each = deviations.iter().zip(areas);
         let known = each.filter(|(deviation, _)| !deviation.is_nan());
@@ -107,7 +107,7 @@ pub struct MapOfRow<'a> {
     pub noise: Option<f64>,
     /// The map converted by a calibration.
     pub pressure: Option<&'a Pressure>,
-    /// How exactly the frame tells it.
+    /// Summary of its standard deviations.
     pub deviation: Option<DeviationSummary>,
 }
 
@@ -147,7 +147,7 @@ pub struct MapLine<'a> {
     pub method: Option<&'a str>,
     /// Position of the load, mm.
     pub found_mm: Option<[f64; 2]>,
-    /// Relative.
+    /// Largest relative loss of conductance.
     pub largest_loss: Option<f64>,
     /// Whether that is more than `noise`; `None` if the noise is unknown.
     pub significant: Option<bool>,
@@ -155,15 +155,15 @@ pub struct MapLine<'a> {
     pub noise: Option<f64>,
     /// Of the map as it is drawn and written: `kPa` with a calibration.
     pub unit: Option<&'static str>,
-    /// The load.
+    /// Total load, N.
     pub newtons: Option<f64>,
-    /// The largest pressure.
+    /// Largest pressure, kPa.
     pub largest_kpa: Option<f64>,
     /// Number of readings left out.
     pub masked: Option<usize>,
-    /// By which a method chose among kinds of maps.
+    /// Evidence by which the method chose among kinds of maps.
     pub evidence: Option<&'a Evidence>,
-    /// How exactly the frame tells the map, where that was asked for.
+    /// Summary of the map's standard deviations, if requested.
     pub map_sd: Option<DeviationSummary>,
     /// How far the map can be believed.
     pub quality: Option<&'a MapQuality>,

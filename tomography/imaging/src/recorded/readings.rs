@@ -99,29 +99,10 @@ pub struct Unloaded {
 impl Unloaded {
     /// The mean of these frames; a reading valid in none keeps the flag of the last.
     pub fn mean(frames: &[&[Reading]]) -> Self {
-        let last = frames.last().copied().unwrap_or_default();
-        let mut readings = Vec::with_capacity(last.len());
-        let mut deviations = Vec::new();
-        for (index, flag) in last.iter().enumerate() {
-            let valid: Vec<f64> = frames
-                .iter()
-                .filter_map(|frame| frame[index].volts())
-                .map(|volts| volts.0)
-                .collect();
-            if valid.is_empty() {
-                readings.push(*flag);
-                continue;
-            }
-            let mean = valid.iter().sum::<f64>() / valid.len() as f64;
-            readings.push(Reading::Ok(Volts(mean)));
-            if valid.len() > 1 {
-                let squares: f64 = valid.iter().map(|volts| (volts - mean).powi(2)).sum();
-                deviations.push((squares / (valid.len() - 1) as f64).sqrt());
-            }
-        }
+        let (readings, deviations) = survey::mean_of(frames);
         Self {
             readings,
-            noise: rms(deviations.into_iter()),
+            noise: rms(deviations.into_iter().flatten()),
         }
     }
 }

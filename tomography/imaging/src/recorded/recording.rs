@@ -66,9 +66,9 @@ pub struct Recording {
     pub unloaded: Unloaded,
     /// Description of the frames averaged for the baseline, or the id of the session's own.
     pub baseline_name: String,
-    /// Time of the baseline that a session has; `None` for one that was named, and for a folder.
+    /// Time of the session's own baseline; `None` if another baseline was named, and for a folder.
     pub baseline_at: Option<DateTime<Utc>>,
-    /// Noise of one reading by the baseline that a session has, V: what its daemon assumed where none was stated.
+    /// Noise of one reading from the session's own baseline, V, which the daemon used if the configuration states none; `None` as above.
     pub baseline_noise_v: Option<f64>,
     /// Current of the frames.
     pub current: Amps,
@@ -230,7 +230,7 @@ impl Recording {
             return Ok(None);
         };
         let path = parts.each()[0].path();
-        let folder = path.parent().unwrap_or(Path::new("."));
+        let folder = logbook::folder_of(path);
         Ok(kept(folder, header.session())?)
     }
 

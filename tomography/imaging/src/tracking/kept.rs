@@ -79,9 +79,9 @@ pub struct DriftSummary {
     pub gain_percent: f64,
     /// Change of the contacts' impedance, rms over the electrodes, %.
     pub contacts_percent: f64,
-    /// The electrode whose contact changed most, from 1, and its change, %.
+    /// The electrode whose contact changed most, from 1.
     pub most_changed_electrode: usize,
-    /// See above.
+    /// Change of that electrode's contact impedance, %.
     pub most_changed_percent: f64,
     /// Smooth change of conductance, rms over the sheet, %.
     pub field_percent: f64,
@@ -89,13 +89,13 @@ pub struct DriftSummary {
     pub local_percent: f64,
     /// Where, mm.
     pub local_at_mm: [f64; 2],
-    /// What each kind changes in the readings, rms, uV.
+    /// Change of the readings by the gain, rms, uV.
     pub gain_uv: f64,
-    /// See above.
+    /// Change of the readings by the contacts, rms, uV.
     pub contacts_uv: f64,
-    /// See above.
+    /// Change of the readings by the smooth change of conductance, rms, uV.
     pub field_uv: f64,
-    /// See above.
+    /// Change of the readings by the local change, rms, uV.
     pub local_uv: f64,
 }
 
@@ -127,9 +127,9 @@ impl DriftSummary {
 /// A tracked baseline in a few values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrackingSummary {
-    /// The session and the frame up to which it was followed.
+    /// The last session in which it was followed.
     pub session: String,
-    /// See above.
+    /// Sequence of the last frame that was followed.
     pub sequence: u64,
     /// Since when it is tracked.
     pub since: DateTime<Utc>,

@@ -1,5 +1,5 @@
-//! Maps against a baseline that follows the sheet: drift is removed before the map, faulty electrodes are left out, and what
-//! nobody can know is said.
+//! Maps against a baseline that tracks the drift of the sheet: drift is removed before the map is made, faulty electrodes are left
+//! out, and each frame states whether its map can be relied on, and why not.
 
 mod kept;
 mod moving;
@@ -117,10 +117,10 @@ pub struct TrackingState {
 /// A frame with the baseline to compare it with.
 #[derive(Debug, Clone)]
 pub struct TrackedFrame {
-    /// What its map is compared with: the first baseline with the drift that was tracked since, and, where something has lain on the
-    /// sheet for long, with the drift since then that is most probable beside it.
+    /// Baseline of its map: the first baseline plus the tracked drift. If a load has been on the sheet for long, the most probable drift
+    /// since then is added.
     pub baseline: Vec<Reading>,
-    /// The same without the drift beside a load: it stays the same while a load lies there.
+    /// The first baseline plus the tracked drift alone; constant while a load is on the sheet.
     pub tracked_baseline: Vec<Reading>,
     /// The frame without the readings of faulty electrodes.
     pub readings: Vec<Reading>,
@@ -162,7 +162,7 @@ impl Tracking {
         Ok(())
     }
 
-    /// What later answers depend on, besides the sheet.
+    /// The state to store for [`Tracking::restore`]; it does not contain the sheet.
     pub fn state(&self) -> TrackingState {
         TrackingState {
             began_s: self.began_s,
@@ -190,11 +190,12 @@ impl Tracking {
         Ok(DriftSummary::new(&self.tracker.kinds(days)?))
     }
 
-    /// Follows a frame of the time `at_s`, s. Each frame must be given, in order: what is learnt from one is used for the next.
+    /// Updates the tracked baseline with a frame taken at `at_s`, s. Every frame must be given, in order, because each update starts from
+    /// the previous one.
     ///
     /// # Errors
-    /// A covariance that cannot be factored; a frame of another length. A frame with too few readings is no error: it is not
-    /// known.
+    /// A covariance that cannot be factored; a frame of another length. A frame with too few readings is not
+    /// an error: its [`Tracked::known`] is false.
     pub fn follow(&mut self, frame: &[Reading], at_s: f64) -> Result<TrackedFrame, DriftError> {
         let mut followed = self.judge(frame, at_s)?;
         // a frame that gives no estimate is compared as it was tracked: what was learnt from it is kept all the same
@@ -206,7 +207,7 @@ impl Tracking {
         Ok(followed)
     }
 
-    /// Follows a frame of which nobody wants the map: the drift beside a load that lies there for long is not looked for.
+    /// Like [`Tracking::follow`], for a frame without a map: skips the estimate of the drift since a load was placed long ago.
     ///
     /// # Errors
     /// As [`Tracking::follow`].
@@ -236,8 +237,8 @@ impl Tracking {
         })
     }
 
-    /// A frame of about the time of the last one that was followed, with the baseline to compare it with, both as they are now:
-    /// nothing is learnt from it, and nothing is known of it.
+    /// Returns the present tracked baseline, and the frame without the readings of faulty electrodes. The frame should be close in time
+    /// to the last one that was followed; it does not change the tracked baseline and is not judged.
     pub fn compare(&self, frame: &[Reading]) -> (Vec<Reading>, Vec<Reading>) {
         let masked = self.tracker.state().masked();
         let baseline = self.beside_load.clone();
@@ -245,8 +246,8 @@ impl Tracking {
         (baseline, self.without(frame, &masked))
     }
 
-    /// How exactly the frame that was followed last tells its map: standard deviation of the change of ln conductance of each triangle
-    /// of the region of the sheet's mesh, NaN where the frame says nothing of it. It is that of the linear model, whatever the method.
+    /// Standard deviation of the change of ln conductance of each triangle of the mesh's region, for the last frame that was followed;
+    /// NaN for triangles that the frame does not determine. From the linear model, whatever the method.
     ///
     /// # Errors
     /// The frame was not judged, or a covariance that cannot be factored.
@@ -261,7 +262,7 @@ impl Tracking {
         self.model().baseline_with(&self.tracker.baseline())
     }
 
-    /// Follows a frame as [`Tracking::follow`] does, where nobody asks what is known of it.
+    /// Like [`Tracking::follow`], without a result.
     ///
     /// # Errors
     /// As [`Tracking::follow`].

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_has_its_rms_and_forgets_over_its_time() {
+    fn wander_has_unit_rms_and_decays_with_tau() {
         let tau = Duration::from_secs(10);
         let step = Duration::from_secs(5);
         let mut wander = Wander::new(tau, stream(1, "test"));

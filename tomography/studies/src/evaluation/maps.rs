@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use eit::Case;
 use rayon::prelude::*;
-use survey::{Map, MapUnit, Reading};
+use survey::{Map, Reading};
 
 use super::MethodOptions;
 use super::statistics::average;
@@ -143,15 +143,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         .filter_map(|(k, (made, truth))| {
             let (map, ms) = made?;
             Some(Frame {
-                truth: Map {
-                    mesh_hash: map.mesh_hash.clone(),
-                    values: truth,
-                    unit: MapUnit::RelativeConductance,
-                    method: "truth".to_owned(),
-                    masked: 0,
-                    evidence: None,
-                    quality: None,
-                },
+                truth: Map::relative(map.mesh_hash.clone(), truth, "truth"),
                 map,
                 place: places.get(k).map(|row| [row[1], row[2]]),
                 ms,

@@ -19,7 +19,7 @@ use super::{MapSettings, Settings};
 use crate::evaluation::{average, median, quantile};
 use crate::{Failure, add_noise, measured, progress};
 
-/// What a method is stated of the noise.
+/// What a method is told about the noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stated {
@@ -27,7 +27,7 @@ pub enum Stated {
     Noise,
     /// Nothing.
     Nothing,
-    /// The true noise, from which alone one strength for all frames follows.
+    /// The true noise; one hyper-parameter for all frames is derived from it.
     NoiseAlone,
 }
 
@@ -90,7 +90,7 @@ impl MapMethod {
 pub struct MapRow {
     /// The method.
     pub method: MapMethod,
-    /// What it is stated of the noise.
+    /// What it is told about the noise.
     pub stated: Stated,
     /// The kind of load, or all together.
     pub load: &'static str,
@@ -283,7 +283,7 @@ fn judge(
     let sound = |quality: &MapQuality| quality.verdict == Verdict::Sound;
     let loss = map.largest_loss().map_or(0.0, |(_, loss)| loss);
     let above = threshold.is_some_and(|most| loss > most);
-    let shows = map.method != eit::NOTHING && (above || threshold.is_none());
+    let shows = map.method != eit::NOISE_ONLY && (above || threshold.is_none());
     Ok(Judged {
         value: match kind {
             TargetKind::Nothing => loss,

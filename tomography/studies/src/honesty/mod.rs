@@ -1,5 +1,5 @@
-//! Whether maps say what they cannot know (`tactus-lab honesty`): the check of maps on healthy frames and on faults, and maps of
-//! many kinds of load compared with the truth.
+//! Tests of the quality verdicts of maps (`tactus-lab honesty`): healthy frames must be called sound, and faults must be found and
+//! named. Also compares maps of many kinds of load with the truth.
 //!
 //! All data come from a sheet with a finer, different mesh than the model's, with noise on baseline and frame.
 

@@ -101,17 +101,17 @@ pub struct SheetRow {
     pub family: Family,
     /// Sheets.
     pub sheets: usize,
-    /// Mean misfit of the fitted sheet, and of the nominal one, %.
+    /// Mean misfit of the fitted sheet, %.
     pub misfit_percent: f64,
-    /// See above.
+    /// Mean misfit of the nominal sheet, %.
     pub nominal_misfit_percent: f64,
     /// Mean unevenness of the fitted conductance, %.
     pub unevenness_percent: f64,
-    /// Empty frames, and those whose best disc improves chi squared by more than 45 and 100.
+    /// Empty frames.
     pub empty: usize,
-    /// See above.
+    /// Empty frames whose best disc improves chi squared by more than 45.
     pub above_45: usize,
-    /// See above.
+    /// Empty frames whose best disc improves chi squared by more than 100.
     pub above_100: usize,
 }
 

@@ -131,9 +131,9 @@ pub struct PressRow {
     pub p95_mm: f64,
     /// Largest, mm.
     pub most_mm: f64,
-    /// Accepted fits, and those whose 95 % region contains the truth.
+    /// Accepted fits.
     pub accepted: usize,
-    /// See above.
+    /// Accepted fits whose 95 % region contains the truth.
     pub covered: usize,
 }
 
@@ -144,13 +144,13 @@ pub struct FrameRow {
     pub scene: LongScene,
     /// Days since the baseline.
     pub days: &'static str,
-    /// Empty frames, and those judged as loaded.
+    /// Empty frames.
     pub empty: usize,
-    /// See above.
+    /// Empty frames judged as loaded.
     pub false_loads: usize,
-    /// Frames of nights, and those judged as empty.
+    /// Frames of nights.
     pub night: usize,
-    /// See above.
+    /// Frames of nights judged as empty.
     pub missed_nights: usize,
     /// Mean over maps of empty frames of their root mean square, %.
     pub zero_percent: f64,
@@ -164,7 +164,7 @@ pub struct FrameRow {
     pub faults: usize,
     /// Pace at the end.
     pub pace: f64,
-    /// Seconds of computing for each frame: mean.
+    /// Mean computing time of a frame, ms.
     pub frame_ms: f64,
 }
 

@@ -265,6 +265,5 @@ pub(super) fn hash_of(path: &Path) -> Result<String, DataSetError> {
         }
         hasher.update(&piece[..read]);
     }
-    let digest = hasher.finalize();
-    Ok(digest.iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(survey::hex(&hasher.finalize()))
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use eit::inverse::learned::network::FAMILIAR_SHARE;
 use eit::linear_algebra::{product, squared_distance};
-use eit::{DistancesReading, Mesh, RbfNetwork, TrainingReport, TrainingSettings};
+use eit::{DistancesChoice, Mesh, RbfNetwork, TrainingReport, TrainingSettings};
 use faer::MatRef;
 use faer::linalg::solvers::Svd;
 use nalgebra::DMatrix;
@@ -87,8 +87,8 @@ pub fn train_rbf_on(
         },
     );
     let measured = match settings.open.distances {
-        DistancesReading::Jittered => rows,
-        DistancesReading::Clean => Rows {
+        DistancesChoice::Jittered => rows,
+        DistancesChoice::Clean => Rows {
             values: &set.inputs,
             width: rows.width,
         },

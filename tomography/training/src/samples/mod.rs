@@ -1,7 +1,7 @@
 //! Training sets (Algorithm 1, Eq. 6 to 9 of the paper): samples by index, in memory or computed on demand, and their
 //! jitter. Sets in files are in `dataset`.
 //!
-//! Choices that the paper leaves open are settings ([`eit::OpenReadings`]). In addition: the vertices of a polygon are
+//! Choices that the paper leaves open are settings ([`eit::OpenChoices`]). In addition: the vertices of a polygon are
 //! connected in the order of their angles; a triangle belongs to a polygon that contains its centroid (even-odd rule);
 //! fewer than three vertices, or no polygon, give an unchanged sample, which is kept; the forward model limits a loss
 //! of 100 % ([`eit::FLOOR`]).

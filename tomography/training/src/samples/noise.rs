@@ -1,6 +1,6 @@
 //! Jitter: the noise added to the inputs.
 
-use eit::{Jitter, SpreadReading};
+use eit::{Jitter, SpreadChoice};
 use rand_distr::{Distribution, Normal, StandardNormal};
 
 use super::{Purpose, TrainError, stream};
@@ -30,7 +30,7 @@ impl Noise {
     /// Levels that are not positive numbers, or repeats that do not determine a covariance.
     pub fn new(
         jitter: &Jitter,
-        spread: SpreadReading,
+        spread: SpreadChoice,
         baseline: &[f64],
         seed: u64,
     ) -> Result<Self, TrainError> {
@@ -61,8 +61,8 @@ impl Noise {
                 let square: f64 = baseline.iter().map(|v| (v - mean).powi(2)).sum();
                 let given = gamma * (square / (n - 1.0)).sqrt() / top;
                 white(vec![match spread {
-                    SpreadReading::Deviation => given,
-                    SpreadReading::Variance => given.sqrt(),
+                    SpreadChoice::Deviation => given,
+                    SpreadChoice::Variance => given.sqrt(),
                 }])?
             }
             Jitter::Matched { noise_v, current_a } => {
@@ -256,7 +256,7 @@ mod tests {
                 volts,
                 current_a: 1.0,
             },
-            SpreadReading::Deviation,
+            SpreadChoice::Deviation,
             &[1.0; 4],
             3,
         )
@@ -288,7 +288,7 @@ mod tests {
             current_a: 1e-3,
             drift_v: vec![vec![3e-6, 4e-6, 0.0], vec![0.0, 5e-6, 0.0]],
         };
-        let noise = Noise::new(&jitter, SpreadReading::Deviation, &[2.0; 3], 1).unwrap();
+        let noise = Noise::new(&jitter, SpreadChoice::Deviation, &[2.0; 3], 1).unwrap();
         let mut matrix = vec![0.0; 9];
         noise.add_covariance(&mut matrix);
         // V over 1 mA over the largest reading, 2 V at 1 A
@@ -314,7 +314,7 @@ mod tests {
             current_a: 1e-3,
             drift_v: vec![vec![1e-6; 4]],
         };
-        assert!(Noise::new(&wrong, SpreadReading::Deviation, &[2.0; 3], 1).is_err());
+        assert!(Noise::new(&wrong, SpreadChoice::Deviation, &[2.0; 3], 1).is_err());
     }
 
     #[test]
@@ -323,7 +323,7 @@ mod tests {
             noise_v: vec![1e-6, 1e-3],
             current_a: 1e-3,
         };
-        let noise = Noise::new(&jitter, SpreadReading::Deviation, &[300.0; 500], 1).unwrap();
+        let noise = Noise::new(&jitter, SpreadChoice::Deviation, &[300.0; 500], 1).unwrap();
         let size = |copy| {
             let mut row = vec![0.0_f32; 500];
             noise.add(&mut row, copy, 4, 10);
@@ -335,6 +335,6 @@ mod tests {
             noise_v: vec![-1.0],
             current_a: 1e-3,
         };
-        assert!(Noise::new(&wrong, SpreadReading::Deviation, &[300.0; 4], 1).is_err());
+        assert!(Noise::new(&wrong, SpreadChoice::Deviation, &[300.0; 4], 1).is_err());
     }
 }

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use eit::{
-    Case, CentresReading, ChangeReading, Forward, LossReading, Mesh, PointsReading, SizeReading,
+    Case, CentresChoice, ChangeChoice, Forward, LossChoice, Mesh, PointsChoice, SizeChoice,
     TrainingSettings,
 };
 use rand::RngExt;
@@ -20,7 +20,7 @@ pub struct Simulation {
     forward: Forward,
     protocol: Protocol,
     sigma0: Vec<f64>,
-    /// Factor of the relative change of each triangle of the region ([`ChangeReading`]).
+    /// Factor of the relative change of each triangle of the region ([`ChangeChoice`]).
     units: Vec<f64>,
     baseline: Vec<f64>,
     top: f64,
@@ -62,8 +62,8 @@ impl Simulation {
         let top = baseline.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
         let unknowns = mesh.region();
         let units = match settings.open.change {
-            ChangeReading::Relative => vec![1.0; unknowns.len()],
-            ChangeReading::Absolute => {
+            ChangeChoice::Relative => vec![1.0; unknowns.len()],
+            ChangeChoice::Absolute => {
                 let mean = unknowns.iter().map(|&t| sigma0[t]).sum::<f64>() / unknowns.len() as f64;
                 unknowns.iter().map(|&t| sigma0[t] / mean).collect()
             }
@@ -151,10 +151,10 @@ pub(super) struct Region {
 }
 
 impl Region {
-    pub(super) fn new(mesh: &Mesh, centres: CentresReading) -> Self {
+    pub(super) fn new(mesh: &Mesh, centres: CentresChoice) -> Self {
         let from: Vec<usize> = match centres {
-            CentresReading::Region => mesh.region().to_vec(),
-            CentresReading::Sheet => (0..mesh.triangles().len()).collect(),
+            CentresChoice::Region => mesh.region().to_vec(),
+            CentresChoice::Sheet => (0..mesh.triangles().len()).collect(),
         };
         let mut sum = 0.0;
         Self {
@@ -191,8 +191,8 @@ impl Region {
         let random = &mut stream(settings.seed, Purpose::Case, case);
         let mut kept = vec![1.0_f64; self.centroids.len()];
         let largest = match settings.open.size {
-            SizeReading::Radius => settings.radius_m,
-            SizeReading::Diameter => 0.5 * settings.radius_m,
+            SizeChoice::Radius => settings.radius_m,
+            SizeChoice::Diameter => 0.5 * settings.radius_m,
         };
         let mut shared = None;
         for _ in 0..random.random_range(0..=settings.polygons) {
@@ -200,14 +200,14 @@ impl Region {
             let radius = random.random::<f64>() * largest;
             let drawn = random.random_range(0..=settings.vertices);
             let points = match settings.open.points {
-                PointsReading::Drawn => drawn,
-                PointsReading::All => settings.vertices,
+                PointsChoice::Drawn => drawn,
+                PointsChoice::All => settings.vertices,
             };
             let mut angles: Vec<f64> = (0..points).map(|_| random.random::<f64>() * TAU).collect();
             let own = random.random::<f64>();
             let loss = match settings.open.loss {
-                LossReading::Polygon => own,
-                LossReading::Case => *shared.get_or_insert(own),
+                LossChoice::Polygon => own,
+                LossChoice::Case => *shared.get_or_insert(own),
             };
             angles.sort_by(f64::total_cmp);
             let polygon: Vec<[f64; 2]> = angles
@@ -222,8 +222,8 @@ impl Region {
             for (kept, centroid) in kept.iter_mut().zip(&self.centroids) {
                 if (centroid[0] - centre[0]).abs() <= radius && holds(&polygon, *centroid) {
                     match settings.open.loss {
-                        LossReading::Polygon => *kept *= 1.0 - loss,
-                        LossReading::Case => *kept = 1.0 - loss,
+                        LossChoice::Polygon => *kept *= 1.0 - loss,
+                        LossChoice::Case => *kept = 1.0 - loss,
                     }
                 }
             }
@@ -257,7 +257,7 @@ fn holds(polygon: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use eit::{DiscTank, OpenReadings, PaperSheet};
+    use eit::{DiscTank, OpenChoices, PaperSheet};
 
     #[test]
     fn a_polygon_of_fewer_than_three_vertices_holds_nothing() {
@@ -271,7 +271,7 @@ mod tests {
     #[test]
     fn ten_thousand_cases_are_drawn_and_some_are_unchanged() {
         let mesh = DiscTank::default().mesh().unwrap();
-        let region = Region::new(&mesh, CentresReading::Region);
+        let region = Region::new(&mesh, CentresChoice::Region);
         let settings = TrainingSettings::default();
         let unchanged = (0..10_000)
             .filter(|&case| {
@@ -291,7 +291,7 @@ mod tests {
     #[test]
     fn every_open_reading_changes_what_is_drawn() {
         let mesh = PaperSheet::default().mesh().unwrap();
-        let drawn = |open: OpenReadings| {
+        let drawn = |open: OpenChoices| {
             let region = Region::new(&mesh, open.centres);
             let settings = TrainingSettings {
                 open,
@@ -308,19 +308,19 @@ mod tests {
             };
             (size, empty, cases.iter().map(losses).max().unwrap_or(0))
         };
-        let usual = drawn(OpenReadings::default());
-        let of = |change: fn(&mut OpenReadings)| {
-            let mut open = OpenReadings::default();
+        let usual = drawn(OpenChoices::default());
+        let of = |change: fn(&mut OpenChoices)| {
+            let mut open = OpenChoices::default();
             change(&mut open);
             drawn(open)
         };
-        assert!(of(|open| open.size = SizeReading::Diameter).0 * 3 < usual.0);
+        assert!(of(|open| open.size = SizeChoice::Diameter).0 * 3 < usual.0);
         // only a case without any polygon is empty: a fifth
-        let all = of(|open| open.points = PointsReading::All);
+        let all = of(|open| open.points = PointsChoice::All);
         assert!((60..100).contains(&all.1), "{all:?}");
         assert!(usual.2 > 2);
-        assert_eq!(of(|open| open.loss = LossReading::Case).2, 1);
+        assert_eq!(of(|open| open.loss = LossChoice::Case).2, 1);
         // centres beside the region press less of it
-        assert!(of(|open| open.centres = CentresReading::Sheet).0 < usual.0);
+        assert!(of(|open| open.centres = CentresChoice::Sheet).0 < usual.0);
     }
 }

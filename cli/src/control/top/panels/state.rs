@@ -110,7 +110,7 @@ pub(crate) fn events(
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
 }
 
-/// An alarm on one line; one that calls stands out.
+/// An alarm on one line; one that notifies stands out.
 fn of_alarm(alarm: &AlarmState, shown: &Dashboard) -> Line<'static> {
     let why = match (alarm.active, &alarm.invalid) {
         (false, Some(why)) => why.clone(),
@@ -123,7 +123,7 @@ fn of_alarm(alarm: &AlarmState, shown: &Dashboard) -> Line<'static> {
     if let Some(guidance) = alarm.guidance.as_ref().filter(|_| alarm.active) {
         text.push_str(&format!("; {guidance}"));
     }
-    match alarm.calls() {
+    match alarm.notifies() {
         true => Line::from(Span::styled(
             printable(&text).into_owned(),
             warning(shown.colour),

@@ -64,7 +64,7 @@ pub(super) fn write(
         _ => None,
     };
     let mut layout = layout(session, &first, reconstruction.as_ref(), export.sd)?;
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = logbook::folder_of(path);
     let lost = quantities::quantities(&mut layout, folder, header.session())?;
     if lost > 0 {
         eprintln!("tactus: {lost} of the stored minutes of quantities are damaged and left out");

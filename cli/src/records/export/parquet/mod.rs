@@ -66,7 +66,7 @@ pub(super) fn write(
     }
     let existing = export.replacing.existing();
     let beside = |what: &str| export.out.with_extension(format!("{what}.parquet"));
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = logbook::folder_of(path);
     let (rows, lost) = stored(folder, header.session())?.unwrap_or_default();
     let events = session.events()?;
     let frames = OutFile::create(&export.out, existing)?;

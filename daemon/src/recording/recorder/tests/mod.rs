@@ -61,15 +61,11 @@ impl Reconstructor for Reported {
             Do::Panic => panic!("a method that fails"),
             Do::MapAfter(received) => received.recv().unwrap(),
         }
-        Ok(Map {
-            mesh_hash: self.mesh().hash().to_owned(),
-            values: vec![-frame[0].volts().unwrap().0; self.mesh().region_areas().len()],
-            unit: survey::MapUnit::RelativeConductance,
-            method: self.method().to_owned(),
-            masked: 0,
-            evidence: None,
-            quality: None,
-        })
+        Ok(Map::relative(
+            self.mesh().hash().to_owned(),
+            vec![-frame[0].volts().unwrap().0; self.mesh().region_areas().len()],
+            self.method().to_owned(),
+        ))
     }
 }
 

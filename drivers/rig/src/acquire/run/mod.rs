@@ -13,7 +13,7 @@ use super::EndReason;
 use super::injection::{InjectionReport, ends_before};
 use crate::acquire::run::concurrent::{PendingExchange, interrupted};
 use crate::prepare::apply;
-use crate::safe::{every_relay, open_checked};
+use crate::safe::open_checked;
 use crate::traits::Instruments;
 use crate::{
     ChainedReading, Compliance, CurrentSource, MeterSettings, Move, RigError, Sample, Stop, Switch,
@@ -168,7 +168,7 @@ impl<'a> Run<'a> {
                 let driven = std::mem::take(&mut self.driven.relays);
                 let wiring = &self.plan.wiring;
                 match driven.is_empty() {
-                    true => rig.switch.open_verified(&every_relay(wiring)).await,
+                    true => rig.switch.open_verified(&wiring.relays()).await,
                     false => open_checked(&mut rig.switch, wiring, &driven).await,
                 }
             }

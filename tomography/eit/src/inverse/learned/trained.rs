@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use survey::{Doubt, Map, MapQuality, MapUnit, Protocol, Reading};
+use survey::{Doubt, Map, MapQuality, Protocol, Reading};
 
 use crate::inverse::reconstructor::Difference;
 use crate::{Mesh, ReconstructError};
@@ -44,13 +44,8 @@ impl Trained {
     /// A network's output for the triangles of the region as a map.
     pub(crate) fn map(&self, values: Vec<f64>, masked: usize) -> Map {
         Map {
-            mesh_hash: self.mesh.hash().to_owned(),
-            values,
-            unit: MapUnit::RelativeConductance,
-            method: self.method.clone(),
             masked,
-            evidence: None,
-            quality: None,
+            ..Map::relative(self.mesh.hash(), values, &self.method)
         }
     }
 

@@ -1,10 +1,11 @@
-//! Whether a frame agrees with the model: what no map explains, and which electrode or pair is to blame. The methods that
-//! make maps know nothing of it.
+//! Checks whether a frame agrees with the model: finds the change that no map explains, and names the faulty electrode or pair.
+//! Independent of the reconstruction methods.
 //!
-//! A reading and its reciprocal twin have the same change, whatever is on the sheet. The rotated sum of both is data for
-//! maps, the rotated difference is noise alone: its size is that of the noise, and what is neither white in it nor in
-//! proportion to the reading is the fault of a source or voltmeter. The sum is compared with the best map of the whole sheet: x ~ N(0, g^2 / area) for each triangle and
-//! white errors t, with g and t of the largest likelihood; t beyond the noise is what no map explains.
+//! A reading and its reciprocal twin change by the same amount, whatever is on the sheet. Their rotated sum is the data of maps;
+//! their rotated difference contains only noise and measures it. Noise that is neither white nor proportional to the reading
+//! indicates a faulty source or voltmeter. The sums are compared with the most probable map of the whole sheet: x ~ N(0, g^2 / area)
+//! for each triangle, white errors of deviation t, g and t by maximum likelihood. If t exceeds the noise, the excess is the change
+//! that no map explains.
 
 mod outside;
 mod own_misfit;
@@ -161,8 +162,8 @@ impl ModelCheck {
         })
     }
 
-    /// The map that a method made of these readings, with its quality: what the method itself says of it, too. `usual`: what
-    /// the maps of a learned method leave unexplained; `None` if that is not known, or the method has not learned.
+    /// Adds the quality to a map that a method made of these readings: the doubts of this check, and those that the method itself
+    /// reported. `usual`: unexplained shares of a learned method on held-out cases; `None` if unknown, or if the method is not learned.
     pub fn judged(
         &self,
         baseline: &[Reading],

@@ -25,12 +25,12 @@ const LEAST: f64 = 1e-3;
 const CLASSES: usize = 4;
 const FEWEST: usize = 100;
 
-/// What the maps of a learned method leave unexplained of the changes of cases that it was not trained on. A part of the
+/// Shares of the change that a learned method's maps leave unexplained, on held-out cases (not used in training). Stored in the
 /// metadata of a model file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OwnMisfit {
-    /// Noise of a change of one reading (rms), over the largest reading of the baseline: white noise, and the drift of a training
-    /// that has drift.
+    /// Noise of the change of one reading (rms), relative to the largest reading of the baseline: white noise, plus drift if the training
+    /// included it.
     pub noise: f64,
     /// Classes of changes, smallest first, as many cases in each.
     pub classes: Vec<MisfitClass>,
@@ -39,14 +39,14 @@ pub struct OwnMisfit {
 /// Held-out cases with changes of similar size.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MisfitClass {
-    /// The smallest change of its cases: the rms of the rotated sums of reciprocal twins, which is sqrt 2 times that of the readings,
-    /// over the largest reading of the baseline.
+    /// Smallest change of its cases, relative to the largest reading of the baseline. A change is the rms of the rotated sums of
+    /// reciprocal twins: sqrt 2 times the rms change of the readings.
     pub above: f64,
     /// Cases.
     pub cases: usize,
-    /// Median of the shares of the change that their maps leave.
+    /// Median share of the change that their maps leave unexplained.
     pub median: f64,
-    /// The share that 99.9 % of them stay below; the largest where they are fewer than a thousand.
+    /// 99.9th percentile of that share; the largest share if there are fewer than a thousand cases.
     pub limit: f64,
 }
 
@@ -55,7 +55,7 @@ pub struct MisfitClass {
 pub struct Leftover {
     /// The change, as [`MisfitClass::above`].
     pub change: f64,
-    /// The share of it that is left (rms), beyond the noise.
+    /// Share of it that is unexplained (rms), after subtraction of the noise.
     pub share: f64,
 }
 

@@ -50,13 +50,13 @@ const NOSER_POWER: f64 = 0.25;
 /// Settings of a [`NonlinearTv`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct NonlinearTvOptions {
-    /// Standard deviation of one reading, V, the same on baseline and frame. `None`: unknown; the errors of a frame are what its
-    /// map leaves unexplained.
+    /// Standard deviation of one reading, V, the same on baseline and frame. If `None`, the errors are estimated from
+    /// the residual of each frame's map.
     pub noise_v: Option<f64>,
     /// Injected current of that noise, A.
     pub current_a: f64,
-    /// Largest share of the squared change of a frame that losses alone may leave unexplained: a frame with more shows gains,
-    /// and gains are not penalised in its map. `None`: no map shows gains.
+    /// Largest share of the squared change of a frame that a map of losses alone may leave unexplained beyond what a map with gains
+    /// leaves. If it leaves more, gains are not penalised in the map. `None`: gains are always penalised.
     pub most_gain: Option<f64>,
     /// The baseline's scale.
     pub scale: Scale,
@@ -102,7 +102,7 @@ struct Likely {
 const METHOD: &str = "nonlinear total variation";
 const SMOOTH: &str = "smooth load, loss only";
 /// [`Map::method`] of a frame that a linear map explains no better than noise does.
-pub const NOTHING: &str = "nothing but noise";
+pub const NOISE_ONLY: &str = "nothing but noise";
 
 impl NonlinearTv {
     /// Solves the forward model at `sigma0` (S per square, one per triangle of the mesh). Maps show the region of the mesh.
@@ -164,7 +164,7 @@ impl NonlinearTv {
             linear.truncate(self.mesh().region().len());
             return Ok(Likely {
                 values: linear,
-                method: NOTHING.to_owned(),
+                method: NOISE_ONLY.to_owned(),
                 doubtful: None,
                 evidence: None,
             });
@@ -539,7 +539,7 @@ mod tests {
     fn noise_alone_gives_a_map_of_nothing() {
         let stage = stage();
         let (map, _) = stage.map(|_| 0.0);
-        assert_eq!(map.method, NOTHING);
+        assert_eq!(map.method, NOISE_ONLY);
         assert!(map.values.iter().all(|value| value.abs() < 1e-3));
         let baseline = stage.readings(|_| 0.0, 1);
         let same = stage.method.reconstruct(&baseline, &baseline).unwrap();

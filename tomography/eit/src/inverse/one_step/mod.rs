@@ -9,7 +9,7 @@ mod noise_figure;
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::{DMatrix, DVector};
-use survey::{Map, MapUnit, Protocol, Reading};
+use survey::{Map, Protocol, Reading};
 
 use self::fixed::Fixed;
 use crate::inverse::box_constrained::Bounded;
@@ -347,13 +347,8 @@ impl Reconstructor for OneStep {
             return Err(numerical("the map is not finite"));
         }
         Ok(Map {
-            mesh_hash: self.mesh_hash.clone(),
-            values,
-            unit: MapUnit::RelativeConductance,
-            method,
             masked: missing.len(),
-            evidence: None,
-            quality: None,
+            ..Map::relative(self.mesh_hash.clone(), values, method)
         })
     }
 }

@@ -114,7 +114,7 @@ impl Peaks {
         let mut next = 0;
         while let Some(&from) = all.get(next) {
             next += 1;
-            for (_, other) in self.graph.around(from) {
+            for other in self.graph.cut.neighbours(from) {
                 if !reached[other] && joins(from, other) {
                     reached[other] = true;
                     all.push(other);

@@ -16,7 +16,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
-use survey::{Map, MapUnit, Protocol, Reading};
+use survey::{Map, Protocol, Reading};
 
 pub use crate::inverse::tv::options::{Strength, TV_STRENGTH, TvError, TvOptions};
 
@@ -347,13 +347,8 @@ impl Reconstructor for Tv {
             return Err(self.numerical("the map is not finite".to_owned()));
         }
         Ok(Map {
-            mesh_hash: self.mesh_hash.clone(),
-            values: solution.values,
-            unit: MapUnit::RelativeConductance,
-            method: self.method.clone(),
             masked,
-            evidence: None,
-            quality: None,
+            ..Map::relative(&self.mesh_hash, solution.values, &self.method)
         })
     }
 

@@ -37,8 +37,8 @@ pub struct TvOptions {
     /// Standard deviation of one reading, V, the same on baseline and frame. `None` if it is unknown, which needs a
     /// `frame_rule` or [`Strength::Alpha`].
     pub noise_v: Option<f64>,
-    /// How the errors of a frame follow from the frame, in the place of the noise, which they have at least. With
-    /// [`HyperRule::LCurve`] those of the one-step map at the corner of its L-curve. `None`: the errors are the noise.
+    /// Rule that estimates the errors of a frame from the frame itself; the noise is their lower limit. With [`HyperRule::LCurve`] they
+    /// are those of the one-step map at the corner of its L-curve. `None`: the errors are the noise.
     pub frame_rule: Option<HyperRule>,
     /// Injected current of that noise, A.
     pub current_a: f64,

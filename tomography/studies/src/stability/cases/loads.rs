@@ -9,7 +9,7 @@ use imaging::quantities::{
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use survey::{Map, MapUnit};
+use survey::Map;
 
 use crate::failure::Failure;
 use crate::stability::outcome::{Check, Naive, Outcome};
@@ -29,15 +29,7 @@ fn quantifier(mesh: &Mesh) -> Result<Quantifier, Failure> {
 
 /// A frame with these losses.
 fn taken(quantifier: &mut Quantifier, at_s: f64, losses: &[f64]) -> FrameQuantities {
-    let map = Map {
-        mesh_hash: String::new(),
-        values: losses.iter().map(|loss| -loss).collect(),
-        unit: MapUnit::RelativeConductance,
-        method: "given".to_owned(),
-        masked: 0,
-        evidence: None,
-        quality: None,
-    };
+    let map = Map::relative("", losses.iter().map(|loss| -loss).collect(), "given");
     let judged = JudgedMap {
         map: &map,
         pressure: None,
