@@ -166,7 +166,10 @@ mod tests {
         let volts = |volts| vec![Reading::Ok(survey::Volts(volts)); protocol.len()];
         let (baseline, frame) = (volts(1.0), volts(1.06));
         let own = model.reconstructor.reconstruct(&baseline, &frame).unwrap();
-        assert!(own.quality.is_some_and(|own| own.text().contains("as far")));
+        assert!(
+            own.quality
+                .is_some_and(|own| own.text().contains("distance"))
+        );
         assert_eq!(model.reconstruct(&baseline, &frame).unwrap().quality, None);
     }
 
