@@ -68,7 +68,7 @@ fn a_model_trained_for_another_pattern_is_refused_naming_both() {
         "survey",
         "598",
         "299",
-        "trained for this rig",
+        "trained for this protocol",
         "set survey.half = false",
         "method = \"one-step\"",
     ] {
