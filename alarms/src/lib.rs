@@ -167,7 +167,8 @@ impl Alarm {
         self.state.level(self.rule.severity)
     }
 
-    /// Whether it is active and nobody has put it aside: not shelved, and in service.
+    /// Whether it is active and nobody has put it aside: not shelved, and in service. Whether people are notified of an alarm of this
+    /// name at all, its user decides.
     pub fn notifies(&self) -> bool {
         self.state.is_active() && !self.is_put_aside()
     }

@@ -103,8 +103,7 @@ impl Settings {
             Some(config) if problems.is_empty() => config,
             _ => return Err(SettingsError::Problems(problems)),
         };
-        let folder = path.parent().unwrap_or(Path::new("."));
-        let config = config.resolved(folder);
+        let config = config.resolved(logbook::folder_of(path));
         let Some(archive) = config.archive else {
             let text = match reader {
                 true => "is missing: it says where the archive is",

@@ -1,10 +1,9 @@
 //! Session files: sessions, baselines, frames, events.
 //!
 //! One SQLite file a session, `<id>.tactus`, in one folder. When [`SessionWriter::append`] returns, the frame is on
-//! disk: it survives `kill -9` and, if the disk honours syncs, a power cut. Voltages are recorded to the last bit; of a
-//! map not its values, but its hash, a checksum of its values and its origin ([`MapRecord`]). The crate reads no clock (time is passed
-//! in), depends on no instrument or mathematics,
-//! and refuses numbers that are not finite.
+//! disk: it survives `kill -9` and, if the disk honours syncs, a power cut. Voltages are recorded to the last bit. Values of
+//! maps are not recorded, but their hash, a checksum and their origin ([`MapRecord`]). The crate reads no clock (time is
+//! passed in), depends on no instrument or mathematics, and refuses numbers that are not finite.
 //!
 //! - **session**: one run of measurement, or the recording of a **baseline**; its **header** holds its settings and
 //!   origin

@@ -282,8 +282,8 @@ class TotalVariation(_Estimator):
 
 
 class Shapes(_Estimator):
-    """Loads with sharp edges, by the full forward model: discs, a ring or a bar where these explain a frame, else
-    total variation.
+    """Loads of few shapes, by the full forward model: discs, a ring, a bar or a smooth load where these explain a frame,
+    else total variation.
 
     Of all methods the nearest to true loads; a frame takes some tenths of a second. ``fit`` needs the noise, stated or from
     several frames of the baseline. losses_only: no frame shows a gain; by default a frame of gains is found out. The other

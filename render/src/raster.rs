@@ -83,7 +83,6 @@ pub(crate) fn fill(
 
 #[cfg(test)]
 mod tests {
-
     use super::*;
 
     pub(crate) fn square() -> (Sheet, Map) {

@@ -9,7 +9,7 @@ class AlarmList {
     this.shown = "";
   }
 
-  // returns the names of those that call somebody
+  // returns the names of those that notify
   show(alarms, control) {
     const matter = alarms.filter(alarm => alarm.active || !alarm.acknowledged || alarm.level === "invalid" || alarm.shelved || alarm.out_of_service);
     const text = JSON.stringify([matter, control]);

@@ -113,13 +113,13 @@ async fn control(State(shared): State<Shared>, body: Bytes) -> Response {
     let call: Call = match serde_json::from_slice(&body) {
         Ok(call) => call,
         Err(error) => {
-            let text = format!("this is no command: {error}\n");
-            return (StatusCode::BAD_REQUEST, text).into_response();
+            let text = format!("this is no command: {error}");
+            return refused(StatusCode::BAD_REQUEST, text).into_response();
         }
     };
     match control::carry_out(to.address.as_ref(), call).await {
         Ok(()) => StatusCode::NO_CONTENT.into_response(),
-        Err(why) => (StatusCode::CONFLICT, format!("{why}\n")).into_response(),
+        Err(why) => refused(StatusCode::CONFLICT, why).into_response(),
     }
 }
 

@@ -242,8 +242,8 @@ pub struct Replay {
     /// Beside it times and places as NAME.frames.csv, centroids and areas as NAME.triangles.csv
     #[arg(long, value_name = "FILE")]
     pub out: Option<OutPath>,
-    /// Write the standard deviation of each triangle's change of ln conductance to NAME.sd.csv, nan where the frame says nothing of
-    /// a triangle; by the linear model with noise and drift of the frame, whatever the method
+    /// Write the standard deviation of each triangle's change of ln conductance to NAME.sd.csv, nan for triangles that the frame
+    /// does not determine; always from the linear model with noise and drift of the frame
     #[arg(long, requires = "out")]
     pub sd: bool,
     /// New or empty directory for a picture of each map

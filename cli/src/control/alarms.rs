@@ -111,17 +111,17 @@ pub(crate) async fn run(
         };
     }
     print(&listed, requested.all, printer)?;
-    let calling: Vec<&str> = listed
+    let raised: Vec<&str> = listed
         .iter()
         .filter(|alarm| alarm.seen.notifies())
         .map(|alarm| alarm.line.name.as_str())
         .collect();
-    match calling.len() {
+    match raised.len() {
         0 => Ok(()),
-        1 => Err(Failure::Failed(format!("alarm {} is active", calling[0]))),
+        1 => Err(Failure::Failed(format!("alarm {} is active", raised[0]))),
         number => Err(Failure::Failed(format!(
             "{number} alarms are active: {}",
-            calling.join(", ")
+            raised.join(", ")
         ))),
     }
 }

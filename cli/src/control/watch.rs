@@ -97,9 +97,11 @@ pub(crate) async fn run(
         }
     };
     let warned = async {
-        let baseline = session::baseline_in_use(daemon, &session).await;
-        let remarks = baseline.and_then(|baseline| baseline.more.remarks);
-        if let Some(remark) = remark_on_baseline(&remarks.unwrap_or_default()) {
+        let remarks = match daemon.ask("the session", session.baseline_id()).await {
+            Ok(baseline) => session::remarks_on(daemon, &baseline).await,
+            Err(_) => Vec::new(),
+        };
+        if let Some(remark) = remark_on_baseline(&remarks) {
             message(&printable(&format!("baseline, warning: {remark}")))?;
         }
         std::future::pending().await

@@ -281,13 +281,13 @@ impl Shown {
     /// What the rules say at present, most severe first: name and sentence.
     pub(crate) fn of_rules(&self) -> Vec<(String, String)> {
         let own = |alarm: &&alarms::Alarm| !built_in::has(&alarm.rule.name);
-        let mut calling: Vec<_> = self
+        let mut raised: Vec<_> = self
             .alarms
             .iter()
             .filter(own)
             .filter(|alarm| alarm.notifies())
             .collect();
-        calling.sort_by_key(|alarm| std::cmp::Reverse(alarm.rule.severity));
+        raised.sort_by_key(|alarm| std::cmp::Reverse(alarm.rule.severity));
         let invalid = self
             .alarms
             .iter()
@@ -300,7 +300,7 @@ impl Shown {
             };
             (alarm.rule.name.clone(), text)
         };
-        calling.into_iter().chain(invalid).map(sentence).collect()
+        raised.into_iter().chain(invalid).map(sentence).collect()
     }
 }
 

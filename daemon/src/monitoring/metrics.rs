@@ -192,7 +192,7 @@ const METRICS: [Metric; 25] = [
     ),
     Metric::new(
         "tactus_well",
-        "1 if the daemon has no problem and no alarm is active",
+        "1 if the daemon has no problem, and no alarm of a rule is active or cannot be evaluated; alarms that are shelved or out of service do not count",
         Values::Flag(|at| at.well),
     ),
     Metric::new(

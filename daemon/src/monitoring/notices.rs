@@ -44,7 +44,7 @@ pub(crate) struct Notices(BTreeMap<String, Notice>);
 
 #[derive(Debug, Default)]
 struct Notice {
-    /// Whether the alarm before at the last look.
+    /// Whether the alarm notified at the last look.
     notifies: bool,
     /// Whether its beginning was notified, so that its end will be.
     reported: bool,
@@ -84,12 +84,12 @@ impl Notice {
             phase,
             text,
         };
-        let before = std::mem::replace(&mut self.notifies, notifies);
+        let notified = std::mem::replace(&mut self.notifies, notifies);
         if !notifies {
             let reported = std::mem::take(&mut self.reported);
             return reported.then(|| message(Phase::Ended, format!("over; it was: {cause}")));
         }
-        if !before {
+        if !notified {
             self.unreported += 1;
         }
         let may = self

@@ -39,7 +39,7 @@ async fn systemd_is_notified_of_readiness_life_and_end() {
     let (status, log) = daemon.terminate().await;
     assert!(status.success(), "{log}");
     expect_notification(&socket, "STOPPING=1").await;
-    assert!(!log.contains("sign of life"), "{log}");
+    assert!(!log.contains("overdue"), "{log}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

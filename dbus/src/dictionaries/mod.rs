@@ -232,7 +232,6 @@ dictionaries! {
         /// The same without the correction for the electrodes, ohm.
         pauw_raw_ohm: f64,
         /// Rms difference between reciprocal readings, relative to the rms of the readings.
-
         reciprocity: f64,
         /// Noise of a reading, V.
         noise_v: f64,
@@ -266,8 +265,8 @@ dictionaries! {
         flags: String,
         /// Largest difference between reciprocal readings, relative to the largest reading; absent if there are none.
         reciprocity: f64,
-        /// Largest sum of the voltages round the ring at one injection, relative to the largest reading; absent if no injection was read all the
-/// way round.
+        /// Largest sum of the voltages round the ring at one injection, relative to the largest reading; absent if no
+        /// injection was read all the way round.
         loop_sum: f64,
     }
 

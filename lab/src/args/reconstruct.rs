@@ -42,7 +42,8 @@ pub(crate) struct ReconstructOptions {
     /// A calibration of this mesh and method, made by `calibrate`: maps in kPa, and each frame's load in newtons
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
-    /// Write the standard deviation of each triangle's change of ln conductance to NAME.sd.csv, nan where the frame says nothing of a triangle; by the linear model with noise and drift of the frame, whatever the method
+    /// Write the standard deviation of each triangle's change of ln conductance to NAME.sd.csv, nan for triangles that the frame
+    /// does not determine; always from the linear model with noise and drift of the frame
     #[arg(long)]
     pub(crate) sd: bool,
     /// Print 'frame N ms', the median time, on standard error

@@ -1,28 +1,5 @@
 //! Frames, baselines and the settings that make them comparable.
 
-/// The mean of each reading over the frames where it is valid, and the standard deviation of one reading, V, where two or more
-/// are. A reading valid in none keeps the flag of the last frame.
-pub fn mean_of(frames: &[&[Reading]]) -> (Vec<Reading>, Vec<Option<f64>>) {
-    let last = frames.last().copied().unwrap_or_default();
-    let of = |(index, flag): (usize, &Reading)| {
-        let valid: Vec<f64> = frames
-            .iter()
-            .filter_map(|frame| frame[index].volts())
-            .map(|volts| volts.0)
-            .collect();
-        if valid.is_empty() {
-            return (*flag, None);
-        }
-        let mean = valid.iter().sum::<f64>() / valid.len() as f64;
-        let deviation = (valid.len() > 1).then(|| {
-            let squares: f64 = valid.iter().map(|volts| (volts - mean).powi(2)).sum();
-            (squares / (valid.len() - 1) as f64).sqrt()
-        });
-        (Reading::Ok(Volts(mean)), deviation)
-    };
-    last.iter().enumerate().map(of).unzip()
-}
-
 #[cfg(test)]
 mod tests;
 
@@ -352,4 +329,27 @@ impl Baseline {
         }
         Ok(())
     }
+}
+
+/// The mean of each reading over the frames where it is valid, and the standard deviation of one reading, V, where two or more
+/// are. A reading valid in none keeps the flag of the last frame.
+pub fn mean_of(frames: &[&[Reading]]) -> (Vec<Reading>, Vec<Option<f64>>) {
+    let last = frames.last().copied().unwrap_or_default();
+    let of = |(index, flag): (usize, &Reading)| {
+        let valid: Vec<f64> = frames
+            .iter()
+            .filter_map(|frame| frame[index].volts())
+            .map(|volts| volts.0)
+            .collect();
+        if valid.is_empty() {
+            return (*flag, None);
+        }
+        let mean = valid.iter().sum::<f64>() / valid.len() as f64;
+        let deviation = (valid.len() > 1).then(|| {
+            let squares: f64 = valid.iter().map(|volts| (volts - mean).powi(2)).sum();
+            (squares / (valid.len() - 1) as f64).sqrt()
+        });
+        (Reading::Ok(Volts(mean)), deviation)
+    };
+    last.iter().enumerate().map(of).unzip()
 }

@@ -137,7 +137,7 @@ fn an_alarm_begins_with_a_press_and_outlives_a_restart() {
     assert_eq!(
         alarm(&stage, "heavy").1,
         Some(0),
-        "a shelved alarm calls nobody"
+        "a shelved alarm notifies nobody"
     );
     ask(&stage, &["alarms", "unshelve", "heavy"]);
     ask(&stage, &["alarms", "ack", "heavy", "--comment", "lifted"]);

@@ -190,7 +190,7 @@ fn two_that_contradict_are_both_named() {
 }
 
 #[test]
-fn path_points_must_ascend_in_time() {
+fn path_points_ascend_in_time_and_keep_the_kind_of_load() {
     let way = |path: &str| {
         format!("{DISC}x_mm = 100\nmass_g = 300\nfrom_s = 5\nto_s = 50\npath = [{path}]\n")
     };

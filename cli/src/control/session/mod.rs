@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use dbus::json::nonempty;
-use dbus::{BaselineReport, Session1Proxy, SessionOptions};
+use dbus::{Session1Proxy, SessionOptions};
 use serde::Serialize;
 
 use crate::args::{Start, Step, Stop};
@@ -78,19 +78,11 @@ pub(crate) async fn start(
     follow(daemon, &session, whole, start.within, printer).await
 }
 
-/// The current baseline, if the session uses it; the daemon may compute the remarks on it first. `None` where it cannot be had.
-pub(crate) async fn baseline_in_use(
-    daemon: &Daemon,
-    session: &Session1Proxy<'_>,
-) -> Option<BaselineReport> {
-    let requested = async {
-        Ok((
-            session.baseline_id().await?,
-            daemon.manager.baseline().await?,
-        ))
-    };
-    let (used, baseline) = daemon.ask("the baseline", requested).await.ok()?;
-    (baseline.id == used).then_some(baseline)
+/// Remarks on a baseline; the daemon may compute them first. None where they cannot be had.
+pub(crate) async fn remarks_on(daemon: &Daemon, baseline: &str) -> Vec<String> {
+    let requested = daemon.manager.baseline_remarks(baseline);
+    let remarks = daemon.ask("remarks on the baseline", requested).await;
+    remarks.unwrap_or_default()
 }
 
 /// Prints the warnings about the session's baseline. Where they cannot be had, the session goes on.
@@ -113,11 +105,7 @@ pub(crate) async fn warn_of(
     session: &str,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let requested = daemon.manager.baseline_remarks(baseline);
-    let Ok(remarks) = daemon.ask("remarks on the baseline", requested).await else {
-        return Ok(());
-    };
-    let mut texts = remarks.into_iter();
+    let mut texts = remarks_on(daemon, baseline).await.into_iter();
     texts.try_for_each(|text| warn(session, format!("baseline {baseline}: {text}"), printer))
 }
 

@@ -288,7 +288,9 @@ impl Manager1 {
     /// the sheet. None if there is nothing to remark.
     #[zbus(out_args("remarks"))]
     async fn baseline_remarks(&self, id: &str) -> Result<Vec<String>, Fault> {
-        self.0.remarks_on_kept(id).await
+        let (controller, id) = (Arc::clone(&self.0), id.to_owned());
+        let chosen = read(move || controller.kept_baseline(&id)).await??;
+        Ok(self.0.baseline_remarks(&chosen).await)
     }
 
     /// Makes an earlier baseline the current one for later sessions, until another is recorded or the daemon ends;

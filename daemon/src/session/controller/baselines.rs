@@ -39,24 +39,28 @@ impl Controller {
             return Vec::new();
         }
         let mut remarks: Vec<String> = self.noise_contradiction(baseline).into_iter().collect();
-        let mut kept = self.remarked.lock().await;
-        if !kept.contains_key(&baseline.id) {
-            let (controller, baseline) = (Arc::clone(self), Arc::clone(baseline));
-            let id = baseline.id.clone();
-            let found = containment::blocking(move || controller.remarks_on(&baseline)).await;
-            kept.insert(id, found.unwrap_or_default());
+        let mut kept = Arc::clone(&self.remarked).lock_owned().await;
+        if let Some(found) = kept.get(&baseline.id) {
+            remarks.extend(found.iter().cloned());
+            return remarks;
         }
-        remarks.extend(kept[&baseline.id].iter().cloned());
+        let (controller, baseline) = (Arc::clone(self), Arc::clone(baseline));
+        // one at a time, and kept even if its caller has gone
+        let found = containment::blocking(move || {
+            let found = controller.remarks_on(&baseline);
+            kept.insert(baseline.id.clone(), found.clone());
+            found
+        });
+        remarks.extend(found.await.into_iter().flatten());
         remarks
     }
 
-    /// The same of any kept baseline.
+    /// A kept baseline. Reads the record.
     ///
     /// # Errors
     /// No such baseline.
-    pub(crate) async fn remarks_on_kept(self: &Arc<Self>, id: &str) -> Result<Vec<String>, Fault> {
-        let chosen = self.chosen_baseline(Some(id))?;
-        Ok(self.baseline_remarks(&chosen).await)
+    pub(crate) fn kept_baseline(&self, id: &str) -> Result<Arc<Baseline>, Fault> {
+        self.chosen_baseline(Some(id))
     }
 
     /// The remarks on the current baseline, without those on its noise, if they are known; otherwise they are computed for

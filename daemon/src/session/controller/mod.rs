@@ -87,7 +87,7 @@ pub(crate) struct Controller {
     agreed: Notify,
     inner: Mutex<Inner>,
     /// Remarks on baselines by id, without those on their noise.
-    remarked: tokio::sync::Mutex<HashMap<String, Vec<String>>>,
+    remarked: Arc<tokio::sync::Mutex<HashMap<String, Vec<String>>>>,
 }
 
 struct Inner {
@@ -209,7 +209,7 @@ impl Controller {
             source: tokio::sync::Mutex::new(source),
             locks: Mutex::default(),
             agreed: Notify::new(),
-            remarked: tokio::sync::Mutex::default(),
+            remarked: Arc::default(),
             inner: Mutex::new(Inner {
                 state: match &closed {
                     Some(why) => State::Faulted(why.clone()),

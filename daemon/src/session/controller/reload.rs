@@ -167,6 +167,8 @@ impl Controller {
         };
         self.alarms.take_rules(&runtime.setup.config).await;
         *self.runtime.write().unwrap_or_else(PoisonError::into_inner) = runtime;
+        // they depend on the model
+        self.remarked.lock().await.clear();
         drop(source);
         let text = match outcome {
             Ok(identities) => {

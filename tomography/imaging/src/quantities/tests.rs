@@ -1,6 +1,5 @@
 use super::course::CourseSettings;
 use super::*;
-use survey::MapUnit;
 
 /// A square sheet of 200 mm, cut to squares of 2.5 mm of two triangles each.
 const SIDE: f64 = 0.2;
@@ -207,15 +206,8 @@ fn dose_and_time_without_relief_by_hand() {
 /// Quantities of a press that comes, moves and goes, in JSON, from the first frame on or from a stored state.
 fn from_frame(quantifier: &mut Quantifier, frames: std::ops::Range<u32>) -> Vec<String> {
     let taken = frames.map(|frame| {
-        let mut map = Map {
-            mesh_hash: String::new(),
-            values: vec![if frame % 7 == 6 { 0.0 } else { -0.3 }; 8],
-            unit: MapUnit::RelativeConductance,
-            method: String::new(),
-            masked: 0,
-            evidence: None,
-            quality: None,
-        };
+        let loss = if frame % 7 == 6 { 0.0 } else { -0.3 };
+        let mut map = Map::relative("", vec![loss; 8], "");
         map.values[3] = -0.1 * f64::from(frame % 5);
         let judged = JudgedMap {
             map: &map,

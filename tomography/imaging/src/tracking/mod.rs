@@ -262,10 +262,10 @@ impl Tracking {
         self.model().baseline_with(&self.tracker.baseline())
     }
 
-    /// Like [`Tracking::follow`], without a result.
+    /// Like [`Tracking::judge`], without a result.
     ///
     /// # Errors
-    /// As [`Tracking::follow`].
+    /// As [`Tracking::judge`].
     pub fn pass(&mut self, frame: &[Reading], at_s: f64) -> Result<(), DriftError> {
         self.learn(frame, at_s).map(drop)
     }

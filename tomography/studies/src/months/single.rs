@@ -5,7 +5,7 @@ use imaging::{Conditions, Geometry, Method, Model, ReconstructionSettings, build
 use phantom::Load;
 use rayon::prelude::*;
 use serde::Serialize;
-use survey::{Amps, Map, MapUnit, Reading};
+use survey::{Amps, Map, Reading};
 
 use super::Settings;
 use super::simulated::{CURRENT_A, Family, NOISE_V, Simulated, away_mm, model, protocol};
@@ -287,15 +287,8 @@ pub(super) fn locate(
         .whitened
         .one_step(model, MAP_SIZE)
         .map_err(failed)?;
-    let map = Map {
-        values: mesh.region().iter().map(|&t| values[t]).collect(),
-        unit: MapUnit::RelativeConductance,
-        method: "evidence".to_owned(),
-        masked: 0,
-        evidence: None,
-        quality: None,
-        ..shipped.clone()
-    };
+    let of_region = mesh.region().iter().map(|&t| values[t]).collect();
+    let map = Map::relative(&shipped.mesh_hash, of_region, "evidence");
     let fit = assessed.whitened.fit_disc(model).map_err(failed)?;
     let found = |map: &Map| map.found(&centroids, &areas).unwrap_or([0.0; 2]);
     Ok(vec![

@@ -18,7 +18,7 @@ use crate::simulator::{Session, Simulator34980a, Wires};
 pub(crate) struct Execution<'a> {
     pub(super) session: Session,
     pub(super) now: Duration,
-    /// This session has an unread reply already.
+    /// An earlier query of this message has a reply.
     pub(super) replied: bool,
     /// The command is the last of its message.
     pub(super) last: bool,

@@ -56,7 +56,7 @@ pub struct NonlinearTvOptions {
     /// Injected current of that noise, A.
     pub current_a: f64,
     /// Largest share of the squared change of a frame that a map of losses alone may leave unexplained beyond what a map with gains
-    /// leaves. If it leaves more, gains are not penalised in the map. `None`: gains are always penalised.
+    /// leaves. If it leaves more, gains are not penalised in the map. `None`: maps show losses only.
     pub most_gain: Option<f64>,
     /// The baseline's scale.
     pub scale: Scale,
