@@ -11,6 +11,7 @@ use tempfile::TempDir;
 
 /// How long a test waits for a thing before it fails: a busy machine takes minutes where a quiet one takes a second.
 pub const PATIENCE: Duration = Duration::from_secs(300);
+
 /// Role that owns the catalogue.
 pub const OWNER: &str = "owner";
 /// Database of the catalogue.

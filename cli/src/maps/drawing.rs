@@ -71,7 +71,7 @@ impl Field {
 
     /// These values, one for each triangle of the region, as a map of this mesh.
     pub(crate) fn map(&self, values: Vec<f64>, method: &str) -> Map {
-        Map::relative(self.mesh_hash.clone(), values, method.to_owned())
+        Map::relative(&self.mesh_hash, values, method)
     }
 
     /// Whether the map is of this mesh.

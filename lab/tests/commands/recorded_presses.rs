@@ -32,11 +32,7 @@ fn errors_mm(case: &Path, presses: &Path, maps: &Path) -> Vec<f64> {
         .skip(1)
         .map(|line| {
             let field = |k: usize| -> f64 { line.split(',').nth(k).unwrap().parse().unwrap() };
-            let map = survey::Map::relative(
-                mesh.hash().to_owned(),
-                maps[field(0) as usize - 1].clone(),
-                String::new(),
-            );
+            let map = survey::Map::relative(mesh.hash(), maps[field(0) as usize - 1].clone(), "");
             let found = map.found(&centroids, &areas).unwrap();
             1e3 * (found[0] - field(1)).hypot(found[1] - field(2))
         })

@@ -154,11 +154,7 @@ fn ottawa_the_ball_is_found_within_two_centimetres() {
             "{message}"
         );
         for (row, truth) in [(1, [0.0, 0.0]), (2, [0.0, 0.07])] {
-            let map = survey::Map::relative(
-                mesh.hash().to_owned(),
-                numbers(&maps)[row].clone(),
-                String::new(),
-            );
+            let map = survey::Map::relative(mesh.hash(), numbers(&maps)[row].clone(), "");
             let found = map.found(&centroids, &areas).unwrap();
             let error = (found[0] - truth[0]).hypot(found[1] - truth[1]);
             println!(

@@ -168,7 +168,7 @@ mod tests {
         let own = model.reconstructor.reconstruct(&baseline, &frame).unwrap();
         assert!(
             own.quality
-                .is_some_and(|own| own.text().contains("distance"))
+                .is_some_and(|own| own.text().contains("distance from the training inputs"))
         );
         assert_eq!(model.reconstruct(&baseline, &frame).unwrap().quality, None);
     }

@@ -143,7 +143,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         .filter_map(|(k, (made, truth))| {
             let (map, ms) = made?;
             Some(Frame {
-                truth: Map::relative(map.mesh_hash.clone(), truth, "truth"),
+                truth: Map::relative(&map.mesh_hash, truth, "truth"),
                 map,
                 place: places.get(k).map(|row| [row[1], row[2]]),
                 ms,

@@ -62,9 +62,9 @@ impl Reconstructor for Reported {
             Do::MapAfter(received) => received.recv().unwrap(),
         }
         Ok(Map::relative(
-            self.mesh().hash().to_owned(),
+            self.mesh().hash(),
             vec![-frame[0].volts().unwrap().0; self.mesh().region_areas().len()],
-            self.method().to_owned(),
+            self.method(),
         ))
     }
 }
