@@ -68,7 +68,8 @@ impl OnnxReconstructor {
             (GEOMETRY, "geometry", mesh.hash().to_owned()),
         ] {
             let value = session.metadata().ok().and_then(|all| all.custom(key));
-            match value {
+            // ort reads a key that the file does not have as an empty text
+            match value.filter(|value| !value.is_empty()) {
                 Some(value) if value == here => notes.push(what),
                 Some(value) => {
                     return Err(OnnxError::Other {
