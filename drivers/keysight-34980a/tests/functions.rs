@@ -371,6 +371,26 @@ fn integration_below_a_cycle_turns_autozero_off() {
 }
 
 #[test]
+fn selected_memory_is_recalled_at_power_on() {
+    let mut talk = Talk::with(&["34924A"], 470.0);
+    talk.say("CONF:VOLT:DC 100,(@1001:1002);:*SAV 2");
+    talk.say("*RST;:MEM:STAT:REC:SEL 2");
+    talk.0.power_cycle(talk.2, &mut talk.1);
+    // selected, but the recall is off
+    talk.holds(&[("MEM:STAT:REC:SEL?;:ROUT:SCAN:SIZE?", "2;+0")]);
+    talk.say("MEM:STAT:REC:AUTO ON");
+    talk.0.power_cycle(talk.2, &mut talk.1);
+    talk.holds(&[(
+        "MEM:STAT:REC:AUTO?;:ROUT:SCAN:SIZE?;:VOLT:DC:RANG? (@1002);:SYST:ERR?",
+        "1;+2;+1.00000000E+02;+0,\"No error\"",
+    )]);
+    talk.say("MEM:STAT:DEL 2");
+    talk.0.power_cycle(talk.2, &mut talk.1);
+    assert!(talk.say("SYST:ERR?").starts_with("+291"));
+    talk.refuses("MEM:STAT:REC:SEL 6", "-222");
+}
+
+#[test]
 fn memory_zero_is_that_of_the_power_down_state() {
     let mut talk = Talk::with(&["34924A"], 470.0);
     talk.refuses("*SAV 0", "-222");
@@ -430,6 +450,7 @@ fn labels_memories_and_voltmeter_follow_the_help() {
             "*SAV 3;:MEM:STAT:VAL? 3;:MEM:STAT:DEL 3;:MEM:STAT:VAL? 3",
             "1;0",
         ),
+        ("MEM:STAT:REC:AUTO?;:MEM:STAT:REC:SEL?", "0;0"),
         ("SYST:COMM:LAN:MAC?", "\"00-30-D3-00-00-01\""),
         (
             "INST:DMM?;:INST:DMM OFF;:INST:DMM:STAT?;:INST:DMM:INST?",

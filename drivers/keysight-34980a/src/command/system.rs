@@ -62,6 +62,14 @@ pub enum System {
     MemoryDelete(u8),
     /// Read the number of memories (same page).
     Memories,
+    /// Enable or disable the recall of a memory at power on (help: MEMory:STATe:RECall:AUTO).
+    SetRecallAtPowerOn(bool),
+    /// Read whether it is enabled.
+    RecallAtPowerOn,
+    /// Select the memory that is recalled at power on (help: MEMory:STATe:RECall:SELect).
+    SelectRecalled(u8),
+    /// Read which memory that is.
+    Recalled,
     /// Read the MAC address of the network port (help: SYSTem:COMMunicate:LAN:MAC).
     MacAddress,
     /// Read the oldest error and remove it.
@@ -228,6 +236,19 @@ pub(super) fn rows(table: &mut Table) {
     table.add("MEMory:STATe:DELete", move |call| {
         place(call, 0).map(S::MemoryDelete)
     });
+    table.add("MEMory:STATe:RECall:AUTO", |call| {
+        let [on] = call.exactly()?;
+        on.boolean().map(S::SetRecallAtPowerOn)
+    });
+    table.add("MEMory:STATe:RECall:AUTO?", |call| {
+        plain(call, S::RecallAtPowerOn)
+    });
+    table.add("MEMory:STATe:RECall:SELect", move |call| {
+        place(call, 0).map(S::SelectRecalled)
+    });
+    table.add("MEMory:STATe:RECall:SELect?", |call| {
+        plain(call, S::Recalled)
+    });
     table.add("*SAV", move |call| place(call, 1).map(S::Save));
     table.add("*RCL", move |call| place(call, 0).map(S::Recall));
     for (name, group) in GROUPS {
@@ -282,6 +303,10 @@ impl fmt::Display for System {
             Self::MemoryValid(place) => write!(f, "MEM:STAT:VAL? {place}"),
             Self::MemoryDelete(place) => write!(f, "MEM:STAT:DEL {place}"),
             Self::Memories => f.write_str("MEM:NST?"),
+            Self::SetRecallAtPowerOn(on) => write!(f, "MEM:STAT:REC:AUTO {}", OnOff(*on)),
+            Self::RecallAtPowerOn => f.write_str("MEM:STAT:REC:AUTO?"),
+            Self::SelectRecalled(place) => write!(f, "MEM:STAT:REC:SEL {place}"),
+            Self::Recalled => f.write_str("MEM:STAT:REC:SEL?"),
             Self::MacAddress => f.write_str("SYST:COMM:LAN:MAC?"),
             Self::NextError => f.write_str("SYST:ERR?"),
             Self::Version => f.write_str("SYST:VERS?"),

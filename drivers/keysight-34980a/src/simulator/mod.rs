@@ -175,6 +175,9 @@ pub struct Simulator34980a {
     display_on: bool,
     /// The settings stored by `*SAV`; they survive `*RST` and power off.
     kept: [Option<Settings>; MEMORIES as usize],
+    /// Whether a place of `kept` is recalled at power on, and which; they survive `*RST` and power off.
+    recall_at_power_on: bool,
+    recalled: u8,
     /// User labels of channels; they survive `*RST` and power off.
     labels: BTreeMap<Relay, String>,
     /// Commands may begin before relays have settled.
@@ -201,6 +204,8 @@ impl Simulator34980a {
             display: String::new(),
             display_on: true,
             kept: Default::default(),
+            recall_at_power_on: false,
+            recalled: 0,
             labels: BTreeMap::new(),
             overlap: false,
             completion_awaited: false,
@@ -243,8 +248,8 @@ impl Simulator34980a {
         self.notice(at);
     }
 
-    /// Switches power off and on: latching relays keep their state; sequences, relay counts and the clock are kept;
-    /// everything else is reset (sections 3 and 6).
+    /// Switches power off and on: latching relays keep their state; sequences, relay counts and the clock are kept; settings are
+    /// recalled where `MEM:STAT:REC:AUTO` is on; everything else is reset (sections 3 and 6).
     pub fn power_cycle(&mut self, at: Duration, wires: &mut dyn Wires) {
         self.relays.lose_power();
         self.deferred = None;
@@ -260,6 +265,12 @@ impl Simulator34980a {
         self.display_on = true;
         self.overlap = false;
         self.completion_awaited = false;
+        if self.recall_at_power_on {
+            match self.kept[usize::from(self.recalled)].clone() {
+                Some(kept) => self.meter.take_settings(kept, &self.relays),
+                None => self.fail(QueuedError::NOTHING_KEPT),
+            }
+        }
         self.relays.tell(at, wires);
     }
 

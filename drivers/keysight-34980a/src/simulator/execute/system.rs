@@ -41,6 +41,10 @@ impl Simulator34980a {
             }
             System::MemoryDelete(place) => self.kept[usize::from(place)] = None,
             System::Memories => return Ok(Some(format!("{:+}", self.kept.len()))),
+            System::SetRecallAtPowerOn(on) => self.recall_at_power_on = on,
+            System::RecallAtPowerOn => return yes_no(self.recall_at_power_on),
+            System::SelectRecalled(place) => self.recalled = place,
+            System::Recalled => return Ok(Some(self.recalled.to_string())),
             System::MacAddress => return Ok(Some(quote("00-30-D3-00-00-01"))),
             System::NextError => {
                 let entry = self.errors.pop();
