@@ -114,6 +114,7 @@ async fn relay_in_wrong_state_fails_the_frame_and_is_named() {
             cause.contains(reported) && cause.contains("electrodes"),
             "{cause}"
         );
+        assert!(refused.off_after().unwrap() <= ALLOWED, "{refused:?}");
         stand_in.assert_safe();
     }
 }
@@ -122,6 +123,7 @@ async fn relay_in_wrong_state_fails_the_frame_and_is_named() {
 async fn whatever_fails_the_source_is_off_in_time() {
     let plan = plan();
     let each = Duration::from_millis(20);
+    let mut failed = 0;
     for call in 0..40 {
         let stand_in = StandIn::new(&plan.wiring)
             .slow(Part::Source, 0, each)
@@ -131,5 +133,7 @@ async fn whatever_fails_the_source_is_off_in_time() {
         let Err(ended) = ended else { break };
         assert!(ended.off_after().unwrap() <= ALLOWED, "{call}: {ended:?}");
         assert!(stand_in.is_off());
+        failed += 1;
     }
+    assert!(failed > 20, "only {failed} calls of a frame failed");
 }
