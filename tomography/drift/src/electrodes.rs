@@ -285,10 +285,13 @@ impl ElectrodeCheck {
                 let volts = frame[reading].volts()?.0;
                 Some((volts / model.baseline()[reading]).abs())
             });
-            let mut shares: Vec<f64> = shares.collect();
-            shares.sort_by(f64::total_cmp);
-            let middle = shares.get(shares.len() / 2);
-            middle.is_some_and(|share| *share < SHORTED)
+            // the median is below it
+            let (mut count, mut below) = (0, 0);
+            for share in shares {
+                count += 1;
+                below += usize::from(share < SHORTED);
+            }
+            below > count / 2
         };
         self.between_neighbours.iter().position(almost_nothing)
     }

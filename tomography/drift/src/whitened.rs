@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eit::linear_algebra::Definite;
+use eit::linear_algebra::{Definite, single_transposed_times};
 use nalgebra::{DMatrix, DVector};
 
 use crate::DriftError;
@@ -176,21 +176,23 @@ impl Whitened {
 
     /// The best discs that are at least 25 mm apart, best first.
     pub(crate) fn load_tests(&self, model: &DriftModel, most: usize) -> Vec<LoadTest> {
-        Atoms::new(self.sensitivity(&model.atoms)).best(&self.data, model, most)
+        Atoms::new(&self.sensitivity(&model.atoms)).best(&self.data, model, most)
     }
 }
 
 /// Whitened data of the load test's discs, with what is the same for all data.
 #[derive(Debug)]
 pub(crate) struct Atoms {
-    columns: DMatrix<f64>,
+    columns: DMatrix<f32>,
     squares: DVector<f64>,
 }
 
 impl Atoms {
-    pub(crate) fn new(columns: DMatrix<f64>) -> Self {
-        let squares = DVector::from_fn(columns.ncols(), |k, _| columns.column(k).norm_squared());
-        Self { columns, squares }
+    pub(crate) fn new(columns: &DMatrix<f64>) -> Self {
+        Self {
+            squares: DVector::from_fn(columns.ncols(), |k, _| columns.column(k).norm_squared()),
+            columns: columns.map(|value| value as f32),
+        }
     }
 
     /// The places that explain whitened data best.
@@ -200,7 +202,8 @@ impl Atoms {
         model: &DriftModel,
         most: usize,
     ) -> Vec<LoadTest> {
-        places_by_score(model, &self.columns.tr_mul(data), &self.squares, most)
+        let dots = single_transposed_times(&self.columns, data);
+        places_by_score(model, &dots, &self.squares, most)
     }
 }
 

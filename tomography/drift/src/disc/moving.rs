@@ -123,7 +123,7 @@ impl DriftModel {
     /// A load that the window shows, from the best places of the load test whose scores are at least `least`; its parameters and score.
     fn search_moving(&self, window: &Window, least: f64) -> Option<(SVector<f64, N>, f64)> {
         let atoms = self.atoms.select_rows(&window.rows);
-        let atoms = Atoms::new(window.white.sensitivity(&atoms));
+        let atoms = Atoms::new(&window.white.sensitivity(&atoms));
         let starts = atoms.best(window.white.data(), self, 3);
         let fits = starts
             .iter()

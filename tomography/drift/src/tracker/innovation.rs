@@ -16,6 +16,8 @@ use crate::whitened::{Atoms, LOADED, LoadTest, Whitened, factor};
 pub(super) struct Frame {
     /// Change since the first baseline, V.
     pub(super) data: DVector<f64>,
+    /// The same in the coordinates of the basis.
+    pub(super) in_basis: DVector<f64>,
     /// Change since the tracked baseline, V.
     pub(super) e: DVector<f64>,
     /// Change since the last frame, V.
@@ -64,7 +66,11 @@ impl Tracker {
                     squares
                 }
             };
-            basis.load_tests(&self.model, &basis.of(step), &variances, &squares, 1)
+            let before = self.last_in_basis.take();
+            let before =
+                before.unwrap_or_else(|| basis.of(&DVector::from_column_slice(&self.state.last)));
+            let step = &frame.in_basis - before;
+            basis.load_tests(&self.model, &step, &variances, &squares, 1)
         } else {
             let last = &self.state.last_rows;
             let both = frame
@@ -108,7 +114,7 @@ impl Tracker {
             predicted,
             covariance,
             factor: Arc::new(factor),
-            atoms: Atoms::new(atoms),
+            atoms: Atoms::new(&atoms),
         }))
     }
 

@@ -17,7 +17,7 @@ mod state;
 
 use std::sync::Arc;
 
-use eit::linear_algebra::{product, view};
+use eit::linear_algebra::{product, times, view};
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
 
@@ -124,6 +124,8 @@ pub struct Tracker {
     steady: Option<Arc<Steady>>,
     /// The same of the step between two frames: its variance in units of daily growth, and the squares of the load test.
     of_steps: Option<(f64, Arc<DVector<f64>>)>,
+    /// The last frame in the coordinates of the basis; follows from the state.
+    last_in_basis: Option<DVector<f64>>,
 }
 
 /// What depends on the sheet alone.
@@ -162,6 +164,7 @@ impl Tracker {
             state,
             steady: None,
             of_steps: None,
+            last_in_basis: None,
         })
     }
 
@@ -206,6 +209,7 @@ impl Tracker {
             e: &relative.data - self.state.baseline(),
             step: (!self.state.last.is_empty())
                 .then(|| &relative.data - DVector::from_column_slice(&self.state.last)),
+            in_basis: self.prepared.basis.of(&relative.data),
             data: relative.data,
             rows: self.usable(&relative.rows),
             days,
@@ -253,6 +257,7 @@ impl Tracker {
         {
             self.predict(&now);
             self.state.last = Vec::new(); // no step can be taken from such a frame
+            self.last_in_basis = None;
             return Ok(answer);
         }
         if fault.is_some() {
@@ -260,6 +265,7 @@ impl Tracker {
         }
         let event = self.event(&frame_now)?;
         self.state.last = frame_now.data.as_slice().to_vec();
+        self.last_in_basis = Some(frame_now.in_basis.clone());
         self.state.last_rows.clone_from(&frame_now.rows);
         if self.carry_out(&mut answer, &mut frame_now, &now)? {
             // a person has judged it
@@ -356,7 +362,8 @@ impl Tracker {
 
     /// Corrects the state by a frame without load, whose innovation is `white`.
     fn learn(&mut self, answer: &mut Answer, frame: &Frame, now: &Arc<Steady>, white: &Whitened) {
-        self.state.correct(&(&now.predicted * white.weights()));
+        let correction = times(&now.predicted, &white.weights());
+        self.state.correct(&DVector::from_vec(correction));
         let complete = frame.rows.len() == self.prepared.rows.len();
         let (run, at_s) = (self.state.run, self.state.at_s);
         let renewed = run >= STEADY_AFTER && (run - STEADY_AFTER).is_multiple_of(RENEWED_EVERY);
@@ -376,7 +383,7 @@ impl Tracker {
             let chosen = self
                 .state
                 .pace
-                .follow(&self.prepared.basis, &frame.data, at_s);
+                .follow(&self.prepared.basis, &frame.in_basis, at_s);
             if chosen.is_some_and(|pace| pace != before) {
                 self.state.restart();
                 self.steady = None;

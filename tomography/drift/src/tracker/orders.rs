@@ -98,7 +98,7 @@ impl Tracker {
         let (baseline, at_s) = (self.state.baseline(), self.state.at_s);
         self.state
             .pace
-            .begin_again(&self.prepared.basis, &baseline, at_s);
+            .begin_again(&self.prepared.basis.of(&baseline), at_s);
         self.forget_anchors();
     }
 

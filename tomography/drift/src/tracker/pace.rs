@@ -61,12 +61,11 @@ impl Pace {
         }
     }
 
-    /// Follows a frame without load; the new pace if it has been chosen anew.
+    /// Follows a frame without load, in the coordinates of the basis; the new pace if it has been chosen anew.
     pub(crate) fn follow(&mut self, basis: &Basis, data: &DVector<f64>, at_s: f64) -> Option<f64> {
         let days = ((at_s - self.last_s) / DAY_S).max(0.0);
         self.last_s = at_s;
         self.frames += 1;
-        let data = basis.of(data);
         for (filter, pace) in self.filters.iter_mut().zip(PACES) {
             let mut sum = 0.0;
             for k in 0..data.len() {
@@ -100,9 +99,9 @@ impl Pace {
         Some(self.pace)
     }
 
-    /// These data are a new baseline, with the noise of one frame: what was between it and the last frame is no drift.
-    pub(crate) fn begin_again(&mut self, basis: &Basis, data: &DVector<f64>, at_s: f64) {
-        let data = basis.of(data);
+    /// These data, in the coordinates of the basis, are a new baseline, with the noise of one frame: what was between it and the last
+    /// frame is no drift.
+    pub(crate) fn begin_again(&mut self, data: &DVector<f64>, at_s: f64) {
         for filter in &mut self.filters {
             filter.mean.copy_from_slice(data.as_slice());
             filter.variance.fill(1.0);

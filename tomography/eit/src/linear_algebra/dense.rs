@@ -81,7 +81,7 @@ pub(crate) fn gram_of_block(block: &Block) -> DMatrix<f64> {
 }
 
 /// a x, at memory bandwidth.
-pub(crate) fn times(a: &DMatrix<f64>, x: &DVector<f64>) -> Vec<f64> {
+pub fn times(a: &DMatrix<f64>, x: &DVector<f64>) -> Vec<f64> {
     widest(Times { a, x })
 }
 
@@ -256,4 +256,73 @@ pub(crate) fn transposed_times(a: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f6
     let x = MatRef::from_column_major_slice(x.as_slice(), x.len(), 1);
     let product = product(view(a).transpose(), x);
     DVector::from_column_slice(product.as_slice())
+}
+
+/// A'x in single precision, at memory bandwidth: for tests that compare many columns and need no more digits.
+pub fn single_transposed_times(a: &DMatrix<f32>, x: &DVector<f64>) -> DVector<f64> {
+    let x: Vec<f32> = x.iter().map(|value| *value as f32).collect();
+    DVector::from_vec(widest(SingleTransposedTimes { a, x: &x }))
+}
+
+struct SingleTransposedTimes<'a> {
+    a: &'a DMatrix<f32>,
+    x: &'a [f32],
+}
+
+impl Task for SingleTransposedTimes<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run<M: MulAdd>(self) -> Vec<f64> {
+        const LANES: usize = 16;
+        const TOGETHER: usize = 4;
+        let rows = self.a.nrows();
+        if rows == 0 {
+            return vec![0.0; self.a.ncols()];
+        }
+        let (x, x_rest) = self.x.as_chunks::<LANES>();
+        let whole = rows - x_rest.len();
+        let mut out = Vec::with_capacity(self.a.ncols());
+        for columns in self.a.as_slice().chunks(rows * TOGETHER) {
+            // fewer columns at the end: the last one is computed several times
+            let last = columns.len() / rows - 1;
+            let column: [&[f32]; TOGETHER] =
+                std::array::from_fn(|k| &columns[k.min(last) * rows..][..rows]);
+            let chunks = column.map(|column| column.as_chunks::<LANES>().0);
+            let mut lanes = [[0.0_f32; LANES]; TOGETHER];
+            for (i, x) in x.iter().enumerate() {
+                for k in 0..TOGETHER {
+                    for lane in 0..LANES {
+                        lanes[k][lane] =
+                            M::single_mul_add(chunks[k][i][lane], x[lane], lanes[k][lane]);
+                    }
+                }
+            }
+            for (column, lanes) in column.iter().zip(lanes).take(last + 1) {
+                let rest = column[whole..].iter().zip(x_rest);
+                let rest: f32 = rest.map(|(value, x)| value * x).sum();
+                out.push(f64::from(lanes.iter().sum::<f32>() + rest));
+            }
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_with_vectors_are_those_of_the_formula() {
+        // sizes that are and are not multiples of what is computed together
+        for (rows, columns) in [(1, 1), (7, 9), (8, 4), (299, 101), (16, 3), (0, 5), (5, 0)] {
+            let a = DMatrix::from_fn(rows, columns, |i, j| ((i * 7 + j * 3) as f64).sin());
+            let [x, y] = [columns, rows].map(|n| DVector::from_fn(n, |i, _| (i as f64).cos()));
+            let to = DVector::from_vec(times(&a, &x));
+            let back = single_transposed_times(&a.map(|value| value as f32), &y);
+            assert_eq!((to.len(), back.len()), (rows, columns));
+            assert!((to - &a * &x).amax() < 1e-12, "{rows} x {columns}");
+            assert!((back - a.tr_mul(&y)).amax() < 1e-4, "{rows} x {columns}");
+        }
+    }
 }

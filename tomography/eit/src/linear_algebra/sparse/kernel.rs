@@ -6,6 +6,7 @@
 /// a b + c, with one rounding or two.
 pub(crate) trait MulAdd: Copy {
     fn mul_add(a: f64, b: f64, c: f64) -> f64;
+    fn single_mul_add(a: f32, b: f32, c: f32) -> f32;
 }
 
 /// One rounding: on processors with the instruction.
@@ -17,6 +18,11 @@ impl MulAdd for Fused {
     fn mul_add(a: f64, b: f64, c: f64) -> f64 {
         a.mul_add(b, c)
     }
+
+    #[inline(always)]
+    fn single_mul_add(a: f32, b: f32, c: f32) -> f32 {
+        a.mul_add(b, c)
+    }
 }
 
 /// Two roundings: on all others.
@@ -26,6 +32,11 @@ pub(crate) struct Separate;
 impl MulAdd for Separate {
     #[inline(always)]
     fn mul_add(a: f64, b: f64, c: f64) -> f64 {
+        a * b + c
+    }
+
+    #[inline(always)]
+    fn single_mul_add(a: f32, b: f32, c: f32) -> f32 {
         a * b + c
     }
 }
