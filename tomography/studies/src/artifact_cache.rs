@@ -23,7 +23,7 @@ pub trait Program {
     /// The command's error.
     fn run(&self, words: &[OsString]) -> Result<(), Failure>;
 
-    /// Growth of a new process by loading a model, bytes; `None` if the system does not report it.
+    /// By how much a new process grows at most while it loads a model, bytes; `None` if the system does not report it.
     fn resident_bytes(&self, model: &Path) -> Option<u64>;
 }
 

@@ -377,7 +377,7 @@ fn memory(deep: &Trained, rbf: &Trained) -> Claim {
         section: "5.4",
         paper: "over 21 million weights against 369,000: 58 times",
         ours: format!(
-            "{} against {} weights: {ratio:.0} times; {:.1} and {:.1} MB on disk, {} and {} MB more resident after loading",
+            "{} against {} weights: {ratio:.0} times; {:.1} and {:.1} MB on disk, {} and {} MB of memory to load them",
             deep.weights,
             rbf.weights,
             megabytes(deep.bytes),

@@ -93,8 +93,8 @@ pub(crate) fn open_contact() -> Result<Outcome, Failure> {
             1e-12,
         ),
         Check::at_least(
-            "V at 1 mA across a driven contact of 1e9 ohm",
-            Naive::Sound(1e-3 * volts),
+                        "V at 1 mA across a driven contact of 1e9 ohm",
+            Naive::Absent("every form of the contact has it".into()),
             1e-3 * volts,
             105.0,
         ),

@@ -24,6 +24,8 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
             let bytes = std::fs::metadata(&trained.file)
                 .map_err(|cause| Failure::of(&trained.file.display().to_string(), &cause))?
                 .len() as f64;
+            let memory = place.resident_bytes(&trained.file);
+            let memory = memory.map_or(f64::NAN, |bytes| bytes as f64);
             let (mut errors, mut times, mut all) = (Vec::new(), Vec::new(), Vec::new());
             for set in &sets {
                 let judged = maps(set, precision, &trained.words())?;
@@ -51,6 +53,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
                 )
                 .with("p99, s", p99)
                 .with("file, bytes", bytes)
+                .with("memory to load it, bytes", memory)
                 .with("loading, s", load_s)
                 .with("worst difference from f32, of the largest value", away),
             );
@@ -64,13 +67,11 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
         up: "1 - correlation".to_owned(),
         shows: format!(
             "Deep networks of several widths, their weights kept in f32, f16 and int8, on cases of Algorithm 1 kept back; the \
-             table has bytes, time of loading, and how far a map moves from that of f32. Trained on {} cases for {} epochs.",
+                          table has bytes, peak memory and time of loading, and how far a map moves from that of f32. Trained on {} cases for {} epochs.",
             cases(effort),
             epochs(effort)
         ),
-        not_proved: "A longer training may use more of the precision than this one does; memory is that of the file, which is \
-                     mapped, not measured as resident."
-            .to_owned(),
+                not_proved: "A longer training may use more of the precision than this one does.".to_owned(),
         not_built: vec!["weights in f64: no model file has them".to_owned()],
         costs: true,
         points,
