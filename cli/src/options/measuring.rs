@@ -20,7 +20,7 @@ pub struct Measuring {
     /// Number of readings averaged to one, 1 or more [default: as configured]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub averages: Option<u64>,
-    /// Take a zero reading after every reading
+    /// Take a zero reading after every reading [default: as configured]
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     pub autozero: Option<bool>,
     /// Wait after a change of the current, e.g. 2ms [default: as configured]
@@ -29,7 +29,7 @@ pub struct Measuring {
     /// Wait before each scanned channel, whole milliseconds, e.g. 1ms [default: as configured]
     #[arg(long, value_name = "SPAN", value_parser = span)]
     pub channel_delay: Option<Duration>,
-    /// Inject with both polarities: cancels thermal EMFs and leakage
+    /// Inject with both polarities: cancels thermal EMFs and leakage [default: as configured]
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     pub reversal: Option<bool>,
     /// Number of frames between frames at 0 A, which are subtracted; 0: none [default: as configured]
@@ -38,10 +38,10 @@ pub struct Measuring {
     /// Number of electrodes between those of a pair, 0 for neighbours [default: as configured]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=254))]
     pub skip: Option<u64>,
-    /// Take only one of two reciprocal readings
+    /// Take only one of two reciprocal readings [default: as configured]
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     pub half: Option<bool>,
-    /// One range for all readings, or a range for each
+    /// One range for all readings, or a range for each [default: as configured]
     #[arg(long, value_enum)]
     pub ranges: Option<Ranges>,
 }

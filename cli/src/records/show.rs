@@ -6,7 +6,7 @@ use imaging::noise::rms_deviation;
 use imaging::recorded::SessionParts;
 use logbook::{About, InstrumentRecord};
 use serde::Serialize;
-use survey::{Baseline, Settings, printable};
+use survey::{Amps, Baseline, Settings, printable};
 
 use crate::args::Global;
 use crate::failure::Failure;
@@ -242,8 +242,8 @@ fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
         push(
             "settings",
             format!(
-                "{:.6} mA, {}{} V, {} PLC, settling {} ms, averages {}, autozero {}, reversal {}, wiring {}",
-                1e3 * taken.current_a,
+                "{}, {}{} V, {} PLC, settling {} ms, averages {}, autozero {}, reversal {}, wiring {}",
+                Amps(taken.current_a),
                 if taken.planned_ranges {
                     "ranges up to "
                 } else {

@@ -47,7 +47,7 @@ async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
                 text.contains(&format!(" {} ", map.values.len())) && text.contains(&map.mesh_hash)
             );
         }
-        Err(_) => eprintln!("not asked by busctl: it is not here"),
+        Err(fault) => needs::lacking("DBUS", &format!("busctl: {fault}")),
     }
 
     // another connection requests the name with replacement

@@ -39,7 +39,7 @@ pub(crate) struct ReconstructOptions {
     pub(crate) out: OutPath,
     #[command(flatten)]
     pub(crate) replacing: Replacing,
-    /// A calibration of this mesh and method, made by `calibrate`: maps in kPa, and each frame's load in newtons
+    /// A calibration of this mesh and method, made by `calibrate`: maps in kPa, and each frame's load in newtons [default: none, relative loss]
     #[arg(long, value_name = "FILE")]
     pub(crate) calibration: Option<PathBuf>,
     /// Write the standard deviation of each triangle's change of ln conductance to NAME.sd.csv, nan for triangles that the frame

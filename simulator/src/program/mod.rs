@@ -88,7 +88,7 @@ struct Status {
 
 #[derive(Debug, clap::Args)]
 struct Serve {
-    /// Profile of the instruments: a file, or a name of `tactus-sim list`.
+    /// Profile of the instruments: a file, or a name of `tactus-sim list` [default: pairs-34924a].
     #[arg(long, value_name = "FILE|NAME")]
     profile: Option<String>,
     /// Scene (sheet, loads and effects): a file, or a name of `tactus-sim list` [default: an unloaded sheet].

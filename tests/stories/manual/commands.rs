@@ -71,6 +71,7 @@ fn every_number_option_states_unit_and_default() {
     let numbers = [
         TypeId::of::<f64>(),
         TypeId::of::<f32>(),
+        TypeId::of::<u8>(),
         TypeId::of::<u16>(),
         TypeId::of::<u32>(),
         TypeId::of::<u64>(),

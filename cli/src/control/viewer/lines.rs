@@ -98,7 +98,7 @@ pub(crate) fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String 
                 missed(seen.gap),
                 seen.session,
                 seen.frame,
-                wall.with_timezone(&Local).format("%H:%M:%S%.3f"),
+                wall.with_timezone(&Local).format("%H:%M:%S%.3f%:z"),
                 seen.after,
                 if seen.simulated { "  SIMULATED" } else { "" }
             )
@@ -130,7 +130,7 @@ pub(crate) fn sentence(line: &WatchLine, wall: DateTime<chrono::Utc>) -> String 
                 "{} frame {}  {}",
                 seen.session,
                 seen.sequence,
-                wall.with_timezone(&Local).format("%H:%M:%S%.3f")
+                wall.with_timezone(&Local).format("%H:%M:%S%.3f%:z")
             ));
             match seen.largest_loss {
                 Some(loss) => {

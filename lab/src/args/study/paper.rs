@@ -16,7 +16,7 @@ pub(crate) struct PaperOptions {
     /// The paper's sizes: 75,000 cases, 30 epochs; takes hours, an interrupted run is continued
     #[arg(long)]
     pub(crate) full: bool,
-    /// Only this figure of the paper: 3 to 7
+    /// Only this figure N of the paper: 3 to 7 [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(3..=7))]
     pub(crate) figure: Option<u8>,
     /// Random seed; only times differ between runs

@@ -8,7 +8,7 @@ use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct StabilityOptions {
-    /// Only this hard case, 1 to 40 (repeatable)
+    /// Only this hard case N, 1 to 40 (repeatable) [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=40))]
     pub(crate) only: Vec<u8>,
     /// Write the table (table.txt, table.json) and the plots of contrast, contact impedance and sliver angle (PNG, SVG)

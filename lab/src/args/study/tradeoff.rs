@@ -17,7 +17,7 @@ pub(crate) struct TradeoffOptions {
     /// The sizes of the kept results; takes tens of minutes, an interrupted run is continued
     #[arg(long)]
     pub(crate) full: bool,
-    /// Only this diagram (repeatable)
+    /// Only this diagram (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "NAME")]
     pub(crate) only: Vec<PanelName>,
     /// Random seed; only times differ between runs
