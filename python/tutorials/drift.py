@@ -6,6 +6,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import tactus_eit
 
+if len(sys.argv) < 2:
+    sys.exit(__doc__)
 session = tactus_eit.open_session(sys.argv[1])
 hours = (session.times - session.times[0]) / np.timedelta64(1, "h") + 1
 forward = tactus_eit.Forward(tactus_eit.Mesh.sheet(), session.protocol)

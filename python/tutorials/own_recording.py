@@ -7,6 +7,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import tactus_eit
 
+if len(sys.argv) < 2:
+    sys.exit(__doc__)
 folder = Path(sys.argv[1])
 frames = np.loadtxt(folder / "frames.csv", delimiter=",", skiprows=1)
 pairs = np.loadtxt(folder / "protocol.csv", delimiter=",", skiprows=1, usecols=(1, 2, 3, 4), dtype=int)

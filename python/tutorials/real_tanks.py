@@ -7,6 +7,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import tactus_eit
 
+if len(sys.argv) < 2:
+    sys.exit(__doc__)
 data = Path(sys.argv[1])
 
 

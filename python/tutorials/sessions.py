@@ -6,6 +6,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import tactus_eit
 
+if len(sys.argv) < 2:
+    sys.exit(__doc__)
 session = tactus_eit.open_session(sys.argv[1])
 print(session)
 table = session.to_pandas()
