@@ -2,8 +2,9 @@
 
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::{Duration, Instant};
 
-use super::driver::Browser;
+use super::driver::{Browser, PATIENCE};
 use super::live_page::Page;
 use super::server::{DATABASE, OWNER, PASSWORD, Server};
 use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press};
@@ -67,8 +68,14 @@ fn an_alarm_of_all_sheets_is_found_and_played() {
     browser
         .until("latest && latest.alarms.some(alarm => alarm.name === 'pressed' && alarm.active)");
     ask(&stage, &["stop"]);
+    // the page may still read a part that the daemon then takes into its file
+    let push = ["archive", "push", "--archive-config", &uploader, "--json"];
+    let begun = Instant::now();
+    while let Err(fault) = stage.tactus(&push).and_then(|ran| ran.succeeded()) {
+        assert!(begun.elapsed() < PATIENCE, "{fault}");
+        std::thread::sleep(Duration::from_millis(200));
+    }
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
-    ask(&stage, &["archive", "push", "--archive-config", &uploader]);
     let frames = ask(&stage, &["quantities", "last", "--each-frame"]);
     let last = frames.last().expect("frames");
 

@@ -1,5 +1,7 @@
 //! Quantities of maps: the same numbers from the daemon's rows and from the frames, for the sheet and its regions.
 
+use std::time::Duration;
+
 use dbus::{Address, Manager1Proxy, Session1Proxy};
 use serde_json::Value;
 use tactus_tests::Stage;
@@ -156,6 +158,31 @@ fn stored_quantities_are_those_of_the_frames() {
     assert!(lines.all(|line| line.split(',').count() == 9 && line.contains(",far,")));
 }
 
+/// Takes the next frame of a session that waits for steps, and waits for its quantities: a frame that came before would have none.
+fn stepped(stage: &Stage, id: &str, sequence: u64) -> Value {
+    ask(stage, &["step"]);
+    let quantities = async {
+        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
+            .await
+            .expect("the daemon listens");
+        let path = dbus::session_path(id).expect("an id");
+        let session = Session1Proxy::builder(&connection).path(path);
+        let session = session.build().await.expect("a proxy");
+        loop {
+            match session.quantities().await {
+                Ok(latest) if latest.sequence == sequence => {
+                    return serde_json::from_str(&latest.json).expect("JSON");
+                }
+                _ => tokio::time::sleep(Duration::from_millis(20)).await,
+            }
+        }
+    };
+    runtime().block_on(async {
+        let limit = tokio::time::timeout(Duration::from_secs(300), quantities);
+        limit.await.expect("the frame has quantities")
+    })
+}
+
 #[test]
 fn a_restart_continues_dose_and_hot_spots() {
     let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
@@ -164,13 +191,13 @@ fn a_restart_continues_dose_and_hot_spots() {
     let daemon = test_rig::start(&stage);
     baseline(&stage, 3);
     press(&stage, PRESS_MM, 20.0, 0.5);
-    let begun = ask(&stage, &["start", "--every", "500ms"]);
+    let begun = ask(&stage, &["start", "--step"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
-    ask(&stage, &["watch", "--no-map", "--count", "4"]);
+    (1..=4).for_each(|sequence| drop(stepped(&stage, &id, sequence)));
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
     let daemon = test_rig::start(&stage);
-    let watched = ask(&stage, &["watch", "--no-map", "--count", "3"]);
-    let last = &watched[watched.len() - 1];
+    (5..=6).for_each(|sequence| drop(stepped(&stage, &id, sequence)));
+    let last = stepped(&stage, &id, 7);
     ask(&stage, &["stop"]);
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
     let events = ask(&stage, &["events", &id]);
@@ -182,11 +209,11 @@ fn a_restart_continues_dose_and_hot_spots() {
     let each = ask(&stage, &["quantities", &id, "--each-frame"]);
     let same = each
         .iter()
-        .find(|frame| frame["frame"] == last["sequence"])
+        .find(|frame| frame["frame"] == 7)
         .expect("the frame is recorded");
-    let sheet = &last["quantities"]["regions"][0];
+    let sheet = &last["regions"][0];
     assert_eq!(same["regions"][0]["values"], sheet["values"]);
-    assert_eq!(same["spots"], last["quantities"]["spots"]);
+    assert_eq!(same["spots"], last["spots"]);
     assert!(number(&sheet["values"], "dose") > 0.0, "{last}");
 }
 

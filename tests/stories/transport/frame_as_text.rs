@@ -8,7 +8,7 @@ use keysight_34980a::Keysight34980a;
 use phantom::Scene;
 use rig::{BoxStream, Link, MeterSettings, Rig, Stop, SystemClock};
 use simulator::{Instrument, Pace, Profile, SimulatedRig};
-use survey::{Amps, Dipole, Frame, Plan, Protocol, Relay, Volts, Wiring};
+use survey::{Amps, Dipole, Electrode, Frame, Plan, Protocol, Relay, Volts, Wiring};
 
 use crate::test_rig::runtime;
 
@@ -162,7 +162,13 @@ fn one_wrong_relay_number_spoils_the_readings() {
             "nothing closed: compliance, not numbers: {:?}",
             spoiled.readings[injected[0]]
         );
-        assert_eq!(spoiled.compliance.len(), 1);
+        // on a machine that is slower than the relays the injection before it is not trusted either
+        let named = &spoiled.compliance;
+        assert!(named.contains(&Electrode(5)), "{named:?}");
+        assert!(
+            named.iter().all(|electrode| [4, 5].contains(&electrode.0)),
+            "{named:?}"
+        );
 
         let mut swapped = right;
         swapped.measure.swap(2, 9);

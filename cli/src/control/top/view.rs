@@ -138,7 +138,7 @@ fn header(frame: &mut Frame<'_>, area: Rect, shown: &Dashboard, now: DateTime<Fi
         words.push(format!("  {}", printable(&session.id)).into());
     }
     frame.render_widget(Line::from(words), area);
-    let time = now.format(" %Y-%m-%d %H:%M:%S %:z").to_string();
+    let time = now.format(" %m-%d %H:%M:%S %:z").to_string();
     frame.render_widget(Paragraph::new(time).alignment(Alignment::Right), area);
 }
 
