@@ -51,7 +51,7 @@ fn a_report_is_one_page_that_loads_nothing() {
         "<h2>Health</h2>",
         "<h2>Settings and origin</h2>",
         "three frames",
-        "1.000000 mA",
+        "1 mA, range",
         "readings over range</td><td>1 (33.33 %)",
         "load of frame 3 &lt;is&gt; above 3 &amp; stays",
         "b20270115_1",
