@@ -65,9 +65,15 @@ fn stored_quantities_are_those_of_the_frames() {
     let daemon = test_rig::start(&stage);
     baseline(&stage, 3);
     press(&stage, PRESS_MM, 20.0, 0.5);
-    let begun = ask(&stage, &["start", "--every", "500ms"]);
+    let begun = ask(&stage, &["start", "--step"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
-    let watched = ask(&stage, &["watch", "--no-map", "--count", "6", "--sd"]);
+    let watch = ["watch", "--no-map", "--count", "8", "--sd"];
+    let watched = std::thread::scope(|scope| {
+        let watching = scope.spawn(|| ask(&stage, &watch));
+        let steps = (1..).take_while(|_| !watching.is_finished());
+        steps.for_each(|sequence| drop(stepped(&stage, &id, sequence)));
+        watching.join().expect("it watches")
+    });
     let (deviations, at_press) = on_the_bus(&stage, &id);
     let (of_maps, watched): (Vec<Value>, Vec<Value>) = watched
         .into_iter()
