@@ -266,12 +266,18 @@ impl Simulator34980a {
         self.overlap = false;
         self.completion_awaited = false;
         if self.recall_at_power_on {
-            match self.kept[usize::from(self.recalled)].clone() {
-                Some(kept) => self.meter.take_settings(kept, &self.relays),
-                None => self.fail(QueuedError::NOTHING_KEPT),
+            match self.stored(self.recalled) {
+                Ok(kept) => self.meter.take_settings(kept, &self.relays),
+                Err(error) => self.fail(error),
             }
         }
         self.relays.tell(at, wires);
+    }
+
+    /// The settings stored in a place.
+    fn stored(&self, place: u8) -> Result<Settings, QueuedError> {
+        let kept = self.kept[usize::from(place)].clone();
+        kept.ok_or(QueuedError::NOTHING_KEPT)
     }
 
     /// Receives one message (a line without its end) from the only session, and returns the response.

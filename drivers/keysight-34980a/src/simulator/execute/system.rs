@@ -4,7 +4,6 @@ use scpi::{StatusRegister, quote};
 
 use crate::command::{StatusGroup, System};
 use crate::simulator::Simulator34980a;
-use crate::simulator::errors::QueuedError;
 use crate::simulator::execute::{Execution, Reply, join, yes_no};
 
 impl Simulator34980a {
@@ -82,8 +81,7 @@ impl Simulator34980a {
                 self.kept[usize::from(place)] = Some(self.meter.settings.clone())
             }
             System::Recall(place) => {
-                let kept = self.kept[usize::from(place)].clone();
-                let kept = kept.ok_or(QueuedError::NOTHING_KEPT)?;
+                let kept = self.stored(place)?;
                 self.wait_for_measurement(execution)?;
                 self.meter.take_settings(kept, &self.relays);
             }
