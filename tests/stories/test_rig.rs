@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use dbus::{Address, Simulation1Proxy};
+use dbus::{Address, Session1Proxy, Simulation1Proxy};
 use survey::Amps;
 use tactus_tests::{DaemonProcess, SIMULATED, Stage};
 
@@ -177,6 +177,19 @@ pub fn runtime() -> tokio::runtime::Runtime {
         .enable_all()
         .build()
         .expect("a runtime can be built")
+}
+
+/// A connection to the daemon's own socket, and a session there.
+pub async fn session(peer: &Path, id: &str) -> (zbus::Connection, Session1Proxy<'static>) {
+    let (connection, _) = dbus::connect(Some(&Address::Unix(peer.to_owned())))
+        .await
+        .expect("the daemon listens");
+    let session = Session1Proxy::builder(&connection)
+        .path(dbus::session_path(id).expect("an id"))
+        .build()
+        .await
+        .expect("a proxy");
+    (connection, session)
 }
 
 /// The output of `tactusd --check` for a configuration that it refuses with exit code 78.

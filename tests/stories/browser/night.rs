@@ -3,28 +3,20 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use dbus::{Address, Session1Proxy};
 use serde_json::Value;
 
 use super::driver::Browser;
 use super::live_page::Page;
 use crate::test_rig::{self, Needs, ask, runtime};
 
-/// A frame every ten minutes of nine hours, played 1,000 times faster than it was.
-const PLAYED: &str = "kind = \"recording\"\n[recording]\nsession = \"NIGHT\"\nspeed = 1000.0\n";
+/// A frame every ten minutes of nine hours, played 300 times faster than it was: a busy machine reads enough of them too.
+const PLAYED: &str = "kind = \"recording\"\n[recording]\nsession = \"NIGHT\"\nspeed = 300.0\n";
 const REGION: &str = "\n[[region]]\nname = \"hip\"\nrectangle_mm = [60.0, 80.0, 130.0, 150.0]\n";
 
 /// The last quantities of the session that runs.
 fn of_bus(path: &Path, id: &str) -> Option<(u64, Value)> {
     runtime().block_on(async {
-        let (connection, _) = dbus::connect(Some(&Address::Unix(path.to_owned())))
-            .await
-            .expect("the daemon listens");
-        let session = Session1Proxy::builder(&connection)
-            .path(dbus::session_path(id).expect("an id"))
-            .build()
-            .await
-            .expect("a proxy");
+        let (_connection, session) = test_rig::session(path, id).await;
         let latest = session.quantities().await.ok()?;
         let values = serde_json::from_str(&latest.json).expect("JSON");
         Some((latest.sequence, values))
@@ -131,7 +123,7 @@ fn a_night_has_the_same_numbers_on_page_bus_cli_and_in_files() {
     let seen = browser.value("seen");
     let seen = seen.as_object().expect("frames");
     // of 54; a browser that is slow skips some
-    assert!(seen.len() > 5, "the page showed {} frames", seen.len());
+    assert!(seen.len() > 15, "the page showed {} frames", seen.len());
     let frames = ask(&stage, &["quantities", &id, "--each-frame", "--recompute"]);
     let values = |regions: &Value| -> Values {
         let regions = regions.as_array().expect("regions").iter();
@@ -177,8 +169,11 @@ fn a_night_has_the_same_numbers_on_page_bus_cli_and_in_files() {
         seen.len()
     );
     of_bus_found.dedup_by_key(|(sequence, _)| *sequence);
-    // of 54; how many are read in time depends on the machine
-    assert!(!of_bus_found.is_empty(), "no frame was read from the bus");
+    assert!(
+        of_bus_found.len() > 5,
+        "{} frames read from the bus",
+        of_bus_found.len()
+    );
     for (sequence, quantities) in &of_bus_found {
         let bus = values(&quantities["regions"]);
         assert_eq!(bus, recomputed(&sequence.to_string()), "frame {sequence}");

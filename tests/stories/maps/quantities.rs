@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use dbus::{Address, Manager1Proxy, Session1Proxy};
+use dbus::Manager1Proxy;
 use serde_json::Value;
 use tactus_tests::Stage;
 
@@ -28,14 +28,9 @@ fn mean(rows: &[Value], region: &str, quantity: &str) -> f64 {
 /// The last standard deviations on the bus, and the number of the triangle at the press among them.
 fn on_the_bus(stage: &Stage, id: &str) -> (Vec<f64>, usize) {
     runtime().block_on(async {
-        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
-            .await
-            .expect("the daemon listens");
+        let (connection, session) = test_rig::session(&stage.peer_path(), id).await;
         let manager = Manager1Proxy::new(&connection).await.expect("a proxy");
         let geometry = manager.geometry().await.expect("the geometry");
-        let path = dbus::session_path(id).expect("an id");
-        let session = Session1Proxy::builder(&connection).path(path);
-        let session = session.build().await.expect("a proxy");
         let map = session.latest_map().await.expect("a map");
         let deviations = map.more.deviations.expect("standard deviations");
         assert_eq!(deviations.len(), map.values.len());
@@ -67,7 +62,8 @@ fn stored_quantities_are_those_of_the_frames() {
     press(&stage, PRESS_MM, 20.0, 0.5);
     let begun = ask(&stage, &["start", "--step"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
-    let watch = ["watch", "--no-map", "--count", "8", "--sd"];
+    // some seconds of frames: deviations are computed once a second, and the first frame of a load says less than later ones
+    let watch = ["watch", "--no-map", "--count", "24", "--sd"];
     let watched = std::thread::scope(|scope| {
         let watching = scope.spawn(|| ask(&stage, &watch));
         let steps = (1..).take_while(|_| !watching.is_finished());
@@ -168,12 +164,7 @@ fn stored_quantities_are_those_of_the_frames() {
 fn stepped(stage: &Stage, id: &str, sequence: u64) -> Value {
     ask(stage, &["step"]);
     let quantities = async {
-        let (connection, _) = dbus::connect(Some(&Address::Unix(stage.peer_path())))
-            .await
-            .expect("the daemon listens");
-        let path = dbus::session_path(id).expect("an id");
-        let session = Session1Proxy::builder(&connection).path(path);
-        let session = session.build().await.expect("a proxy");
+        let (_connection, session) = test_rig::session(&stage.peer_path(), id).await;
         loop {
             match session.quantities().await {
                 Ok(latest) if latest.sequence == sequence => {
