@@ -205,7 +205,7 @@ fn service_survives_a_server_that_stops_and_comes_back() {
     let written = std::fs::File::create(&log).unwrap();
     let mut service = site.command(&["run"]);
     let mut service = service
-        .stdout(std::process::Stdio::null())
+        .stdout(written.try_clone().unwrap())
         .stderr(written)
         .spawn()
         .unwrap();

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::time::{Duration, Instant};
 
 use logbook::{SessionHeader, SessionWriter, append_quantities};
 use survey::{Protocol, Reading, Volts};
 use tempfile::TempDir;
 
 use crate::frames::{at, taken};
-use crate::server::{DATABASE, OWNER, PASSWORD, Server};
+use crate::server::{DATABASE, OWNER, PASSWORD, PATIENCE, Server};
 
 pub struct Site {
     pub folder: TempDir,
@@ -143,6 +144,25 @@ impl Site {
             add_minute(&self.record(), id, minute);
         }
         writer.close(at(3600), "asked to stop").unwrap();
+        self.fold_journals();
+    }
+
+    /// What the daemon does every minute: a service that read a part while it was closed left its last rows in the journal.
+    fn fold_journals(&self) {
+        let limit = Instant::now() + PATIENCE;
+        while self.journals() {
+            assert!(Instant::now() < limit, "a journal stays");
+            logbook::fold_closed(self.record()).unwrap();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    fn journals(&self) -> bool {
+        let mut found = std::fs::read_dir(self.record()).unwrap();
+        found.any(|entry| {
+            let name = entry.unwrap().file_name();
+            name.to_string_lossy().ends_with("-wal")
+        })
     }
 }
 

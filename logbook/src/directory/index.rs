@@ -80,9 +80,11 @@ impl Index {
                 continue;
             }
             let path = self.dir.join(name);
+            // as of before the file is read: it may change while it is
+            let settled = stamp.is_settled(now());
             let found = SessionReader::open(&path).and_then(|session| session.summary());
             let entry = Entry {
-                settled: stamp.is_settled(now()),
+                settled,
                 stamp,
                 found: found.map_err(Arc::new),
             };
