@@ -65,7 +65,7 @@ impl ElectrodeFault {
     }
 }
 
-/// Covariance of innovations with loads allowed for, and the estimate of ln contact impedances from whitened ones.
+/// Covariance of innovations with loads allowed for, and the estimate of ln contact impedances from their usable rows.
 #[derive(Debug)]
 pub struct Allowed {
     covariance: DMatrix<f64>,
@@ -81,14 +81,14 @@ impl Allowed {
         rows: &[usize],
     ) -> Result<Self, DriftError> {
         let factor = Arc::new(factor(&covariance, rows)?);
-        let none = DVector::zeros(covariance.nrows());
-        let contacts =
-            Whitened::with(Arc::clone(&factor), &none, rows).sensitivity(&model.contacts);
-        let mut normal = product(view(&contacts.transpose()), view(&contacts));
+        let contacts = model.contacts.select_rows(rows);
+        let mut weights = contacts.clone();
+        factor.solve_columns(&mut weights);
+        let mut normal = product(view(&contacts).transpose(), view(&weights));
         for k in 0..normal.nrows() {
             normal[(k, k)] += CONTACT_SD.powi(-2);
         }
-        let mut estimate = contacts.transpose();
+        let mut estimate = weights.transpose();
         Definite::new(&normal)
             .ok_or(DriftError::Covariance)?
             .solve_columns(&mut estimate);
@@ -100,11 +100,15 @@ impl Allowed {
         })
     }
 
+    /// The contact that rose most, by the data: its electrode and the change of ln impedance.
+    fn most_risen(&self, data: &DVector<f64>) -> (usize, f64) {
+        (&self.estimate * data.select_rows(&self.rows)).argmax()
+    }
+
     /// Whether data are not explained by drift and loads, or only by a risen contact.
     fn shows_fault(&self, data: &DVector<f64>) -> bool {
         let white = Whitened::with(Arc::clone(&self.factor), data, &self.rows);
-        let risen = (&self.estimate * white.data()).max();
-        white.chi_per_row() > UNEXPLAINED || risen >= RISEN
+        white.chi_per_row() > UNEXPLAINED || self.most_risen(data).1 >= RISEN
     }
 }
 
@@ -246,6 +250,20 @@ impl ElectrodeCheck {
         Ok(Some(fault))
     }
 
+    /// Whether an innovation shows no fault for sure, judged without a solution: `white` is whitened by the covariance without loads, so
+    /// that its chi squared is at least that with loads allowed for.
+    pub(crate) fn is_healthy(
+        &self,
+        model: &DriftModel,
+        frame: &[Reading],
+        white: &Whitened,
+        allowed: &Allowed,
+    ) -> bool {
+        white.chi_per_row() <= UNEXPLAINED
+            && allowed.most_risen(&white.raw()).1 < RISEN
+            && self.shorted(model, frame).is_none()
+    }
+
     /// The fault that a frame shows, if any. `innovation` is the data minus the tracked baseline, V.
     ///
     /// # Errors
@@ -263,7 +281,7 @@ impl ElectrodeCheck {
         let (wider, rows) = (&allowed.covariance, &allowed.rows);
         let white = Whitened::with(Arc::clone(&allowed.factor), innovation, rows);
         let chi = white.data().norm_squared();
-        let (electrode, by) = (&allowed.estimate * white.data()).argmax();
+        let (electrode, by) = allowed.most_risen(innovation);
         let risen = (RISEN..NO_CONTACT).contains(&by);
         if white.chi_per_row() > UNEXPLAINED {
             if let Some(electrodes) = self.short(&white, chi) {

@@ -215,6 +215,7 @@ pub(crate) fn places_by_score(
     most: usize,
 ) -> Vec<LoadTest> {
     const APART_M: f64 = 25e-3;
+    let square = |[x, y]: [f64; 2]| x * x + y * y;
     let mut scores: Vec<f64> = dots
         .iter()
         .zip(squares)
@@ -241,7 +242,7 @@ pub(crate) fn places_by_score(
         }
         for (score, other) in scores.iter_mut().zip(&model.places) {
             let (p, q) = (place.centre, other.centre);
-            if (p[0] - q[0]).hypot(p[1] - q[1]) < APART_M {
+            if square([p[0] - q[0], p[1] - q[1]]) < APART_M * APART_M {
                 *score = f64::NAN;
             }
         }

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use eit::linear_algebra::Definite;
+use eit::linear_algebra::{Definite, product, view};
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
 
@@ -39,6 +39,29 @@ pub(super) struct Steady {
     pub(super) atoms: Atoms,
     /// For the test of electrodes, once it is needed.
     allowed: OnceLock<Allowed>,
+    gain: OnceLock<DMatrix<f64>>,
+}
+
+impl Steady {
+    /// P L'^-1 of the rows that count: what whitened data correct in the state. Computed once.
+    pub(super) fn gain(&self) -> &DMatrix<f64> {
+        self.gain.get_or_init(|| {
+            let mut half = match self.rows.len() == self.predicted.nrows() {
+                true => self.predicted.clone(),
+                false => self.predicted.select_rows(&self.rows),
+            };
+            self.factor.whiten(&mut half);
+            half.transpose()
+        })
+    }
+
+    /// P - P S^-1 P of the rows that count.
+    pub(super) fn corrected(&self) -> DMatrix<f64> {
+        let gain = view(self.gain());
+        let mut out = &self.predicted - product(gain, gain.transpose());
+        out.fill_upper_triangle_with_lower_triangle();
+        out
+    }
 }
 
 impl Tracker {
@@ -108,6 +131,7 @@ impl Tracker {
         factor.whiten(&mut atoms);
         Ok(Arc::new(Steady {
             allowed: OnceLock::new(),
+            gain: OnceLock::new(),
             days,
             pace,
             rows: rows.to_vec(),
@@ -123,13 +147,14 @@ impl Tracker {
         self.prepared.check.without(rows, &self.state.masked())
     }
 
-    /// The fault that a frame shows: against the tracked baseline, or while loaded against the frame before. `masked`: only whether one
-    /// that is known is still there.
+    /// The fault that a frame shows: against the tracked baseline, or while loaded against the frame before. `white`: the innovation,
+    /// whitened. `masked`: only whether one that is known is still there.
     pub(super) fn fault(
         &self,
         readings: &[Reading],
         frame: &Frame,
         now: &Steady,
+        white: &Whitened,
         masked: bool,
     ) -> Result<Option<ElectrodeFault>, DriftError> {
         let check = &self.prepared.check;
@@ -149,6 +174,9 @@ impl Tracker {
                 now.allowed.get_or_init(|| allowed)
             }
         };
+        if check.is_healthy(&self.model, readings, white, allowed) {
+            return Ok(None);
+        }
         find(&frame.e, allowed)
     }
 }

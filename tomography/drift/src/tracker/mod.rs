@@ -17,7 +17,7 @@ mod state;
 
 use std::sync::Arc;
 
-use eit::linear_algebra::{product, times, view};
+use eit::linear_algebra::times;
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
 
@@ -215,7 +215,8 @@ impl Tracker {
             days,
         };
         let mut now = self.innovation(days, &frame_now.rows)?;
-        let fault = self.fault(frame, &frame_now, &now, false)?;
+        let mut white = whitened(&now, &frame_now);
+        let fault = self.fault(frame, &frame_now, &now, &white, false)?;
         if let Some(fault) = fault {
             self.state
                 .mask(&fault.electrodes(self.model.mesh().electrodes()));
@@ -229,7 +230,7 @@ impl Tracker {
                 ..frame_now.clone()
             };
             let whole = self.innovation(days, &all.rows)?;
-            let still = self.fault(frame, &all, &whole, true)?;
+            let still = self.fault(frame, &all, &whole, &whitened(&whole, &all), true)?;
             let of = still.map(|fault| fault.electrodes(self.model.mesh().electrodes()));
             let of = of.unwrap_or_default();
             if of.iter().all(|electrode| masked.contains(electrode)) {
@@ -267,12 +268,16 @@ impl Tracker {
         self.state.last = frame_now.data.as_slice().to_vec();
         self.last_in_basis = Some(frame_now.in_basis.clone());
         self.state.last_rows.clone_from(&frame_now.rows);
-        if self.carry_out(&mut answer, &mut frame_now, &now)? {
-            // a person has judged it
+        let judged = self.carry_out(&mut answer, &mut frame_now, &now)?;
+        if fault.is_some() || !answer.orders.is_empty() {
+            white = whitened(&now, &frame_now);
+        }
+        if judged {
+            // by a person
         } else if self.state.ledger.loaded() {
-            self.loaded(&mut answer, &frame_now, event, &now)?;
+            self.loaded(&mut answer, &frame_now, event, &now, &white)?;
         } else {
-            self.maybe_empty(&mut answer, &frame_now, event, &now)?;
+            self.maybe_empty(&mut answer, &frame_now, event, &now, &white)?;
         }
         answer.loads = self.state.ledger.loads();
         answer.held = self.state.ledger.held;
@@ -287,10 +292,9 @@ impl Tracker {
         frame: &Frame,
         event: Option<LoadTest>,
         now: &Arc<Steady>,
+        white: &Whitened,
     ) -> Result<(), DriftError> {
-        let white = whitened(now, frame);
-        let found = now.atoms.best(white.data(), &self.model, 3);
-        let best = found.first().copied();
+        let best = now.atoms.best(white.data(), &self.model, 1).pop();
         answer.score = best.map(|test| test.score);
         answer.chi = Some(white.chi_per_row());
         let above = best.filter(|test| test.score > LOADED);
@@ -308,7 +312,8 @@ impl Tracker {
                 self.state.ledger.comes = true;
                 return Ok(());
             }
-            let fit = white.fit_disc_from(&self.model, &found)?;
+            let starts = now.atoms.best(white.data(), &self.model, 3);
+            let fit = white.fit_disc_from(&self.model, &starts)?;
             self.state.ledger.lies_at(fit.disc);
             self.state.ledger.comes = !fit.accepted;
             answer.event = Some(Event {
@@ -327,7 +332,7 @@ impl Tracker {
             let now = self.innovation(0.0, &frame.rows)?;
             self.learn(answer, frame, &now, &whitened(&now, frame));
         } else {
-            self.learn(answer, frame, now, &white);
+            self.learn(answer, frame, now, white);
         }
         if answer.anchor.is_some_and(|anchor| anchor.change < 0.0) {
             self.maybe_loaded_slowly(answer, frame);
@@ -362,7 +367,7 @@ impl Tracker {
 
     /// Corrects the state by a frame without load, whose innovation is `white`.
     fn learn(&mut self, answer: &mut Answer, frame: &Frame, now: &Arc<Steady>, white: &Whitened) {
-        let correction = times(&now.predicted, &white.weights());
+        let correction = times(now.gain(), white.data());
         self.state.correct(&DVector::from_vec(correction));
         let complete = frame.rows.len() == self.prepared.rows.len();
         let (run, at_s) = (self.state.run, self.state.at_s);
@@ -370,8 +375,7 @@ impl Tracker {
         if run >= STEADY_AFTER && !renewed && self.state.kept_days == Some(now.days) {
             self.steady = Some(Arc::clone(now));
         } else {
-            self.state
-                .set_covariance(&corrected(now, &frame.rows, complete));
+            self.state.set_covariance(&now.corrected());
             self.state.kept_days = Some(now.days);
             self.steady = None;
         }
@@ -406,10 +410,10 @@ impl Tracker {
         frame: &Frame,
         event: Option<LoadTest>,
         now: &Arc<Steady>,
+        white: &Whitened,
     ) -> Result<(), DriftError> {
         answer.judgement = Judgement::Loaded;
         self.predict(now);
-        let white = whitened(now, frame);
         let mut back_to_empty = false;
         let comes = std::mem::take(&mut self.state.ledger.comes);
         if let (Some(test), Some(step)) = (event, &frame.step) {
@@ -417,7 +421,7 @@ impl Tracker {
             let fit = Whitened::new(&self.of_step(frame.days), step, &frame.rows)?;
             let mut fit = fit.fit_disc(&self.model)?;
             let whole = match comes && came {
-                true => self.as_one_load(frame, &white)?,
+                true => self.as_one_load(frame, white)?,
                 false => None,
             };
             let ledger = &mut self.state.ledger;
@@ -465,7 +469,7 @@ impl Tracker {
         };
         answer.score = Some(best.score);
         answer.chi = Some(white.chi_per_row());
-        let mut peak = white;
+        let mut peak = white.clone();
         peak.set(&self.state.ledger.peak());
         let most = now.atoms.best(peak.data(), &self.model, 1);
         let rest = most
@@ -581,17 +585,4 @@ impl Tracker {
 /// The innovation of a frame, whitened by its covariance.
 fn whitened(now: &Steady, frame: &Frame) -> Whitened {
     Whitened::with(Arc::clone(&now.factor), &frame.e, &frame.rows)
-}
-
-/// P - P S^-1 P of the rows that were measured.
-fn corrected(now: &Steady, rows: &[usize], complete: bool) -> DMatrix<f64> {
-    let mut half = match complete {
-        true => now.predicted.clone(),
-        false => now.predicted.select_rows(rows),
-    };
-    now.factor.whiten(&mut half);
-    let taken = product(view(&half.transpose()), view(&half));
-    let mut out = &now.predicted - taken;
-    out.fill_upper_triangle_with_lower_triangle();
-    out
 }
