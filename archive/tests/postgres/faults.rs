@@ -7,6 +7,8 @@ use std::time::{Duration, Instant};
 use rustix::process::Signal;
 
 use crate::archive;
+use crate::frames::at;
+use crate::site::begun;
 
 fn altered(path: &PathBuf) {
     let mut bytes = std::fs::read(path).unwrap();
@@ -59,6 +61,28 @@ fn altered_part_is_found_in_the_store_and_in_the_record() {
     );
     assert_eq!(site.stored(), stored);
     assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "2");
+}
+
+#[test]
+fn part_closed_while_it_is_read_waits_for_its_last_rows() {
+    let Some((server, site)) = archive("berlin") else {
+        return;
+    };
+    let writer = begun(&site.record(), "m1", 1);
+    let reader = logbook::SessionReader::open(writer.path()).unwrap();
+    writer.close(at(3600), "asked to stop").unwrap();
+    let output = site.run(&["push"]);
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        text.contains("NOT ARCHIVED") && text.contains("journal beside it"),
+        "{text}"
+    );
+    assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "0");
+    drop(reader);
+    site.fold_journals();
+    assert!(site.done(&["push"]).contains("m1: archived"));
+    site.done(&["verify"]);
 }
 
 #[test]

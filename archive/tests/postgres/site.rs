@@ -148,7 +148,7 @@ impl Site {
     }
 
     /// What the daemon does every minute: a service that read a part while it was closed left its last rows in the journal.
-    fn fold_journals(&self) {
+    pub fn fold_journals(&self) {
         let limit = Instant::now() + PATIENCE;
         while self.journals() {
             assert!(Instant::now() < limit, "a journal stays");
