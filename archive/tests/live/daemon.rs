@@ -131,11 +131,10 @@ impl Daemon {
     }
 
     pub fn wait_until_requested(&self, count: u64) {
-        let limit = std::time::Instant::now() + crate::server::PATIENCE;
-        while self.requests() < count {
-            assert!(std::time::Instant::now() < limit, "the daemon is not asked");
-            std::thread::sleep(std::time::Duration::from_millis(20));
-        }
+        crate::server::wait_until(
+            || self.requests() >= count,
+            || "the daemon is not asked".to_owned(),
+        );
     }
 
     /// Reports an event on the bus.

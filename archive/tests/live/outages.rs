@@ -81,14 +81,8 @@ fn frozen_broker_delays_no_upload() {
         daemon.change(|report| *report = crate::daemon::report(1 + count));
         daemon.wait_until_requested(asked + 2);
     }
-    let limit = std::time::Instant::now() + crate::server::PATIENCE;
-    while server.sql("SELECT count(*) FROM tactus.part") != "10" {
-        assert!(
-            std::time::Instant::now() < limit,
-            "uploads wait for the broker"
-        );
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    }
+    // uploads do not wait for the broker
+    server.wait_for("SELECT count(*) FROM tactus.part", "10");
     let grown = memory().saturating_sub(before);
     assert!(grown < 8 << 20, "memory has grown by {grown} bytes");
     broker.signal(Signal::CONT);

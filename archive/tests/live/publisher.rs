@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
@@ -43,15 +42,11 @@ impl Publisher {
 
     /// Waits until the log has these words.
     pub fn wait_for(&self, words: &str) {
-        let limit = Instant::now() + crate::server::PATIENCE;
-        loop {
-            let log = std::fs::read_to_string(self.folder.join("log")).unwrap();
-            if log.contains(words) {
-                return;
-            }
-            assert!(Instant::now() < limit, "never so: {words}: {log}");
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        let log = || std::fs::read_to_string(self.folder.join("log")).unwrap();
+        crate::server::wait_until(
+            || log().contains(words),
+            || format!("never so: {words}: {}", log()),
+        );
     }
 
     pub fn kill(&mut self) {

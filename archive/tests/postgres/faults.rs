@@ -2,12 +2,12 @@
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
 
 use crate::archive;
 use crate::frames::at;
+use crate::server::wait_until;
 use crate::site::begun;
 
 fn altered(path: &PathBuf) {
@@ -234,15 +234,9 @@ fn service_survives_a_server_that_stops_and_comes_back() {
         .spawn()
         .unwrap();
     let wait = |what: &str, done: &dyn Fn() -> bool| {
-        let limit = Instant::now() + crate::server::PATIENCE;
-        while !done() {
-            assert!(
-                Instant::now() < limit,
-                "no {what}: {}",
-                std::fs::read_to_string(&log).unwrap()
-            );
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        wait_until(done, || {
+            format!("no {what}: {}", std::fs::read_to_string(&log).unwrap())
+        });
     };
     site.record_session("m1", 2);
     wait("first parts", &|| {

@@ -3,7 +3,6 @@
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 
 use crate::archive;
 use crate::authority::{authority, issue};
@@ -48,11 +47,10 @@ impl Moto {
             child,
             endpoint: format!("{scheme}://127.0.0.1:{port}"),
         };
-        let limit = Instant::now() + crate::server::PATIENCE;
-        while TcpStream::connect(("127.0.0.1", port)).is_err() {
-            assert!(Instant::now() < limit, "moto does not listen");
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        crate::server::wait_until(
+            || TcpStream::connect(("127.0.0.1", port)).is_ok(),
+            || "moto does not listen".to_owned(),
+        );
         Some(server)
     }
 

@@ -10,7 +10,16 @@ use rustix::process::{Pid, Signal, getuid, kill_process};
 use tempfile::TempDir;
 
 /// How long a test waits for a thing before it fails: a busy machine takes minutes where a quiet one takes a second.
-pub const PATIENCE: Duration = Duration::from_secs(300);
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// Waits until a thing is so; fails with `missing` if it never is.
+pub fn wait_until(mut done: impl FnMut() -> bool, missing: impl Fn() -> String) {
+    let limit = Instant::now() + PATIENCE;
+    while !done() {
+        assert!(Instant::now() < limit, "{}", missing());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
 
 /// Role that owns the catalogue.
 pub const OWNER: &str = "owner";
@@ -261,15 +270,10 @@ impl Server {
 
     /// Waits until a query gives this.
     pub fn wait_for(&self, query: &str, expected: &str) {
-        let limit = Instant::now() + PATIENCE;
-        loop {
-            let found = self.sql(query);
-            if found == expected {
-                return;
-            }
-            assert!(Instant::now() < limit, "{query}: {found}, not {expected}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        wait_until(
+            || self.sql(query) == expected,
+            || format!("{query}: {}, not {expected}", self.sql(query)),
+        );
     }
 
     /// The error of statements that a role runs.

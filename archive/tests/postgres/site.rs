@@ -2,14 +2,13 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::time::{Duration, Instant};
 
 use logbook::{SessionHeader, SessionWriter, append_quantities};
 use survey::{Protocol, Reading, Volts};
 use tempfile::TempDir;
 
 use crate::frames::{at, taken};
-use crate::server::{DATABASE, OWNER, PASSWORD, PATIENCE, Server};
+use crate::server::{DATABASE, OWNER, PASSWORD, Server, wait_until};
 
 pub struct Site {
     pub folder: TempDir,
@@ -147,22 +146,15 @@ impl Site {
         self.fold_journals();
     }
 
-    /// What the daemon does every minute: a service that read a part while it was closed left its last rows in the journal.
+    /// Folds the journals of closed parts, as the daemon does every minute: a part that is read while it is being closed keeps its
+    /// last rows in one.
     pub fn fold_journals(&self) {
-        let limit = Instant::now() + PATIENCE;
-        while self.journals() {
-            assert!(Instant::now() < limit, "a journal stays");
+        let is_folded = || {
             logbook::fold_closed(self.record()).unwrap();
-            std::thread::sleep(Duration::from_millis(10));
-        }
-    }
-
-    fn journals(&self) -> bool {
-        let mut found = std::fs::read_dir(self.record()).unwrap();
-        found.any(|entry| {
-            let name = entry.unwrap().file_name();
-            name.to_string_lossy().ends_with("-wal")
-        })
+            let mut files = std::fs::read_dir(self.record()).unwrap();
+            !files.any(|file| file.unwrap().path().to_string_lossy().ends_with("-wal"))
+        };
+        wait_until(is_folded, || "a journal stays".to_owned());
     }
 }
 
