@@ -46,7 +46,7 @@ struct Filter {
 impl Filter {
     /// Follows data of noise 1 after a time in which the variances grew by `rate` times `growth`.
     fn follow(&mut self, data: &[f64], growth: &[f64], rate: f64) {
-        // a logarithm costs as much as all else of eight variances, whose product is finite
+        // one logarithm for eight variances, whose product is finite at any age of a sheet
         const TOGETHER: usize = 8;
         let state = self.mean.chunks_mut(TOGETHER);
         let state = state.zip(self.variance.chunks_mut(TOGETHER));
