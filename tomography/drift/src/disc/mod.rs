@@ -19,10 +19,10 @@ pub use moving::{INJECTIONS, Injection, MovingLoad, TimedReading};
 
 /// Error of the model as a share of the fitted signal.
 pub(crate) const MODEL_SHARE: f64 = 0.01;
-/// Factor of the covariance, and its floor, m: sheets that are even, and sheets uneven by more than `UNEVEN`.
+/// Factor of the covariance, and its floor, m: of an even sheet, and for each unit of unevenness (decision 192).
 const INFLATION: f64 = 1.5;
-const FLOOR_M: [f64; 2] = [0.07e-3, 0.2e-3];
-const UNEVEN: f64 = 0.03;
+const FLOOR_M: f64 = 0.07e-3;
+const FLOOR_OF_UNEVEN_M: f64 = 3e-3;
 /// Chi squared per row after the fit above which the answer is refused.
 const REFUSED: f64 = 1.6;
 /// Diameters that are fitted, m.
@@ -236,9 +236,9 @@ fn inflation(chi: f64) -> f64 {
 /// The covariance of a place, m2, as it is stated: inflated, with the floor of the sheet.
 fn place_covariance(model: &DriftModel, of_fit: [[f64; 2]; 2], chi: f64) -> [[f64; 2]; 2] {
     let mut out = of_fit.map(|row| row.map(|value| value * inflation(chi)));
-    let floor = FLOOR_M[usize::from(model.fit().unevenness > UNEVEN)].powi(2);
+    let floor = FLOOR_M.max(FLOOR_OF_UNEVEN_M * model.fit().unevenness);
     for (k, row) in out.iter_mut().enumerate() {
-        row[k] += floor;
+        row[k] += floor * floor;
     }
     out
 }

@@ -28,6 +28,8 @@ const LOCAL_M: f64 = 8e-3;
 /// Distance of the load test's places, m, and its diameters, m.
 const PLACES_M: f64 = 10e-3;
 const DIAMETERS_M: [f64; 2] = [20e-3, 50e-3];
+/// Factor of the contact impedance of an electrode that has lost its contact.
+const LOST: f64 = 1e6;
 /// Distance of the load test's places from the sheet's edge, m.
 const EDGE_M: f64 = 12e-3;
 
@@ -252,6 +254,24 @@ impl DriftModel {
     pub(crate) fn local_correlation(&self, of: &[usize]) -> DMatrix<f64> {
         let centres: Vec<[f64; 2]> = of.iter().map(|&cell| self.cells.centres[cell]).collect();
         matern(&centres, LOCAL_M)
+    }
+
+    /// Change of the data by an electrode that loses its contact, V: when all of it is lost, and by unit change of the logarithm of its
+    /// impedance. Other electrodes see it too, because current no longer takes the short way through the electrode's metal.
+    ///
+    /// # Errors
+    /// A sheet that cannot be solved.
+    pub(crate) fn lost_contact(&self, electrode: usize) -> Result<DMatrix<f64>, DriftError> {
+        let mut contacts = self.fit.contact_ohm_m.clone();
+        contacts[electrode] *= LOST;
+        let forward = Forward::new(Arc::clone(&self.mesh), &contacts)?;
+        let volts = forward
+            .workspace(self.pairs.half())?
+            .plain()
+            .readings(&self.fit.sigma)?;
+        let lost = volts * self.current_a - &self.fit.readings;
+        let little = self.contacts.column(electrode).into_owned();
+        Ok(DMatrix::from_columns(&[lost, little]))
     }
 
     /// The linear model about a sheet that changed by this (ln conductance, by cell): the data at no change, V, and their

@@ -24,7 +24,8 @@ impl Tracker {
             }
             _ => 0.0,
         };
-        let errors = self.state.covariance() + &self.model.noise;
+        let mut errors = self.state.covariance() + &self.model.noise;
+        self.allow_lost_contacts(&mut errors, None);
         self.model
             .map_deviation_beside(errors, load, &self.state.last_rows)
     }

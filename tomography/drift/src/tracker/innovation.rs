@@ -11,8 +11,11 @@ use crate::DriftError;
 use crate::electrodes::{Allowed, ElectrodeFault};
 use crate::whitened::{Atoms, LOADED, LoadTest, Whitened, factor};
 
+/// Chi squared per row, of the readings of an electrode that was faulty, up to which it is healthy: they agree with those of the others
+/// within twice the deviation, also where the pace is not learnt yet.
+const HEALTHY: f64 = 4.0;
+
 /// A frame on its way.
-#[derive(Clone)]
 pub(super) struct Frame {
     /// Change since the first baseline, V.
     pub(super) data: DVector<f64>,
@@ -26,6 +29,20 @@ pub(super) struct Frame {
     pub(super) rows: Vec<usize>,
     /// Days since the last frame.
     pub(super) days: f64,
+}
+
+impl Frame {
+    /// Clears what the rows that do not count say.
+    pub(super) fn clear_lost_rows(&mut self) {
+        for row in 0..self.e.len() {
+            if self.rows.binary_search(&row).is_err() {
+                self.e[row] = 0.0;
+                if let Some(step) = &mut self.step {
+                    step[row] = 0.0;
+                }
+            }
+        }
+    }
 }
 
 /// Covariance of an innovation and what is computed from it.
@@ -68,7 +85,9 @@ impl Tracker {
     /// Covariance of the step between two frames without load.
     pub(super) fn of_step(&self, days: f64) -> DMatrix<f64> {
         let rate = self.state.pace.pace.powi(2) * days;
-        &self.model.noise * 2.0 + &self.prepared.per_day * rate
+        let mut covariance = &self.model.noise * 2.0 + &self.prepared.per_day * rate;
+        self.allow_lost_contacts(&mut covariance, None);
+        covariance
     }
 
     /// A step from the last frame, if it is larger than noise and drift.
@@ -122,7 +141,8 @@ impl Tracker {
             return Ok(Arc::clone(steady));
         }
         let predicted = self.state.covariance() + &self.prepared.per_day * (pace * pace * days);
-        let covariance = &predicted + &self.model.noise;
+        let mut covariance = &predicted + &self.model.noise;
+        self.allow_lost_contacts(&mut covariance, None);
         let factor = factor(&covariance, rows)?;
         let mut atoms = match rows.len() == self.prepared.rows.len() {
             true => self.model.atoms.clone(),
@@ -147,20 +167,51 @@ impl Tracker {
         self.prepared.check.without(rows, &self.state.masked())
     }
 
+    /// The masked electrodes whose own readings do not agree with those of the others yet. `rows`: those with a value.
+    pub(super) fn still_ill(
+        &self,
+        frame: &Frame,
+        rows: &[usize],
+    ) -> Result<Vec<usize>, DriftError> {
+        let masked = self.state.masked();
+        let mut ill = Vec::new();
+        for &electrode in &masked {
+            let others: Vec<usize> = masked.iter().copied().filter(|e| *e != electrode).collect();
+            let with = self.prepared.check.without(rows, &others);
+            let without = self.prepared.check.without(&with, &[electrode]);
+            let own = with
+                .iter()
+                .filter(|row| without.binary_search(row).is_err());
+            let order: Vec<usize> = without.iter().chain(own).copied().collect();
+            let rate = self.state.pace.pace.powi(2) * frame.days;
+            let grown = self.state.covariance() + &self.prepared.per_day * rate;
+            let mut covariance = grown + &self.model.noise;
+            self.allow_lost_contacts(&mut covariance, Some(electrode));
+            let ordered = covariance.select_rows(&order).select_columns(&order);
+            let factor = Definite::new(&ordered).ok_or(DriftError::Covariance)?;
+            // the last rows are whitened by what the rows before leave unknown of them
+            let mut white = DMatrix::from_fn(order.len(), 1, |row, _| frame.e[order[row]]);
+            factor.whiten(&mut white);
+            let own = white.rows_range(without.len()..);
+            if own.is_empty() || own.norm_squared() > HEALTHY * own.len() as f64 {
+                ill.push(electrode);
+            }
+        }
+        Ok(ill)
+    }
+
     /// The fault that a frame shows: against the tracked baseline, or while loaded against the frame before. `white`: the innovation,
-    /// whitened. `masked`: only whether one that is known is still there.
+    /// whitened.
     pub(super) fn fault(
         &self,
         readings: &[Reading],
         frame: &Frame,
         now: &Steady,
         white: &Whitened,
-        masked: bool,
     ) -> Result<Option<ElectrodeFault>, DriftError> {
         let check = &self.prepared.check;
-        let find = |innovation: &DVector<f64>, allowed: &Allowed| match masked {
-            true => check.fault(&self.model, readings, innovation, allowed),
-            false => check.confirmed_fault(&self.model, readings, &frame.data, innovation, allowed),
+        let find = |innovation: &DVector<f64>, allowed: &Allowed| {
+            check.confirmed_fault(&self.model, readings, &frame.data, innovation, allowed)
         };
         if let (true, Some(step)) = (self.state.ledger.loaded(), &frame.step) {
             let covariance = self.of_step(frame.days);

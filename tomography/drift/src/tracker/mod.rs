@@ -15,9 +15,10 @@ mod orders;
 mod pace;
 mod state;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use eit::linear_algebra::times;
+use eit::linear_algebra::{product, times, view};
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
 
@@ -126,6 +127,8 @@ pub struct Tracker {
     of_steps: Option<(f64, Arc<DVector<f64>>)>,
     /// The last frame in the coordinates of the basis; follows from the state.
     last_in_basis: Option<DVector<f64>>,
+    /// Changes of the data by each electrode that was faulty, as its contact may have changed; they follow from the sheet.
+    lost_contacts: BTreeMap<usize, Arc<DMatrix<f64>>>,
 }
 
 /// What depends on the sheet alone.
@@ -158,14 +161,18 @@ impl Tracker {
             per_day: model.drift(&PER_DAY),
             rows: (0..model.pairs().len()).collect(),
         });
-        Ok(Self {
+        let mut tracker = Self {
             model,
             prepared,
             state,
             steady: None,
             of_steps: None,
             last_in_basis: None,
-        })
+            lost_contacts: BTreeMap::new(),
+        };
+        let masked = tracker.state.masked();
+        tracker.prepare_lost(&masked)?;
+        Ok(tracker)
     }
 
     /// The whole state.
@@ -204,7 +211,12 @@ impl Tracker {
             // how much time has passed is unknown: at least an interval, at most the jump
             days = days.max(self.state.kept_days.unwrap_or(0.0));
         }
+        let masked = self.state.masked();
         self.state.at_s = at_s;
+        if self.state.ledger.loaded() {
+            // steps do not tell whether an electrode healed, and a load may hide it
+            self.mask(&masked)?;
+        }
         let mut frame_now = Frame {
             e: &relative.data - self.state.baseline(),
             step: (!self.state.last.is_empty())
@@ -216,27 +228,16 @@ impl Tracker {
         };
         let mut now = self.innovation(days, &frame_now.rows)?;
         let mut white = whitened(&now, &frame_now);
-        let fault = self.fault(frame, &frame_now, &now, &white, false)?;
+        let fault = self.fault(frame, &frame_now, &now, &white)?;
         if let Some(fault) = fault {
-            self.state
-                .mask(&fault.electrodes(self.model.mesh().electrodes()));
+            self.mask(&fault.electrodes(self.model.mesh().electrodes()))?;
             frame_now.rows = self.usable(&relative.rows);
         }
-        let masked = self.state.masked();
-        if fault.is_none() && !masked.is_empty() {
-            // an electrode stays masked while its own readings show the fault
-            let all = Frame {
-                rows: relative.rows.clone(),
-                ..frame_now.clone()
-            };
-            let whole = self.innovation(days, &all.rows)?;
-            let still = self.fault(frame, &all, &whole, &whitened(&whole, &all), true)?;
-            let of = still.map(|fault| fault.electrodes(self.model.mesh().electrodes()));
-            let of = of.unwrap_or_default();
-            if of.iter().all(|electrode| masked.contains(electrode)) {
-                self.state.mask(&of);
-            }
+        if fault.is_none() && !self.state.ledger.loaded() {
+            let ill = self.still_ill(&frame_now, &relative.rows)?;
+            self.mask(&ill)?;
         }
+        frame_now.clear_lost_rows();
         let mut answer = Answer {
             judgement: Judgement::Unknown,
             score: None,
@@ -283,6 +284,34 @@ impl Tracker {
         answer.held = self.state.ledger.held;
         answer.pace = self.state.pace.pace;
         Ok(answer)
+    }
+
+    /// Uses these electrodes no more, until they have been healthy for an hour.
+    fn mask(&mut self, electrodes: &[usize]) -> Result<(), DriftError> {
+        self.prepare_lost(electrodes)?;
+        self.state.mask(electrodes);
+        Ok(())
+    }
+
+    fn prepare_lost(&mut self, electrodes: &[usize]) -> Result<(), DriftError> {
+        for &electrode in electrodes {
+            if !self.lost_contacts.contains_key(&electrode) {
+                let lost = Arc::new(self.model.lost_contact(electrode)?);
+                self.lost_contacts.insert(electrode, lost);
+            }
+        }
+        Ok(())
+    }
+
+    /// Allows for any contact of the masked electrodes: what they change in the readings of others is neither load nor drift. `but`: one
+    /// that is judged.
+    fn allow_lost_contacts(&self, covariance: &mut DMatrix<f64>, but: Option<usize>) {
+        let masked = self.state.masked().into_iter();
+        for electrode in masked.filter(|electrode| Some(*electrode) != but) {
+            if let Some(lost) = self.lost_contacts.get(&electrode) {
+                *covariance += product(view(lost), view(&lost.transpose()));
+            }
+        }
     }
 
     /// A frame of a sheet that was empty before.
@@ -371,7 +400,9 @@ impl Tracker {
         self.state.correct(&DVector::from_vec(correction));
         let complete = frame.rows.len() == self.prepared.rows.len();
         let (run, at_s) = (self.state.run, self.state.at_s);
-        let renewed = run >= STEADY_AFTER && (run - STEADY_AFTER).is_multiple_of(RENEWED_EVERY);
+        // what lost rows do not show grows with each frame
+        let renewed =
+            !complete || run >= STEADY_AFTER && (run - STEADY_AFTER).is_multiple_of(RENEWED_EVERY);
         if run >= STEADY_AFTER && !renewed && self.state.kept_days == Some(now.days) {
             self.steady = Some(Arc::clone(now));
         } else {
@@ -577,7 +608,8 @@ impl Tracker {
         }
         let e = DVector::from_column_slice(&self.state.last) - self.state.baseline();
         let rows = &self.state.last_rows;
-        let covariance = self.state.covariance() + &self.model.noise;
+        let mut covariance = self.state.covariance() + &self.model.noise;
+        self.allow_lost_contacts(&mut covariance, None);
         Whitened::new(&covariance, &e, rows)
     }
 }

@@ -1,0 +1,118 @@
+//! When an electrode that lost its contact is used again. Readings of the open contact are those of a finer mesh.
+
+use std::sync::Arc;
+
+use drift::{Answer, ElectrodeFault, Judgement, Tracker};
+use survey::{Reading, Volts};
+
+use crate::walk::{EVERY_S, Walk, walked};
+
+const OPEN: usize = 7;
+/// Frames within an hour.
+const HOUR: usize = 6;
+
+/// The walk and its tracker, after a day of frames.
+struct Days {
+    walk: Walk,
+    tracker: Tracker,
+    frame: usize,
+    /// Of the electrode's readings: those of an open contact over those of a closed one.
+    of_open: Vec<f64>,
+    load: nalgebra::DVector<f64>,
+}
+
+impl Days {
+    fn new() -> Self {
+        let frame = 24 * HOUR;
+        let (walk, tracker) = walked(frame);
+        let open = |electrode| if electrode == OPEN { 1e7 } else { 1.0 };
+        let open = walk.sheet.readings(open, |_| 1.0);
+        let volts = |reading: &Reading| reading.volts().unwrap().0;
+        let both = open.iter().zip(&walk.sheet.baseline);
+        let disc = |[x, y]: [f64; 2]| (x - 0.080_f64).hypot(y - 0.140) < 15e-3;
+        let loaded = walk
+            .sheet
+            .readings(|_| 1.0, |at| if disc(at) { 0.5 } else { 1.0 });
+        Self {
+            of_open: both
+                .map(|(open, closed)| volts(open) / volts(closed))
+                .collect(),
+            load: walk.model.relative(&loaded).unwrap().data,
+            walk,
+            tracker,
+            frame,
+        }
+    }
+
+    /// The next frame, after so many intervals.
+    fn follow(&mut self, intervals: usize, open: bool, loaded: bool) -> Answer {
+        self.frame += intervals;
+        let load = self.load.clone();
+        let mut readings = self.walk.frame(loaded.then_some((&load, 1.0)));
+        if open {
+            for (reading, factor) in readings.iter_mut().zip(&self.of_open) {
+                *reading = Reading::Ok(Volts(reading.volts().unwrap().0 * factor));
+            }
+        }
+        let at_s = EVERY_S * self.frame as f64;
+        self.tracker.follow(&readings, at_s).unwrap()
+    }
+}
+
+fn names_it(answer: &Answer) -> bool {
+    matches!(
+        answer.fault,
+        Some(ElectrodeFault::Risen {
+            electrode: OPEN,
+            ..
+        })
+    )
+}
+
+#[test]
+fn electrode_that_heals_is_used_again_after_an_hour() {
+    let mut days = Days::new();
+    let known = days.tracker.state().deviation();
+    assert!(names_it(&days.follow(1, true, false)));
+    for _ in 0..4 * 24 * HOUR {
+        let answer = days.follow(1, true, false);
+        assert_eq!(answer.masked, [OPEN]);
+        assert_eq!(answer.judgement, Judgement::Empty);
+    }
+    // what the lost readings do not show grows with each frame
+    let grown = days.tracker.state().deviation() / known;
+    assert!(grown > 40.0, "{grown}");
+    for _ in 1..HOUR {
+        // a restart does not make it wait longer
+        let state = days.tracker.state().clone();
+        days.tracker = Tracker::restore(Arc::clone(days.tracker.model()), state).unwrap();
+        assert_eq!(days.follow(1, false, false).masked, [OPEN]);
+    }
+    for _ in 0..24 * HOUR {
+        let answer = days.follow(1, false, false);
+        assert!(answer.masked.is_empty() && answer.fault.is_none());
+        assert_eq!(answer.judgement, Judgement::Empty);
+    }
+}
+
+#[test]
+fn electrode_stays_masked_while_a_load_hides_whether_it_healed() {
+    let mut days = Days::new();
+    assert!(names_it(&days.follow(1, true, false)));
+    let came = days.follow(1, true, true);
+    assert!(came.event.is_some_and(|event| event.came));
+    // ten hours, then a gap of as many
+    for frame in 0..20 * HOUR {
+        let intervals = if frame == 10 * HOUR { 10 * HOUR } else { 1 };
+        let answer = days.follow(intervals, frame < 15 * HOUR, true);
+        assert_eq!(answer.masked, [OPEN], "{frame}");
+        assert_eq!(answer.judgement, Judgement::Loaded);
+        assert!(answer.event.is_none(), "{frame}");
+    }
+    let went = days.follow(1, false, false);
+    assert_eq!(went.judgement, Judgement::Empty);
+    for _ in 1..HOUR {
+        assert_eq!(days.follow(1, false, false).masked, [OPEN]);
+    }
+    assert!(days.follow(1, false, false).masked.is_empty());
+}
