@@ -518,6 +518,20 @@ mod tests {
     }
 
     #[test]
+    fn weak_disc_beside_a_strong_one_is_found_in_the_rest() {
+        let stage = stage();
+        let strong = |at| within(at, [0.03, -0.01], 0.025);
+        let weak = |at| within(at, [-0.05, 0.03], 0.012);
+        let (map, correlation) = stage.map(|at| match (strong(at), weak(at)) {
+            (true, _) => -0.6,
+            (_, true) => -0.05,
+            _ => 0.0,
+        });
+        assert_eq!(map.method, "discs (2)");
+        assert!(correlation > 0.97, "{correlation}");
+    }
+
+    #[test]
     fn smooth_load_over_the_sheet_is_found_as_one() {
         let stage = stage();
         let wave = |[x, y]: [f64; 2]| -0.2 * (1.0 + (15.0 * x + 10.0 * y).sin());

@@ -115,7 +115,7 @@ impl Problem<'_> {
         shapes: &[Shape],
         solved: &Solved,
     ) -> Result<DMatrix<f64>, ForwardError> {
-        const STEP: f64 = 1e-3;
+        const STEP: f64 = 2e-4;
         let count = self.model.mesh.region().len();
         let mut kept = vec![1.0; count];
         for shape in shapes {
@@ -124,21 +124,23 @@ impl Problem<'_> {
         let mut directions = Vec::new();
         for shape in shapes {
             let log = (1.0 - shape.loss()).ln();
+            let mut shares = vec![0.0; count];
+            self.add_shares(shape, 1.0, &mut shares);
             for parameter in 0..shape.theta.len() {
-                let mut slopes = vec![0.0; count];
-                if parameter == LOSS {
-                    self.add_shares(shape, -shape.loss(), &mut slopes);
+                let slopes: Vec<f64> = if parameter == LOSS {
+                    shares.iter().map(|share| -shape.loss() * share).collect()
                 } else {
-                    for step in [STEP, -STEP] {
-                        let mut moved = shape.clone();
-                        moved.theta[parameter] += step;
-                        self.add_shares(&moved, log / (2.0 * step), &mut slopes);
-                    }
-                }
+                    let mut moved = shape.clone();
+                    moved.theta[parameter] += STEP;
+                    let mut slopes: Vec<f64> =
+                        shares.iter().map(|share| -log / STEP * share).collect();
+                    self.add_shares(&moved, log / STEP, &mut slopes);
+                    slopes
+                };
                 let slopes = slopes.into_iter().zip(&kept).enumerate();
                 let slopes = slopes.map(|(t, (slope, kept))| (t as u32, kept * slope));
                 // rounding leaves something where a triangle is covered before and after a step
-                directions.push(slopes.filter(|(_, slope)| slope.abs() > 1e-12).collect());
+                directions.push(slopes.filter(|(_, slope)| slope.abs() > 1e-10).collect());
             }
         }
         let mut j = self.model.along(solved, &directions)?;
@@ -148,28 +150,34 @@ impl Problem<'_> {
         Ok(j)
     }
 
-    /// The sensitivity at some shapes.
-    #[cfg(test)]
-    pub(crate) fn slopes(
+    /// What shapes leave of the data, in deviations of a reading, and the slopes of the readings along their parameters.
+    pub(crate) fn rest(
         &self,
-        weights: &DVector<f64>,
+        data: &Data,
         shapes: &[Shape],
-    ) -> Result<DMatrix<f64>, ForwardError> {
-        let data = Data {
-            white: weights.clone(),
-            weights: weights.clone(),
-        };
-        let (solved, ..) = self.evaluate(&data, shapes)?;
-        self.sensitivity(&data, shapes, &solved)
+    ) -> Result<(DVector<f64>, DMatrix<f64>), ForwardError> {
+        let (solved, rest, ..) = self.evaluate(data, shapes)?;
+        Ok((rest, self.sensitivity(data, shapes, &solved)?))
+    }
+
+    /// The change of each triangle that a shape covers when all of its conductance is lost.
+    pub(crate) fn covered(&self, shape: &Shape) -> Vec<(u32, f64)> {
+        let mut shares = Vec::new();
+        for (outline, weight) in shape.layers() {
+            let covered = self.cover.of(&outline).into_iter();
+            shares.extend(covered.map(|(t, share)| (t, -weight * share)));
+        }
+        shares
     }
 
     /// Takes at most [`STEPS`] steps from a start, including rejected ones; fewer where the misfit will not become as small as
-    /// `wanted`.
+    /// `wanted`, and one where it is then more than `hopeless` times that.
     pub(crate) fn fit(
         &self,
         data: &Data,
         start: &[Shape],
         wanted: f64,
+        hopeless: f64,
     ) -> Result<Fit, ForwardError> {
         let mut shapes = start.to_vec();
         let (mut solved, mut residual, mut misfit, mut objective) = self.evaluate(data, &shapes)?;
@@ -219,14 +227,19 @@ impl Problem<'_> {
                 shape.limit();
             }
             let (s, r, m, o) = self.evaluate(data, &next)?;
-            if o < objective {
-                let gain = objective - o;
+            let gain = objective - o;
+            if gain > 0.0 {
                 (shapes, solved, residual, misfit, objective) = (next, s, r, m, o);
-                j = self.sensitivity(data, &shapes, &solved)?;
-                damping = (damping * 0.25).max(1e-6);
+            }
+            if misfit > hopeless * wanted {
+                break;
+            }
+            if gain > 0.0 {
                 if gain < DONE || misfit > FAR * wanted && gain < SLOW * misfit {
                     break;
                 }
+                j = self.sensitivity(data, &shapes, &solved)?;
+                damping = (damping * 0.25).max(1e-6);
             } else {
                 damping *= 6.0;
                 if damping > 1e4 {

@@ -5,12 +5,13 @@
 //!
 //! - [`shape`]: shapes as free parameters with a prior; [`starts`]: shapes at the peaks of a map
 //! - [`coverage`]: the share of each triangle that an outline covers; [`model`]: readings and their derivatives
-//! - [`fit`]: Levenberg and Marquardt; [`posterior`]: draws of what they may be
+//! - [`fit`]: Levenberg and Marquardt; [`rest`]: where the rest of a fit shows another disc; [`posterior`]: draws of what they may be
 
 mod coverage;
 mod fit;
 mod model;
 mod posterior;
+mod rest;
 mod shape;
 mod starts;
 
@@ -21,8 +22,9 @@ use survey::{Evidence, NextKind, Protocol};
 use self::coverage::Cover;
 use self::fit::{Data, Fit, Problem};
 use self::model::SheetModel;
+use self::rest::Grid;
 use self::shape::{Kind, Shape};
-use self::starts::{Peak, Peaks};
+use self::starts::{MOST, Peak, Peaks};
 use crate::inverse::reciprocity::Seen;
 use crate::{ForwardError, Mesh};
 
@@ -30,14 +32,21 @@ use crate::{ForwardError, Mesh};
 const PLAIN: f64 = 0.9;
 /// A disc that leaves more than this many times what may be left is neither a ring nor a disc with a soft edge.
 const NEAR: f64 = 1000.0;
+/// One disc that leaves more than this many times what may be left after its first step is given up where a smooth load is likelier.
+const HOPELESS: f64 = 100.0;
 /// Radius, m, below which readings do not tell a disc from a ring or a soft edge, and errors of the model decide.
 const RESOLVED: f64 = 0.010;
+/// Discs are added to those at the peaks if these leave less than this many times what may be left, and if each that is added leaves at
+/// most this share of what was left before (decision 194).
+const FEW: f64 = 50.0;
+const HELPS: f64 = 0.5;
 
 /// Fits shapes to frames of a sheet.
 pub(crate) struct Shapes {
     model: SheetModel,
     cover: Cover,
     peaks: Peaks,
+    grid: Grid,
     shown: Vec<usize>,
 }
 
@@ -71,6 +80,7 @@ impl Shapes {
             model: SheetModel::new(&whole, contact_ohm_m, sigma0, questions, factors)?,
             cover: Cover::new(&whole),
             peaks: Peaks::new(mesh),
+            grid: Grid::default(),
             shown: mesh.region().to_vec(),
         })
     }
@@ -94,7 +104,17 @@ impl Shapes {
         let one = Some(&singles[0]).filter(|fit| frame.explained_by(fit));
         let several = match one {
             Some(one) if one.shapes[0].kind == Kind::Disc => None,
-            _ => frame.discs(&peaks)?,
+            Some(_) => frame.discs(&peaks)?,
+            None => {
+                let discs = singles
+                    .iter()
+                    .filter(|fit| fit.shapes[0].kind == Kind::Disc);
+                let several = discs.cloned().chain(frame.discs(&peaks)?);
+                several
+                    .min_by(|a, b| a.misfit.total_cmp(&b.misfit))
+                    .map(|fit| frame.more_discs(fit, &self.grid))
+                    .transpose()?
+            }
         };
         let explains = several.as_ref().filter(|fit| frame.explained_by(fit));
         let tried = || singles.iter().chain(&several);
@@ -127,8 +147,11 @@ impl Shapes {
     ) -> Result<Option<NextKind>, ForwardError> {
         let frame = self.frame(seen, deviation, most);
         let described = |peak: &Peak| {
-            let disc = frame.fit(std::slice::from_ref(&peak.disc))?;
-            Ok(frame.described(&disc, None))
+            let start = std::slice::from_ref(&peak.disc);
+            let fit = frame
+                .problem
+                .fit(&frame.data, start, frame.wanted, HOPELESS)?;
+            Ok(frame.described(&fit, None))
         };
         self.peaks.of(map).first().map(described).transpose()
     }
@@ -149,6 +172,17 @@ impl Shapes {
     }
 }
 
+/// Whether the last disc touches no other one: discs that touch stand for other shapes.
+fn lies_apart(discs: &[Shape]) -> bool {
+    let Some((last, others)) = discs.split_last() else {
+        return true;
+    };
+    others.iter().all(|other| {
+        let [a, b] = [last, other].map(Shape::centre);
+        (a[0] - b[0]).hypot(a[1] - b[1]) > last.radius() + other.radius()
+    })
+}
+
 fn likeliest<'a>(fits: impl Iterator<Item = &'a Fit>) -> Option<&'a Fit> {
     fits.min_by(|a, b| a.cost().total_cmp(&b.cost()))
 }
@@ -163,7 +197,8 @@ struct Frame<'a> {
 
 impl Frame<'_> {
     fn fit(&self, start: &[Shape]) -> Result<Fit, ForwardError> {
-        self.problem.fit(&self.data, start, self.wanted)
+        self.problem
+            .fit(&self.data, start, self.wanted, f64::INFINITY)
     }
 
     fn explained_by(&self, fit: &Fit) -> bool {
@@ -199,6 +234,23 @@ impl Frame<'_> {
         fits.push(disc);
         fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
         Ok(fits)
+    }
+
+    /// Adds discs where the rest shows one, until they explain the frame or another one does not help.
+    fn more_discs(&self, mut fit: Fit, grid: &Grid) -> Result<Fit, ForwardError> {
+        while !self.explained_by(&fit) && self.left(&fit) < FEW && fit.shapes.len() < MOST {
+            let Some(disc) = grid.another(&self.problem, &self.data, &fit)? else {
+                break;
+            };
+            let mut start = fit.shapes.clone();
+            start.push(disc);
+            let more = self.fit(&start)?;
+            if more.misfit > HELPS * fit.misfit || !lies_apart(&more.shapes) {
+                break;
+            }
+            fit = more;
+        }
+        Ok(fit)
     }
 
     /// The fewest discs at peaks that explain the frame; all of them if that does not.
@@ -311,8 +363,11 @@ mod tests {
         };
         for shape in [disc.soft(), disc.ring(), disc, bar] {
             let weights = DVector::from_element(case.protocol.len(), 1.0);
-            let j = problem.slopes(&weights, std::slice::from_ref(&shape));
-            let j = j.unwrap();
+            let data = Data {
+                white: weights.clone(),
+                weights,
+            };
+            let (_, j) = problem.rest(&data, std::slice::from_ref(&shape)).unwrap();
             for parameter in 0..shape.theta.len() {
                 let moved = |step: f64| {
                     let mut moved = shape.clone();

@@ -93,14 +93,15 @@ impl Shape {
 
     /// A ring of the same place, a little larger.
     pub(crate) fn ring(&self) -> Self {
-        let mut ring = Self::disc(
-            [0, 1].map(|axis| self.theta[axis] * UNIT),
-            1.15 * self.radius(),
-            1.2 * self.loss(),
-        );
+        let mut ring = Self::disc(self.centre(), 1.15 * self.radius(), 1.2 * self.loss());
         ring.kind = Kind::Ring;
         ring.theta.push(logit(0.5));
         ring
+    }
+
+    /// m
+    pub(super) fn centre(&self) -> [f64; 2] {
+        [0, 1].map(|axis| self.theta[axis] * UNIT)
     }
 
     /// m

@@ -9,7 +9,7 @@ use crate::Mesh;
 use crate::inverse::graph::Graph;
 
 /// Most discs of a frame.
-const MOST: usize = 4;
+pub(super) const MOST: usize = 4;
 /// Share of a peak's loss down to which the triangles round it are its disc.
 const CORE: f64 = 0.5;
 /// How many times as long as wide the triangles round a peak are at least if they may be a bar.
