@@ -19,6 +19,8 @@ use super::{MapSettings, Settings};
 use crate::evaluation::{average, median, quantile};
 use crate::{Failure, add_noise, measured, progress};
 
+const ALL_LOADS: &str = "all loads together";
+
 /// What a method is told about the noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -94,8 +96,8 @@ pub struct MapRow {
     pub stated: Stated,
     /// The kind of load, or all together.
     pub load: &'static str,
-    /// Noise of a reading, uV.
-    pub noise_uv: f64,
+    /// Noise of a reading, uV; `None`: frames of all noises together.
+    pub noise_uv: Option<f64>,
     /// Frames.
     pub frames: usize,
     /// Mean correlation of map and truth over the region; without a load the largest loss of the maps.
@@ -160,6 +162,7 @@ pub(super) fn rows(
         "maps",
     );
     let mut rows = Vec::new();
+    let mut of_all_noises = BTreeMap::<usize, Vec<Judged>>::new();
     for (level, &noise_uv) in settings.noises_uv.iter().enumerate() {
         let models: Vec<PreparedMethod> = maps
             .methods
@@ -203,16 +206,21 @@ pub(super) fn rows(
                     })
                     .collect::<Result<_, Failure>>()?;
                 let load = (kind != TargetKind::Nothing).then_some(kind.name());
-                rows.push(row(compared, load, noise_uv, &judged));
+                rows.push(row(compared, load, Some(noise_uv), &judged));
                 if load.is_some() {
                     of_all.extend(judged);
                 }
             }
         }
-        for (compared, judged) in models.iter().zip(&of_all) {
+        let last = level + 1 == settings.noises_uv.len();
+        for (k, (compared, judged)) in models.iter().zip(of_all).enumerate() {
             if judged.len() > maps.count {
-                let load = Some("all loads together");
-                rows.push(row(compared, load, noise_uv, judged));
+                rows.push(row(compared, Some(ALL_LOADS), Some(noise_uv), &judged));
+            }
+            let all = of_all_noises.entry(k).or_default();
+            all.extend(judged);
+            if last && level > 0 && !all.is_empty() {
+                rows.push(row(compared, Some(ALL_LOADS), None, all));
             }
         }
     }
@@ -299,7 +307,7 @@ fn judge(
 fn row(
     compared: &PreparedMethod,
     load: Option<&'static str>,
-    noise_uv: f64,
+    noise_uv: Option<f64>,
     judged: &[Judged],
 ) -> MapRow {
     let mean = average(judged.iter().map(|one| one.value));
@@ -359,7 +367,7 @@ pub(super) fn text(rows: &[MapRow]) -> String {
             row.method.name(),
             row.stated.name(),
             row.load,
-            row.noise_uv,
+            row.noise_uv.map_or("all".to_owned(), |uv| uv.to_string()),
             row.frames,
             row.mean,
             row.error,

@@ -27,6 +27,20 @@ pub(crate) struct Data {
     pub(crate) weights: DVector<f64>,
 }
 
+/// A fit is given up if it leaves more than a misfit after so many steps.
+#[derive(Clone, Copy)]
+pub(super) struct Hopeless {
+    pub(super) after: usize,
+    pub(super) misfit: f64,
+}
+
+impl Hopeless {
+    pub(super) const NEVER: Self = Self {
+        after: STEPS,
+        misfit: f64::INFINITY,
+    };
+}
+
 /// A fit of shapes at a local minimum.
 #[derive(Clone)]
 pub(crate) struct Fit {
@@ -171,13 +185,13 @@ impl Problem<'_> {
     }
 
     /// Takes at most [`STEPS`] steps from a start, including rejected ones; fewer where the misfit will not become as small as
-    /// `wanted`, and one where it is then more than `hopeless` times that.
-    pub(crate) fn fit(
+    /// `wanted`, or where the start is `hopeless`.
+    pub(super) fn fit(
         &self,
         data: &Data,
         start: &[Shape],
         wanted: f64,
-        hopeless: f64,
+        hopeless: Hopeless,
     ) -> Result<Fit, ForwardError> {
         let mut shapes = start.to_vec();
         let (mut solved, mut residual, mut misfit, mut objective) = self.evaluate(data, &shapes)?;
@@ -197,7 +211,7 @@ impl Problem<'_> {
         let mut damping = 1e-2;
         let mut j = self.sensitivity(data, &shapes, &solved)?;
         let mut hessian = DMatrix::zeros(count, count);
-        for _ in 0..STEPS {
+        for taken in 1..=STEPS {
             let (weights, pull) = priors(&shapes);
             hessian = j.tr_mul(&j);
             for p in 0..count {
@@ -231,7 +245,7 @@ impl Problem<'_> {
             if gain > 0.0 {
                 (shapes, solved, residual, misfit, objective) = (next, s, r, m, o);
             }
-            if misfit > hopeless * wanted {
+            if taken >= hopeless.after && misfit > hopeless.misfit {
                 break;
             }
             if gain > 0.0 {

@@ -20,7 +20,7 @@ use std::sync::Arc;
 use survey::{Evidence, NextKind, Protocol};
 
 use self::coverage::Cover;
-use self::fit::{Data, Fit, Problem};
+use self::fit::{Data, Fit, Hopeless, Problem};
 use self::model::SheetModel;
 use self::rest::Grid;
 use self::shape::{Kind, Shape};
@@ -34,6 +34,10 @@ const PLAIN: f64 = 0.9;
 const NEAR: f64 = 1000.0;
 /// One disc that leaves more than this many times what may be left after its first step is given up where a smooth load is likelier.
 const HOPELESS: f64 = 100.0;
+/// A disc with a soft edge that leaves more than this many times what the disc leaves after its first three steps is given up.
+const WORSE: f64 = 1.2;
+/// Inner over outer radius of a ring above which no soft edge looks like it.
+const HOLE: f64 = 0.5;
 /// Radius, m, below which readings do not tell a disc from a ring or a soft edge, and errors of the model decide.
 const RESOLVED: f64 = 0.010;
 /// Discs are added to those at the peaks if these leave less than this many times what may be left, and if each that is added leaves at
@@ -148,9 +152,13 @@ impl Shapes {
         let frame = self.frame(seen, deviation, most);
         let described = |peak: &Peak| {
             let start = std::slice::from_ref(&peak.disc);
-            let fit = frame
-                .problem
-                .fit(&frame.data, start, frame.wanted, HOPELESS)?;
+            let fit = frame.fit_unless(
+                start,
+                Hopeless {
+                    after: 1,
+                    misfit: HOPELESS * frame.wanted,
+                },
+            )?;
             Ok(frame.described(&fit, None))
         };
         self.peaks.of(map).first().map(described).transpose()
@@ -197,8 +205,11 @@ struct Frame<'a> {
 
 impl Frame<'_> {
     fn fit(&self, start: &[Shape]) -> Result<Fit, ForwardError> {
-        self.problem
-            .fit(&self.data, start, self.wanted, f64::INFINITY)
+        self.fit_unless(start, Hopeless::NEVER)
+    }
+
+    fn fit_unless(&self, start: &[Shape], hopeless: Hopeless) -> Result<Fit, ForwardError> {
+        self.problem.fit(&self.data, start, self.wanted, hopeless)
     }
 
     fn explained_by(&self, fit: &Fit) -> bool {
@@ -221,15 +232,25 @@ impl Frame<'_> {
     /// The kinds of single shapes that were tried, the likeliest first.
     fn one_shape(&self, at: &Peak) -> Result<Vec<Fit>, ForwardError> {
         let disc = self.fit(std::slice::from_ref(&at.disc))?;
-        let own = &disc.shapes[0];
-        let others = match self.left(&disc) {
-            ..=PLAIN => return Ok(vec![disc]),
-            ..NEAR if own.radius() > RESOLVED => vec![own.soft(), own.ring()],
-            _ => Vec::new(),
-        };
+        if self.left(&disc) <= PLAIN {
+            return Ok(vec![disc]);
+        }
         let mut fits = vec![];
-        for shape in at.bar.clone().into_iter().chain(others) {
-            fits.push(self.fit(&[shape])?);
+        if let Some(bar) = at.bar.clone() {
+            fits.push(self.fit(&[bar])?);
+        }
+        let own = &disc.shapes[0];
+        if self.left(&disc) < NEAR && own.radius() > RESOLVED {
+            let ring = self.fit(&[own.ring()])?;
+            let has_hole = ring.shapes[0].hole() > HOLE && ring.misfit < HELPS * disc.misfit;
+            if !(has_hole && self.explained_by(&ring)) {
+                let hopeless = Hopeless {
+                    after: 3,
+                    misfit: WORSE * disc.misfit,
+                };
+                fits.push(self.fit_unless(&[own.soft()], hopeless)?);
+            }
+            fits.push(ring);
         }
         fits.push(disc);
         fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));

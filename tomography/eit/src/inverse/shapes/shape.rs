@@ -99,6 +99,11 @@ impl Shape {
         ring
     }
 
+    /// Inner over outer radius of a ring.
+    pub(super) fn hole(&self) -> f64 {
+        logistic(self.theta[4])
+    }
+
     /// m
     pub(super) fn centre(&self) -> [f64; 2] {
         [0, 1].map(|axis| self.theta[axis] * UNIT)
