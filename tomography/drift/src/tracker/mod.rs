@@ -213,8 +213,8 @@ impl Tracker {
         }
         let masked = self.state.masked();
         self.state.at_s = at_s;
-        if self.state.ledger.loaded() {
-            // steps do not tell whether an electrode healed, and a load may hide it
+        if self.state.ledger.loaded() && masked.len() <= MOST_MASKED {
+            // steps do not tell whether an electrode healed, and a load may hide it; frames without a judgement must end
             self.mask(&masked)?;
         }
         let mut frame_now = Frame {

@@ -1,6 +1,7 @@
 //! Drift of a sheet: single frames and the tracked baseline, with readings of a finer mesh than the model's.
 
 mod deviation;
+mod loads;
 mod masked;
 mod moving;
 mod orders;
