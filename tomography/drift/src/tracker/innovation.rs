@@ -125,6 +125,12 @@ impl Tracker {
         Ok(tests.into_iter().next().filter(|test| test.score > LOADED))
     }
 
+    /// The covariance of the tracked baseline after this time.
+    fn predicted(&self, days: f64) -> DMatrix<f64> {
+        let pace = self.state.pace.pace;
+        self.state.covariance() + &self.prepared.per_day * (pace * pace * days)
+    }
+
     /// The covariance of the innovation after this time.
     pub(super) fn innovation(&self, days: f64, rows: &[usize]) -> Result<Arc<Steady>, DriftError> {
         let pace = self.state.pace.pace;
@@ -140,7 +146,7 @@ impl Tracker {
         {
             return Ok(Arc::clone(steady));
         }
-        let predicted = self.state.covariance() + &self.prepared.per_day * (pace * pace * days);
+        let predicted = self.predicted(days);
         let mut covariance = &predicted + &self.model.noise;
         self.allow_lost_contacts(&mut covariance, None);
         let factor = factor(&covariance, rows)?;
@@ -174,6 +180,10 @@ impl Tracker {
         rows: &[usize],
     ) -> Result<Vec<usize>, DriftError> {
         let masked = self.state.masked();
+        if masked.is_empty() {
+            return Ok(masked);
+        }
+        let whole = self.predicted(frame.days) + &self.model.noise;
         let mut ill = Vec::new();
         for &electrode in &masked {
             let others: Vec<usize> = masked.iter().copied().filter(|e| *e != electrode).collect();
@@ -183,9 +193,7 @@ impl Tracker {
                 .iter()
                 .filter(|row| without.binary_search(row).is_err());
             let order: Vec<usize> = without.iter().chain(own).copied().collect();
-            let rate = self.state.pace.pace.powi(2) * frame.days;
-            let grown = self.state.covariance() + &self.prepared.per_day * rate;
-            let mut covariance = grown + &self.model.noise;
+            let mut covariance = whole.clone();
             self.allow_lost_contacts(&mut covariance, Some(electrode));
             let ordered = covariance.select_rows(&order).select_columns(&order);
             let factor = Definite::new(&ordered).ok_or(DriftError::Covariance)?;
