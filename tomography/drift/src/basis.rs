@@ -3,7 +3,7 @@
 //! A sheet that drifts as a random walk is then 299 independent walks, so that covariances of any age need no factorisation.
 
 use eit::linear_algebra::{
-    Definite, product, single_transposed_times, symmetric_eigen, times, view,
+    Definite, Rounded, product, rounded, rounded_transposed_times, symmetric_eigen, times, view,
 };
 use nalgebra::{DMatrix, DVector};
 
@@ -27,8 +27,8 @@ pub(crate) struct Basis {
     pub(crate) growth: DVector<f64>,
     /// Variance of local change of standard deviation 1, without its correlations.
     pub(crate) local: DVector<f64>,
-    atoms: DMatrix<f32>,
-    atoms_squared: DMatrix<f32>,
+    atoms: Rounded,
+    atoms_squared: Rounded,
 }
 
 impl Basis {
@@ -55,8 +55,8 @@ impl Basis {
             both.diagonal()
         };
         Ok(Self {
-            atoms_squared: atoms.map(|value| (value * value) as f32),
-            atoms: atoms.map(|value| value as f32),
+            atoms_squared: rounded(&atoms.map(|value| value * value)),
+            atoms: rounded(&atoms),
             local,
             growth: DVector::from_vec(growth).map(|value| value.max(0.0)),
             transform,
@@ -71,7 +71,7 @@ impl Basis {
     /// Squares of the load test's discs at these variances.
     pub(crate) fn squares(&self, variances: &DVector<f64>) -> DVector<f64> {
         let weights = variances.map(|variance| 1.0 / variance);
-        single_transposed_times(&self.atoms_squared, &weights)
+        rounded_transposed_times(&self.atoms_squared, &weights)
     }
 
     /// The best discs for data with these variances, whose `squares` are those of [`Basis::squares`], best first.
@@ -84,7 +84,7 @@ impl Basis {
         most: usize,
     ) -> Vec<LoadTest> {
         let weights = variances.map(|variance| 1.0 / variance);
-        let dots = single_transposed_times(&self.atoms, &data.component_mul(&weights));
+        let dots = rounded_transposed_times(&self.atoms, &data.component_mul(&weights));
         places_by_score(model, &dots, squares, most)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eit::linear_algebra::{Definite, single_transposed_times};
+use eit::linear_algebra::{Definite, Rounded, rounded, rounded_transposed_times};
 use nalgebra::{DMatrix, DVector};
 
 use crate::DriftError;
@@ -183,7 +183,7 @@ impl Whitened {
 /// Whitened data of the load test's discs, with what is the same for all data.
 #[derive(Debug)]
 pub(crate) struct Atoms {
-    columns: DMatrix<f32>,
+    columns: Rounded,
     squares: DVector<f64>,
 }
 
@@ -191,7 +191,7 @@ impl Atoms {
     pub(crate) fn new(columns: &DMatrix<f64>) -> Self {
         Self {
             squares: DVector::from_fn(columns.ncols(), |k, _| columns.column(k).norm_squared()),
-            columns: columns.map(|value| value as f32),
+            columns: rounded(columns),
         }
     }
 
@@ -202,7 +202,7 @@ impl Atoms {
         model: &DriftModel,
         most: usize,
     ) -> Vec<LoadTest> {
-        let dots = single_transposed_times(&self.columns, data);
+        let dots = rounded_transposed_times(&self.columns, data);
         places_by_score(model, &dots, &self.squares, most)
     }
 }

@@ -6,6 +6,7 @@
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::Solve;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+use half::bf16;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -258,24 +259,35 @@ pub(crate) fn transposed_times(a: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f6
     DVector::from_column_slice(product.as_slice())
 }
 
-/// A'x in single precision, at memory bandwidth: for tests that compare many columns and need no more digits.
-pub fn single_transposed_times(a: &DMatrix<f32>, x: &DVector<f64>) -> DVector<f64> {
-    let x: Vec<f32> = x.iter().map(|value| *value as f32).collect();
-    DVector::from_vec(widest(SingleTransposedTimes { a, x: &x }))
+/// Values rounded to the eight leading bits (bfloat16): half the memory of single precision.
+pub type Rounded = DMatrix<bf16>;
+
+/// The rounded values of a matrix.
+pub fn rounded(a: &DMatrix<f64>) -> Rounded {
+    a.map(bf16::from_f64)
 }
 
-struct SingleTransposedTimes<'a> {
-    a: &'a DMatrix<f32>,
+/// A'x of rounded columns, at memory bandwidth: for tests that compare many columns. The rounding is independent of x, so that a product
+/// is wrong by some 0.1 % of the root of the sum of squares of its terms.
+pub fn rounded_transposed_times(a: &Rounded, x: &DVector<f64>) -> DVector<f64> {
+    let x: Vec<f32> = x.iter().map(|value| *value as f32).collect();
+    DVector::from_vec(widest(RoundedTransposedTimes { a, x: &x }))
+}
+
+struct RoundedTransposedTimes<'a> {
+    a: &'a Rounded,
     x: &'a [f32],
 }
 
-impl Task for SingleTransposedTimes<'_> {
+impl Task for RoundedTransposedTimes<'_> {
     type Output = Vec<f64>;
 
     #[inline(always)]
     fn run<M: MulAdd>(self) -> Vec<f64> {
         const LANES: usize = 16;
         const TOGETHER: usize = 4;
+        // the leading half of the bits of a number in single precision
+        let single = |value: bf16| f32::from_bits(u32::from(value.to_bits()) << 16);
         let rows = self.a.nrows();
         if rows == 0 {
             return vec![0.0; self.a.ncols()];
@@ -286,21 +298,21 @@ impl Task for SingleTransposedTimes<'_> {
         for columns in self.a.as_slice().chunks(rows * TOGETHER) {
             // fewer columns at the end: the last one is computed several times
             let last = columns.len() / rows - 1;
-            let column: [&[f32]; TOGETHER] =
+            let column: [&[bf16]; TOGETHER] =
                 std::array::from_fn(|k| &columns[k.min(last) * rows..][..rows]);
             let chunks = column.map(|column| column.as_chunks::<LANES>().0);
             let mut lanes = [[0.0_f32; LANES]; TOGETHER];
             for (i, x) in x.iter().enumerate() {
                 for k in 0..TOGETHER {
                     for lane in 0..LANES {
-                        lanes[k][lane] =
-                            M::single_mul_add(chunks[k][i][lane], x[lane], lanes[k][lane]);
+                        let value = single(chunks[k][i][lane]);
+                        lanes[k][lane] = M::single_mul_add(value, x[lane], lanes[k][lane]);
                     }
                 }
             }
             for (column, lanes) in column.iter().zip(lanes).take(last + 1) {
                 let rest = column[whole..].iter().zip(x_rest);
-                let rest: f32 = rest.map(|(value, x)| value * x).sum();
+                let rest: f32 = rest.map(|(value, x)| single(*value) * x).sum();
                 out.push(f64::from(lanes.iter().sum::<f32>() + rest));
             }
         }
@@ -319,10 +331,11 @@ mod tests {
             let a = DMatrix::from_fn(rows, columns, |i, j| ((i * 7 + j * 3) as f64).sin());
             let [x, y] = [columns, rows].map(|n| DVector::from_fn(n, |i, _| (i as f64).cos()));
             let to = DVector::from_vec(times(&a, &x));
-            let back = single_transposed_times(&a.map(|value| value as f32), &y);
+            let back = rounded_transposed_times(&rounded(&a), &y);
             assert_eq!((to.len(), back.len()), (rows, columns));
             assert!((to - &a * &x).amax() < 1e-12, "{rows} x {columns}");
-            assert!((back - a.tr_mul(&y)).amax() < 1e-4, "{rows} x {columns}");
+            let of_rounded = rounded(&a).map(f64::from).tr_mul(&y);
+            assert!((back - of_rounded).amax() < 1e-4, "{rows} x {columns}");
         }
     }
 }
