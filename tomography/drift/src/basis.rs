@@ -2,9 +2,7 @@
 //!
 //! A sheet that drifts as a random walk is then 299 independent walks, so that covariances of any age need no factorisation.
 
-use eit::linear_algebra::{
-    Definite, Rounded, product, rounded, rounded_transposed_times, symmetric_eigen, times, view,
-};
+use eit::linear_algebra::{Definite, Rounded, product, symmetric_eigen, times, view};
 use nalgebra::{DMatrix, DVector};
 
 use crate::DriftError;
@@ -22,7 +20,7 @@ pub(crate) const PER_DAY: Sizes = Sizes {
 
 /// The coordinates, with the atoms of the load test in them.
 pub(crate) struct Basis {
-    transform: DMatrix<f64>,
+    transform: DMatrix<f32>,
     /// Variance per day in units of the noise.
     pub(crate) growth: DVector<f64>,
     /// Variance of local change of standard deviation 1, without its correlations.
@@ -55,11 +53,11 @@ impl Basis {
             both.diagonal()
         };
         Ok(Self {
-            atoms_squared: rounded(&atoms.map(|value| value * value)),
-            atoms: rounded(&atoms),
+            atoms_squared: Rounded::new(&atoms.map(|value| value * value)),
+            atoms: Rounded::new(&atoms),
             local,
             growth: DVector::from_vec(growth).map(|value| value.max(0.0)),
-            transform,
+            transform: transform.map(|value| value as f32),
         })
     }
 
@@ -71,7 +69,7 @@ impl Basis {
     /// Squares of the load test's discs at these variances.
     pub(crate) fn squares(&self, variances: &DVector<f64>) -> DVector<f64> {
         let weights = variances.map(|variance| 1.0 / variance);
-        rounded_transposed_times(&self.atoms_squared, &weights)
+        self.atoms_squared.transposed_times(&weights)
     }
 
     /// The best discs for data with these variances, whose `squares` are those of [`Basis::squares`], best first.
@@ -84,7 +82,7 @@ impl Basis {
         most: usize,
     ) -> Vec<LoadTest> {
         let weights = variances.map(|variance| 1.0 / variance);
-        let dots = rounded_transposed_times(&self.atoms, &data.component_mul(&weights));
+        let dots = self.atoms.transposed_times(&data.component_mul(&weights));
         places_by_score(model, &dots, squares, most)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eit::linear_algebra::{Definite, Rounded, rounded, rounded_transposed_times};
+use eit::linear_algebra::{Definite, Rounded};
 use nalgebra::{DMatrix, DVector};
 
 use crate::DriftError;
@@ -191,7 +191,7 @@ impl Atoms {
     pub(crate) fn new(columns: &DMatrix<f64>) -> Self {
         Self {
             squares: DVector::from_fn(columns.ncols(), |k, _| columns.column(k).norm_squared()),
-            columns: rounded(columns),
+            columns: Rounded::new(columns),
         }
     }
 
@@ -202,7 +202,7 @@ impl Atoms {
         model: &DriftModel,
         most: usize,
     ) -> Vec<LoadTest> {
-        let dots = rounded_transposed_times(&self.columns, data);
+        let dots = self.columns.transposed_times(data);
         places_by_score(model, &dots, &self.squares, most)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use eit::linear_algebra::{Definite, product, view};
+use eit::linear_algebra::{Definite, product, times, view};
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
 
@@ -57,11 +57,21 @@ pub(super) struct Steady {
     /// For the test of electrodes, once it is needed.
     allowed: OnceLock<Allowed>,
     gain: OnceLock<DMatrix<f64>>,
+    /// The same in single precision: half the memory for each frame.
+    single_gain: OnceLock<DMatrix<f32>>,
 }
 
 impl Steady {
-    /// P L'^-1 of the rows that count: what whitened data correct in the state. Computed once.
-    pub(super) fn gain(&self) -> &DMatrix<f64> {
+    /// What whitened data correct in the state.
+    pub(super) fn correction(&self, white: &DVector<f64>) -> DVector<f64> {
+        let gain = self
+            .single_gain
+            .get_or_init(|| self.gain().map(|value| value as f32));
+        DVector::from_vec(times(gain, white))
+    }
+
+    /// P L'^-1 of the rows that count. Computed once.
+    fn gain(&self) -> &DMatrix<f64> {
         self.gain.get_or_init(|| {
             let mut half = match self.rows.len() == self.predicted.nrows() {
                 true => self.predicted.clone(),
@@ -158,6 +168,7 @@ impl Tracker {
         Ok(Arc::new(Steady {
             allowed: OnceLock::new(),
             gain: OnceLock::new(),
+            single_gain: OnceLock::new(),
             days,
             pace,
             rows: rows.to_vec(),

@@ -18,7 +18,7 @@ mod state;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use eit::linear_algebra::{product, times, view};
+use eit::linear_algebra::{product, view};
 use nalgebra::{DMatrix, DVector};
 use survey::Reading;
 
@@ -396,8 +396,7 @@ impl Tracker {
 
     /// Corrects the state by a frame without load, whose innovation is `white`.
     fn learn(&mut self, answer: &mut Answer, frame: &Frame, now: &Arc<Steady>, white: &Whitened) {
-        let correction = times(now.gain(), white.data());
-        self.state.correct(&DVector::from_vec(correction));
+        self.state.correct(&now.correction(white.data()));
         let complete = frame.rows.len() == self.prepared.rows.len();
         let (run, at_s) = (self.state.run, self.state.at_s);
         // what lost rows do not show grows with each frame

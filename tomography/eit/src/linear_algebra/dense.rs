@@ -7,7 +7,7 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::Solve;
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 use half::bf16;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Scalar};
 use rayon::prelude::*;
 
 use crate::linear_algebra::sparse::{Block, MulAdd, Task, widest};
@@ -81,17 +81,17 @@ pub(crate) fn gram_of_block(block: &Block) -> DMatrix<f64> {
     square(transposed_view(block))
 }
 
-/// a x, at memory bandwidth.
-pub fn times(a: &DMatrix<f64>, x: &DVector<f64>) -> Vec<f64> {
+/// a x, at memory bandwidth; `a` may have single precision.
+pub fn times<T: Scalar + Copy + Into<f64>>(a: &DMatrix<T>, x: &DVector<f64>) -> Vec<f64> {
     widest(Times { a, x })
 }
 
-struct Times<'a> {
-    a: &'a DMatrix<f64>,
+struct Times<'a, T> {
+    a: &'a DMatrix<T>,
     x: &'a DVector<f64>,
 }
 
-impl Task for Times<'_> {
+impl<T: Scalar + Copy + Into<f64>> Task for Times<'_, T> {
     type Output = Vec<f64>;
 
     #[inline(always)]
@@ -102,19 +102,19 @@ impl Task for Times<'_> {
         let columns = self.a.as_slice().chunks(rows.max(1) * TOGETHER);
         for (columns, x) in columns.zip(self.x.as_slice().chunks(TOGETHER)) {
             if x.len() == TOGETHER {
-                let column: [&[f64]; TOGETHER] =
+                let column: [&[T]; TOGETHER] =
                     std::array::from_fn(|k| &columns[k * rows..][..rows]);
                 for (i, out) in out.iter_mut().enumerate() {
                     let mut sum = *out;
                     for k in 0..TOGETHER {
-                        sum = M::mul_add(column[k][i], x[k], sum);
+                        sum = M::mul_add(column[k][i].into(), x[k], sum);
                     }
                     *out = sum;
                 }
             } else {
                 for (column, x) in columns.chunks_exact(rows).zip(x) {
                     for (out, value) in out.iter_mut().zip(column) {
-                        *out = M::mul_add(*value, *x, *out);
+                        *out = M::mul_add((*value).into(), *x, *out);
                     }
                 }
             }
@@ -259,19 +259,45 @@ pub(crate) fn transposed_times(a: &DMatrix<f64>, x: &DVector<f64>) -> DVector<f6
     DVector::from_column_slice(product.as_slice())
 }
 
-/// Values rounded to the eight leading bits (bfloat16): half the memory of single precision.
-pub type Rounded = DMatrix<bf16>;
+/// Numbers of a register.
+const LANES: usize = 16;
 
-/// The rounded values of a matrix.
-pub fn rounded(a: &DMatrix<f64>) -> Rounded {
-    a.map(bf16::from_f64)
+/// A matrix rounded to the eight leading bits of each value (bfloat16): half the memory of single precision.
+#[derive(Debug)]
+pub struct Rounded {
+    /// Column by column, each filled with zeros to a multiple of [`LANES`].
+    values: Vec<bf16>,
+    filled_rows: usize,
+    columns: usize,
 }
 
-/// A'x of rounded columns, at memory bandwidth: for tests that compare many columns. The rounding is independent of x, so that a product
-/// is wrong by some 0.1 % of the root of the sum of squares of its terms.
-pub fn rounded_transposed_times(a: &Rounded, x: &DVector<f64>) -> DVector<f64> {
-    let x: Vec<f32> = x.iter().map(|value| *value as f32).collect();
-    DVector::from_vec(widest(RoundedTransposedTimes { a, x: &x }))
+impl Rounded {
+    /// The rounded values of a matrix.
+    pub fn new(a: &DMatrix<f64>) -> Self {
+        let filled_rows = a.nrows().next_multiple_of(LANES);
+        let mut values = vec![bf16::ZERO; filled_rows * a.ncols()];
+        for (k, column) in a.column_iter().enumerate() {
+            for (to, value) in values[k * filled_rows..].iter_mut().zip(&column) {
+                *to = bf16::from_f64(*value);
+            }
+        }
+        Self {
+            values,
+            filled_rows,
+            columns: a.ncols(),
+        }
+    }
+
+    /// A'x, at memory bandwidth: for tests that compare many columns. The rounding is independent of x, so that a product is wrong by some
+    /// 0.1 % of the root of the sum of squares of its terms.
+    pub fn transposed_times(&self, x: &DVector<f64>) -> DVector<f64> {
+        let mut filled = vec![0.0; self.filled_rows];
+        for (to, value) in filled.iter_mut().zip(x) {
+            *to = *value as f32;
+        }
+        let x = &filled;
+        DVector::from_vec(widest(RoundedTransposedTimes { a: self, x }))
+    }
 }
 
 struct RoundedTransposedTimes<'a> {
@@ -284,36 +310,39 @@ impl Task for RoundedTransposedTimes<'_> {
 
     #[inline(always)]
     fn run<M: MulAdd>(self) -> Vec<f64> {
-        const LANES: usize = 16;
         const TOGETHER: usize = 4;
         // the leading half of the bits of a number in single precision
         let single = |value: bf16| f32::from_bits(u32::from(value.to_bits()) << 16);
-        let rows = self.a.nrows();
-        if rows == 0 {
-            return vec![0.0; self.a.ncols()];
-        }
-        let (x, x_rest) = self.x.as_chunks::<LANES>();
-        let whole = rows - x_rest.len();
-        let mut out = Vec::with_capacity(self.a.ncols());
-        for columns in self.a.as_slice().chunks(rows * TOGETHER) {
+        let (x, _) = self.x.as_chunks::<LANES>();
+        let (values, _) = self.a.values.as_chunks::<LANES>();
+        let mut out = vec![0.0; self.a.columns];
+        for (columns, out) in values
+            .chunks((x.len() * TOGETHER).max(1))
+            .zip(out.chunks_mut(TOGETHER))
+        {
             // fewer columns at the end: the last one is computed several times
-            let last = columns.len() / rows - 1;
-            let column: [&[bf16]; TOGETHER] =
-                std::array::from_fn(|k| &columns[k.min(last) * rows..][..rows]);
-            let chunks = column.map(|column| column.as_chunks::<LANES>().0);
+            let last = out.len() - 1;
+            let column: [&[[bf16; LANES]]; TOGETHER] =
+                std::array::from_fn(|k| &columns[k.min(last) * x.len()..][..x.len()]);
             let mut lanes = [[0.0_f32; LANES]; TOGETHER];
             for (i, x) in x.iter().enumerate() {
                 for k in 0..TOGETHER {
                     for lane in 0..LANES {
-                        let value = single(chunks[k][i][lane]);
+                        let value = single(column[k][i][lane]);
                         lanes[k][lane] = M::single_mul_add(value, x[lane], lanes[k][lane]);
                     }
                 }
             }
-            for (column, lanes) in column.iter().zip(lanes).take(last + 1) {
-                let rest = column[whole..].iter().zip(x_rest);
-                let rest: f32 = rest.map(|(value, x)| single(*value) * x).sum();
-                out.push(f64::from(lanes.iter().sum::<f32>() + rest));
+            for (out, mut lanes) in out.iter_mut().zip(lanes) {
+                // halves are added, so that no sum waits for the one before
+                let mut half = LANES / 2;
+                while half > 0 {
+                    for lane in 0..half {
+                        lanes[lane] += lanes[lane + half];
+                    }
+                    half /= 2;
+                }
+                *out = f64::from(lanes[0]);
             }
         }
         out
@@ -331,10 +360,12 @@ mod tests {
             let a = DMatrix::from_fn(rows, columns, |i, j| ((i * 7 + j * 3) as f64).sin());
             let [x, y] = [columns, rows].map(|n| DVector::from_fn(n, |i, _| (i as f64).cos()));
             let to = DVector::from_vec(times(&a, &x));
-            let back = rounded_transposed_times(&rounded(&a), &y);
+            let single = DVector::from_vec(times(&a.map(|value| value as f32), &x));
+            assert!((single - &to).amax() < 1e-5, "{rows} x {columns}");
+            let back = Rounded::new(&a).transposed_times(&y);
             assert_eq!((to.len(), back.len()), (rows, columns));
             assert!((to - &a * &x).amax() < 1e-12, "{rows} x {columns}");
-            let of_rounded = rounded(&a).map(f64::from).tr_mul(&y);
+            let of_rounded = a.map(|value| bf16::from_f64(value).to_f64()).tr_mul(&y);
             assert!((back - of_rounded).amax() < 1e-4, "{rows} x {columns}");
         }
     }

@@ -6,7 +6,5 @@ pub(crate) mod processor;
 pub(crate) mod simd;
 pub(crate) mod sparse;
 
-pub use dense::{
-    Definite, Rounded, product, rounded, rounded_transposed_times, symmetric_eigen, times, view,
-};
+pub use dense::{Definite, Rounded, product, symmetric_eigen, times, view};
 pub use simd::squared_distance;
