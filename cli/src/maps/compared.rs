@@ -17,7 +17,7 @@ pub(crate) struct Compared<'a> {
     /// Time of the frame, s of the Unix epoch; its number where it has no time.
     at_s: f64,
     baseline: &'a [Reading],
-    /// The baseline before the drift beside a load: the deviation has that drift as an error, and one sheet is fitted for all its frames.
+    /// The baseline without what the tracked one lacks: the deviation has that as an error, and one sheet is fitted for all frames of a load.
     tracked_baseline: &'a [Reading],
     readings: &'a [Reading],
     tracked: Option<&'a Tracked>,

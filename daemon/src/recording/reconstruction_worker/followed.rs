@@ -152,7 +152,7 @@ impl Followed {
         self.sequence = request.sequence;
         let frame = match request.map {
             true => self.tracking.follow(readings, at_s),
-            // frames wait to be followed: the baseline beside a load takes as long as a map
+            // frames wait to be followed: the estimate of what the baseline lacks takes as long as a map
             false => self.tracking.judge(readings, at_s),
         };
         let frame = frame.map_err(|error| chain(&error))?;

@@ -5,7 +5,7 @@
 //! is taken away. Steps from one frame to the next tell when a load came or went, without any baseline.
 
 mod anchors;
-mod beside_load;
+
 pub mod bits;
 mod deviation;
 mod injections;
@@ -14,6 +14,7 @@ mod load;
 mod orders;
 mod pace;
 mod state;
+mod unlearnt;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

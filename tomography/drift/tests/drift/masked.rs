@@ -2,9 +2,14 @@
 
 use std::sync::Arc;
 
-use drift::{Answer, ElectrodeFault, Judgement, Tracker};
+use drift::{Answer, ElectrodeCheck, ElectrodeFault, Judgement, Tracker};
+use nalgebra::DVector;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use survey::{Reading, Volts};
 
+use crate::sheet::Sheet;
 use crate::walk::{EVERY_S, Walk, walked};
 
 const OPEN: usize = 7;
@@ -115,4 +120,55 @@ fn electrode_stays_masked_while_a_load_hides_whether_it_healed() {
         assert_eq!(days.follow(1, false, false).masked, [OPEN]);
     }
     assert!(days.follow(1, false, false).masked.is_empty());
+}
+
+/// Readings with noise of 2 uV.
+fn noisy(readings: &[Reading], random: &mut ChaCha8Rng) -> Vec<Reading> {
+    let with = |reading: &Reading| {
+        let normal: f64 = StandardNormal.sample(random);
+        Reading::Ok(Volts(reading.volts().unwrap().0 + 2e-6 * normal))
+    };
+    readings.iter().map(with).collect()
+}
+
+#[test]
+fn what_a_lost_contact_changes_elsewhere_is_not_in_the_map() {
+    let sheet = Sheet::new();
+    let model = Arc::new(sheet.model());
+    let mut random = ChaCha8Rng::seed_from_u64(23);
+    let open = |electrode| if electrode == OPEN { 1e7 } else { 1.0 };
+    let disc = |[x, y]: [f64; 2]| (x - 0.080_f64).hypot(y - 0.140) < 15e-3;
+    let near = |[x, y]: [f64; 2]| (x - 0.190_f64).hypot(y - 0.040) < 15e-3;
+    let bar = |[x, y]: [f64; 2]| (0.05..0.12).contains(&x) && (0.10..0.13).contains(&y);
+    let none = |_: [f64; 2]| false;
+    // beside the electrode the load changes what the contact changes
+    let loads: [(&dyn Fn([f64; 2]) -> bool, f64); 4] =
+        [(&none, 0.02), (&disc, 0.02), (&bar, 0.1), (&near, 0.4)];
+    for (load, most) in loads {
+        let mut tracker = Tracker::new(Arc::clone(&model), 0.0).unwrap();
+        let mut frame = 0;
+        let mut follow = |tracker: &mut Tracker, readings: &[Reading], times: usize| {
+            for _ in 0..times {
+                frame += 1;
+                let readings = noisy(readings, &mut random);
+                tracker.follow(&readings, EVERY_S * frame as f64).unwrap();
+            }
+        };
+        let sigma = |at: [f64; 2]| if load(at) { 0.5 } else { 1.0 };
+        let lost = sheet.readings(open, |_| 1.0);
+        let loaded = sheet.readings(open, sigma);
+        follow(&mut tracker, &sheet.baseline.clone(), 30);
+        follow(&mut tracker, &lost, 3);
+        assert_eq!(tracker.state().masked(), [OPEN]);
+        follow(&mut tracker, &loaded, 1);
+        let now = |readings: &[Reading]| model.relative(readings).unwrap().data;
+        let check = ElectrodeCheck::new(&model);
+        let rows = check.without(&(0..299).collect::<Vec<_>>(), &[OPEN]);
+        let size = |change: &DVector<f64>| change.select_rows(&rows).norm();
+        let of_contact = now(&loaded) - now(&sheet.readings(|_| 1.0, sigma));
+        let found = tracker.unlearnt().unwrap().unwrap();
+        let left = size(&(&of_contact - found)) / size(&of_contact);
+        println!("{left:.4}");
+        assert!(left < most, "{left}");
+    }
 }

@@ -311,7 +311,7 @@ fn drift_under_a_load_of_days_is_separated() {
         let came = tracker.follow(&frame, EVERY_S * 30.0).unwrap();
         assert!(came.event.is_some_and(|event| event.came));
         // the sheet was empty ten minutes ago
-        assert_eq!(tracker.drift_beside_load().unwrap(), None);
+        assert_eq!(tracker.unlearnt().unwrap(), None);
         let certain = tracker.map_deviation().unwrap();
         // three days under the load
         let at_s = EVERY_S * 30.0 + 3.0 * 86_400.0;
@@ -321,7 +321,7 @@ fn drift_under_a_load_of_days_is_separated() {
         let truth = model.relative(&sheet.readings(drifted, |_| 0.98)).unwrap();
         let off = |change: &DVector<f64>| (change - &truth.data).norm() / truth.data.norm();
         let kept = tracker.baseline();
-        let beside = &kept + tracker.drift_beside_load().unwrap().unwrap();
+        let beside = &kept + tracker.unlearnt().unwrap().unwrap();
         println!("{:.3} {:.3}", off(&kept), off(&beside));
         assert!(off(&kept) > 0.9 && off(&beside) < 0.15, "{}", off(&beside));
         // nothing was learnt

@@ -99,8 +99,8 @@ pub struct Tracking {
     tracker: Tracker,
     began_s: f64,
     alarm: Option<AnchorAlarm>,
-    /// What the map of the last frame was compared with, where something has lain on the sheet for long.
-    beside_load: Option<Vec<Reading>>,
+    /// What the map of the last frame was compared with, where the tracked baseline lacks something.
+    with_unlearnt: Option<Vec<Reading>>,
 }
 
 /// What [`Tracking`] remembers: stored with a session, and restored to the same bits.
@@ -117,8 +117,8 @@ pub struct TrackingState {
 /// A frame with the baseline to compare it with.
 #[derive(Debug, Clone)]
 pub struct TrackedFrame {
-    /// Baseline of its map: the first baseline plus the tracked drift. If a load has been on the sheet for long, the most probable drift
-    /// since then is added.
+    /// Baseline of its map: the first baseline plus the tracked drift. What the tracked baseline lacks is added as it is most probable: the
+    /// drift since a load was placed long ago, and what lost contacts change in the readings of others.
     pub baseline: Vec<Reading>,
     /// The first baseline plus the tracked drift alone; constant while a load is on the sheet.
     pub tracked_baseline: Vec<Reading>,
@@ -147,7 +147,7 @@ impl Tracking {
             tracker: Tracker::new(Arc::new(model), at_s)?,
             began_s: at_s,
             alarm: None,
-            beside_load: None,
+            with_unlearnt: None,
         })
     }
 
@@ -158,7 +158,7 @@ impl Tracking {
     pub fn restore(&mut self, state: TrackingState) -> Result<(), DriftError> {
         self.tracker = Tracker::restore(Arc::clone(self.tracker.model()), state.tracker)?;
         (self.began_s, self.alarm) = (state.began_s, state.alarm);
-        self.beside_load = None;
+        self.with_unlearnt = None;
         Ok(())
     }
 
@@ -199,15 +199,15 @@ impl Tracking {
     pub fn follow(&mut self, frame: &[Reading], at_s: f64) -> Result<TrackedFrame, DriftError> {
         let mut followed = self.judge(frame, at_s)?;
         // a frame that gives no estimate is compared as it was tracked: what was learnt from it is kept all the same
-        if let Ok(Some(drift)) = self.tracker.drift_beside_load() {
-            let change = self.tracker.baseline() + drift;
+        if let Ok(Some(unlearnt)) = self.tracker.unlearnt() {
+            let change = self.tracker.baseline() + unlearnt;
             followed.baseline = self.model().baseline_with(&change);
-            self.beside_load = Some(followed.baseline.clone());
+            self.with_unlearnt = Some(followed.baseline.clone());
         }
         Ok(followed)
     }
 
-    /// Like [`Tracking::follow`], for a frame without a map: skips the estimate of the drift since a load was placed long ago.
+    /// Like [`Tracking::follow`], for a frame without a map: skips the estimate of what the tracked baseline lacks.
     ///
     /// # Errors
     /// As [`Tracking::follow`].
@@ -241,7 +241,7 @@ impl Tracking {
     /// to the last one that was followed; it does not change the tracked baseline and is not judged.
     pub fn compare(&self, frame: &[Reading]) -> (Vec<Reading>, Vec<Reading>) {
         let masked = self.tracker.state().masked();
-        let baseline = self.beside_load.clone();
+        let baseline = self.with_unlearnt.clone();
         let baseline = baseline.unwrap_or_else(|| self.baseline());
         (baseline, self.without(frame, &masked))
     }
@@ -272,7 +272,7 @@ impl Tracking {
 
     /// What the tracker says of a frame; `None` if it has too few readings.
     fn learn(&mut self, frame: &[Reading], at_s: f64) -> Result<Option<Answer>, DriftError> {
-        self.beside_load = None;
+        self.with_unlearnt = None;
         match self.tracker.follow(frame, at_s) {
             Ok(answer) => {
                 if !answer.orders.is_empty() {

@@ -176,7 +176,7 @@ fn run(kind: Kind, seed: u64, days: f64, geometry: &Geometry) -> Result<Vec<Seen
 }
 
 /// The load that a linear map of the last frame shows, in the middle of which a load of this size lies. It is compared, as maps of the
-/// daemon are, with the tracked baseline and with the drift that is most probable beside what lies there.
+/// daemon are, with the tracked baseline and with what it lacks beside what lies there.
 fn load_of_map(
     tracker: &Tracker,
     frame: &[Reading],
@@ -186,8 +186,8 @@ fn load_of_map(
     let model: &DriftModel = tracker.model();
     let relative = model.relative(frame)?;
     let mut change = relative.data - tracker.baseline();
-    if let Some(drift) = tracker.drift_beside_load()? {
-        change -= drift;
+    if let Some(unlearnt) = tracker.unlearnt()? {
+        change -= unlearnt;
     }
     let white = Whitened::new(model.noise(), &change, &relative.rows)?;
     let map = white.one_step(model, MAP_SIZE)?;
