@@ -7,6 +7,26 @@ pub(crate) fn overlap(corners: [[f64; 2]; 3], centre: [f64; 2], radius: f64) -> 
     area.max(0.0)
 }
 
+/// Corners with the ellipse of these stretches made a disc of the same area about the same centre: areas stay as they are. The first stretch
+/// is half of the logarithm of the ratio of the axes along x and y, the second the same along the diagonals.
+pub(crate) fn unstretched(
+    corners: [[f64; 2]; 3],
+    centre: [f64; 2],
+    [along, across]: [f64; 2],
+) -> [[f64; 2]; 3] {
+    // exp(-M) of the symmetric matrix M with this first row, whose trace is zero
+    let size = along.hypot(across);
+    let share = if size > 0.0 { size.sinh() / size } else { 1.0 };
+    let (even, a, b) = (size.cosh(), share * along, share * across);
+    corners.map(|[x, y]| {
+        let (x, y) = (x - centre[0], y - centre[1]);
+        [
+            centre[0] + (even - a) * x - b * y,
+            centre[1] - b * x + (even + a) * y,
+        ]
+    })
+}
+
 /// Signed area of the disc about the origin within the triangle of the origin, p and q.
 fn edge(p: [f64; 2], q: [f64; 2], radius: f64) -> f64 {
     let cross = |p: [f64; 2], q: [f64; 2]| p[0] * q[1] - p[1] * q[0];
@@ -54,6 +74,26 @@ mod tests {
         assert!((overlap(TRIANGLE, [0.5, 0.5], 9.0) - 2.0).abs() < 1e-12);
         // a quarter at the right angle
         assert!((overlap(TRIANGLE, [0.0, 0.0], 1.0) - 0.25 * PI).abs() < 1e-12);
+    }
+
+    #[test]
+    fn ellipse_becomes_a_disc_of_its_area() {
+        // axes of 2 and 1/2 along x and y, in a triangle around it
+        let wide = [[-9.0, -9.0], [9.0, -9.0], [0.0, 9.0]];
+        let of_disc =
+            |corners, stretch| overlap(unstretched(corners, [0.0; 2], stretch), [0.0; 2], 1.0);
+        assert!((of_disc(wide, [2.0_f64.ln(), 0.0]) - PI).abs() < 1e-12);
+        // the right half of it: x from 0 to 2
+        let right = [[0.0, -9.0], [9.0, 0.0], [0.0, 9.0]];
+        assert!((of_disc(right, [2.0_f64.ln(), 0.0]) - 0.5 * PI).abs() < 1e-12);
+        // beyond x = 1.99 almost nothing, beyond y = 0.49 too; along the diagonal the same
+        let far = |x: f64| [[x, -9.0], [9.0, 0.0], [x, 9.0]];
+        assert!(of_disc(far(1.99), [2.0_f64.ln(), 0.0]) > 0.0);
+        assert!(of_disc(far(2.01), [2.0_f64.ln(), 0.0]) < 1e-12);
+        assert!(of_disc(far(0.51), [-(2.0_f64.ln()), 0.0]) < 1e-12);
+        let reach = (0.5 * (4.0 + 0.25_f64)).sqrt();
+        assert!(of_disc(far(reach - 0.01), [0.0, 2.0_f64.ln()]) > 0.0);
+        assert!(of_disc(far(reach + 0.01), [0.0, 2.0_f64.ln()]) < 1e-12);
     }
 
     #[test]

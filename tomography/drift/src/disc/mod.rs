@@ -5,6 +5,7 @@
 //! converted accordingly.
 
 mod descent;
+mod ellipse;
 mod moving;
 
 use eit::Mesh;
@@ -191,7 +192,7 @@ impl Whitened {
             disc: Disc {
                 centre: [theta[0], theta[1]],
                 diameter: theta[2].exp(),
-                loss: -2.0 * change / (2.0 + change.abs()),
+                loss: loss_of(change),
             },
             load: -change * (2.0 * theta[2]).exp(),
             covariance: place,
@@ -226,6 +227,11 @@ fn differences<const N: usize>(
 /// H' H
 fn gram<const N: usize>(h: &DMatrix<f64>) -> SMatrix<f64, N, N> {
     SMatrix::from_fn(|i, j| h.column(i).dot(&h.column(j)))
+}
+
+/// The share of the conductance that a disc loses where the field changes as by this linear change.
+fn loss_of(change: f64) -> f64 {
+    -2.0 * change / (2.0 + change.abs())
 }
 
 /// Factor of a covariance by chi squared per row after the fit.

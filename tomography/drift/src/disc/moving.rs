@@ -7,7 +7,8 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use super::descent::{Problem, descend};
 use super::{
-    DIAMETER_M, Disc, LN_DIAMETER_SD, MODEL_SHARE, REFUSED, differences, gram, place_covariance,
+    DIAMETER_M, Disc, LN_DIAMETER_SD, MODEL_SHARE, REFUSED, differences, gram, loss_of,
+    place_covariance,
 };
 use crate::DriftError;
 use crate::model::DriftModel;
@@ -164,7 +165,7 @@ impl DriftModel {
             disc: Disc {
                 centre: [theta[0], theta[1]],
                 diameter: theta[4].exp(),
-                loss: -2.0 * theta[5] / (2.0 + theta[5].abs()),
+                loss: loss_of(theta[5]),
             },
             velocity: [theta[2], theta[3]],
             covariance: place_covariance(self, place, chi),

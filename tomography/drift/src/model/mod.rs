@@ -17,7 +17,7 @@ use survey::{Dipole, Electrode, Reading, Volts};
 use crate::DriftError;
 use crate::model::cells::{Cells, PITCH_M};
 use crate::model::covariances::{SECOND_ORDER_SD, matern, noise_covariance, second_order};
-use crate::overlap::overlap;
+use crate::overlap::{overlap, unstretched};
 use crate::pairs::{Pairs, Relative, baseline_volts};
 use crate::sheet::{FitOptions, SheetFit};
 use crate::sizes::Sizes;
@@ -320,14 +320,24 @@ impl DriftModel {
 
     /// Change of the data by a disc (centre and diameter, m) of unit change of ln conductance, linear (Born), V.
     pub fn disc(&self, centre: [f64; 2], diameter: f64) -> DVector<f64> {
+        self.ellipse(centre, diameter, [0.0; 2])
+    }
+
+    /// The same by an ellipse of a disc's area, stretched as [`unstretched`] takes it.
+    pub(crate) fn ellipse(
+        &self,
+        centre: [f64; 2],
+        diameter: f64,
+        stretch: [f64; 2],
+    ) -> DVector<f64> {
         let mut out = DVector::zeros(self.pairs.len());
-        for (triangle, share) in self.covered(centre, 0.5 * diameter) {
+        for (triangle, share) in self.covered_by_ellipse(centre, 0.5 * diameter, stretch) {
             out.axpy(share, &self.sensitivity.column(triangle), 1.0);
         }
         out
     }
 
-    /// The same for some rows alone.
+    /// The same by a disc, for some rows alone.
     pub(crate) fn disc_in(&self, centre: [f64; 2], diameter: f64, rows: &[usize]) -> DVector<f64> {
         let mut out = DVector::zeros(rows.len());
         for (triangle, share) in self.covered(centre, 0.5 * diameter) {
@@ -367,12 +377,26 @@ impl DriftModel {
 
     /// Share of each triangle that a disc covers, where it covers any.
     fn covered(&self, centre: [f64; 2], radius: f64) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let reach = radius + 2.0 * PITCH_M;
+        self.covered_by_ellipse(centre, radius, [0.0; 2])
+    }
+
+    /// The same of a disc that is stretched at the same area, as [`unstretched`] takes it.
+    fn covered_by_ellipse(
+        &self,
+        centre: [f64; 2],
+        radius: f64,
+        stretch: [f64; 2],
+    ) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let longest = radius * stretch[0].hypot(stretch[1]).exp();
+        let is_disc = stretch == [0.0; 2];
         self.cells
-            .near(centre, reach)
+            .near(centre, longest + 2.0 * PITCH_M)
             .flat_map(|cell| self.cells.triangles[cell].iter().copied())
             .filter_map(move |triangle| {
-                let corners = self.mesh.corners(triangle);
+                let mut corners = self.mesh.corners(triangle);
+                if !is_disc {
+                    corners = unstretched(corners, centre, stretch);
+                }
                 let share = overlap(corners, centre, radius) / self.mesh.area(triangle);
                 (share > 1e-9).then_some((triangle, share))
             })

@@ -4,6 +4,7 @@ mod deviation;
 mod loads;
 mod masked;
 mod moving;
+mod oblong;
 mod orders;
 mod sheet;
 mod single_frame;

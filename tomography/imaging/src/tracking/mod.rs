@@ -9,8 +9,8 @@ mod tracked;
 use std::sync::Arc;
 
 use drift::{
-    AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, Event, FitOptions, Noise, SheetFit,
-    Tracker, TrackerState,
+    AnchorAlarm, Answer, DiscFit, DriftError, DriftModel, FitOptions, Noise, SheetFit, Tracker,
+    TrackerState,
 };
 use eit::Mesh;
 use serde::{Deserialize, Serialize};
@@ -216,10 +216,10 @@ impl Tracking {
         let (readings, tracked) = match self.learn(frame, at_s)? {
             Some(mut answer) => {
                 orders = std::mem::take(&mut answer.orders);
-                let place = self.place(&answer)?;
+                let load = self.load(&answer)?;
                 let (state, began_s) = (self.tracker.state(), self.began_s);
                 let times = (began_s, at_s);
-                let tracked = Tracked::new(&answer, place.as_ref(), state, self.alarm, times);
+                let tracked = Tracked::new(&answer, load.as_ref(), state, self.alarm, times);
                 (self.without(frame, &answer.masked), tracked)
             }
             None => (
@@ -289,18 +289,24 @@ impl Tracking {
         }
     }
 
-    /// The load that lies on the sheet, where it is one.
-    fn place(&self, answer: &Answer) -> Result<Option<DiscFit>, DriftError> {
+    /// The load that lies on the sheet, where it is one: the disc that explains it best, and its place.
+    fn load(&self, answer: &Answer) -> Result<Option<[DiscFit; 2]>, DriftError> {
         if answer.judgement != Judgement::Loaded || answer.loads != 1 {
             return Ok(None);
         }
-        let came = |event: &&Event| event.came && !event.same_load;
-        if let Some(event) = answer.event.as_ref().filter(came) {
-            return Ok(Some(event.fit.clone()));
-        }
-        let fit = self.tracker.whitened()?.fit_disc(self.model())?;
+        let white = self.tracker.whitened()?;
+        let came = answer.event.as_ref();
+        let came = came.filter(|event| event.came && !event.same_load);
+        let disc = match came {
+            Some(event) => event.fit.clone(),
+            None => white.fit_disc(self.model())?,
+        };
         // what a person said to lie there may be too little to be seen
-        Ok(Some(fit).filter(|fit| !answer.held || fit.is_load()))
+        if answer.held && came.is_none() && !disc.is_load() {
+            return Ok(None);
+        }
+        let place = white.fit_place(self.model(), &disc)?;
+        Ok(Some([disc, place]))
     }
 
     /// The frame without the readings of these electrodes, counted from 0.

@@ -96,11 +96,12 @@ pub struct PlaceRegion {
     pub half_axes_mm: [f64; 2],
     /// Angle of the longer one from the x axis, degrees, counter-clockwise.
     pub angle_deg: f64,
-    /// Lost conductance times area: integral of the relative loss, mm2.
+    /// Lost conductance times area, mm2: integral of 2 l / (2 - l) of the relative loss l, which readings determine better than l.
     pub loss_mm2: f64,
     /// Its 95 % interval, mm2.
     pub loss_interval_mm2: [f64; 2],
-    /// Whether the load is like a disc, and the drift as assumed, so that region and interval hold.
+    /// Whether a disc or an ellipse explains the readings, so that region and interval hold. If none does, the region is as wide as the
+    /// errors were for loads of other shapes; it does not hold where the sheet changed in a way that was not assumed.
     pub accepted: bool,
 }
 
@@ -133,16 +134,17 @@ pub(crate) fn principal_axes([[xx, xy], [_, yy]]: [[f64; 2]; 2]) -> ([f64; 2], f
 }
 
 impl Tracked {
-    /// `alarm`: the last one; the times of the first baseline and of the frame, s.
+    /// `load`: its disc, and its place as it is stated. `alarm`: the last one; the times of the first baseline and of the frame, s.
     pub(super) fn new(
         answer: &Answer,
-        fit: Option<&DiscFit>,
+        load: Option<&[DiscFit; 2]>,
         state: &TrackerState,
         alarm: Option<AnchorAlarm>,
         (began_s, at_s): (f64, f64),
     ) -> Self {
-        let place = fit.map(PlaceRegion::new);
-        let (reason, text) = doubt(answer, place.as_ref(), alarm, at_s - began_s).unzip();
+        let place = load.map(|[_, place]| PlaceRegion::new(place));
+        let of_disc = load.map(|[disc, _]| disc).zip(place.as_ref());
+        let (reason, text) = doubt(answer, of_disc, alarm, at_s - began_s).unzip();
         Self {
             judgement: answer.judgement,
             known: reason.is_none(),
@@ -186,7 +188,7 @@ impl Tracked {
 /// The first reason not to rely on a frame, as a sentence with what ends it.
 fn doubt(
     answer: &Answer,
-    place: Option<&PlaceRegion>,
+    load: Option<(&DiscFit, &PlaceRegion)>,
     alarm: Option<AnchorAlarm>,
     age_s: f64,
 ) -> Option<(Doubtful, String)> {
@@ -205,14 +207,15 @@ fn doubt(
             );
             return Some((Doubtful::NeverEmpty, text));
         }
-        if answer.held && place.is_none() {
+        if answer.held && load.is_none() {
             let text = "a person said that something lies on the sheet, and the readings do not show where; \
                 `tactus baseline empty-now` ends it, once nothing lies there";
             return Some((Doubtful::DeclaredLoaded, text.to_owned()));
         }
-        let place = place?;
-        let sd_mm = place.half_axes_mm[0] / REGION_95;
-        if sd_mm > 1e3 * MOST_PLACE_SD_M && answer.event.is_some() && !place.accepted {
+        let (disc, place) = load?;
+        // of the disc: what its place lacks in shape is no doubt about the baseline
+        let sd_mm = 1e3 * principal_axes(disc.covariance).0[0];
+        if sd_mm > 1e3 * MOST_PLACE_SD_M && answer.event.is_some() && !disc.accepted {
             let text =
                 "the load changed, perhaps while this frame was measured; the next frame will tell";
             return Some((Doubtful::ChangedWithinFrame, text.to_owned()));
@@ -258,7 +261,10 @@ impl fmt::Display for Tracked {
                         f,
                         "a load at ({x:.1}, {y:.1}) mm within {half:.1} mm (95 %)"
                     )?,
-                    false => write!(f, "a load near ({x:.0}, {y:.0}) mm, unlike a disc")?,
+                    false => write!(
+                        f,
+                        "a load near ({x:.0}, {y:.0}) mm, unlike a disc or an ellipse"
+                    )?,
                 }
             }
             (Judgement::Loaded, None) if self.held => {

@@ -106,7 +106,12 @@ impl Sheet {
 
     /// `reading_v`: standard deviation of one reading, V.
     pub fn model_with_noise(&self, reading_v: f64) -> DriftModel {
-        let sheet = paper_sheet(0.7);
+        self.model_on(0.7, reading_v)
+    }
+
+    /// On a mesh of this fineness; the preset's is 1.
+    pub fn model_on(&self, fineness: f64, reading_v: f64) -> DriftModel {
+        let sheet = paper_sheet(fineness);
         let mesh = sheet.mesh().unwrap();
         let sigma0 = vec![sheet.conductance(); mesh.triangles().len()];
         DriftModel::new(
@@ -135,7 +140,11 @@ pub struct Fine {
 
 impl Fine {
     pub fn new() -> Self {
-        let sheet = paper_sheet(1.2);
+        Self::of(1.2)
+    }
+
+    pub fn of(fineness: f64) -> Self {
+        let sheet = paper_sheet(fineness);
         let mesh = Arc::new(sheet.mesh().unwrap());
         Self {
             forward: Forward::new(Arc::clone(&mesh), &sheet.contact_ohm_m()).unwrap(),
