@@ -142,9 +142,8 @@ fn what_a_lost_contact_changes_elsewhere_is_not_in_the_map() {
     let bar = |[x, y]: [f64; 2]| (0.05..0.12).contains(&x) && (0.10..0.13).contains(&y);
     let none = |_: [f64; 2]| false;
     // beside the electrode the load changes what the contact changes
-    let loads: [(&dyn Fn([f64; 2]) -> bool, f64); 4] =
-        [(&none, 0.02), (&disc, 0.02), (&bar, 0.1), (&near, 0.4)];
-    for (load, most) in loads {
+    let loads = [&none as &dyn Fn([f64; 2]) -> bool, &disc, &bar, &near];
+    for (load, most) in loads.into_iter().zip([0.02, 0.02, 0.1, 0.4]) {
         let mut tracker = Tracker::new(Arc::clone(&model), 0.0).unwrap();
         let mut frame = 0;
         let mut follow = |tracker: &mut Tracker, readings: &[Reading], times: usize| {
