@@ -32,6 +32,15 @@ const SPANS: [(&str, f64); 7] = [
     ("30-60", 60.0),
     ("60-90", f64::INFINITY),
 ];
+/// The same of scenes in which a contact is lost from day 20 on, within a week or at once.
+const SPANS_OF_A_LOSS: [(&str, f64); 6] = [
+    ("0-20", 20.0),
+    ("20-21", 21.0),
+    ("21-27", 27.0),
+    ("27-28", 28.0),
+    ("28-60", 60.0),
+    ("60-90", f64::INFINITY),
+];
 /// Standard deviation of local change before a frame, for the map whose zero is judged.
 pub(super) const MAP_SIZE: f64 = 0.01;
 /// Every such empty frame's map is judged.
@@ -43,6 +52,10 @@ const JUDGED_EVERY: usize = 6;
 pub enum LongScene {
     /// The scene month without detachment and wear
     Month,
+    /// The scene month without wear: a contact detaches within a week from day 20 on
+    MonthDetachment,
+    /// The same with a contact that is lost at once on day 20
+    MonthOpen,
     /// Faster and larger drift on a sprayed sheet with misplaced electrodes and a crack; the tracker is not told
     HoldOut,
     /// The drift of the scene bedside-night, with creep; a load every night
@@ -59,6 +72,8 @@ impl LongScene {
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Month => "month",
+            Self::MonthDetachment => "detached",
+            Self::MonthOpen => "open",
             Self::HoldOut => "hold-out",
             Self::Bedside => "bedside",
             Self::HoldOutContacts => "contacts",
@@ -72,6 +87,10 @@ impl LongScene {
         match self {
             Self::Month => {
                 Family::Month.effects() + "[effects.set]\npercent_per_decade = 1.0\n"
+            }
+            Self::MonthDetachment => Self::MonthOpen.effects() + "over_s = 604800.0\n",
+            Self::MonthOpen => {
+                Self::Month.effects() + "[effects.detachment]\nelectrode = 20\nfrom_s = 1728000.0\n"
             }
             Self::HoldOut => "[effects.temperature]\npercent_per_c = -0.4\nroom_c = 3.0\n\
                 [effects.long-drift]\nwander_percent = 1.0\nwalk_percent = 0.1\nrunning_in_percent = 6.0\n\
@@ -106,8 +125,15 @@ impl LongScene {
     /// Days that are judged of a run of `days`.
     pub(super) fn days(self, days: f64) -> f64 {
         match self {
-            Self::Month | Self::Bedside | Self::Noise => days,
             Self::HoldOut | Self::HoldOutContacts | Self::HoldOutSpray => days.min(20.0),
+            _ => days,
+        }
+    }
+
+    fn spans(self) -> &'static [(&'static str, f64)] {
+        match self {
+            Self::MonthDetachment | Self::MonthOpen => &SPANS_OF_A_LOSS,
+            _ => &SPANS,
         }
     }
 }
@@ -205,7 +231,7 @@ pub(super) fn rows(
     bar.finish_and_clear();
     let (mut presses, mut frames) = (Vec::new(), Vec::new());
     for (&scene, judged) in settings.scenes.iter().zip(&judged) {
-        for (span, (days, _)) in SPANS.iter().enumerate() {
+        for (span, (days, _)) in scene.spans().iter().enumerate() {
             let of: Vec<&Judged> = judged.iter().filter(|one| one.span == span).collect();
             if of.is_empty() {
                 continue;
@@ -274,10 +300,8 @@ fn run(
             None
         };
         let day = at_s / DAY_S;
-        let span = SPANS
-            .iter()
-            .position(|(_, to)| day <= *to)
-            .unwrap_or(SPANS.len() - 1);
+        let spans = scene.spans().iter();
+        let span = spans.take_while(|(_, to)| day > *to).count();
         bar.inc(1);
         out.push(Judged {
             span,
