@@ -263,7 +263,7 @@ class SheetMap {
   marks(at, ink) {
     const frame = this.frame;
     const place = frame && frame.tracked && frame.tracked.place;
-    // the region of a load that is unlike a disc does not hold
+    // the region of a load that is unlike a disc or an ellipse may not hold
     if (this.showRegion && place && place.accepted) {
       at.strokeStyle = ink;
       at.setLineDash([4 * this.pixels, 3 * this.pixels]);

@@ -8,12 +8,16 @@ use survey::Reading;
 
 use super::{SAME_INTERVAL, Tracker};
 use crate::DriftError;
+use crate::basis::PER_DAY;
 use crate::electrodes::{Allowed, ElectrodeFault};
 use crate::whitened::{Atoms, LOADED, LoadTest, Whitened, factor};
 
 /// Chi squared per row, of the readings of an electrode that was faulty, up to which it is healthy: they agree with those of the others
 /// within twice the deviation, also where the pace is not learnt yet.
 const HEALTHY: f64 = 4.0;
+
+/// Standard deviation of the logarithm of a contact that was masked for any time: contacts wander about a mean.
+pub(super) const CONTACT_SD: f64 = 0.4;
 
 /// A frame on its way.
 pub(super) struct Frame {
@@ -135,10 +139,21 @@ impl Tracker {
         Ok(tests.into_iter().next().filter(|test| test.score > LOADED))
     }
 
-    /// The covariance of the tracked baseline after this time.
+    /// The covariance of the tracked baseline after this time. What a masked electrode's contact drifts by is no part of it: it has a bound
+    /// ([`CONTACT_SD`]), which counts when the electrode is judged and used again.
     fn predicted(&self, days: f64) -> DMatrix<f64> {
-        let pace = self.state.pace.pace;
-        self.state.covariance() + &self.prepared.per_day * (pace * pace * days)
+        let rate = self.state.pace.pace.powi(2) * days;
+        let mut out = self.state.covariance() + &self.prepared.per_day * rate;
+        for electrode in self.state.masked() {
+            out -= self.of_contact(electrode, PER_DAY.contact * rate.sqrt());
+        }
+        out
+    }
+
+    /// The covariance of the data where the logarithm of this contact has this standard deviation.
+    pub(super) fn of_contact(&self, electrode: usize, deviation: f64) -> DMatrix<f64> {
+        let column = self.model.contacts.column(electrode) * deviation;
+        &column * column.transpose()
     }
 
     /// The covariance of the innovation after this time.
@@ -204,15 +219,26 @@ impl Tracker {
                 .iter()
                 .filter(|row| without.binary_search(row).is_err());
             let order: Vec<usize> = without.iter().chain(own).copied().collect();
-            let mut covariance = whole.clone();
+            let mut covariance = &whole + self.of_contact(electrode, CONTACT_SD);
             self.allow_lost_contacts(&mut covariance, Some(electrode));
             let ordered = covariance.select_rows(&order).select_columns(&order);
             let factor = Definite::new(&ordered).ok_or(DriftError::Covariance)?;
             // the last rows are whitened by what the rows before leave unknown of them
-            let mut white = DMatrix::from_fn(order.len(), 1, |row, _| frame.e[order[row]]);
-            factor.whiten(&mut white);
+            let whitened = |data: &dyn Fn(usize) -> f64| {
+                let mut white = DMatrix::from_fn(order.len(), 1, |row, _| data(order[row]));
+                factor.whiten(&mut white);
+                white
+            };
+            let white = whitened(&|row| frame.e[row]);
             let own = white.rows_range(without.len()..);
-            if own.is_empty() || own.norm_squared() > HEALTHY * own.len() as f64 {
+            let agrees = !own.is_empty() && own.norm_squared() <= HEALTHY * own.len() as f64;
+            // after weeks so much is unknown that the readings of a lost contact agree too, but better with its loss
+            let lost = self.lost_contacts.get(&electrode);
+            let is_lost = lost.is_some_and(|lost| {
+                let lost = whitened(&|row| lost[(row, 0)]);
+                2.0 * white.dot(&lost) > lost.norm_squared()
+            });
+            if !agrees || is_lost {
                 ill.push(electrode);
             }
         }

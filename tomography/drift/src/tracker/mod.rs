@@ -32,7 +32,7 @@ use crate::kinds::DriftKinds;
 use crate::model::DriftModel;
 use crate::whitened::Whitened;
 pub use anchors::AnchorAlarm;
-use innovation::{Frame, Steady};
+use innovation::{CONTACT_SD, Frame, Steady};
 pub use orders::TrackingOrder;
 pub use state::TrackerState;
 
@@ -204,6 +204,7 @@ impl Tracker {
             // steps do not tell whether an electrode healed, and a load may hide it; frames without a judgement must end
             self.mask(&masked)?;
         }
+        self.use_again(&masked);
         let mut frame_now = Frame {
             e: &relative.data - self.state.baseline(),
             step: (!self.state.last.is_empty())
@@ -271,6 +272,17 @@ impl Tracker {
         answer.held = self.state.ledger.held;
         answer.pace = self.state.pace.pace;
         Ok(answer)
+    }
+
+    /// Those of these electrodes that are not masked any more are used again: their contacts are what they may have become.
+    fn use_again(&mut self, were_masked: &[usize]) {
+        let masked = self.state.masked();
+        for &electrode in were_masked.iter().filter(|one| !masked.contains(one)) {
+            let contact = self.of_contact(electrode, CONTACT_SD);
+            self.state.add_covariance(&contact, 1.0);
+            self.state.restart();
+            self.steady = None;
+        }
     }
 
     /// Uses these electrodes no more, until they have been healthy for an hour.

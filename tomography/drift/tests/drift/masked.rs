@@ -101,6 +101,22 @@ fn electrode_that_heals_is_used_again_after_an_hour() {
 }
 
 #[test]
+fn electrode_that_is_open_for_weeks_is_named_once() {
+    let mut days = Days::new();
+    assert!(names_it(&days.follow(1, true, false)));
+    // within the hour after which an electrode without a fault is used again
+    let often = HOUR - 1;
+    for _ in 0..20 * 24 * HOUR / often {
+        let answer = days.follow(often, true, false);
+        assert_eq!(answer.masked, [OPEN]);
+        assert!(answer.fault.is_none() && answer.judgement == Judgement::Empty);
+    }
+    assert_eq!(days.follow(1, false, false).masked, [OPEN]);
+    days.follow(often, false, false);
+    assert!(days.follow(1, false, false).masked.is_empty());
+}
+
+#[test]
 fn electrode_stays_masked_while_a_load_hides_whether_it_healed() {
     let mut days = Days::new();
     assert!(names_it(&days.follow(1, true, false)));
