@@ -23,17 +23,3 @@ pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
     let at = share * (values.len().max(1) - 1) as f64;
     values.get(at.round() as usize).copied().unwrap_or(f64::NAN)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_values_that_were_seen() {
-        let mut values: Vec<f64> = (1..=200).rev().map(f64::from).collect();
-        assert_eq!(quantile(&mut values, 0.99), 198.0);
-        assert_eq!(quantile(&mut values, 0.0), 1.0);
-        assert_eq!(quantile(&mut [7.0], 0.99), 7.0);
-        assert!(quantile(&mut [], 0.5).is_nan());
-    }
-}
