@@ -9,13 +9,13 @@ mod ellipse;
 mod moving;
 
 use eit::Mesh;
-use nalgebra::{DMatrix, DVector, Matrix4, SMatrix, SVector, Vector4};
+use nalgebra::{DVector, SMatrix, SVector, Vector4};
 
 use crate::DriftError;
 use crate::model::DriftModel;
 use crate::overlap::overlap;
 use crate::whitened::{LOADED, LoadTest, Whitened};
-use descent::{Problem, descend};
+use descent::{Axis, Problem, descend};
 pub use moving::{INJECTIONS, Injection, MovingLoad, TimedReading};
 
 /// Error of the model as a share of the fitted signal.
@@ -76,6 +76,37 @@ impl Disc {
 }
 
 impl DiscFit {
+    /// From parameters that begin with x, y (m) and ln diameter (m) and end with the change, and their covariance.
+    fn new<const N: usize>(
+        model: &DriftModel,
+        theta: &SVector<f64, N>,
+        covariance: &SMatrix<f64, N, N>,
+        chi: f64,
+        score: f64,
+    ) -> Self {
+        let place = [0, 1].map(|i| [0, 1].map(|j| covariance[(i, j)]));
+        let covariance = covariance * inflation(chi);
+        let change = theta[N - 1];
+        // ln load = ln |change| + 2 ln diameter
+        let mut of_load = SVector::<f64, N>::zeros();
+        (of_load[2], of_load[N - 1]) = (2.0, 1.0 / change);
+        let load_variance = (of_load.transpose() * covariance * of_load)[(0, 0)];
+        Self {
+            disc: Disc {
+                centre: [theta[0], theta[1]],
+                diameter: theta[2].exp(),
+                loss: loss_of(change),
+            },
+            load: -change * (2.0 * theta[2]).exp(),
+            covariance: place_covariance(model, place, chi),
+            load_sd: load_variance.max(0.0).sqrt(),
+            change_sd: covariance[(N - 1, N - 1)].max(0.0).sqrt() / change.abs(),
+            score,
+            chi,
+            accepted: chi <= REFUSED,
+        }
+    }
+
     /// Whether it is more than drift and noise of a sheet without load would show.
     pub fn is_load(&self) -> bool {
         self.score > LOADED
@@ -142,23 +173,26 @@ impl Whitened {
         self.column(&(model.disc([theta[0], theta[1]], theta[2].exp()) * theta[3]))
     }
 
+    /// The fit of a disc, about a mean of its ln diameter.
+    fn of_one_disc<'a>(
+        &'a self,
+        model: &'a DriftModel,
+        mean: f64,
+    ) -> Problem<'a, 4, impl Fn(&Vector4<f64>) -> DVector<f64> + 'a> {
+        let [x, y] = Axis::centre(model);
+        Problem {
+            data: self.data(),
+            of: move |theta: &Vector4<f64>| self.of_disc(model, theta),
+            axes: [x, y, Axis::ln_diameter(mean), Axis::change()],
+        }
+    }
+
     /// Levenberg-Marquardt from a place of the load test.
     fn descend(&self, model: &DriftModel, start: &LoadTest) -> (Vector4<f64>, f64) {
         let mean = start.place.diameter.ln();
-        let problem = Resting {
-            white: self,
-            model,
-            mean,
-        };
         let [x, y] = start.place.centre;
-        descend(&problem, Vector4::new(x, y, mean, start.change), STEPS)
-    }
-
-    /// Central differences by the four parameters.
-    fn derivative(&self, model: &DriftModel, theta: &Vector4<f64>) -> DMatrix<f64> {
-        differences(theta, &[0.2e-3, 0.2e-3, 0.02], |theta| {
-            self.of_disc(model, theta)
-        })
+        let start = Vector4::new(x, y, mean, start.change);
+        descend(&self.of_one_disc(model, mean), start, STEPS)
     }
 
     /// The fit with its covariance, which contains an error of the model of 1 % of the signal.
@@ -170,63 +204,13 @@ impl Whitened {
     ) -> Result<DiscFit, DriftError> {
         let signal = model.disc([theta[0], theta[1]], theta[2].exp()) * theta[3];
         let wider = self.with_error(&(&signal * MODEL_SHARE))?;
-        let h = wider.derivative(model, &theta);
-        let mut information: Matrix4<f64> = gram(&h);
-        information[(2, 2)] += LN_DIAMETER_SD.powi(-2);
+        let information = wider.of_one_disc(model, theta[2]).information(&theta);
         let left = wider.data() - wider.column(&signal);
         let chi = left.norm_squared() / self.rows().len() as f64;
         let covariance = information.try_inverse().ok_or(DriftError::Covariance)?;
-        let place = [
-            [covariance[(0, 0)], covariance[(0, 1)]],
-            [covariance[(1, 0)], covariance[(1, 1)]],
-        ];
-        let place = place_covariance(model, place, chi);
-        let covariance = covariance * inflation(chi);
-        // ln load = ln |change| + 2 ln diameter
-        let change = theta[3];
-        let of_load = Vector4::new(0.0, 0.0, 2.0, 1.0 / change);
-        let load_sd = (of_load.transpose() * covariance * of_load)[(0, 0)]
-            .max(0.0)
-            .sqrt();
-        Ok(DiscFit {
-            disc: Disc {
-                centre: [theta[0], theta[1]],
-                diameter: theta[2].exp(),
-                loss: loss_of(change),
-            },
-            load: -change * (2.0 * theta[2]).exp(),
-            covariance: place,
-            load_sd,
-            change_sd: covariance[(3, 3)].max(0.0).sqrt() / change.abs(),
-            score: self.data().norm_squared() - cost,
-            chi,
-            accepted: chi <= REFUSED,
-        })
+        let score = self.data().norm_squared() - cost;
+        Ok(DiscFit::new(model, &theta, &covariance, chi, score))
     }
-}
-
-/// Derivatives by the parameters: central differences with these steps; the last parameter is a factor.
-fn differences<const N: usize>(
-    theta: &SVector<f64, N>,
-    steps: &[f64],
-    of: impl Fn(&SVector<f64, N>) -> DVector<f64>,
-) -> DMatrix<f64> {
-    let mut columns: Vec<DVector<f64>> = Vec::with_capacity(N);
-    for (k, step) in steps.iter().enumerate() {
-        let (mut up, mut down) = (*theta, *theta);
-        up[k] += step;
-        down[k] -= step;
-        columns.push((of(&up) - of(&down)) / (2.0 * step));
-    }
-    let mut one = *theta;
-    one[N - 1] = 1.0;
-    columns.push(of(&one));
-    DMatrix::from_columns(&columns)
-}
-
-/// H' H
-fn gram<const N: usize>(h: &DMatrix<f64>) -> SMatrix<f64, N, N> {
-    SMatrix::from_fn(|i, j| h.column(i).dot(&h.column(j)))
 }
 
 /// The share of the conductance that a disc loses where the field changes as by this linear change.
@@ -247,40 +231,4 @@ fn place_covariance(model: &DriftModel, of_fit: [[f64; 2]; 2], chi: f64) -> [[f6
         row[k] += floor * floor;
     }
     out
-}
-
-/// A disc that does not move, about a mean of its ln diameter.
-struct Resting<'a> {
-    white: &'a Whitened,
-    model: &'a DriftModel,
-    mean: f64,
-}
-
-impl Problem<4> for Resting<'_> {
-    fn clamp(&self, mut theta: Vector4<f64>) -> Vector4<f64> {
-        let [low, high] = self.model.bounds();
-        for axis in 0..2 {
-            theta[axis] = theta[axis].clamp(low[axis], high[axis]);
-        }
-        theta[2] = theta[2].clamp(DIAMETER_M[0].ln(), DIAMETER_M[1].ln());
-        // at most all of the conductance
-        theta[3] = theta[3].clamp(-2.0, 2.0);
-        theta
-    }
-
-    fn residual(&self, theta: &Vector4<f64>) -> (DVector<f64>, f64) {
-        let left = self.white.data() - self.white.of_disc(self.model, theta);
-        let prior = (theta[2] - self.mean) / LN_DIAMETER_SD;
-        let cost = left.norm_squared() + prior * prior;
-        (left, cost)
-    }
-
-    fn normal(&self, theta: &Vector4<f64>, left: &DVector<f64>) -> (Matrix4<f64>, Vector4<f64>) {
-        let h = self.white.derivative(self.model, theta);
-        let mut normal: Matrix4<f64> = gram(&h);
-        let mut right = Vector4::from_fn(|i, _| h.column(i).dot(left));
-        normal[(2, 2)] += LN_DIAMETER_SD.powi(-2);
-        right[2] -= (theta[2] - self.mean) * LN_DIAMETER_SD.powi(-2);
-        (normal, right)
-    }
 }

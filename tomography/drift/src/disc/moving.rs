@@ -3,13 +3,10 @@
 
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{DMatrix, DVector, SVector};
 
-use super::descent::{Problem, descend};
-use super::{
-    DIAMETER_M, Disc, LN_DIAMETER_SD, MODEL_SHARE, REFUSED, differences, gram, loss_of,
-    place_covariance,
-};
+use super::descent::{Axis, Problem, descend};
+use super::{Disc, MODEL_SHARE, REFUSED, loss_of, place_covariance};
 use crate::DriftError;
 use crate::model::DriftModel;
 use crate::whitened::{Atoms, LOADED, Whitened, factor};
@@ -154,8 +151,10 @@ impl DriftModel {
         };
         let left = wider.white.data() - wider.white.column(&signal);
         let chi = left.norm_squared() / wider.rows.len() as f64;
-        let h = self.derivative_moving(&wider, theta);
-        let spread = information(&h).try_inverse();
+        let spread = self
+            .moving_problem(&wider, theta[4])
+            .information(theta)
+            .try_inverse();
         let spread = spread.ok_or(DriftError::Covariance)?;
         let place = [
             [spread[(0, 0)], spread[(0, 1)]],
@@ -235,74 +234,26 @@ impl DriftModel {
         out
     }
 
-    /// The same, whitened.
-    fn of_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DVector<f64> {
-        window.white.column(&self.readings_moving(window, theta))
-    }
-
-    fn derivative_moving(&self, window: &Window, theta: &SVector<f64, N>) -> DMatrix<f64> {
-        let steps = [0.2e-3, 0.2e-3, 0.1e-3, 0.1e-3, 0.02];
-        differences(theta, &steps, |theta| self.of_moving(window, theta))
+    /// The fit of a disc that moves, about a mean of its ln diameter.
+    fn moving_problem<'a>(
+        &'a self,
+        window: &'a Window,
+        mean: f64,
+    ) -> Problem<'a, N, impl Fn(&SVector<f64, N>) -> DVector<f64> + 'a> {
+        let [x, y] = Axis::centre(self);
+        let speed = Axis::small([f64::NEG_INFINITY, f64::INFINITY], 0.1e-3, VELOCITY_SD);
+        let size = Axis::ln_diameter(mean);
+        Problem {
+            data: window.white.data(),
+            of: move |theta: &SVector<f64, N>| {
+                window.white.column(&self.readings_moving(window, theta))
+            },
+            axes: [x, y, speed, speed, size, Axis::change()],
+        }
     }
 
     /// Levenberg-Marquardt; the parameters and their cost.
     fn descend_moving(&self, window: &Window, start: SVector<f64, N>) -> (SVector<f64, N>, f64) {
-        let problem = Moving {
-            model: self,
-            window,
-            mean: start[4],
-        };
-        descend(&problem, start, STEPS)
+        descend(&self.moving_problem(window, start[4]), start, STEPS)
     }
-}
-
-/// A disc that moves, about a mean of its ln diameter.
-struct Moving<'a> {
-    model: &'a DriftModel,
-    window: &'a Window,
-    mean: f64,
-}
-
-impl Problem<N> for Moving<'_> {
-    fn clamp(&self, mut theta: SVector<f64, N>) -> SVector<f64, N> {
-        let [low, high] = self.model.bounds();
-        for axis in 0..2 {
-            theta[axis] = theta[axis].clamp(low[axis], high[axis]);
-        }
-        theta[4] = theta[4].clamp(DIAMETER_M[0].ln(), DIAMETER_M[1].ln());
-        theta[5] = theta[5].clamp(-2.0, 2.0);
-        theta
-    }
-
-    fn residual(&self, theta: &SVector<f64, N>) -> (DVector<f64>, f64) {
-        let left = self.window.white.data() - self.model.of_moving(self.window, theta);
-        let speed = (theta[2].powi(2) + theta[3].powi(2)) / VELOCITY_SD.powi(2);
-        let size = ((theta[4] - self.mean) / LN_DIAMETER_SD).powi(2);
-        let cost = left.norm_squared() + speed + size;
-        (left, cost)
-    }
-
-    fn normal(
-        &self,
-        theta: &SVector<f64, N>,
-        left: &DVector<f64>,
-    ) -> (SMatrix<f64, N, N>, SVector<f64, N>) {
-        let h = self.model.derivative_moving(self.window, theta);
-        let mut right = SVector::<f64, N>::from_fn(|i, _| h.column(i).dot(left));
-        for axis in [2, 3] {
-            right[axis] -= theta[axis] * VELOCITY_SD.powi(-2);
-        }
-        right[4] -= (theta[4] - self.mean) * LN_DIAMETER_SD.powi(-2);
-        (information(&h), right)
-    }
-}
-
-/// H' H with the priors.
-fn information(h: &DMatrix<f64>) -> SMatrix<f64, N, N> {
-    let mut out: SMatrix<f64, N, N> = gram(h);
-    for axis in [2, 3] {
-        out[(axis, axis)] += VELOCITY_SD.powi(-2);
-    }
-    out[(4, 4)] += LN_DIAMETER_SD.powi(-2);
-    out
 }
