@@ -24,8 +24,7 @@ impl Tracker {
             }
             _ => 0.0,
         };
-        let mut errors = self.state.covariance() + &self.model.noise;
-        self.allow_lost_contacts(&mut errors, None);
+        let errors = self.of_frame(&self.state.covariance());
         self.model
             .map_deviation_beside(errors, load, &self.state.last_rows)
     }

@@ -172,8 +172,7 @@ impl Tracker {
             return Ok(Arc::clone(steady));
         }
         let predicted = self.predicted(days);
-        let mut covariance = &predicted + &self.model.noise;
-        self.allow_lost_contacts(&mut covariance, None);
+        let covariance = self.of_frame(&predicted);
         let factor = factor(&covariance, rows)?;
         let mut atoms = match rows.len() == self.prepared.rows.len() {
             true => self.model.atoms.clone(),
@@ -192,6 +191,13 @@ impl Tracker {
             factor: Arc::new(factor),
             atoms: Atoms::new(&atoms),
         }))
+    }
+
+    /// The covariance of a frame without load about the tracked baseline, whose own is `of_baseline`.
+    pub(super) fn of_frame(&self, of_baseline: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut covariance = of_baseline + &self.model.noise;
+        self.allow_lost_contacts(&mut covariance, None);
+        covariance
     }
 
     /// Rows of healthy electrodes.

@@ -332,8 +332,7 @@ impl Tracker {
         }
         let e = DVector::from_column_slice(&self.state.last) - self.state.baseline();
         let rows = &self.state.last_rows;
-        let mut covariance = self.state.covariance() + &self.model.noise;
-        self.allow_lost_contacts(&mut covariance, None);
+        let covariance = self.of_frame(&self.state.covariance());
         Whitened::new(&covariance, &e, rows)
     }
 }
