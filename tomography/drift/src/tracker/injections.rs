@@ -27,8 +27,8 @@ impl Tracker {
             injection.readings.retain(|one| healthy(one.reading));
         }
         let days = (at_s - self.state.at_s).abs() / DAY_S;
-        let grown = &self.prepared.per_day * (self.state.pace().powi(2) * days);
-        let covariance = self.state.covariance() + grown;
+        let mut covariance = self.predicted(days);
+        self.allow_lost_contacts(&mut covariance, None);
         self.model
             .moving_load(&kept, &self.state.baseline(), &covariance)
     }

@@ -141,7 +141,7 @@ impl Tracker {
 
     /// The covariance of the tracked baseline after this time. What a masked electrode's contact drifts by is no part of it: it has a bound
     /// ([`CONTACT_SD`]), which counts when the electrode is judged and used again.
-    fn predicted(&self, days: f64) -> DMatrix<f64> {
+    pub(super) fn predicted(&self, days: f64) -> DMatrix<f64> {
         let rate = self.state.pace.pace.powi(2) * days;
         let mut out = self.state.covariance() + &self.prepared.per_day * rate;
         for electrode in self.state.masked() {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use drift::{Answer, ElectrodeCheck, ElectrodeFault, Judgement, Tracker};
+use drift::{Answer, ElectrodeCheck, ElectrodeFault, Injection, Judgement, TimedReading, Tracker};
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -186,4 +186,34 @@ fn what_a_lost_contact_changes_elsewhere_is_not_in_the_map() {
         println!("{left:.4}");
         assert!(left < most, "{left}");
     }
+}
+
+#[test]
+fn lost_contact_is_no_load_after_an_injection() {
+    let sheet = Sheet::new();
+    let mut tracker = Tracker::new(Arc::new(sheet.model()), 0.0).unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(29);
+    let open = |electrode| if electrode == OPEN { 1e7 } else { 1.0 };
+    let lost = sheet.readings(open, |_| 1.0);
+    for frame in 1..=33 {
+        let readings = if frame > 30 { &lost } else { &sheet.baseline };
+        let readings = noisy(readings, &mut random);
+        tracker.follow(&readings, EVERY_S * frame as f64).unwrap();
+    }
+    assert_eq!(tracker.state().masked(), [OPEN]);
+    let readings = noisy(&lost, &mut random);
+    let measurements = tracker.model().pairs().protocol().measurements();
+    let injections = (0..26).map(|drive| Injection {
+        at_s: EVERY_S * 33.0 + 0.5 * drive as f64,
+        readings: (0..readings.len())
+            .filter(|&reading| measurements[reading].drive.plus.0 == drive)
+            .map(|reading| TimedReading {
+                reading,
+                volts: readings[reading].volts().unwrap().0,
+            })
+            .collect(),
+    });
+    let injections: Vec<Injection> = injections.collect();
+    let found = tracker.moving_load(&injections, EVERY_S * 33.0 + 13.0);
+    assert_eq!(found.unwrap(), None);
 }
