@@ -1,6 +1,7 @@
 //! Permitted dependencies between crates, checked by `cargo metadata`. Development dependencies follow the same table.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
 
 use cargo_metadata::{DependencyKind, Package};
 
@@ -149,7 +150,12 @@ const MAY_USE: &[(&str, &[&str])] = &[
 ];
 
 /// Dependencies beyond the table, as `crate -> crate`.
-const EXCEPTIONS: &[&str] = &["demo -> dbus", "demo -> logbook", "demo -> survey"];
+const EXCEPTIONS: &[&str] = &[
+    "demo -> dbus",
+    "demo -> logbook",
+    "demo -> outfile",
+    "demo -> survey",
+];
 
 fn used_by(package: &Package) -> BTreeSet<&str> {
     package
@@ -352,8 +358,67 @@ fn publishable_crates_are_complete_and_packaged() {
     }
 }
 
-/// Packages that their crate does not use, as `crate: package`.
-const UNUSED: &[&str] = &[];
+/// Packages that their crate does not use, as `crate: package`: see
+/// `demo_and_tests_build_their_dependencies_once`.
+const UNUSED: &[&str] = &[
+    "demo: cc",
+    "demo: digest",
+    "demo: futures_util",
+    "demo: half",
+    "demo: outfile",
+    "demo: rand",
+    "demo: regex_syntax",
+    "demo: syn",
+];
+
+/// Each package that cargo builds for this selection, with its features.
+fn built(selection: &[&str]) -> BTreeSet<String> {
+    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+        .args(["tree", "--locked", "--offline", "--prefix", "none"])
+        .args(["--format", "{p} with {f}", "--manifest-path"])
+        .arg(root().join("Cargo.toml"))
+        .args(selection)
+        .output()
+        .expect("cargo runs this test");
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let lines = String::from_utf8_lossy(&output.stdout).into_owned();
+    // `(*)` marks a package whose dependencies have been listed before
+    let lines = lines.lines().map(|line| line.trim_end_matches(" (*)"));
+    lines.map(str::to_owned).collect()
+}
+
+/// A package with other features is built once more, with everything that uses it: some minutes for numerical crates.
+#[test]
+fn demo_and_tests_build_their_dependencies_once() {
+    let tests = built(&["--workspace", "--edges", "normal,build,dev"]);
+    let parquet = built(&[
+        "--workspace",
+        "--edges",
+        "normal,build,dev",
+        "--features",
+        "tactus-cli/parquet",
+    ]);
+    let demo = built(&["--package", "tactus-demo", "--edges", "normal,build"]);
+    // the demo has no archive, the tests no Parquet
+    let differs = |line: &&String| !line.starts_with("tactus-cli ");
+    let again: Vec<_> = demo.difference(&tests).filter(differs).collect();
+    assert!(again.is_empty(), "features in demo/Cargo.toml: {again:#?}");
+    let names = |lines: &BTreeSet<String>| -> BTreeSet<String> {
+        let version = |line: &String| line.split(" with ").next().map(str::to_owned);
+        lines.iter().filter_map(version).collect()
+    };
+    let known = names(&tests);
+    let again: Vec<_> = parquet
+        .difference(&tests)
+        .filter(differs)
+        .filter(|line| known.contains(line.split(" with ").next().unwrap_or_default()))
+        .collect();
+    assert!(again.is_empty(), "features in demo/Cargo.toml: {again:#?}");
+}
 
 #[test]
 fn every_dependency_is_named_in_its_crate() {
