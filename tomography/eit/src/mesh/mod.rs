@@ -2,8 +2,11 @@
 
 mod check;
 mod depth;
+mod error;
 pub(crate) mod generation;
 mod kept;
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,6 +15,7 @@ use survey::Electrode;
 
 pub use depth::Depth;
 pub(crate) use depth::Mode;
+pub use error::MeshError;
 use kept::Kept;
 
 /// Area, as a share of the whole sheet, below which a triangle counts as degenerate.
@@ -35,133 +39,6 @@ pub struct Mesh {
     hash: String,
     /// The analysis of the forward model.
     analysis: Kept,
-}
-
-/// Why nodes, triangles and electrodes are not a valid mesh. Elements and nodes are counted from 0 as in case folders,
-/// electrodes from 1.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MeshError {
-    /// No triangle.
-    #[error("a mesh needs at least one triangle")]
-    Empty,
-    /// A coordinate is NaN or infinite.
-    #[error("node {node} has a coordinate that is not finite")]
-    NotFinite {
-        /// The node.
-        node: usize,
-    },
-    /// A triangle names a node that does not exist.
-    #[error("element {element} names node {node}, but there are {nodes} nodes")]
-    NoSuchNode {
-        /// The element.
-        element: usize,
-        /// The index given.
-        node: usize,
-        /// Nodes of the mesh.
-        nodes: usize,
-    },
-    /// A triangle runs clockwise.
-    #[error(
-        "element {element} is inverted (area {area:e} m2); its corners must run counter-clockwise"
-    )]
-    Inverted {
-        /// The element.
-        element: usize,
-        /// Its signed area, m2.
-        area: f64,
-    },
-    /// A triangle has no area.
-    #[error("element {element} has no area ({area:e} m2)")]
-    NoArea {
-        /// The element.
-        element: usize,
-        /// Its signed area, m2.
-        area: f64,
-    },
-    /// A node that no triangle uses.
-    #[error("node {node} belongs to no element; remove it")]
-    UnusedNode {
-        /// The node.
-        node: usize,
-    },
-    /// Elements overlap along an edge.
-    #[error(
-        "element {element} is the second on the same side of the edge from node {from} to {to}"
-    )]
-    Overlap {
-        /// The element.
-        element: usize,
-        /// Start of the edge.
-        from: usize,
-        /// End of the edge.
-        to: usize,
-    },
-    /// The sheet has several pieces.
-    #[error("element {element} is not connected to element 0; the sheet must be one piece")]
-    Disconnected {
-        /// An element of another piece.
-        element: usize,
-    },
-    /// An electrode without an edge.
-    #[error("electrode {electrode} touches nothing: it has no edge")]
-    NoEdge {
-        /// The electrode.
-        electrode: Electrode,
-    },
-    /// An electrode's edge is not on the boundary.
-    #[error(
-        "electrode {electrode}: the edge between nodes {from} and {to} is not a boundary edge of the mesh"
-    )]
-    NotBoundary {
-        /// The electrode.
-        electrode: Electrode,
-        /// One end.
-        from: usize,
-        /// Other end.
-        to: usize,
-    },
-    /// An electrode lists an edge twice.
-    #[error("electrode {electrode} names the edge between nodes {from} and {to} a second time")]
-    EdgeTwice {
-        /// The electrode.
-        electrode: Electrode,
-        /// One end.
-        from: usize,
-        /// Other end.
-        to: usize,
-    },
-    /// Two electrodes meet.
-    #[error(
-        "electrodes {first} and {second} meet at node {node}; leave at least one edge between them"
-    )]
-    ElectrodesMeet {
-        /// First.
-        first: Electrode,
-        /// Second.
-        second: Electrode,
-        /// The node.
-        node: usize,
-    },
-    /// The region is empty, or lists an element that does not exist, or one twice.
-    #[error("the region of interest {fault}")]
-    Region {
-        /// What is wrong with it.
-        fault: String,
-    },
-    /// The depth of the liquid or the heights of the electrodes are not consistent.
-    #[error("depth: {fault}")]
-    Depth {
-        /// What is wrong with them.
-        fault: String,
-    },
-    /// The dimensions of a preset are not consistent.
-    #[error("preset '{preset}': {fault}")]
-    Preset {
-        /// Name of the preset.
-        preset: &'static str,
-        /// What is wrong, and with which key.
-        fault: String,
-    },
 }
 
 /// Statistics of a mesh.
@@ -482,115 +359,4 @@ fn hash(
         hasher.update(number.to_bits().to_le_bytes());
     }
     survey::hex(&hasher.finalize())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn square() -> (Vec<[f64; 2]>, Vec<[usize; 3]>) {
-        (
-            vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
-            vec![[0, 1, 2], [0, 2, 3]],
-        )
-    }
-
-    fn with(edges: Vec<Vec<[usize; 2]>>) -> Result<Mesh, MeshError> {
-        let (nodes, triangles) = square();
-        Mesh::new(nodes, triangles, edges, None)
-    }
-
-    #[test]
-    fn a_square_with_two_electrodes() {
-        let mesh = with(vec![vec![[3, 0]], vec![[1, 2]]]).unwrap();
-        assert_eq!(mesh.electrode_centres(), [[0.0, 0.5], [1.0, 0.5]]);
-        assert_eq!(mesh.outline().len(), 1);
-        assert_eq!(mesh.outline()[0].len(), 4);
-        let quality = mesh.quality();
-        assert_eq!(quality.coarse_electrodes.len(), 2);
-        assert!((quality.smallest_angle - 45.0).abs() < 1e-12);
-        assert_eq!(mesh.region(), [0, 1]);
-        let half = mesh.with_region(Some(vec![1])).unwrap();
-        assert_ne!(half.hash(), mesh.hash());
-    }
-
-    #[test]
-    fn faults_are_named() {
-        let (nodes, _) = square();
-        let refuse = |triangles: Vec<[usize; 3]>| {
-            Mesh::new(nodes.clone(), triangles, Vec::new(), None).unwrap_err()
-        };
-        assert!(matches!(
-            refuse(vec![[0, 1, 2], [0, 3, 2]]),
-            MeshError::Inverted { element: 1, .. }
-        ));
-        assert!(matches!(
-            refuse(vec![[0, 1, 2], [0, 2, 2]]),
-            MeshError::NoArea { element: 1, .. }
-        ));
-        assert!(matches!(
-            refuse(vec![[0, 1, 2]]),
-            MeshError::UnusedNode { node: 3 }
-        ));
-        assert!(matches!(
-            refuse(vec![[0, 1, 7]]),
-            MeshError::NoSuchNode { node: 7, .. }
-        ));
-        assert!(matches!(
-            refuse(vec![[0, 1, 2], [0, 1, 3]]),
-            MeshError::Overlap { element: 1, .. }
-        ));
-        let apart = Mesh::new(
-            vec![
-                [0.0, 0.0],
-                [1.0, 0.0],
-                [0.0, 1.0],
-                [5.0, 0.0],
-                [6.0, 0.0],
-                [5.0, 1.0],
-            ],
-            vec![[0, 1, 2], [3, 4, 5]],
-            Vec::new(),
-            None,
-        );
-        assert_eq!(apart, Err(MeshError::Disconnected { element: 1 }));
-        assert!(matches!(
-            Mesh::new(vec![[f64::NAN, 0.0]; 3], vec![[0, 1, 2]], Vec::new(), None),
-            Err(MeshError::NotFinite { node: 0 })
-        ));
-    }
-
-    #[test]
-    fn electrode_faults_are_named() {
-        assert_eq!(
-            with(vec![vec![]]),
-            Err(MeshError::NoEdge {
-                electrode: Electrode(0)
-            })
-        );
-        let inner = with(vec![vec![[0, 2]]]).unwrap_err();
-        assert_eq!(
-            inner.to_string(),
-            "electrode 1: the edge between nodes 0 and 2 is not a boundary edge of the mesh"
-        );
-        assert!(matches!(
-            with(vec![vec![[0, 1]], vec![[1, 2]]]),
-            Err(MeshError::ElectrodesMeet { node: 1, .. })
-        ));
-        assert!(matches!(
-            with(vec![vec![[0, 1], [1, 0]]]),
-            Err(MeshError::EdgeTwice { .. })
-        ));
-    }
-
-    #[test]
-    fn region_faults_are_named() {
-        let mesh = with(Vec::new()).unwrap();
-        for region in [vec![], vec![2], vec![0, 0]] {
-            assert!(matches!(
-                mesh.with_region(Some(region)),
-                Err(MeshError::Region { .. })
-            ));
-        }
-    }
 }

@@ -9,25 +9,15 @@
 //! the square root is replaced by (u_a - u_b)^2 / 2 c.
 
 use nalgebra::{DMatrix, DVector};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use survey::Protocol;
 
 use super::cells::Cells;
+use super::penalty::{Differences, GAIN_PENALTY, LEVEL, Linearised, Penalty, Solution};
 use crate::inverse::learned::linear::scale_rows;
-use crate::inverse::prior::{Half, Laplacian, block_of_columns};
+use crate::inverse::prior::Half;
 use crate::inverse::reciprocity::Seen;
-use crate::linear_algebra::dense;
-use crate::linear_algebra::sparse::Block;
 use crate::{Forward, ForwardError, Mesh, OneStepError, Parameters};
 
-/// b: differences of ln sigma below this are penalised as squares.
-const SMOOTH: f64 = 0.02;
-/// k: a gain of ln sigma in one triangle of the region costs what this many squared deviations of a reading cost.
-const GAIN_PENALTY: f64 = 1e3;
-/// r: determines the mean level where readings do not.
-const LEVEL: f64 = 1e-4;
 /// Least and most steps with few unknowns, and after them with those of the map, which begin at a map of squares.
 const COARSE_STEPS: [usize; 2] = [1, 12];
 const FINE_STEPS: [usize; 2] = [3, 8];
@@ -48,9 +38,6 @@ const COARSE_DONE: f64 = 0.2;
 const DONE: f64 = 0.05;
 /// Most halvings of a step.
 const HALVINGS: usize = 4;
-/// Draws of the posterior: a whole number of lanes.
-const DRAWS: usize = 16;
-const SEED: u64 = 3;
 /// The deviation is lowered to what the map leaves unexplained, if that is less than this share of it.
 const KEPT: f64 = 0.8;
 /// The step after which it may also be raised, as where losses cannot explain a frame: later steps would explain it by gains
@@ -265,36 +252,6 @@ impl Sheet {
     }
 }
 
-/// What differences between neighbours cost.
-#[derive(Debug, Clone, Copy)]
-enum Differences {
-    /// Their amount: a load has borders.
-    Amount,
-    /// Their square over 2 c: a load changes slowly from place to place.
-    Square(f64),
-}
-
-impl Differences {
-    fn are_smooth(self) -> bool {
-        matches!(self, Self::Square(_))
-    }
-
-    fn cost(self, difference: f64) -> f64 {
-        match self {
-            Self::Amount => difference.hypot(SMOOTH),
-            Self::Square(slope) => 0.5 * difference * difference / slope,
-        }
-    }
-
-    /// The curvature of the parabola that touches the cost at a difference.
-    fn curvature(self, difference: f64) -> f64 {
-        match self {
-            Self::Amount => 1.0 / difference.hypot(SMOOTH),
-            Self::Square(slope) => 1.0 / slope,
-        }
-    }
-}
-
 /// A search for the minimum.
 struct Search<'a, 'b> {
     sheet: &'a Sheet,
@@ -332,7 +289,8 @@ impl<'a> Search<'a, '_> {
     ) -> Result<Option<(Penalty<'a>, Solution)>, ForwardError> {
         let sheet = self.sheet;
         let mut penalty = Penalty::new(
-            level,
+            &level.cells,
+            &level.pattern,
             sheet.alpha,
             self.bounded,
             self.differences,
@@ -360,7 +318,12 @@ impl<'a> Search<'a, '_> {
                     &changed
                 }
             };
-            let problem = Linearised::new(&self.seen.rows(sensitivity), &self.at, self.deviation);
+            let problem = Linearised::new(
+                &self.seen.rows(sensitivity),
+                &self.at.change,
+                &self.at.residual,
+                self.deviation,
+            );
             let borders = match step {
                 1 => borders,
                 _ => &self.at.change,
@@ -441,151 +404,5 @@ impl<'a> Search<'a, '_> {
             share *= 0.5;
         }
         Ok(None)
-    }
-}
-
-/// The least-squares problem of a step, in deviations of a reading.
-struct Linearised {
-    /// A row for each cell, a column for each reading.
-    sensitivity: Block,
-    /// d - c(u) + J u
-    data: DVector<f64>,
-}
-
-impl Linearised {
-    fn new(sensitivity: &DMatrix<f64>, at: &Point, deviation: f64) -> Self {
-        let change = DVector::from_column_slice(&at.change);
-        let predicted = DVector::from_vec(dense::times(sensitivity, &change));
-        let mut block = block_of_columns(sensitivity);
-        for value in &mut block.values {
-            *value /= deviation;
-        }
-        Self {
-            sensitivity: block,
-            data: (&at.residual + predicted) / deviation,
-        }
-    }
-}
-
-/// The quadratic penalty of a step.
-struct Penalty<'a> {
-    cells: &'a Cells,
-    alpha: f64,
-    laplacian: Laplacian,
-    half: Half,
-    /// The cells with gains in the solution of the step before, which are penalised; `None` if gains are free.
-    gains: Option<Vec<bool>>,
-    differences: Differences,
-}
-
-/// The solution of a step.
-struct Solution {
-    change: Vec<f64>,
-    /// Degrees of freedom of the data that it uses.
-    degrees: f64,
-    /// H = L^-1 J', with L L' the penalty, and (H'H + 1)^-1.
-    halved: Block,
-    inverse: DMatrix<f64>,
-}
-
-impl<'a> Penalty<'a> {
-    /// `bounded`: gains are penalised, those at `start` from the first step on.
-    fn new(
-        level: &'a Level,
-        alpha: f64,
-        bounded: bool,
-        differences: Differences,
-        start: &[f64],
-    ) -> Self {
-        Self {
-            laplacian: level.cells.neighbours.clone(),
-            half: level.pattern.clone(),
-            gains: bounded.then(|| start.iter().map(|u| *u > 0.0).collect()),
-            cells: &level.cells,
-            alpha,
-            differences,
-        }
-    }
-
-    /// The minimum with the penalty's tangent parabola at `at`; `None` if a matrix cannot be factored.
-    fn minimum(&mut self, problem: &Linearised, at: &[f64]) -> Option<Solution> {
-        let cells = self.cells;
-        for ((weight, length), &[a, b]) in self
-            .laplacian
-            .weights
-            .iter_mut()
-            .zip(&cells.neighbours.weights)
-            .zip(&cells.neighbours.edges)
-        {
-            *weight = length * self.differences.curvature(at[a] - at[b]);
-        }
-        let solution = self.solved(problem)?;
-        if let Some(gains) = &mut self.gains {
-            for (gain, u) in gains.iter_mut().zip(&solution.change) {
-                *gain = *u > 0.0;
-            }
-        }
-        Some(solution)
-    }
-
-    fn solved(&mut self, problem: &Linearised) -> Option<Solution> {
-        let sizes = &self.cells.sizes;
-        let gains = self.gains.as_ref();
-        self.half
-            .factor_again(&self.laplacian, self.alpha, |cell| {
-                match gains.is_some_and(|gains| gains[cell]) {
-                    true => LEVEL + GAIN_PENALTY * sizes[cell],
-                    false => LEVEL,
-                }
-            })?;
-        let halved = self.half.down(&problem.sensitivity);
-        let count = problem.data.len();
-        let all = dense::gram_of_block(&halved);
-        let mut matrix = all.view((0, 0), (count, count)).into_owned();
-        for k in 0..count {
-            matrix[(k, k)] += 1.0;
-        }
-        let inverse = dense::inverse_of_definite(&matrix)?;
-        let weights = &inverse * &problem.data;
-        let mut along = Block::zeros(sizes.len(), 1);
-        for row in 0..sizes.len() {
-            let sum = halved.row(row).iter().zip(&weights).map(|(h, w)| h * w);
-            along.row_mut(row)[0] = sum.sum();
-        }
-        let change = self.half.up(along, sizes.len());
-        Some(Solution {
-            change: (0..sizes.len()).map(|cell| change.row(cell)[0]).collect(),
-            degrees: count as f64 - inverse.trace(),
-            halved,
-            inverse,
-        })
-    }
-
-    /// Draws of the posterior round `at`, whose deviations are x = L^-T (p + H (H'H + 1)^-1 (e - H'p)) with white p and e.
-    fn possible(&self, solution: &Solution, at: &[f64]) -> Vec<Vec<f64>> {
-        let mut random = ChaCha8Rng::seed_from_u64(SEED);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        let cells = at.len();
-        let readings = solution.inverse.nrows();
-        let mut white = Block::zeros(cells, DRAWS);
-        for value in &mut white.values {
-            *value = normal();
-        }
-        // a column for each draw, a row for each reading
-        let mut errors = DMatrix::from_fn(readings, white.width, |_, _| normal());
-        let halved = dense::transposed_view(&solution.halved).subrows(0, readings);
-        errors -= dense::product(halved, dense::transposed_view(&white).transpose());
-        let weights = &solution.inverse * errors;
-        let moved = dense::product(dense::view(&weights).transpose(), halved);
-        for (value, moved) in white.values.iter_mut().zip(moved.as_slice()) {
-            *value += moved;
-        }
-        let deviations = self.half.up(white, cells);
-        (0..DRAWS)
-            .map(|draw| {
-                let moved = |cell: usize| at[cell] + deviations.row(cell)[draw];
-                (0..cells).map(moved).collect()
-            })
-            .collect()
     }
 }
