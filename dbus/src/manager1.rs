@@ -1,8 +1,9 @@
 //! The interface of the daemon itself.
 
 use serde::{Deserialize, Serialize};
-use zbus::{OwnedObjectPath, Type};
+use zbus::{OwnedObjectPath, Type, as_variant};
 
+use crate::dictionaries::replies;
 use crate::{
     BaselineDetails, EventDetails, Fault, GeometryDetails, Health, NotifyResult, PlanDetails,
     Recovery, SessionDetails, Status, TestDetails,
@@ -180,21 +181,23 @@ pub struct SessionSummary {
     pub more: SessionDetails,
 }
 
-/// Result of a self-test (`(basa(sssddss)a{sv})`).
-#[derive(Debug, Serialize, Deserialize, Type)]
-pub struct TestReport {
-    /// Whether nothing has to be repaired.
-    pub passed: bool,
-    /// Faults to repair, most severe first: `relay 1042 stays closed: ...`, `electrode 17: open ...`.
-    pub findings: Vec<String>,
-    /// The rows of the table.
-    pub lines: Vec<TestLine>,
-    /// Results for the rig as a whole.
-    pub more: TestDetails,
+replies! {
+    /// Result of a self-test.
+    TestReport {
+        /// Whether nothing has to be repaired.
+        passed: bool,
+        /// Faults to repair, most severe first: `relay 1042 stays closed: ...`, `electrode 17: open ...`.
+        findings: Vec<String>,
+        /// The rows of the table.
+        lines: Vec<TestLine>,
+        ;
+        /// Results for the rig as a whole.
+        more: TestDetails,
+    }
 }
 
 /// One row of a self-test (`(sssddss)`).
-#[derive(Debug, Serialize, Deserialize, Type)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Type)]
 pub struct TestLine {
     /// `relay 1042`, `electrode 17`, `sheet`, `voltmeter`.
     pub subject: String,
@@ -257,48 +260,50 @@ pub struct RelayWear {
     pub left_s: f64,
 }
 
-/// The plan of a frame (`(tttttdddasa{sv})`).
-#[derive(Debug, Serialize, Deserialize, Type)]
-pub struct PlanReport {
-    /// Steps.
-    pub steps: u64,
-    /// Injections.
-    pub injections: u64,
-    /// Readings kept.
-    pub readings: u64,
-    /// Relays opened or closed by the plan itself.
-    pub relay_moves: u64,
-    /// Messages that query readings.
-    pub reading_messages: u64,
-    /// Time that the instruments need, s.
-    pub duration_s: f64,
-    /// Injected current, A.
-    pub current_a: f64,
-    /// Voltage limit, V.
-    pub compliance_v: f64,
-    /// One line for each step.
-    pub lines: Vec<String>,
-    /// Wiring, limits, how each reading is taken, and the cost of each setting.
-    pub more: PlanDetails,
-}
+replies! {
+    /// The plan of a frame.
+    PlanReport {
+        /// Steps.
+        steps: u64,
+        /// Injections.
+        injections: u64,
+        /// Readings kept.
+        readings: u64,
+        /// Relays opened or closed by the plan itself.
+        relay_moves: u64,
+        /// Messages that query readings.
+        reading_messages: u64,
+        /// Time that the instruments need, s.
+        duration_s: f64,
+        /// Injected current, A.
+        current_a: f64,
+        /// Voltage limit, V.
+        compliance_v: f64,
+        /// One line for each step.
+        lines: Vec<String>,
+        ;
+        /// Wiring, limits, how each reading is taken, and the cost of each setting.
+        more: PlanDetails,
+    }
 
-/// The data for drawing a map (`(sadauadauada{sv})`). Metres.
-#[derive(Debug, Serialize, Deserialize, Type)]
-pub struct Geometry {
-    /// Hash of the mesh, as in every map.
-    pub mesh_hash: String,
-    /// Corners: x, y, x, y ...
-    pub nodes: Vec<f64>,
-    /// Triangles of the region, in the order of a map's values: three indices into the corners each.
-    pub triangles: Vec<u32>,
-    /// Boundary loops of the sheet, one after the other: x, y, x, y ...
-    pub outline: Vec<f64>,
-    /// Points of each boundary loop.
-    pub outline_lengths: Vec<u32>,
-    /// Centres of the electrodes in their order: x, y, x, y ...
-    pub electrodes: Vec<f64>,
-    /// Optional data.
-    pub more: GeometryDetails,
+    /// The data for drawing a map. Metres.
+    Geometry {
+        /// Hash of the mesh, as in every map.
+        mesh_hash: String,
+        /// Corners: x, y, x, y ...
+        nodes: Vec<f64>,
+        /// Triangles of the region, in the order of a map's values: three indices into the corners each.
+        triangles: Vec<u32>,
+        /// Boundary loops of the sheet, one after the other: x, y, x, y ...
+        outline: Vec<f64>,
+        /// Points of each boundary loop.
+        outline_lengths: Vec<u32>,
+        /// Centres of the electrodes in their order: x, y, x, y ...
+        electrodes: Vec<f64>,
+        ;
+        /// Optional data.
+        more: GeometryDetails,
+    }
 }
 
 impl Geometry {
@@ -341,23 +346,25 @@ impl Geometry {
     }
 }
 
-/// The current baseline (`(sxtadayadba{sv})`).
-#[derive(Debug, Serialize, Deserialize, Type)]
-pub struct BaselineReport {
-    /// The baseline's id, which is the id of its session.
-    pub id: String,
-    /// Wall time of the last frame, ns since 1970 UTC.
-    pub wall_ns: i64,
-    /// Frames averaged.
-    pub frames: u64,
-    /// Mean voltages, V; NaN where the flag is not 0.
-    pub volts: Vec<f64>,
-    /// Flags: 0 ok, 1 overload, 3 not measured.
-    pub flags: Vec<u8>,
-    /// Standard deviation of one reading, V; NaN with fewer than two valid ones.
-    pub deviation: Vec<f64>,
-    /// Whether voltages are simulated.
-    pub simulated: bool,
-    /// Settings.
-    pub more: BaselineDetails,
+replies! {
+    /// The current baseline.
+    BaselineReport {
+        /// The baseline's id, which is the id of its session.
+        id: String,
+        /// Wall time of the last frame, ns since 1970 UTC.
+        wall_ns: i64,
+        /// Frames averaged.
+        frames: u64,
+        /// Mean voltages, V; NaN where the flag is not 0.
+        volts: Vec<f64>,
+        /// Flags: 0 ok, 1 overload, 3 not measured.
+        flags: Vec<u8>,
+        /// Standard deviation of one reading, V; NaN with fewer than two valid ones.
+        deviation: Vec<f64>,
+        /// Whether voltages are simulated.
+        simulated: bool,
+        ;
+        /// Settings.
+        more: BaselineDetails,
+    }
 }

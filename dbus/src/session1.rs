@@ -1,8 +1,9 @@
 //! The interface of a session: a baseline being recorded, or a measurement.
 
 use serde::{Deserialize, Serialize};
-use zbus::{OwnedFd, Type};
+use zbus::{OwnedFd, Type, as_variant};
 
+use crate::dictionaries::replies;
 use crate::{Fault, FrameQuality, FrameSummary, MapDetails};
 
 /// `org.tactus.Tactus1.Session1`, below `/org/tactus/Tactus1/session/`. The object remains for a while after its
@@ -102,70 +103,69 @@ pub trait Session1 {
     fn path(&self) -> Result<String, Fault>;
 }
 
-/// One frame (`(txadaysba{sv})`).
-#[derive(Debug, Serialize, Deserialize, Type)]
-pub struct LatestFrame {
-    /// Counted from 1 in its session.
-    pub sequence: u64,
-    /// Wall time of the first step, ns since 1970 UTC.
-    pub wall_ns: i64,
-    /// Voltages in the protocol's order; NaN where the flag is not 0.
-    pub volts: Vec<f64>,
-    /// Flags: 0 ok, 1 overload, 3 not measured.
-    pub flags: Vec<u8>,
-    /// `V`.
-    pub unit: String,
-    /// Whether the voltages are simulated.
-    pub simulated: bool,
-    /// Result of the frame's checks.
-    pub quality: FrameQuality,
-}
+replies! {
+    /// One frame.
+    LatestFrame {
+        /// Counted from 1 in its session.
+        sequence: u64,
+        /// Wall time of the first step, ns since 1970 UTC.
+        wall_ns: i64,
+        /// Voltages in the protocol's order; NaN where the flag is not 0.
+        volts: Vec<f64>,
+        /// Flags: 0 ok, 1 overload, 3 not measured.
+        flags: Vec<u8>,
+        /// `V`.
+        unit: String,
+        /// Whether the voltages are simulated.
+        simulated: bool,
+        /// Result of the frame's checks.
+        quality: FrameQuality,
+    }
 
-/// One map as pressure (`(txaddb)`).
-#[derive(Debug, Serialize, Deserialize, Type)]
-pub struct LatestPressure {
-    /// Sequence of the map's frame.
-    pub sequence: u64,
-    /// Wall time of that frame, ns since 1970 UTC.
-    pub wall_ns: i64,
-    /// Pressure on each triangle of the region, kPa.
-    pub kpa: Vec<f64>,
-    /// Total load, N.
-    pub newtons: f64,
-    /// Whether the voltages are simulated.
-    pub simulated: bool,
-}
+    /// One map as pressure.
+    LatestPressure {
+        /// Sequence of the map's frame.
+        sequence: u64,
+        /// Wall time of that frame, ns since 1970 UTC.
+        wall_ns: i64,
+        /// Pressure on each triangle of the region, kPa.
+        kpa: Vec<f64>,
+        /// Total load, N.
+        newtons: f64,
+        /// Whether the voltages are simulated.
+        simulated: bool,
+    }
 
-/// Quantities of one map (`(txsb)`).
-#[derive(Debug, Serialize, Deserialize, Type)]
-pub struct LatestQuantities {
-    /// Sequence of the map's frame.
-    pub sequence: u64,
-    /// Wall time of that frame, ns since 1970 UTC.
-    pub wall_ns: i64,
-    /// `quantities` of `tactus watch --json`.
-    pub json: String,
-    /// Whether the voltages are simulated.
-    pub simulated: bool,
-}
+    /// Quantities of one map.
+    LatestQuantities {
+        /// Sequence of the map's frame.
+        sequence: u64,
+        /// Wall time of that frame, ns since 1970 UTC.
+        wall_ns: i64,
+        /// `quantities` of `tactus watch --json`.
+        json: String,
+        /// Whether the voltages are simulated.
+        simulated: bool,
+    }
 
-/// One map (`(txadsssba{sv})`).
-#[derive(Debug, Serialize, Deserialize, Type)]
-pub struct LatestMap {
-    /// Sequence of the map's frame.
-    pub sequence: u64,
-    /// Wall time of that frame, ns since 1970 UTC.
-    pub wall_ns: i64,
-    /// One value for each triangle of the region.
-    pub values: Vec<f64>,
-    /// What the values mean.
-    pub unit: String,
-    /// Hash of the mesh; the same as in `Manager1.Geometry`.
-    pub mesh_hash: String,
-    /// The method of the map.
-    pub method: String,
-    /// Whether the voltages are simulated.
-    pub simulated: bool,
-    /// Method and results.
-    pub more: MapDetails,
+    /// One map.
+    LatestMap {
+        /// Sequence of the map's frame.
+        sequence: u64,
+        /// Wall time of that frame, ns since 1970 UTC.
+        wall_ns: i64,
+        /// One value for each triangle of the region.
+        values: Vec<f64>,
+        /// What the values mean.
+        unit: String,
+        /// Hash of the mesh; the same as in `Manager1.Geometry`.
+        mesh_hash: String,
+        /// The method of the map.
+        method: String,
+        /// Whether the voltages are simulated.
+        simulated: bool,
+        ;
+        /// Method and results.
+        more: MapDetails,
+    }
 }

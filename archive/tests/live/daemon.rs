@@ -3,7 +3,10 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use dbus::{AlarmReport, EventDetails, Fault, MapDetails, ROOT_PATH, SessionStatus, Status};
+use dbus::{
+    AlarmReport, EventDetails, Fault, LatestQuantities, MapDetails, ROOT_PATH, SessionStatus,
+    Status,
+};
 use tokio::net::UnixListener;
 use tokio::runtime::Runtime;
 use zbus::Connection;
@@ -57,8 +60,8 @@ impl Alarms1 {
 
 #[interface(name = "org.tactus.Tactus1.Session1")]
 impl Session1 {
-    #[zbus(out_args("sequence", "wall_ns", "json", "simulated"))]
-    async fn quantities(&self) -> Result<(u64, i64, String, bool), Fault> {
+    #[zbus(out_args("quantities"))]
+    async fn quantities(&self) -> Result<LatestQuantities, Fault> {
         let nothing = || Fault::NoFrame("the session has no quantities yet".into());
         let json = self
             .0
@@ -67,7 +70,12 @@ impl Session1 {
             .quantities
             .clone()
             .ok_or_else(nothing)?;
-        Ok((17, 1_800_000_000_000_000_000, json, true))
+        Ok(LatestQuantities {
+            sequence: 17,
+            wall_ns: 1_800_000_000_000_000_000,
+            json,
+            simulated: true,
+        })
     }
 }
 

@@ -39,12 +39,13 @@ async fn busctl_alone_suffices_and_the_name_cannot_be_stolen() {
         Ok(output) => {
             let text = String::from_utf8_lossy(&output.stdout);
             assert!(
-                text.starts_with("txadsssba{sv} 1 "),
+                text.starts_with("a{sv} ") && text.contains(" \"sequence\" t 1 "),
                 "{text}{}",
                 String::from_utf8_lossy(&output.stderr)
             );
             assert!(
-                text.contains(&format!(" {} ", map.values.len())) && text.contains(&map.mesh_hash)
+                text.contains(&format!(" \"values\" ad {} ", map.values.len()))
+                    && text.contains(&format!(" \"mesh_hash\" s \"{}\" ", map.mesh_hash))
             );
         }
         Err(fault) => needs::lacking("DBUS", &format!("busctl: {fault}")),

@@ -1,5 +1,6 @@
-//! The dictionaries (`a{sv}`) that the daemon sends, one struct each. Every key is optional: the daemon leaves out
-//! unknown values, and a daemon of another version may send fewer keys or more.
+//! The dictionaries (`a{sv}`) that the daemon sends, one struct each. Keys of `dictionaries!` are optional: the daemon
+//! leaves out unknown values, and a daemon of another version may send fewer keys or more. Keys of `replies!` are always
+//! sent.
 
 mod costs;
 #[cfg(test)]
@@ -21,6 +22,24 @@ macro_rules! dictionaries {
         }
     )*};
 }
+
+/// Structs whose fields are keys that a dictionary always has; those of `more`, which has optional keys, are in the same
+/// dictionary.
+macro_rules! replies {
+    ($($(#[$meta:meta])* $name:ident {
+        $($(#[$doc:meta])* $key:ident: $type:ty,)*
+        $(; $(#[$more:meta])* more: $details:ty,)?
+    })*) => {$(
+        $(#[$meta])*
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Type)]
+        #[zbus(signature = "a{sv}")]
+        pub struct $name {
+            $($(#[$doc])* #[serde(with = "as_variant")] pub $key: $type,)*
+            $($(#[$more])* #[serde(flatten)] pub more: $details,)?
+        }
+    )*};
+}
+pub(crate) use replies;
 
 dictionaries! {
     /// The state of the daemon (`Manager1.Health`).

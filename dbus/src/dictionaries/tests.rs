@@ -1,7 +1,7 @@
 use zbus::wire::serialized::Context;
 use zbus::wire::{LE, to_bytes};
 
-use crate::Options;
+use crate::{LatestMap, Options};
 use crate::dictionaries::*;
 
 fn context() -> Context {
@@ -66,4 +66,33 @@ fn a_frame_summary_is_one_flat_dictionary() {
     assert_eq!(sent.0.len(), 3, "{sent:?}");
     let (back, _): (FrameSummary, _) = bytes.deserialize().unwrap();
     assert_eq!(back, summary);
+}
+
+#[test]
+fn a_reply_is_one_flat_dictionary_whose_own_keys_are_required() {
+    let map = LatestMap {
+        sequence: 7,
+        wall_ns: 1,
+        values: vec![-0.5, 0.25],
+        unit: "relative".to_owned(),
+        mesh_hash: "0f".to_owned(),
+        method: "tv".to_owned(),
+        simulated: true,
+        more: MapDetails {
+            known: Some(true),
+            deviations: Some(vec![0.01, 0.02]),
+            ..MapDetails::default()
+        },
+    };
+    let bytes = to_bytes(context(), &map).unwrap();
+    let (sent, _): (Options, _) = bytes.deserialize().unwrap();
+    assert_eq!(sent.0.len(), 9, "{sent:?}");
+    let (back, _): (LatestMap, _) = bytes.deserialize().unwrap();
+    assert_eq!(back, map);
+
+    let mut without = Options(sent.0);
+    without.0.remove("mesh_hash");
+    let bytes = to_bytes(context(), &without).unwrap();
+    let refused = bytes.deserialize::<LatestMap>().unwrap_err();
+    assert!(refused.to_string().contains("mesh_hash"), "{refused}");
 }

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use dbus::{
-    BaselineDetails, EventDetails, Fault, GeometryDetails, Health, ListOptions, NotifyResult,
-    Options, PlanDetails, ROOT_PATH, Recovery, RelayWear, SeenInstrument, SessionSummary, Status,
-    TestDetails, TestLine, TranscriptOptions,
+    BaselineReport, EventDetails, Fault, Health, ListOptions, NotifyResult, Options, PlanReport,
+    ROOT_PATH, Recovery, RelayWear, SeenInstrument, SessionSummary, Status, TestReport,
+    TranscriptOptions,
 };
 use zbus::message::Header;
 use zbus::object_server::{ObjectServer, SignalEmitter};
@@ -79,133 +79,42 @@ impl Manager1 {
             .collect())
     }
 
-    /// The plan of a frame. Moves nothing.
-    #[allow(clippy::type_complexity)]
-    #[zbus(out_args(
-        "steps",
-        "injections",
-        "readings",
-        "relay_moves",
-        "reading_messages",
-        "duration_s",
-        "current_a",
-        "compliance_v",
-        "lines",
-        "more"
-    ))]
-    async fn plan(
-        &self,
-    ) -> Result<
-        (
-            u64,
-            u64,
-            u64,
-            u64,
-            u64,
-            f64,
-            f64,
-            f64,
-            Vec<String>,
-            PlanDetails,
-        ),
-        Fault,
-    > {
+    /// The plan of a frame. Moves nothing. The keys of the plan are documented in dbus/src/manager1.rs.
+    #[zbus(out_args("plan"))]
+    async fn plan(&self) -> Result<PlanReport, Fault> {
         let plan = self.0.plan().ok_or_else(no_plan)?;
-        Ok(planned(report::plan(&plan)))
+        Ok(report::plan(&plan))
     }
 
-    /// The plan of a frame of a session with these measuring options of StartSession. Moves nothing.
-    #[allow(clippy::type_complexity)]
-    #[zbus(out_args(
-        "steps",
-        "injections",
-        "readings",
-        "relay_moves",
-        "reading_messages",
-        "duration_s",
-        "current_a",
-        "compliance_v",
-        "lines",
-        "more"
-    ))]
-    async fn plan_with(
-        &self,
-        options: Options,
-    ) -> Result<
-        (
-            u64,
-            u64,
-            u64,
-            u64,
-            u64,
-            f64,
-            f64,
-            f64,
-            Vec<String>,
-            PlanDetails,
-        ),
-        Fault,
-    > {
+    /// The plan of a frame of a session with these measuring options of StartSession, as in Plan. Moves nothing.
+    #[zbus(out_args("plan"))]
+    async fn plan_with(&self, options: Options) -> Result<PlanReport, Fault> {
         let controller = Arc::clone(&self.0);
         let plan = read(move || controller.plan_with(&options)).await??;
-        Ok(planned(report::plan(&plan)))
+        Ok(report::plan(&plan))
     }
 
-    /// The data for drawing a map, in metres: mesh hash, corners (x, y, ...), triangles of the region in the order of a
-    /// map's values (three indices of corners each), boundary loops one after the other (x, y, ...) with the number of
-    /// points of each, centres of the electrodes (x, y, ...).
-    #[allow(clippy::type_complexity)]
-    #[zbus(out_args(
-        "mesh_hash",
-        "nodes",
-        "triangles",
-        "outline",
-        "outline_lengths",
-        "electrodes",
-        "more"
-    ))]
-    async fn geometry(
-        &self,
-    ) -> Result<
-        (
-            String,
-            Vec<f64>,
-            Vec<u32>,
-            Vec<f64>,
-            Vec<u32>,
-            Vec<f64>,
-            GeometryDetails,
-        ),
-        Fault,
-    > {
+    /// The data for drawing a map, in metres: `mesh_hash` (s), `nodes` (ad, corners x, y, ...), `triangles` (au, of the
+    /// region in the order of a map's values, three indices of corners each), `outline` (ad, boundary loops one after the
+    /// other, x, y, ...), `outline_lengths` (au, points of each loop), `electrodes` (ad, centres x, y, ...), `name` (s),
+    /// `regions` (s, JSON).
+    #[zbus(out_args("geometry"))]
+    async fn geometry(&self) -> Result<dbus::Geometry, Fault> {
         let runtime = self.0.runtime();
         let setup = &runtime.setup;
         let drawn = || report::geometry(&setup.geometry, &setup.config.region);
-        let geometry = runtime.drawn.get_or_init(drawn);
-        Ok((
-            geometry.mesh_hash.clone(),
-            geometry.nodes.clone(),
-            geometry.triangles.clone(),
-            geometry.outline.clone(),
-            geometry.outline_lengths.clone(),
-            geometry.electrodes.clone(),
-            geometry.more.clone(),
-        ))
+        Ok(runtime.drawn.get_or_init(drawn).clone())
     }
 
     /// Tests the rig and returns at the end of the test: every relay against the sheet's own resistances, the contact
     /// of every electrode, reciprocity, noise. Refused while a session runs; afterwards the source is off, verified.
-    /// Returns whether nothing has to be repaired, what has to be repaired, the table (subject, check, `ok`, `failed`
-    /// or `not-judged`, measured and expected value or NaN, unit, text), and results for the whole rig. No options.
-    #[allow(clippy::type_complexity)]
-    #[zbus(out_args("passed", "findings", "lines", "more"))]
-    async fn test_instruments(
-        &self,
-        options: Options,
-    ) -> Result<(bool, Vec<String>, Vec<TestLine>, TestDetails), Fault> {
+    /// Returns `passed` (b, whether nothing has to be repaired), `findings` (as, what has to be repaired), `lines`
+    /// (a(sssddss), the table: subject, check, `ok`, `failed` or `not-judged`, measured and expected value or NaN, unit,
+    /// text), and results for the whole rig, whose keys are documented in dbus/src/dictionaries/mod.rs. No options.
+    #[zbus(out_args("report"))]
+    async fn test_instruments(&self, options: Options) -> Result<TestReport, Fault> {
         options.only(&[])?;
-        let report = report::test(self.0.test_instruments().await?);
-        Ok((report.passed, report.findings, report.lines, report.more))
+        Ok(report::test(self.0.test_instruments().await?))
     }
 
     /// The wear of every relay: number, purpose, closures so far, rated closures (0 for a switch without moving parts),
@@ -240,48 +149,15 @@ impl Manager1 {
         what: &str,
     ) -> zbus::Result<()>;
 
-    /// The current baseline: id, time of its last frame, number of frames averaged, mean voltages with their flags,
-    /// standard deviations (NaN if unknown), whether simulated, settings.
-    #[allow(clippy::type_complexity)]
-    #[zbus(out_args(
-        "id",
-        "wall_ns",
-        "frames",
-        "volts",
-        "flags",
-        "deviation",
-        "simulated",
-        "more"
-    ))]
-    async fn baseline(
-        &self,
-    ) -> Result<
-        (
-            String,
-            i64,
-            u64,
-            Vec<f64>,
-            Vec<u8>,
-            Vec<f64>,
-            bool,
-            BaselineDetails,
-        ),
-        Fault,
-    > {
+    /// The current baseline: `id` (s), `wall_ns` (x, time of its last frame), `frames` (t, number averaged), `volts` (ad,
+    /// means; NaN where the flag is not 0), `flags` (ay), `deviation` (ad, standard deviations; NaN if unknown),
+    /// `simulated` (b), and settings, whose keys are documented in dbus/src/dictionaries/mod.rs.
+    #[zbus(out_args("baseline"))]
+    async fn baseline(&self) -> Result<BaselineReport, Fault> {
         let baseline = self.0.baseline().ok_or_else(no_baseline)?;
         let remarks = self.0.baseline_remarks(&baseline).await;
         let tracked = self.0.baseline_tracking(&baseline).await;
-        let report = report::baseline(&baseline, remarks, tracked);
-        Ok((
-            report.id,
-            report.wall_ns,
-            report.frames,
-            report.volts,
-            report.flags,
-            report.deviation,
-            report.simulated,
-            report.more,
-        ))
+        Ok(report::baseline(&baseline, remarks, tracked))
     }
 
     /// Remarks to read before this kept baseline is used, a sentence each: noise that contradicts the configuration, a load on
@@ -510,33 +386,4 @@ async fn registered_path(
     dbus::session_path(&status.facts.id)
         .or_else(|_| ObjectPath::try_from(ROOT_PATH))
         .map_err(|error| Fault::Failed(error.to_string()))
-}
-
-/// A plan as its method returns it.
-type Planned = (
-    u64,
-    u64,
-    u64,
-    u64,
-    u64,
-    f64,
-    f64,
-    f64,
-    Vec<String>,
-    PlanDetails,
-);
-
-fn planned(plan: dbus::PlanReport) -> Planned {
-    (
-        plan.steps,
-        plan.injections,
-        plan.readings,
-        plan.relay_moves,
-        plan.reading_messages,
-        plan.duration_s,
-        plan.current_a,
-        plan.compliance_v,
-        plan.lines,
-        plan.more,
-    )
 }

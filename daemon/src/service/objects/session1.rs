@@ -2,7 +2,10 @@
 
 use std::sync::{Arc, PoisonError};
 
-use dbus::{Fault, FrameQuality, FrameSummary, MapDetails, Options, StreamOptions};
+use dbus::{
+    Fault, FrameSummary, LatestFrame, LatestMap, LatestPressure, LatestQuantities, MapDetails,
+    Options, StreamOptions,
+};
 use zbus::object_server::SignalEmitter;
 use zbus::{OwnedFd, interface};
 
@@ -83,79 +86,57 @@ impl Session1 {
         Ok(end.reason)
     }
 
-    /// The last durable frame. Voltages are NaN where the flag is not 0: 0 ok, 1 overload, 3 not measured.
-    #[allow(clippy::type_complexity)]
-    #[zbus(out_args(
-        "sequence",
-        "wall_ns",
-        "volts",
-        "flags",
-        "unit",
-        "simulated",
-        "quality"
-    ))]
-    async fn latest_frame(
-        &self,
-    ) -> Result<(u64, i64, Vec<f64>, Vec<u8>, String, bool, FrameQuality), Fault> {
+    /// The last durable frame: `sequence` (t), `wall_ns` (x), `volts` (ad), `flags` (ay), `unit` (s), `simulated` (b),
+    /// `quality` (a{sv}). Voltages are NaN where the flag is not 0: 0 ok, 1 overload, 3 not measured.
+    #[zbus(out_args("frame"))]
+    async fn latest_frame(&self) -> Result<LatestFrame, Fault> {
         let latest = self
             .0
             .latest_frame()
             .ok_or_else(|| Fault::NoFrame("the session has no frame yet".into()))?;
         let frame = &latest.frame;
-        Ok((
-            frame.sequence,
-            nanoseconds(frame.wall),
-            volts(&frame.readings),
-            frame
-                .readings
-                .iter()
-                .map(|reading| reading.flag())
-                .collect(),
-            "V".to_owned(),
-            frame.simulated,
-            latest.quality_details(),
-        ))
+        let flags = frame.readings.iter().map(|reading| reading.flag());
+        Ok(LatestFrame {
+            sequence: frame.sequence,
+            wall_ns: nanoseconds(frame.wall),
+            volts: volts(&frame.readings),
+            flags: flags.collect(),
+            unit: "V".to_owned(),
+            simulated: frame.simulated,
+            quality: latest.quality_details(),
+        })
     }
 
-    /// The map of the last durable frame with a map: one value for each triangle of the region.
-    #[allow(clippy::type_complexity)]
-    #[zbus(out_args(
-        "sequence",
-        "wall_ns",
-        "values",
-        "unit",
-        "mesh_hash",
-        "method",
-        "simulated",
-        "more"
-    ))]
-    async fn latest_map(
-        &self,
-    ) -> Result<(u64, i64, Vec<f64>, String, String, String, bool, MapDetails), Fault> {
+    /// The map of the last durable frame with a map: `sequence` (t), `wall_ns` (x), `values` (ad, one for each triangle
+    /// of the region), `unit` (s), `mesh_hash` (s), `method` (s), `simulated` (b), and results, whose keys are documented
+    /// in dbus/src/dictionaries/mod.rs.
+    #[zbus(out_args("map"))]
+    async fn latest_map(&self) -> Result<LatestMap, Fault> {
         let nothing = || Fault::NoFrame("the session has no map yet".into());
         let latest = self.0.latest_map().ok_or_else(nothing)?;
         let map = latest.map.as_ref().ok_or_else(nothing)?;
         let deviation = self.0.deviation.lock();
         let deviation = deviation.unwrap_or_else(PoisonError::into_inner).clone();
-        Ok((
-            latest.frame.sequence,
-            nanoseconds(latest.frame.wall),
-            map.values.clone(),
-            map.unit.label().to_owned(),
-            map.mesh_hash.clone(),
-            map.method.clone(),
-            latest.frame.simulated,
-            MapDetails {
+        Ok(LatestMap {
+            sequence: latest.frame.sequence,
+            wall_ns: nanoseconds(latest.frame.wall),
+            values: map.values.clone(),
+            unit: map.unit.label().to_owned(),
+            mesh_hash: map.mesh_hash.clone(),
+            method: map.method.clone(),
+            simulated: latest.frame.simulated,
+            more: MapDetails {
                 deviations_sequence: deviation.as_ref().map(|(sequence, _)| *sequence),
                 deviations: deviation.map(|(_, values)| values),
                 ..latest.map_details()
             },
-        ))
+        })
     }
 
-    /// The same map as pressure (kPa) and total load (N); an error if the configured method is not calibrated.
-    #[zbus(out_args("sequence", "wall_ns", "kpa", "newtons", "simulated"))]
-    async fn latest_pressure(&self) -> Result<(u64, i64, Vec<f64>, f64, bool), Fault> {
+    /// The same map as pressure: `sequence` (t), `wall_ns` (x), `kpa` (ad), `newtons` (d, total load), `simulated` (b). An
+    /// error if the configured method is not calibrated.
+    #[zbus(out_args("pressure"))]
+    async fn latest_pressure(&self) -> Result<LatestPressure, Fault> {
         let nothing = || Fault::NoFrame("the session has no map yet".into());
         let latest = self.0.latest_map().ok_or_else(nothing)?;
         let pressure = latest.pressure.as_ref().ok_or_else(|| {
@@ -165,27 +146,28 @@ impl Session1 {
                     .into(),
             )
         })?;
-        Ok((
-            latest.frame.sequence,
-            nanoseconds(latest.frame.wall),
-            pressure.kpa.clone(),
-            pressure.newtons,
-            latest.frame.simulated,
-        ))
+        Ok(LatestPressure {
+            sequence: latest.frame.sequence,
+            wall_ns: nanoseconds(latest.frame.wall),
+            kpa: pressure.kpa.clone(),
+            newtons: pressure.newtons,
+            simulated: latest.frame.simulated,
+        })
     }
 
-    /// Load, contact area and other quantities of the map of the last durable frame that has some, as JSON.
-    #[zbus(out_args("sequence", "wall_ns", "json", "simulated"))]
-    async fn quantities(&self) -> Result<(u64, i64, String, bool), Fault> {
+    /// Load, contact area and other quantities of the map of the last durable frame that has some: `sequence` (t),
+    /// `wall_ns` (x), `json` (s), `simulated` (b).
+    #[zbus(out_args("quantities"))]
+    async fn quantities(&self) -> Result<LatestQuantities, Fault> {
         let nothing = || Fault::NoFrame("the session has no quantities yet".into());
         let latest = self.0.latest_map().ok_or_else(nothing)?;
         let quantities = latest.quantities.as_ref().ok_or_else(nothing)?;
-        Ok((
-            latest.frame.sequence,
-            nanoseconds(latest.frame.wall),
-            serde_json::json!(quantities).to_string(),
-            latest.frame.simulated,
-        ))
+        Ok(LatestQuantities {
+            sequence: latest.frame.sequence,
+            wall_ns: nanoseconds(latest.frame.wall),
+            json: serde_json::json!(quantities).to_string(),
+            simulated: latest.frame.simulated,
+        })
     }
 
     /// A descriptor for reading every frame and map. Options: `frames` (b) and `maps` (b), true by default; `pressure`
