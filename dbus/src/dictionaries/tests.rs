@@ -1,8 +1,8 @@
 use zbus::wire::serialized::Context;
 use zbus::wire::{LE, to_bytes};
 
-use crate::{LatestMap, Options};
 use crate::dictionaries::*;
+use crate::{LatestMap, Options};
 
 fn context() -> Context {
     Context::new(LE, 0)
