@@ -36,7 +36,8 @@ pub enum Fault {
     NoFrame(String),
     /// The configuration has problems; the text is a line for each, with file, line and column.
     Configuration(String),
-    /// The rig does not support this (such as stepping a session that has a schedule).
+    /// The rig or the model does not support this (such as stepping a session that has a schedule, or pressure of a method
+    /// that is not calibrated).
     Unsupported(String),
     /// Any other error; the text is the only information.
     Failed(String),
@@ -54,6 +55,32 @@ impl Fault {
             other => zbus::DBusError::description(other)
                 .unwrap_or_default()
                 .to_owned(),
+        }
+    }
+
+    /// A reply, or `None` where the daemon has nothing to reply with: no frame or map yet, a session that is gone, an
+    /// interface that it does not have.
+    ///
+    /// # Errors
+    /// Every other error; a reply that cannot be read is one, because it does not mean that there is nothing.
+    pub fn available<T>(reply: Result<T, Self>) -> Result<Option<T>, Self> {
+        match reply {
+            Ok(reply) => Ok(Some(reply)),
+            Err(fault) if fault.is_absence() => Ok(None),
+            Err(fault) => Err(fault),
+        }
+    }
+
+    fn is_absence(&self) -> bool {
+        match self {
+            Self::NoFrame(_) | Self::NoSession(_) | Self::Unsupported(_) => true,
+            Self::Connection(zbus::Error::MethodError(name, _, _)) => matches!(
+                name.as_str(),
+                "org.freedesktop.DBus.Error.UnknownObject"
+                    | "org.freedesktop.DBus.Error.UnknownInterface"
+                    | "org.freedesktop.DBus.Error.UnknownMethod"
+            ),
+            _ => false,
         }
     }
 
@@ -93,5 +120,16 @@ mod tests {
         assert_eq!(fault.to_string(), "current 1 mA against 2 mA");
         assert!(!fault.is_connection());
         assert!(Fault::Connection(zbus::Error::InterfaceNotFound).is_connection());
+    }
+
+    #[test]
+    fn only_a_reply_that_names_an_absence_is_none() {
+        let none = Fault::NoFrame("the session has no map yet".into());
+        assert!(matches!(Fault::available::<()>(Err(none)), Ok(None)));
+        let unreadable = Fault::Connection(zbus::Error::IncorrectEndian);
+        assert!(Fault::available::<()>(Err(unreadable)).is_err());
+        let refused = Fault::LimitsExceeded("16 calls wait".into());
+        assert!(Fault::available::<()>(Err(refused)).is_err());
+        assert!(matches!(Fault::available(Ok(7)), Ok(Some(7))));
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use dbus::stream::{Body, Decoder, Record};
-use dbus::{Address, Alarms1Proxy, Manager1Proxy, Session1Proxy, StreamOptions};
+use dbus::{Address, Alarms1Proxy, Fault, Manager1Proxy, Session1Proxy, StreamOptions};
 use serde_json::{Value, json};
 use tokio::io::AsyncReadExt;
 use tokio::net::UnixStream;
@@ -73,10 +73,8 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
                         }
                     }
                 }
-                // a daemon of an earlier version has none
-                let listed = tokio::time::timeout(PATIENCE, alarms.list()).await?;
-                let listed = listed.unwrap_or_default().into_iter();
-                let listed: Vec<AlarmState> = listed.map(AlarmState::from).collect();
+                let listed = tokio::time::timeout(PATIENCE, alarms.list()).await??;
+                let listed = listed.into_iter().map(AlarmState::from).collect();
                 live.change(|snapshot| {
                     snapshot.state.alarms = listed;
                     snapshot.state.trouble = trouble;
@@ -206,8 +204,8 @@ impl Following {
             beside: HashMap::new(),
         };
         // a session with a long period may have no new frame for minutes
-        if let Ok(latest) = session.latest_map().await {
-            let pressure = session.latest_pressure().await.ok();
+        if let Some(latest) = Fault::available(session.latest_map().await)? {
+            let pressure = Fault::available(session.latest_pressure().await)?;
             following.show_latest(latest, pressure, live);
         }
         Ok(following)

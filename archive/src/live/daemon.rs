@@ -3,9 +3,7 @@
 use std::pin::pin;
 use std::time::Duration;
 
-use dbus::{
-    Address, Alarms1Proxy, Happened, HappenedStream, LatestQuantities, Manager1Proxy, Session1Proxy,
-};
+use dbus::{Address, Alarms1Proxy, Fault, Happened, HappenedStream, Manager1Proxy, Session1Proxy};
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 use zbus::Connection;
 use zbus::proxy::CacheProperties;
@@ -20,7 +18,7 @@ const RETRY: Duration = Duration::from_secs(5);
 /// Events send the messages at most as often.
 const AT_MOST: Duration = Duration::from_secs(1);
 
-type Fault = Box<dyn std::error::Error + Send + Sync>;
+type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 /// Keeps the messages up to date, for ever.
 pub(super) async fn observe(
@@ -45,7 +43,7 @@ async fn connected(
     every: Duration,
     topics: &mut Topics,
     latest: &Latest,
-) -> Result<(), Fault> {
+) -> Result<(), Failure> {
     let late = |_| {
         format!(
             "the daemon at {address} did not answer within {} s",
@@ -105,7 +103,7 @@ async fn ask(
     connection: &Connection,
     manager: &Manager1Proxy<'_>,
     alarms: &Alarms1Proxy<'_>,
-) -> Result<Reported, Fault> {
+) -> Result<Reported, Failure> {
     let status = manager.status().await?;
     let session = status
         .session
@@ -113,26 +111,20 @@ async fn ask(
         .and_then(|session| session.id.clone());
     let quantities = match session {
         // it may have ended since, have no map yet, or be a baseline
-        Some(id) => quantities(connection, &id)
-            .await
-            .ok()
-            .map(|found| (id, found)),
+        Some(id) => {
+            let session = Session1Proxy::builder(connection)
+                .path(dbus::session_path(&id)?)
+                .cache_properties(CacheProperties::No)
+                .build()
+                .await?;
+            Fault::available(session.quantities().await)?.map(|found| (id, found))
+        }
         None => None,
     };
     Ok(Reported {
         daemon: address.to_string(),
         status,
-        // a daemon of an earlier version has none
-        alarms: alarms.list().await.unwrap_or_default(),
+        alarms: alarms.list().await?,
         quantities,
     })
-}
-
-async fn quantities(connection: &Connection, id: &str) -> Result<LatestQuantities, Fault> {
-    let session = Session1Proxy::builder(connection)
-        .path(dbus::session_path(id)?)
-        .cache_properties(CacheProperties::No)
-        .build()
-        .await?;
-    Ok(session.quantities().await?)
 }

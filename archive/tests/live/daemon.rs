@@ -19,6 +19,8 @@ use zbus::object_server::SignalEmitter;
 pub struct Report {
     pub status: Status,
     pub alarms: Vec<AlarmReport>,
+    /// Why the list of alarms fails; empty where it does not.
+    pub alarms_fault: String,
     /// JSON of the running session's quantities.
     pub quantities: Option<String>,
     /// How often the status was asked for.
@@ -53,8 +55,12 @@ impl Manager1 {
 #[interface(name = "org.tactus.Tactus1.Alarms1")]
 impl Alarms1 {
     #[zbus(out_args("alarms"))]
-    async fn list(&self) -> Vec<AlarmReport> {
-        self.0.lock().unwrap().alarms.clone()
+    async fn list(&self) -> Result<Vec<AlarmReport>, Fault> {
+        let report = self.0.lock().unwrap();
+        match report.alarms_fault.is_empty() {
+            true => Ok(report.alarms.clone()),
+            false => Err(Fault::Failed(report.alarms_fault.clone())),
+        }
     }
 }
 
@@ -221,6 +227,6 @@ pub fn report(frames: u64) -> Report {
         status,
         alarms: vec![heel, hip],
         quantities: Some(quantities.to_owned()),
-        asked: 0,
+        ..Report::default()
     }
 }

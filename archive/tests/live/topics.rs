@@ -108,6 +108,28 @@ fn killed_process_and_lost_daemon_are_offline() {
 }
 
 #[test]
+fn alarms_that_cannot_be_listed_are_not_published_as_none() {
+    let Some(broker) = Mosquitto::open() else {
+        return;
+    };
+    let machine = machine();
+    let daemon = Daemon::start(&machine.path().join("peer"), report(3));
+    let lines = format!(
+        "host = \"127.0.0.1\"\nport = {}\nevery_s = 1.0\n",
+        broker.port()
+    );
+    let _publisher = Publisher::start(machine.path(), &lines);
+    let mut watcher = broker.watch();
+    watcher.wait(STATUS, |status| status["state"] == "acquiring");
+    daemon.change(|report| report.alarms_fault = "the alarms are locked".to_owned());
+    watcher.wait(STATUS, |status| {
+        status["state"] == "offline" && status["reason"] == "the alarms are locked"
+    });
+    daemon.change(|report| report.alarms_fault.clear());
+    watcher.wait(STATUS, |status| status["state"] == "acquiring");
+}
+
+#[test]
 fn home_assistant_reads_the_values_by_its_templates() {
     let Some(broker) = Mosquitto::open() else {
         return;

@@ -6,7 +6,7 @@ use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use dbus::json::Recovery;
-use dbus::{Session1Proxy, StreamOptions};
+use dbus::{Fault, Session1Proxy, StreamOptions};
 use survey::printable;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::task::JoinSet;
@@ -164,9 +164,10 @@ pub(crate) async fn run(
         printer,
     );
     if screen.is_some() && !watch.fast {
-        // an error means that there is no map yet
-        if let Ok(latest) = session.latest_map().await {
-            let pressure = session.latest_pressure().await.ok();
+        let map = async { Fault::available(session.latest_map().await) };
+        if let Some(latest) = daemon.ask("the last map", map).await? {
+            let pressure = async { Fault::available(session.latest_pressure().await) };
+            let pressure = daemon.ask("the last pressure", pressure).await?;
             viewer.show_latest(latest, pressure, noise().await)?;
         }
     }

@@ -140,7 +140,7 @@ impl Session1 {
         let nothing = || Fault::NoFrame("the session has no map yet".into());
         let latest = self.0.latest_map().ok_or_else(nothing)?;
         let pressure = latest.pressure.as_ref().ok_or_else(|| {
-            Fault::Failed(
+            Fault::Unsupported(
                 "no pressure: the method is not calibrated; fit a calibration with tactus-lab calibrate and name its file \
                  in [model] calibration"
                     .into(),
