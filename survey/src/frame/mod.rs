@@ -270,8 +270,8 @@ impl Baseline {
             if frame.readings.len() != last.readings.len() {
                 return Err(BaselineError::Length {
                     baseline: id,
-                    has: last.readings.len(),
-                    wants: frame.readings.len(),
+                    has: frame.readings.len(),
+                    wants: last.readings.len(),
                 });
             }
             let differences = frame.settings.differences(&last.settings);

@@ -64,6 +64,20 @@ fn a_baseline_taken_with_other_settings_is_refused_by_name() {
 }
 
 #[test]
+fn frame_of_another_length_is_refused_with_its_length() {
+    let volt = Reading::Ok(Volts(1.0));
+    let frames = [frame(vec![volt; 3]), frame(vec![volt; 2])];
+    assert_eq!(
+        Baseline::from_frames("monday", &frames),
+        Err(BaselineError::Length {
+            baseline: "monday".into(),
+            has: 3,
+            wants: 2,
+        })
+    );
+}
+
+#[test]
 fn not_a_number_has_no_flag_ok() {
     assert_eq!(Reading::from_flag(0, f64::NAN), None);
     assert_eq!(Reading::from_flag(2, 1.0), None);
