@@ -205,15 +205,8 @@ impl<S: Stream> Keysight34980a<S> {
             )));
         };
         // `split` yields slots 1 to 8.
-        let index = slot as usize - 1;
-        let module = self.identification.modules[index].ok_or_else(|| RigError::WrongModule {
-            instrument: self.identification.instrument.clone(),
-            slot,
-            found: self.identification.cards[index]
-                .clone()
-                .unwrap_or_else(|| "no module".to_owned()),
-            expected: format!("a module with channel {channel}"),
-        })?;
+        let module = self.identification.modules[slot as usize - 1]
+            .ok_or_else(|| self.wrong_module(slot, format!("a module with channel {channel}")))?;
         if module.contact(channel).is_none() {
             return Err(self.unable(format!(
                 "reach relay {relay}: the {module} in slot {slot} has no channel {channel}"

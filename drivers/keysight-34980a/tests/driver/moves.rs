@@ -120,6 +120,23 @@ async fn quoted_and_unknown_cards_are_read() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn unknown_module_is_named_when_its_relay_is_to_move() {
+    let shared = Shared::of(mainframe(&[]));
+    shared.lie("SYST:CTYP? 2", "Agilent Technologies,34952A,0,1.0");
+    let mut unit = Keysight34980a::connect(shared.plug()).await.unwrap();
+    for (relay, found) in [(2036, "a 34952A"), (3036, "no module")] {
+        let fault = unit.move_relays(&[close(&[relay])]).await.unwrap_err();
+        assert_eq!(
+            fault.to_string(),
+            format!(
+                "34980A in a test: slot {} holds {found}, the wiring needs a module with channel 36",
+                relay / 1000
+            )
+        );
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn wiring_is_checked_against_modules_before_any_relay_moves() {
     let (shared, mut unit) = connected(&["34924A", "34932A"]).await;
     unit.check_wiring(&keysight_34980a::pairs_34924a(1, 35).unwrap())
