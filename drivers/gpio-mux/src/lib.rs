@@ -2,8 +2,8 @@
 //!
 //! Contains the line protocol in both directions, the driver that implements [`rig::Switch`] over it, and a simulator that
 //! records every edge of the board's lines. A board whose lines are on a gpiochip of this machine is driven through the
-//! trait [`GpioChip`], by the kernel's character device or a chip in memory. Two electrodes on one pole, one electrode on
-//! both current poles, and every relay number that is not pole x 100 + electrode are errors.
+//! trait [`GpioChip`], by the kernel's character device. Two electrodes on one pole, one electrode on both current poles,
+//! and every relay number that is not pole x 100 + electrode are errors.
 //!
 //! - **pole**: one of I+, I-, V+, V-; **state**: the electrode on each of them
 //! - **line**: one of the 24 control lines of the multiplexers; **levels**: the levels of all of them
@@ -40,7 +40,7 @@ mod wiring;
 pub use board::GpioBoard;
 #[cfg(target_os = "linux")]
 pub use character_device::{CharacterDevice, EnableLevel};
-pub use chip::{GpioChip, GpioFault, LineEdge, MemoryChip};
+pub use chip::{GpioChip, GpioFault};
 pub use command::{Command, NotAState, Pair, Pole, Reply, State, error_in_reply};
 pub use driver::{GpioMux, Options, await_banner};
 pub use lines::{Chip, LINES, Levels, Line, Step, steps};

@@ -1,8 +1,11 @@
 //! The board on a gpiochip: break before make in the recorded edges, rejections before a line is set, lines that stick.
 
+mod memory_chip;
+
 use std::time::Duration;
 
-use gpio_mux::{Chip, GpioBoard, Line, LineEdge, MemoryChip, Pole};
+use gpio_mux::{Chip, GpioBoard, Line, Pole};
+use memory_chip::{LineEdge, MemoryChip};
 use proptest::prelude::*;
 use rig::{Move, RigError, Switch};
 use survey::{Electrode, Relay};
