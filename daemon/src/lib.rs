@@ -179,8 +179,8 @@ async fn serve(prepared: Prepared) -> Result<(), String> {
     let mut locks = crate::instruments::lock::InstrumentLocks::default();
     if let FramesFrom::Rig(plan) = &prepared.frames {
         // before anything is sent to an instrument
-        locks
-            .take(&plan.instruments)
+        locks = locks
+            .of_rig(&plan.instruments)
             .map_err(|error| error.to_string())?;
     }
     let mut others = None;

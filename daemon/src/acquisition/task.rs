@@ -7,7 +7,8 @@ use std::time::Duration;
 use crate::events::kind::EventKind;
 use imaging::recorded::RecordedError;
 use rig::{
-    AcquireError, Clock, InjectionReadings, InjectionSink, RingTranscript, Stop, SystemClock,
+    AcquireError, Clock, EndReason, InjectionReadings, InjectionSink, RingTranscript, Stop,
+    SystemClock,
 };
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -44,6 +45,8 @@ pub(crate) enum AcquisitionEnd {
     Done(String),
     /// The rig failed; it is safe unless the text says otherwise.
     Rig(Box<AcquireError>),
+    /// The rig had been lost before the session used it.
+    NoRig,
     /// The recording failed.
     Recording(Box<RecordedError>),
 }
@@ -54,6 +57,7 @@ impl AcquisitionEnd {
         match self {
             Self::Done(reason) => reason.clone(),
             Self::Rig(error) => crate::acquisition::failed_frame::describe(error),
+            Self::NoRig => "the rig was lost before the frame; its state is unknown".to_owned(),
             Self::Recording(error) => chain(error.as_ref()),
         }
     }
@@ -197,7 +201,7 @@ impl Acquisition {
                         .map(Some)
                         .map_err(|error| AcquisitionEnd::Rig(Box::new(error)))
                 }
-                FrameSource::Rig { rig: None, .. } => Ok(None),
+                FrameSource::Rig { rig: None, .. } => Err(AcquisitionEnd::NoRig),
                 FrameSource::Recording(recording) => recording
                     .next(self.clock.monotonic(), self.clock.wall())
                     .map_err(|error| AcquisitionEnd::Recording(Box::new(error))),
@@ -206,7 +210,9 @@ impl Acquisition {
                 Ok(Some(frame)) => frame,
                 Ok(None) => return AcquisitionEnd::Done("the recording is over".to_owned()),
                 Err(AcquisitionEnd::Rig(error))
-                    if stop.is_requested() && matches!(*error, AcquireError::Stopped { .. }) =>
+                    if stop.is_requested()
+                        && error.made_safe.is_ok()
+                        && matches!(error.reason, EndReason::Stop(_)) =>
                 {
                     return AcquisitionEnd::Done(self.status.stop_reason());
                 }

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::net::ToSocketAddrs;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
+use std::sync::Arc;
 
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::rig_plan::InstrumentAddresses;
@@ -24,41 +25,38 @@ pub(crate) struct InUse {
     pid: Option<u32>,
 }
 
-/// The locks of this daemon; released when dropped.
-#[derive(Debug, Default)]
-pub(crate) struct InstrumentLocks(BTreeMap<String, UnixListener>);
+/// The locks of a rig; each is released when the last that holds it is dropped.
+#[derive(Debug, Default, Clone)]
+pub(crate) struct InstrumentLocks(BTreeMap<String, Arc<UnixListener>>);
 
 impl InstrumentLocks {
-    /// Locks every instrument of a rig, and releases those no longer used.
+    /// Locks every instrument of a rig; those that are locked here already are shared, so that either rig can be given
+    /// up afterwards. Blocks while names of hosts are resolved.
     ///
     /// # Errors
-    /// Another daemon holds one of them; then nothing has changed.
-    pub(crate) fn take(&mut self, places: &InstrumentAddresses) -> Result<(), InUse> {
+    /// Another daemon holds one of them.
+    pub(crate) fn of_rig(&self, places: &InstrumentAddresses) -> Result<Self, InUse> {
         let roles = [
             ("source", &places.source.0),
             ("switch", &places.switch.0),
             ("voltmeter", &places.voltmeter.0),
         ];
-        let mut new = BTreeMap::new();
-        let mut wanted = Vec::new();
+        let mut locks = BTreeMap::new();
         for (role, place) in roles {
             let Some(name) = name(place) else {
                 continue;
             };
-            wanted.push(name.clone());
-            if self.0.contains_key(&name) || new.contains_key(&name) {
-                continue;
-            }
-            let held = acquire_lock(&name).map_err(|pid| InUse {
-                role,
-                place: place.to_string(),
-                pid,
-            })?;
-            new.insert(name, held);
+            let lock = match self.0.get(&name).or_else(|| locks.get(&name)) {
+                Some(held) => Arc::clone(held),
+                None => Arc::new(acquire_lock(&name).map_err(|pid| InUse {
+                    role,
+                    place: place.to_string(),
+                    pid,
+                })?),
+            };
+            locks.insert(name, lock);
         }
-        self.0.append(&mut new);
-        self.0.retain(|name, _| wanted.contains(name));
-        Ok(())
+        Ok(Self(locks))
     }
 }
 
@@ -116,13 +114,12 @@ mod tests {
     #[test]
     fn an_instrument_has_one_daemon_under_whichever_name() {
         // ports that no other test uses, without listeners
-        let mut first = InstrumentLocks::default();
-        first
-            .take(&places("tcp:127.0.0.1:61", "tcp:127.0.0.1:62"))
+        let none = InstrumentLocks::default();
+        let first = none
+            .of_rig(&places("tcp:127.0.0.1:61", "tcp:127.0.0.1:62"))
             .unwrap();
-        let mut second = InstrumentLocks::default();
-        let refused = second
-            .take(&places("tcp:127.0.0.1:63", "tcp:localhost:62"))
+        let refused = none
+            .of_rig(&places("tcp:127.0.0.1:63", "tcp:localhost:62"))
             .unwrap_err();
         let text = refused.to_string();
         assert!(
@@ -131,15 +128,35 @@ mod tests {
             "{text}"
         );
         // locks of a failed attempt are released, and so are unused ones
-        first
-            .take(&places("tcp:127.0.0.1:63", "tcp:127.0.0.1:64"))
+        let first = first
+            .of_rig(&places("tcp:127.0.0.1:63", "tcp:127.0.0.1:64"))
             .unwrap();
-        second
-            .take(&places("tcp:127.0.0.1:61", "tcp:127.0.0.1:62"))
+        let second = none
+            .of_rig(&places("tcp:127.0.0.1:61", "tcp:127.0.0.1:62"))
             .unwrap();
         drop(first);
         second
-            .take(&places("simulated", "tcp:127.0.0.1:64"))
+            .of_rig(&places("simulated", "tcp:127.0.0.1:64"))
             .unwrap();
+    }
+
+    #[test]
+    fn either_of_two_rigs_can_be_given_up() {
+        let none = InstrumentLocks::default();
+        let old = places("tcp:127.0.0.1:65", "tcp:127.0.0.1:66");
+        let new = places("tcp:127.0.0.1:67", "tcp:127.0.0.1:66");
+        let first = none.of_rig(&old).unwrap();
+        let second = first.of_rig(&new).unwrap();
+        assert!(none.of_rig(&old).is_err() && none.of_rig(&new).is_err());
+        drop(second);
+        none.of_rig(&places("tcp:127.0.0.1:67", "simulated"))
+            .unwrap();
+        none.of_rig(&old).unwrap_err();
+        let second = first.of_rig(&new).unwrap();
+        drop(first);
+        none.of_rig(&places("tcp:127.0.0.1:65", "simulated"))
+            .unwrap();
+        none.of_rig(&new).unwrap_err();
+        drop(second);
     }
 }

@@ -1,9 +1,11 @@
 //! Changes of the configuration while the daemon is running, and the recorded transcript.
 
-use crate::stage::{Running, SMALL, Stage, reported, within};
+use crate::stage::{Running, SMALL, Stage, on_tcp, reported, within};
 use dbus::{Fault, Options};
 use rig::transcript::{parse_transcript, read_transcript};
-use simulator::{Comparison, Pace, Profile, ReplayTarget, Scene, SimulatedRig, replay};
+use simulator::{
+    Comparison, Instrument, Pace, Profile, ReplayTarget, Scene, SimulatedRig, Wire, replay,
+};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_bad_configuration_changes_nothing_and_says_where_it_is_bad() {
@@ -109,6 +111,47 @@ async fn a_valid_reload_applies_at_once_or_at_the_sessions_end() {
     let refused = daemon.manager.reload().await.unwrap_err();
     assert!(!refused.text().contains("is discarded"), "{refused:?}");
     assert!((current(&daemon).await - 2.5e-4).abs() < 1e-12);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_reload_that_loses_the_rig_is_a_fault_and_keeps_locks() {
+    let (rig, _server, config) = on_tcp().await;
+    let (_next_rig, _next_server, next) = on_tcp().await;
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    rig.set_wire(Instrument::Source, Wire::Cut);
+    stage.configure(&next);
+    let refused = within(daemon.manager.reload()).await.unwrap_err();
+    assert!(matches!(refused, Fault::InstrumentFault(_)), "{refused:?}");
+    let text = reported(&mut happened, "reload-refused").await;
+    assert!(text.contains("stays"), "{text}");
+    assert_eq!(daemon.manager.state().await.unwrap(), "faulted");
+    assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
+    let refused = daemon.manager.record_baseline(&Options::new()).await;
+    assert!(
+        matches!(refused, Err(Fault::InstrumentFault(_))),
+        "{refused:?}"
+    );
+
+    // the instruments of the configuration in force are still locked, those of the refused one are not
+    let second = Stage::new(&config).run(&[]);
+    let message = String::from_utf8_lossy(&second.stderr);
+    assert!(
+        message.contains("in use by another daemon (pid"),
+        "{message}"
+    );
+    let other = Stage::new(&next);
+    other.start().await.terminate().await;
+
+    rig.set_wire(Instrument::Source, Wire::Sound);
+    reported(&mut happened, "reconnected").await;
+    daemon.baseline(1).await;
+    assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
+    let text = within(daemon.manager.reload()).await.unwrap();
+    assert!(text.ends_with("is in force"), "{text}");
+    let second = Stage::new(&config);
+    second.start().await.terminate().await;
 }
 
 /// The rig of the stage, newly switched on.

@@ -275,6 +275,11 @@ impl Controller {
         self.records.listed(count, before)
     }
 
+    fn held_locks(&self) -> InstrumentLocks {
+        let held = self.locks.lock().unwrap_or_else(PoisonError::into_inner);
+        held.clone()
+    }
+
     /// Keeps the locks of the instruments.
     pub(crate) fn hold(&self, locks: InstrumentLocks) {
         *self.locks.lock().unwrap_or_else(PoisonError::into_inner) = locks;
@@ -355,15 +360,15 @@ impl Controller {
         self.inner().rig_fault.clone()
     }
 
-    /// Changes the state; unchanged if the transition is refused.
-    fn change_state(&self, trigger: Trigger) -> Result<(), crate::session::state::Refusal> {
+    /// Changes the state, and returns the one before; unchanged if the transition is refused.
+    fn change_state(&self, trigger: Trigger) -> Result<State, crate::session::state::Refusal> {
         let outcome = {
             let mut inner = self.inner();
             let state = std::mem::replace(&mut inner.state, State::Idle);
-            match state.after(trigger) {
+            match state.clone().after(trigger) {
                 Ok(next) => {
                     inner.state = next;
-                    Ok(())
+                    Ok(state)
                 }
                 Err((kept, error)) => {
                     inner.state = kept;

@@ -76,10 +76,15 @@ impl Controller {
         {
             let mut inner = self.inner();
             inner.identities = identities;
-            inner.rig_fault = Some(text.clone());
             inner.source_unknown = !source_off;
         }
-        let _ = self.change_state(Trigger::Fault(text));
+        self.rig_lost(&text);
+    }
+
+    /// The rig cannot be used for this reason, and no session reconnects it: a fault, until it is found again.
+    pub(super) fn rig_lost(self: &Arc<Self>, text: &str) {
+        self.inner().rig_fault = Some(text.to_owned());
+        let _ = self.change_state(Trigger::Fault(text.to_owned()));
         self.events.publish(&BusEvent::Instruments);
         tokio::spawn(Arc::clone(self).look_for_rig());
     }

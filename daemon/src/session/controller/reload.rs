@@ -112,10 +112,12 @@ impl Controller {
             }
             FramesFrom::Recording { recording, .. } => (None, None, recording.frames().settings()),
         };
-        if let Some(plan) = &plan {
-            let mut locks = self.locks.lock().unwrap_or_else(PoisonError::into_inner);
-            locks
-                .take(&plan.instruments)
+        let mut locks = self.held_locks();
+        if let Some(plan) = plan.clone() {
+            let of_rig = tokio::task::spawn_blocking(move || locks.of_rig(&plan.instruments));
+            locks = of_rig
+                .await
+                .map_err(|_| Fault::Failed("the instruments could not be locked".into()))?
                 .map_err(|error| Fault::InstrumentFault(error.to_string()))?;
         }
         let runtime = Arc::new(Runtime {
@@ -133,8 +135,17 @@ impl Controller {
             && let Some(rig) = rig.take()
             && let Err(error) = rig.safe_off(&plan.plan.wiring).await
         {
-            return Err(Fault::InstrumentFault(error.to_string()));
+            let text = error.to_string();
+            {
+                let mut inner = self.inner();
+                inner.source_unknown |= error.source_state_unknown();
+                inner.relays_unknown |= error.relays.is_some();
+            }
+            self.rig_lost(&text);
+            return Err(Fault::InstrumentFault(text));
         }
+        // only now: the configuration in force would otherwise stay without its locks
+        self.hold(locks);
         self.transcript.keep(runtime.setup.transcripts);
         let outcome = match frames {
             FramesFrom::Recording {
@@ -158,7 +169,12 @@ impl Controller {
                 )
                 .await;
                 let (rig, outcome) = match assembled {
-                    Ok(assembled) => (Some(assembled.rig), Ok(assembled.identities)),
+                    Ok(assembled) => {
+                        let mut inner = self.inner();
+                        inner.source_unknown = false;
+                        inner.relays_unknown = false;
+                        (Some(assembled.rig), Ok(assembled.identities))
+                    }
                     Err(error) => (None, Err(chain(&error))),
                 };
                 *source = FrameSource::Rig { rig, plan };
@@ -184,9 +200,7 @@ impl Controller {
                 format!("{file} is in force")
             }
             Err(text) => {
-                self.inner().rig_fault = Some(text.clone());
-                let _ = self.change_state(Trigger::Fault(text.clone()));
-                tokio::spawn(Arc::clone(self).look_for_rig());
+                self.rig_lost(&text);
                 format!("{file} is in force, but its rig is not there: {text}")
             }
         };

@@ -399,8 +399,13 @@ impl Controller {
             }
             inner.active = None;
             self.remember(&mut inner, status);
-            if matches!(ended, AcquisitionEnd::Rig(_)) {
-                inner.rig_fault = Some(ended.text());
+            match ended {
+                AcquisitionEnd::Rig(_) => inner.rig_fault = Some(ended.text()),
+                // the cause may be known
+                AcquisitionEnd::NoRig => {
+                    inner.rig_fault.get_or_insert_with(|| ended.text());
+                }
+                AcquisitionEnd::Done(_) | AcquisitionEnd::Recording(_) => {}
             }
         }
         self.session_plan.send_replace(None);
