@@ -1,7 +1,8 @@
 //! Self-test and relay wear, on simulated rigs with and without faults.
 
-use crate::stage::{SMALL, Stage, within};
+use crate::stage::{SMALL, Stage, on_tcp, reported, within};
 use dbus::{Fault, Options, TestReport};
+use simulator::{Instrument, Wire};
 
 const QUIET: &str = "[disc-tank]\nelectrodes = 16\n[effects.voltmeter-noise]\nuv = 2.0\n";
 
@@ -279,4 +280,42 @@ async fn closures_are_counted_and_projected() {
         measuring.left_s
     );
     assert_eq!(injecting.purpose, "joins electrodes 1 and 2 to the source");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn reading_relay_counters_ends_no_fault() {
+    let (rig, _server, config) = on_tcp().await;
+    rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1040)");
+    let stage = Stage::new(&config);
+    let daemon = stage.start().await;
+    let why = daemon.manager.last_error().await.unwrap();
+    assert!(why.contains("1040"), "{why}");
+    within(daemon.manager.relays(&Options::new()))
+        .await
+        .unwrap();
+    assert_eq!(daemon.manager.state().await.unwrap(), "faulted");
+    assert_eq!(daemon.manager.last_error().await.unwrap(), why);
+    daemon.manager.open_all().await.unwrap();
+
+    // a lost rig
+    let mut happened = daemon.manager.receive_happened().await.unwrap();
+    rig.set_wire(Instrument::Mainframe, Wire::Cut);
+    let refused = within(daemon.manager.test_instruments(&Options::new())).await;
+    assert!(
+        matches!(&refused, Err(Fault::InstrumentFault(_))),
+        "{refused:?}"
+    );
+    reported(&mut happened, "reconnecting").await;
+    let refused = within(daemon.manager.relays(&Options::new()))
+        .await
+        .unwrap_err();
+    assert!(
+        matches!(&refused, Fault::Failed(text) if text.contains("not there")),
+        "{refused:?}"
+    );
+    assert_eq!(daemon.manager.state().await.unwrap(), "faulted");
+    rig.set_wire(Instrument::Mainframe, Wire::Sound);
+    reported(&mut happened, "reconnected").await;
+    daemon.baseline(1).await;
+    assert_eq!(daemon.manager.state().await.unwrap(), "idle");
 }

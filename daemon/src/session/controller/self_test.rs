@@ -18,7 +18,7 @@ use crate::instruments::relay_wear::{Wear, wear};
 use crate::instruments::rig_plan::RigPlan;
 use crate::session::controller::Controller;
 use crate::session::option_values;
-use crate::session::state::{Trigger, Work};
+use crate::session::state::{State, Trigger, Work};
 use imaging::noise::{self, DEFAULT_NOISE_UV};
 use self_test::{ExpectedSheet, ProbeError, Report, Request, assess};
 use survey::error_chain as chain;
@@ -33,8 +33,11 @@ impl Controller {
     /// # Errors
     /// A session that runs, a recording, an instrument or a disk that fails.
     pub(crate) async fn test_instruments(self: &Arc<Self>) -> Result<Report, Fault> {
-        self.alone(|controller| async move { controller.test_now().await })
-            .await
+        self.alone(
+            true,
+            |controller| async move { controller.test_now().await },
+        )
+        .await
     }
 
     /// How often each relay has closed, and its remaining life.
@@ -42,8 +45,11 @@ impl Controller {
     /// # Errors
     /// As [`Controller::test_instruments`]; a multiplexer board, whose chips do not wear.
     pub(crate) async fn relay_wear(self: &Arc<Self>) -> Result<Vec<Wear>, Fault> {
-        self.alone(|controller| async move { controller.read_wear().await })
-            .await
+        self.alone(
+            false,
+            |controller| async move { controller.read_wear().await },
+        )
+        .await
     }
 
     /// Reads the relays' counters if they have not been read yet. An error does not prevent measuring.
@@ -84,9 +90,11 @@ impl Controller {
         Ok(discover(&search).await)
     }
 
-    /// Runs an operation on the rig while no session can use it. It continues if its caller has gone.
+    /// Runs an operation on the rig while no session can use it. It continues if its caller has gone. An earlier fault
+    /// stays while the rig cannot be used; another one stays unless the operation `tests` the rig.
     async fn alone<T, F>(
         self: &Arc<Self>,
+        tests: bool,
         act: impl FnOnce(Arc<Self>) -> F + Send + 'static,
     ) -> Result<T, Fault>
     where
@@ -98,7 +106,9 @@ impl Controller {
                 "a recording has no instruments; nothing can be tested".into(),
             ));
         }
-        self.change_state(Trigger::Start(Work::Test))
+        let lost = self.rig_fault().is_some();
+        let before = self
+            .change_state(Trigger::Start(Work::Test))
             .map_err(|error| Fault::SessionActive(error.to_string()))?;
         let controller = Arc::clone(self);
         let supervised = tokio::spawn(async move {
@@ -116,12 +126,16 @@ impl Controller {
             controller.inner().test = None;
             if let Err(Fault::InstrumentFault(text)) = &outcome {
                 tracing::error!("{text}");
-                controller.inner().rig_fault = Some(text.clone());
-                let _ = controller.change_state(Trigger::Fault(text.clone()));
-                controller.events.publish(&BusEvent::Instruments);
-                tokio::spawn(Arc::clone(&controller).look_for_rig());
+                controller.rig_lost(text);
             } else {
-                let _ = controller.change_state(Trigger::Ended);
+                // a rig that has come back meanwhile has ended its fault
+                let stays = controller.rig_fault().is_some() || !(tests || lost);
+                let _ = controller.change_state(match before {
+                    State::Faulted(why) if stays && controller.state() == State::Testing => {
+                        Trigger::Fault(why)
+                    }
+                    _ => Trigger::Ended,
+                });
             }
             outcome
         });
