@@ -6,6 +6,28 @@ use std::fmt;
 use crate::kind::Kind;
 use crate::kind::short;
 
+/// An enumeration, the table of its words in the manual's notation, and its `Display`, which writes the short form.
+macro_rules! vocabulary {
+    ($(#[$about:meta])* $name:ident as $table:ident { $($(#[$of:meta])* $variant:ident = $word:literal,)+ }) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        pub enum $name {
+            $($(#[$of])* $variant,)+
+        }
+
+        pub(super) const $table: [(&str, $name); [$($word),+].len()] =
+            [$(($word, $name::$variant)),+];
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(&short(match self {
+                    $($name::$variant => $word,)+
+                }))
+            }
+        }
+    };
+}
+
 /// The form of a numeric query: `?`, `? MIN`, `? MAX`, `? DEF`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Ask {
@@ -33,33 +55,36 @@ impl Kind {
     }
 }
 
-/// The connection of the inner shield of the triax output.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Shield {
-    /// Output low (after `*RST`).
-    OutputLow,
-    /// The guard.
-    Guard,
+vocabulary! {
+    /// The connection of the inner shield of the triax output.
+    Shield as SHIELDS {
+        /// Output low (after `*RST`).
+        OutputLow = "OLOW",
+        /// The guard.
+        Guard = "GUARd",
+    }
 }
 
-/// How fast the output responds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Speed {
-    /// Settles within 2 to 90 us.
-    Fast,
-    /// Settles within 100 us, for inductive loads.
-    Slow,
+vocabulary! {
+    /// How fast the output responds.
+    Speed as SPEEDS {
+        /// Settles within 2 to 90 us.
+        Fast = "FAST",
+        /// Settles within 100 us, for inductive loads.
+        Slow = "SLOW",
+    }
 }
 
-/// A group of status registers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum StatusGroup {
-    /// Interlock, compliance, buffer.
-    Measurement,
-    /// Sweeps and triggers.
-    Operation,
-    /// Power and calibration.
-    Questionable,
+vocabulary! {
+    /// A group of status registers.
+    StatusGroup as GROUPS {
+        /// Interlock, compliance, buffer.
+        Measurement = "MEASurement",
+        /// Sweeps and triggers.
+        Operation = "OPERation",
+        /// Power and calibration.
+        Questionable = "QUEStionable",
+    }
 }
 
 /// A list of values.
@@ -75,45 +100,48 @@ pub enum List {
     Wave,
 }
 
-/// A mode that measures with a 2182A.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum DeltaMode {
-    /// Delta.
-    Delta,
-    /// Differential conductance.
-    Conductance,
-    /// Pulse delta.
-    Pulse,
+vocabulary! {
+    /// A mode that measures with a 2182A.
+    DeltaMode as MODES {
+        /// Delta.
+        Delta = "DELTa",
+        /// Differential conductance.
+        Conductance = "DCONductance",
+        /// Pulse delta.
+        Pulse = "PDELta",
+    }
 }
 
-/// An address of the network port.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Address {
-    /// The instrument's own.
-    Own,
-    /// The mask of its network.
-    Mask,
-    /// The gateway.
-    Gateway,
+vocabulary! {
+    /// An address of the network port.
+    Address as ADDRESSES {
+        /// The instrument's own.
+        Own = "ADDRess",
+        /// The mask of its network.
+        Mask = "MASK",
+        /// The gateway.
+        Gateway = "GATeway",
+    }
 }
 
-/// An element of a stored reading.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Element {
-    /// The reading.
-    Reading,
-    /// Its time stamp.
-    Stamp,
-    /// Its unit.
-    Unit,
-    /// Its number.
-    Number,
-    /// The level.
-    Source,
-    /// Whether the source was in compliance.
-    Compliance,
-    /// The average voltage.
-    AverageVoltage,
+vocabulary! {
+    /// An element of a stored reading.
+    Element as ELEMENTS {
+        /// The reading.
+        Reading = "READing",
+        /// Its time stamp.
+        Stamp = "TSTamp",
+        /// Its unit.
+        Unit = "UNITs",
+        /// Its number.
+        Number = "RNUMber",
+        /// The level.
+        Source = "SOURce",
+        /// Whether the source was in compliance.
+        Compliance = "COMPliance",
+        /// The average voltage.
+        AverageVoltage = "AVOLtage",
+    }
 }
 
 /// A line of the display.
@@ -125,13 +153,14 @@ pub enum Line {
     Lower,
 }
 
-/// One of the two circuit boards.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Board {
-    /// The analogue one.
-    Analogue,
-    /// The digital one.
-    Digital,
+vocabulary! {
+    /// One of the two circuit boards.
+    Board as BOARDS {
+        /// The analogue one.
+        Analogue = "ABOard",
+        /// The digital one.
+        Digital = "DBOard",
+    }
 }
 
 pub(super) const ASKS: [(&str, Ask); 3] = [
@@ -139,35 +168,6 @@ pub(super) const ASKS: [(&str, Ask); 3] = [
     ("MAXimum", Ask::Max),
     ("DEFault", Ask::Def),
 ];
-pub(super) const SHIELDS: [(&str, Shield); 2] =
-    [("OLOW", Shield::OutputLow), ("GUARd", Shield::Guard)];
-pub(super) const SPEEDS: [(&str, Speed); 2] = [("FAST", Speed::Fast), ("SLOW", Speed::Slow)];
-pub(super) const GROUPS: [(&str, StatusGroup); 3] = [
-    ("MEASurement", StatusGroup::Measurement),
-    ("OPERation", StatusGroup::Operation),
-    ("QUEStionable", StatusGroup::Questionable),
-];
-pub(super) const MODES: [(&str, DeltaMode); 3] = [
-    ("DELTa", DeltaMode::Delta),
-    ("DCONductance", DeltaMode::Conductance),
-    ("PDELta", DeltaMode::Pulse),
-];
-pub(super) const ADDRESSES: [(&str, Address); 3] = [
-    ("ADDRess", Address::Own),
-    ("MASK", Address::Mask),
-    ("GATeway", Address::Gateway),
-];
-pub(super) const ELEMENTS: [(&str, Element); 7] = [
-    ("READing", Element::Reading),
-    ("TSTamp", Element::Stamp),
-    ("UNITs", Element::Unit),
-    ("RNUMber", Element::Number),
-    ("SOURce", Element::Source),
-    ("COMPliance", Element::Compliance),
-    ("AVOLtage", Element::AverageVoltage),
-];
-pub(super) const BOARDS: [(&str, Board); 2] =
-    [("ABOard", Board::Analogue), ("DBOard", Board::Digital)];
 /// Header and length of each line of the display (622x reference manual, DISPlay subsystem \[K\]).
 pub(super) const LINES: [(&str, Line, usize); 2] = [
     ("DISPlay[:WINDow]", Line::Upper, 20),
@@ -202,15 +202,6 @@ impl Element {
     pub const DEFAULT: [Element; 2] = [Element::Reading, Element::Stamp];
 }
 
-/// The short form of the notation of a value.
-pub(super) fn word<T: Copy + PartialEq>(choices: &[(&'static str, T)], value: T) -> String {
-    choices
-        .iter()
-        .find(|(_, candidate)| *candidate == value)
-        .map(|(notation, _)| short(notation))
-        .unwrap_or_default()
-}
-
 impl fmt::Display for Ask {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -219,47 +210,5 @@ impl fmt::Display for Ask {
             Ask::Max => "? MAX",
             Ask::Def => "? DEF",
         })
-    }
-}
-
-impl fmt::Display for Shield {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&word(&SHIELDS, *self))
-    }
-}
-
-impl fmt::Display for Speed {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&word(&SPEEDS, *self))
-    }
-}
-
-impl fmt::Display for StatusGroup {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&word(&GROUPS, *self))
-    }
-}
-
-impl fmt::Display for DeltaMode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&word(&MODES, *self))
-    }
-}
-
-impl fmt::Display for Address {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&word(&ADDRESSES, *self))
-    }
-}
-
-impl fmt::Display for Element {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&word(&ELEMENTS, *self))
-    }
-}
-
-impl fmt::Display for Board {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&word(&BOARDS, *self))
     }
 }
