@@ -3,11 +3,15 @@
 //! An arm event starts each pass over the points, a trigger event each point (fact sheet, section 4). Any stretch of
 //! time is advanced in one step, because passes without a new arm event are all alike.
 
+mod mean;
+mod pulses;
+
 use std::time::Duration;
 
 use super::plan::Point;
 use super::values::Values;
 use crate::Parameter;
+use pulses::{ArmOutput, PulseCounts, TriggerOutput};
 
 /// An event that the trigger model may wait for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,27 +37,6 @@ enum Arm {
     Event(Trigger),
     EitherEdge,
 }
-
-/// When the arm layer sends a pulse.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum ArmOutput {
-    /// At the begin of a pass.
-    Entering,
-    /// At the end of a pass.
-    Leaving,
-}
-
-/// When the trigger layer sends a pulse.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum TriggerOutput {
-    /// After a point's level has been set.
-    Source,
-    /// After a point's delay.
-    Delay,
-}
-
-/// Pulses that a sweep has sent since it began: of the arm layer, of the trigger layer.
-type PulseCounts = [u64; 2];
 
 /// Nanoseconds since power on.
 type Nanos = u128;
@@ -190,104 +173,9 @@ impl Sweep {
         matches!(self.phase, Phase::AwaitTrigger { .. })
     }
 
-    /// Whether a layer waits for pulses on its own output line.
-    pub(super) fn receives_own_output(&self) -> bool {
-        let arm = match self.arm {
-            Arm::Event(Trigger::Link(line)) => Some(line),
-            _ => None,
-        };
-        let arm_speaks = self.arm_output.map(|(line, _)| line);
-        let trigger_speaks = self.trigger_output.map(|(line, _)| line);
-        (arm.is_some() && arm == arm_speaks) || (self.line.is_some() && self.line == trigger_speaks)
-    }
-
-    /// Pulses that each layer has sent by now.
-    fn pulses_sent(&self) -> PulseCounts {
-        let whole = self.passes_done.saturating_mul(self.points.len() as u64);
-        let under_way = self.now_at.map_or(0, |at| at as u64 + 1);
-        // In the present pass: begun, points begun, points ended.
-        let (begun, points_begun, points_ended) = match self.phase {
-            Phase::Ready | Phase::AwaitArm | Phase::AwaitTimer { .. } => (0, 0, 0),
-            Phase::AwaitTrigger { point } => (1, point as u64, point as u64),
-            Phase::Point { point, .. } => (1, point as u64 + 1, point as u64),
-            Phase::Pass { .. } if !self.looked => (1, 0, 0),
-            Phase::Pass { .. } => (1, under_way, under_way - 1),
-            // In a pass that compliance has ended: its last point.
-            Phase::Done if Some(self.passes_done) == self.passes => (0, 0, 0),
-            Phase::Done => (1, under_way, under_way.saturating_sub(1)),
-        };
-        let arm = match self.arm_output {
-            Some((_, ArmOutput::Entering)) => self.passes_done + begun,
-            Some((_, ArmOutput::Leaving)) => self.passes_done,
-            None => 0,
-        };
-        let trigger = match self.trigger_output {
-            Some((_, TriggerOutput::Source)) => whole.saturating_add(points_begun),
-            Some((_, TriggerOutput::Delay)) => whole.saturating_add(points_ended),
-            None => 0,
-        };
-        [arm, trigger]
-    }
-
-    /// Lines with pulses since the last call, and the number of pulses.
-    pub(super) fn take_pulses(&mut self) -> impl Iterator<Item = (u8, u64)> + use<> {
-        let (before, now) = (self.counted, self.pulses_sent());
-        self.counted = now;
-        let lines = [
-            self.arm_output.map(|(line, _)| line),
-            self.trigger_output.map(|(line, _)| line),
-        ];
-        (0..2).filter_map(move |layer| {
-            let sent = now[layer].saturating_sub(before[layer]);
-            Some((lines[layer]?, sent))
-        })
-    }
-
     /// The present or last point.
     pub(super) fn point(&self) -> Option<Point> {
         self.now_at.map(|at| self.points[at])
-    }
-
-    /// Mean of `level` over the points between two instants; `None` before the first pass and if each point waits for a
-    /// trigger. Assumes that passes before the present one were like it.
-    pub(super) fn mean(
-        &self,
-        from: Duration,
-        to: Duration,
-        level: impl Fn(&Point) -> f64,
-    ) -> Option<f64> {
-        if self.phase == Phase::Ready || self.line.is_some() || !self.looked {
-            return None;
-        }
-        // For a time since the pass began: the integral until then in amperes times nanoseconds. The last point is
-        // held.
-        let until = |time: Nanos| {
-            let mut start = 0;
-            let last = self.points.len() - 1;
-            let parts = self.points.iter().zip(&self.ends).enumerate();
-            let parts = parts.map(|(at, (point, end))| {
-                let end = if at == last { time } else { (*end).min(time) };
-                let length = end.saturating_sub(start);
-                start = end.max(start);
-                level(point) * length as f64
-            });
-            parts.sum::<f64>()
-        };
-        let (from, to, began) = (from.as_nanos(), to.as_nanos(), self.pass_since);
-        if to <= began {
-            return None;
-        }
-        let in_pass = from.max(began);
-        let mut sum = until(to - began) - until(in_pass - began);
-        let mut length = to - in_pass;
-        let period = self.period();
-        if from < began && self.passes_done > 0 && period > 0 {
-            let (passes, rest) = ((began - from) / period, (began - from) % period);
-            let whole = until(period);
-            sum += passes as f64 * whole + (whole - until(period - rest));
-            length += began - from;
-        }
-        (length > 0).then(|| sum / length as f64)
     }
 
     /// Receives an event; returns false if it is not awaited.
