@@ -198,7 +198,7 @@ pub(super) fn volts(call: &Call) -> Result<(Range, Option<Numeric>, Channels), P
         _ => return Err(ParseError::ParameterNotAllowed),
     };
     Ok((
-        range_value.map_or(Ok(Range::Auto), range)?,
+        range_value.map_or(Ok(Range::Auto), |value| range(value, Unit::Volt, &RANGES))?,
         resolution.filter(|resolution| *resolution != Numeric::Def),
         channels,
     ))
@@ -220,7 +220,7 @@ pub(super) fn write_volts(
 
 fn setting(quantity: Quantity, value: &Argument) -> Result<Setting, ParseError> {
     Ok(match quantity {
-        Quantity::Range => Setting::Range(range(value)?),
+        Quantity::Range => Setting::Range(range(value, Unit::Volt, &RANGES)?),
         Quantity::RangeAuto => Setting::RangeAuto(value.boolean()?),
         Quantity::Nplc => {
             let nplc = value.number(Unit::PowerLineCycle)?;
@@ -255,25 +255,21 @@ pub(super) fn autozero(value: &Argument) -> Result<Option<bool>, ParseError> {
     }
 }
 
-/// The smallest range that holds a value.
-fn range(value: &Argument) -> Result<Range, ParseError> {
+/// The smallest of the ranges that holds a value.
+pub(super) fn range(value: &Argument, unit: Unit, ranges: &[f64]) -> Result<Range, ParseError> {
     if let Argument::Word(word) = value
         && word.eq_ignore_ascii_case("AUTO")
     {
         return Ok(Range::Auto);
     }
-    let [least, .., most] = RANGES;
-    match value.number(Unit::Volt)? {
-        Numeric::Def => Ok(Range::Auto),
-        Numeric::Min => Ok(Range::Fixed(least)),
-        Numeric::Max => Ok(Range::Fixed(most)),
-        Numeric::Value(value) => RANGES
-            .into_iter()
-            .find(|range| value.abs() <= *range)
-            .map(Range::Fixed)
-            .ok_or(ParseError::OutOfRange),
-        _ => Err(ParseError::OutOfRange),
-    }
+    let fixed = match value.number(unit)? {
+        Numeric::Def => return Ok(Range::Auto),
+        Numeric::Min => ranges.first().copied(),
+        Numeric::Max => ranges.last().copied(),
+        Numeric::Value(value) => ranges.iter().copied().find(|range| value.abs() <= *range),
+        _ => None,
+    };
+    fixed.map(Range::Fixed).ok_or(ParseError::OutOfRange)
 }
 
 /// The shortest available integration time that is not shorter than requested.

@@ -1,10 +1,10 @@
 //! The settings of each function, and their values.
 
-use scpi::{Argument, Numeric, ParseError, Unit};
+use scpi::{Argument, ParseError, Unit};
 
 use super::{Detail, Function, SettingValue};
 use crate::command::Range;
-use crate::command::sense::autozero;
+use crate::command::sense::{self, autozero};
 
 pub(super) const PROBES: &[(&str, &str)] = &[
     ("TCouple", "TC"),
@@ -122,24 +122,11 @@ pub(in crate::command) fn details(function: Function) -> Vec<Detail> {
 
 /// The smallest of a function's ranges that holds a value.
 pub(super) fn range(function: Function, value: &Argument) -> Result<Range, ParseError> {
-    if let Argument::Word(word) = value
-        && word.eq_ignore_ascii_case("AUTO")
-    {
-        return Ok(Range::Auto);
-    }
-    let ranges = function.ranges();
     let unit = match function {
         Function::Frequency | Function::Period => Unit::Volt,
         _ => function.row().4,
     };
-    let fixed = match value.number(unit)? {
-        Numeric::Def => return Ok(Range::Auto),
-        Numeric::Min => ranges.first().copied(),
-        Numeric::Max => ranges.last().copied(),
-        Numeric::Value(value) => ranges.iter().copied().find(|range| value.abs() <= *range),
-        _ => None,
-    };
-    fixed.map(Range::Fixed).ok_or(ParseError::OutOfRange)
+    sense::range(value, unit, function.ranges())
 }
 
 pub(super) fn value_of(
