@@ -4,10 +4,11 @@
 //! `ROUT:CLOS (@1037);:ROUT:OPEN (@1036);:READ?`. A move that only closes relays is sent at once: its relay must be
 //! closed before the source is switched on.
 
+mod checks;
 mod relay_life;
 mod unit;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -16,12 +17,12 @@ use rig::{
     Voltmeter,
 };
 use scpi::Common;
-use survey::{Reading, Relay, Volts, Wiring};
+use survey::{Reading, Relay, Volts};
 use tokio::sync::Mutex;
 
 use crate::command::{Command, HeaderForm, MOST_SWEEPS, Quantity, Route, System};
 use crate::meter::{INTEGRATION, RANGES};
-use crate::modules::{Module, split};
+use crate::modules::Module;
 use unit::{Prepared, Unit, compact};
 
 const MODEL: &str = "34980A";
@@ -134,109 +135,6 @@ impl<S: Stream> Keysight34980a<S> {
         self.unit.lock().await.headers.clone()
     }
 
-    /// Checks that every relay of a wiring exists, and can be scanned if it must be.
-    ///
-    /// # Errors
-    /// The first relay that is unsuitable, with slot, module found, channel and electrodes: [`RigError::WrongModule`]
-    /// for a slot without a known module or whose module lacks the channel, [`RigError::Unable`] for a channel that
-    /// cannot be scanned.
-    pub fn check_wiring(&self, wiring: &Wiring) -> Result<(), RigError> {
-        let measuring = wiring.measuring_relays();
-        let moved = wiring.injecting_relays().into_iter();
-        for relay in moved
-            .chain(wiring.bus.iter().copied())
-            .chain(measuring.iter().copied())
-        {
-            self.check_part(relay, &wiring.purpose(relay))?;
-        }
-        match wiring.sensing {
-            survey::Sensing::Scan => self.check_scan(&measuring),
-            survey::Sensing::Single | survey::Sensing::Chain => Ok(()),
-        }
-    }
-
-    /// Checks that the slots hold the modules that a wiring was planned for: times, limits and noise depend on them.
-    ///
-    /// # Errors
-    /// [`RigError::WrongModule`] for the first slot with another module, or none.
-    pub fn check_modules(&self, planned: &BTreeMap<u32, Module>) -> Result<(), RigError> {
-        for (slot, module) in planned {
-            let index = (*slot as usize).wrapping_sub(1);
-            let found = self.identification.modules.get(index).copied().flatten();
-            if found != Some(*module) {
-                return Err(self.wrong_module(*slot, format!("a {module}")));
-            }
-        }
-        Ok(())
-    }
-
-    fn wrong_module(&self, slot: u32, expected: String) -> RigError {
-        let index = (slot as usize).wrapping_sub(1);
-        let card = self.identification.cards.get(index).cloned().flatten();
-        RigError::WrongModule {
-            instrument: self.identification.instrument.clone(),
-            slot,
-            found: card.map_or_else(|| "no module".to_owned(), |card| format!("a {card}")),
-            expected,
-        }
-    }
-
-    fn check_part(&self, relay: Relay, purpose: &str) -> Result<(), RigError> {
-        let Some((slot, channel)) = split(relay) else {
-            return Err(self.unable(format!(
-                "reach relay {relay}, which {purpose}: numbers are slot x 1000 + channel, slots 1 to 8"
-            )));
-        };
-        // `split` yields slots 1 to 8.
-        let module = self.identification.modules[slot as usize - 1];
-        match module.is_some_and(|module| module.contact(channel).is_some()) {
-            true => Ok(()),
-            false => Err(self.wrong_module(
-                slot,
-                format!("a module with channel {channel}: relay {relay} {purpose}"),
-            )),
-        }
-    }
-
-    fn module_of(&self, relay: Relay) -> Result<(Module, u32), RigError> {
-        let Some((slot, channel)) = split(relay) else {
-            return Err(self.unable(format!(
-                "reach relay {relay}: numbers are slot x 1000 + channel, slots 1 to 8"
-            )));
-        };
-        // `split` yields slots 1 to 8.
-        let module = self.identification.modules[slot as usize - 1]
-            .ok_or_else(|| self.wrong_module(slot, format!("a module with channel {channel}")))?;
-        if module.contact(channel).is_none() {
-            return Err(self.unable(format!(
-                "reach relay {relay}: the {module} in slot {slot} has no channel {channel}"
-            )));
-        }
-        Ok((module, channel))
-    }
-
-    fn check_exist(&self, relays: &[Relay]) -> Result<(), RigError> {
-        relays
-            .iter()
-            .try_for_each(|relay| self.module_of(*relay).map(drop))
-    }
-
-    fn check_scan(&self, relays: &[Relay]) -> Result<(), RigError> {
-        let mut seen = BTreeSet::new();
-        for relay in relays {
-            let (module, channel) = self.module_of(*relay)?;
-            if !module.scannable(channel) {
-                return Err(self.unable(format!(
-                    "scan relay {relay}: channel {channel} of a {module} cannot be scanned"
-                )));
-            }
-            if !seen.insert(relay) {
-                return Err(self.unable(format!("scan relay {relay} twice in one list")));
-            }
-        }
-        Ok(())
-    }
-
     /// Relay moves as commands; each relay is checked to exist.
     fn commands(&self, moves: &[Move]) -> Result<Vec<Command>, RigError> {
         let mut commands = Vec::new();
@@ -253,17 +151,6 @@ impl<S: Stream> Keysight34980a<S> {
             });
         }
         Ok(commands)
-    }
-
-    fn check_range(&self, range: Volts) -> Result<(), RigError> {
-        if RANGES.contains(&range.0) {
-            return Ok(());
-        }
-        Err(RigError::VoltageOutOfRange {
-            instrument: self.identification.instrument.clone(),
-            requested: range,
-            allowed: "0.1, 1, 10, 100 and 300 V".to_owned(),
-        })
     }
 
     /// The prepared scan list, on the prepared range.
@@ -283,13 +170,6 @@ impl<S: Stream> Keysight34980a<S> {
         let prepared = unit.prepared.as_ref();
         // without a preparation the scan is rejected, whatever the range
         prepared.map_or(Volts(RANGES[0]), |prepared| prepared.meter.range)
-    }
-
-    fn unable(&self, what: String) -> RigError {
-        RigError::Unable {
-            instrument: self.identification.instrument.clone(),
-            what,
-        }
     }
 
     /// Timeout of the readings of one message, beyond the usual reply time: as the plan states, otherwise by section 9
