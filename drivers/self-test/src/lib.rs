@@ -7,6 +7,7 @@
 //! relays with the [`Request`].
 
 mod assessment;
+mod median;
 mod probe;
 mod report;
 mod uniform_sheet;

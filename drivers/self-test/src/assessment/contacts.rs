@@ -1,6 +1,7 @@
 //! The contact of every electrode.
 
 use crate::assessment::{Assessment, CONTACT_FACTOR, CONTACT_OFFSET_OHM};
+use crate::median::median;
 use crate::report::{CheckOutcome, ReportLine};
 
 impl Assessment<'_> {
@@ -35,9 +36,7 @@ impl Assessment<'_> {
             (sound && !seen.is_empty()).then(|| self.sheet.contact_ohm[electrode] + mean)
         };
         let each: Vec<Option<f64>> = (0..n).map(contact).collect();
-        let mut sorted: Vec<f64> = each.iter().flatten().copied().collect();
-        sorted.sort_by(f64::total_cmp);
-        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        let median = median(each.iter().flatten().copied()).unwrap_or(0.0);
         for (electrode, ohms) in each.into_iter().enumerate() {
             let number = electrode + 1;
             let (verdict, text) = if !unexplained && open.contains(&electrode) {

@@ -2,6 +2,7 @@
 
 use crate::assessment::pairs::named;
 use crate::assessment::{Assessment, NOISY_CHANNEL_FACTOR};
+use crate::median::median;
 use crate::report::{CheckOutcome, ReportLine};
 
 /// Sum of squared deviations from the mean, and its degrees of freedom.
@@ -36,9 +37,7 @@ impl Assessment<'_> {
     /// The usual noise of a measuring pair at 0 A, and the pairs with many times as much.
     fn noisy(&self, noise_v: f64) -> (f64, Vec<usize>) {
         let each = self.at_zero();
-        let mut sorted: Vec<f64> = each.iter().copied().flatten().collect();
-        sorted.sort_by(f64::total_cmp);
-        let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        let usual = median(each.iter().copied().flatten()).unwrap_or(0.0);
         // a rig with less noise than configured has no noisy channel
         let most = NOISY_CHANNEL_FACTOR * usual.max(noise_v);
         let noisy = (0..each.len()).filter(|pair| each[*pair].is_some_and(|noise| noise > most));

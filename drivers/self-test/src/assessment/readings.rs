@@ -1,6 +1,7 @@
 //! Results from the readings alone: the part of the sheet's pattern in them, reciprocity, van der Pauw.
 
 use crate::assessment::Assessment;
+use crate::median::median;
 use crate::van_der_pauw::sheet_resistance;
 
 impl Assessment<'_> {
@@ -25,12 +26,7 @@ impl Assessment<'_> {
     /// Ratio of the sheet's resistance to the configured one: the median over all readings, which a few relays and
     /// electrodes at fault do not change.
     pub(super) fn factor(&self) -> Option<f64> {
-        let mut ratios: Vec<f64> = self
-            .readings()
-            .map(|(.., read, model)| read / model)
-            .collect();
-        ratios.sort_by(f64::total_cmp);
-        let median = *ratios.get(ratios.len() / 2)?;
+        let median = median(self.readings().map(|(.., read, model)| read / model))?;
         (median > 1e-6 && median < 1e6).then_some(median)
     }
 

@@ -4,6 +4,7 @@ use rig::{CurrentSource, Switch, Voltmeter};
 use survey::{Amps, Relay};
 
 use super::{Measured, Probe, ProbeError, Retry, Row, volts};
+use crate::median::median;
 
 impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
     /// Which relay of two does not close, for pairs that carry no current although their neighbours do.
@@ -43,9 +44,7 @@ impl<C: CurrentSource, W: Switch, V: Voltmeter> Probe<'_, '_, C, W, V> {
             let read = raw.rows.iter().filter_map(|row| row.volts[pair]);
             read.fold(0.0_f64, |most, volts| most.max(volts.abs()))
         };
-        let mut each: Vec<f64> = (0..n).map(most).collect();
-        each.sort_by(f64::total_cmp);
-        let silent = 1e-3 * each.get(n / 2).copied().unwrap_or(0.0);
+        let silent = 1e-3 * median((0..n).map(most)).unwrap_or(0.0);
         let mut retries = Vec::new();
         for (pair, (_, relays)) in wiring.measure.iter().enumerate() {
             let other = (pair + 2) % n;
