@@ -49,5 +49,5 @@ pub use printable::{
 pub use quality::{Checks, Quality, QualityFlag};
 pub use reading::{Reading, relative_changes};
 pub use ring::{Dipole, Electrode};
-pub use units::{Amps, Metres, Ohms, Volts};
+pub use units::{Amps, Ohms, Volts};
 pub use wiring::{Relay, RelayTable, Sensing, Transition, Wiring, WiringError};

@@ -76,11 +76,6 @@ quantity!(
     Ohms,
     "ohm"
 );
-quantity!(
-    /// A length, m.
-    Metres,
-    "m"
-);
 
 impl Div<Amps> for Volts {
     type Output = Ohms;
