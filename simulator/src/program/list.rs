@@ -2,7 +2,6 @@
 
 use std::fmt::Write as _;
 
-use keysight_34980a::Module;
 use serde_json::{Value, json};
 
 use crate::{Profile, Scene};
@@ -47,10 +46,7 @@ pub(crate) fn json() -> Value {
             let slots: Vec<Value> = profile
                 .slots
                 .iter()
-                .map(|slot| {
-                    slot.as_ref()
-                        .map_or(Value::Null, |slot| written(slot).into())
-                })
+                .map(|slot| slot.map_or(Value::Null, |slot| slot.to_string().into()))
                 .collect();
             Some(json!({
                 "name": name,
@@ -64,16 +60,15 @@ pub(crate) fn json() -> Value {
         .iter()
         .map(|(name, text)| json!({ "name": name, "what": Scene::what(text) }))
         .collect();
-    let loads: Vec<Value> = crate::LoadNetwork::GRAMMAR
-        .lines()
-        .filter_map(|line| line.split_once("  "))
-        .map(|(words, what)| json!({ "words": words.trim(), "what": what.trim() }))
-        .collect();
-    let faults: Vec<Value> = crate::instrument::fault::GRAMMAR
-        .lines()
-        .filter_map(|line| line.split_once("  "))
-        .map(|(words, what)| json!({ "words": words.trim(), "what": what.trim() }))
-        .collect();
+    let explained = |grammar: &str| -> Vec<Value> {
+        grammar
+            .lines()
+            .filter_map(|line| line.split_once("  "))
+            .map(|(words, what)| json!({ "words": words.trim(), "what": what.trim() }))
+            .collect()
+    };
+    let loads = explained(crate::LoadNetwork::GRAMMAR);
+    let faults = explained(&crate::instrument::fault::GRAMMAR);
     json!({ "modules": modules, "profiles": profiles, "scenes": scenes, "loads": loads, "faults": faults })
 }
 
@@ -104,12 +99,10 @@ pub(crate) fn text() -> String {
     text
 }
 
-fn written(module: &Module) -> String {
-    module.to_string()
-}
-
 #[cfg(test)]
 mod tests {
+    use keysight_34980a::Module;
+
     use crate::program::list::*;
 
     #[test]
