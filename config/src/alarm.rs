@@ -114,16 +114,12 @@ pub struct AlarmSettings {
     /// What it watches.
     pub quantity: Watched,
     /// A region; the whole sheet by default.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub region: Option<String>,
     /// Active above this value.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub above: Option<f64>,
     /// Active below this value.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub below: Option<f64>,
     /// Unit of the limit; needed where it depends on a calibration.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
     /// Time for which the value must be beyond the limit, and back within it, s.
     #[serde(default = "ten_seconds")]

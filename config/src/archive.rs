@@ -11,29 +11,22 @@ pub struct ArchiveSection {
     /// The site, a name in the catalogue.
     pub site: String,
     /// This machine within its site; its host name if not given.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub daq: Option<String>,
     /// Folder of the store, or `s3://BUCKET`.
     pub store: String,
     /// Address of the S3-compatible server of a bucket.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub store_endpoint: Option<String>,
     /// Region of the bucket.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub store_region: Option<String>,
     /// A file with the name of the key and the key of the bucket, a line each.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub store_keys_file: Option<PathBuf>,
     /// Certificates (PEM) that the certificate of the bucket's server must be issued by.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub store_ca: Option<PathBuf>,
     /// PostgreSQL of the catalogue, as URL or `key=value` words, without a password.
     pub dsn: String,
     /// Certificates (PEM) that the server's certificate must be issued by.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub ca: Option<PathBuf>,
     /// A file with the password.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub password_file: Option<PathBuf>,
     /// Period of `tactus-archive run`, s.
     pub every_s: f64,

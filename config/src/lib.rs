@@ -36,16 +36,12 @@ pub struct Config {
     /// `[rig]`.
     pub rig: RigSection,
     /// `[source]`, the current source.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub source: Option<InstrumentSection>,
     /// `[switch]`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub switch: Option<InstrumentSection>,
     /// `[voltmeter]`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub voltmeter: Option<InstrumentSection>,
     /// `[recording]`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecordingSection>,
     /// `[wiring]`.
     pub wiring: WiringSection,
@@ -78,10 +74,8 @@ pub struct Config {
     /// `[metrics]`.
     pub metrics: MetricsSection,
     /// `[archive]`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub archive: Option<ArchiveSection>,
     /// `[mqtt]`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub mqtt: Option<MqttSection>,
 }
 
@@ -107,10 +101,8 @@ pub struct RigSection {
     /// Where frames come from.
     pub kind: RigKind,
     /// Profile of a simulated rig, a name or a file.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub profile: Option<String>,
     /// Scene of a simulated rig, a name or a file.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<String>,
 }
 
@@ -131,10 +123,8 @@ pub struct InstrumentSection {
     /// `tcp:HOST:PORT`, `serial:PATH`, `gpio:PATH`, `vxi-11:HOST`, or empty.
     pub address: String,
     /// Timeout of a reply, ms.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub deadline_ms: Option<f64>,
     /// For a board on a gpiochip.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub enable: Option<EnableName>,
 }
 
@@ -143,24 +133,18 @@ pub struct InstrumentSection {
 #[serde(default, deny_unknown_fields)]
 pub struct RecordingSection {
     /// A session file.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub session: Option<PathBuf>,
     /// A case folder.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub case: Option<PathBuf>,
     /// A file of frames in the case folder.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<PathBuf>,
     /// A file, or `first:N`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<String>,
     /// Whether the sign of all voltages is inverted, for recordings of magnitudes.
     pub negate: bool,
     /// Frames a second.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub frames_per_s: Option<f64>,
     /// Speed: 1 for the recorded rate, 0 for as fast as possible.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub speed: Option<f64>,
 }
 
@@ -200,13 +184,10 @@ pub struct WiringSection {
     /// Slot of the first module.
     pub slot: u32,
     /// Slot of the injecting pairs.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub inject_slot: Option<u32>,
     /// A file with the wiring, relay by relay.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     /// Electrodes.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub electrodes: Option<usize>,
 }
 
@@ -227,7 +208,6 @@ impl Default for WiringSection {
 #[serde(default, deny_unknown_fields)]
 pub struct SurveySection {
     /// Electrodes; by default those of the sheet.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub electrodes: Option<usize>,
     /// Injected current, uA.
     pub current_ua: f64,
@@ -260,7 +240,6 @@ pub struct SurveySection {
     /// With a matrix: whether all readings of an injection are requested in one message.
     pub chained: bool,
     /// A zero-current frame before the first and after this many frames; never if not given.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub zero_every: Option<u64>,
 }
 
@@ -304,7 +283,6 @@ impl Default for SurveySection {
 #[serde(default, deny_unknown_fields)]
 pub struct RecordSection {
     /// Where session files are written.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub directory: Option<PathBuf>,
     /// Number of frames whose instrument messages are kept in memory.
     pub transcripts: usize,
@@ -382,7 +360,6 @@ pub struct BusSection {
     /// Whether a unix socket is served.
     pub peer: bool,
     /// Its path.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub peer_path: Option<PathBuf>,
     /// Whether the session bus is served.
     pub session: bool,
@@ -408,13 +385,10 @@ pub struct ScheduleSection {
     /// Whether a session starts with the daemon.
     pub start: bool,
     /// Period from start to start of frames, s; 0: back to back.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub every_s: Option<f64>,
     /// Frames.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub count: Option<u64>,
     /// Duration, s.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub for_s: Option<f64>,
 }
 
@@ -423,7 +397,6 @@ pub struct ScheduleSection {
 #[serde(default, deny_unknown_fields)]
 pub struct RelayWearSection {
     /// Rated closures of a relay.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub relay_life_cycles: Option<u64>,
 }
 

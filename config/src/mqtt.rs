@@ -11,21 +11,16 @@ pub struct MqttSection {
     /// Host of the broker.
     pub host: String,
     /// Its port; 1883 if not given, 8883 with `ca`.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub port: Option<u16>,
     /// Certificates (PEM) that the broker's certificate must be issued by.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub ca: Option<PathBuf>,
     /// The user at the broker.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub user: Option<String>,
     /// A file with the password.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub password_file: Option<PathBuf>,
     /// Period of the messages, s.
     pub every_s: f64,
     /// First part of the topics on which Home Assistant looks for devices; none are announced without it.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub home_assistant: Option<String>,
 }
 

@@ -45,7 +45,6 @@ impl NotifySection {
 #[serde(default, deny_unknown_fields)]
 pub struct MetricsSection {
     /// `127.0.0.1:9617`; port 0 is any that is free.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub listen: Option<String>,
     /// Whether other machines may connect.
     pub beyond_localhost: bool,
