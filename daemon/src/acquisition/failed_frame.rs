@@ -1,6 +1,6 @@
 //! Describes a failed frame: first the state of the source, then the cause, each cause once.
 
-use rig::{AcquireError, LinkError, RigError};
+use rig::{AcquireError, EndReason, LinkError, RigError};
 
 /// The first sentence names the instrument and says whether the source is verified off; the rest says where and why.
 pub(crate) fn describe(error: &AcquireError) -> String {
@@ -8,10 +8,8 @@ pub(crate) fn describe(error: &AcquireError) -> String {
         return survey::error_chain(error);
     };
     let mut text = format!("{}; {}", what(cause), safety(error));
-    let at = match error {
-        AcquireError::Step { number, step, .. } | AcquireError::Unsafe { number, step, .. } => {
-            format!("at step {number} ({step})")
-        }
+    let at = match &error.reason {
+        EndReason::Step(number, step, _) => format!("at step {number} ({step})"),
         _ => "while the survey was being prepared".to_owned(),
     };
     text.push_str(&format!(". It happened {at}"));
@@ -108,13 +106,13 @@ mod tests {
 
     #[test]
     fn what_matters_comes_first_and_each_cause_once() {
-        let text = describe(&AcquireError::PrepareUnsafe {
-            cause: lost("6221 (tcp:h:1)", ""),
-            cleanup: CleanupError {
+        let text = describe(&AcquireError {
+            reason: EndReason::Prepare(lost("6221 (tcp:h:1)", "")),
+            made_safe: Err(CleanupError {
                 source: Some(lost("6221 (tcp:h:1)", "OUTP OFF")),
                 relays: None,
                 off_after: None,
-            },
+            }),
         });
         assert_eq!(
             text,
@@ -137,13 +135,13 @@ mod tests {
             output: "on".to_owned(),
             level: survey::Amps(1e-3),
         };
-        let text = describe(&AcquireError::PrepareUnsafe {
-            cause: silent(),
-            cleanup: CleanupError {
+        let text = describe(&AcquireError {
+            reason: EndReason::Prepare(silent()),
+            made_safe: Err(CleanupError {
                 source: Some(not_off),
                 relays: Some(silent()),
                 off_after: None,
-            },
+            }),
         });
         let first = text.split(". ").next().unwrap();
         assert!(

@@ -47,7 +47,7 @@ pub use crate::traits::{
 };
 pub use crate::transcript::ring::{RingTranscript, Transcript};
 pub use acquire::{
-    AcquireError, InjectionReadings, InjectionSink, acquire, acquire_reporting, settings,
+    AcquireError, EndReason, InjectionReadings, InjectionSink, acquire, acquire_reporting, settings,
 };
 pub use clock::{Clock, SystemClock};
 pub use connect::{connect_tcp, open_serial};

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rig::{
-    AcquireError, Clock, InjectionSink, MeterSettings, RigError, Stop, acquire, acquire_reporting,
-    check_at_start, safe_off,
+    AcquireError, Clock, EndReason, InjectionSink, MeterSettings, RigError, Stop, acquire,
+    acquire_reporting, check_at_start, safe_off,
 };
 use stand_in::{Fault, Part, StandIn, wirings};
 use survey::{Amps, Electrode, Frame, Injection, Plan, Protocol, Reading, Relay, Volts, Wiring};
@@ -178,7 +178,10 @@ async fn stop_takes_effect_between_two_steps() {
             let stand_in = StandIn::new(&wiring).calling(call, move || button.press());
             let ended = acquire(&stand_in.rig(), &plan, METER, Frozen, &stop).await;
             match ended {
-                Err(AcquireError::Stopped { .. }) => {}
+                Err(AcquireError {
+                    reason: EndReason::Stop(_),
+                    made_safe: Ok(_),
+                }) => {}
                 // the stop was requested during the last step
                 Ok(_) => assert!(
                     call + 5 > stand_in.calls(),
@@ -205,7 +208,9 @@ async fn a_stop_cuts_the_settling_short() {
     };
     let rig = stand_in.rig();
     let (ended, ()) = tokio::join!(acquire(&rig, &plan, METER, Frozen, &stop), press);
-    assert!(matches!(ended, Err(AcquireError::Stopped { .. })));
+    let ended = ended.unwrap_err();
+    assert!(matches!(ended.reason, EndReason::Stop(_)));
+    assert!(ended.made_safe.is_ok());
     assert_eq!(before.elapsed(), Duration::from_secs(5));
     stand_in.assert_safe();
 }

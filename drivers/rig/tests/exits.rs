@@ -4,7 +4,7 @@ mod stand_in;
 
 use std::time::Duration;
 
-use rig::{AcquireError, MeterSettings, RigError, Stop, SystemClock, acquire, safe_off};
+use rig::{EndReason, MeterSettings, RigError, Stop, SystemClock, acquire, safe_off};
 use stand_in::{Fault, Part, StandIn, wirings};
 use survey::{Amps, Plan, Protocol, Relay, Volts};
 use tokio::time::Instant;
@@ -44,7 +44,8 @@ async fn a_stop_while_a_scan_takes_minutes_switches_off_at_once() {
     let clock = SystemClock::new();
     let (ended, took) = tokio::join!(acquire(&rig, &plan, METER, clock, &stop), watched);
     let ended = ended.unwrap_err();
-    assert!(matches!(ended, AcquireError::Stopped { .. }), "{ended}");
+    assert!(matches!(ended.reason, EndReason::Stop(_)), "{ended}");
+    assert!(ended.made_safe.is_ok(), "{ended}");
     assert!(took <= ALLOWED, "{took:?}");
     assert!(ended.off_after().unwrap() <= ALLOWED, "{ended:?}");
     stand_in.assert_safe();

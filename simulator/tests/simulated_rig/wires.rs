@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::drivers::{frame, mainframe_rig, simulated};
 use phantom::{Load, Scene};
-use rig::{AcquireError, CurrentSource, Move, Switch, acquire};
+use rig::{CurrentSource, EndReason, Move, Switch, acquire};
 use simulator::{Instrument, Pace, Profile, SimulatedRig, Wire};
 use survey::{Amps, Relay, Volts, Wiring};
 
@@ -63,7 +63,7 @@ async fn source_lost_in_mid_frame_opens_relays_and_is_unknown() {
     let wiring = pairs();
     let (ended, ()) = tokio::join!(frame(&rig, &wiring), cut);
     let fault = ended.unwrap_err();
-    assert!(matches!(fault, AcquireError::Unsafe { .. }), "{fault}");
+    assert!(matches!(fault.reason, EndReason::Step(..)), "{fault}");
     assert!(fault.cleanup().unwrap().source_state_unknown());
     assert!(sim.closed().is_empty());
     // The output stays on when its client disconnects; without a closed relay no current flows.
@@ -203,7 +203,11 @@ async fn source_answers_at_the_rate_of_its_command_time() {
     // a timer of whole milliseconds would round this up
     profile.source.command_ms = 5.3;
     let rig = SimulatedRig::new(&profile.at_pace(Pace::Real), Scene::quiet()).unwrap();
-    let mut source = rig::Link::new(rig.connect_6221(), "6221", Duration::from_secs(1));
+    let mut source = rig::Link::new(
+        rig.connect(Instrument::Source),
+        "6221",
+        Duration::from_secs(1),
+    );
     let begun = tokio::time::Instant::now();
     for _ in 0..200 {
         source.ask("SOUR:CURR?").await.unwrap();

@@ -9,6 +9,8 @@ mod injection;
 mod run;
 
 use std::any::Any;
+use std::error::Error;
+use std::fmt;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 use std::task::Poll;
@@ -24,110 +26,76 @@ use injection::InjectionReport;
 pub use injection::{InjectionReadings, InjectionSink};
 use run::Run;
 
-/// Why there is no frame. All variants except the `Unsafe` ones leave the source off and verified and the injecting
-/// relays open. `off_after` is the time from detection to the read-back that the source is off.
-#[derive(Debug, thiserror::Error)]
-pub enum AcquireError {
+/// Why there is no frame, and the state in which the rig was left.
+#[derive(Debug)]
+pub struct AcquireError {
+    /// Why the plan ended early.
+    pub reason: EndReason,
+    /// The source is off and verified, and the injecting relays are open: the time from detection to the read-back that
+    /// the source is off. Otherwise what could not be made safe: then the sheet may carry current.
+    pub made_safe: Result<Duration, CleanupError>,
+}
+
+/// Why a plan ended early.
+#[derive(Debug)]
+pub enum EndReason {
     /// Source or voltmeter could not be set up.
-    #[error("the instruments could not be prepared for the survey")]
-    Prepare {
-        /// Why.
-        #[source]
-        cause: RigError,
-        /// From detection to verified off.
-        off_after: Duration,
-    },
-    /// They could not be set up, and the rig could not be made safe.
-    #[error(
-        "the instruments could not be prepared, and then the rig could not be made safe: {cleanup}"
-    )]
-    PrepareUnsafe {
-        /// Why.
-        #[source]
-        cause: RigError,
-        /// What could not be made safe.
-        cleanup: CleanupError,
-    },
-    /// A step failed.
-    #[error("step {number} of the survey failed ({step})")]
-    Step {
-        /// Counted from 1.
-        number: usize,
-        /// The step.
-        step: Step,
-        /// Why.
-        #[source]
-        cause: RigError,
-        /// From detection to verified off.
-        off_after: Duration,
-    },
-    /// A step failed, and the rig could not be made safe.
-    #[error(
-        "step {number} of the survey failed ({step}), and then the rig could not be made safe: {cleanup}"
-    )]
-    Unsafe {
-        /// Counted from 1.
-        number: usize,
-        /// The step.
-        step: Step,
-        /// Why.
-        #[source]
-        cause: RigError,
-        /// What could not be made safe.
-        cleanup: CleanupError,
-    },
-    /// A stop was requested, or the caller went away.
-    #[error("the survey was stopped before step {number}")]
-    Stopped {
-        /// The step that was not started, counted from 1.
-        number: usize,
-        /// From detection to verified off.
-        off_after: Duration,
-    },
-    /// A stop was requested, and the rig could not be made safe.
-    #[error(
-        "the survey was stopped before step {number}, and then the rig could not be made safe: {cleanup}"
-    )]
-    StoppedUnsafe {
-        /// The step that was not started, counted from 1.
-        number: usize,
-        /// What could not be made safe.
-        cleanup: CleanupError,
-    },
+    Prepare(RigError),
+    /// A step failed: its number, counted from 1, the step, and why.
+    Step(usize, Step, RigError),
+    /// A stop was requested, or the caller went away, before the step of this number, counted from 1.
+    Stop(usize),
 }
 
 impl AcquireError {
     /// What could not be made safe, if anything: then the sheet may carry current.
     pub fn cleanup(&self) -> Option<&CleanupError> {
-        match self {
-            Self::PrepareUnsafe { cleanup, .. }
-            | Self::Unsafe { cleanup, .. }
-            | Self::StoppedUnsafe { cleanup, .. } => Some(cleanup),
-            Self::Prepare { .. } | Self::Step { .. } | Self::Stopped { .. } => None,
-        }
+        self.made_safe.as_ref().err()
     }
 
     /// Time from detecting the fault to the read-back that the source is off; `None` if it could not be verified off.
     pub fn off_after(&self) -> Option<Duration> {
-        match self {
-            Self::Prepare { off_after, .. }
-            | Self::Step { off_after, .. }
-            | Self::Stopped { off_after, .. } => Some(*off_after),
-            Self::PrepareUnsafe { cleanup, .. }
-            | Self::Unsafe { cleanup, .. }
-            | Self::StoppedUnsafe { cleanup, .. } => cleanup.off_after,
+        match &self.made_safe {
+            Ok(off_after) => Some(*off_after),
+            Err(cleanup) => cleanup.off_after,
         }
     }
 
     /// The error of an instrument or its connection, if that was the cause.
     pub fn cause(&self) -> Option<&RigError> {
-        match self {
-            Self::Prepare { cause, .. }
-            | Self::PrepareUnsafe { cause, .. }
-            | Self::Step { cause, .. }
-            | Self::Unsafe { cause, .. } => Some(cause),
-            Self::Stopped { .. } | Self::StoppedUnsafe { .. } => None,
+        match &self.reason {
+            EndReason::Prepare(cause) | EndReason::Step(_, _, cause) => Some(cause),
+            EndReason::Stop(_) => None,
         }
+    }
+}
+
+impl fmt::Display for AcquireError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.reason, &self.made_safe) {
+            (EndReason::Prepare(_), Ok(_)) => {
+                f.write_str("the instruments could not be prepared for the survey")?;
+            }
+            (EndReason::Prepare(_), Err(_)) => {
+                f.write_str("the instruments could not be prepared")?;
+            }
+            (EndReason::Step(number, step, _), _) => {
+                write!(f, "step {number} of the survey failed ({step})")?;
+            }
+            (EndReason::Stop(number), _) => {
+                write!(f, "the survey was stopped before step {number}")?;
+            }
+        }
+        match &self.made_safe {
+            Ok(_) => Ok(()),
+            Err(cleanup) => write!(f, ", and then the rig could not be made safe: {cleanup}"),
+        }
+    }
+}
+
+impl Error for AcquireError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.cause().map(|cause| cause as _)
     }
 }
 
@@ -195,9 +163,11 @@ where
         let outcome = catch_panic(run.run_steps(&mut instruments)).await;
         let ended = match outcome {
             Ok(Ok(())) => Ok(()),
-            Ok(Err(cut)) => {
+            Ok(Err(reason)) => {
                 let made = make_safe(&mut instruments, &plan_of_task.wiring).await;
-                Err(cut.with(made, run.off_after))
+                // If the source was switched off during a reading, that time counts.
+                let made_safe = made.map(|off_after| run.off_after.unwrap_or(off_after));
+                Err(AcquireError { reason, made_safe })
             }
             Err(panic) => {
                 if let Err(cleanup) = make_safe(&mut instruments, &plan_of_task.wiring).await {
@@ -213,9 +183,10 @@ where
         Err(join) => match join.try_into_panic() {
             Ok(panic) => std::panic::resume_unwind(panic),
             Err(_) => {
-                let number = 1;
-                let cleanup = CleanupError::runtime_ended();
-                return Err(AcquireError::StoppedUnsafe { number, cleanup });
+                return Err(AcquireError {
+                    reason: EndReason::Stop(1),
+                    made_safe: Err(CleanupError::runtime_ended()),
+                });
             }
         },
     };
@@ -257,38 +228,6 @@ pub fn settings(plan: &Plan, meter: MeterSettings) -> Settings {
             planned_ranges,
             resolution: meter.resolution,
         },
-    }
-}
-
-/// Why the steps ended early.
-enum EndReason {
-    Prepare(RigError),
-    Step(usize, Step, RigError),
-    Stop(usize),
-}
-
-impl EndReason {
-    /// `earlier`: how long switching off took if it was done during a reading.
-    fn with(self, made: Result<Duration, CleanupError>, earlier: Option<Duration>) -> AcquireError {
-        let made = made.map(|off_after| earlier.unwrap_or(off_after));
-        match (self, made) {
-            (Self::Prepare(cause), Ok(off_after)) => AcquireError::Prepare { cause, off_after },
-            (Self::Prepare(cause), Err(cleanup)) => AcquireError::PrepareUnsafe { cause, cleanup },
-            (Self::Step(number, step, cause), Ok(off_after)) => AcquireError::Step {
-                number,
-                step,
-                cause,
-                off_after,
-            },
-            (Self::Step(number, step, cause), Err(cleanup)) => AcquireError::Unsafe {
-                number,
-                step,
-                cause,
-                cleanup,
-            },
-            (Self::Stop(number), Ok(off_after)) => AcquireError::Stopped { number, off_after },
-            (Self::Stop(number), Err(cleanup)) => AcquireError::StoppedUnsafe { number, cleanup },
-        }
     }
 }
 
