@@ -161,9 +161,10 @@ async fn messages() -> Result<(), AnyError> {
     let transcript = RingTranscript::new(1);
     let link =
         |stream, name: &str| Link::new(stream, name, DEADLINE).with_transcript(transcript.clone());
-    let source = Keithley6221::connect(link(simulated.connect_6221(), "6221")).await?;
-    let mainframe = Keysight34980a::connect(link(simulated.connect_34980a(), "34980a")).await?;
-    let rig = Rig::simulated(source, mainframe.clone(), mainframe);
+    let source = Keithley6221::connect(link(simulated.connect(Instrument::Source), "6221")).await?;
+    let mainframe =
+        Keysight34980a::connect(link(simulated.connect(Instrument::Mainframe), "34980a")).await?;
+    let rig = Rig::new(source, mainframe.clone(), mainframe).as_simulated(true);
     let plan = plan(&keysight_34980a::pairs_34924a(1, 26)?, SETTLE)?;
     let meter = MeterSettings::new(Volts(1.0), 0.02);
     for _ in 0..3 {
@@ -248,7 +249,7 @@ fn plan(wiring: &Wiring, settle: Duration) -> Result<Plan, AnyError> {
 async fn connect(source: BoxStream, mainframe: BoxStream) -> Result<MainframeRig, AnyError> {
     let source = Keithley6221::connect(Link::new(source, "6221", DEADLINE)).await?;
     let mainframe = Keysight34980a::connect(Link::new(mainframe, "34980A", DEADLINE)).await?;
-    Ok(Rig::simulated(source, mainframe.clone(), mainframe))
+    Ok(Rig::new(source, mainframe.clone(), mainframe).as_simulated(true))
 }
 
 /// The answers of an instrument in order, and the index from which frames repeat.
@@ -297,7 +298,11 @@ async fn own_time(profile: &str, wiring: &Wiring) -> Result<Duration, AnyError> 
     let meter = MeterSettings::new(Volts(1.0), 1.0);
     let (clock, never) = (SystemClock::new(), Stop::never());
     let mut marks = Vec::new();
-    let rig = connect(simulated.connect_6221(), simulated.connect_34980a()).await?;
+    let rig = connect(
+        simulated.connect(Instrument::Source),
+        simulated.connect(Instrument::Mainframe),
+    )
+    .await?;
     for _ in 0..3 {
         acquire(&rig, &plan, meter, clock, &never).await?;
         marks.push(simulated.transcript().len());
@@ -336,7 +341,11 @@ async fn own_time(profile: &str, wiring: &Wiring) -> Result<Duration, AnyError> 
 /// The time of the instruments by their data sheets, and the minimum time of a frame, s.
 async fn real_time(wiring: &Wiring, nplc: f64) -> Result<(f64, f64), AnyError> {
     let simulated = SimulatedRig::new(&Profile::load("pairs-34924a")?, Scene::quiet())?;
-    let rig = connect(simulated.connect_6221(), simulated.connect_34980a()).await?;
+    let rig = connect(
+        simulated.connect(Instrument::Source),
+        simulated.connect(Instrument::Mainframe),
+    )
+    .await?;
     let plan = plan(wiring, SETTLE)?;
     let timing = keysight_34980a::Model::M34924A.timing(nplc, 50.0);
     let meter = MeterSettings {

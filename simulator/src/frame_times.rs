@@ -9,7 +9,7 @@ use rig::{BoxStream, Link, MeterSettings, Rig, Stop, SystemClock, acquire};
 use survey::{Plan, Volts};
 use tokio::runtime::Runtime;
 
-use crate::instrument::{Pace, Profile};
+use crate::instrument::{Instrument, Pace, Profile};
 use crate::simulated_rig::SimulatedRig;
 
 /// Replies are immediate; the timeout only ends a hang.
@@ -67,13 +67,14 @@ impl FrameTimes {
         let (simulated, rig) = runtime.block_on(async {
             let simulated = SimulatedRig::new(&profile, scene)?;
             let link = |stream, name: &str| Link::new(stream, name, DEADLINE);
-            let source = Keithley6221::connect(link(simulated.connect_6221(), "6221"))
+            let source = Keithley6221::connect(link(simulated.connect(Instrument::Source), "6221"))
                 .await
                 .map_err(|fault| FrameTimeError::Driver(Box::new(fault)))?;
-            let mainframe = Keysight34980a::connect(link(simulated.connect_34980a(), "34980A"))
-                .await
-                .map_err(|fault| FrameTimeError::Driver(Box::new(fault)))?;
-            let rig = Rig::simulated(source, mainframe.clone(), mainframe);
+            let mainframe =
+                Keysight34980a::connect(link(simulated.connect(Instrument::Mainframe), "34980A"))
+                    .await
+                    .map_err(|fault| FrameTimeError::Driver(Box::new(fault)))?;
+            let rig = Rig::new(source, mainframe.clone(), mainframe).as_simulated(true);
             Ok::<_, FrameTimeError>((simulated, rig))
         })?;
         Ok(Self {

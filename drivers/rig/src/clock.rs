@@ -12,24 +12,6 @@ pub trait Clock: Send + Sync {
     fn wall(&self) -> DateTime<Utc>;
 }
 
-impl<T: Clock + ?Sized> Clock for &T {
-    fn monotonic(&self) -> Duration {
-        (**self).monotonic()
-    }
-    fn wall(&self) -> DateTime<Utc> {
-        (**self).wall()
-    }
-}
-
-impl<T: Clock + ?Sized> Clock for std::sync::Arc<T> {
-    fn monotonic(&self) -> Duration {
-        (**self).monotonic()
-    }
-    fn wall(&self) -> DateTime<Utc> {
-        (**self).wall()
-    }
-}
-
 /// The system clocks; monotonic time counts from the construction. Copies show the same time.
 #[derive(Debug, Clone, Copy)]
 pub struct SystemClock {

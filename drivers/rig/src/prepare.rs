@@ -3,7 +3,7 @@
 use survey::Plan;
 
 use crate::traits::Instruments;
-use crate::{CurrentSource, MeterSettings, Rig, RigError, Voltmeter};
+use crate::{CurrentSource, MeterSettings, RigError, Voltmeter};
 
 /// Applies the settings of a plan to source and voltmeter, each verified by read-back; the source stays off. After
 /// connecting, the first call resets the voltmeter's mainframe.
@@ -12,18 +12,6 @@ use crate::{CurrentSource, MeterSettings, Rig, RigError, Voltmeter};
 /// A setting that reads back differently, a rejected command, or a failed connection. The source is then off unless the
 /// error is the source's.
 pub async fn prepare<C, W, V>(
-    rig: &Rig<C, W, V>,
-    plan: &Plan,
-    meter: MeterSettings,
-) -> Result<(), RigError>
-where
-    C: CurrentSource,
-    V: Voltmeter,
-{
-    apply(&mut *rig.lock().await, plan, meter).await
-}
-
-pub(crate) async fn apply<C, W, V>(
     rig: &mut Instruments<C, W, V>,
     plan: &Plan,
     meter: MeterSettings,

@@ -249,7 +249,7 @@ impl<C, W, V> Clone for Rig<C, W, V> {
 }
 
 impl<C, W, V> Rig<C, W, V> {
-    /// A rig of real instruments.
+    /// A rig of real instruments; see [`Rig::as_simulated`].
     pub fn new(source: C, switch: W, voltmeter: V) -> Self {
         Self {
             instruments: Arc::new(Mutex::new(Instruments {
@@ -261,12 +261,9 @@ impl<C, W, V> Rig<C, W, V> {
         }
     }
 
-    /// A rig with at least one simulated part: its frames are marked as simulated.
-    pub fn simulated(source: C, switch: W, voltmeter: V) -> Self {
-        Self {
-            simulated: true,
-            ..Self::new(source, switch, voltmeter)
-        }
+    /// With at least one simulated part, the frames of the rig are marked as simulated.
+    pub fn as_simulated(self, simulated: bool) -> Self {
+        Self { simulated, ..self }
     }
 
     /// Whether any part is simulated.

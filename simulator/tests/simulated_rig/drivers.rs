@@ -10,7 +10,7 @@ use rig::{
     AcquireError, BoxStream, Clock, CurrentSource, Link, MeterSettings, Rig, Stop, Switch,
     Voltmeter, acquire,
 };
-use simulator::{Pace, Profile, SimulatedRig};
+use simulator::{Instrument, Pace, Profile, SimulatedRig};
 use survey::{Amps, Frame, Plan, Protocol, Volts, Wiring};
 
 const DEADLINE: Duration = Duration::from_secs(20);
@@ -39,19 +39,19 @@ pub fn link(stream: BoxStream, instrument: &str) -> Link<BoxStream> {
 }
 
 pub async fn source(simulated: &SimulatedRig) -> Keithley6221<BoxStream> {
-    Keithley6221::connect(link(simulated.connect_6221(), "6221"))
+    Keithley6221::connect(link(simulated.connect(Instrument::Source), "6221"))
         .await
         .unwrap()
 }
 
 pub async fn mainframe(simulated: &SimulatedRig) -> Keysight34980a<BoxStream> {
-    Keysight34980a::connect(link(simulated.connect_34980a(), "34980A"))
+    Keysight34980a::connect(link(simulated.connect(Instrument::Mainframe), "34980A"))
         .await
         .unwrap()
 }
 
 pub async fn board(simulated: &SimulatedRig) -> GpioMux<BoxStream> {
-    GpioMux::connect(link(simulated.connect_gpio(), "board"))
+    GpioMux::connect(link(simulated.connect(Instrument::Board), "board"))
         .await
         .unwrap()
 }
@@ -61,18 +61,19 @@ pub async fn mainframe_rig(
     simulated: &SimulatedRig,
 ) -> Rig<Keithley6221<BoxStream>, Keysight34980a<BoxStream>, Keysight34980a<BoxStream>> {
     let mainframe = mainframe(simulated).await;
-    Rig::simulated(source(simulated).await, mainframe.clone(), mainframe)
+    Rig::new(source(simulated).await, mainframe.clone(), mainframe).as_simulated(true)
 }
 
 /// The board switches, the mainframe measures.
 pub async fn board_rig(
     simulated: &SimulatedRig,
 ) -> Rig<Keithley6221<BoxStream>, GpioMux<BoxStream>, Keysight34980a<BoxStream>> {
-    Rig::simulated(
+    Rig::new(
         source(simulated).await,
         board(simulated).await,
         mainframe(simulated).await,
     )
+    .as_simulated(true)
 }
 
 pub fn plan(wiring: &Wiring) -> Plan {

@@ -29,17 +29,21 @@ pub fn simulated(profile: &str, scene: Scene) -> SimulatedRig {
 
 /// The real drivers on the simulated rig's streams.
 pub async fn drivers(bench: &SimulatedRig) -> PairRig {
-    let source = Keithley6221::connect(Link::new(bench.connect_6221(), "6221 in memory", DEADLINE))
-        .await
-        .expect("the simulated 6221 answers");
+    let source = Keithley6221::connect(Link::new(
+        bench.connect(Instrument::Source),
+        "6221 in memory",
+        DEADLINE,
+    ))
+    .await
+    .expect("the simulated 6221 answers");
     let mainframe = Keysight34980a::connect(Link::new(
-        bench.connect_34980a(),
+        bench.connect(Instrument::Mainframe),
         "34980A in memory",
         DEADLINE,
     ))
     .await
     .expect("the simulated 34980A answers");
-    Rig::simulated(source, mainframe.clone(), mainframe)
+    Rig::new(source, mainframe.clone(), mainframe).as_simulated(true)
 }
 
 pub fn plan(wiring: &Wiring) -> Plan {

@@ -220,24 +220,13 @@ impl SwitchAndVoltmeter {
     pub(super) fn with_source(self, source: Source, simulated: bool) -> AnyRig {
         match self {
             Self::Mainframe(mainframe) => {
-                AnyRig::Mainframe(new_rig(source, mainframe.clone(), mainframe, simulated))
+                let rig = Rig::new(source, mainframe.clone(), mainframe);
+                AnyRig::Mainframe(rig.as_simulated(simulated))
             }
             Self::Board(board, mainframe) => {
-                AnyRig::Board(new_rig(source, board, mainframe, simulated))
+                AnyRig::Board(Rig::new(source, board, mainframe).as_simulated(simulated))
             }
         }
-    }
-}
-
-fn new_rig<W: Switch, V>(
-    source: Source,
-    switch: W,
-    voltmeter: V,
-    simulated: bool,
-) -> Rig<Source, W, V> {
-    match simulated {
-        true => Rig::simulated(source, switch, voltmeter),
-        false => Rig::new(source, switch, voltmeter),
     }
 }
 
@@ -305,7 +294,7 @@ impl AnyRig {
     }
 
     pub(super) async fn prepare(&self, plan: &Plan, meter: MeterSettings) -> Result<(), RigError> {
-        with!(self, rig => rig::prepare(rig, plan, meter).await)
+        with!(self, rig => rig::prepare(&mut *rig.lock().await, plan, meter).await)
     }
 
     pub(super) async fn check_at_start(&self, wiring: &Wiring) -> Result<(), StartError> {

@@ -126,7 +126,7 @@ impl StandIn {
     }
 
     pub fn rig(&self) -> Played {
-        Rig::simulated(self.clone(), self.clone(), self.clone())
+        Rig::new(self.clone(), self.clone(), self.clone()).as_simulated(true)
     }
 
     pub fn calls(&self) -> usize {

@@ -12,7 +12,7 @@ use tokio::time::Instant;
 use super::EndReason;
 use super::injection::{InjectionReport, ends_before};
 use crate::acquire::run::concurrent::{PendingExchange, interrupted};
-use crate::prepare::apply;
+use crate::prepare::prepare;
 use crate::safe::open_checked;
 use crate::traits::Instruments;
 use crate::{
@@ -103,7 +103,7 @@ impl<'a> Run<'a> {
         if self.must_end() {
             return Err(EndReason::Stop(1));
         }
-        apply(rig, self.plan, self.meter)
+        prepare(rig, self.plan, self.meter)
             .await
             .map_err(EndReason::Prepare)?;
         // Read back just now.
