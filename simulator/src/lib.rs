@@ -15,10 +15,10 @@
 //! ```
 //! # #[tokio::main(flavor = "current_thread")] async fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use std::time::Duration;
-//! use simulator::{Pace, Profile, SimulatedRig};
+//! use simulator::{Instrument, Pace, Profile, SimulatedRig};
 //!
 //! let rig = SimulatedRig::new(&Profile::default().at_pace(Pace::Instant), phantom::Scene::quiet())?;
-//! let mut source = rig::Link::new(rig.connect_6221(), "6221", Duration::from_secs(5));
+//! let mut source = rig::Link::new(rig.connect(Instrument::Source), "6221", Duration::from_secs(5));
 //! source.send("SOUR:CURR 1e-3;:OUTP ON").await?;
 //! // Nothing is closed: no current, and the source is in compliance.
 //! assert_eq!(source.ask("STAT:MEAS:COND?").await?, "8");

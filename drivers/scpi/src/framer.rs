@@ -2,24 +2,12 @@
 
 use std::collections::VecDeque;
 
-/// Why the bytes contain no valid message.
+/// A message longer than the buffer: SCPI error -363. The bytes up to the next line feed are dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum FramingError {
-    /// A message longer than the buffer: SCPI error -363. The bytes up to the next line feed are dropped.
-    #[error("a message of more than {most} bytes (-363, input buffer overrun); send shorter ones")]
-    Oversized {
-        /// Longest message allowed, bytes without terminator.
-        most: usize,
-    },
-}
-
-impl FramingError {
-    /// The SCPI error number.
-    pub fn code(self) -> i32 {
-        match self {
-            FramingError::Oversized { .. } => -363,
-        }
-    }
+#[error("a message of more than {most} bytes (-363, input buffer overrun); send shorter ones")]
+pub struct Oversized {
+    /// Longest message allowed, bytes without terminator.
+    pub most: usize,
 }
 
 /// Lexical context of the next byte.
@@ -59,7 +47,7 @@ pub struct Framer {
     most: usize,
     partial: Vec<u8>,
     state: LexState,
-    ready: VecDeque<Result<Vec<u8>, FramingError>>,
+    ready: VecDeque<Result<Vec<u8>, Oversized>>,
 }
 
 impl Framer {
@@ -106,8 +94,7 @@ impl Framer {
         if held > self.most || self.state == LexState::Overrun {
             self.partial.clear();
             self.state = LexState::Overrun;
-            self.ready
-                .push_back(Err(FramingError::Oversized { most: self.most }));
+            self.ready.push_back(Err(Oversized { most: self.most }));
         }
     }
 
@@ -150,7 +137,7 @@ impl Framer {
 /// The next complete message, or `None` until more bytes arrive. After a `None` the iterator may yield further
 /// messages.
 impl Iterator for Framer {
-    type Item = Result<Vec<u8>, FramingError>;
+    type Item = Result<Vec<u8>, Oversized>;
 
     fn next(&mut self) -> Option<Self::Item> {
         self.ready.pop_front()
@@ -161,7 +148,7 @@ impl Iterator for Framer {
 mod tests {
     use super::*;
 
-    fn framed(most: usize, bytes: &[u8]) -> Vec<Result<Vec<u8>, FramingError>> {
+    fn framed(most: usize, bytes: &[u8]) -> Vec<Result<Vec<u8>, Oversized>> {
         let mut framer = Framer::new(most);
         framer.push(bytes);
         framer.collect()
@@ -198,16 +185,13 @@ mod tests {
         bytes.extend(b"\nB\n");
         assert_eq!(
             framed(10, &bytes),
-            [Err(FramingError::Oversized { most: 10 }), Ok(b"B".to_vec())]
+            [Err(Oversized { most: 10 }), Ok(b"B".to_vec())]
         );
     }
 
     #[test]
     fn a_block_too_long_for_the_buffer_is_refused_at_once() {
-        assert_eq!(
-            framed(10, b"#9999999999"),
-            [Err(FramingError::Oversized { most: 10 })]
-        );
+        assert_eq!(framed(10, b"#9999999999"), [Err(Oversized { most: 10 })]);
     }
 
     #[test]

@@ -43,7 +43,7 @@ pub use channel_list::{ChannelEntry, ChannelList};
 pub use common_command::Common;
 pub use error_code::ParseError;
 pub use error_queue::{ErrorEntry, ErrorQueue};
-pub use framer::{Framer, FramingError};
+pub use framer::{Framer, Oversized};
 pub use message::{join_units, parse_message};
 pub use reading::{
     Answer, INFINITY, NOT_A_NUMBER, ReplyError, format_block, format_nr3, format_nr3_signed,

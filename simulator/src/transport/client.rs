@@ -50,13 +50,6 @@ pub(crate) struct ClientSession {
     serial: bool,
 }
 
-/// The bytes to send for one message.
-#[derive(Debug, Default, PartialEq, Eq)]
-pub(crate) struct Delivery {
-    /// The bytes, with their line end unless a fault removed it.
-    pub(crate) bytes: Vec<u8>,
-}
-
 impl ClientSession {
     /// Registers a client; `address` is for display.
     pub(crate) fn register(rig: &SimulatedRig, instrument: Instrument, address: &str) -> Self {
@@ -123,7 +116,7 @@ impl ClientSession {
     }
 
     /// Passes a message to the instrument, waits for the reply, and returns the bytes to send.
-    pub(crate) async fn receive(&self, message: Vec<u8>) -> io::Result<Delivery> {
+    pub(crate) async fn receive(&self, message: Vec<u8>) -> io::Result<Vec<u8>> {
         let received = self.begin(message).await?;
         Ok(self.finish(received).await)
     }
@@ -153,8 +146,8 @@ impl ClientSession {
         *due
     }
 
-    /// Waits for the reply, and returns the bytes to send.
-    pub(crate) async fn finish(&self, received: MessageOutcome) -> Delivery {
+    /// Waits for the reply, and returns the bytes to send, with their line end unless a fault removed it.
+    pub(crate) async fn finish(&self, received: MessageOutcome) -> Vec<u8> {
         // Delays of timers are compensated, a fault that slows the instrument is not.
         let slowness = self.rig.slowness(self.instrument);
         let end = self.due(received.wait) + slowness;
@@ -180,10 +173,10 @@ impl ClientSession {
             received.text
         };
         let Some(text) = text else {
-            return Delivery::default();
+            return Vec::new();
         };
         if self.line.borrow().wire != Wire::Sound {
-            return Delivery::default();
+            return Vec::new();
         }
         let (fault, text) = self
             .rig
@@ -203,7 +196,7 @@ impl ClientSession {
                 bytes.extend_from_within(..);
             }
         }
-        Delivery { bytes }
+        bytes
     }
 
     /// Queues an error that does not belong to a message: -363, -410, -420. Only the board sends a reply.
@@ -241,7 +234,7 @@ impl ClientSession {
             while let Some(message) = framer.next() {
                 let message = match message {
                     Ok(message) => message,
-                    Err(scpi::FramingError::Oversized { .. }) => {
+                    Err(scpi::Oversized { .. }) => {
                         if let Some(reply) = self.refuse(ParseError::InputOverrun) {
                             stream.write_all(format!("{reply}\n").as_bytes()).await?;
                         }
@@ -249,7 +242,7 @@ impl ClientSession {
                     }
                 };
                 let mut ahead = Vec::new();
-                let delivery = {
+                let reply = {
                     let receiving = self.receive(message);
                     await_reply(receiving, stream, &mut ahead, &mut half_closed).await?
                 };
@@ -257,8 +250,8 @@ impl ClientSession {
                     self.received_as(&mut ahead);
                     framer.push(&ahead);
                 }
-                if !delivery.bytes.is_empty() {
-                    stream.write_all(&self.sent_as(delivery.bytes)).await?;
+                if !reply.is_empty() {
+                    stream.write_all(&self.sent_as(reply)).await?;
                     stream.flush().await?;
                 }
             }
@@ -291,11 +284,11 @@ impl ClientSession {
 /// connection is released immediately, one that closed its sending side after [`HALF_CLOSED_TIMEOUT`], because it cannot be
 /// distinguished from one that has gone.
 async fn await_reply<S>(
-    receiving: impl Future<Output = io::Result<Delivery>>,
+    receiving: impl Future<Output = io::Result<Vec<u8>>>,
     stream: &mut S,
     ahead: &mut Vec<u8>,
     half_closed: &mut bool,
-) -> io::Result<Delivery>
+) -> io::Result<Vec<u8>>
 where
     S: AsyncRead + Unpin,
 {
@@ -306,7 +299,7 @@ where
     loop {
         tokio::select! {
             biased;
-            delivery = &mut receiving => return delivery,
+            reply = &mut receiving => return reply,
             count = stream.read(&mut chunk), if !*half_closed && ahead.len() < LONGEST_MESSAGE => {
                 match count? {
                     0 => {
@@ -348,22 +341,8 @@ pub(crate) enum End {
 }
 
 impl SimulatedRig {
-    /// Connects a client to the current source.
-    pub fn connect_6221(&self) -> BoxStream {
-        self.connect(Instrument::Source)
-    }
-
-    /// Connects a client to the mainframe, which serves several clients at once.
-    pub fn connect_34980a(&self) -> BoxStream {
-        self.connect(Instrument::Mainframe)
-    }
-
-    /// Connects a client to the multiplexer board. Its port has been open since power on, so no banner is sent.
-    pub fn connect_gpio(&self) -> BoxStream {
-        self.connect(Instrument::Board)
-    }
-
-    /// Connects a client to one of the instruments.
+    /// Connects a client to one of the instruments. The port of the multiplexer board has been open since power on, so no
+    /// banner is sent.
     pub fn connect(&self, instrument: Instrument) -> BoxStream {
         let (here, there) = tokio::io::duplex(PIPE);
         tokio::spawn(

@@ -76,7 +76,7 @@ async fn answer(client: &ClientSession, stream: &mut impl Stream) -> io::Result<
             received += 1;
             match message {
                 Ok(message) => {
-                    let reply = client.receive(message).await?.bytes;
+                    let reply = client.receive(message).await?;
                     for line in reply.split_inclusive(|byte| *byte == b'\n') {
                         output.extend_from_slice(line.strip_suffix(b"\n").unwrap_or(line));
                         if line.ends_with(b"\n") {

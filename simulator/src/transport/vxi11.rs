@@ -72,7 +72,7 @@ impl Session for ClientSession {
     }
 
     async fn finish(&self, received: MessageOutcome) -> Vec<u8> {
-        ClientSession::finish(self, received).await.bytes
+        ClientSession::finish(self, received).await
     }
 
     fn refuse(&self, refusal: Refusal) {

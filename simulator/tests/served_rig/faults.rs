@@ -84,7 +84,7 @@ async fn a_stuck_relay_reads_right_and_leads_wrong() {
 #[tokio::test]
 async fn a_stuck_pole_of_the_board_is_no_electrode() {
     let rig = simulated("gpio-board", "resistor 3 4 100".parse().unwrap());
-    let link = Link::new(rig.connect_gpio(), "board", DEADLINE);
+    let link = Link::new(rig.connect(Instrument::Board), "board", DEADLINE);
     let mut board = GpioMux::connect(link).await.unwrap();
     rig.fault(&Fault::StuckOpen(Relay(103))).unwrap();
     rig.receive(Instrument::Board, "PAIR I 3");
@@ -453,7 +453,7 @@ async fn the_serial_port_of_the_source_ends_its_lines_as_it_is_set() {
 #[tokio::test]
 async fn a_board_that_is_reset_says_its_banner() {
     let rig = simulated("gpio-board", LoadNetwork::Sheet);
-    let mut wire = rig.connect_gpio();
+    let mut wire = rig.connect(Instrument::Board);
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
     wire.write_all(b"PAIR I 3\n").await.unwrap();
     let mut reply = [0; 64];
@@ -469,7 +469,7 @@ async fn a_board_that_is_reset_says_its_banner() {
 #[tokio::test]
 async fn a_line_too_long_for_the_board_has_its_reply() {
     let rig = simulated("gpio-board", LoadNetwork::Sheet);
-    let mut board = Link::new(rig.connect_gpio(), "board", DEADLINE);
+    let mut board = Link::new(rig.connect(Instrument::Board), "board", DEADLINE);
     let too_long = board.ask(&"A".repeat(100_000)).await.unwrap();
     assert_eq!(too_long, "ERR -363,\"Input buffer overrun\"");
     assert_eq!(

@@ -130,7 +130,7 @@ async fn source_change_during_a_scan_shows_in_later_readings() {
     let rig = SimulatedRig::new(&profile.at_pace(Pace::Real), Scene::quiet()).unwrap();
     rig.receive(Instrument::Mainframe, "ROUT:CLOS (@1036)");
     rig.receive(Instrument::Source, "SOUR:CURR 1e-3;:OUTP ON");
-    let (reader, mut writer) = tokio::io::split(rig.connect_34980a());
+    let (reader, mut writer) = tokio::io::split(rig.connect(Instrument::Mainframe));
     let mut reader = BufReader::new(reader);
     let mut message = String::new();
     // five readings of 200 ms and their delay each

@@ -53,7 +53,7 @@ fn lost_source_opens_relays_and_is_verified_off_on_return() {
 
         bench.set_wire(Instrument::Source, Wire::Sound);
         let link = Link::new(
-            bench.connect_6221(),
+            bench.connect(Instrument::Source),
             "6221 in memory",
             Duration::from_secs(30),
         );
