@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use crate::scene::{
-    done, lines, refused, session_paused, session_with_alarms, session_without_baseline,
+    done, lines, refused, session_paused, session_with_alarms, session_with_unread_end,
+    session_without_baseline,
 };
 
 const METHOD: [&str; 4] = ["--preset", "disc-tank", "--noise-v", "2e-6"];
@@ -96,6 +97,21 @@ fn numbers_of_a_report_are_those_of_quantities() {
         let shown = format!("{words}: {rounded} {unit}");
         assert!(page.contains(&shown), "{shown}");
     }
+}
+
+#[test]
+fn frames_without_a_map_are_not_known_in_a_report() {
+    let folder = tempfile::tempdir().unwrap();
+    session_with_unread_end(folder.path());
+    let (page, _) = report(folder.path(), "last");
+    let quantities = ["quantities", "last", "--json", "--quantity", "known"];
+    let rows = lines(&done(folder.path(), &[&quantities[..], &METHOD].concat()));
+    assert_eq!(rows[0]["frames"], 3);
+    let share = rows[0]["mean"].as_f64().unwrap();
+    assert!(share < 1.0, "{share}");
+    let shown = format!("in {:.1} % of the frames", 100.0 * share);
+    assert!(page.contains(&shown), "{shown}");
+    assert!(page.contains("1 more have no map"));
 }
 
 #[test]

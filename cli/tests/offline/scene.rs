@@ -154,6 +154,27 @@ pub fn session_in_parts(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
+/// [`session_in_parts`] with the alarms of [`session_with_alarms`].
+pub fn session_in_parts_with_alarms(folder: &Path) {
+    let header = SessionHeader::new("m1", at(0), protocol());
+    let course = Course {
+        rolled: true,
+        alarms: true,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course);
+}
+
+/// [`session`] without a reading in the last frame.
+pub fn session_with_unread_end(folder: &Path) {
+    let header = SessionHeader::new("m20270115_1", at(0), protocol());
+    let course = Course {
+        unread_end: true,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course);
+}
+
 /// The same as recorded by a daemon that reconstructs on a disc tank, for 3 uV of noise, with `configuration` stored.
 pub fn session_of(folder: &Path, id: &str, configuration: &str) -> PathBuf {
     session_with(folder, id, configuration, |_, record, _| record)
@@ -213,6 +234,8 @@ struct Course {
     alarms: bool,
     /// Nothing was measured in any frame.
     unread: bool,
+    /// Nothing was measured in the last frame.
+    unread_end: bool,
 }
 
 fn record(
@@ -282,6 +305,11 @@ fn record(
         for (_, readings) in &mut frames {
             readings.fill(Reading::NotMeasured);
         }
+    }
+    if course.unread_end
+        && let Some((_, readings)) = frames.last_mut()
+    {
+        readings.fill(Reading::NotMeasured);
     }
     let end = frames.last().map_or(0, |(second, _)| second + 1);
     for (second, readings) in frames {

@@ -7,7 +7,8 @@ use imaging::recorded::{Origin, Recording};
 
 use crate::args::Report;
 use crate::failure::Failure;
-use crate::maps::pictures::Pictures;
+use crate::maps::compared::Compared;
+use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 use crate::output::progress::progress;
 
@@ -77,7 +78,8 @@ impl SessionRows {
         // each span has a frame
         let span_s =
             span_s(whole.max(f64::from(STORED_S) * (every as f64 * whole / frames.max(1) as f64)));
-        let mut pictures = Pictures::new(reconstruction, &requested.asked.tracked, recording)?;
+        let mut follower = Follower::of(reconstruction, &requested.asked.tracked, recording)?;
+        let mut quantifier = reconstruction.quantifier(recording)?;
         let mut collected = Rows::new(span_s);
         let mut rows = Vec::new();
         let bar = progress(Some(frames as u64), on_terminal);
@@ -85,17 +87,27 @@ impl SessionRows {
         for (index, frame) in recording.frames().filter_map(Result::ok).enumerate() {
             bar.inc(1);
             if !index.is_multiple_of(every) {
-                pictures.pass(&frame)?;
+                if let Some(follower) = &mut follower {
+                    follower.pass(&frame)?;
+                }
                 continue;
             }
-            match pictures.map(&frame) {
-                Ok(picture) => {
-                    let at_s = frame.at_s();
-                    rows.extend(collected.take(at_s, &picture.quantities));
-                    used += 1;
-                }
-                Err(Failure::Failed(_)) => without += 1,
+            let followed = follower.as_mut().map(|follower| follower.follow(&frame));
+            let computed = followed.transpose().and_then(|followed| {
+                let compared = Compared::new(recording, &frame, followed.as_ref());
+                compared.quantities(reconstruction, &mut quantifier)
+            });
+            let at_s = frame.at_s();
+            let (quantities, map) = match computed {
+                Ok(computed) => computed,
+                // a frame that cannot be followed, or whose map the calibration refuses
+                Err(Failure::Failed(_)) => (quantifier.take(at_s, None), None),
                 Err(other) => return Err(other),
+            };
+            rows.extend(collected.take(at_s, &quantities));
+            match map {
+                Some(_) => used += 1,
+                None => without += 1,
             }
         }
         rows.extend(collected.end());
