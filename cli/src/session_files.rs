@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use config::path_from_environment;
-use logbook::{LogbookError, SessionReader};
+use logbook::{Listing, LogbookError, SessionReader};
 
 use crate::args::Global;
 use crate::connection::LAST;
 use crate::failure::Failure;
+use crate::output::complain;
 
 /// A running daemon that does not reply within this time is ignored.
 const DAEMON_TIMEOUT: Duration = Duration::from_secs(2);
@@ -97,16 +98,45 @@ pub(crate) fn listed(places: &[PathBuf]) -> String {
     places.join(", ")
 }
 
+/// The sessions in one of these directories; `None` where it does not exist, and where it cannot be read beside others, which
+/// is reported.
+///
+/// # Errors
+/// The only directory cannot be read.
+pub(crate) fn listing(
+    places: &[PathBuf],
+    place: &Path,
+    report: impl FnOnce(&str),
+) -> Result<Option<Listing>, Failure> {
+    match logbook::list(place) {
+        Ok(listing) => Ok(Some(listing)),
+        Err(_) if !place.exists() => Ok(None),
+        Err(error) if places.len() == 1 => Err(refused(&error)),
+        Err(error) => {
+            report(&format!(
+                "tactus: {} is left out: {}",
+                place.display(),
+                crate::failure::chain(&error)
+            ));
+            Ok(None)
+        }
+    }
+}
+
 /// The file of the session that was started last, over all directories.
 fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
-    let listings = places
-        .iter()
-        .filter_map(|place| Some((place, logbook::list(place).ok()?)));
-    let newest = listings
-        .flat_map(|(place, listing)| {
-            let sessions = listing.sessions.into_iter();
-            sessions.map(move |session| (place, session))
-        })
+    let mut all = Vec::new();
+    for place in places {
+        let sessions = listing(places, place, complain)?.map(|listing| listing.sessions);
+        all.extend(
+            sessions
+                .into_iter()
+                .flatten()
+                .map(|session| (place, session)),
+        );
+    }
+    let newest = all
+        .into_iter()
         .max_by(|(_, a), (_, b)| (a.started, &a.id).cmp(&(b.started, &b.id)));
     let (place, session) = newest.ok_or_else(|| none(places))?;
     // the first part of a session in parts

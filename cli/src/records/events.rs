@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use imaging::recorded::SessionParts;
 use serde::Serialize;
 use survey::printable;
 
@@ -25,10 +26,8 @@ pub(crate) fn run(
     named: &str,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    let session = session_files::open(&session_files::session_file(global, named)?)?;
-    let events = session
-        .events()
-        .map_err(|error| session_files::refused(&error))?;
+    let session = SessionParts::open(&session_files::session_file(global, named)?)?;
+    let events = session.events()?;
     if events.is_empty() && !printer.is_json() {
         return printer.text("nothing happened to this session but its frames");
     }

@@ -1,7 +1,7 @@
 //! `tactus log`: events of the daemon and of all its sessions, from their records.
 
 use std::collections::BTreeSet;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
@@ -162,7 +162,14 @@ fn recorded(
             Err(error) => complain(&format!("tactus: {}", chain(&error))),
         }
     }
-    let files = std::fs::read_dir(place).into_iter().flatten().flatten();
+    let files = std::fs::read_dir(place);
+    if let Err(error) = &files
+        && error.kind() != ErrorKind::NotFound
+    {
+        let place = place.display();
+        complain(&format!("tactus: {place} is left out: {}", chain(error)));
+    }
+    let files = files.into_iter().flatten().flatten();
     for file in files.map(|entry| entry.path()) {
         let id = file.file_stem().and_then(|id| id.to_str());
         let asked = log.session.as_ref();

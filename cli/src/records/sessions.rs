@@ -112,18 +112,8 @@ fn list(
     let places = session_files::directories(global)?;
     let mut sessions = Vec::new();
     for place in &places {
-        let listing = match logbook::list(place) {
-            Ok(listing) => listing,
-            Err(_) if !place.exists() => continue,
-            Err(error) if places.len() == 1 => return Err(session_files::refused(&error)),
-            Err(error) => {
-                complain(&format!(
-                    "tactus: {} is left out: {}",
-                    place.display(),
-                    crate::failure::chain(&error)
-                ));
-                continue;
-            }
+        let Some(listing) = session_files::listing(&places, place, complain)? else {
+            continue;
         };
         for unreadable in &listing.unreadable {
             complain(&format!(

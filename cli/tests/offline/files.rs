@@ -1,9 +1,11 @@
 //! Lists, tables, errors.
 
 use std::path::Path;
+use std::process::Command;
 
 use crate::scene::{
-    baseline_session, done, lines, refused, session, session_at_thirds_of_a_second, tactus,
+    baseline_session, done, lines, refused, session, session_at_thirds_of_a_second,
+    session_in_parts_with_alarms, tactus,
 };
 
 #[test]
@@ -89,6 +91,62 @@ fn overload_is_exported_as_blank_with_its_reason() {
             .starts_with("m0,0,1,2,3,ok,"),
         "electrodes count from 0 in every file"
     );
+}
+
+#[test]
+fn events_are_those_of_all_parts_of_a_session() {
+    let folder = tempfile::tempdir().unwrap();
+    session_in_parts_with_alarms(folder.path());
+    let events = lines(&done(folder.path(), &["events", "m1", "--json"]));
+    let alarms: Vec<&str> = events
+        .iter()
+        .filter(|event| event["kind"] == "alarm-active" && event["session"] == "m1")
+        .map(|event| event["text"].as_str().unwrap())
+        .collect();
+    assert_eq!(alarms.len(), 2, "{events:?}");
+    assert!(alarms[0].contains("frame 2") && alarms[1].contains("frame 3"));
+    // a later part alone
+    let events = done(folder.path(), &["events", "m1_p3", "--json"]);
+    assert!(events.contains("frame 3") && !events.contains("frame 2"));
+}
+
+/// One folder of several, as for a user who may not read that of the daemon.
+#[test]
+fn an_unreadable_folder_is_reported_where_last_is_looked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let own = folder.path().join("home/.local/state/tactus");
+    std::fs::create_dir_all(&own).unwrap();
+    session(&own);
+    std::fs::create_dir(folder.path().join("state")).unwrap();
+    std::fs::write(folder.path().join("state/tactus"), "no folder").unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_tactus"))
+        .args(["sessions", "show", "last"])
+        .env_remove("TACTUS_STATE")
+        .env("TACTUS_BUS", "unix:path=/nonexistent/bus")
+        .env("XDG_STATE_HOME", folder.path().join("state"))
+        .env("HOME", folder.path().join("home"))
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{message}");
+    assert!(message.contains("state/tactus is left out"), "{message}");
+    // the only folder
+    let only = ["sessions", "show", "last", "--state", "state/tactus"];
+    let message = refused(folder.path(), &only, 1);
+    assert!(message.contains("state/tactus"), "{message}");
+}
+
+#[test]
+fn a_log_reports_a_folder_that_cannot_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("file"), "no folder").unwrap();
+    let words = ["log", "--session", "m1", "--state", "file"];
+    let output = tactus(folder.path(), &words);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(message.contains("file is left out"), "{message}");
+    // one that does not exist is none
+    let words = ["log", "--session", "m1", "--state", "none"];
+    assert!(tactus(folder.path(), &words).stderr.is_empty());
 }
 
 /// Frames on and beside a whole second: readers infer the format of a column of times from its first row.

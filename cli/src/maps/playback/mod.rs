@@ -7,6 +7,7 @@ mod history;
 mod running;
 mod session;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -15,6 +16,7 @@ use web::{History, Playback, Recordings, RunningModel, SessionEntry};
 
 use crate::args::{Global, Web};
 use crate::failure::Failure;
+use crate::output::complain;
 use crate::session_files;
 use running::RunningSession;
 use session::{Kept, PlayedSession};
@@ -26,6 +28,8 @@ pub(crate) struct RecordedSessions {
     archive: Option<Arc<archived::ArchivedSheets>>,
     /// Directories that were found once: that of the daemon cannot be asked for while it does not run.
     places: Mutex<Vec<PathBuf>>,
+    /// Directories that could not be read, which was reported.
+    unreadable: Mutex<BTreeSet<PathBuf>>,
 }
 
 impl RecordedSessions {
@@ -44,6 +48,7 @@ impl RecordedSessions {
                 false => None,
             },
             places: Mutex::new(session_files::directories(global)?),
+            unreadable: Mutex::default(),
         })
     }
 
@@ -56,14 +61,26 @@ impl RecordedSessions {
         Ok(places.clone())
     }
 
+    /// Reports once that a folder cannot be read: the page asks for the sessions again and again.
+    fn left_out(&self, place: &Path, text: &str) {
+        let unreadable = self.unreadable.lock();
+        let mut unreadable = unreadable.unwrap_or_else(PoisonError::into_inner);
+        if unreadable.insert(place.to_owned()) {
+            complain(text);
+        }
+    }
+
     /// First parts of all measurements, the newest first; a folder that cannot be read is left out.
     fn summaries(&self) -> Result<Vec<SessionSummary>, String> {
         let places = self.places()?;
-        let listings = places.iter().filter_map(|place| logbook::list(place).ok());
-        let mut sessions: Vec<SessionSummary> = listings
-            .flat_map(|listing| listing.sessions)
-            .filter(|session| session.kind == SessionKind::Measurement && session.frames > 0)
-            .collect();
+        let mut sessions: Vec<SessionSummary> = Vec::new();
+        for place in &places {
+            let report = |text: &str| self.left_out(place, text);
+            let listing = session_files::listing(&places, place, report);
+            let listing = listing.map_err(|why| why.to_string())?;
+            sessions.extend(listing.into_iter().flat_map(|listing| listing.sessions));
+        }
+        sessions.retain(|session| session.kind == SessionKind::Measurement && session.frames > 0);
         sessions.sort_by(|a, b| (b.started, &b.id).cmp(&(a.started, &a.id)));
         Ok(sessions)
     }
