@@ -3,7 +3,7 @@
 use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
 
 use super::{BEFORE_VOLTAGES, Cells, bits, python, read, tables};
-use crate::scene::{done, session, session_at_thirds_of_a_second, session_in_parts};
+use crate::scene::{done, session, session_at_thirds_of_a_second, session_in_parts, tactus};
 
 #[test]
 fn netcdf_has_the_bits_of_the_tables() {
@@ -207,4 +207,43 @@ fn stored_quantities_are_those_of_the_command() {
     // the frames are as without quantities
     assert_eq!(read["voltage"].shape, [3, 208]);
     assert_eq!(read["sequence"].numbers(), [1.0, 2.0, 3.0]);
+}
+
+#[test]
+fn stored_quantities_survive_a_clock_that_is_set_back() {
+    let Some(python) = python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let row = |minute: i64, of, load: f64| QuantityRow {
+        begin_s: 1_800_000_000 + 60 * minute,
+        region: "sheet".into(),
+        quantity: Quantity::Load,
+        of,
+        min: load,
+        mean: load,
+        max: load,
+        frames: 60,
+        known: 60,
+    };
+    // set back by two minutes behind the third row; calibrated from the second on
+    for (minute, of, load) in [
+        (0, LoadUnit::RelativeLoss, 0.5),
+        (5, LoadUnit::Pressure, 1.0),
+        (6, LoadUnit::Pressure, 2.0),
+        (4, LoadUnit::Pressure, 3.0),
+        (5, LoadUnit::Pressure, 5.0),
+    ] {
+        store(folder.path(), "m20270115_1", &[row(minute, of, load)]).unwrap();
+    }
+    let export = ["export", "last", "--format", "nc", "--out", "out.nc"];
+    let output = tactus(folder.path(), &export);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{message}");
+    assert!(message.contains("in another unit"), "{message}");
+    let read = read(&python, "read_nc.py", &folder.path().join("out.nc"));
+    let minutes = [1_800_000_240.0, 1_800_000_300.0, 1_800_000_360.0];
+    assert_eq!(read["minute"].numbers(), minutes);
+    assert_eq!(read["load_mean:units"].values[0], "N");
+    assert_eq!(read["load_mean"].numbers(), [3.0, 3.0, 2.0]);
+    assert_eq!(read["load_max"].numbers(), [3.0, 5.0, 2.0]);
 }

@@ -7,6 +7,7 @@ use imaging::quantities::{Quantity, QuantityRow, STORED_S, joined, stored};
 use super::layout::Layout;
 use super::number;
 use crate::failure::Failure;
+use crate::output::complain;
 
 /// Three values of each quantity: its ending in a name, its meaning, and the value of a row.
 type Of = fn(&QuantityRow) -> f64;
@@ -22,9 +23,19 @@ pub(super) fn quantities(
     folder: &Path,
     session: &str,
 ) -> Result<usize, Failure> {
-    let Some((rows, damaged)) = stored(folder, session)? else {
+    let Some((mut rows, damaged)) = stored(folder, session)? else {
         return Ok(0);
     };
+    // the wall clock may have been set back between two minutes
+    rows.sort_by_key(|row| row.begin_s);
+    let Some(unit) = rows.last().map(|row| row.of) else {
+        return Ok(damaged);
+    };
+    let all = rows.len();
+    rows.retain(|row| row.of == unit);
+    if rows.len() < all {
+        complain("tactus: stored quantities in another unit than the newest are left out");
+    }
     // a minute that was written twice, by a daemon that was restarted within it, is one
     let rows = joined(&rows, STORED_S);
     let (mut begins, mut regions): (Vec<i64>, Vec<&str>) = (Vec::new(), Vec::new());
@@ -36,9 +47,6 @@ pub(super) fn quantities(
             regions.push(&row.region);
         }
     }
-    let Some(first) = rows.first() else {
-        return Ok(damaged);
-    };
     layout.dimension("minute", begins.len())?;
     layout.dimension("region", regions.len())?;
     layout.numbers(
@@ -87,7 +95,7 @@ pub(super) fn quantities(
                         "long_name",
                         &format!("{}, {meaning} in the minute", quantity.words()),
                     ),
-                    ("units", quantity.unit(first.of)),
+                    ("units", quantity.unit(unit)),
                 ],
             )?;
         }
