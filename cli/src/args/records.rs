@@ -107,7 +107,7 @@ pub struct Prune {
     /// Remove the oldest sessions of each directory until the others take at most this many bytes, e.g. 20GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = crate::records::maintenance::parse_size, group = "rule")]
     pub keep_bytes: Option<u64>,
-    /// Remove only sessions that `tactus export --format csv` has exported completely; without another rule: all of them
+    /// Remove only sessions that `tactus export` has exported completely, as csv, nc or parquet; without another rule: all of them
     #[arg(long, group = "rule")]
     pub exported_only: bool,
     /// Remove only sessions that the archive holds as they are now, with a receipt of `tactus-archive`; without another rule: all of them
@@ -294,7 +294,7 @@ pub struct Quantities {
     #[arg(long = "quantity", value_name = "NAME", value_parser = quantity)]
     pub quantities: Vec<Quantity>,
     /// Length of a span: smallest, mean and largest value of its frames are printed
-    #[arg(long, value_name = "SPAN", default_value = "1m", value_parser = span)]
+    #[arg(long, value_name = "SPAN", default_value = "1m", value_parser = whole_seconds)]
     pub every: Duration,
     /// Print each frame instead, with standard deviations
     #[arg(long, conflicts_with = "every")]
@@ -311,6 +311,17 @@ pub struct Quantities {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub asked: MapOptions,
+}
+
+/// A span of whole seconds: rows of quantities begin at whole seconds.
+fn whole_seconds(text: &str) -> Result<Duration, String> {
+    let length = span(text).map_err(|error| error.to_string())?;
+    match length.subsec_nanos() {
+        0 => Ok(length),
+        _ => Err(format!(
+            "'{text}' is no whole number of seconds; write for example 1s, 90s, 5m"
+        )),
+    }
 }
 
 /// A quantity by its name.

@@ -64,6 +64,12 @@ pub enum Format {
 }
 
 impl Format {
+    /// As the command line has it.
+    pub(crate) fn name(self) -> String {
+        let value = self.to_possible_value();
+        value.map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+
     /// Whether it shows one map.
     pub(crate) fn is_picture(self) -> bool {
         matches!(self, Self::Png | Self::Svg | Self::Raster)

@@ -7,7 +7,7 @@ use chrono::Utc;
 use logbook::{Retention, Verified};
 use serde::Serialize;
 
-use crate::args::{Global, Prune, Repair, SessionsCommand, Verify};
+use crate::args::{Export, Global, Prune, Repair, SessionsCommand, Verify};
 use crate::failure::{Failure, chain};
 use crate::output::progress::progress;
 use crate::output::{Printer, complain};
@@ -234,13 +234,14 @@ fn prune(global: &Global, asked: &Prune, printer: &mut Printer<impl Write>) -> R
 }
 
 /// Marks a session as exported; an unwritable folder is reported, but is not a failure.
-pub(crate) fn mark(session: &logbook::SessionReader, last: u64, to: &std::path::Path) {
+pub(crate) fn mark(session: &logbook::SessionReader, last: u64, export: &Export) {
+    let to = &export.out;
     let exported = logbook::ExportMarker {
         at: Utc::now(),
         last,
-        format: "csv".to_owned(),
+        format: export.format.name(),
         to: std::path::absolute(to)
-            .unwrap_or(to.to_owned())
+            .unwrap_or(to.to_path_buf())
             .display()
             .to_string(),
     };

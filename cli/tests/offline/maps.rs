@@ -1,5 +1,7 @@
 //! Maps recomputed from records.
 
+use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
+
 use crate::scene::{PRESSED, done, lines, refused, session, session_in_parts, session_of, tactus};
 
 #[test]
@@ -462,4 +464,45 @@ fn replay_takes_the_frames_between_two_places() {
     );
     let message = refused(folder.path(), &["replay", "last", "--from", "noon"], 2);
     assert!(message.contains("time since the first frame"), "{message}");
+}
+
+#[test]
+fn a_span_of_quantities_is_whole_seconds() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    for span in ["500ms", "90500ms"] {
+        let message = refused(folder.path(), &["quantities", "last", "--every", span], 2);
+        assert!(message.contains(span), "{message}");
+        assert!(message.contains("whole number of seconds"), "{message}");
+    }
+    let seconds = ["quantities", "last", "--every", "1000ms", "--json"];
+    let method = ["--preset", "disc-tank", "--noise-v", "2e-6"];
+    let rows = lines(&done(folder.path(), &[&seconds[..], &method].concat()));
+    let begins: std::collections::BTreeSet<_> = rows
+        .iter()
+        .map(|row| row["begin"].as_str().unwrap())
+        .collect();
+    assert_eq!(begins.len(), 3, "a row for each frame: {begins:?}");
+}
+
+#[test]
+fn frames_of_a_file_are_refused_for_a_session_with_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let row = QuantityRow {
+        begin_s: 1_800_000_000,
+        region: "sheet".into(),
+        quantity: Quantity::Load,
+        of: LoadUnit::RelativeLoss,
+        min: 1.0,
+        mean: 2.0,
+        max: 3.0,
+        frames: 3,
+        known: 3,
+    };
+    store(folder.path(), "m20270115_1", &[row]).unwrap();
+    done(folder.path(), &["quantities", "last"]);
+    let asked = ["quantities", "last", "--frames", "other.csv"];
+    let message = refused(folder.path(), &asked, 2);
+    assert!(message.contains("--frames other.csv belongs"), "{message}");
 }

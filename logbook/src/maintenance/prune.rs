@@ -73,7 +73,7 @@ pub struct ExportMarker {
     pub at: DateTime<Utc>,
     /// Sequence of the last frame that was exported.
     pub last: u64,
-    /// The format: `csv`.
+    /// The format: `csv`, `nc` or `parquet`.
     pub format: String,
     /// The destination.
     pub to: String,

@@ -41,6 +41,8 @@ impl Quantities {
             || self.each_frame
             || source.baseline.is_some()
             || source.negate
+            // a session has its own frames: opening it refuses the file
+            || source.frames.is_some()
             || source.from.is_some()
             || source.to.is_some()
             || self.asked.differ()

@@ -75,7 +75,7 @@ pub(super) fn tables(
     super::check_undamaged(damaged, header)?;
     // output to a device or a pipe may not be stored
     if companions.is_some() {
-        super::mark_exported(session, last, &export.out)?;
+        super::mark_exported(session, last, export)?;
     }
     Ok(())
 }

@@ -165,11 +165,11 @@ fn check_undamaged(damaged: usize, header: &SessionHeader) -> Result<(), Failure
 }
 
 /// Notes that the frames up to `last` are exported; `sessions prune --exported-only` relies on it.
-fn mark_exported(session: &SessionParts, last: u64, out: &Path) -> Result<(), Failure> {
+fn mark_exported(session: &SessionParts, last: u64, export: &Export) -> Result<(), Failure> {
     for part in session.each() {
         let own = part.last_sequence()?;
         // frames that a running session has recorded since then were not exported
-        crate::records::maintenance::mark(part, own.min(last), out);
+        crate::records::maintenance::mark(part, own.min(last), export);
     }
     Ok(())
 }

@@ -90,6 +90,9 @@ fn requested_maps_of_which_none_is_made_are_a_failure() {
         message.contains("no frame of session m20270115_1 has a map"),
         "{message}"
     );
+    let mark = folder.path().join("m20270115_1.exported.json");
+    let mark = std::fs::read_to_string(mark).unwrap();
+    assert!(mark.contains(r#""format":"nc""#), "{mark}");
     // its readings are exported all the same
     assert_eq!(left(folder.path()), ["m20270115_1.exported.json", "out.nc"]);
 }

@@ -91,7 +91,7 @@ pub(super) fn write(
     }
     Written::table("nc", &path, written as usize, header).report(printer)?;
     super::check_undamaged(damaged, header)?;
-    super::mark_exported(session, last, &export.out)?;
+    super::mark_exported(session, last, export)?;
     match maps.is_some_and(|maps| maps.made() == 0) {
         true => Err(Failure::Failed(format!(
             "no frame of session {} has a map; its readings are in the file",

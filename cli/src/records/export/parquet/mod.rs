@@ -146,7 +146,7 @@ pub(super) fn write(
         eprintln!("tactus: {lost} of the stored minutes of quantities are damaged and left out");
     }
     super::check_undamaged(damaged, header)?;
-    super::mark_exported(session, last, &export.out)
+    super::mark_exported(session, last, export)
 }
 
 /// Columns with their names.
