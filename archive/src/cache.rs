@@ -30,13 +30,7 @@ pub(crate) fn enter(cache: &Path, name: &SessionName) -> io::Result<(PathBuf, In
             .create(&path)?;
         let folder = File::open(&path)?;
         folder.lock_shared()?;
-        // another program may have removed it before the lock was held
-        let is_there = std::fs::metadata(&path).is_ok_and(|there| {
-            folder
-                .metadata()
-                .is_ok_and(|held| (there.dev(), there.ino()) == (held.dev(), held.ino()))
-        });
-        if is_there {
+        if is_at(&folder, &path) {
             folder.set_modified(SystemTime::now())?;
             let in_use = InUse {
                 _folder: Arc::new(folder),
@@ -53,38 +47,78 @@ struct Kept {
     used: SystemTime,
 }
 
+impl Kept {
+    fn at(path: PathBuf) -> io::Result<Self> {
+        let used = std::fs::metadata(&path)?.modified()?;
+        let mut bytes = 0;
+        for entry in std::fs::read_dir(&path)? {
+            bytes += still_there(entry?.metadata())?.map_or(0, |file| file.len());
+        }
+        Ok(Self { path, bytes, used })
+    }
+}
+
 /// Removes sessions, the one that was read longest ago first, until the others have so many bytes at most. One in use stays.
-/// Returns the bytes that were removed.
+/// Returns the bytes that were removed. Another program may do the same at the same time.
 ///
 /// # Errors
 /// The cache cannot be read, or a file in it cannot be removed.
 pub(crate) fn prune(cache: &Path, most_bytes: u64) -> io::Result<u64> {
+    remove_oldest(&sessions(cache)?, most_bytes)
+}
+
+/// The sessions in the cache, the one that was read longest ago first.
+fn sessions(cache: &Path) -> io::Result<Vec<Kept>> {
     let mut sessions = Vec::new();
     for site in folders(cache)? {
         for daq in folders(&site)? {
             for path in folders(&daq)? {
-                let used = std::fs::metadata(&path)?.modified()?;
-                let bytes = size(&path)?;
-                sessions.push(Kept { path, bytes, used });
+                sessions.extend(still_there(Kept::at(path))?);
             }
         }
     }
     sessions.sort_by(|a, b| (a.used, &a.path).cmp(&(b.used, &b.path)));
+    Ok(sessions)
+}
+
+fn remove_oldest(sessions: &[Kept], most_bytes: u64) -> io::Result<u64> {
     let mut all: u64 = sessions.iter().map(|session| session.bytes).sum();
     let mut removed = 0;
     for session in sessions {
         if all <= most_bytes {
             break;
         }
-        let folder = File::open(&session.path)?;
+        let Some(folder) = still_there(File::open(&session.path))? else {
+            all -= session.bytes;
+            continue;
+        };
         if folder.try_lock().is_err() {
             continue;
         }
-        std::fs::remove_dir_all(&session.path)?;
         all -= session.bytes;
-        removed += session.bytes;
+        if is_at(&folder, &session.path) {
+            std::fs::remove_dir_all(&session.path)?;
+            removed += session.bytes;
+        }
     }
     Ok(removed)
+}
+
+/// Whether a folder is the one at its path: another program may have removed it before a lock was held.
+fn is_at(folder: &File, path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|there| {
+        folder
+            .metadata()
+            .is_ok_and(|held| (there.dev(), there.ino()) == (held.dev(), held.ino()))
+    })
+}
+
+/// `None` for what another program removed since it was listed.
+fn still_there<T>(found: io::Result<T>) -> io::Result<Option<T>> {
+    match found {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        found => found.map(Some),
+    }
 }
 
 /// The folders in a folder; links are not followed.
@@ -92,19 +126,11 @@ fn folders(within: &Path) -> io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(within)? {
         let entry = entry?;
-        if entry.file_type()?.is_dir() {
+        if still_there(entry.file_type())?.is_some_and(|kind| kind.is_dir()) {
             found.push(entry.path());
         }
     }
     Ok(found)
-}
-
-fn size(folder: &Path) -> io::Result<u64> {
-    let mut bytes = 0;
-    for entry in std::fs::read_dir(folder)? {
-        bytes += entry?.metadata()?.len();
-    }
-    Ok(bytes)
 }
 
 #[cfg(test)]
@@ -157,6 +183,20 @@ mod tests {
         drop(enter(cache.path(), &name("m1")).unwrap());
         prune(cache.path(), 1000).unwrap();
         assert!(first.exists() && !second.exists());
+    }
+
+    #[test]
+    fn session_that_another_program_removed_is_skipped() {
+        let cache = tempfile::tempdir().unwrap();
+        let (first, _) = kept(cache.path(), "m1", 10);
+        let (second, _) = kept(cache.path(), "m2", 20);
+        let listed = sessions(cache.path()).unwrap();
+        std::fs::remove_dir_all(&first).unwrap();
+        assert!(still_there(Kept::at(first)).unwrap().is_none());
+        assert_eq!(remove_oldest(&listed, 1000).unwrap(), 0);
+        assert!(second.exists(), "the removed one leaves it enough space");
+        assert_eq!(remove_oldest(&listed, 0).unwrap(), 1000);
+        assert!(!second.exists());
     }
 
     #[test]
