@@ -35,7 +35,8 @@ pub mod stream;
 
 use std::pin::Pin;
 
-use zbus::{ObjectPath, export::futures_core::Stream};
+use zbus::proxy::{Builder, CacheProperties, Defaults};
+use zbus::{Connection, ObjectPath, Proxy, export::futures_core::Stream};
 
 pub use address::{Address, AddressError, BUSY, ConnectError, connect, search_order};
 pub use alarms1::{AlarmReport, Alarms1Proxy};
@@ -142,6 +143,23 @@ fn is_id(id: &str) -> bool {
         && id
             .bytes()
             .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_')
+}
+
+/// A proxy of the object at this path, which queries the daemon for each property.
+///
+/// # Errors
+/// An invalid path, or a connection that has ended.
+pub async fn proxy<P, O>(connection: &Connection, path: O) -> zbus::Result<P>
+where
+    P: Defaults + From<Proxy<'static>>,
+    O: TryInto<ObjectPath<'static>>,
+    O::Error: Into<zbus::Error>,
+{
+    Builder::new(connection)
+        .path(path)
+        .cache_properties(CacheProperties::No)
+        .build()
+        .await
 }
 
 /// The next item of a signal or property stream; `None` when the connection is closed.

@@ -6,7 +6,6 @@ use std::time::Duration;
 use dbus::{Address, Alarms1Proxy, Fault, Manager1Proxy, Options, Session1Proxy, Simulation1Proxy};
 use serde::Deserialize;
 use zbus::Connection;
-use zbus::proxy::CacheProperties;
 
 /// Longest wait for an answer: a start reads a baseline and prepares a method.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -78,10 +77,7 @@ async fn ask(connection: &Connection, call: Call) -> Result<(), Fault> {
         Some(comment) => Options::new().with("comment", comment.as_str()),
         None => Options::new(),
     };
-    let manager = Manager1Proxy::builder(connection)
-        .cache_properties(CacheProperties::No)
-        .build()
-        .await?;
+    let manager: Manager1Proxy<'_> = dbus::proxy(connection, dbus::ROOT_PATH).await?;
     match call {
         Call::Start { every_s } => {
             let options = every_s.map_or_else(Options::new, |s| Options::new().with("every_s", s));
@@ -92,11 +88,7 @@ async fn ask(connection: &Connection, call: Call) -> Result<(), Fault> {
             if path.as_str() == "/" {
                 return Err(Fault::NoSession("no session runs".to_owned()));
             }
-            let session = Session1Proxy::builder(connection)
-                .path(path)
-                .cache_properties(CacheProperties::No)
-                .build()
-                .await?;
+            let session: Session1Proxy<'_> = dbus::proxy(connection, path).await?;
             session.stop().await?;
         }
         Call::Baseline { frames } => {

@@ -11,7 +11,6 @@ use tokio::io::AsyncReadExt;
 use tokio::net::UnixStream;
 use tokio::time::{MissedTickBehavior, interval, sleep};
 use zbus::Connection;
-use zbus::proxy::CacheProperties;
 
 use crate::snapshot::{AlarmState, DaemonState, EventState, FrameState, Live, SessionState};
 
@@ -48,10 +47,7 @@ pub async fn follow(address: Option<Address>, live: Live) {
 /// One connection, until it ends.
 async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure> {
     let (connection, _) = tokio::time::timeout(PATIENCE, dbus::connect(address)).await??;
-    let manager = Manager1Proxy::builder(&connection)
-        .cache_properties(CacheProperties::No)
-        .build()
-        .await?;
+    let manager: Manager1Proxy<'_> = dbus::proxy(&connection, dbus::ROOT_PATH).await?;
     let alarms = Alarms1Proxy::new(&connection).await?;
     let mut events = manager.receive_happened().await?;
     let mut ticks = interval(STATUS_INTERVAL);
@@ -169,11 +165,7 @@ impl Following {
         id: String,
         live: &Live,
     ) -> Result<Self, Failure> {
-        let session = Session1Proxy::builder(connection)
-            .path(dbus::session_path(&id)?)
-            .cache_properties(CacheProperties::No)
-            .build()
-            .await?;
+        let session: Session1Proxy<'_> = dbus::proxy(connection, dbus::session_path(&id)?).await?;
         let geometry = manager.geometry().await?;
         let options = StreamOptions {
             frames: Some(true),

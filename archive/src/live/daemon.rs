@@ -3,10 +3,9 @@
 use std::pin::pin;
 use std::time::Duration;
 
-use dbus::{Address, Alarms1Proxy, Fault, Happened, HappenedStream, Manager1Proxy, Session1Proxy};
+use dbus::{Address, Alarms1Proxy, Fault, HappenedStream, Manager1Proxy, Session1Proxy};
 use tokio::time::{Instant, sleep, sleep_until, timeout};
 use zbus::Connection;
-use zbus::proxy::CacheProperties;
 
 use super::latest::Latest;
 use super::topics::{Reported, Topics};
@@ -53,10 +52,7 @@ async fn connected(
     let (connection, _) = timeout(PATIENCE, dbus::connect(Some(address)))
         .await
         .map_err(late)??;
-    let manager = Manager1Proxy::builder(&connection)
-        .cache_properties(CacheProperties::No)
-        .build()
-        .await?;
+    let manager: Manager1Proxy<'_> = dbus::proxy(&connection, dbus::ROOT_PATH).await?;
     let alarms = Alarms1Proxy::new(&connection).await?;
     let mut events = manager.receive_happened().await?;
     loop {
@@ -86,16 +82,12 @@ async fn wait(events: &mut HappenedStream, began: Instant, mut due: Instant) -> 
     loop {
         tokio::select! {
             () = sleep_until(due) => return true,
-            event = next(events) => match event {
+            event = dbus::next(events) => match event {
                 None => return false,
                 Some(_) => due = due.min(began + AT_MOST),
             },
         }
     }
-}
-
-async fn next(events: &mut HappenedStream) -> Option<Happened> {
-    dbus::next(events).await
 }
 
 async fn ask(
@@ -112,11 +104,8 @@ async fn ask(
     let quantities = match session {
         // it may have ended since, have no map yet, or be a baseline
         Some(id) => {
-            let session = Session1Proxy::builder(connection)
-                .path(dbus::session_path(&id)?)
-                .cache_properties(CacheProperties::No)
-                .build()
-                .await?;
+            let session: Session1Proxy<'_> =
+                dbus::proxy(connection, dbus::session_path(&id)?).await?;
             Fault::available(session.quantities().await)?.map(|found| (id, found))
         }
         None => None,

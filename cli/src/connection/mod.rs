@@ -9,7 +9,7 @@ use dbus::{
     Address, Alarms1Proxy, ConnectError, Fault, Instrument1Proxy, Manager1Proxy, Session1Proxy,
 };
 use zbus::DBusError;
-use zbus::proxy::{Builder, CacheProperties, Defaults};
+use zbus::proxy::Defaults;
 use zbus::{Connection, ObjectPath};
 
 use crate::args::Global;
@@ -38,9 +38,7 @@ pub(crate) async fn open(global: &Global) -> Result<Daemon, Failure> {
         .await
         .map_err(|_| timed_out("the daemon", global.timeout))?;
     let (connection, address) = reached.map_err(|error| unreached(&error))?;
-    let manager = Manager1Proxy::builder(&connection)
-        .cache_properties(CacheProperties::No)
-        .build()
+    let manager = dbus::proxy(&connection, dbus::ROOT_PATH)
         .await
         .map_err(|error| fault("the daemon", &error.into()))?;
     Ok(Daemon {
@@ -89,10 +87,7 @@ impl Daemon {
     where
         P: Defaults + From<zbus::Proxy<'static>>,
     {
-        Builder::new(&self.connection)
-            .path(path)
-            .cache_properties(CacheProperties::No)
-            .build()
+        dbus::proxy(&self.connection, path)
             .await
             .map_err(|error| fault(what, &error.into()))
     }
