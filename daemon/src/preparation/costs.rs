@@ -67,9 +67,7 @@ pub(crate) fn costs(rig: &RigPlan) -> Vec<SettingCost> {
         let ranges = plan.counts().range_changes as f64 * timing.range_command.as_secs_f64();
         let fraction = rig.meter.resolution;
         let planned = plan.resolution(fraction, rig.meter.range, rig.meter.averages);
-        let both_ways = if plan.reversal { 2.0 } else { 1.0 };
-        let fixed = fraction * rig.meter.range.0 / (averages * both_ways).sqrt();
-        add(true, "ranges", ranges, fixed / planned.rms.0);
+        add(true, "ranges", ranges, planned.fixed.0 / planned.rms.0);
     }
     let whole = || {
         let pattern = survey::skip(plan.protocol.electrodes(), rig.skip).collect();

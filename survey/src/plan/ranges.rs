@@ -41,6 +41,8 @@ pub struct Resolution {
     pub rms: Volts,
     /// Half of the readings have less.
     pub median: Volts,
+    /// The noise if no reading had a range of its own.
+    pub fixed: Volts,
 }
 
 impl Plan {
@@ -162,7 +164,8 @@ impl Plan {
     /// `otherwise`: the range of readings without their own; `averages`: readings averaged to one.
     pub fn resolution(&self, fraction: f64, otherwise: Volts, averages: u32) -> Resolution {
         let both_ways = if self.reversal { 2.0 } else { 1.0 };
-        let scale = fraction / (f64::from(averages.max(1)) * both_ways).sqrt();
+        let root = (f64::from(averages.max(1)) * both_ways).sqrt();
+        let scale = fraction / root;
         let mut noise: Vec<f64> = self
             .ranges()
             .into_iter()
@@ -173,6 +176,7 @@ impl Plan {
         Resolution {
             rms: Volts(mean_square.sqrt()),
             median: Volts(noise[noise.len() / 2]),
+            fixed: Volts(fraction * otherwise.0 / root),
         }
     }
 }

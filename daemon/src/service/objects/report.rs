@@ -26,9 +26,6 @@ pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
     let planned = rig
         .plan
         .resolution(fraction, rig.meter.range, rig.meter.averages);
-    let both_ways = if rig.plan.reversal { 2.0 } else { 1.0 };
-    let readings = f64::from(rig.meter.averages) * both_ways;
-    let fixed = fraction * rig.meter.range.0 / readings.sqrt();
     let mut more = PlanDetails {
         wiring: Some(rig.plan.wiring.name.clone()),
         electrodes: Some(rig.plan.protocol.electrodes() as u64),
@@ -44,7 +41,7 @@ pub(crate) fn plan(rig: &RigPlan) -> PlanReport {
         planned_ranges: Some(rig.plan.has_ranges()),
         range_changes: Some(counts.range_changes as u64),
         range_time_s: Some(counts.range_changes as f64 * rig.timing.range_command.as_secs_f64()),
-        noise_fixed_v: Some(fixed),
+        noise_fixed_v: Some(planned.fixed.0),
         noise_v: Some(planned.rms.0),
         noise_median_v: Some(planned.median.0),
         skip: Some(rig.skip as u64),
