@@ -9,6 +9,16 @@ pub(crate) enum Severity {
     Error,
 }
 
+impl Severity {
+    const fn word(self) -> &'static str {
+        match self {
+            Self::Info => "info",
+            Self::Warn => "warning",
+            Self::Error => "error",
+        }
+    }
+}
+
 /// Where events of a kind are stored, besides the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kept {
@@ -20,16 +30,15 @@ pub(crate) enum Kept {
     Journal,
 }
 
-/// An entry of the table.
-#[derive(Debug)]
-pub(crate) struct Description {
-    /// The machine-readable name, such as `frame-failed`.
-    pub name: &'static str,
-    pub severity: Severity,
-    pub kept: Kept,
-    pub meaning: &'static str,
-    /// What the operator should do.
-    pub action: &'static str,
+impl Kept {
+    const fn word(self) -> &'static str {
+        match self {
+            Self::Session => "session",
+            Self::DaemonLog => "daemon log",
+            Self::Either => "session or daemon log",
+            Self::Journal => "",
+        }
+    }
 }
 
 macro_rules! kinds {
@@ -44,13 +53,20 @@ macro_rules! kinds {
             /// Every kind, in the order of the reference page.
             pub(crate) const ALL: &[Self] = &[$(Self::$kind),*];
 
-            /// Its row of the table.
-            pub(crate) const fn description(self) -> &'static Description {
+            /// The level in the journal.
+            pub(crate) const fn severity(self) -> Severity {
                 match self {
-                    $(Self::$kind => &Description {
+                    $(Self::$kind => Severity::$severity),*
+                }
+            }
+
+            /// Its row of the table.
+            const fn row(self) -> EventRow {
+                match self {
+                    $(Self::$kind => EventRow {
                         name: $name,
-                        severity: Severity::$severity,
-                        kept: Kept::$kept,
+                        level: Severity::$severity.word(),
+                        kept: Kept::$kept.word(),
                         meaning: $meaning,
                         action: $action,
                     }),*
@@ -129,7 +145,7 @@ kinds! {
 impl EventKind {
     /// The machine-readable name, such as `frame-failed`.
     pub(crate) const fn as_str(self) -> &'static str {
-        self.description().name
+        self.row().name
     }
 }
 
@@ -150,31 +166,6 @@ pub struct EventRow {
 
 /// Every kind of event that the daemon reports, or finds in session files.
 pub fn event_kinds() -> Vec<EventRow> {
-    let row = |kind: &EventKind| {
-        let Description {
-            name,
-            severity,
-            kept,
-            meaning,
-            action,
-        } = *kind.description();
-        EventRow {
-            name,
-            level: match severity {
-                Severity::Info => "info",
-                Severity::Warn => "warning",
-                Severity::Error => "error",
-            },
-            kept: match kept {
-                Kept::Session => "session",
-                Kept::DaemonLog => "daemon log",
-                Kept::Either => "session or daemon log",
-                Kept::Journal => "",
-            },
-            meaning,
-            action,
-        }
-    };
     let file = |name, meaning| EventRow {
         name,
         level: "",
@@ -182,7 +173,7 @@ pub fn event_kinds() -> Vec<EventRow> {
         meaning,
         action: "Nothing",
     };
-    let mut rows: Vec<EventRow> = EventKind::ALL.iter().map(row).collect();
+    let mut rows: Vec<EventRow> = EventKind::ALL.iter().map(|kind| kind.row()).collect();
     rows.push(file(
         logbook::CONTINUED,
         "A part of a session begins, after the part that its text names",

@@ -7,19 +7,10 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use crate::events::kind::{Description, EventKind, Severity};
+use crate::events::kind::{EventKind, Severity};
 
 /// Period in which one kind is not logged again.
 pub(crate) const REPEAT_INTERVAL: Duration = Duration::from_secs(600);
-
-/// Whether an event is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Decision {
-    Write,
-    /// With the number suppressed since the last one.
-    WriteWith(u64),
-    Suppress,
-}
 
 /// State of the rate limit, by kind.
 #[derive(Debug, Default)]
@@ -38,13 +29,13 @@ impl RateLimit {
 
     /// Writes an event to the journal, or counts it.
     pub(crate) fn log(&self, kind: EventKind, session: Option<&str>, text: &str) {
-        match self.decide(kind) {
-            Decision::Write => journal(kind, session, text),
-            Decision::WriteWith(more) => {
+        match self.suppressed(kind) {
+            Some(0) => journal(kind, session, text),
+            Some(more) => {
                 let text = format!("{text} (and {})", left_out(more));
                 journal(kind, session, &text);
             }
-            Decision::Suppress => {}
+            None => {}
         }
     }
 
@@ -72,24 +63,20 @@ impl RateLimit {
         }
     }
 
-    fn decide(&self, kind: EventKind) -> Decision {
+    /// How many events of the kind were suppressed since the last written one; `None` if this one is suppressed too.
+    fn suppressed(&self, kind: EventKind) -> Option<u64> {
         let now = Instant::now();
         let mut kinds = self.kinds();
         let Some(written) = kinds.get_mut(&kind) else {
             kinds.insert(kind, Written { at: now, more: 0 });
-            return Decision::Write;
+            return Some(0);
         };
         if now.duration_since(written.at) < REPEAT_INTERVAL {
             written.more += 1;
-            return Decision::Suppress;
+            return None;
         }
-        let more = std::mem::take(&mut written.more);
         written.at = now;
-        if more > 0 {
-            Decision::WriteWith(more)
-        } else {
-            Decision::Write
-        }
+        Some(std::mem::take(&mut written.more))
     }
 
     fn kinds(&self) -> MutexGuard<'_, BTreeMap<EventKind, Written>> {
@@ -105,11 +92,7 @@ fn left_out(more: u64) -> String {
 }
 
 fn journal(kind: EventKind, session: Option<&str>, text: &str) {
-    let Description {
-        name: kind,
-        severity,
-        ..
-    } = kind.description();
+    let (kind, severity) = (kind.as_str(), kind.severity());
     match severity {
         Severity::Error => tracing::error!(kind, session, "{text}"),
         Severity::Warn => tracing::warn!(kind, session, "{text}"),
