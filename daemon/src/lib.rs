@@ -60,6 +60,9 @@ use crate::service::Listener;
 use crate::session::controller::Controller;
 use survey::error_chain as chain;
 
+/// Program and version, as records name them.
+pub(crate) const BUILD: &str = concat!("tactusd ", env!("CARGO_PKG_VERSION"));
+
 /// Permissions removed from all files that the daemon creates: writing for the group, everything for others.
 const UMASK: Mode = Mode::WGRP.union(Mode::RWXO);
 

@@ -17,44 +17,16 @@ const LONGEST_MESSAGE: u64 = 4096;
 /// Time to read the remaining output of child processes after the command has ended.
 const OUTPUT_DRAIN_TIME: Duration = Duration::from_secs(2);
 
-/// Result of the command.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct HookResult {
-    /// `None` if it was ended by a signal, killed after its timeout, or not started.
-    pub code: Option<i32>,
-    /// Why there is no code.
-    pub alarm: Option<String>,
-    /// The beginning of its standard error.
-    pub stderr: String,
-    pub took: Duration,
-}
-
-impl HookResult {
-    pub(crate) fn is_done(&self) -> bool {
-        self.code == Some(0)
-    }
-
-    /// Text for people.
-    pub(crate) fn text(&self) -> String {
-        let how = match (self.code, &self.alarm) {
-            (Some(code), _) => format!("exit code {code}"),
-            (None, Some(alarm)) => alarm.clone(),
-            (None, None) => "ended by a signal".to_owned(),
-        };
-        match self.stderr.trim() {
-            "" => how,
-            reported => format!("{how}: {reported}"),
-        }
-    }
-
-    pub(crate) fn report(&self) -> NotifyResult {
-        NotifyResult {
-            done: Some(self.is_done()),
-            code: self.code.map(i64::from),
-            trouble: self.alarm.clone(),
-            stderr: Some(self.stderr.clone()),
-            took_s: Some(self.took.as_secs_f64()),
-        }
+/// The command's result as text for people.
+pub(crate) fn text(result: &NotifyResult) -> String {
+    let how = match (result.code, &result.trouble) {
+        (Some(code), _) => format!("exit code {code}"),
+        (None, Some(trouble)) => trouble.clone(),
+        (None, None) => "ended by a signal".to_owned(),
+    };
+    match result.stderr.as_deref().unwrap_or_default().trim() {
+        "" => how,
+        reported => format!("{how}: {reported}"),
     }
 }
 
@@ -104,14 +76,20 @@ impl Drop for ProcessGroup {
 }
 
 /// Runs the command with `payload` on its standard input; after `deadline` kills it and all its child processes.
-pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Duration) -> HookResult {
+pub(crate) async fn run_hook(
+    command: &[String],
+    payload: &str,
+    deadline: Duration,
+) -> NotifyResult {
     let begun = Instant::now();
-    let failed = |alarm: String| HookResult {
-        code: None,
-        alarm: Some(alarm),
-        stderr: String::new(),
-        took: begun.elapsed(),
+    let result = |code: Option<i32>, trouble: Option<String>, stderr| NotifyResult {
+        done: Some(code == Some(0)),
+        code: code.map(i64::from),
+        trouble,
+        stderr: Some(stderr),
+        took_s: Some(begun.elapsed().as_secs_f64()),
     };
+    let failed = |trouble| result(None, Some(trouble), String::new());
     let Some((program, arguments)) = command.split_first() else {
         return failed("no command is configured: [notify] command".to_owned());
     };
@@ -138,7 +116,7 @@ pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Durati
         child.wait().await
     };
     let ended = tokio::time::timeout(deadline, run).await;
-    let (code, alarm) = match ended {
+    let (code, trouble) = match ended {
         Ok(Ok(status)) => (status.code(), None),
         Ok(Err(cause)) => (None, Some(cause.to_string())),
         Err(_) => {
@@ -146,7 +124,7 @@ pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Durati
             (None, Some(text))
         }
     };
-    if alarm.is_some() {
+    if trouble.is_some() {
         drop(group);
         let _ = child.wait().await;
     } else {
@@ -159,12 +137,7 @@ pub(crate) async fn run_hook(command: &[String], payload: &str, deadline: Durati
             String::new()
         }
     };
-    HookResult {
-        code,
-        alarm,
-        stderr,
-        took: begun.elapsed(),
-    }
+    result(code, trouble, stderr)
 }
 
 /// The beginning of the output; the rest is read and dropped, so that the writer does not block.
@@ -198,15 +171,12 @@ mod tests {
         let file = folder.path().join("letter");
         let script = format!("cat > {}; echo no route >&2; exit 3", file.display());
         let done = run_hook(&shell(&script), "{\"kind\":\"test\"}\n", LONG).await;
-        assert_eq!((done.code, done.is_done()), (Some(3), false));
-        assert_eq!(done.text(), "exit code 3: no route");
+        assert_eq!((done.code, done.done), (Some(3), Some(false)));
+        assert_eq!(text(&done), "exit code 3: no route");
         let read = std::fs::read_to_string(file).unwrap();
         assert_eq!(read, "{\"kind\":\"test\"}\n");
-        assert!(
-            run_hook(&shell("cat > /dev/null"), "x", LONG)
-                .await
-                .is_done()
-        );
+        let done = run_hook(&shell("cat > /dev/null"), "x", LONG).await;
+        assert_eq!(done.done, Some(true));
     }
 
     #[tokio::test]
@@ -219,7 +189,7 @@ mod tests {
             file.display()
         );
         let done = run_hook(&shell(&script), "x", Duration::from_secs(2)).await;
-        assert_eq!(done.alarm.as_deref(), Some("killed after 2.0 s"));
+        assert_eq!(done.trouble.as_deref(), Some("killed after 2.0 s"));
         if let Ok(pid) = std::fs::read_to_string(&file) {
             let stat = format!("/proc/{}/stat", pid.trim());
             let gone = async {
@@ -238,15 +208,12 @@ mod tests {
         let script = "head -c 1000000 /dev/zero | tr '\\0' x >&2; exec 0<&-; exit 0";
         let payload = "y".repeat(1_000_000);
         let done = run_hook(&shell(script), &payload, LONG).await;
-        assert_eq!(done.code, Some(0), "{}", done.text());
-        assert_eq!(done.stderr.len() as u64, LONGEST_MESSAGE);
+        assert_eq!(done.code, Some(0), "{}", text(&done));
+        assert_eq!(done.stderr.unwrap().len() as u64, LONGEST_MESSAGE);
         let absent = run_hook(&["/nonexistent/mail".to_owned()], "x", LONG).await;
-        assert!(absent.text().contains("cannot be run"), "{}", absent.text());
-        assert!(
-            run_hook(&[], "x", LONG)
-                .await
-                .text()
-                .contains("[notify] command")
-        );
+        let absent = text(&absent);
+        assert!(absent.contains("cannot be run"), "{absent}");
+        let none = run_hook(&[], "x", LONG).await;
+        assert!(text(&none).contains("[notify] command"));
     }
 }

@@ -7,6 +7,7 @@ use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use crate::events::kind::EventKind;
+use dbus::NotifyResult;
 use http_listener::{Hosts, HttpListener, NoPage, Page};
 use imaging::tracking::seconds;
 use rig::Clock;
@@ -17,7 +18,7 @@ use crate::monitoring::daily_summary::{DailySummary, DayEnd};
 use crate::monitoring::health::{Counts, Health};
 use crate::monitoring::metrics;
 use crate::monitoring::notices::{Message, Phase};
-use crate::monitoring::notification::{HookResult, payload, run_hook};
+use crate::monitoring::notification::{self, payload, run_hook};
 use crate::panics::containment::{PanicScope, answer};
 use crate::session::controller::Controller;
 
@@ -140,8 +141,12 @@ async fn post(
             return;
         };
         let done = run_command(&controller, &message, &health).await;
-        if !done.is_done() {
-            let text = format!("{} could not be told: {}", message.kind, done.text());
+        if done.done != Some(true) {
+            let text = format!(
+                "{} could not be told: {}",
+                message.kind,
+                notification::text(&done)
+            );
             controller
                 .report(None, EventKind::NotifyFailed, &text)
                 .await;
@@ -153,7 +158,7 @@ async fn run_command(
     controller: &Arc<Controller>,
     message: &Message,
     health: &Health,
-) -> HookResult {
+) -> NotifyResult {
     let runtime = controller.runtime();
     let limits = &runtime.setup.config.notify;
     let payload = payload(message, health, limits);
@@ -163,7 +168,7 @@ async fn run_command(
 
 impl Controller {
     /// Runs the command of `[notify]` once and returns its result.
-    pub(crate) async fn notify_test(self: &Arc<Self>) -> HookResult {
+    pub(crate) async fn notify_test(self: &Arc<Self>) -> NotifyResult {
         let message = Message {
             kind: "test".to_owned(),
             phase: Phase::Test,

@@ -52,7 +52,6 @@ pub(crate) struct ReconstructionContext {
     pub areas: Vec<f64>,
     /// Standard deviation of one reading, in the baseline's unit; `None` if unknown.
     pub reading_noise: Option<f64>,
-    pub build: String,
     /// `None` where the baseline is not followed.
     pub tracking: Option<TrackingContext>,
     /// `None` where no quantities are computed.
@@ -496,7 +495,7 @@ impl ReconstructionContext {
         let record = MapRecord::new(
             &map,
             self.model.hash.clone(),
-            self.build.clone(),
+            crate::BUILD.to_owned(),
             eit::cpu_features(),
         );
         // if the calibration rejects a map, the map is kept and the session reports the reason

@@ -71,7 +71,7 @@ impl Manager1 {
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         let before = options.before;
         let controller = Arc::clone(&self.0);
-        let listed = read(move || controller.listed(count, before.as_deref())).await??;
+        let listed = read(move || controller.records.listed(count, before.as_deref())).await??;
         let active = self.0.active().map(|status| status.facts.id.clone());
         let each = listed.iter();
         Ok(each
@@ -165,7 +165,7 @@ impl Manager1 {
     #[zbus(out_args("remarks"))]
     async fn baseline_remarks(&self, id: &str) -> Result<Vec<String>, Fault> {
         let (controller, id) = (Arc::clone(&self.0), id.to_owned());
-        let chosen = read(move || controller.kept_baseline(&id)).await??;
+        let chosen = read(move || controller.chosen_baseline(Some(&id))).await??;
         Ok(self.0.baseline_remarks(&chosen).await)
     }
 
@@ -261,7 +261,7 @@ impl Manager1 {
     /// (x) or `trouble` (s, why there is no exit code).
     #[zbus(out_args("fared"))]
     async fn notify_test(&self) -> Result<NotifyResult, Fault> {
-        Ok(self.0.notify_test().await.report())
+        Ok(self.0.notify_test().await)
     }
 
     /// An event of the rig or of a session; events of a session are in its record too. The kinds, such as `frame-failed`, are listed in

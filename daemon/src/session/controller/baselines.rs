@@ -55,14 +55,6 @@ impl Controller {
         remarks
     }
 
-    /// A kept baseline. Reads the record.
-    ///
-    /// # Errors
-    /// No such baseline.
-    pub(crate) fn kept_baseline(&self, id: &str) -> Result<Arc<Baseline>, Fault> {
-        self.chosen_baseline(Some(id))
-    }
-
     /// The remarks on the current baseline, without those on its noise, if they are known; otherwise they are computed for
     /// a later call.
     pub(crate) fn known_remarks(self: &Arc<Self>) -> Option<Vec<String>> {

@@ -19,7 +19,6 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
 
 use chrono::{DateTime, Utc};
-use dbus::Fault;
 use rig::{Clock, RingTranscript, SystemClock};
 use sd_notify::NotifyState;
 use survey::{Baseline, Settings};
@@ -55,9 +54,36 @@ pub(crate) struct Runtime {
     pub simulated_rig: Option<SimulatedRig>,
     pub simulated: bool,
     pub clock: SystemClock,
-    pub build: String,
     /// The file it was read from.
     pub config: PathBuf,
+}
+
+impl Runtime {
+    /// The resolved configuration, and where its frames come from.
+    fn of(
+        prepared: Prepared,
+        simulated_rig: Option<SimulatedRig>,
+        clock: SystemClock,
+    ) -> (Self, FramesFrom) {
+        let simulated = prepared.is_simulated();
+        let config = prepared.source.file().to_owned();
+        let Prepared { setup, frames, .. } = prepared;
+        let (plan, settings) = match &frames {
+            FramesFrom::Rig(plan) => (Some(Arc::clone(plan)), Some(plan.settings())),
+            FramesFrom::Recording { recording, .. } => (None, recording.frames().settings()),
+        };
+        let runtime = Self {
+            setup,
+            drawn: OnceLock::new(),
+            plan,
+            settings,
+            simulated_rig,
+            simulated,
+            clock,
+            config,
+        };
+        (runtime, frames)
+    }
 }
 
 /// The state of the daemon, and the operations that change it.
@@ -141,43 +167,25 @@ impl Controller {
         transcript: RingTranscript,
         clock: SystemClock,
     ) -> Arc<Self> {
-        let simulated = prepared.is_simulated();
         let (rig, identities, closed) = match assembled {
             Some(assembled) => (Some(assembled.rig), assembled.identities, assembled.closed),
             None => (None, ExpectedIdentities::default(), None),
         };
-        let Prepared {
-            setup,
-            frames,
-            source,
-        } = prepared;
-        let config = source.file().to_owned();
+        let (runtime, frames) = Runtime::of(prepared, simulated_rig, clock);
+        let setup = &runtime.setup;
         let slow = records.takes_long();
-        let (source, settings, plan, baseline) = match frames {
+        let (source, baseline) = match frames {
             FramesFrom::Rig(plan) => {
-                let settings = plan.settings();
-                let source = FrameSource::Rig {
-                    rig,
-                    plan: Arc::clone(&plan),
-                };
                 let baseline = match slow {
                     true => None,
                     false => latest_baseline(&records, clock.wall()),
                 };
-                (source, Some(settings), Some(plan), baseline)
+                (FrameSource::Rig { rig, plan }, baseline)
             }
             FramesFrom::Recording {
                 recording,
                 baseline,
-            } => {
-                let settings = recording.frames().settings();
-                (
-                    FrameSource::Recording(recording),
-                    settings,
-                    None,
-                    Some(*baseline),
-                )
-            }
+            } => (FrameSource::Recording(recording), Some(*baseline)),
         };
         let events = EventLog::new(setup.record_directory.clone());
         let (alarms, lost) = AlarmDesk::open(&setup.record_directory, &setup.config);
@@ -186,17 +194,7 @@ impl Controller {
         }
         let ends = EndMarks::open(&setup.record_directory, &setup.config.runtime_directory());
         Arc::new(Self {
-            runtime: RwLock::new(Arc::new(Runtime {
-                build: format!("tactusd {}", env!("CARGO_PKG_VERSION")),
-                setup,
-                drawn: OnceLock::new(),
-                plan,
-                settings,
-                simulated_rig,
-                simulated,
-                clock,
-                config,
-            })),
+            runtime: RwLock::new(Arc::new(runtime)),
             events,
             alarms,
             observed: Observed::new(clock),
@@ -261,18 +259,6 @@ impl Controller {
     async fn may_start(&self) {
         // the sender lives in self
         let _ = self.begun.subscribe().wait_for(|begun| *begun).await;
-    }
-
-    /// At most this many sessions of the record, newest first; optionally those after the one with this id.
-    ///
-    /// # Errors
-    /// The record cannot be read, or there is no such session.
-    pub(crate) fn listed(
-        &self,
-        count: usize,
-        before: Option<&str>,
-    ) -> Result<Vec<logbook::SessionSummary>, Fault> {
-        self.records.listed(count, before)
     }
 
     fn held_locks(&self) -> InstrumentLocks {

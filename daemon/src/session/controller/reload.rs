@@ -1,6 +1,6 @@
 //! Reloads the configuration. An invalid one changes nothing.
 
-use std::sync::{Arc, OnceLock, PoisonError};
+use std::sync::{Arc, PoisonError};
 
 use crate::events::kind::EventKind;
 use dbus::Fault;
@@ -9,7 +9,6 @@ use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
 use crate::instruments::assembly::{OnClosedRelays, assemble};
 use crate::instruments::identities::ExpectedIdentities;
-use crate::instruments::simulation::SimulatedRig;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::session::controller::{Controller, Runtime};
 use crate::session::state::Trigger;
@@ -88,49 +87,27 @@ impl Controller {
     async fn take(self: &Arc<Self>, prepared: Prepared) -> Result<String, Fault> {
         let mut source = self.source.lock().await;
         let old = self.runtime();
-        let config = prepared.source.file().to_owned();
-        let file = config.display().to_string();
-        let simulated = prepared.is_simulated();
-        let Prepared { setup, frames, .. } = prepared;
-        let same_rig = same_rig(&old.setup.config, &setup.config);
-        let (simulated_rig, plan, settings) = match &frames {
-            FramesFrom::Rig(plan) => {
-                let kept = old
-                    .simulated_rig
-                    .clone()
-                    .filter(|_| same_rig && same_simulation(&old, plan));
-                let simulated_rig = match (kept, &plan.simulation) {
-                    (Some(simulated_rig), _) => Some(simulated_rig),
-                    (None, Some((profile, scene))) => Some(
-                        SimulatedRig::new(profile, scene.clone())
-                            .map_err(|error| Fault::Configuration(chain(&error)))?,
-                    ),
-                    (None, None) => None,
-                };
-                let settings = plan.settings();
-                (simulated_rig, Some(Arc::clone(plan)), Some(settings))
+        let file = prepared.source.file().display().to_string();
+        let same_rig = same_rig(&old.setup.config, &prepared.setup.config);
+        let kept = match &prepared.frames {
+            FramesFrom::Rig(plan) if same_rig && same_simulation(&old, plan) => {
+                old.simulated_rig.clone()
             }
-            FramesFrom::Recording { recording, .. } => (None, None, recording.frames().settings()),
+            _ => None,
         };
+        let simulated_rig = match kept {
+            Some(kept) => Some(kept),
+            None => prepared.simulated_rig().map_err(Fault::Configuration)?,
+        };
+        let (runtime, frames) = Runtime::of(prepared, simulated_rig, old.clock);
         let mut locks = self.held_locks();
-        if let Some(plan) = plan.clone() {
+        if let Some(plan) = runtime.plan.clone() {
             let of_rig = tokio::task::spawn_blocking(move || locks.of_rig(&plan.instruments));
             locks = of_rig
                 .await
                 .map_err(|_| Fault::Failed("the instruments could not be locked".into()))?
                 .map_err(|error| Fault::InstrumentFault(error.to_string()))?;
         }
-        let runtime = Arc::new(Runtime {
-            setup,
-            drawn: OnceLock::new(),
-            plan,
-            settings,
-            simulated_rig,
-            simulated,
-            clock: old.clock,
-            build: old.build.clone(),
-            config,
-        });
         if let FrameSource::Rig { rig, plan } = &mut *source
             && let Some(rig) = rig.take()
             && let Err(error) = rig.safe_off(&plan.plan.wiring).await
@@ -182,7 +159,7 @@ impl Controller {
             }
         };
         self.alarms.take_rules(&runtime.setup.config).await;
-        *self.runtime.write().unwrap_or_else(PoisonError::into_inner) = runtime;
+        *self.runtime.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(runtime);
         // they depend on the model
         self.remarked.lock().await.clear();
         drop(source);

@@ -1,6 +1,5 @@
 //! Events of the rig: reported, and written to the record of the session under way.
 
-use chrono::{DateTime, Utc};
 use rig::Clock;
 use tokio::sync::mpsc;
 
@@ -50,16 +49,5 @@ impl Controller {
             self.events
                 .report(Event::new(at, change.kind, &change.text, id));
         }
-    }
-
-    /// Reports an event that the caller writes to the record, if it belongs there.
-    pub(crate) fn report_unrecorded(
-        &self,
-        at: DateTime<Utc>,
-        kind: EventKind,
-        text: &str,
-        session: Option<&str>,
-    ) {
-        self.events.report(Event::new(at, kind, text, session));
     }
 }

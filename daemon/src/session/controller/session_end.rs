@@ -5,6 +5,7 @@ use std::sync::Arc;
 use logbook::SessionKind;
 use rig::Clock;
 
+use crate::events::event::Event;
 use crate::events::kind::EventKind;
 use crate::recording::end_marks::{EndMarks, Marked};
 use crate::recording::session_status::SessionStatus;
@@ -67,7 +68,7 @@ impl Controller {
         };
         let text = marked.text(&status.facts.id);
         let at = self.runtime().clock.wall();
-        self.report_unrecorded(at, kind, &text, None);
+        self.events.report(Event::new(at, kind, &text, None));
     }
 
     /// On a separate thread: an end must not wait for a client's reading request.

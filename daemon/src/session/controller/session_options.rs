@@ -255,7 +255,11 @@ impl Controller {
         Ok(measuring.now().unwrap_or(plan))
     }
 
-    pub(super) fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {
+    /// The baseline with this id, read from the record if need be; the current one without an id.
+    ///
+    /// # Errors
+    /// No such baseline.
+    pub(crate) fn chosen_baseline(&self, id: Option<&str>) -> Result<Arc<Baseline>, Fault> {
         let current = self.baseline();
         let Some(id) = id else {
             return current.ok_or_else(no_baseline);

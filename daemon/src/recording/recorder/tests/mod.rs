@@ -139,7 +139,6 @@ impl Scene {
             model,
             centroids: mesh.region_centroids(),
             areas: mesh.region_areas(),
-            build: "test".to_owned(),
         };
         let (orders, queue) = mpsc::channel(QUEUE);
         let events = EventLog::new(setup.record_directory.clone());

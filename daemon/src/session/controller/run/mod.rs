@@ -142,7 +142,9 @@ impl Controller {
         self.events.publish(&BusEvent::Daemon);
         if let Some((text, waits)) = gone_on {
             order.first_event = waits.then(|| text.clone());
-            self.report_unrecorded(started, EventKind::Restarted, &text, Some(&status.facts.id));
+            let id = Some(status.facts.id.as_str());
+            self.events
+                .report(Event::new(started, EventKind::Restarted, &text, id));
         }
         tokio::spawn(Arc::clone(self).announce_frames(Arc::clone(&status)));
         tokio::spawn(Arc::clone(self).mark_when_requested_to_end(Arc::clone(&status)));
@@ -190,7 +192,7 @@ impl Controller {
             config_hash,
             model_hash: order.model.as_ref().and_then(|model| model.hash.clone()),
             geometry_hash: Some(geometry.mesh.hash().to_owned()),
-            build: runtime.build.clone(),
+            build: crate::BUILD.to_owned(),
             simulated: runtime.simulated,
             seed: runtime
                 .simulated_rig
@@ -261,7 +263,6 @@ impl Controller {
                     model,
                     centroids: mesh.region_centroids(),
                     areas: mesh.region_areas(),
-                    build: runtime.build.clone(),
                     status: Arc::clone(&status),
                 };
                 let recorder = orders.downgrade();
