@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// In the directory of the record.
 const FILE: &str = "known-instruments.json";
 /// Every role an instrument can have.
-const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
+pub(crate) const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 
 /// The required action of a user if another instrument is found.
 pub(crate) const ACCEPT_HINT: &str =

@@ -78,7 +78,7 @@ impl Published {
             masked: Some(map.masked as u64),
             reconstruction_s: Some(self.reconstruction.as_secs_f64()),
             durable_s: self.durable.get().map(Duration::as_secs_f64),
-            evidence: json(map.evidence.as_ref()),
+            evidence: map.evidence.as_ref().map(json),
             largest_loss: map.largest_loss().map(|(_, loss)| loss),
             significant: map.is_significant(self.noise),
             noise: self.noise,
@@ -96,8 +96,8 @@ impl Published {
                 .filter(|found| !found.is_silent())
                 .map(MapQuality::text),
             known: self.tracked.as_ref().map(|tracked| tracked.known),
-            tracked: json(self.tracked.as_ref()),
-            quantities: json(self.quantities.as_ref()),
+            tracked: self.tracked.as_ref().map(json),
+            quantities: self.quantities.as_ref().map(json),
             // bulk data, which summaries in signals do not have
             deviations: None,
             deviations_sequence: None,
@@ -106,6 +106,6 @@ impl Published {
 }
 
 /// A part of the details that is a text of its own.
-fn json(part: Option<&impl Serialize>) -> Option<String> {
-    part.map(|part| serde_json::json!(part).to_string())
+pub(super) fn json(part: &impl Serialize) -> String {
+    serde_json::json!(part).to_string()
 }

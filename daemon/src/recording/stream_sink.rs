@@ -4,13 +4,11 @@ use std::sync::Arc;
 
 use dbus::stream::{Body, Record};
 use eit::Pressure;
-use imaging::Tracked;
-use imaging::quantities::FrameQuantities;
 use logbook::LogbookError;
-use survey::{Frame, Map, MapQuality, Reading};
+use survey::{Frame, Map, Reading};
 
 use crate::recording::frame_sink::FrameSink;
-use crate::recording::published::Published;
+use crate::recording::published::{Published, json};
 use crate::recording::session_status::SessionStatus;
 
 /// The readers of the full-rate stream.
@@ -37,13 +35,16 @@ impl FrameSink for StreamSink {
         }
         if let Some(map) = &published.map {
             if let Some(quality) = &map.quality {
-                self.publish(&published.frame, quality_body(quality));
+                let json = json(quality);
+                self.publish(&published.frame, Body::Quality { json });
             }
             if let Some(tracked) = &published.tracked {
-                self.publish(&published.frame, tracked_body(tracked));
+                let json = json(tracked);
+                self.publish(&published.frame, Body::Tracked { json });
             }
             if let Some(quantities) = &published.quantities {
-                self.publish(&published.frame, quantities_body(quantities));
+                let json = json(quantities);
+                self.publish(&published.frame, Body::Quantities { json });
             }
             self.publish(&published.frame, map_body(map));
         }
@@ -90,24 +91,6 @@ fn map_body(map: &Map) -> Body {
         values: map.values.clone(),
         mesh_hash: map.mesh_hash.clone(),
         method: map.method.clone(),
-    }
-}
-
-fn quality_body(quality: &MapQuality) -> Body {
-    Body::Quality {
-        json: serde_json::json!(quality).to_string(),
-    }
-}
-
-fn tracked_body(tracked: &Tracked) -> Body {
-    Body::Tracked {
-        json: serde_json::json!(tracked).to_string(),
-    }
-}
-
-fn quantities_body(quantities: &FrameQuantities) -> Body {
-    Body::Quantities {
-        json: serde_json::json!(quantities).to_string(),
     }
 }
 

@@ -21,6 +21,7 @@ use zbus::object_server::{InterfaceRef, ObjectServer};
 use zbus::{Connection, fdo::ObjectManager};
 
 use crate::events::event::BusEvent;
+use crate::instruments::identities::ROLES;
 use crate::recording::session_status::SessionStatus;
 use crate::service::objects::alarms1::Alarms1;
 use crate::service::objects::instrument1::Instrument1;
@@ -32,9 +33,6 @@ use access::Guarded;
 use gate::{Authorizer, Gate};
 
 pub(crate) use crate::service::listener::Listener;
-
-/// Every role that an instrument may have.
-const ROLES: [&str; 4] = ["source", "switch", "voltmeter", "switch+voltmeter"];
 
 /// Timeout of sending an event; a slow client is disconnected, so that it does not delay others.
 const SEND_TIMEOUT: Duration = Duration::from_millis(500);
