@@ -150,8 +150,8 @@ async function next() {
   busy = true;
   try {
     await load(byId("view").value === "load" ? "quick" : "unrelieved", by, number);
-    // a later wish has set the time meanwhile
-    if (by === "frame" && !wanted) { at = shown.wall_ms; byId("position").value = at; }
+    // meanwhile a later move may have set the time, or another session been chosen: then no frame of it is shown yet
+    if (by === "frame" && !wanted && shown) { at = shown.wall_ms; byId("position").value = at; }
     trouble("");
   } catch (error) {
     byId("verdict").textContent = error.message;
@@ -313,7 +313,7 @@ byId("view").addEventListener("change", () => { pin(null); if (shown) show("fram
 byId("compare").addEventListener("click", () => pin(pinned ? null : shown));
 byId("fixed").addEventListener("input", () => { if (shown && map.values) draw(shown, map.values); });
 byId("map").addEventListener("pointermove", event => {
-  const here = map.valueAt(event.offsetX, event.offsetY);
+  const here = shown && map.valueAt(event.offsetX, event.offsetY);
   byId("pointer").textContent = here ? `(${here.x.toFixed(1)}, ${here.y.toFixed(1)}) mm: ${withUnit(here.value, shown.unit)}${uncertainty.at(here)}` : "";
 });
 document.addEventListener("keydown", event => {
