@@ -46,4 +46,10 @@ pub enum DriftError {
         /// What it is restored on.
         wants: String,
     },
+    /// A stored state of this sheet with a length or an index that does not fit it.
+    #[error("the stored state is damaged: its {field} does not fit the sheet")]
+    DamagedState {
+        /// The field of the state.
+        field: &'static str,
+    },
 }

@@ -50,6 +50,11 @@ struct Anchor {
 }
 
 impl Anchors {
+    /// Whether they are of data of this many rows.
+    pub(super) fn fits(&self, rows: usize) -> bool {
+        self.kept.iter().all(|anchor| anchor.baseline.len() == rows)
+    }
+
     /// Keeps a baseline once a day.
     pub(crate) fn keep(&mut self, baseline: &DVector<f64>, at_s: f64) {
         if self

@@ -39,6 +39,12 @@ struct Entry {
 }
 
 impl Ledger {
+    /// Whether it is of data of this many rows.
+    pub(super) fn fits(&self, rows: usize) -> bool {
+        let entries = self.entries.iter().all(|entry| entry.before.len() == rows);
+        entries && [0, rows].contains(&self.peak.len())
+    }
+
     /// Whether something lies on the sheet.
     pub(crate) fn loaded(&self) -> bool {
         !self.entries.is_empty()

@@ -139,7 +139,7 @@ impl Tracker {
     /// Continues from a state of the same sheet: later answers have the same bits as without the interruption.
     ///
     /// # Errors
-    /// A state of another mesh, baseline or build.
+    /// A state of another mesh, baseline or build, or a damaged one.
     pub fn restore(model: Arc<DriftModel>, state: TrackerState) -> Result<Self, DriftError> {
         state.check(&model)?;
         let prepared = Arc::new(Prepared {

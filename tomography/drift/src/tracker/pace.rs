@@ -87,6 +87,12 @@ impl Pace {
         }
     }
 
+    /// Whether it has a filter for each pace, of data of this many rows.
+    pub(super) fn fits(&self, rows: usize) -> bool {
+        let fits = |filter: &Filter| filter.mean.len() == rows && filter.variance.len() == rows;
+        self.filters.len() == PACES.len() && self.filters.iter().all(fits)
+    }
+
     /// Follows a frame without load, in the coordinates of the basis; the new pace if it has been chosen anew.
     pub(crate) fn follow(&mut self, basis: &Basis, data: &DVector<f64>, at_s: f64) -> Option<f64> {
         let days = ((at_s - self.last_s) / DAY_S).max(0.0);

@@ -83,18 +83,38 @@ impl TrackerState {
         state
     }
 
-    /// Refuses a state of another sheet.
+    /// Refuses a state of another sheet, and one with a length or an index that does not fit this sheet.
     pub(super) fn check(&self, model: &DriftModel) -> Result<(), DriftError> {
-        let rows = model.pairs().len();
         let wants = identity(model);
-        let sizes = self.baseline.len() == rows && self.covariance.len() == rows * (rows + 1) / 2;
-        if self.sheet != wants || !sizes {
+        if self.sheet != wants {
             return Err(DriftError::State {
                 has: self.sheet.clone(),
                 wants,
             });
         }
-        Ok(())
+        let rows = model.pairs().len();
+        let electrodes = model.mesh().electrodes();
+        let ascending = self.last_rows.is_sorted_by(|a, b| a < b);
+        let fitting = [
+            ("baseline", self.baseline.len() == rows),
+            ("covariance", self.covariance.len() == rows * (rows + 1) / 2),
+            ("last", [0, rows].contains(&self.last.len())),
+            (
+                "last_rows",
+                ascending && self.last_rows.last().is_none_or(|&row| row < rows),
+            ),
+            ("ledger", self.ledger.fits(rows)),
+            ("pace", self.pace.fits(rows)),
+            ("anchors", self.anchors.fits(rows)),
+            (
+                "faults",
+                self.faults.iter().all(|fault| fault.electrode < electrodes),
+            ),
+        ];
+        match fitting.into_iter().find(|(_, fits)| !fits) {
+            Some((field, _)) => Err(DriftError::DamagedState { field }),
+            None => Ok(()),
+        }
     }
 
     pub(super) fn baseline(&self) -> DVector<f64> {

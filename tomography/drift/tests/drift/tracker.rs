@@ -7,6 +7,7 @@ use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use serde_json::{Value, json};
 use survey::{Reading, Volts};
 
 use crate::sheet::Sheet;
@@ -116,6 +117,49 @@ fn restored_state_goes_on_with_the_same_bits() {
     let other = Arc::new(Sheet::with_gain(1.01).model());
     let refused = Tracker::restore(other, tracker.state().clone());
     assert!(refused.is_err_and(|fault| fault.to_string().contains("baseline")));
+}
+
+#[test]
+fn state_with_a_length_or_index_of_another_sheet_is_refused() {
+    let (mut walk, mut tracker) = walked(3);
+    let load = walk.model.disc([0.06, 0.07], 0.06) * -0.3;
+    follow(&mut tracker, &mut walk, 4, Some((&load, 1.0)));
+    let whole = serde_json::to_value(tracker.state()).unwrap();
+    let restore = |state: Value| {
+        let state: TrackerState = serde_json::from_value(state).unwrap();
+        Tracker::restore(Arc::clone(&walk.model), state)
+    };
+    assert!(restore(whole.clone()).is_ok());
+    let one = json!("3ff0000000000000");
+    for (field, place, damaged) in [
+        ("baseline", "/baseline", one.clone()),
+        ("covariance", "/covariance", one.clone()),
+        ("last", "/last", one.clone()),
+        ("last_rows", "/last_rows", json!([0, 299])),
+        ("last_rows", "/last_rows", json!([1, 0])),
+        ("ledger", "/ledger/entries/0/before", one.clone()),
+        ("ledger", "/ledger/peak", one.clone()),
+        ("pace", "/pace/filters", json!([])),
+        ("pace", "/pace/filters/2/mean", one.clone()),
+        ("pace", "/pace/filters/2/variance", one.clone()),
+        ("anchors", "/anchors/kept/0/baseline", one.clone()),
+        (
+            "faults",
+            "/faults",
+            json!([{"electrode": 26, "last_s": one}]),
+        ),
+    ] {
+        let mut state = whole.clone();
+        *state.pointer_mut(place).unwrap() = damaged;
+        let refused = restore(state).err().map(|fault| fault.to_string());
+        let expected = format!("its {field} does not fit");
+        assert!(
+            refused
+                .as_ref()
+                .is_some_and(|text| text.contains(&expected)),
+            "{place}: {refused:?}"
+        );
+    }
 }
 
 #[test]
