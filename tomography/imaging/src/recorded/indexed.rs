@@ -4,11 +4,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use logbook::SessionReader;
 use survey::{Amps, Baseline, Frame, Precautions, Protocol, Settings, Volts};
 
 use super::readings::change_signs;
-use super::{BaselineRule, FRAMES, Provenance, RecordedError, read_frames};
+use super::{BaselineRule, FRAMES, Provenance, RecordedError, SessionParts, read_frames};
 
 /// Source of the voltages.
 #[derive(Debug)]
@@ -18,13 +17,13 @@ enum Source {
         settings: Settings,
     },
     Session {
-        reader: Box<SessionReader>,
+        parts: SessionParts,
         frames: u64,
         first: Duration,
     },
 }
 
-/// Recorded frames with random access: a table, or one file of a session.
+/// Recorded frames with random access: a table, or a session with all its parts.
 #[derive(Debug)]
 pub struct IndexedFrames {
     source: Source,
@@ -68,28 +67,25 @@ impl IndexedFrames {
         })
     }
 
-    /// Opens a session file, and returns its protocol too. `negate` inverts every sign.
+    /// Opens a session from its first part with all that follow, or a later part alone, and returns its protocol too. `negate` inverts every sign.
     ///
     /// # Errors
     /// [`RecordedError::Session`].
     pub fn session(path: &Path, negate: bool) -> Result<(Self, Protocol), RecordedError> {
-        let reader = SessionReader::open(path)?;
-        let protocol = reader.header().protocol.clone();
-        let frames = reader.len()?;
+        let parts = SessionParts::open(path)?;
+        let protocol = parts.header().protocol.clone();
+        let first_sequence = parts.header().first_sequence;
+        // counted by numbers: one that damage removed between two parts is a frame that cannot be read, as one within a part
+        let frames = (parts.last_sequence()? + 1).saturating_sub(first_sequence);
         let first = match frames {
             0 => Duration::ZERO,
-            _ => {
-                reader
-                    .frame(reader.header().first_sequence)?
-                    .frame
-                    .monotonic
-            }
+            _ => parts.frame(first_sequence)?.frame.monotonic,
         };
         let opened = Self {
-            simulated: reader.header().simulated,
+            simulated: parts.header().simulated,
             negate,
             source: Source::Session {
-                reader: Box::new(reader),
+                parts,
                 frames,
                 first,
             },
@@ -106,8 +102,8 @@ impl IndexedFrames {
     pub fn kept_config(&self) -> Option<&str> {
         match &self.source {
             Source::Table { .. } => None,
-            Source::Session { reader, .. } => {
-                Some(reader.header().config_toml.as_str()).filter(|text| !text.is_empty())
+            Source::Session { parts, .. } => {
+                Some(parts.header().config_toml.as_str()).filter(|text| !text.is_empty())
             }
         }
     }
@@ -129,9 +125,9 @@ impl IndexedFrames {
     pub fn settings(&self) -> Option<Settings> {
         match &self.source {
             Source::Table { settings, .. } => Some(settings.clone()),
-            Source::Session { reader, .. } => {
-                let first = reader.header().first_sequence;
-                Some(reader.frame(first).ok()?.frame.settings)
+            Source::Session { parts, .. } => {
+                let first = parts.header().first_sequence;
+                Some(parts.frame(first).ok()?.frame.settings)
             }
         }
     }
@@ -143,9 +139,9 @@ impl IndexedFrames {
     pub fn taken_after(&self, index: u64) -> Result<Option<Duration>, RecordedError> {
         match &self.source {
             Source::Table { .. } => Ok(None),
-            Source::Session { reader, first, .. } => {
-                let sequence = reader.header().first_sequence + index;
-                let frame = reader.frame(sequence)?.frame;
+            Source::Session { parts, first, .. } => {
+                let sequence = parts.header().first_sequence + index;
+                let frame = parts.frame(sequence)?.frame;
                 Ok(Some(frame.monotonic.saturating_sub(*first)))
             }
         }
@@ -168,10 +164,10 @@ impl IndexedFrames {
                 compliance: Vec::new(),
                 simulated: self.simulated,
             }),
-            Source::Session { reader, .. } => {
+            Source::Session { parts, .. } => {
                 // a later part of a session continues its numbers
-                let sequence = reader.header().first_sequence + index;
-                let mut frame = reader.frame(sequence)?.frame;
+                let sequence = parts.header().first_sequence + index;
+                let mut frame = parts.frame(sequence)?.frame;
                 if self.negate {
                     change_signs(&mut frame.readings);
                 }
@@ -194,10 +190,10 @@ impl IndexedFrames {
         let requested = match (rule, &self.source) {
             (Some(requested), _) => requested,
             (None, Source::Table { .. }) => "first:1",
-            (None, Source::Session { reader, .. }) => {
-                let mut own = reader.baseline()?.ok_or_else(|| {
-                    RecordedError::NoBaseline(reader.path().display().to_string())
-                })?;
+            (None, Source::Session { parts, .. }) => {
+                let path = parts.each()[0].path();
+                let missing = || RecordedError::NoBaseline(path.display().to_string());
+                let mut own = parts.baseline()?.ok_or_else(missing)?;
                 if self.negate {
                     change_signs(&mut own.readings);
                 }
@@ -244,6 +240,7 @@ impl IndexedFrames {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use logbook::{SessionHeader, SessionWriter};
     use survey::Reading;
 
     const NOW: DateTime<Utc> = DateTime::UNIX_EPOCH;
@@ -281,5 +278,28 @@ mod tests {
                 "{error}"
             );
         }
+    }
+
+    #[test]
+    fn session_in_parts_is_played_to_its_end() {
+        let (folder, protocol, table) = table(false);
+        let header = SessionHeader::new("monday", NOW, protocol);
+        let mut writer = SessionWriter::create(folder.path(), &header).unwrap();
+        let first = writer.path().to_owned();
+        for index in 0..3 {
+            let frame = Frame {
+                monotonic: Duration::from_secs(10 + 2 * index),
+                ..table.frame(index, NOW).unwrap()
+            };
+            writer.append(&frame, None).unwrap();
+            writer.roll(NOW).unwrap();
+        }
+        writer.close(NOW, "end").unwrap();
+        let (session, _) = IndexedFrames::session(&first, true).unwrap();
+        assert_eq!(session.len(), 3);
+        let last = session.frame(2, NOW).unwrap();
+        assert_eq!(last.readings, [Reading::Ok(Volts(-5.0)); 4]);
+        let after = session.taken_after(2).unwrap();
+        assert_eq!(after, Some(Duration::from_secs(4)));
     }
 }
