@@ -153,11 +153,10 @@ impl Recording {
                 (unloaded, own.id)
             }
             Some(rule @ BaselineRule::First(count)) => {
-                let frames: Vec<LabelledReadings> = recorded(&parts, 0, negate)
-                    .filter_map(Result::ok)
-                    .take(*count)
-                    .map(|frame| (frame.label, frame.readings))
-                    .collect();
+                let frames = recorded(&parts, 0, negate).take(*count);
+                let frames: Vec<LabelledReadings> = frames
+                    .map(|frame| frame.map(|frame| (frame.label, frame.readings)))
+                    .collect::<Result<_, _>>()?;
                 (first(&frames, *count)?, rule.to_string())
             }
             Some(rule @ BaselineRule::File(file)) => {
@@ -359,4 +358,67 @@ fn one_current(file: &Path, currents: &[f64]) -> Result<Amps, RecordedError> {
         return Err(RecordedError::Currents(file.to_owned()));
     }
     Ok(Amps(current))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use logbook::SessionWriter;
+    use survey::{Frame, Precautions, Settings, Volts};
+
+    use super::*;
+
+    #[test]
+    fn baseline_of_first_frames_refuses_an_unreadable_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let protocol = Protocol::sheffield(4).unwrap();
+        let at = DateTime::UNIX_EPOCH;
+        let header = SessionHeader::new("monday", at, protocol.clone());
+        let mut writer = SessionWriter::create(folder.path(), &header).unwrap();
+        let path = writer.path().to_owned();
+        for number in 1..=3 {
+            let frame = Frame {
+                sequence: number,
+                readings: vec![Reading::Ok(Volts(number as f64)); 4],
+                monotonic: Duration::from_secs(number),
+                wall: at + Duration::from_secs(number),
+                duration: Duration::from_millis(500),
+                settings: Settings {
+                    protocol_hash: protocol.hash(),
+                    current: Amps(1.0),
+                    range: Volts(10.0),
+                    nplc: 1.0,
+                    settle: Duration::ZERO,
+                    wiring: "wiring".to_owned(),
+                    precautions: Precautions::default(),
+                },
+                extra: Vec::new(),
+                compliance: Vec::new(),
+                simulated: false,
+            };
+            writer.append(&frame, None).unwrap();
+        }
+        writer.close(at, "end").unwrap();
+        let opened = |count| {
+            let rule = BaselineRule::First(count);
+            Recording::from_session(&path, Some(&rule), false)
+        };
+        let baseline = opened(2).unwrap().unloaded;
+        assert_eq!(baseline.readings[0], Reading::Ok(Volts(1.5)));
+        let file = rusqlite::Connection::open(&path).unwrap();
+        file.execute(
+            "UPDATE frame SET checksum = checksum + 1 WHERE sequence = 2",
+            [],
+        )
+        .unwrap();
+        drop(file);
+        assert!(opened(1).is_ok());
+        let refused = opened(2).unwrap_err();
+        let damaged = matches!(
+            &refused,
+            RecordedError::Session(LogbookError::Damaged { .. })
+        );
+        assert!(damaged, "{refused:?}");
+    }
 }
