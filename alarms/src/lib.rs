@@ -22,7 +22,7 @@
 //! alarms.judge("heel", 70.0, Judgement::Unknown("no frame".into()));
 //! assert_eq!(alarms.get("heel").unwrap().level(), Some(Level::Major));
 //! alarms.order("heel", 80.0, &Order::Acknowledge, "user 1000", "turned")?;
-//! assert!(alarms.get("heel").unwrap().state.is_acknowledged());
+//! assert!(alarms.get("heel").unwrap().state.acknowledged);
 //! # Ok::<(), alarms::Refused>(())
 //! ```
 
@@ -170,17 +170,17 @@ impl Alarm {
     /// Whether it is active and nobody has put it aside: not shelved, and in service. Whether people are notified of an alarm of this
     /// name at all, its user decides.
     pub fn notifies(&self) -> bool {
-        self.state.is_active() && !self.is_put_aside()
+        self.state.active && !self.is_put_aside()
     }
 
     /// Whether it cannot be judged and nobody has put it aside.
     pub fn cannot_judge(&self) -> bool {
-        self.state.why_invalid().is_some() && !self.is_put_aside()
+        self.state.invalid.is_some() && !self.is_put_aside()
     }
 
     /// Whether a person has shelved it or taken it out of service.
     pub fn is_put_aside(&self) -> bool {
-        self.state.shelf().is_some() || self.state.out_of_service().is_some()
+        self.state.shelf.is_some() || self.state.out_of_service.is_some()
     }
 }
 
@@ -218,7 +218,7 @@ impl Alarms {
                 .forget_condition("its rule is not in the configuration any more");
         }
         self.0
-            .retain(|_, alarm| !alarm.removed || !alarm.state.is_acknowledged());
+            .retain(|_, alarm| !alarm.removed || !alarm.state.acknowledged);
     }
 
     /// Continues with a state that was stored: what happened since is not known, so that no time until now counts towards
@@ -268,7 +268,7 @@ impl Alarms {
             at_s,
         };
         let text = alarm.state.order(&alarm.rule, order, note)?;
-        if alarm.removed && alarm.state.is_acknowledged() {
+        if alarm.removed && alarm.state.acknowledged {
             self.0.remove(name);
         }
         Ok(Transition {

@@ -78,7 +78,7 @@ impl AlarmState {
         let name = || rule.name.clone();
         let (at_s, by) = (note.at_s, note.text());
         let done = match order {
-            Order::Acknowledge if self.is_acknowledged() => {
+            Order::Acknowledge if self.acknowledged => {
                 return Err(Refused::Acknowledged(name()));
             }
             Order::Acknowledge => {
@@ -93,7 +93,7 @@ impl AlarmState {
                 self.shelf = Some(Shelf { until_s, note });
                 format!("shelved for {time_s:.0} s")
             }
-            Order::ShelveOnce if !self.is_active() => return Err(Refused::NotActive(name())),
+            Order::ShelveOnce if !self.active => return Err(Refused::NotActive(name())),
             Order::ShelveOnce => {
                 let until_s = None;
                 self.shelf = Some(Shelf { until_s, note });
@@ -103,12 +103,12 @@ impl AlarmState {
                 Some(_) => "not shelved any more".to_owned(),
                 None => return Err(Refused::NotShelved(name())),
             },
-            Order::Reset if self.is_held() => {
+            Order::Reset if self.held => {
                 self.end(at_s);
                 "reset".to_owned()
             }
-            Order::Reset if self.is_active() && rule.latched => {
-                return Err(Refused::StillBeyond(name(), self.cause().to_owned()));
+            Order::Reset if self.active && rule.latched => {
+                return Err(Refused::StillBeyond(name(), self.cause.clone()));
             }
             Order::Reset => return Err(Refused::NotLatched(name())),
             Order::OutOfService if self.out_of_service.is_some() => {

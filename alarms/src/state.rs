@@ -37,28 +37,32 @@ pub struct Shelf {
 /// The properties of one alarm, independent of each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmState {
-    active: bool,
-    /// Whether the condition of the active alarm is gone, and only the latch keeps it.
-    held: bool,
-    acknowledged: bool,
+    /// Whether the condition held long enough, and has not been gone long enough since or is held by a latch.
+    pub active: bool,
+    /// Whether the condition of the active alarm is gone, and only a reset ends the alarm.
+    pub held: bool,
+    /// Whether a person has acknowledged the last activation; true before the first one.
+    pub acknowledged: bool,
     /// The last acknowledgement.
-    acknowledgement: Option<Note>,
-    /// When `active` last changed, s.
-    changed_s: Option<f64>,
-    /// Value and limit when it was last beyond: the present ones while it is active.
-    cause: String,
-    /// Why it cannot be judged.
-    invalid: Option<String>,
-    /// Why it is not to be judged.
-    suppressed: Option<String>,
+    pub acknowledgement: Option<Note>,
+    /// When it last became active or ended, s.
+    pub changed_s: Option<f64>,
+    /// Value and limit when it was last beyond: the present ones while it is active. Empty before the first activation.
+    pub cause: String,
+    /// Why it cannot be judged; `None` while it is judged, or is not to be judged.
+    pub invalid: Option<String>,
+    /// Why it is not to be judged at present.
+    pub suppressed: Option<String>,
     /// Since when the condition has held (not active) or has been gone (active), s.
     pending_s: Option<f64>,
     /// Since when it has been judged without a break, while `invalid` is still reported, s.
     judged_s: Option<f64>,
     /// Whether it has not been judged since the start or a change of its rule.
     fresh: bool,
-    pub(crate) shelf: Option<Shelf>,
-    pub(crate) out_of_service: Option<Note>,
+    /// Who has shelved it, and until when.
+    pub shelf: Option<Shelf>,
+    /// Who has taken it out of service.
+    pub out_of_service: Option<Note>,
 }
 
 impl Default for AlarmState {
@@ -83,56 +87,6 @@ impl Default for AlarmState {
 }
 
 impl AlarmState {
-    /// Whether the condition held long enough, and has not been gone long enough since or is held by a latch.
-    pub fn is_active(&self) -> bool {
-        self.active
-    }
-
-    /// Whether the condition is gone, and only a reset ends the alarm.
-    pub fn is_held(&self) -> bool {
-        self.held
-    }
-
-    /// Whether a person has acknowledged the last activation; true before the first one.
-    pub fn is_acknowledged(&self) -> bool {
-        self.acknowledged
-    }
-
-    /// The last acknowledgement.
-    pub fn acknowledgement(&self) -> Option<&Note> {
-        self.acknowledgement.as_ref()
-    }
-
-    /// When it last became active or ended, s.
-    pub fn changed_s(&self) -> Option<f64> {
-        self.changed_s
-    }
-
-    /// Value and limit when it was last beyond: the present ones while it is active. Empty before the first activation.
-    pub fn cause(&self) -> &str {
-        &self.cause
-    }
-
-    /// Why it cannot be judged; `None` while it is judged, or is not to be judged.
-    pub fn why_invalid(&self) -> Option<&str> {
-        self.invalid.as_deref()
-    }
-
-    /// Why it is not to be judged at present.
-    pub fn why_suppressed(&self) -> Option<&str> {
-        self.suppressed.as_deref()
-    }
-
-    /// Who has shelved it, and until when.
-    pub fn shelf(&self) -> Option<&Shelf> {
-        self.shelf.as_ref()
-    }
-
-    /// Who has taken it out of service.
-    pub fn out_of_service(&self) -> Option<&Note> {
-        self.out_of_service.as_ref()
-    }
-
     pub(crate) fn level(&self, severity: Severity) -> Option<Level> {
         match (self.active, &self.invalid) {
             (true, _) => Some(severity.into()),

@@ -69,7 +69,7 @@ fn begins_after_its_delay_and_ends_after_the_other() {
     let ended = play(&mut alarms, 120, 150, &Judgement::Within);
     assert_eq!(ended, [(140, TransitionKind::Over)]);
     assert_eq!(level(&alarms), Some(Level::Ok));
-    assert!(!alarms.get(NAME).unwrap().state.is_acknowledged());
+    assert!(!alarms.get(NAME).unwrap().state.acknowledged);
 }
 
 #[test]
@@ -127,12 +127,12 @@ fn a_latched_alarm_ends_by_a_reset_only() {
         play(&mut alarms, 1000, 1001, &beyond()),
         [(1000, TransitionKind::Active)]
     );
-    assert!(!alarms.get(NAME).unwrap().state.is_acknowledged());
+    assert!(!alarms.get(NAME).unwrap().state.acknowledged);
     play(&mut alarms, 1001, 1100, &Judgement::Within);
     order(&mut alarms, 1100.0, Order::Reset).unwrap();
     assert_eq!(level(&alarms), Some(Level::Ok));
     // the reset is no acknowledgement
-    assert!(!alarms.get(NAME).unwrap().state.is_acknowledged());
+    assert!(!alarms.get(NAME).unwrap().state.acknowledged);
     assert!(matches!(
         order(&mut alarms, 1101.0, Order::Reset),
         Err(Refused::NotLatched(_))
@@ -149,7 +149,7 @@ fn only_a_latched_alarm_is_reset_also_by_a_changed_rule() {
     play(&mut alarms, 11, 40, &Judgement::Within);
     alarms.set_rules(vec![rule(false)]);
     order(&mut alarms, 40.0, Order::Reset).unwrap();
-    assert!(!alarms.get(NAME).unwrap().state.is_active());
+    assert!(!alarms.get(NAME).unwrap().state.active);
 }
 
 #[test]
@@ -177,7 +177,7 @@ fn a_shelved_alarm_is_evaluated_and_notifies_nobody() {
     order(&mut alarms, 110.0, Order::ShelveOnce).unwrap();
     assert!(!alarms.get(NAME).unwrap().notifies());
     play(&mut alarms, 110, 200, &Judgement::Within);
-    assert!(alarms.get(NAME).unwrap().state.shelf().is_none());
+    assert!(alarms.get(NAME).unwrap().state.shelf.is_none());
     order(&mut alarms, 200.0, Order::OutOfService).unwrap();
     assert_eq!(level(&alarms), None);
     play(&mut alarms, 200, 220, &beyond());
@@ -293,7 +293,7 @@ proptest! {
                     transitions
                 }
                 Step::Order(order) => {
-                    let held = alarms.get(NAME).is_some_and(|alarm| alarm.state.is_held());
+                    let held = alarms.get(NAME).is_some_and(|alarm| alarm.state.held);
                     let done = alarms.order(NAME, at_s, &order, "user 7", "");
                     match (order, &done) {
                         (Order::Acknowledge, Ok(_)) => due = false,
@@ -329,8 +329,8 @@ proptest! {
             let Some(alarm) = alarms.get(NAME) else {
                 return Err(TestCaseError::fail("the alarm is gone"));
             };
-            prop_assert_eq!(alarm.state.is_acknowledged(), !due);
-            prop_assert_eq!(alarm.state.is_active(), active);
+            prop_assert_eq!(alarm.state.acknowledged, !due);
+            prop_assert_eq!(alarm.state.active, active);
             if alarm.level() == Some(Level::Ok) {
                 prop_assert!(judged, "not judged, and reported as well");
             }

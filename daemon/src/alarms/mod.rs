@@ -292,11 +292,11 @@ impl Shown {
             .alarms
             .iter()
             .filter(own)
-            .filter(|alarm| !alarm.state.is_active() && alarm.cannot_judge());
+            .filter(|alarm| !alarm.state.active && alarm.cannot_judge());
         let sentence = |alarm: &alarms::Alarm| {
-            let text = match alarm.state.why_invalid() {
-                Some(why) if !alarm.state.is_active() => format!("cannot be judged: {why}"),
-                _ => alarm.state.cause().to_owned(),
+            let text = match &alarm.state.invalid {
+                Some(why) if !alarm.state.active => format!("cannot be judged: {why}"),
+                _ => alarm.state.cause.clone(),
             };
             (alarm.rule.name.clone(), text)
         };

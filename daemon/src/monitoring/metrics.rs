@@ -286,12 +286,12 @@ const METRICS: [Metric; 25] = [
     Metric::new(
         "tactus_alarm_active",
         "Whether the alarm of a rule of [[alarm]] is active; it stays so while it cannot be judged",
-        Values::OfAlarms(|alarm| alarm.state.is_active()),
+        Values::OfAlarms(|alarm| alarm.state.active),
     ),
     Metric::new(
         "tactus_alarm_unjudged",
         "1 if the alarm of a rule cannot be evaluated: its condition may hold unnoticed. 0 while nothing is measured",
-        Values::OfAlarms(|alarm| alarm.state.why_invalid().is_some()),
+        Values::OfAlarms(|alarm| alarm.state.invalid.is_some()),
     ),
     Metric::new(
         "tactus_alarm_set_aside",

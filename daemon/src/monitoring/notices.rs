@@ -64,7 +64,7 @@ impl Notices {
                 continue;
             }
             let notice = self.0.entry(name.clone()).or_default();
-            messages.extend(notice.step(name, now, alarm.notifies(), alarm.state.cause(), again));
+            messages.extend(notice.step(name, now, alarm.notifies(), &alarm.state.cause, again));
         }
         messages
     }
