@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use rusqlite::params;
 use rusqlite::types::Value;
-use rusqlite::{OptionalExtension, params};
 use survey::{Checks, Frame, Quality, QualityFlag, Settings};
 
 use super::readings::ReadingsCache;
@@ -209,26 +209,20 @@ impl SessionReader {
     /// A stretch and its settings.
     pub(super) fn stretch(&self, of: i64, id: i64) -> Result<(Stretch, Settings), LogbookError> {
         let place = format!("stretch {id}, which frame {of} belongs to");
-        let row = self
-            .connection
-            .prepare_cached("SELECT * FROM stretch WHERE id = ?1")
-            .and_then(|mut statement| {
-                let row = |row: &rusqlite::Row<'_>| {
-                    let stretch = Stretch {
-                        id,
-                        settings: row.get("settings")?,
-                        mapper: row.get("mapper")?,
-                        simulated: row.get("simulated")?,
-                        sequence: row.get("sequence")?,
-                        monotonic: row.get("monotonic_us")?,
-                        wall: row.get("wall_us")?,
-                        period: row.get("period_us")?,
-                    };
-                    Ok((stretch, row.get::<_, Vec<u8>>("checksum")?))
-                };
-                statement.query_row([id], row).optional()
-            })
-            .map_err(|source| LogbookError::reading(&self.path, "read a stretch of", source))?;
+        let sql = "SELECT * FROM stretch WHERE id = ?1";
+        let row = self.one_row(sql, [id], "read a stretch of", |row| {
+            let stretch = Stretch {
+                id,
+                settings: row.get("settings")?,
+                mapper: row.get("mapper")?,
+                simulated: row.get("simulated")?,
+                sequence: row.get("sequence")?,
+                monotonic: row.get("monotonic_us")?,
+                wall: row.get("wall_us")?,
+                period: row.get("period_us")?,
+            };
+            Ok((stretch, row.get::<_, Vec<u8>>("checksum")?))
+        })?;
         let Some((stretch, checksum)) = row else {
             return Err(self.damaged(place, "it is not there"));
         };

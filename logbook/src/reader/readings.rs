@@ -1,6 +1,5 @@
 //! Readings of frames: blobs shared by one or more frames, and the references of their differences.
 
-use rusqlite::OptionalExtension;
 use survey::Reading;
 
 use super::SessionReader;
@@ -101,23 +100,11 @@ impl SessionReader {
             return self.baseline_reference(&format!("frame {of}"));
         }
         let place = format!("reference {reference}, which frame {of} refers to");
-        let row = self
-            .connection
-            .prepare_cached(
-                "SELECT against_baseline, readings, checksum FROM reference WHERE id = ?1",
-            )
-            .and_then(|mut statement| {
-                let row = |row: &rusqlite::Row<'_>| {
-                    Ok((
-                        row.get::<_, bool>(0)?,
-                        row.get::<_, Vec<u8>>(1)?,
-                        row.get::<_, Vec<u8>>(2)?,
-                    ))
-                };
-                statement.query_row([reference], row).optional()
-            })
-            .map_err(|source| LogbookError::reading(&self.path, "read a reference of", source))?;
-        let Some((against_baseline, blob, checksum)) = row else {
+        let sql = "SELECT against_baseline, readings, checksum FROM reference WHERE id = ?1";
+        let row = self.one_row(sql, [reference], "read a reference of", |row| {
+            Ok((row.get::<_, bool>(0)?, row.get(1)?, row.get(2)?))
+        })?;
+        let Some((against_baseline, blob, checksum)): Option<(_, Vec<u8>, Vec<u8>)> = row else {
             return Err(self.damaged(place, "it is not there"));
         };
         if checksum != reference_checksum(self.header_checksum, reference, against_baseline, &blob)

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use rusqlite::{Connection, OptionalExtension, params};
+use rusqlite::{Connection, OptionalExtension, Params, params};
 use survey::{Baseline, Quality, QualityFlag, Reading, Settings, Volts};
 
 use super::references::Packed;
@@ -102,6 +102,17 @@ fn next_id(connection: &Connection, table: &'static str) -> rusqlite::Result<i64
         .query_row([], |row| row.get(0))
 }
 
+/// The id that a query finds; `None` if there is no such row yet.
+fn known_id(
+    connection: &Connection,
+    query: &str,
+    values: impl Params,
+) -> rusqlite::Result<Option<i64>> {
+    connection
+        .query_row(query, values, |row| row.get(0))
+        .optional()
+}
+
 pub(super) fn write_event(
     transaction: &Connection,
     header_checksum: HeaderChecksum,
@@ -126,6 +137,8 @@ pub(super) fn settings_id(
     settle: i64,
 ) -> rusqlite::Result<i64> {
     let precautions = json(serde_json::to_string(&settings.precautions))?;
+    let known = "SELECT id FROM settings WHERE protocol_hash = ?1 AND current_a = ?2 AND range_v = ?3 AND nplc = ?4
+        AND settle_ns = ?5 AND wiring = ?6 AND precautions = ?7";
     let values = params![
         settings.protocol_hash,
         settings.current.0,
@@ -135,15 +148,7 @@ pub(super) fn settings_id(
         settings.wiring,
         precautions,
     ];
-    let known = connection
-        .query_row(
-            "SELECT id FROM settings WHERE protocol_hash = ?1 AND current_a = ?2 AND range_v = ?3 AND nplc = ?4
-                AND settle_ns = ?5 AND wiring = ?6 AND precautions = ?7",
-            values,
-            |row| row.get(0),
-        )
-        .optional()?;
-    if let Some(id) = known {
+    if let Some(id) = known_id(connection, known, values)? {
         return Ok(id);
     }
     let id = next_id(connection, "settings")?;
@@ -170,15 +175,10 @@ pub(super) fn mapper_id(
     header_checksum: HeaderChecksum,
     map: &MapRecord,
 ) -> rusqlite::Result<i64> {
+    let known =
+        "SELECT id FROM mapper WHERE method = ?1 AND model_hash IS ?2 AND build = ?3 AND cpu = ?4";
     let values = params![map.method, map.model_hash, map.build, map.cpu];
-    let known = connection
-        .query_row(
-            "SELECT id FROM mapper WHERE method = ?1 AND model_hash IS ?2 AND build = ?3 AND cpu = ?4",
-            values,
-            |row| row.get(0),
-        )
-        .optional()?;
-    if let Some(id) = known {
+    if let Some(id) = known_id(connection, known, values)? {
         return Ok(id);
     }
     let id = next_id(connection, "mapper")?;
