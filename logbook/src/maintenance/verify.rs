@@ -66,16 +66,10 @@ pub struct Verified {
 /// The folder cannot be read.
 pub fn parts(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
     let path = path.as_ref();
-    let name = |path: &Path| -> String {
-        path.file_stem()
-            .map(|stem| stem.to_string_lossy().into_owned())
-            .unwrap_or_default()
-    };
-    let own = name(path);
-    let session = part_of(&own).0;
+    let session = part_of(id_of(path)).0;
     let mut parts = files::in_folder(folder_of(path))?;
-    parts.retain(|other| part_of(&name(other)).0 == session);
-    parts.sort_by_key(|other| part_of(&name(other)).1);
+    parts.retain(|other| part_of(id_of(other)).0 == session);
+    parts.sort_by_key(|other| part_of(id_of(other)).1);
     Ok(parts)
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::files::{part_of, path_of};
+use crate::files::{id_of, part_of, path_of};
 use crate::{LogbookError, SessionReader};
 use outfile::folder_of;
 
@@ -24,8 +24,7 @@ pub struct Volume {
 /// No such file, or it cannot be read.
 pub fn volume(path: impl AsRef<Path>) -> Result<Volume, LogbookError> {
     let first = path.as_ref();
-    let id = first.file_stem().and_then(|id| id.to_str());
-    let (session, mut part) = part_of(id.unwrap_or_default());
+    let (session, mut part) = part_of(id_of(first));
     let later = |part: u32| path_of(folder_of(first), &format!("{session}_p{part}"));
     let mut path = first.to_owned();
     // parts are numbered without a gap, except for one that could not be created
