@@ -52,7 +52,7 @@ impl DaemonLog {
             }
             Ok((file, bytes))
         };
-        let (file, bytes) = begun().map_err(|source| failed(&path, "open", source))?;
+        let (file, bytes) = begun().map_err(|source| LogbookError::io(&path, "open", source))?;
         Ok(Self {
             directory: directory.to_owned(),
             file,
@@ -68,7 +68,8 @@ impl DaemonLog {
     pub fn append(&mut self, event: &Event) -> Result<(), LogbookError> {
         if self.bytes >= self.most {
             let [path, before] = FILE_NAMES.map(|name| self.directory.join(name));
-            std::fs::rename(&path, before).map_err(|source| failed(&path, "rename", source))?;
+            std::fs::rename(&path, before)
+                .map_err(|source| LogbookError::io(&path, "rename", source))?;
             *self = Self::bounded(&self.directory, self.most)?;
         }
         let kept = event.text.char_indices();
@@ -85,7 +86,7 @@ impl DaemonLog {
             self.file.sync_data()?;
             Ok(line.len())
         };
-        let line = written().map_err(|source| failed(&path, "write", source))?;
+        let line = written().map_err(|source| LogbookError::io(&path, "write", source))?;
         self.bytes += line as u64;
         Ok(())
     }
@@ -102,20 +103,12 @@ pub fn read_daemon_log(directory: impl AsRef<Path>) -> Result<Vec<Event>, Logboo
         let bytes = match std::fs::read(&path) {
             Ok(bytes) => bytes,
             Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => continue,
-            Err(source) => return Err(failed(&path, "read", source)),
+            Err(source) => return Err(LogbookError::io(&path, "read", source)),
         };
         let lines = bytes.split(|byte| *byte == b'\n');
         events.extend(lines.filter_map(|line| serde_json::from_slice::<Event>(line).ok()));
     }
     Ok(events)
-}
-
-fn failed(path: &Path, attempt: &'static str, source: std::io::Error) -> LogbookError {
-    LogbookError::Io {
-        path: path.to_owned(),
-        attempt,
-        source,
-    }
 }
 
 #[cfg(test)]

@@ -268,6 +268,15 @@ impl LogbookError {
         }
     }
 
+    /// An error of the operating system on reading, or on a folder.
+    pub(crate) fn io(path: &Path, attempt: &'static str, source: std::io::Error) -> Self {
+        Self::Io {
+            path: path.to_owned(),
+            attempt,
+            source,
+        }
+    }
+
     /// Classifies an error of SQLite on reading.
     pub(crate) fn reading(path: &Path, attempt: &'static str, source: rusqlite::Error) -> Self {
         use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};
@@ -375,7 +384,7 @@ mod tests {
         "read", "remove", "rename", "sync", "tell",
     ];
 
-    /// Every attempt that the sources of this crate name: a literal before the cause of an error.
+    /// Every attempt that the sources of this crate name: a literal before the cause of an error, or before what reads a row.
     fn attempts() -> Vec<String> {
         let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src")];
         let mut attempts = Vec::new();
@@ -390,9 +399,11 @@ mod tests {
                 let text = text.split("#[cfg(test)]").next().unwrap();
                 let words: Vec<&str> = text.split_whitespace().collect();
                 let text = words.join(" ");
-                for (end, _) in text.match_indices("\", source") {
-                    let before = &text[..end];
-                    attempts.push(before.rsplit('"').next().unwrap().to_owned());
+                for cause in ["\", source", "\", |row|"] {
+                    for (end, _) in text.match_indices(cause) {
+                        let before = &text[..end];
+                        attempts.push(before.rsplit('"').next().unwrap().to_owned());
+                    }
                 }
                 for named in text.split("attempt: \"").skip(1) {
                     attempts.push(named.split('"').next().unwrap().to_owned());

@@ -36,19 +36,15 @@ impl Drop for StateLock {
 /// [`LogbookError::AlreadyRunning`] with the process number of the owner; or the directory cannot be made or written.
 pub fn lock(dir: impl AsRef<Path>) -> Result<StateLock, LogbookError> {
     let dir = dir.as_ref();
-    let io = |attempt, source| LogbookError::Io {
-        path: dir.to_owned(),
-        attempt,
-        source,
-    };
-    std::fs::create_dir_all(dir).map_err(|source| io("make the state directory", source))?;
+    std::fs::create_dir_all(dir)
+        .map_err(|source| LogbookError::io(dir, "make the state directory", source))?;
     let mut file = OpenOptions::new()
         .read(true)
         .write(true)
         .create(true)
         .truncate(false)
         .open(dir.join(LOCK_FILE))
-        .map_err(|source| io("open the lock file in", source))?;
+        .map_err(|source| LogbookError::io(dir, "open the lock file in", source))?;
     match file.try_lock() {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => {
@@ -60,7 +56,7 @@ pub fn lock(dir: impl AsRef<Path>) -> Result<StateLock, LogbookError> {
                 pid: owner.trim().parse().ok(),
             });
         }
-        Err(TryLockError::Error(source)) => return Err(io("lock", source)),
+        Err(TryLockError::Error(source)) => return Err(LogbookError::io(dir, "lock", source)),
     }
     // The number is only informative; a full disk that refuses it does not prevent the lock.
     let _ = file

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::Metadata;
-use std::io::{Error, ErrorKind};
+use std::io::ErrorKind;
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -114,11 +114,7 @@ impl Names {
     /// # Errors
     /// The folder cannot be read.
     pub(crate) fn of(dir: &Path, last: Option<Arc<Self>>) -> Result<Arc<Self>, LogbookError> {
-        let failed = |source| LogbookError::Io {
-            path: dir.to_owned(),
-            attempt: "list",
-            source,
-        };
+        let failed = |source| LogbookError::io(dir, "list", source);
         let folder = match std::fs::metadata(dir) {
             Ok(found) => FileStamp::of(&found),
             Err(absent) if absent.kind() == ErrorKind::NotFound => {
@@ -193,11 +189,7 @@ impl Names {
             OFlags::PATH | OFlags::DIRECTORY | OFlags::CLOEXEC,
             Mode::empty(),
         )
-        .map_err(|cause| LogbookError::Io {
-            path: dir.to_owned(),
-            attempt: "list",
-            source: Error::from(cause),
-        })?;
+        .map_err(|source| LogbookError::io(dir, "list", source.into()))?;
         let stamp = |name: &str| {
             let found = rustix::fs::statat(&folder, name, AtFlags::empty()).ok()?;
             Some(FileStamp::of_stat(&found))

@@ -29,11 +29,7 @@ pub(crate) fn part_of(id: &str) -> (&str, u32) {
 
 /// What a folder holds; a missing folder holds nothing.
 pub(crate) fn entries(dir: &Path) -> Result<Vec<PathBuf>, LogbookError> {
-    let failed = |source| LogbookError::Io {
-        path: dir.to_owned(),
-        attempt: "list",
-        source,
-    };
+    let failed = |source| LogbookError::io(dir, "list", source);
     let entries = match std::fs::read_dir(dir) {
         Ok(entries) => entries,
         Err(absent) if absent.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),

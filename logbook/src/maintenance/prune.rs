@@ -322,11 +322,7 @@ fn remove(
     };
     append().map_err(|source| LogbookError::disk(&list, "write what is removed to", source))?;
     for file in files {
-        std::fs::remove_file(file).map_err(|source| LogbookError::Io {
-            path: file.clone(),
-            attempt: "remove",
-            source,
-        })?;
+        std::fs::remove_file(file).map_err(|source| LogbookError::io(file, "remove", source))?;
     }
     Ok(())
 }

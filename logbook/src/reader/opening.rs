@@ -68,11 +68,7 @@ pub(crate) fn open(
     path: &Path,
     is_closed: impl Fn(&Connection) -> bool,
 ) -> Result<Opened, LogbookError> {
-    let io = |source| LogbookError::Io {
-        path: path.to_owned(),
-        attempt: "open",
-        source,
-    };
+    let io = |source| LogbookError::io(path, "open", source);
     // SQLite looks for a journal beside the file itself, not beside a symbolic link to it.
     let real = std::fs::canonicalize(path).map_err(io)?;
     let found = std::fs::metadata(&real).map_err(io)?;
@@ -153,11 +149,7 @@ pub(crate) fn check_regular(path: &Path, found: &Metadata) -> Result<(), Logbook
 }
 
 fn look(path: &Path, real: &Path) -> Result<JournalMode, LogbookError> {
-    let io = |source| LogbookError::Io {
-        path: path.to_owned(),
-        attempt: "open",
-        source,
-    };
+    let io = |source| LogbookError::io(path, "open", source);
     let refused = |why: &str| LogbookError::NotASession {
         path: path.to_owned(),
         why: why.to_owned(),
