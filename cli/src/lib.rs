@@ -27,6 +27,7 @@ mod maps;
 mod options;
 mod output;
 mod records;
+mod runtime;
 mod session_files;
 
 use std::ffi::OsString;
@@ -36,7 +37,8 @@ use std::process::ExitCode;
 
 use clap::CommandFactory;
 
-use args::{Arguments, BaselineCommand, Command, InstrumentsCommand, NotifyCommand};
+use args::{Arguments, BaselineCommand, Command, Global, InstrumentsCommand, NotifyCommand};
+use connection::Daemon;
 use failure::Failure;
 use imaging::tracking::TrackingOrder;
 use outfile::Existing;
@@ -102,137 +104,126 @@ fn manual(folder: &Path) -> Result<(), Failure> {
 
 fn dispatch(arguments: Arguments, printer: &mut Printer<impl Write>) -> Result<(), Failure> {
     let Arguments { global, command } = arguments;
+    let global = &global;
     match command {
+        Command::Status => live(global, async |daemon| {
+            control::status::run(daemon, printer).await
+        }),
+        Command::Instruments { what } => live(global, async |daemon| {
+            of_instruments(daemon, what, printer).await
+        }),
+        Command::Baseline { what } => of_baseline(global, what, printer),
+        Command::Start(start) => live(global, async |daemon| {
+            control::session::start(daemon, &start, printer).await
+        }),
+        Command::Stop(stop) => live(global, async |daemon| {
+            control::session::stop(daemon, &stop, printer).await
+        }),
+        Command::Step(step) => live(global, async |daemon| {
+            control::session::step(daemon, &step, printer).await
+        }),
+        Command::Watch(watch) => live(global, async |daemon| {
+            control::watch::run(daemon, &watch, printer).await
+        }),
+        Command::Top(requested) => control::top::run(global, &requested, printer),
+        Command::Web(requested) => control::web::run(global, &requested, printer),
         Command::Sessions(requested) => match &requested.what {
-            None => crate::records::sessions::run(&global, &requested, printer),
-            Some(what) => crate::records::maintenance::run(&global, what, printer),
+            None => records::sessions::run(global, &requested, printer),
+            Some(what) => records::maintenance::run(global, what, printer),
         },
         #[cfg(feature = "archive")]
-        Command::Archive { task } => crate::archived::run(&global, &task),
-        Command::Baseline {
-            what: BaselineCommand::List,
-        } => crate::records::sessions::baselines(&global, printer),
-        Command::Log(log) if !log.follow => crate::records::log::run(&global, &log, printer),
-        Command::Doctor(requested) => doctor::run(&global, &requested, printer),
-        Command::Events { session } => crate::records::events::run(&global, &session, printer),
-        Command::Export(export) => crate::records::export::run(&global, &export, printer),
-        Command::Report(requested) => crate::records::report::run(&global, &requested, printer),
-        Command::Replay(replay) => crate::maps::replay::run(&global, &replay, printer),
-        Command::Quantities(requested) => {
-            crate::maps::quantities::run(&global, &requested, printer)
-        }
-        Command::Top(requested) => crate::control::top::run(&global, &requested, printer),
-        Command::Web(requested) => crate::control::web::run(&global, &requested, printer),
+        Command::Archive { task } => archived::run(global, &task),
+        Command::Events { session } => records::events::run(global, &session, printer),
+        Command::Log(log) if log.follow => live(global, async |daemon| {
+            records::log::follow(daemon, &log, printer).await
+        }),
+        Command::Log(log) => records::log::run(global, &log, printer),
+        Command::Alarms(requested) => live(global, async |daemon| {
+            control::alarms::run(daemon, &requested, printer).await
+        }),
+        Command::Notify {
+            what: NotifyCommand::Test,
+        } => live(global, async |daemon| {
+            control::notify::test(daemon, printer).await
+        }),
+        Command::Doctor(requested) => doctor::run(global, &requested, printer),
+        Command::Export(export) => records::export::run(global, &export, printer),
+        Command::Report(requested) => records::report::run(global, &requested, printer),
+        Command::Replay(replay) => maps::replay::run(global, &replay, printer),
+        Command::Quantities(requested) => maps::quantities::run(global, &requested, printer),
+        Command::Plan(requested) => live(global, async |daemon| {
+            control::plan::run(daemon, &requested, printer).await
+        }),
+        Command::Reload => live(global, async |daemon| {
+            instruments::recovery::reload(daemon, printer).await
+        }),
+        Command::Transcript(requested) => live(global, async |daemon| {
+            instruments::recovery::transcript(daemon, &requested, printer).await
+        }),
         Command::Completions { shell } => printer.raw(&completions::script(shell)),
         Command::Man { folder } => manual(&folder),
-        live => {
-            let runtime = tokio::runtime::Builder::new_current_thread()
-                .enable_all()
-                .build()
-                .map_err(|error| {
-                    Failure::failed("the asynchronous runtime cannot be started", &error)
-                })?;
-            runtime.block_on(async {
-                let daemon = crate::connection::open(&global).await?;
-                match live {
-                    Command::Alarms(requested) => {
-                        crate::control::alarms::run(&daemon, &requested, printer).await
-                    }
-                    Command::Status => crate::control::status::run(&daemon, printer).await,
-                    Command::Instruments { what: None } => instruments::run(&daemon, printer).await,
-                    Command::Instruments {
-                        what: Some(InstrumentsCommand::Test { all }),
-                    } => crate::instruments::self_test::test(&daemon, all, printer).await,
-                    Command::Instruments {
-                        what: Some(InstrumentsCommand::Relays),
-                    } => crate::instruments::self_test::relays(&daemon, printer).await,
-                    Command::Instruments {
-                        what: Some(InstrumentsCommand::Discover(discover)),
-                    } => crate::instruments::discover::run(&daemon, &discover, printer).await,
-                    Command::Instruments {
-                        what: Some(InstrumentsCommand::OpenAll),
-                    } => crate::instruments::recovery::open_all(&daemon, printer).await,
-                    Command::Instruments {
-                        what: Some(InstrumentsCommand::Accept),
-                    } => crate::instruments::recovery::accept(&daemon, printer).await,
-                    Command::Log(log) => crate::records::log::follow(&daemon, &log, printer).await,
-                    Command::Notify {
-                        what: NotifyCommand::Test,
-                    } => crate::control::notify::test(&daemon, printer).await,
-                    Command::Reload => crate::instruments::recovery::reload(&daemon, printer).await,
-                    Command::Transcript(requested) => {
-                        crate::instruments::recovery::transcript(&daemon, &requested, printer).await
-                    }
-                    Command::Baseline {
-                        what: BaselineCommand::Record(record),
-                    } => crate::control::baseline::record(&daemon, &record, printer).await,
-                    Command::Baseline {
-                        what: BaselineCommand::Show,
-                    } => crate::control::baseline::show(&daemon, printer).await,
-                    Command::Baseline {
-                        what: BaselineCommand::Use { id },
-                    } => crate::control::baseline::choose(&daemon, &id, printer).await,
-                    Command::Baseline {
-                        what: BaselineCommand::EmptyNow,
-                    } => {
-                        crate::control::baseline::order(&daemon, TrackingOrder::EmptyNow, printer)
-                            .await
-                    }
-                    Command::Baseline {
-                        what: BaselineCommand::LoadedNow,
-                    } => {
-                        crate::control::baseline::order(&daemon, TrackingOrder::LoadedNow, printer)
-                            .await
-                    }
-                    Command::Baseline {
-                        what: BaselineCommand::ForgetAnchor,
-                    } => {
-                        crate::control::baseline::order(
-                            &daemon,
-                            TrackingOrder::ForgetAnchor,
-                            printer,
-                        )
-                        .await
-                    }
-                    Command::Start(start) => {
-                        crate::control::session::start(&daemon, &start, printer).await
-                    }
-                    Command::Stop(stop) => {
-                        crate::control::session::stop(&daemon, &stop, printer).await
-                    }
-                    Command::Step(step) => {
-                        crate::control::session::step(&daemon, &step, printer).await
-                    }
-                    Command::Watch(watch) => {
-                        crate::control::watch::run(&daemon, &watch, printer).await
-                    }
-                    Command::Plan(requested) => {
-                        crate::control::plan::run(&daemon, &requested, printer).await
-                    }
-                    Command::Baseline {
-                        what: BaselineCommand::List,
-                    }
-                    | Command::Sessions(_)
-                    | Command::Events { .. }
-                    | Command::Doctor(_)
-                    | Command::Export(_)
-                    | Command::Report(_)
-                    | Command::Replay(_)
-                    | Command::Quantities(_)
-                    | Command::Top(_)
-                    | Command::Web(_)
-                    | Command::Completions { .. }
-                    | Command::Man { .. } => {
-                        unreachable!("the offline commands were taken above")
-                    }
-                    #[cfg(feature = "archive")]
-                    Command::Archive { .. } => {
-                        unreachable!("the offline commands were taken above")
-                    }
-                }
-            })
-        }
     }
+}
+
+/// Runs a command that needs a running daemon.
+fn live(
+    global: &Global,
+    command: impl AsyncFnOnce(&Daemon) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    runtime::current_thread()?.block_on(async {
+        let daemon = connection::open(global).await?;
+        command(&daemon).await
+    })
+}
+
+async fn of_instruments(
+    daemon: &Daemon,
+    what: Option<InstrumentsCommand>,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    match what {
+        None => instruments::run(daemon, printer).await,
+        Some(InstrumentsCommand::Test { all }) => {
+            instruments::self_test::test(daemon, all, printer).await
+        }
+        Some(InstrumentsCommand::Relays) => instruments::self_test::relays(daemon, printer).await,
+        Some(InstrumentsCommand::Discover(discover)) => {
+            instruments::discover::run(daemon, &discover, printer).await
+        }
+        Some(InstrumentsCommand::OpenAll) => instruments::recovery::open_all(daemon, printer).await,
+        Some(InstrumentsCommand::Accept) => instruments::recovery::accept(daemon, printer).await,
+    }
+}
+
+fn of_baseline(
+    global: &Global,
+    what: BaselineCommand,
+    printer: &mut Printer<impl Write>,
+) -> Result<(), Failure> {
+    let order = match what {
+        BaselineCommand::List => return records::sessions::baselines(global, printer),
+        BaselineCommand::Record(record) => {
+            return live(global, async |daemon| {
+                control::baseline::record(daemon, &record, printer).await
+            });
+        }
+        BaselineCommand::Show => {
+            return live(global, async |daemon| {
+                control::baseline::show(daemon, printer).await
+            });
+        }
+        BaselineCommand::Use { id } => {
+            return live(global, async |daemon| {
+                control::baseline::choose(daemon, &id, printer).await
+            });
+        }
+        BaselineCommand::EmptyNow => TrackingOrder::EmptyNow,
+        BaselineCommand::LoadedNow => TrackingOrder::LoadedNow,
+        BaselineCommand::ForgetAnchor => TrackingOrder::ForgetAnchor,
+    };
+    live(global, async |daemon| {
+        control::baseline::order(daemon, order, printer).await
+    })
 }
 
 #[cfg(test)]

@@ -34,11 +34,7 @@ pub(crate) fn run(
         address: address.clone(),
     });
     let recordings = Arc::new(RecordedSessions::new(global, requested)?);
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(|error| Failure::failed("the asynchronous runtime cannot be started", &error))?;
-    runtime.block_on(async {
+    crate::runtime::current_thread()?.block_on(async {
         let listen = settings.listen.clone();
         let server = Server::open(settings).await.map_err(|error| {
             let listen: Vec<String> = listen.iter().map(ToString::to_string).collect();

@@ -144,11 +144,7 @@ pub(crate) fn run(
     findings.extend(machine.devices(&wanted));
     findings.extend(machine.installed(&wanted));
     findings.extend(machine.clock(chrono::Utc::now()));
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(|error| Failure::failed("the asynchronous runtime cannot be started", &error))?;
-    let running = runtime.block_on(running::check(global, &wanted));
+    let running = crate::runtime::current_thread()?.block_on(running::check(global, &wanted));
     // a running daemon knows its directory
     let directory = running
         .record_directory

@@ -54,11 +54,7 @@ pub(crate) fn run(
         ));
     }
     let address = connection::wanted(global)?;
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(|error| Failure::failed("the asynchronous runtime cannot be started", &error))?;
-    runtime.block_on(async {
+    crate::runtime::current_thread()?.block_on(async {
         let dashboard = Dashboard::new(printer.map_colour(), requested.scale);
         let live = Live::default();
         let changes = live.subscribe();
