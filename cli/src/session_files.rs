@@ -63,10 +63,7 @@ fn ask_daemon<T>(
     global: &Global,
     query: impl AsyncFnOnce(crate::connection::Daemon) -> Result<T, Failure>,
 ) -> Result<Option<T>, Failure> {
-    let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-    else {
+    let Ok(runtime) = crate::runtime::current_thread() else {
         return Ok(None);
     };
     let hurried = Global {
@@ -111,7 +108,7 @@ pub(crate) fn listing(
     match logbook::list(place) {
         Ok(listing) => Ok(Some(listing)),
         Err(_) if !place.exists() => Ok(None),
-        Err(error) if places.len() == 1 => Err(refused(&error)),
+        Err(error) if places.len() == 1 => Err(error.into()),
         Err(error) => {
             report(&format!(
                 "tactus: {} is left out: {}",
@@ -140,7 +137,7 @@ fn last(places: &[PathBuf]) -> Result<PathBuf, Failure> {
         .max_by(|(_, a), (_, b)| (a.started, &a.id).cmp(&(b.started, &b.id)));
     let (place, session) = newest.ok_or_else(|| none(places))?;
     // the first part of a session in parts
-    logbook::find(place, session.session()).map_err(|error| refused(&error))
+    Ok(logbook::find(place, session.session())?)
 }
 
 /// What begins the name of a session in the archive.
@@ -189,7 +186,7 @@ pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Fail
             Ok(file) => return Ok(file),
             Err(LogbookError::NoSuchSession { .. }) => {}
             Err(error @ (LogbookError::Ambiguous { .. } | LogbookError::BadId { .. })) => {
-                return Err(refused(&error));
+                return Err(error.into());
             }
             Err(_) if !place.exists() => {}
             Err(error) => unreadable.push(crate::failure::chain(&error)),
@@ -208,21 +205,18 @@ pub(crate) fn session_file(global: &Global, named: &str) -> Result<PathBuf, Fail
 
 /// Opens a session file.
 pub(crate) fn open(path: &Path) -> Result<SessionReader, Failure> {
-    SessionReader::open(path).map_err(|error| refused(&error))
+    Ok(SessionReader::open(path)?)
 }
 
-/// Converts an error of the logbook to a failure.
-pub(crate) fn refused(error: &LogbookError) -> Failure {
-    let text = crate::failure::chain(error);
-    match error {
-        LogbookError::NoSuchSession { .. } => Failure::Missing(format!(
-            "{text}; --state DIR names another directory of session files"
-        )),
-        LogbookError::Ambiguous { .. } => Failure::Usage(text),
-        LogbookError::BadId { .. } => Failure::Usage(text),
-        LogbookError::NotASession { .. } | LogbookError::OtherSchema { .. } => {
-            Failure::Failed(text)
+impl From<LogbookError> for Failure {
+    fn from(error: LogbookError) -> Self {
+        let text = crate::failure::chain(&error);
+        match error {
+            LogbookError::NoSuchSession { .. } => Self::Missing(format!(
+                "{text}; --state DIR names another directory of session files"
+            )),
+            LogbookError::Ambiguous { .. } | LogbookError::BadId { .. } => Self::Usage(text),
+            _ => Self::Failed(text),
         }
-        _ => Failure::Failed(text),
     }
 }

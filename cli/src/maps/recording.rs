@@ -203,9 +203,3 @@ impl From<RecordedError> for Failure {
         }
     }
 }
-
-impl From<LogbookError> for Failure {
-    fn from(error: LogbookError) -> Self {
-        session_files::refused(&error)
-    }
-}

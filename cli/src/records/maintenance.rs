@@ -49,15 +49,14 @@ fn verify(
     };
     let (mut checked, mut broken) = (0, 0);
     for file in &files {
-        let frames: u64 = logbook::parts(file)
-            .map_err(|error| session_files::refused(&error))?
+        let frames: u64 = logbook::parts(file)?
             .iter()
             .filter_map(|part| logbook::SessionReader::open(part).ok()?.len().ok())
             .sum();
         let bar = progress(Some(frames), printer.is_terminal());
         let found = logbook::verify(file, |done| bar.set_position(done));
         bar.finish_and_clear();
-        let found = found.map_err(|error| session_files::refused(&error))?;
+        let found = found?;
         checked += 1;
         let line = VerifyLine {
             whole: found.findings.is_empty(),
@@ -83,11 +82,11 @@ fn all(global: &Global) -> Result<Vec<PathBuf>, Failure> {
         if !place.exists() {
             continue;
         }
-        let listing = logbook::list(place).map_err(|error| session_files::refused(&error))?;
+        let listing = logbook::list(place)?;
         let readable = listing.sessions.into_iter().map(|session| session.path);
         let unreadable = listing.unreadable.into_iter().map(|file| file.path);
         for file in readable.chain(unreadable) {
-            let parts = logbook::parts(&file).map_err(|error| session_files::refused(&error))?;
+            let parts = logbook::parts(&file)?;
             let first = parts.into_iter().next().unwrap_or(file);
             if !files.contains(&first) {
                 files.push(first);
@@ -145,7 +144,7 @@ fn repair(
         bar.set_position(done);
     });
     bar.finish_and_clear();
-    let repaired = repaired.map_err(|error| session_files::refused(&error))?;
+    let repaired = repaired?;
     printer.record(&repaired, |repaired| {
         let mut text = format!(
             "{}: {} frames and {} events kept{}",
