@@ -130,7 +130,6 @@ pub struct Export {
     #[arg(long, short, value_name = "PATH")]
     pub out: OutPath,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub replacing: Replacing,
     /// Write the map of each frame and its mesh into the netCDF file
     #[arg(long)]
@@ -170,7 +169,6 @@ pub struct Export {
     )]
     pub scale: Scale,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub asked: MapOptions,
 }
 
@@ -182,13 +180,10 @@ pub struct MapOptions {
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub method: MethodArguments,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub tracked: TrackedArguments,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub geometry: GeometryChoice,
 }
 
@@ -227,7 +222,6 @@ pub struct RecordingSource {
 #[derive(Debug, Args)]
 pub struct Replay {
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub from: RecordingSource,
     /// Check maps against the recorded checksums; exit code 1 if they differ
     #[arg(long, conflicts_with_all = ["baseline", "negate", "frames"])]
@@ -250,7 +244,6 @@ pub struct Replay {
     #[arg(long, value_name = "DIR")]
     pub png: Option<OutFolder>,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub replacing: Replacing,
     /// Scale of the maps: `own`, or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a calibration)
     #[arg(
@@ -264,7 +257,6 @@ pub struct Replay {
     #[arg(long)]
     pub no_map: bool,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub asked: MapOptions,
 }
 
@@ -277,7 +269,6 @@ pub struct Report {
     #[arg(long, short, value_name = "DIR")]
     pub out: OutFolder,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub asked: MapOptions,
 }
 
@@ -285,7 +276,6 @@ pub struct Report {
 #[derive(Debug, Args)]
 pub struct Quantities {
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub from: RecordingSource,
     /// Only this region: a name of [[region]] in the session's configuration, or `sheet` [default: all]
     #[arg(long, value_name = "NAME")]
@@ -309,7 +299,6 @@ pub struct Quantities {
     #[arg(long)]
     pub mmhg: bool,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub asked: MapOptions,
 }
 

@@ -135,6 +135,5 @@ pub struct Transcript {
     #[arg(long, value_name = "FILE")]
     pub out: Option<OutPath>,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub replacing: Replacing,
 }

@@ -50,10 +50,8 @@ pub struct BaselineRecord {
     #[arg(long)]
     pub no_wait: bool,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub about: About,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub measuring: Measuring,
 }
 
@@ -91,10 +89,8 @@ pub struct Start {
     #[arg(long, value_name = "SPAN", value_parser = span, requires = "wait")]
     pub within: Option<Duration>,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub about: About,
     #[command(flatten)]
-    #[allow(missing_docs)]
     pub measuring: Measuring,
 }
 
