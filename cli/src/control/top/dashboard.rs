@@ -127,17 +127,12 @@ impl Dashboard {
             Some("kPa") => (MapUnit::Pressure, 1.0),
             _ => (MapUnit::RelativeConductance, -1.0),
         };
+        let values = values.iter().map(|value| sign * f64::from(*value));
+        let method = frame.method.clone().unwrap_or_default();
         let map = Map {
-            mesh_hash: String::new(),
-            values: values
-                .iter()
-                .map(|value| sign * f64::from(*value))
-                .collect(),
             unit,
-            method: frame.method.clone().unwrap_or_default(),
-            masked: 0,
-            evidence: None,
             quality: parsed::<MapQuality>(frame.quality.as_ref()),
+            ..Map::relative("", values.collect(), method)
         };
         self.history.add(frame.wall_ms, quantities.as_ref());
         self.picture = Some(Picture {

@@ -12,6 +12,7 @@ use dbus::stream::{Body, Decoder, Record};
 use imaging::Tracked;
 use imaging::quantities::FrameQuantities;
 use imaging::tracking::AfterInjection;
+use serde::de::DeserializeOwned;
 use survey::{Map, MapQuality, MapUnit, Reason, Verdict};
 use tokio::io::AsyncReadExt;
 use tokio::signal::unix::{SignalKind, signal};
@@ -30,11 +31,24 @@ use crate::output::screen::Screen;
 /// Maximum time to hold a frame for its map, which usually follows immediately.
 const MAP_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// A map converted by a calibration, and its frame.
+/// A map converted by a calibration.
 struct PressureMap {
-    sequence: u64,
     kpa: Vec<f64>,
     newtons: f64,
+}
+
+/// What belongs to the frame with this sequence number.
+type OfFrame<T> = (u64, T);
+
+/// Takes what was kept, if it belongs to this frame.
+fn of_frame<T>(kept: &mut Option<OfFrame<T>>, sequence: u64) -> Option<T> {
+    let (of, value) = kept.take()?;
+    (of == sequence).then_some(value)
+}
+
+/// What a record or a report has of a frame as JSON; `None` where a newer daemon has words that this program does not know.
+fn parsed<T: DeserializeOwned>(sequence: u64, json: &str) -> Option<OfFrame<T>> {
+    Some((sequence, serde_json::from_str(json).ok()?))
 }
 
 /// A displayed frame, for redrawing when the terminal's size changes.
@@ -57,14 +71,14 @@ pub(crate) struct Viewer<'a, W> {
     last: Option<u64>,
     /// A frame whose map may still arrive, and when to stop waiting for it.
     waiting: Option<(Record, Instant)>,
-    /// It arrives before its map.
-    pressure: Option<PressureMap>,
-    /// Likewise, with the sequence of its frame.
-    quality: Option<(u64, MapQuality)>,
+    /// It arrives before its map, with the sequence of its frame.
+    pressure: Option<OfFrame<PressureMap>>,
     /// Likewise.
-    tracked: Option<(u64, Tracked)>,
+    quality: Option<OfFrame<MapQuality>>,
     /// Likewise.
-    quantities: Option<(u64, FrameQuantities)>,
+    tracked: Option<OfFrame<Tracked>>,
+    /// Likewise.
+    quantities: Option<OfFrame<FrameQuantities>>,
     screen: Option<&'a Screen>,
     picture: Option<Picture>,
     /// When something was last displayed.
@@ -108,28 +122,17 @@ impl<'a, W: Write> Viewer<'a, W> {
         noise: Option<f64>,
     ) -> Result<(), Failure> {
         self.noise = (noise, true);
-        self.pressure = pressure.map(|pressure| PressureMap {
-            sequence: pressure.sequence,
-            kpa: pressure.kpa,
-            newtons: pressure.newtons,
+        self.pressure = pressure.map(|pressure| {
+            let (kpa, newtons) = (pressure.kpa, pressure.newtons);
+            (pressure.sequence, PressureMap { kpa, newtons })
         });
         let map = Map {
-            mesh_hash: latest.mesh_hash,
-            values: latest.values,
-            unit: MapUnit::RelativeConductance,
-            method: latest.method,
-            masked: 0,
-            evidence: None,
             quality: quality(&latest.more),
+            ..Map::relative(latest.mesh_hash, latest.values, latest.method)
         };
-        let tracked = latest.more.tracked.as_deref();
-        self.tracked = tracked
-            .and_then(|json| serde_json::from_str(json).ok())
-            .map(|tracked| (latest.sequence, tracked));
-        let quantities = latest.more.quantities.as_deref();
-        self.quantities = quantities
-            .and_then(|json| serde_json::from_str(json).ok())
-            .map(|quantities| (latest.sequence, quantities));
+        let (of, more) = (latest.sequence, latest.more);
+        self.tracked = more.tracked.and_then(|json| parsed(of, &json));
+        self.quantities = more.quantities.and_then(|json| parsed(of, &json));
         let frame = Record {
             sequence: latest.sequence,
             wall_ns: latest.wall_ns,
@@ -238,7 +241,6 @@ impl<'a, W: Write> Viewer<'a, W> {
                 } else {
                     self.show(&record, None)?;
                 }
-                Ok(None)
             }
             Body::Map {
                 values,
@@ -246,17 +248,8 @@ impl<'a, W: Write> Viewer<'a, W> {
                 method,
             } => {
                 let map = Map {
-                    mesh_hash: mesh_hash.clone(),
-                    values: values.clone(),
-                    unit: MapUnit::RelativeConductance,
-                    method: method.clone(),
-                    masked: 0,
-                    evidence: None,
-                    quality: self
-                        .quality
-                        .take()
-                        .filter(|(sequence, _)| *sequence == record.sequence)
-                        .map(|(_, quality)| quality),
+                    quality: of_frame(&mut self.quality, record.sequence),
+                    ..Map::relative(mesh_hash, values.clone(), method)
                 };
                 match self.waiting.take() {
                     Some((mut frame, _)) if frame.sequence == record.sequence => {
@@ -275,38 +268,18 @@ impl<'a, W: Write> Viewer<'a, W> {
                         self.show(&record, Some(&map))?;
                     }
                 }
-                Ok(None)
             }
-            Body::Quality { json } => {
-                // a newer daemon may have words that this program does not know
-                let quality = serde_json::from_str(json).ok();
-                self.quality = quality.map(|quality| (record.sequence, quality));
-                Ok(None)
-            }
-            Body::Tracked { json } => {
-                let tracked = serde_json::from_str(json).ok();
-                self.tracked = tracked.map(|tracked| (record.sequence, tracked));
-                Ok(None)
-            }
-            Body::Quantities { json } => {
-                let quantities = serde_json::from_str(json).ok();
-                self.quantities = quantities.map(|quantities| (record.sequence, quantities));
-                Ok(None)
-            }
+            Body::Quality { json } => self.quality = parsed(record.sequence, json),
+            Body::Tracked { json } => self.tracked = parsed(record.sequence, json),
+            Body::Quantities { json } => self.quantities = parsed(record.sequence, json),
             Body::Pressure { kpa, newtons } => {
-                self.pressure = Some(PressureMap {
-                    sequence: record.sequence,
-                    kpa: kpa.clone(),
-                    newtons: *newtons,
-                });
-                Ok(None)
+                let (kpa, newtons) = (kpa.clone(), *newtons);
+                self.pressure = Some((record.sequence, PressureMap { kpa, newtons }));
             }
             Body::Injection { values, json } => {
-                // a newer daemon may have words that this program does not know
-                if let Ok(after) = serde_json::from_str(json) {
+                if let Some((_, after)) = parsed(record.sequence, json) {
                     self.show_injection(&record, values.clone(), after)?;
                 }
-                Ok(None)
             }
             Body::Deviation { values, mesh_hash } => {
                 let known = |value: &f64| Some(*value).filter(|value| value.is_finite());
@@ -321,13 +294,13 @@ impl<'a, W: Write> Viewer<'a, W> {
                     deviations: values.iter().map(known).collect(),
                 }));
                 self.output(&line, None, wall)?;
-                Ok(None)
             }
             Body::End { reason } => {
                 self.flush()?;
-                Ok(Some(reason.clone()))
+                return Ok(Some(reason.clone()));
             }
         }
+        Ok(None)
     }
 
     /// Displays a frame whose map did not arrive.
@@ -351,40 +324,22 @@ impl<'a, W: Write> Viewer<'a, W> {
         self.shown_at.set(Instant::now());
         let flags: &[u8] = match &frame.body {
             Body::Frame { flags, .. } => flags,
-            Body::Map { .. }
-            | Body::Pressure { .. }
-            | Body::Quality { .. }
-            | Body::Tracked { .. }
-            | Body::Quantities { .. }
-            | Body::Injection { .. }
-            | Body::Deviation { .. }
-            | Body::End { .. } => &[],
+            _ => &[],
         };
         let count = |wanted: u8| flags.iter().filter(|&&flag| flag == wanted).count();
         let fits = map
             .zip(self.field.as_ref())
             .filter(|(map, field)| field.fits(map));
         let found = fits.and_then(|(map, field)| field.found(map, self.noise.0));
-        let converted = self
-            .pressure
-            .take()
-            .filter(|converted| converted.sequence == frame.sequence);
+        let converted = of_frame(&mut self.pressure, frame.sequence);
         let pressure = map.zip(converted.as_ref()).map(|(map, converted)| Map {
             values: converted.kpa.clone(),
             unit: MapUnit::Pressure,
             ..map.clone()
         });
         let wall = DateTime::from_timestamp_nanos(frame.wall_ns);
-        let tracked = self
-            .tracked
-            .take()
-            .filter(|(sequence, _)| map.is_some() && *sequence == frame.sequence)
-            .map(|(_, tracked)| tracked);
-        let quantities = self
-            .quantities
-            .take()
-            .filter(|(sequence, _)| map.is_some() && *sequence == frame.sequence)
-            .map(|(_, quantities)| quantities);
+        let tracked = of_frame(&mut self.tracked, frame.sequence).filter(|_| map.is_some());
+        let quantities = of_frame(&mut self.quantities, frame.sequence).filter(|_| map.is_some());
         let line = WatchLine::Frame(Box::new(FrameLine {
             session: self.id.clone(),
             sequence: frame.sequence,

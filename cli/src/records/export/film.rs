@@ -298,16 +298,11 @@ fn unit(reconstruction: &Reconstruction) -> MapUnit {
 
 /// A picture without a map.
 fn missing(title: &str, why: &str, reconstruction: &Reconstruction, recording: &Recording) -> Shot {
-    let unit = unit(reconstruction);
+    let values = vec![f64::NAN; reconstruction.field.sheet.triangles.len()];
     Shot {
         map: Map {
-            mesh_hash: reconstruction.mesh().hash().to_owned(),
-            values: vec![f64::NAN; reconstruction.field.sheet.triangles.len()],
-            unit,
-            method: why.to_owned(),
-            masked: 0,
-            evidence: None,
-            quality: None,
+            unit: unit(reconstruction),
+            ..Map::relative(reconstruction.mesh().hash(), values, why)
         },
         style: Style {
             title: title.to_owned(),
