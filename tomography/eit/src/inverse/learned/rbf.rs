@@ -6,13 +6,11 @@
 //! would lose its digits. W is therefore stored as a product: the singular value decomposition Phi' = Q S V' gives
 //! `mixing` = S^-1 V' (small, f64) and `weights` = Q' dSigma (f32, of the size of the maps).
 
-use std::sync::Arc;
+use survey::{Map, Reading};
 
-use survey::{Map, Protocol, Reading};
-
-use crate::inverse::learned::trained::Trained;
+use crate::inverse::learned::trained::{Trained, TrainedMethod};
 use crate::linear_algebra::simd::{add_four, dot, squared_distance};
-use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
+use crate::{Novelty, ReconstructError};
 
 /// Distance to the nearest centre, in spreads, beyond which a frame is refused: every phi is below 2e-8 there, so that
 /// any such frame would give a map without loads.
@@ -196,28 +194,12 @@ impl RbfReconstructor {
     }
 }
 
-impl Reconstructor for RbfReconstructor {
-    fn method(&self) -> &str {
-        &self.trained.method
+impl TrainedMethod for RbfReconstructor {
+    fn trained(&self) -> &Trained {
+        &self.trained
     }
 
-    fn protocol(&self) -> &Protocol {
-        &self.trained.protocol
-    }
-
-    fn mesh(&self) -> &Arc<Mesh> {
-        &self.trained.mesh
-    }
-
-    fn assumptions(&self) -> Vec<String> {
-        self.trained.assumptions.clone()
-    }
-
-    fn noise_figure(&self) -> Option<f64> {
-        self.trained.noise_figure
-    }
-
-    fn novelty(
+    fn distance(
         &self,
         baseline: &[Reading],
         frame: &[Reading],
@@ -230,11 +212,7 @@ impl Reconstructor for RbfReconstructor {
         }))
     }
 
-    fn reconstruct(
-        &self,
-        baseline: &[Reading],
-        frame: &[Reading],
-    ) -> Result<Map, ReconstructError> {
+    fn map(&self, baseline: &[Reading], frame: &[Reading]) -> Result<Map, ReconstructError> {
         let (distances, masked) = self.distances(baseline, frame)?;
         let novelty = self.network.nearest(&distances);
         self.trained.refuse_far(novelty, NOVELTY_LIMIT)?;

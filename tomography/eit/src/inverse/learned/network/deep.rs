@@ -1,12 +1,10 @@
 //! The deep network as a reconstructor: normalises by Eq. 6, refuses inputs far from its training.
 
-use std::sync::Arc;
-
-use survey::{Map, Protocol, Reading};
+use survey::{Map, Reading};
 
 use crate::inverse::learned::network::{DeepNetwork, TrainingDistribution};
-use crate::inverse::learned::trained::Trained;
-use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
+use crate::inverse::learned::trained::{Trained, TrainedMethod};
+use crate::{Novelty, ReconstructError};
 
 /// Novelty of the familiar inputs: [`TrainingDistribution`] counts in multiples of their distance.
 const FAMILIAR: f64 = 1.0;
@@ -57,28 +55,12 @@ impl DeepReconstructor {
     }
 }
 
-impl Reconstructor for DeepReconstructor {
-    fn method(&self) -> &str {
-        &self.trained.method
+impl TrainedMethod for DeepReconstructor {
+    fn trained(&self) -> &Trained {
+        &self.trained
     }
 
-    fn protocol(&self) -> &Protocol {
-        &self.trained.protocol
-    }
-
-    fn mesh(&self) -> &Arc<Mesh> {
-        &self.trained.mesh
-    }
-
-    fn assumptions(&self) -> Vec<String> {
-        self.trained.assumptions.clone()
-    }
-
-    fn noise_figure(&self) -> Option<f64> {
-        self.trained.noise_figure
-    }
-
-    fn novelty(
+    fn distance(
         &self,
         baseline: &[Reading],
         frame: &[Reading],
@@ -91,11 +73,7 @@ impl Reconstructor for DeepReconstructor {
         }))
     }
 
-    fn reconstruct(
-        &self,
-        baseline: &[Reading],
-        frame: &[Reading],
-    ) -> Result<Map, ReconstructError> {
+    fn map(&self, baseline: &[Reading], frame: &[Reading]) -> Result<Map, ReconstructError> {
         let (input, masked) = self.input(baseline, frame)?;
         let novelty = self.familiar.novelty(&input);
         self.trained.refuse_far(novelty, NOVELTY_LIMIT)?;
