@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-use super::{positive, reasonable_fineness};
+use super::{positive, reasonable_fineness, refused};
 use crate::mesh::generation::{Domain, fill, length};
 use crate::{Mesh, MeshError};
 
@@ -127,10 +127,7 @@ impl DiscTank {
             largest: far,
             seeding: self.seeding,
         })
-        .map_err(|fault| MeshError::Preset {
-            preset: PRESET,
-            fault,
-        })?;
+        .map_err(|fault| refused(PRESET, fault))?;
         let radius = self.radius_mm * 1e-3;
         let metres = nodes
             .iter()
@@ -153,12 +150,7 @@ impl DiscTank {
                 ("contact_ohm", self.contact_ohm),
             ],
         )?;
-        let refuse = |fault: String| {
-            Err(MeshError::Preset {
-                preset: PRESET,
-                fault,
-            })
-        };
+        let refuse = |fault| Err(refused(PRESET, fault));
         if !(2..=256).contains(&self.electrodes) {
             return refuse(format!(
                 "electrodes is {}, it must be 2 to 256",
@@ -167,13 +159,10 @@ impl DiscTank {
         }
         reasonable_fineness(PRESET, self.fineness)?;
         if self.electrode_edges > 64 || !(0.005..=0.5).contains(&self.largest_share) {
-            return Err(MeshError::Preset {
-                preset: PRESET,
-                fault: format!(
-                    "electrode_edges is {} and largest_share {}; at most 64, and 0.005 to 0.5, make a mesh",
-                    self.electrode_edges, self.largest_share
-                ),
-            });
+            return refuse(format!(
+                "electrode_edges is {} and largest_share {}; at most 64, and 0.005 to 0.5, make a mesh",
+                self.electrode_edges, self.largest_share
+            ));
         }
         if !self.first_deg.is_finite() {
             return refuse("first_deg is not a number".into());

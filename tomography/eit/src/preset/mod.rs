@@ -79,16 +79,20 @@ impl Preset {
     }
 }
 
+fn refused(preset: &'static str, fault: String) -> MeshError {
+    MeshError::Preset { preset, fault }
+}
+
 /// Refuses a dimension that is not a positive number.
 fn positive(preset: &'static str, measures: &[(&str, f64)]) -> Result<(), MeshError> {
     match measures
         .iter()
         .find(|(_, value)| !(*value > 0.0 && value.is_finite()))
     {
-        Some((key, value)) => Err(MeshError::Preset {
-            preset,
-            fault: format!("{key} is {value}, it must be a positive number"),
-        }),
+        Some((key, value)) => {
+            let fault = format!("{key} is {value}, it must be a positive number");
+            Err(refused(preset, fault))
+        }
         None => Ok(()),
     }
 }
@@ -98,10 +102,8 @@ fn reasonable_fineness(preset: &'static str, fineness: f64) -> Result<(), MeshEr
     if (0.25..=8.0).contains(&fineness) {
         return Ok(());
     }
-    Err(MeshError::Preset {
-        preset,
-        fault: format!("fineness is {fineness}, it must be 0.25 to 8"),
-    })
+    let fault = format!("fineness is {fineness}, it must be 0.25 to 8");
+    Err(refused(preset, fault))
 }
 
 /// Refuses an edge length that is longer than the side to fill, or so short that the mesh would be too large.
@@ -114,8 +116,6 @@ fn reasonable_edge(
     if (least..=most).contains(&length) {
         return Ok(());
     }
-    Err(MeshError::Preset {
-        preset,
-        fault: format!("{key} is {length}, it must be {least} to {most}"),
-    })
+    let fault = format!("{key} is {length}, it must be {least} to {most}");
+    Err(refused(preset, fault))
 }

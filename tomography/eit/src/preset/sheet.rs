@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{positive, reasonable_edge, reasonable_fineness};
+use super::{positive, reasonable_edge, reasonable_fineness, refused};
 use crate::mesh::generation::{Domain, cut, fill, length};
 use crate::{Mesh, MeshError};
 
@@ -167,12 +167,7 @@ impl PaperSheet {
                 ("contact_ohm", self.contact_ohm),
             ],
         )?;
-        let refuse = |fault: String| {
-            Err(MeshError::Preset {
-                preset: PRESET,
-                fault,
-            })
-        };
+        let refuse = |fault| Err(refused(PRESET, fault));
         reasonable_fineness(PRESET, self.fineness)?;
         let side = self.width_mm.min(self.height_mm);
         let longer = self.width_mm.max(self.height_mm);
@@ -300,10 +295,7 @@ impl PaperSheet {
             largest: far,
             seeding: self.seeding,
         })
-        .map_err(|fault| MeshError::Preset {
-            preset: PRESET,
-            fault,
-        })
+        .map_err(|fault| refused(PRESET, fault))
     }
 
     fn mirror(&self, quarter: crate::mesh::generation::Filled) -> crate::mesh::generation::Filled {
