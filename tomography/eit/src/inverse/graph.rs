@@ -1,7 +1,5 @@
 //! Unknowns and the edges between them: the triangles of a region and the lengths of their shared borders.
 
-use std::collections::HashMap;
-
 use crate::Mesh;
 use crate::inverse::cut::CutGraph;
 
@@ -17,17 +15,7 @@ pub(crate) struct Graph {
 impl Graph {
     /// The graph of the mesh's region; an edge needs a triangle of the region on both sides.
     pub(crate) fn of_region(mesh: &Mesh) -> Self {
-        let (mut edges, mut lengths) = (Vec::new(), Vec::new());
-        let mut open = HashMap::new();
-        for (unknown, &triangle) in mesh.region().iter().enumerate() {
-            let [a, b, c] = mesh.triangles()[triangle];
-            for (p, q) in [(a, b), (b, c), (c, a)] {
-                if let Some(other) = open.insert((p.min(q), p.max(q)), unknown) {
-                    edges.push([other, unknown]);
-                    lengths.push(mesh.edge_length([p, q]));
-                }
-            }
-        }
+        let (edges, lengths) = mesh.borders(mesh.region()).into_iter().unzip();
         Self::new(mesh.region().len(), edges, lengths)
     }
 

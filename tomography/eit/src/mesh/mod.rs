@@ -228,6 +228,21 @@ impl Mesh {
         (b[0] - a[0]).hypot(b[1] - a[1])
     }
 
+    /// The sides that two of these triangles share, in the order in which the second one is met: the positions of both in
+    /// the list, the earlier one first, and the length, m.
+    pub fn borders(&self, triangles: &[usize]) -> Vec<([usize; 2], f64)> {
+        let mut open = BTreeMap::new();
+        let mut borders = Vec::new();
+        for (position, &triangle) in triangles.iter().enumerate() {
+            for [p, q] in sides_of(&self.triangles[triangle]) {
+                if let Some(other) = open.insert([p.min(q), p.max(q)], position) {
+                    borders.push(([other, position], self.edge_length([p, q])));
+                }
+            }
+        }
+        borders
+    }
+
     /// The sides of triangles that belong to one triangle only, in its direction: the rim and the holes.
     pub fn boundary(&self) -> Vec<[usize; 2]> {
         let directed: BTreeSet<[usize; 2]> = self.triangles.iter().flat_map(sides_of).collect();
@@ -306,6 +321,24 @@ pub fn bounding_box(points: impl IntoIterator<Item = [f64; 2]>) -> [[f64; 2]; 2]
             ]
         },
     )
+}
+
+/// Whether a polygon contains a point, by the even-odd rule; nothing is inside fewer than three corners.
+pub fn polygon_contains(corners: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
+    if corners.len() < 3 {
+        return false;
+    }
+    let mut inside = false;
+    let mut from = corners[corners.len() - 1];
+    for &to in corners {
+        if (from[1] > y) != (to[1] > y)
+            && x < from[0] + (y - from[1]) / (to[1] - from[1]) * (to[0] - from[0])
+        {
+            inside = !inside;
+        }
+        from = to;
+    }
+    inside
 }
 
 /// The signed area.

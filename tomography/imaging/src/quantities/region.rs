@@ -134,18 +134,6 @@ pub fn check_regions(regions: &[RegionSettings]) -> Result<(), (usize, RegionErr
     Ok(())
 }
 
-/// Whether a point lies inside of a polygon.
-pub(super) fn contains(corners: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
-    let mut inside = false;
-    for (index, [x1, y1]) in corners.iter().enumerate() {
-        let [x0, y0] = corners[(index + corners.len() - 1) % corners.len()];
-        if (y0 > y) != (*y1 > y) && x < x0 + (y - y0) / (y1 - y0) * (x1 - x0) {
-            inside = !inside;
-        }
-    }
-    inside
-}
-
 fn area(corners: &[[f64; 2]]) -> f64 {
     let mut twice = 0.0;
     for (index, [x1, y1]) in corners.iter().enumerate() {
@@ -172,6 +160,8 @@ fn crosses_itself(corners: &[[f64; 2]]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use eit::polygon_contains;
+
     use super::*;
 
     fn polygon(name: &str, corners: &[[f64; 2]]) -> RegionSettings {
@@ -224,7 +214,7 @@ mod tests {
     #[test]
     fn a_point_in_the_notch_of_a_polygon_is_outside() {
         let notched = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]];
-        assert!(contains(&notched, [0.5, 2.0]) && contains(&notched, [3.5, 2.0]));
-        assert!(!contains(&notched, [2.0, 2.0]) && !contains(&notched, [5.0, 2.0]));
+        assert!(polygon_contains(&notched, [0.5, 2.0]) && polygon_contains(&notched, [3.5, 2.0]));
+        assert!(!polygon_contains(&notched, [2.0, 2.0]) && !polygon_contains(&notched, [5.0, 2.0]));
     }
 }

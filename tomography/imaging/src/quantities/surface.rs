@@ -2,10 +2,10 @@
 
 use std::collections::HashMap;
 
-use eit::Mesh;
+use eit::{Mesh, bounding_box, polygon_contains};
 use survey::Adjacency;
 
-use super::region::{RegionError, RegionSettings, SHEET, contains};
+use super::region::{RegionError, RegionSettings, SHEET};
 
 /// A triangle is cut into 4^CUTS equal parts to find the share of it that lies in a disc or a region.
 const CUTS: u32 = 2;
@@ -74,17 +74,15 @@ impl Surface {
             let corners = region.corners()?;
             let shares: Vec<f64> = parts
                 .iter()
-                .map(|parts| share(parts, |point| contains(&corners, point)))
+                .map(|parts| share(parts, |point| polygon_contains(&corners, point)))
                 .collect();
             if shares.iter().all(|share| *share == 0.0) {
-                let all = || triangles.iter().flatten();
-                let bound = |choose: fn(f64, f64) -> f64, from: f64| {
-                    [0, 1].map(|axis| 1e3 * all().map(|c| c[axis]).fold(from, choose))
-                };
+                let all = triangles.iter().flatten().copied();
+                let [low, high] = bounding_box(all).map(|corner| corner.map(|m| 1e3 * m));
                 return Err(RegionError::Beside {
                     name: region.name.clone(),
-                    low: bound(f64::min, f64::INFINITY),
-                    high: bound(f64::max, f64::NEG_INFINITY),
+                    low,
+                    high,
                 });
             }
             prepared.push(SurfaceRegion {

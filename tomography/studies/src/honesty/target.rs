@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use clap::ValueEnum;
-use eit::Mesh;
+use eit::{Mesh, polygon_contains};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
@@ -271,21 +271,11 @@ fn outlines(loads: Vec<phantom::Load>) -> Loss {
         .map(|load| (load.outline(), load.loss))
         .collect();
     Box::new(move |at| {
-        let over = outlines.iter().filter(|(outline, _)| within(outline, at));
+        let over = outlines
+            .iter()
+            .filter(|(outline, _)| polygon_contains(outline, at));
         1.0 - over.map(|(_, loss)| 1.0 - loss).product::<f64>()
     })
-}
-
-/// Whether a polygon contains a place.
-fn within(outline: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
-    let mut odd = false;
-    for (k, a) in outline.iter().enumerate() {
-        let b = outline[(k + 1) % outline.len()];
-        if (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]) {
-            odd = !odd;
-        }
-    }
-    odd
 }
 
 /// A shape round the origin at a random place and angle.
@@ -343,7 +333,7 @@ mod tests {
     #[test]
     fn polygon_contains_what_it_encloses() {
         let square = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]];
-        assert!(within(&square, [1.0, 1.5]));
-        assert!(!within(&square, [2.5, 1.0]) && !within(&square, [1.0, -0.1]));
+        assert!(polygon_contains(&square, [1.0, 1.5]));
+        assert!(!polygon_contains(&square, [2.5, 1.0]) && !polygon_contains(&square, [1.0, -0.1]));
     }
 }

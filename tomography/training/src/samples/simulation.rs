@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use eit::{
     Case, CentresChoice, ChangeChoice, Forward, LossChoice, Mesh, PointsChoice, SizeChoice,
-    TrainingSettings,
+    TrainingSettings, polygon_contains,
 };
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -220,7 +220,9 @@ impl Region {
                 })
                 .collect();
             for (kept, centroid) in kept.iter_mut().zip(&self.centroids) {
-                if (centroid[0] - centre[0]).abs() <= radius && holds(&polygon, *centroid) {
+                if (centroid[0] - centre[0]).abs() <= radius
+                    && polygon_contains(&polygon, *centroid)
+                {
                     match settings.open.loss {
                         LossChoice::Polygon => *kept *= 1.0 - loss,
                         LossChoice::Case => *kept = 1.0 - loss,
@@ -236,24 +238,6 @@ impl Region {
     }
 }
 
-/// The even-odd rule; nothing is inside fewer than three vertices.
-fn holds(polygon: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
-    if polygon.len() < 3 {
-        return false;
-    }
-    let mut inside = false;
-    let mut from = polygon[polygon.len() - 1];
-    for &to in polygon {
-        if (from[1] > y) != (to[1] > y)
-            && x < from[0] + (y - from[1]) / (to[1] - from[1]) * (to[0] - from[0])
-        {
-            inside = !inside;
-        }
-        from = to;
-    }
-    inside
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -261,11 +245,11 @@ mod tests {
 
     #[test]
     fn a_polygon_of_fewer_than_three_vertices_holds_nothing() {
-        assert!(!holds(&[], [0.0, 0.0]));
-        assert!(!holds(&[[0.0, 0.0], [1.0, 1.0]], [0.5, 0.5]));
+        assert!(!polygon_contains(&[], [0.0, 0.0]));
+        assert!(!polygon_contains(&[[0.0, 0.0], [1.0, 1.0]], [0.5, 0.5]));
         let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
-        assert!(holds(&square, [0.5, 0.5]));
-        assert!(!holds(&square, [1.5, 0.5]));
+        assert!(polygon_contains(&square, [0.5, 0.5]));
+        assert!(!polygon_contains(&square, [1.5, 0.5]));
     }
 
     #[test]

@@ -72,18 +72,12 @@ impl Cells {
             triangles[cell].push(triangle);
         }
         let mut borders = BTreeMap::<[usize; 2], f64>::new();
-        let mut open = BTreeMap::new();
-        for (triangle, &[a, b, c]) in mesh.triangles().iter().enumerate() {
-            for (p, q) in [(a, b), (b, c), (c, a)] {
-                let edge = [p.min(q), p.max(q)];
-                let Some(other) = open.insert(edge, of[triangle]) else {
-                    continue;
-                };
-                let cell = of[triangle];
-                if cell != other {
-                    let pair = [cell.min(other), cell.max(other)];
-                    *borders.entry(pair).or_default() += mesh.edge_length(edge);
-                }
+        let all: Vec<usize> = (0..of.len()).collect();
+        for (sides, length) in mesh.borders(&all) {
+            let [other, cell] = sides.map(|triangle| of[triangle]);
+            if cell != other {
+                let pair = [cell.min(other), cell.max(other)];
+                *borders.entry(pair).or_default() += length;
             }
         }
         let areas: Vec<f64> = triangles

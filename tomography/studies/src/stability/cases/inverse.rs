@@ -315,19 +315,14 @@ struct Border {
 }
 
 fn borders(mesh: &Mesh) -> Vec<Border> {
-    let mut open = BTreeMap::new();
-    let mut borders = Vec::new();
-    for (t, &[a, b, c]) in mesh.triangles().iter().enumerate() {
-        for (p, q) in [(a, b), (b, c), (c, a)] {
-            if let Some(other) = open.insert((p.min(q), p.max(q)), t) {
-                borders.push(Border {
-                    sides: [t, other],
-                    length: mesh.edge_length([p, q]),
-                });
-            }
-        }
-    }
+    let all: Vec<usize> = (0..mesh.triangles().len()).collect();
+    let borders = mesh.borders(&all).into_iter();
     borders
+        .map(|([other, t], length)| Border {
+            sides: [t, other],
+            length,
+        })
+        .collect()
 }
 
 impl Smoothed {

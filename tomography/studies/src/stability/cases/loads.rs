@@ -1,7 +1,5 @@
 //! Hard cases 36 and 37: hot spots of a map, and a dose over months.
 
-use std::collections::HashMap;
-
 use eit::Mesh;
 use imaging::quantities::{
     FrameQuantities, JudgedMap, LoadUnit, Quantifier, Quantity, QuantitySettings, Surface,
@@ -51,20 +49,10 @@ fn last_place(value: f64, random: &mut ChaCha8Rng) -> f64 {
 
 /// Triangles of the map that share a side with each.
 fn neighbours(mesh: &Mesh) -> Vec<Vec<usize>> {
-    let mut by_side: HashMap<[usize; 2], Vec<usize>> = HashMap::new();
-    for (place, &triangle) in mesh.region().iter().enumerate() {
-        let [a, b, c] = mesh.triangles()[triangle];
-        for [from, to] in [[a, b], [b, c], [c, a]] {
-            let side = [from.min(to), from.max(to)];
-            by_side.entry(side).or_default().push(place);
-        }
-    }
     let mut neighbours = vec![Vec::new(); mesh.region().len()];
-    for pair in by_side.values() {
-        if let [a, b] = pair[..] {
-            neighbours[a].push(b);
-            neighbours[b].push(a);
-        }
+    for ([a, b], _) in mesh.borders(mesh.region()) {
+        neighbours[a].push(b);
+        neighbours[b].push(a);
     }
     neighbours
 }
