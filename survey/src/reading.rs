@@ -25,6 +25,12 @@ impl Reading {
         }
     }
 
+    /// Valid readings of these voltages, V.
+    pub fn of_volts(volts: impl IntoIterator<Item = f64>) -> Vec<Self> {
+        let volts = volts.into_iter();
+        volts.map(|volts| Self::Ok(Volts(volts))).collect()
+    }
+
     /// Whether there is a voltage.
     pub fn is_ok(self) -> bool {
         matches!(self, Self::Ok(_))

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use eit::model::fingerprint;
-use eit::{Case, Mesh};
+use eit::{Case, Mesh, bounding_box};
 use imaging::recorded::{FrameTable, TableOptions};
 use studies::Failure;
 use survey::Reading;
@@ -113,13 +113,8 @@ fn volts(of: &str, readings: &[Reading]) -> Result<Vec<f64>, Failure> {
 
 /// Refuses presses whose centres are not on the sheet, and tells a wrong unit from a wrong place.
 fn check_places(mesh: &Mesh, presses: &Presses) -> Result<(), Failure> {
-    let range = |axis: usize| {
-        let along = mesh.nodes().iter().map(|node| node[axis]);
-        along.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
-            [low.min(x), high.max(x)]
-        })
-    };
-    let ranges = [range(0), range(1)];
+    let [low, high] = bounding_box(mesh.nodes().iter().copied());
+    let ranges = [0, 1].map(|axis| [low[axis], high[axis]]);
     let within = |at: [f64; 2]| {
         let axes = at.iter().zip(&ranges);
         axes.clone()

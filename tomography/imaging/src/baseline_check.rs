@@ -139,14 +139,11 @@ fn uniform(
     let protocol = reconstructor.protocol();
     let uniform = forward.readings(&geometry.sigma0, protocol).ok()?;
     let gain = factor(uniform.iter().copied(), &baseline.readings)?;
-    let uniform = uniform
-        .iter()
-        .map(|ohms| Reading::Ok(Volts(*ohms)))
-        .collect();
     let scaled = baseline.readings.iter().map(|reading| match reading {
         Reading::Ok(volts) => Reading::Ok(Volts(volts.0 / gain)),
         other => *other,
     });
+    let uniform = Reading::of_volts(uniform.iter().copied());
     Some((uniform, scaled.collect(), gain))
 }
 

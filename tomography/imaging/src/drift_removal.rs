@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use drift::{DriftError, DriftModel, FrameDrift, MapDeviation, Relative, Sizes};
 use eit::{Forward, Mesh, Novelty, ReconstructError, Reconstructor};
-use survey::{Amps, Map, Protocol, Reading, Volts};
+use survey::{Amps, Map, Protocol, Reading};
 
 use crate::conditions::Conditions;
 use crate::geometry::Geometry;
@@ -103,10 +103,7 @@ pub fn months_of_drift(
     let geometry = conditions.geometry;
     let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m)?;
     let ohms = forward.readings(&geometry.sigma0, conditions.protocol)?;
-    let baseline: Vec<Reading> = ohms
-        .iter()
-        .map(|ohms| Reading::Ok(Volts(conditions.current.0 * ohms)))
-        .collect();
+    let baseline = Reading::of_volts(ohms.iter().map(|ohms| conditions.current.0 * ohms));
     // what noise hides a training need not know
     drift_model(conditions, &baseline, noise_v)?.drift_rows(&Sizes::MONTHS, 0.3 * noise_v)
 }

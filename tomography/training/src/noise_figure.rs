@@ -3,13 +3,13 @@
 
 use std::sync::Arc;
 
-use eit::{Case, Forward, Model, Reconstructor};
+use eit::{Case, Forward, Model, Reconstructor, bounding_box};
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use rayon::prelude::*;
-use survey::{Map, Reading, Volts};
+use survey::{Map, Reading};
 
 use crate::samples::Noise;
 
@@ -78,13 +78,9 @@ impl Press {
     fn new(case: &Case, sigma0: &[f64], currents: Option<&[f64]>) -> Option<Self> {
         let mesh = &case.mesh;
         let centroids = mesh.region_centroids();
-        let bounds = [0, 1].map(|axis| {
-            let along = centroids.iter().map(|point| point[axis]);
-            let low = along.clone().fold(f64::INFINITY, f64::min);
-            (low, along.fold(f64::NEG_INFINITY, f64::max))
-        });
-        let middle = bounds.map(|(low, high)| 0.5 * (low + high));
-        let radius = SIZE * 0.5 * (bounds[0].1 - bounds[0].0).hypot(bounds[1].1 - bounds[1].0);
+        let [low, high] = bounding_box(centroids.iter().copied());
+        let middle = [0, 1].map(|axis| 0.5 * (low[axis] + high[axis]));
+        let radius = SIZE * 0.5 * (high[0] - low[0]).hypot(high[1] - low[1]);
         let mut pressed = sigma0.to_vec();
         for (&triangle, [x, y]) in mesh.region().iter().zip(&centroids) {
             if (x - middle[0]).hypot(y - middle[1]) < radius {
@@ -107,12 +103,9 @@ impl Press {
 
     /// |dv| / |noise| over |map| / |map with noise - map|, noises and map changes summed over the draws (V).
     fn figure(&self, reconstructor: &dyn Reconstructor, draws: Vec<Vec<f64>>) -> Option<f64> {
-        let readings = |volts: &mut dyn Iterator<Item = f64>| -> Vec<Reading> {
-            volts.map(|v| Reading::Ok(Volts(v))).collect()
-        };
-        let baseline = readings(&mut self.before.iter().copied());
+        let baseline = Reading::of_volts(self.before.iter().copied());
         let map = |noise: &[f64]| -> Option<Map> {
-            let frame = readings(&mut self.after.iter().zip(noise).map(|(v, noise)| v + noise));
+            let frame = Reading::of_volts(self.after.iter().zip(noise).map(|(v, noise)| v + noise));
             reconstructor.reconstruct(&baseline, &frame).ok()
         };
         let size =

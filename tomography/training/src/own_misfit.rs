@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use eit::{Case, Model, ModelCheck, OwnMisfit, Scale, TrainingSettings};
 use rayon::prelude::*;
-use survey::{Reading, Volts};
+use survey::Reading;
 
 use crate::samples::{Noise, Samples, Simulation, TrainError};
 
@@ -57,10 +57,7 @@ pub fn of_cases(
         Some(noise.size() * top / SQRT_2),
     )?;
     let network = model.clone().into_reconstructor();
-    let readings = |volts: &mut dyn Iterator<Item = f64>| -> Vec<Reading> {
-        volts.map(|v| Reading::Ok(Volts(v))).collect()
-    };
-    let baseline = readings(&mut before.iter().copied());
+    let baseline = Reading::of_volts(before.iter().copied());
     let left = cases
         .into_par_iter()
         .map(|number| {
@@ -70,7 +67,7 @@ pub fn of_cases(
                 .iter()
                 .zip(&row)
                 .map(|(v, x)| v + top * f64::from(*x));
-            let frame = readings(&mut { changed });
+            let frame = Reading::of_volts(changed);
             // a case that the network refuses has no map to judge
             let map = network.reconstruct(&baseline, &frame).ok();
             Ok(map.and_then(|map| check.own_misfit(&baseline, &frame, &map.values)))

@@ -12,7 +12,7 @@ use eit::linear_algebra::{product, view};
 use eit::{Forward, Mesh, Parameters, bounding_box};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use survey::{Dipole, Electrode, Reading, Volts};
+use survey::{Dipole, Electrode, Reading};
 
 use crate::DriftError;
 use crate::model::cells::{Cells, PITCH_M};
@@ -189,10 +189,7 @@ impl DriftModel {
                 volts[reading] = self.baseline[reading] + change / self.ratios[reading];
             }
         }
-        volts
-            .into_iter()
-            .map(|volts| Reading::Ok(Volts(volts)))
-            .collect()
+        Reading::of_volts(volts)
     }
 
     /// The fitted sheet.

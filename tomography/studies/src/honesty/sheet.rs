@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use eit::{Forward, Mesh, PaperSheet};
+use eit::{Forward, Mesh, PaperSheet, bounding_box};
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use survey::Protocol;
@@ -98,13 +98,8 @@ impl FineSheet {
         let centroids: Vec<[f64; 2]> = (0..mesh.triangles().len())
             .map(|triangle| mesh.centroid(triangle))
             .collect();
-        let bounds = [0, 1].map(|axis| {
-            let along = || centroids.iter().map(|at| at[axis]);
-            [
-                along().fold(f64::INFINITY, f64::min),
-                along().fold(f64::NEG_INFINITY, f64::max),
-            ]
-        });
+        let [low, high] = bounding_box(centroids.iter().copied());
+        let bounds = [0, 1].map(|axis| [low[axis], high[axis]]);
         let electrodes = mesh.electrode_centres();
         let mut fine = Self {
             forward: Forward::new(Arc::new(mesh), &sheet.contact_ohm_m()).map_err(unsolved)?,
