@@ -49,12 +49,7 @@ impl DriftModel {
         pace: f64,
     ) -> Result<DriftKinds, DriftError> {
         let time = pace * days.max(SHORTEST_DAYS).sqrt();
-        let sizes = Sizes {
-            gain: PER_DAY.gain * time,
-            contact: PER_DAY.contact * time,
-            field: PER_DAY.field * time,
-            local: PER_DAY.local * time,
-        };
+        let sizes = PER_DAY.scaled(time);
         let rows: Vec<usize> = (0..change.len()).collect();
         let covariance = self.drift(&sizes) + error;
         let weights = Whitened::new(&covariance, change, &rows)?.weights();
@@ -69,12 +64,7 @@ impl DriftModel {
         let rms = |values: &DVector<f64>| values.norm() / (values.len() as f64).sqrt();
         // with the second order of the contacts
         let part = |kind: &Sizes| rms(&(self.drift(kind) * &weights));
-        let none = Sizes {
-            gain: 0.0,
-            contact: 0.0,
-            field: 0.0,
-            local: 0.0,
-        };
+        let none = Sizes::default();
         Ok(DriftKinds {
             gain,
             contacts: contacts.as_slice().to_vec(),

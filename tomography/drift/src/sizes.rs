@@ -1,7 +1,7 @@
 //! How large each kind of change of a sheet is.
 
 /// Standard deviations of the kinds of change.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Sizes {
     /// ln gain.
     pub gain: f64,
@@ -21,4 +21,14 @@ impl Sizes {
         field: 3e-3,
         local: 0.0,
     };
+
+    /// Each of them times a factor.
+    pub(crate) fn scaled(self, by: f64) -> Self {
+        Self {
+            gain: self.gain * by,
+            contact: self.contact * by,
+            field: self.field * by,
+            local: self.local * by,
+        }
+    }
 }

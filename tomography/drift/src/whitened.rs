@@ -69,8 +69,13 @@ impl Whitened {
 
     /// The data as they were given, V, one for each pair; zero in rows that do not count.
     pub(crate) fn raw(&self) -> DVector<f64> {
+        self.spread(&self.raw)
+    }
+
+    /// A value for each pair from one for each row that counts; zero in the others.
+    fn spread(&self, values: &DVector<f64>) -> DVector<f64> {
         let mut out = DVector::zeros(self.of);
-        for (&row, value) in self.rows.iter().zip(&self.raw) {
+        for (&row, value) in self.rows.iter().zip(values) {
             out[row] = *value;
         }
         out
@@ -103,20 +108,12 @@ impl Whitened {
 
     /// L^-1 a of one column.
     pub(crate) fn column(&self, column: &DVector<f64>) -> DVector<f64> {
-        let kept = column.select_rows(&self.rows);
-        let mut out = DMatrix::from_column_slice(kept.len(), 1, kept.as_slice());
-        self.factor.whiten(&mut out);
-        DVector::from_column_slice(out.as_slice())
+        whiten(&self.factor, &column.select_rows(&self.rows))
     }
 
     /// S^-1 d, zero in rows that do not count.
     pub(crate) fn weights(&self) -> DVector<f64> {
-        let mut out = DVector::zeros(self.of);
-        let weights = self.factor.unwhiten_transposed(&self.data);
-        for (&row, value) in self.rows.iter().zip(&weights) {
-            out[row] = *value;
-        }
-        out
+        self.spread(&self.factor.unwhiten_transposed(&self.data))
     }
 
     /// The one-step map of the whitened data: change of ln conductance of each triangle, with local change of this standard
@@ -131,12 +128,8 @@ impl Whitened {
         let system = DMatrix::identity(n, n) + white * size.powi(2);
         let factor = Definite::new(&system).ok_or(DriftError::Covariance)?;
         let inner = factor.solve(&self.data);
-        let mut weights = DVector::zeros(self.of);
-        let unwhitened = self.factor.unwhiten_transposed(&inner);
-        for (&row, value) in self.rows.iter().zip(&unwhitened) {
-            weights[row] = size.powi(2) * value;
-        }
-        Ok(model.local_map(&weights))
+        let weights = self.factor.unwhiten_transposed(&inner) * size.powi(2);
+        Ok(model.local_map(&self.spread(&weights)))
     }
 
     /// L^-1 X X' L^-T.
@@ -158,15 +151,11 @@ impl Whitened {
             covariance[(k, k)] += deviations[row].powi(2);
         }
         let factor = Definite::new(&covariance).ok_or(DriftError::Covariance)?;
-        let mut out = Self {
+        Ok(Self {
+            data: whiten(&factor, &self.raw),
             factor: Arc::new(factor),
-            data: DVector::zeros(0),
             ..self.clone()
-        };
-        let mut data = DMatrix::from_column_slice(self.raw.len(), 1, self.raw.as_slice());
-        out.factor.whiten(&mut data);
-        out.data = DVector::from_column_slice(data.as_slice());
-        Ok(out)
+        })
     }
 
     /// Compares the data with discs on a grid: the largest improvement of chi squared, and the change it has.
@@ -248,6 +237,13 @@ pub(crate) fn places_by_score(
         }
     }
     found
+}
+
+/// L^-1 a of one column with a value for each row of the factor.
+fn whiten(factor: &Definite, column: &DVector<f64>) -> DVector<f64> {
+    let mut out = DMatrix::from_column_slice(column.len(), 1, column.as_slice());
+    factor.whiten(&mut out);
+    DVector::from_column_slice(out.as_slice())
 }
 
 /// The factor of a covariance of which only these rows count.
