@@ -54,49 +54,54 @@ pub enum LoadUnit {
     Pressure,
 }
 
+/// Each quantity with its name and a few words for people, in the order of the declaration.
+const TABLE: [(Quantity, &str, &str); 17] = [
+    (Quantity::Contact, "contact", "contact area"),
+    (Quantity::Load, "load", "load"),
+    (Quantity::Mean, "mean", "mean over the contact area"),
+    (Quantity::Peak, "peak", "peak of one triangle"),
+    (Quantity::Ppi, "ppi", "peak pressure index"),
+    (Quantity::Dispersion, "dispersion", "dispersion index"),
+    (Quantity::Variation, "variation", "coefficient of variation"),
+    (Quantity::CentreX, "centre-x", "centre of pressure, x"),
+    (Quantity::CentreY, "centre-y", "centre of pressure, y"),
+    (Quantity::Gradient, "gradient", "largest gradient"),
+    (Quantity::HotSpots, "hot-spots", "hot spots"),
+    (Quantity::Speed, "speed", "speed of the centre of pressure"),
+    (Quantity::Path, "path", "path of the centre of pressure"),
+    (Quantity::Dose, "dose", "largest dose of a triangle"),
+    (
+        Quantity::Unrelieved,
+        "unrelieved",
+        "longest unrelieved time",
+    ),
+    (
+        Quantity::UnrelievedArea,
+        "unrelieved-area",
+        "unrelieved area",
+    ),
+    (
+        Quantity::Known,
+        "known",
+        "whether the map is known to be true",
+    ),
+];
+
 impl Quantity {
     /// All, in the order of tables.
-    pub const ALL: [Self; 17] = [
-        Self::Contact,
-        Self::Load,
-        Self::Mean,
-        Self::Peak,
-        Self::Ppi,
-        Self::Dispersion,
-        Self::Variation,
-        Self::CentreX,
-        Self::CentreY,
-        Self::Gradient,
-        Self::HotSpots,
-        Self::Speed,
-        Self::Path,
-        Self::Dose,
-        Self::Unrelieved,
-        Self::UnrelievedArea,
-        Self::Known,
-    ];
+    pub const ALL: [Self; TABLE.len()] = {
+        let mut all = [Self::Contact; TABLE.len()];
+        let mut place = 0;
+        while place < all.len() {
+            all[place] = TABLE[place].0;
+            place += 1;
+        }
+        all
+    };
 
     /// The name in configuration, tables and JSON.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Contact => "contact",
-            Self::Load => "load",
-            Self::Mean => "mean",
-            Self::Peak => "peak",
-            Self::Ppi => "ppi",
-            Self::Dispersion => "dispersion",
-            Self::Variation => "variation",
-            Self::CentreX => "centre-x",
-            Self::CentreY => "centre-y",
-            Self::Gradient => "gradient",
-            Self::HotSpots => "hot-spots",
-            Self::Speed => "speed",
-            Self::Path => "path",
-            Self::Dose => "dose",
-            Self::Unrelieved => "unrelieved",
-            Self::UnrelievedArea => "unrelieved-area",
-            Self::Known => "known",
-        }
+        TABLE[self as usize].1
     }
 
     /// From its name.
@@ -106,25 +111,7 @@ impl Quantity {
 
     /// A few words for people.
     pub fn words(self) -> &'static str {
-        match self {
-            Self::Contact => "contact area",
-            Self::Load => "load",
-            Self::Mean => "mean over the contact area",
-            Self::Peak => "peak of one triangle",
-            Self::Ppi => "peak pressure index",
-            Self::Dispersion => "dispersion index",
-            Self::Variation => "coefficient of variation",
-            Self::CentreX => "centre of pressure, x",
-            Self::CentreY => "centre of pressure, y",
-            Self::Gradient => "largest gradient",
-            Self::HotSpots => "hot spots",
-            Self::Speed => "speed of the centre of pressure",
-            Self::Path => "path of the centre of pressure",
-            Self::Dose => "largest dose of a triangle",
-            Self::Unrelieved => "longest unrelieved time",
-            Self::UnrelievedArea => "unrelieved area",
-            Self::Known => "whether the map is known to be true",
-        }
+        TABLE[self as usize].2
     }
 
     /// The unit of its values. Without calibration, a load is an area times a relative loss.
