@@ -24,14 +24,7 @@ impl PartFile {
     /// [`ShardError::Held`] if another process has locked it; or the file cannot be opened, or is a link.
     pub fn lock(path: &Path) -> Result<Self, ShardError> {
         loop {
-            let file = OpenOptions::new()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false)
-                .custom_flags((OFlags::NOFOLLOW | OFlags::CLOEXEC).bits() as i32)
-                .open(path)
-                .map_err(ShardError::io(path))?;
+            let file = open(path)?;
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => return Err(ShardError::Held(path.to_owned())),
@@ -81,19 +74,25 @@ impl PartFile {
     }
 }
 
+/// Opens or creates a file that is no link, for reading and writing; children do not inherit it.
+fn open(path: &Path) -> Result<File, ShardError> {
+    OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .custom_flags((OFlags::NOFOLLOW | OFlags::CLOEXEC).bits() as i32)
+        .open(path)
+        .map_err(ShardError::io(path))
+}
+
 /// Waits until no other process holds the lock file `path`, and holds it as long as the result lives. For work that
 /// several shards need and one of them does.
 ///
 /// # Errors
 /// The file cannot be created or locked.
 pub fn wait_for(path: &Path) -> Result<File, ShardError> {
-    let file = OpenOptions::new()
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .custom_flags((OFlags::NOFOLLOW | OFlags::CLOEXEC).bits() as i32)
-        .open(path)
-        .map_err(ShardError::io(path))?;
+    let file = open(path)?;
     file.lock().map_err(ShardError::io(path))?;
     Ok(file)
 }

@@ -88,7 +88,8 @@ impl LoadText {
                     .ok_or_else(|| missing(key))
             };
             match self.shape {
-                ShapeName::Disc => (
+                // The contact area of a sphere depends on its force.
+                ShapeName::Disc | ShapeName::Sphere => (
                     &["diameter_mm"][..],
                     Shape::Disc {
                         diameter_mm: need(&self.diameter_mm, "diameter_mm")?,
@@ -112,13 +113,6 @@ impl LoadText {
                     Shape::FigureEight {
                         diameter_mm: need(&self.diameter_mm, "diameter_mm")?,
                         distance_mm: need(&self.distance_mm, "distance_mm")?,
-                    },
-                ),
-                // The contact area of a sphere depends on its force.
-                ShapeName::Sphere => (
-                    &["diameter_mm"][..],
-                    Shape::Disc {
-                        diameter_mm: need(&self.diameter_mm, "diameter_mm")?,
                     },
                 ),
                 ShapeName::Polygon => (
