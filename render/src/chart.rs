@@ -4,7 +4,7 @@ use plotters::prelude::*;
 use survey::{Electrode, Map};
 
 use crate::drawing::canvas::PALE;
-use crate::drawing::pen::{Anchor, INK, Pen};
+use crate::drawing::pen::{Anchor, INK, Pen, rectangle};
 use crate::drawing::scale::step;
 use crate::drawing::text_fitting::{shortened, two_lines};
 use crate::{Extent, PictureError, Range, Sheet, Style};
@@ -290,10 +290,7 @@ pub(crate) fn heading<DB: DrawingBackend>(
     pen.text(&below, [16.0, 47.0], 14.0, PALE, Anchor::Left)?;
     if simulated {
         let (left, right, top, bottom) = (page - 126.0, page - 14.0, 10.0, 34.0);
-        pen.area(
-            &[[left, top], [right, top], [right, bottom], [left, bottom]],
-            ALARM,
-        )?;
+        pen.area(&rectangle([left, top], [right, bottom]), ALARM)?;
         let at = [(left + right) / 2.0, (top + bottom) / 2.0];
         pen.bold("SIMULATED", at, 15.0, WHITE, Anchor::Centre)?;
     }

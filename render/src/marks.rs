@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use plotters::prelude::*;
 
 use crate::chart::Panel;
-use crate::drawing::pen::{Anchor, INK, Pen};
+use crate::drawing::pen::{Anchor, INK, Pen, on_circle, rectangle};
 use crate::{PictureError, Style};
 
 /// Which marks a page has.
@@ -91,13 +91,7 @@ fn circle<DB: DrawingBackend>(
     radius: f64,
 ) -> Result<(), PictureError> {
     let dashes = ((radius * 0.9) as usize).clamp(6, 40);
-    let at = |turn: f64| {
-        let angle = turn * std::f64::consts::TAU;
-        [
-            centre[0] + radius * angle.cos(),
-            centre[1] + radius * angle.sin(),
-        ]
-    };
+    let at = |turn: f64| on_circle(centre, radius, turn);
     // White below, so that it is visible on dark colours.
     pen.line((0..=72).map(|k| at(f64::from(k) / 72.0)), WHITE, 2.2)?;
     for dash in 0..dashes {
@@ -154,15 +148,7 @@ fn ring<DB: DrawingBackend>(
     centre: [f64; 2],
     radius: f64,
 ) -> Result<(), PictureError> {
-    let points = || {
-        (0..=48).map(|k| {
-            let angle = f64::from(k) / 48.0 * std::f64::consts::TAU;
-            [
-                centre[0] + radius * angle.cos(),
-                centre[1] + radius * angle.sin(),
-            ]
-        })
-    };
+    let points = || (0..=48).map(|k| on_circle(centre, radius, f64::from(k) / 48.0));
     pen.line(points(), WHITE, 3.0)?;
     pen.line(points(), INK, 1.2)
 }
@@ -176,12 +162,7 @@ fn number<DB: DrawingBackend>(
 ) -> Result<(), PictureError> {
     let words = number.to_string();
     let (half, high) = (pen.text_width(&words, size)? / 2.0 + 2.0, size * 0.5 + 1.0);
-    let label = [
-        [x - half, y - high],
-        [x + half, y - high],
-        [x + half, y + high],
-        [x - half, y + high],
-    ];
+    let label = rectangle([x - half, y - high], [x + half, y + high]);
     pen.area(&label, WHITE)?;
     pen.text(&words, [x, y], size, INK, Anchor::Centre)
 }

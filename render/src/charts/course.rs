@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use crate::PictureError;
 use crate::chart::ALARM;
 use crate::drawing::canvas::{COLOURS, Drawing, GRID, PALE};
-use crate::drawing::pen::{Anchor, INK, Pen};
+use crate::drawing::pen::{Anchor, INK, Pen, rectangle};
 use crate::drawing::scale::step;
 
 const SIZE: [f64; 2] = [720.0, 190.0];
@@ -132,8 +132,7 @@ impl Drawing for Plot<'_> {
             let [from, to] = [begin, end].map(|at| self.across(*at));
             // a short gap is visible too
             let to = to.max(from + 1.0);
-            let corners = [[from, TOP], [to, TOP], [to, bottom], [from, bottom]];
-            pen.area(&corners, GAP)?;
+            pen.area(&rectangle([from, TOP], [to, bottom]), GAP)?;
         }
         let (every, decimals) = step(self.high - self.low, 5);
         for k in (self.low / every).ceil() as i64..=(self.high / every).floor() as i64 {

@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use crate::PictureError;
 use crate::chart::page_title;
 use crate::drawing::canvas::{COLOURS, Drawing, GRID, PALE, colour_of};
-use crate::drawing::pen::{Anchor, INK, Pen};
+use crate::drawing::pen::{Anchor, INK, Pen, on_circle, rectangle};
 use crate::drawing::scale::step;
 
 const SIZE: [f64; 2] = [720.0, 400.0];
@@ -280,15 +280,7 @@ fn mark<DB: DrawingBackend>(
     // a ninth curve has the first one's colour and a different mark
     match (curve + curve / COLOURS.len()) % 4 {
         0 => pen.area(&round([x, y], r), colour),
-        1 => pen.area(
-            &[
-                [x - r, y - r],
-                [x + r, y - r],
-                [x + r, y + r],
-                [x - r, y + r],
-            ],
-            colour,
-        ),
+        1 => pen.area(&rectangle([x - r, y - r], [x + r, y + r]), colour),
         2 => pen.area(
             &[[x, y - 1.2 * r], [x + 1.1 * r, y + r], [x - 1.1 * r, y + r]],
             colour,
@@ -300,10 +292,9 @@ fn mark<DB: DrawingBackend>(
     }
 }
 
-fn round([x, y]: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
+fn round(centre: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
     (0..16)
-        .map(|k| f64::from(k) / 16.0 * std::f64::consts::TAU)
-        .map(|turn| [x + radius * turn.cos(), y + radius * turn.sin()])
+        .map(|k| on_circle(centre, radius, f64::from(k) / 16.0))
         .collect()
 }
 

@@ -161,3 +161,17 @@ impl<'a, DB: DrawingBackend> Pen<'a, DB> {
             .map_err(|cause| PictureError::Draw(cause.to_string()))
     }
 }
+
+/// The point of a circle at a share of its turn, counted from +x towards +y.
+pub(crate) fn on_circle(centre: [f64; 2], radius: f64, turn: f64) -> [f64; 2] {
+    let angle = turn * std::f64::consts::TAU;
+    [
+        centre[0] + radius * angle.cos(),
+        centre[1] + radius * angle.sin(),
+    ]
+}
+
+/// The corners of a rectangle from one corner and the opposite one.
+pub(crate) fn rectangle([left, top]: [f64; 2], [right, bottom]: [f64; 2]) -> [[f64; 2]; 4] {
+    [[left, top], [right, top], [right, bottom], [left, bottom]]
+}
