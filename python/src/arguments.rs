@@ -24,6 +24,12 @@ pub(crate) struct Expected<'a> {
     pub(crate) about: &'a str,
 }
 
+/// The name of an object's class.
+fn class_of(object: &Bound<'_, PyAny>) -> String {
+    let class = object.get_type().name();
+    class.map_or_else(|_| "object".to_owned(), |name| name.to_string())
+}
+
 impl Expected<'_> {
     pub(crate) fn type_error(&self, fault: &str) -> PyErr {
         PyTypeError::new_err(self.message(fault))
@@ -35,9 +41,7 @@ impl Expected<'_> {
 
     /// The error for an object of another class.
     fn class_error(&self, object: &Bound<'_, PyAny>) -> PyErr {
-        let class = object.get_type().name();
-        let class = class.map_or_else(|_| "object".to_owned(), |name| name.to_string());
-        self.type_error(&format!("it is a {class}"))
+        self.type_error(&format!("it is a {}", class_of(object)))
     }
 
     /// An object of a class of this package.
@@ -88,12 +92,9 @@ impl Expected<'_> {
         if !(cause.is_instance_of::<PyTypeError>(py) || cause.is_instance_of::<PyValueError>(py)) {
             return cause.clone_ref(py);
         }
-        let kind = object
-            .get_type()
-            .name()
-            .map_or_else(|_| "object".to_owned(), |name| name.to_string());
         self.type_error(&format!(
-            "numpy makes no array of this {kind} ({})",
+            "numpy makes no array of this {} ({})",
+            class_of(object),
             cause.value(py)
         ))
     }

@@ -151,10 +151,7 @@ impl SessionFile {
 impl About {
     fn read(path: &Path) -> Result<Self, LogbookError> {
         let parts = SessionParts::open(path)?;
-        let mut events = Vec::new();
-        for part in parts.each() {
-            events.extend(part.events()?);
-        }
+        let events = parts.events()?;
         let last = parts.each().last();
         Ok(Self {
             header: parts.header().clone(),
