@@ -297,10 +297,10 @@ async fn reading_relay_counters_ends_no_fault() {
     assert_eq!(daemon.manager.last_error().await.unwrap(), why);
     daemon.manager.open_all().await.unwrap();
 
-    // a lost rig
+    // a rig that is lost by reading them is reconnected
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     rig.set_wire(Instrument::Mainframe, Wire::Cut);
-    let refused = within(daemon.manager.test_instruments(&Options::new())).await;
+    let refused = within(daemon.manager.relays(&Options::new())).await;
     assert!(
         matches!(&refused, Err(Fault::InstrumentFault(_))),
         "{refused:?}"

@@ -45,10 +45,16 @@ impl Controller {
     /// # Errors
     /// As [`Controller::test_instruments`]; a multiplexer board, whose chips do not wear.
     pub(crate) async fn relay_wear(self: &Arc<Self>) -> Result<Vec<Wear>, Fault> {
-        self.alone(
-            false,
-            |controller| async move { controller.read_wear().await },
-        )
+        self.alone(false, |controller| async move {
+            let wear = Arc::clone(&controller).read_wear().await;
+            if let Err(Fault::InstrumentFault(_)) = wear
+                && let FrameSource::Rig { rig, .. } = &mut *controller.source.lock().await
+            {
+                // its links may be out of step: it is reassembled
+                *rig = None;
+            }
+            wear
+        })
         .await
     }
 
