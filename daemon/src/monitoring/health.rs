@@ -28,8 +28,8 @@ pub(crate) struct Health {
     pub age: Option<Duration>,
     pub last_gap: Option<Gap>,
     pub counts: Counts,
-    /// Roles and addresses of the instruments.
-    pub instruments: Vec<(&'static str, String)>,
+    /// Roles of the instruments.
+    pub instruments: Vec<&'static str>,
     /// Why they do not reply.
     pub rig_fault: Option<String>,
     pub baseline: Option<(String, Duration)>,
@@ -197,7 +197,7 @@ impl Health {
             None => format!("{role}: ready"),
             Some(why) => format!("{role}: fault: {why}"),
         };
-        let instruments = self.instruments.iter().map(|(role, _)| answers(role));
+        let instruments = self.instruments.iter().map(|role| answers(role));
         let seconds = |time: Duration| time.as_secs_f64();
         let (frame, session) = (self.last_frame.as_ref(), self.session.as_ref());
         let (gap, relays) = (self.last_gap.as_ref(), self.relays.as_ref());
@@ -270,7 +270,7 @@ mod tests {
             age: None,
             last_gap: None,
             counts: Counts::default(),
-            instruments: vec![("source", "memory".into())],
+            instruments: vec!["source"],
             rig_fault: None,
             baseline: Some(("b1".into(), Duration::from_secs(86_400))),
             rules: Vec::new(),

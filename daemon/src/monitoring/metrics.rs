@@ -264,7 +264,7 @@ const METRICS: [Metric; 25] = [
         Values::Flags("role", |at| {
             let up = at.health.rig_fault.is_none();
             let roles = at.health.instruments.iter();
-            roles.map(|(role, _)| (*role, up)).collect()
+            roles.map(|role| (*role, up)).collect()
         }),
     ),
     Metric::new(

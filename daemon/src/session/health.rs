@@ -55,7 +55,7 @@ impl Controller {
                 .identities()
                 .instruments
                 .into_iter()
-                .map(|found| (found.role, found.address))
+                .map(|found| found.role)
                 .collect(),
             rig_fault: self.rig_fault(),
             baseline: self.baseline().map(|baseline| {
