@@ -26,6 +26,7 @@ mod args;
 mod commands;
 pub(crate) mod events;
 pub(crate) mod instruments;
+mod locked;
 mod man;
 mod monitoring;
 pub(crate) mod panics;

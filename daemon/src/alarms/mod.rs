@@ -5,7 +5,7 @@ mod judged;
 pub(crate) mod sink;
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use alarms::{Alarms, Judgement, Order, Refused, Transition, TransitionKind};
 use config::{AlarmSettings, Config, NotifySection};
@@ -16,6 +16,7 @@ use tokio::time::Instant;
 
 use crate::alarms::sink::JudgedFrame;
 use crate::events::kind::EventKind;
+use crate::locked::locked;
 use crate::monitoring::built_in;
 use crate::monitoring::health::Health;
 use crate::monitoring::notices::{Message, Notices};
@@ -112,13 +113,12 @@ impl AlarmDesk {
 
     /// The frames to judge; the first caller takes them.
     pub(crate) fn take_frames(&self) -> Option<mpsc::Receiver<JudgedFrame>> {
-        let waiting = self.waiting.lock();
-        waiting.unwrap_or_else(PoisonError::into_inner).take()
+        locked(&self.waiting).take()
     }
 
     /// All alarms with their rules.
     pub(crate) fn shown(&self) -> Arc<Shown> {
-        let shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        let shown = locked(&self.shown);
         Arc::clone(&shown)
     }
 
@@ -214,7 +214,7 @@ impl AlarmDesk {
             alarms: desk.alarms.clone(),
             rules: Arc::clone(&desk.rules),
         });
-        *self.shown.lock().unwrap_or_else(PoisonError::into_inner) = shown;
+        *locked(&self.shown) = shown;
     }
 }
 

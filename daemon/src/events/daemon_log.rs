@@ -1,12 +1,13 @@
 //! Writes events that belong to no session to the daemon log, on a separate thread; callers do not wait.
 
 use std::path::PathBuf;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use crate::events::event::Event;
+use crate::locked::locked;
 use survey::error_chain as chain;
 
 /// Events that may wait for the disk; further ones are counted.
@@ -40,7 +41,7 @@ impl DaemonLogWriter {
 
     /// Queues an event.
     pub(crate) fn note(&self, event: &Event) {
-        let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut writer = locked(&self.writer);
         if writer.is_none() {
             *writer = start(self.directory.clone());
         }
@@ -67,11 +68,7 @@ impl DaemonLogWriter {
 
     /// Waits until everything is on disk, for a limited time.
     pub(crate) async fn close(&self) {
-        let writer = self
-            .writer
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
+        let writer = locked(&self.writer).take();
         if let Some(Writer { queue, done }) = writer {
             drop(queue);
             let _ = tokio::time::timeout(CLOSE_TIMEOUT, done).await;

@@ -2,7 +2,7 @@
 //! Events of a session are written to the record by its recorder.
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use tokio::sync::mpsc::{self, error::TrySendError};
@@ -11,6 +11,7 @@ use crate::events::daemon_log::DaemonLogWriter;
 use crate::events::event::{BusEvent, Event};
 use crate::events::kind::EventKind;
 use crate::events::rate_limit::RateLimit;
+use crate::locked::locked;
 
 /// Events that may wait for one connection; it loses further ones, and will soon be closed as unresponsive.
 const QUEUE: usize = 256;
@@ -52,7 +53,7 @@ impl EventLog {
 
     /// To the bus only. A connection whose queue is full loses the event.
     pub(crate) fn publish(&self, event: &BusEvent) {
-        self.connections().retain(|connection| {
+        locked(&self.0.connections).retain(|connection| {
             !matches!(
                 connection.try_send(event.clone()),
                 Err(TrySendError::Closed(_))
@@ -68,7 +69,7 @@ impl EventLog {
     /// Subscribes one more connection to the events from now on, until the receiver is dropped.
     pub(crate) fn subscribe(&self) -> mpsc::Receiver<BusEvent> {
         let (connection, events) = mpsc::channel(QUEUE);
-        self.connections().push(connection);
+        locked(&self.0.connections).push(connection);
         events
     }
 
@@ -83,16 +84,11 @@ impl EventLog {
             let sent = |connection: &mpsc::Sender<BusEvent>| {
                 connection.capacity() == QUEUE || connection.is_closed()
             };
-            if self.connections().iter().all(sent) {
+            if locked(&self.0.connections).iter().all(sent) {
                 break;
             }
             tokio::time::sleep(FLUSH_CHECK_INTERVAL).await;
         }
         self.0.daemon_log.close().await;
-    }
-
-    fn connections(&self) -> MutexGuard<'_, Vec<mpsc::Sender<BusEvent>>> {
-        let connections = self.0.connections.lock();
-        connections.unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -2,12 +2,13 @@
 //! summarised. Record and bus receive all events.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::time::Duration;
 
 use tokio::time::Instant;
 
 use crate::events::kind::{EventKind, Severity};
+use crate::locked::locked;
 
 /// Period in which one kind is not logged again.
 pub(crate) const REPEAT_INTERVAL: Duration = Duration::from_secs(600);
@@ -43,7 +44,7 @@ impl RateLimit {
     pub(crate) fn catch_up(&self) {
         let now = Instant::now();
         let mut due = Vec::new();
-        self.kinds().retain(|kind, written| {
+        locked(&self.0).retain(|kind, written| {
             if now.duration_since(written.at) < REPEAT_INTERVAL {
                 return true;
             }
@@ -66,7 +67,7 @@ impl RateLimit {
     /// How many events of the kind were suppressed since the last written one; `None` if this one is suppressed too.
     fn suppressed(&self, kind: EventKind) -> Option<u64> {
         let now = Instant::now();
-        let mut kinds = self.kinds();
+        let mut kinds = locked(&self.0);
         let Some(written) = kinds.get_mut(&kind) else {
             kinds.insert(kind, Written { at: now, more: 0 });
             return Some(0);
@@ -77,10 +78,6 @@ impl RateLimit {
         }
         written.at = now;
         Some(std::mem::take(&mut written.more))
-    }
-
-    fn kinds(&self) -> MutexGuard<'_, BTreeMap<EventKind, Written>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -1,11 +1,13 @@
 //! Counters since the start of the daemon, over all sessions.
 
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
 use rig::{Clock, SystemClock};
+
+use crate::locked::locked;
 
 /// Upper bounds of the reconstruction time histogram, s; the last bin has none.
 pub(crate) const RECONSTRUCTION_S: [f64; 8] = [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0];
@@ -82,13 +84,13 @@ impl Counters {
     pub(crate) fn count_durable(&self, frame: LastFrame, overloads: u64) {
         self.durable.fetch_add(1, Ordering::Relaxed);
         self.overloads.fetch_add(overloads, Ordering::Relaxed);
-        self.last().frame = Some(frame);
+        locked(&self.last).frame = Some(frame);
     }
 
     /// Counts a map, on time or late, that took this time.
     pub(crate) fn count_map(&self, took: Duration) {
         let seconds = took.as_secs_f64();
-        let mut last = self.last();
+        let mut last = locked(&self.last);
         last.reconstruction.count += 1;
         last.reconstruction.sum_s += seconds;
         let place = RECONSTRUCTION_S.iter().position(|most| seconds <= *most);
@@ -117,23 +119,19 @@ impl Counters {
     /// Records why the last missing frame is missing.
     pub(crate) fn gap(&self, at: DateTime<Utc>, text: &str) {
         let text = text.to_owned();
-        self.last().gap = Some(Gap { at, text });
+        locked(&self.last).gap = Some(Gap { at, text });
     }
 
     pub(crate) fn last_frame(&self) -> Option<LastFrame> {
-        self.last().frame.clone()
+        locked(&self.last).frame.clone()
     }
 
     pub(crate) fn last_gap(&self) -> Option<Gap> {
-        self.last().gap.clone()
+        locked(&self.last).gap.clone()
     }
 
     pub(crate) fn reconstruction(&self) -> Reconstruction {
-        self.last().reconstruction
-    }
-
-    fn last(&self) -> MutexGuard<'_, Last> {
-        self.last.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.last).reconstruction
     }
 }
 

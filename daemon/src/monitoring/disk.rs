@@ -1,10 +1,12 @@
 //! Free disk space for sessions, and how long it lasts at the rate of the running session.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use logbook::Volume;
+
+use crate::locked::locked;
 
 /// Free bytes of a folder's file system for unprivileged users.
 ///
@@ -85,7 +87,7 @@ impl Disk {
     ) -> FreeSpace {
         let look = async {
             let looking = Arc::clone(&self.looking).lock_owned().await;
-            let last = self.state().at;
+            let last = locked(&self.seen).at;
             if last.is_some_and(|at| now.saturating_sub(at) < CACHE_TIME) {
                 return;
             }
@@ -97,13 +99,13 @@ impl Disk {
             let _ = look.await;
         };
         let _ = tokio::time::timeout(QUERY_TIMEOUT, look).await;
-        self.state().space
+        locked(&self.seen).space
     }
 
     fn measure(&self, directory: &Path, file: Option<PathBuf>, now: Duration) {
         let free = free_bytes(directory).ok();
         let volume = file.and_then(|path| Some((logbook::volume(&path).ok()?, path)));
-        let mut seen = self.state();
+        let mut seen = locked(&self.seen);
         seen.at = Some(now);
         seen.space = FreeSpace {
             free,
@@ -125,10 +127,6 @@ impl Disk {
                 });
             }
         }
-    }
-
-    fn state(&self) -> std::sync::MutexGuard<'_, DiskState> {
-        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -14,10 +14,11 @@ mod relay_life;
 pub(crate) mod service_manager;
 
 use std::net::SocketAddr;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crate::instruments::relay_wear::Wear;
+use crate::locked::locked;
 
 pub(crate) use crate::monitoring::counters::Counters;
 pub(crate) use crate::monitoring::disk::Disk;
@@ -46,7 +47,7 @@ impl Observed {
 
     /// The relay with the shortest remaining life, at the time when the counters were read.
     pub(crate) fn relays(&self) -> Option<RelayLife> {
-        let identities = self.relays.lock().unwrap_or_else(PoisonError::into_inner);
+        let identities = locked(&self.relays);
         identities.clone()
     }
 
@@ -54,16 +55,16 @@ impl Observed {
     pub(crate) fn set_relays(&self, wear: &[Wear], period: Duration) {
         let frames = crate::monitoring::counters::read(&self.counters.acquired);
         let worst = RelayLife::worst(wear, period, frames);
-        *self.relays.lock().unwrap_or_else(PoisonError::into_inner) = worst;
+        *locked(&self.relays) = worst;
     }
 
     /// Address of the metrics endpoint; `None` without one.
     pub(crate) fn metrics(&self) -> Option<SocketAddr> {
-        *self.metrics.lock().unwrap_or_else(PoisonError::into_inner)
+        *locked(&self.metrics)
     }
 
     /// Sets the address of the metrics endpoint.
     pub(crate) fn set_metrics(&self, address: Option<SocketAddr>) {
-        *self.metrics.lock().unwrap_or_else(PoisonError::into_inner) = address;
+        *locked(&self.metrics) = address;
     }
 }

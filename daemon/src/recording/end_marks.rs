@@ -11,10 +11,12 @@ use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+
+use crate::locked::locked;
 
 /// Name of the file in the record's directory; in the runtime directory the record's directory is added.
 const FILE: &str = "ended-sessions";
@@ -76,7 +78,7 @@ impl EndMarks {
 
     /// Marks a session as ended; the result tells which files are on disk when this returns.
     pub(crate) fn mark(&self, session: &str, at_ns: i64, reason: &str) -> Marked {
-        let _alone = self.changes.lock().unwrap_or_else(PoisonError::into_inner);
+        let _alone = locked(&self.changes);
         let mark = Mark {
             session: session.to_owned(),
             at_ns,
@@ -123,7 +125,7 @@ impl EndMarks {
 
     /// Removes the mark of a session whose own file records the end. A remaining mark is harmless.
     pub(crate) fn clear(&self, session: &str) {
-        let _alone = self.changes.lock().unwrap_or_else(PoisonError::into_inner);
+        let _alone = locked(&self.changes);
         for path in [&self.until_restart, &self.durable] {
             if let Err(cause) = clear_mark(path, session) {
                 tracing::debug!("{}: {cause}", path.display());

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 use chrono::{DateTime, Utc};
 use dbus::Fault;
@@ -10,6 +10,8 @@ use logbook::{Index, LogbookError, SessionKind, SessionReader, SessionSummary};
 use survey::Baseline;
 
 use survey::error_chain as chain;
+
+use crate::locked::locked;
 
 /// Most files that are read during the start; more are read in the background.
 const WHILE_STARTING: usize = 200;
@@ -38,27 +40,23 @@ impl Records {
         }
     }
 
-    fn known(&self) -> MutexGuard<'_, Cached> {
-        self.known.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Removes or folds in what killed daemons left in the folder. The caller must hold the folder's lock.
     ///
     /// # Errors
     /// The folder cannot be read.
     pub(crate) fn tidy(&self) -> Result<logbook::TidyReport, LogbookError> {
-        self.known().index.tidy()
+        locked(&self.known).index.tidy()
     }
 
     /// Whether reading takes so long that it should not delay the start.
     pub(crate) fn takes_long(&self) -> bool {
-        let unknown = self.known().index.unknown();
+        let unknown = locked(&self.known).index.unknown();
         unknown.is_ok_and(|unknown| unknown > WHILE_STARTING)
     }
 
     /// The up-to-date index. Blocks while files are read.
     fn now(&self) -> Result<MutexGuard<'_, Cached>, LogbookError> {
-        let mut known = self.known();
+        let mut known = locked(&self.known);
         known.index.refresh()?;
         if let Err(error) = known.index.save() {
             tracing::debug!("{}", chain(&error));
@@ -91,7 +89,7 @@ impl Records {
         &self,
         time: DateTime<Utc>,
     ) -> Result<Vec<SessionSummary>, LogbookError> {
-        let mut known = self.known();
+        let mut known = locked(&self.known);
         known.index.refresh_since(time)?;
         Ok(known.index.interrupted())
     }

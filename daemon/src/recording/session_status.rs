@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 use dbus::Fault;
@@ -13,6 +13,7 @@ use tokio::sync::mpsc::WeakSender;
 use tokio::sync::{OnceCell, SetOnce, oneshot, watch};
 
 use crate::events::event::Event;
+use crate::locked::locked;
 use crate::monitoring::Counters;
 use crate::monitoring::counters::LastFrame;
 use crate::recording::end_marks::Marked;
@@ -234,13 +235,13 @@ impl SessionStatus {
     }
 
     pub(crate) fn path(&self) -> PathBuf {
-        let path = self.path.lock().unwrap_or_else(PoisonError::into_inner);
+        let path = locked(&self.path);
         path.clone()
     }
 
     /// Sets the file of the next part.
     pub(crate) fn set_path(&self, path: &Path) {
-        let mut now = self.path.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut now = locked(&self.path);
         path.clone_into(&mut now);
     }
 
@@ -332,25 +333,17 @@ impl SessionStatus {
     }
 
     pub(crate) fn latest_frame(&self) -> Option<Arc<Published>> {
-        self.latest
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .frame
-            .clone()
+        locked(&self.latest).frame.clone()
     }
 
     /// The last frame with a map.
     pub(crate) fn latest_map(&self) -> Option<Arc<Published>> {
-        self.latest
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .with_map
-            .clone()
+        locked(&self.latest).with_map.clone()
     }
 
     /// Requests the end of the session; the first reason given is kept.
     pub(crate) fn stop(&self, why: &str) {
-        let mut first = self.why.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut first = locked(&self.why);
         if first.is_empty() {
             why.clone_into(&mut first);
         }
@@ -381,10 +374,7 @@ impl SessionStatus {
 
     /// The reason of the stop request.
     pub(crate) fn stop_reason(&self) -> String {
-        self.why
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone()
+        locked(&self.why).clone()
     }
 
     /// Subscribes to the stop request.
@@ -394,7 +384,7 @@ impl SessionStatus {
 
     pub(crate) fn suspend(&self, suspend: bool) {
         if self.suspend.send_replace(suspend) && !suspend {
-            let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut pace = locked(&self.pace);
             pace.from = self.counters.now();
         }
     }
@@ -406,7 +396,7 @@ impl SessionStatus {
 
     /// Since when a frame is expected, and when the first and the last one began, by the daemon's clock.
     pub(crate) fn pace(&self) -> (Duration, Option<Duration>, Option<Duration>) {
-        let pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+        let pace = locked(&self.pace);
         (pace.from, pace.first, pace.last)
     }
 
@@ -460,13 +450,13 @@ impl FrameSink for Arc<SessionStatus> {
                 self.counters.count_map(published.reconstruction);
             }
             {
-                let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut pace = locked(&self.pace);
                 let at = published.frame.monotonic;
                 pace.first.get_or_insert(at);
                 pace.last = Some(at);
             }
             {
-                let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut latest = locked(&self.latest);
                 if published.map.is_some() {
                     latest.with_map = Some(Arc::clone(published));
                 }
@@ -479,7 +469,7 @@ impl FrameSink for Arc<SessionStatus> {
 
     fn late_map(&mut self, published: &Arc<Published>) -> Result<(), LogbookError> {
         self.counters.count_map(published.reconstruction);
-        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut latest = locked(&self.latest);
         latest.with_map = Some(Arc::clone(published));
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use std::io::ErrorKind;
 use std::os::fd::OwnedFd;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use dbus::stream::{Body, Record};
@@ -10,6 +10,7 @@ use tokio::io::{AsyncWriteExt, Interest};
 use tokio::net::UnixStream;
 use tokio::sync::Notify;
 
+use crate::locked::locked;
 use crate::panics::containment::{PanicScope, answer};
 use crate::recording::ring::Ring;
 
@@ -55,12 +56,6 @@ struct Waiting {
     gone: bool,
 }
 
-impl Reader {
-    fn waiting(&self) -> std::sync::MutexGuard<'_, Waiting> {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 impl Readers {
     /// Adds a reader and returns its end of the socket; `place` is dropped when it is closed. Must be called inside the
     /// runtime.
@@ -82,9 +77,9 @@ impl Readers {
             news: Notify::new(),
             over: Notify::new(),
         });
-        let mut readers = self.lock();
+        let mut readers = locked(&self.readers);
         // without publishing, many readers may have connected and disconnected
-        readers.retain(|reader| !reader.waiting().gone);
+        readers.retain(|reader| !locked(&reader.waiting).gone);
         readers.push(Arc::clone(&reader));
         drop(readers);
         tokio::spawn(async move {
@@ -97,7 +92,7 @@ impl Readers {
 
     /// Whether there is any reader.
     pub(crate) fn is_empty(&self) -> bool {
-        self.lock().is_empty()
+        locked(&self.readers).is_empty()
     }
 
     /// Whether any of them wants the load after every injection.
@@ -111,14 +106,14 @@ impl Readers {
     }
 
     fn any_wants(&self, what: impl Fn(&Wanted) -> bool) -> bool {
-        let wants = |reader: &Arc<Reader>| what(&reader.wanted) && !reader.waiting().gone;
-        self.lock().iter().any(wants)
+        let wants = |reader: &Arc<Reader>| what(&reader.wanted) && !locked(&reader.waiting).gone;
+        locked(&self.readers).iter().any(wants)
     }
 
     /// Sends a record to all readers that requested its kind; never waits.
     pub(crate) fn publish(&self, record: &Record) {
-        let mut readers = self.lock();
-        readers.retain(|reader| !reader.waiting().gone);
+        let mut readers = locked(&self.readers);
+        readers.retain(|reader| !locked(&reader.waiting).gone);
         if readers.is_empty() {
             return;
         }
@@ -137,7 +132,7 @@ impl Readers {
                 Body::End { .. } => true,
             };
             if wants {
-                let mut waiting = reader.waiting();
+                let mut waiting = locked(&reader.waiting);
                 waiting.ring.push(Arc::clone(&encoded));
                 waiting.ended |= ended;
                 drop(waiting);
@@ -150,10 +145,6 @@ impl Readers {
         if ended {
             readers.clear();
         }
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Arc<Reader>>> {
-        self.readers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -168,14 +159,14 @@ async fn serve(reader: Arc<Reader>, mut socket: UnixStream) {
         () = write(&reader, &mut socket) => {}
         () = late => {}
     }
-    reader.waiting().gone = true;
+    locked(&reader.waiting).gone = true;
 }
 
 /// Writes until the end is sent, or the reader is gone.
 async fn write(reader: &Reader, socket: &mut UnixStream) {
     loop {
         let (record, ended) = {
-            let mut waiting = reader.waiting();
+            let mut waiting = locked(&reader.waiting);
             (waiting.ring.pop(), waiting.ended)
         };
         let goes_on = match record {
@@ -301,7 +292,11 @@ mod tests {
         // nothing is published: only closing is detected
         given_back.await.unwrap_err();
         let more = readers.add(wanted, ()).unwrap();
-        assert_eq!(readers.lock().len(), 2, "who is gone is forgotten");
+        assert_eq!(
+            locked(&readers.readers).len(),
+            2,
+            "who is gone is forgotten"
+        );
         drop(more);
         readers.publish(&Record {
             body: Body::End {

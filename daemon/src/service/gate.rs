@@ -6,7 +6,7 @@
 //! the rig or the record inconsistent.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use dbus::Fault;
 use tokio::runtime::{Builder, Handle, Runtime};
@@ -19,6 +19,8 @@ use zbus::{Connection, MatchRule, MessageStream};
 use super::bus_socket::Queue;
 use super::caller::{self, Caller};
 use super::limit::User;
+
+use crate::locked::locked;
 
 /// Threads for each connection type: one may be busy with a long reply while another continues.
 const THREADS: usize = 2;
@@ -127,10 +129,6 @@ impl Gate {
         })
     }
 
-    fn present(&self) -> MutexGuard<'_, BTreeMap<String, Present>> {
-        self.present.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Follows callers that leave the bus, until the task is dropped or the bus is gone.
     ///
     /// # Errors
@@ -155,7 +153,7 @@ impl Gate {
                 if let Ok((name, _, owner)) = body.deserialize::<(&str, &str, &str)>()
                     && owner.is_empty()
                 {
-                    gate.present().remove(name);
+                    locked(&gate.present).remove(name);
                     if let Some(waiting) = &gate.waiting {
                         waiting.forget(name);
                     }
@@ -171,7 +169,7 @@ impl Gate {
 
     /// The connection has ended: all callers are gone.
     pub(super) fn all_left(&self) {
-        self.present().clear();
+        locked(&self.present).clear();
     }
 
     /// Who sent a message, for records.
@@ -199,7 +197,7 @@ impl Gate {
         header: &Header<'_>,
     ) -> Result<Option<Client>, Fault> {
         if self.authorizer == Authorizer::Peer {
-            let present = self.present();
+            let present = locked(&self.present);
             let Some(peer) = present.get("") else {
                 return Ok(None);
             };
@@ -215,7 +213,7 @@ impl Gate {
         }
         // registered before the bus is queried, so that a later disconnect is noticed
         let (cell, presence) = {
-            let mut present = self.present();
+            let mut present = locked(&self.present);
             let known = present
                 .entry(sender.to_string())
                 .or_insert_with(|| Present::new(OnceCell::new()));
@@ -237,7 +235,7 @@ impl Gate {
                 }))
             }
             Err(error) => {
-                self.present().remove(sender.as_str());
+                locked(&self.present).remove(sender.as_str());
                 tracing::debug!("the bus does not say who {sender} is: {error}");
                 Err(refusal(&format!("the bus does not say who asks: {error}")))
             }

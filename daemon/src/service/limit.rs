@@ -6,9 +6,11 @@
 //! limits, so that reading and waiting calls cannot block a stop.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 
 use dbus::Fault;
+
+use crate::locked::locked;
 
 /// Calls replied at once from memory. A program has a few at a time.
 pub(super) static QUERIES: Limit = Limit::new("calls that are not answered yet", 64, 512);
@@ -93,16 +95,12 @@ impl Limit {
         }
     }
 
-    fn held(&self) -> MutexGuard<'_, BTreeMap<User, usize>> {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Takes one use.
     ///
     /// # Errors
     /// [`Fault::LimitsExceeded`]: the user's limit or the total is reached.
     pub(crate) fn take(&'static self, who: User) -> Result<Permit, Fault> {
-        let mut held = self.held();
+        let mut held = locked(&self.held);
         let own = held.get(&who).copied().unwrap_or(0);
         let alike = held
             .iter()
@@ -125,7 +123,7 @@ impl Limit {
 
 impl Drop for Permit {
     fn drop(&mut self) {
-        let mut held = self.limit.held();
+        let mut held = locked(&self.limit.held);
         if let Some(own) = held.get_mut(&self.who) {
             *own -= 1;
             if *own == 0 {
@@ -168,7 +166,7 @@ mod tests {
         drop(first);
         let _third = TWO_EACH.take(ann).unwrap();
         drop(other);
-        assert_eq!(TWO_EACH.held().len(), 1, "who has none is forgotten");
+        assert_eq!(locked(&TWO_EACH.held).len(), 1, "who has none is forgotten");
     }
 
     #[test]

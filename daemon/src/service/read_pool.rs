@@ -4,11 +4,12 @@
 //! have a few requests, users are served in turn, and requests of disconnected callers are skipped.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, PoisonError};
 
 use dbus::Fault;
 use tokio::sync::oneshot;
 
+use crate::locked::locked;
 use crate::panics::containment;
 use crate::service::limit::{READ_JOBS, User};
 
@@ -85,13 +86,9 @@ impl Pool {
         }
     }
 
-    fn waiting(&self) -> MutexGuard<'_, Waiting> {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Queues a job after those of the same user.
     fn push(&'static self, user: User, job: Job) -> Result<(), Fault> {
-        let mut waiting = self.waiting();
+        let mut waiting = locked(&self.waiting);
         if waiting.idle == 0 && waiting.threads < self.most {
             let started = std::thread::Builder::new()
                 .name("reading".to_owned())
@@ -116,13 +113,13 @@ impl Pool {
     }
 
     fn work(&self) {
-        let mut waiting = self.waiting();
+        let mut waiting = locked(&self.waiting);
         loop {
             if let Some(job) = waiting.next() {
                 drop(waiting);
                 // its caller notices the missing result
                 let _ = containment::run(job);
-                waiting = self.waiting();
+                waiting = locked(&self.waiting);
             } else {
                 waiting.idle += 1;
                 waiting = self

@@ -1,9 +1,9 @@
 //! The standard deviation of maps, on a thread of its own: neither frames nor their maps wait for it. It is computed while somebody
 //! reads it, at most once in a second of frames.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, PoisonError};
 
 use dbus::stream::Body;
 use eit::Reconstructor;
@@ -11,6 +11,7 @@ use imaging::Tracking;
 use survey::error_chain as chain;
 
 use super::FrameRequest;
+use crate::locked::locked;
 use crate::panics::containment;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream_sink::StreamSink;
@@ -90,7 +91,7 @@ fn run(
         match found {
             Ok(values) => {
                 let latest = &sink.0.deviation;
-                let mut latest = latest.lock().unwrap_or_else(PoisonError::into_inner);
+                let mut latest = locked(latest);
                 *latest = Some((followed.sequence, values.clone()));
                 drop(latest);
                 let mesh_hash = mesh.hash().to_owned();

@@ -1,7 +1,7 @@
 //! The load after every injection, on a thread of its own: neither frames nor their maps wait for it. It is computed while somebody
 //! reads it, from the newest injection, for at most half of the time.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use dbus::stream::Body;
@@ -12,6 +12,7 @@ use rig::InjectionReadings;
 use survey::{error_chain as chain, nanoseconds};
 use tokio::sync::mpsc;
 
+use crate::locked::locked;
 use crate::panics::containment;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream_sink::StreamSink;
@@ -24,12 +25,8 @@ const WAITING: usize = 64;
 pub(super) struct SharedTracking(Arc<Mutex<Option<Arc<Tracking>>>>);
 
 impl SharedTracking {
-    fn place(&self) -> std::sync::MutexGuard<'_, Option<Arc<Tracking>>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     pub(super) fn set(&self, tracking: Option<&Tracking>) {
-        *self.place() = tracking.map(|tracking| Arc::new(tracking.clone()));
+        *locked(&self.0) = tracking.map(|tracking| Arc::new(tracking.clone()));
     }
 }
 
@@ -81,7 +78,7 @@ impl Injections {
     }
 
     fn publish(&self, sink: &StreamSink, window: &InjectionWindow, last: &InjectionReadings) {
-        let Some(tracking) = self.tracking.place().clone() else {
+        let Some(tracking) = locked(&self.tracking.0).clone() else {
             return;
         };
         match tracking.after_injection(window, last.drive, seconds(last.wall)) {

@@ -1,6 +1,6 @@
 //! The D-Bus interface of a session: a baseline being recorded, or a measurement.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 
 use dbus::{
     Fault, FrameSummary, LatestFrame, LatestMap, LatestPressure, LatestQuantities, MapDetails,
@@ -9,6 +9,7 @@ use dbus::{
 use zbus::object_server::SignalEmitter;
 use zbus::{OwnedFd, interface};
 
+use crate::locked::locked;
 use crate::recording::session_status::SessionStatus;
 use crate::recording::stream::Wanted;
 use crate::recording::stream_sink::volts;
@@ -115,8 +116,7 @@ impl Session1 {
         let nothing = || Fault::NoFrame("the session has no map yet".into());
         let latest = self.0.latest_map().ok_or_else(nothing)?;
         let map = latest.map.as_ref().ok_or_else(nothing)?;
-        let deviation = self.0.deviation.lock();
-        let deviation = deviation.unwrap_or_else(PoisonError::into_inner).clone();
+        let deviation = locked(&self.0.deviation).clone();
         Ok(LatestMap {
             sequence: latest.frame.sequence,
             wall_ns: nanoseconds(latest.frame.wall),

@@ -16,7 +16,7 @@ pub(crate) use crate::session::controller::session_options::{no_baseline, no_pla
 
 use std::collections::{HashMap, VecDeque};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 use chrono::{DateTime, Utc};
 use rig::{Clock, RingTranscript, SystemClock};
@@ -33,6 +33,7 @@ use crate::instruments::identities::ExpectedIdentities;
 use crate::instruments::lock::InstrumentLocks;
 use crate::instruments::rig_plan::RigPlan;
 use crate::instruments::simulation::SimulatedRig;
+use crate::locked::locked;
 use crate::monitoring::Observed;
 use crate::monitoring::heartbeat::Heartbeats;
 use crate::monitoring::service_manager;
@@ -88,7 +89,7 @@ impl Runtime {
 
 /// The state of the daemon, and the operations that change it.
 pub(crate) struct Controller {
-    runtime: RwLock<Arc<Runtime>>,
+    runtime: Mutex<Arc<Runtime>>,
     /// Where events are reported.
     pub events: EventLog,
     /// The daemon's problems and the rules of `[[alarm]]`.
@@ -194,7 +195,7 @@ impl Controller {
         }
         let ends = EndMarks::open(&setup.record_directory, &setup.config.runtime_directory());
         Arc::new(Self {
-            runtime: RwLock::new(Arc::new(runtime)),
+            runtime: Mutex::new(Arc::new(runtime)),
             events,
             alarms,
             observed: Observed::new(clock),
@@ -261,24 +262,18 @@ impl Controller {
         let _ = self.begun.subscribe().wait_for(|begun| *begun).await;
     }
 
-    fn held_locks(&self) -> InstrumentLocks {
-        let held = self.locks.lock().unwrap_or_else(PoisonError::into_inner);
-        held.clone()
-    }
-
     /// Keeps the locks of the instruments.
     pub(crate) fn hold(&self, locks: InstrumentLocks) {
-        *self.locks.lock().unwrap_or_else(PoisonError::into_inner) = locks;
+        *locked(&self.locks) = locks;
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.inner)
     }
 
     /// The resolved configuration in force.
     pub(crate) fn runtime(&self) -> Arc<Runtime> {
-        let runtime = self.runtime.read().unwrap_or_else(PoisonError::into_inner);
-        Arc::clone(&runtime)
+        Arc::clone(&locked(&self.runtime))
     }
 
     /// The expected instruments.

@@ -1,6 +1,6 @@
 //! Reloads the configuration. An invalid one changes nothing.
 
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 
 use crate::events::kind::EventKind;
 use dbus::Fault;
@@ -9,6 +9,7 @@ use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
 use crate::instruments::assembly::{OnClosedRelays, assemble};
 use crate::instruments::identities::ExpectedIdentities;
+use crate::locked::locked;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::session::controller::{Controller, Runtime};
 use crate::session::state::Trigger;
@@ -100,7 +101,7 @@ impl Controller {
             None => prepared.simulated_rig().map_err(Fault::Configuration)?,
         };
         let (runtime, frames) = Runtime::of(prepared, simulated_rig, old.clock);
-        let mut locks = self.held_locks();
+        let mut locks = locked(&self.locks).clone();
         if let Some(plan) = runtime.plan.clone() {
             let of_rig = tokio::task::spawn_blocking(move || locks.of_rig(&plan.instruments));
             locks = of_rig
@@ -159,7 +160,7 @@ impl Controller {
             }
         };
         self.alarms.take_rules(&runtime.setup.config).await;
-        *self.runtime.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(runtime);
+        *locked(&self.runtime) = Arc::new(runtime);
         // they depend on the model
         self.remarked.lock().await.clear();
         drop(source);

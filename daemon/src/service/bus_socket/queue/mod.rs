@@ -6,11 +6,13 @@ mod tests;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::os::fd::OwnedFd;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, PoisonError};
 
 use tokio::sync::Notify;
 
 use super::header::{self, Header};
+
+use crate::locked::locked;
 
 /// Sender of the broker's own messages; cannot be forged.
 const BROKER: &str = "org.freedesktop.DBus";
@@ -94,13 +96,9 @@ impl Queue {
         }
     }
 
-    fn waiting(&self) -> MutexGuard<'_, Waiting> {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Serves this sender before untrusted ones, until [`Queue::forget`].
     pub(crate) fn prefer(&self, sender: &str) {
-        let mut waiting = self.waiting();
+        let mut waiting = locked(&self.waiting);
         if !waiting.trusted.insert(sender.to_owned()) {
             return;
         }
@@ -115,7 +113,7 @@ impl Queue {
 
     /// Removes a sender that has left the bus; its name is never reused.
     pub(crate) fn forget(&self, sender: &str) {
-        let mut waiting = self.waiting();
+        let mut waiting = locked(&self.waiting);
         waiting.trusted.remove(sender);
         if let Some(own) = waiting.unanswered.remove(sender) {
             waiting.unanswered_all -= own.all;
@@ -127,7 +125,7 @@ impl Queue {
 
     /// Records that a call has been served; returns whether its sender expected no reply.
     pub(super) fn is_served(&self, sender: &str, serial: u32) -> bool {
-        let served = self.waiting().is_served(sender, serial);
+        let served = locked(&self.waiting).is_served(sender, serial);
         if served {
             self.arrived.notify_one();
         }
@@ -136,7 +134,7 @@ impl Queue {
 
     /// Adds a message after those of its sender. Waits if too many bytes are queued.
     pub(super) fn push(&self, message: &[u8], descriptors: Vec<OwnedFd>) -> Disposition {
-        let mut waiting = self.waiting();
+        let mut waiting = locked(&self.waiting);
         while waiting.bytes >= MOST_BYTES && !waiting.ended {
             waiting = self
                 .drained
@@ -155,7 +153,7 @@ impl Queue {
     pub(super) async fn next(&self) -> Option<Incoming> {
         loop {
             {
-                let mut waiting = self.waiting();
+                let mut waiting = locked(&self.waiting);
                 let full = waiting.bytes >= MOST_BYTES;
                 if let Some(next) = waiting.take() {
                     if full {
@@ -173,7 +171,7 @@ impl Queue {
 
     /// Ends the queue.
     pub(super) fn end(&self) {
-        self.waiting().ended = true;
+        locked(&self.waiting).ended = true;
         self.arrived.notify_one();
         self.drained.notify_all();
     }

@@ -31,13 +31,13 @@ fn taken(queue: &Queue) -> Vec<(String, u32)> {
         let (_, body) = next.bytes.split_last_chunk::<4>().unwrap();
         taken.push((sender, u32::from_ne_bytes(*body)));
     }
-    let left = queue.waiting();
+    let left = locked(&queue.waiting);
     assert_eq!((left.bytes, left.calls.len()), (0, 0));
     taken
 }
 
 fn take(queue: &Queue) -> Option<Incoming> {
-    queue.waiting().take()
+    locked(&queue.waiting).take()
 }
 
 fn pairs(taken: &[(String, u32)]) -> Vec<(&str, u32)> {
@@ -108,8 +108,8 @@ fn a_call_without_answer_counts_until_it_has_been_served() {
     // a sender that disconnects is not waited for
     queue.forget(":1.1");
     assert!(!queue.is_served(":1.1", serial));
-    assert_eq!(queue.waiting().unanswered_all, 0);
-    assert!(queue.waiting().unanswered.is_empty());
+    assert_eq!(locked(&queue.waiting).unanswered_all, 0);
+    assert!(locked(&queue.waiting).unanswered.is_empty());
     assert_eq!(taken(&queue).len(), UNANSWERED_EACH - 1);
 }
 
@@ -151,7 +151,7 @@ fn the_trusted_have_every_second_turn() {
         ]
     );
     queue.forget(":1.3");
-    assert!(queue.waiting().trusted.is_empty());
+    assert!(locked(&queue.waiting).trusted.is_empty());
 }
 
 #[test]
@@ -168,7 +168,7 @@ fn what_has_no_effect_is_not_kept() {
     assert_eq!(push(&queue, &signal(":1.1")), Disposition::Ignored);
     push(&queue, &call(":1.1", "State", true, 1));
     assert_eq!(push(&queue, &signal(BROKER)), Disposition::Queued);
-    let first = queue.waiting().take().unwrap();
+    let first = locked(&queue.waiting).take().unwrap();
     assert!(header::read(&first.bytes).unwrap().is_signal());
     assert_eq!(pairs(&taken(&queue)), [(":1.1", 1)]);
 }
