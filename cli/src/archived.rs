@@ -10,7 +10,6 @@ use config::path_from_environment;
 use crate::args::{Global, Sessions};
 use crate::failure::Failure;
 use crate::output::Printer;
-use crate::output::table::columns;
 use crate::output::time::local;
 
 /// Where the daemon's configuration is installed.
@@ -74,19 +73,11 @@ pub(crate) fn list(
         to: requested.to,
         most: None,
     })?;
-    if printer.is_json() {
-        return sessions
-            .iter()
-            .try_for_each(|session| printer.record(session, |_| String::new()));
-    }
     if sessions.is_empty() {
         return printer.text("no session of the archive that this role may see fits; `tactus archive status` compares the record with it");
     }
-    let rows: Vec<[String; 6]> = sessions.iter().map(row).collect();
-    printer.text(&columns(
-        ["session", "kind", "started", "frames", "ended", "note"],
-        &rows,
-    ))
+    let heading = ["session", "kind", "started", "frames", "ended", "note"];
+    printer.table(heading, &sessions, row)
 }
 
 fn row(session: &ArchivedSession) -> [String; 6] {

@@ -11,7 +11,6 @@ use serde::Serialize;
 use crate::connection::Daemon;
 use crate::failure::Failure;
 use crate::output::Printer;
-use crate::output::table::columns;
 
 /// A line of `instruments --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
@@ -50,31 +49,20 @@ fn show(found: &[Instrument], printer: &mut Printer<impl Write>) -> Result<(), F
     if found.is_empty() {
         return printer.text("the daemon plays a recording; there is no instrument");
     }
-    if printer.is_json() {
-        return found
-            .iter()
-            .try_for_each(|instrument| printer.record(instrument, |_| String::new()));
-    }
-    let rows: Vec<[String; 5]> = found
-        .iter()
-        .map(|instrument| {
-            [
-                instrument.id.clone(),
-                instrument.role.clone(),
-                brief(&instrument.state),
-                if instrument.simulated {
-                    format!("{} (SIMULATED)", instrument.address)
-                } else {
-                    instrument.address.clone()
-                },
-                instrument.identity.clone(),
-            ]
-        })
-        .collect();
-    printer.text(&columns(
-        ["id", "role", "state", "address", "identity"],
-        &rows,
-    ))
+    let heading = ["id", "role", "state", "address", "identity"];
+    printer.table(heading, found, |instrument| {
+        [
+            instrument.id.clone(),
+            instrument.role.clone(),
+            brief(&instrument.state),
+            if instrument.simulated {
+                format!("{} (SIMULATED)", instrument.address)
+            } else {
+                instrument.address.clone()
+            },
+            instrument.identity.clone(),
+        ]
+    })
 }
 
 /// A state's first sentence, shortened for its column; `--json` has the full text.

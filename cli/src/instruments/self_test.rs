@@ -203,38 +203,27 @@ pub(crate) async fn relays(
         .ask("the relays", daemon.manager.relays(&options))
         .await?;
     relays.sort_by(|a, b| b.used.total_cmp(&a.used).then(a.relay.cmp(&b.relay)));
-    if printer.is_json() {
-        return relays
-            .into_iter()
-            .try_for_each(|wear| printer.record(&wear_line(wear), |_| String::new()));
-    }
-    let rows: Vec<[String; 6]> = relays
-        .into_iter()
-        .map(wear_line)
-        .map(|wear| {
-            [
-                wear.relay.to_string(),
-                wear.cycles.to_string(),
-                wear.rated
-                    .map_or_else(|| "does not wear".to_owned(), |rated| rated.to_string()),
-                wear.used
-                    .map_or_else(String::new, |used| format!("{:.3} %", 100.0 * used)),
-                wear.left_s.map_or_else(String::new, span),
-                wear.purpose,
-            ]
-        })
-        .collect();
-    printer.text(&columns(
+    let heading = [
+        "relay",
+        "closed",
+        "rated",
+        "used",
+        "left at this rate",
+        "what it does",
+    ];
+    let lines: Vec<WearLine> = relays.into_iter().map(wear_line).collect();
+    printer.table(heading, &lines, |wear| {
         [
-            "relay",
-            "closed",
-            "rated",
-            "used",
-            "left at this rate",
-            "what it does",
-        ],
-        &rows,
-    ))
+            wear.relay.to_string(),
+            wear.cycles.to_string(),
+            wear.rated
+                .map_or_else(|| "does not wear".to_owned(), |rated| rated.to_string()),
+            wear.used
+                .map_or_else(String::new, |used| format!("{:.3} %", 100.0 * used)),
+            wear.left_s.map_or_else(String::new, span),
+            wear.purpose.clone(),
+        ]
+    })
 }
 
 fn wear_line(wear: RelayWear) -> WearLine {

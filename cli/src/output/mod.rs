@@ -119,6 +119,25 @@ impl<W: Write> Printer<W> {
         self.line(&line)
     }
 
+    /// Prints records: each as a JSON line, or as a row of a table.
+    ///
+    /// # Errors
+    /// As [`Printer::record`].
+    pub(crate) fn table<T: Serialize, const N: usize>(
+        &mut self,
+        heading: [&str; N],
+        records: &[T],
+        row: impl Fn(&T) -> [String; N],
+    ) -> Result<(), Failure> {
+        if self.json {
+            return records
+                .iter()
+                .try_for_each(|record| self.record(record, |_| String::new()));
+        }
+        let rows: Vec<[String; N]> = records.iter().map(row).collect();
+        self.text(&table::columns(heading, &rows))
+    }
+
     /// Prints text; nothing with `--json`.
     pub(crate) fn text(&mut self, text: &str) -> Result<(), Failure> {
         if self.json {

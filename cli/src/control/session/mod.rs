@@ -45,6 +45,30 @@ pub(crate) enum SessionLine {
     },
 }
 
+impl SessionLine {
+    fn for_a_person(&self) -> String {
+        match self {
+            Self::Started {
+                session,
+                kind,
+                simulated,
+                ..
+            } => {
+                let simulated = if *simulated { " (SIMULATED)" } else { "" };
+                format!("{kind} {session} started{simulated}")
+            }
+            Self::Stepped { sequence, .. } => format!("frame {sequence} is recorded"),
+            Self::Warning { text, .. } => format!("warning: {text}"),
+            Self::Ended {
+                session,
+                reason,
+                frames,
+                path,
+            } => format!("{session} ended: {reason}; {frames} frames in {path}"),
+        }
+    }
+}
+
 /// Starts a measurement; with `--wait` follows it to its end.
 pub(crate) async fn start(
     daemon: &Daemon,
@@ -170,13 +194,11 @@ pub(crate) async fn step(
             return Err(fault("step", &error));
         }
     };
-    printer.record(
-        &SessionLine::Stepped {
-            session: id,
-            sequence,
-        },
-        |_| format!("frame {sequence} is recorded"),
-    )
+    let line = SessionLine::Stepped {
+        session: id,
+        sequence,
+    };
+    printer.record(&line, SessionLine::for_a_person)
 }
 
 async fn chosen(daemon: &Daemon, id: Option<&str>) -> Result<Session1Proxy<'static>, Failure> {
@@ -200,18 +222,7 @@ pub(crate) async fn announce(
         path: daemon.ask("the session", session.path()).await?,
         simulated: daemon.ask("the session", session.simulated()).await?,
     };
-    printer.record(&line, |line| match line {
-        SessionLine::Started {
-            session,
-            kind,
-            simulated,
-            ..
-        } => format!(
-            "{kind} {session} started{}",
-            if *simulated { " (SIMULATED)" } else { "" }
-        ),
-        _ => String::new(),
-    })
+    printer.record(&line, SessionLine::for_a_person)
 }
 
 /// Prints a warning about the session's data.
@@ -224,10 +235,7 @@ pub(crate) fn warn(
         session: session.to_owned(),
         text,
     };
-    printer.record(&line, |line| match line {
-        SessionLine::Warning { text, .. } => format!("warning: {text}"),
-        _ => String::new(),
-    })
+    printer.record(&line, SessionLine::for_a_person)
 }
 
 /// Waits until a session has ended, with a progress bar on a terminal; `whole` is its number of frames, if known.
@@ -310,15 +318,7 @@ async fn ended(
         path: daemon.ask("the session", session.path()).await?,
         reason,
     };
-    printer.record(&line, |line| match line {
-        SessionLine::Ended {
-            session,
-            reason,
-            frames,
-            path,
-        } => format!("{session} ended: {reason}; {frames} frames in {path}"),
-        _ => String::new(),
-    })?;
+    printer.record(&line, SessionLine::for_a_person)?;
     check_end(daemon, session).await
 }
 
