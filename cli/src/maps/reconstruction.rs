@@ -37,32 +37,30 @@ pub(crate) struct Reconstruction {
 }
 
 impl Reconstruction {
-    /// As the options of a command ask for it.
+    /// A recorded session with its own baseline, and the reconstruction of its maps.
     ///
     /// # Errors
-    /// As [`Reconstruction::new`].
-    pub(crate) fn asked(asked: &MapOptions, recording: &Recording) -> Result<Self, Failure> {
-        let calibration = asked.calibration.as_deref();
-        Self::new(
-            &asked.method,
-            &asked.geometry,
-            calibration,
-            &asked.tracked,
-            recording,
-        )
+    /// A session that cannot be read or has no baseline; as [`Reconstruction::new`].
+    pub(crate) fn of_session(
+        path: &Path,
+        asked: &MapOptions,
+    ) -> Result<(Recording, Self), Failure> {
+        let recording = Recording::from_session(path, None, false)?;
+        let reconstruction = Self::new(asked, &recording)?;
+        Ok((recording, reconstruction))
     }
 
     /// Loads the model, or prepares the method for the geometry given by options, folder or session.
     ///
     /// # Errors
     /// A model or geometry that does not match the record; the error names both.
-    pub(crate) fn new(
-        method: &MethodArguments,
-        geometry: &GeometryChoice,
-        calibration: Option<&Path>,
-        tracked: &TrackedArguments,
-        recording: &Recording,
-    ) -> Result<Self, Failure> {
+    pub(crate) fn new(asked: &MapOptions, recording: &Recording) -> Result<Self, Failure> {
+        let MapOptions {
+            calibration,
+            method,
+            tracked,
+            geometry,
+        } = asked;
         let (origin, protocol) = (&recording.origin, &recording.protocol);
         let requested_geometry = geometry;
         let mut chosen = ChosenSettings::new(method, origin)?;
@@ -85,7 +83,7 @@ impl Reconstruction {
                     Some(chosen).filter(|chosen| chosen.mesh.hash() == own)
                 });
                 let judged = sheet.map(|sheet| {
-                    in_conditions(&mut chosen, sheet, recording, |settings, conditions| {
+                    built(&mut chosen, sheet, recording, |settings, conditions| {
                         let model = imaging::with_drift(model.clone(), settings, conditions)?;
                         imaging::judging(model, settings, conditions)
                     })
@@ -104,7 +102,9 @@ impl Reconstruction {
             None => {
                 let (geometry, remarks) = choose_geometry(geometry, origin, protocol)?;
                 chosen.remarks.extend(remarks);
-                prepare(&mut chosen, geometry, recording)?
+                let model = built(&mut chosen, geometry, recording, imaging::build)?;
+                chosen.remarks.extend(model.notes.iter().cloned());
+                model
             }
         };
         if let Some(path) = calibration {
@@ -220,38 +220,39 @@ impl Reconstruction {
     }
 }
 
-/// Prepares a method as in the session; for a recording without a configuration, conductance, current and noise that
-/// are not given are derived from the baseline.
-fn prepare(
-    chosen: &mut ChosenSettings,
-    geometry: Geometry,
-    recording: &Recording,
-) -> Result<Model, Failure> {
-    let model = in_conditions(chosen, geometry, recording, imaging::build)?;
-    chosen.remarks.extend(model.notes.iter().cloned());
-    Ok(model)
-}
-
-/// Makes something for the conditions of the frames: those of the session, or derived from the baseline.
-fn in_conditions(
+/// A model in the [conditions](in_conditions) of the frames; what was derived of these is remarked.
+fn built(
     chosen: &mut ChosenSettings,
     geometry: Geometry,
     recording: &Recording,
     make: impl FnOnce(&ReconstructionSettings, &Conditions<'_>) -> Result<Model, BuildError>,
 ) -> Result<Model, Failure> {
+    let settings = &chosen.settings;
+    let make = |conditions: &Conditions<'_>| make(settings, conditions);
+    let (model, notes) = in_conditions(chosen.as_recorded, geometry, recording, make)?;
+    chosen.remarks.extend(notes);
+    model.map_err(not_built)
+}
+
+/// Makes something for the conditions of the frames, as in the session; for a recording without a configuration, conductance,
+/// current and noise that are not given are derived from the baseline, and noted.
+fn in_conditions<T>(
+    as_recorded: bool,
+    geometry: Geometry,
+    recording: &Recording,
+    make: impl FnOnce(&Conditions<'_>) -> T,
+) -> Result<(T, Vec<String>), Failure> {
     let protocol = &recording.protocol;
-    let model = if chosen.as_recorded {
+    if as_recorded {
         // the daemon's noise is at the frames' own current, and verification needs the same map
         let conditions = Conditions::live(&geometry, protocol, recording.current);
-        make(&chosen.settings, &conditions)
-    } else {
-        let currents = vec![recording.current.0; protocol.len()];
-        let fitted =
-            Fitted::new(geometry, protocol, &currents, &recording.unloaded).map_err(not_built)?;
-        chosen.remarks.extend(fitted.notes.iter().cloned());
-        make(&chosen.settings, &fitted.conditions(protocol))
-    };
-    model.map_err(not_built)
+        return Ok((make(&conditions), Vec::new()));
+    }
+    let currents = vec![recording.current.0; protocol.len()];
+    let fitted =
+        Fitted::new(geometry, protocol, &currents, &recording.unloaded).map_err(not_built)?;
+    let made = make(&fitted.conditions(protocol));
+    Ok((made, fitted.notes.clone()))
 }
 
 /// Standard deviation of one reading; `None` if it was only assumed: that has no significance for a map.
@@ -293,22 +294,10 @@ fn tracking(
 ) -> Result<Tracking, Failure> {
     let noise_v = TrackedArguments::noise_v(noise_v.or(recording.baseline_noise_v));
     let noise_v = noise_v.map_err(Failure::Usage)?;
-    let (protocol, unloaded) = (&recording.protocol, &recording.unloaded);
-    let (geometry, _) = choose_geometry(geometry, &recording.origin, protocol)?;
-    let at_s = recording.baseline_s();
-    let tracking = if chosen.as_recorded {
-        let conditions = Conditions::live(&geometry, protocol, recording.current);
-        Tracking::new(&conditions, &unloaded.readings, noise_v, at_s)
-    } else {
-        let currents = vec![recording.current.0; protocol.len()];
-        let fitted = Fitted::new(geometry, protocol, &currents, unloaded).map_err(not_built)?;
-        Tracking::new(
-            &fitted.conditions(protocol),
-            &unloaded.readings,
-            noise_v,
-            at_s,
-        )
-    };
+    let (geometry, _) = choose_geometry(geometry, &recording.origin, &recording.protocol)?;
+    let (unloaded, at_s) = (&recording.unloaded.readings, recording.baseline_s());
+    let follow = |conditions: &Conditions<'_>| Tracking::new(conditions, unloaded, noise_v, at_s);
+    let (tracking, _) = in_conditions(chosen.as_recorded, geometry, recording, follow)?;
     tracking.map_err(|error| Failure::failed("the baseline cannot be followed", &error))
 }
 

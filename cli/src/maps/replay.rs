@@ -52,7 +52,7 @@ pub(crate) fn run(
     let count = recording::count(&recording, &replay.from, thinning)?;
     let damaged = Cell::new(0);
     let frames = recording::frames(&recording, &replay.from, thinning, &damaged)?;
-    let reconstruction = Reconstruction::asked(&replay.asked, &recording)?;
+    let reconstruction = Reconstruction::new(&replay.asked, &recording)?;
     let mut maps = FrameMaps::new(&reconstruction, &replay.asked.tracked, &recording)?
         .with_deviation(replay.sd);
     introduce(&recording, count, &reconstruction, printer)?;

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
+use imaging::Method;
 use imaging::recorded::Recording;
-use imaging::{Method, MethodArguments};
 use survey::{Reading, Volts};
 use web::{PlayedMap, ProvisionalMap, RunningModel};
 
@@ -51,14 +51,10 @@ impl RunningSession {
 impl Built {
     fn new(path: &Path) -> Result<Self, Failure> {
         let recording = Recording::from_session(path, None, false)?;
-        let one_step = MethodArguments {
-            method: Some(Method::OneStep),
-            ..MethodArguments::default()
-        };
         let tracking = Reconstruction::tracking_of(&recording)?;
         let begin = Follower::new(tracking, &TrackedArguments::default(), &recording)?;
         Ok(Self {
-            one_step: prepared(&one_step, &recording)?,
+            one_step: prepared(Some(Method::OneStep), &recording)?,
             begin: begin.map(Mutex::new),
             unloaded: recording.unloaded.readings,
         })

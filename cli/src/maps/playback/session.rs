@@ -16,12 +16,13 @@ use survey::{Map, Reading};
 use web::{Course, DEVIATION, EventState, MapKind, Overview, Place, Playback, PlayedMap};
 
 use super::followed::Followed;
+use crate::args::MapOptions;
 use crate::failure::Failure;
 use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::session_settings;
-use crate::options::choices::{GeometryChoice, TrackedArguments};
+use crate::options::choices::TrackedArguments;
 
 /// A session for playback.
 pub(super) struct PlayedSession {
@@ -63,14 +64,8 @@ impl PlayedSession {
     pub(super) fn open(path: &Path, id: &str, kept: Kept) -> Result<Self, Failure> {
         let recording = Recording::from_session(path, None, false)?;
         let own = is_fast(&recording);
-        let method = match own {
-            true => MethodArguments::default(),
-            false => MethodArguments {
-                method: Some(Method::OneStep),
-                ..MethodArguments::default()
-            },
-        };
-        let reconstruction = Arc::new(prepared(&method, &recording)?);
+        let method = (!own).then_some(Method::OneStep);
+        let reconstruction = Arc::new(prepared(method, &recording)?);
         let overview = Overview {
             id: id.to_owned(),
             ..overview(&recording)?
@@ -170,17 +165,9 @@ impl PlayedSession {
         let compared = Compared::new(&exact.recording, frame, followed.as_ref());
         if kind == MapKind::Deviation {
             let values = compared.deviation(&exact.reconstruction)?;
-            return Ok(PlayedMap {
-                sequence: frame.sequence,
-                wall_ms: wall_ms(frame),
-                method: exact.reconstruction.method().to_owned(),
-                unit: DEVIATION,
-                provisional: None,
-                noise: None,
-                tracked: None,
-                quantities: None,
-                values: values.into_iter().map(|sd| sd as f32).collect(),
-            });
+            let values = values.into_iter().map(|sd| sd as f32).collect();
+            let method = exact.reconstruction.method();
+            return Ok(values_of(frame, method, DEVIATION, values));
         }
         // its course begins anew with each frame
         let mut quantifier = exact.quantifier.clone();
@@ -199,16 +186,10 @@ impl PlayedSession {
     fn unrelieved(&self, frame: &RecordedFrame) -> Result<PlayedMap, Failure> {
         let known = self.followed.known();
         let (of, values) = known.unrelieved(frame.sequence).map_err(Failure::Busy)?;
+        let quick = self.quick();
         Ok(PlayedMap {
-            sequence: frame.sequence,
-            wall_ms: wall_ms(frame),
-            method: self.quick().reconstruction.method().to_owned(),
-            unit: "s",
             provisional: Some(format!("as of frame {of}")),
-            noise: None,
-            tracked: None,
-            quantities: None,
-            values: values.to_vec(),
+            ..values_of(frame, quick.reconstruction.method(), "s", values.to_vec())
         })
     }
 }
@@ -220,7 +201,7 @@ impl Exact {
         let is_fast = fast.is_some();
         let reconstruction = match fast {
             Some(fast) => fast,
-            None => Arc::new(prepared(&MethodArguments::default(), &recording)?),
+            None => Arc::new(prepared(None, &recording)?),
         };
         let quantifier = reconstruction.quantifier(&recording)?;
         let deviation = reconstruction.deviation().filter(|_| is_fast);
@@ -296,22 +277,23 @@ pub(super) fn is_fast(recording: &Recording) -> bool {
     header.model_hash.is_some() || (one_step && !header.config_toml.is_empty())
 }
 
-/// Reconstruction against a baseline that another place follows.
+/// Reconstruction against a baseline that another place follows; `method`: in place of the session's own.
 pub(super) fn prepared(
-    method: &MethodArguments,
+    method: Option<Method>,
     recording: &Recording,
 ) -> Result<Reconstruction, Failure> {
-    let tracked = TrackedArguments {
-        tracked: Some(false),
-        ..TrackedArguments::default()
+    let asked = MapOptions {
+        method: MethodArguments {
+            method,
+            ..MethodArguments::default()
+        },
+        tracked: TrackedArguments {
+            tracked: Some(false),
+            ..TrackedArguments::default()
+        },
+        ..MapOptions::default()
     };
-    Reconstruction::new(
-        method,
-        &GeometryChoice::default(),
-        None,
-        &tracked,
-        recording,
-    )
+    Reconstruction::new(&asked, recording)
 }
 
 fn found(recording: &Recording, place: Place) -> Result<RecordedFrame, Failure> {
@@ -344,12 +326,25 @@ fn shown(
 ) -> PlayedMap {
     let (unit, values) = shown_values(map, pressure);
     PlayedMap {
+        noise: reconstruction.noise.filter(|_| pressure.is_none()),
+        ..values_of(frame, &map.method, PlayedMap::unit_of(unit), values)
+    }
+}
+
+/// Values of a frame's triangles, and nothing else known of them.
+fn values_of(
+    frame: &RecordedFrame,
+    method: &str,
+    unit: &'static str,
+    values: Vec<f32>,
+) -> PlayedMap {
+    PlayedMap {
         sequence: frame.sequence,
         wall_ms: wall_ms(frame),
-        method: map.method.clone(),
-        unit: PlayedMap::unit_of(unit),
+        method: method.to_owned(),
+        unit,
         provisional: None,
-        noise: reconstruction.noise.filter(|_| pressure.is_none()),
+        noise: None,
         tracked: None,
         quantities: None,
         values,

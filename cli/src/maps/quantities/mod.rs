@@ -32,7 +32,7 @@ pub(crate) fn run(
         return print_stored(requested, &rows, damaged, printer);
     }
     let recording = recording::open(global, source, requested.asked.geometry.electrodes)?;
-    let reconstruction = Reconstruction::asked(&requested.asked, &recording)?;
+    let reconstruction = Reconstruction::new(&requested.asked, &recording)?;
     let mut quantifier = reconstruction.quantifier(&recording)?;
     check_region(requested.region.as_deref(), &quantifier, &recording)?;
     if requested.mmhg && quantifier.unit() == LoadUnit::RelativeLoss {
@@ -103,13 +103,7 @@ fn print_stored(
     if let Some(name) = &requested.region
         && !rows.iter().any(|row| row.region == *name)
     {
-        let mut known: Vec<&str> = Vec::new();
-        for row in rows {
-            if !known.contains(&row.region.as_str()) {
-                known.push(&row.region);
-            }
-        }
-        return Err(no_region(&requested.from.source, name, &known));
+        return Err(no_region(&requested.from.source, name, &regions(rows)));
     }
     if requested.mmhg && rows.iter().any(|row| row.of == LoadUnit::RelativeLoss) {
         return Err(not_calibrated(&requested.from.source));
@@ -124,6 +118,17 @@ fn print_stored(
         output.spans(rows, printer)?;
     }
     Ok(())
+}
+
+/// The names of the rows' regions, in their order.
+pub(crate) fn regions(rows: &[QuantityRow]) -> Vec<&str> {
+    let mut names: Vec<&str> = Vec::new();
+    for row in rows {
+        if !names.contains(&row.region.as_str()) {
+            names.push(&row.region);
+        }
+    }
+    names
 }
 
 fn check_region(

@@ -72,12 +72,7 @@ pub(super) fn tables(
         )?;
         say(printer, "case", &companions.case, written)?;
     }
-    super::check_undamaged(damaged, header)?;
-    // output to a device or a pipe may not be stored
-    if companions.is_some() {
-        super::mark_exported(session, last, export)?;
-    }
-    Ok(())
+    super::finish(session, damaged, last, export)
 }
 
 /// The companion files of a table of frames.

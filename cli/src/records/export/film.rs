@@ -40,8 +40,7 @@ pub(super) fn write(
     let header = session.header();
     super::check_comparable(session)?;
     let plan = Plan::new(session, export)?;
-    let recording = Recording::from_session(path, None, false)?;
-    let reconstruction = super::reconstruction(export, &recording)?;
+    let (recording, reconstruction) = Reconstruction::of_session(path, &export.asked)?;
     let mut pictures = Pictures::new(&reconstruction, &export.asked.tracked, &recording)?;
     // before the work: a file that cannot be written
     let mut file = OutFile::create(&export.out, export.replacing.existing())?;

@@ -12,14 +12,13 @@ mod picture;
 use std::io::Write;
 use std::path::Path;
 
-use imaging::recorded::{Recording, SessionParts};
+use imaging::recorded::SessionParts;
 use logbook::{Record, SessionHeader, SessionKind};
 use serde::Serialize;
 use survey::{MapQuality, Reading};
 
 use crate::args::{Export, Global};
 use crate::failure::Failure;
-use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::left_out;
 use crate::options::choices::Format;
 use crate::output::Printer;
@@ -154,18 +153,23 @@ fn each_frame(
     Ok(damaged)
 }
 
-/// The reconstruction that the options ask for.
-fn reconstruction(export: &Export, recording: &Recording) -> Result<Reconstruction, Failure> {
-    Reconstruction::asked(&export.asked, recording)
-}
-
 /// The failure of a file from which damaged frames are missing.
 fn check_undamaged(damaged: usize, header: &SessionHeader) -> Result<(), Failure> {
     crate::maps::recording::check_undamaged(damaged, &format!("session {}", header.id))
 }
 
-/// Notes that the frames up to `last` are exported; `sessions prune --exported-only` relies on it.
-fn mark_exported(session: &SessionParts, last: u64, export: &Export) -> Result<(), Failure> {
+/// Notes that the frames up to `last` are exported, unless some are damaged; `sessions prune --exported-only` relies on it.
+fn finish(
+    session: &SessionParts,
+    damaged: usize,
+    last: u64,
+    export: &Export,
+) -> Result<(), Failure> {
+    check_undamaged(damaged, session.header())?;
+    // output to a device or a pipe may not be stored
+    if outfile::is_stream(&export.out) {
+        return Ok(());
+    }
     for part in session.each() {
         let own = part.last_sequence()?;
         // frames that a running session has recorded since then were not exported

@@ -11,6 +11,7 @@ use crate::args::Export;
 use crate::failure::Failure;
 use crate::maps::drawing;
 use crate::maps::pictures::Pictures;
+use crate::maps::reconstruction::Reconstruction;
 use crate::options::choices::Format;
 use crate::output::Printer;
 
@@ -44,7 +45,7 @@ pub(super) fn picture(
             )));
         }
     };
-    let reconstruction = super::reconstruction(export, &recording)?;
+    let reconstruction = Reconstruction::new(&export.asked, &recording)?;
     let pictures = Pictures::new(&reconstruction, &export.asked.tracked, &recording)?;
     let (picture, style) = pictures.only(&frame, export.scale)?;
     let (map, shown, found) = (&picture.made.map, &picture.shown, picture.found);

@@ -78,7 +78,7 @@ pub(crate) fn run(
     let bar = progress(Some(session.len()?), printer.is_terminal());
     let verified = logbook::verify(&path, |frames| bar.set_position(frames))?;
     bar.finish_and_clear();
-    let prepared = match prepared(&path, requested) {
+    let prepared = match Reconstruction::of_session(&path, &requested.asked) {
         Ok(prepared) => Ok(prepared),
         // a page without maps is better than none; a wrong option is not a matter of the session
         Err(error @ (Failure::Usage(_) | Failure::Configuration(_)))
@@ -120,12 +120,6 @@ pub(crate) fn run(
         maps: facts.maps.as_ref().map_or(0, |maps| maps.moments.len()),
     };
     printer.record(&written, |written| format!("report    {}", written.path))
-}
-
-fn prepared(path: &Path, requested: &Report) -> Result<(Recording, Reconstruction), Failure> {
-    let recording = Recording::from_session(path, None, false)?;
-    let reconstruction = Reconstruction::asked(&requested.asked, &recording)?;
-    Ok((recording, reconstruction))
 }
 
 fn map_facts<'a>(

@@ -9,6 +9,7 @@ use crate::args::Report;
 use crate::failure::Failure;
 use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
+use crate::maps::quantities;
 use crate::maps::reconstruction::Reconstruction;
 use crate::output::progress::progress;
 
@@ -146,13 +147,7 @@ impl SessionRows {
 
     /// The names of the regions, in their order.
     pub(super) fn regions(&self) -> Vec<&str> {
-        let mut names: Vec<&str> = Vec::new();
-        for row in &self.rows {
-            if !names.contains(&row.region.as_str()) {
-                names.push(&row.region);
-            }
-        }
-        names
+        quantities::regions(&self.rows)
     }
 }
 

@@ -7,7 +7,7 @@ mod quantities;
 use std::io::Write;
 use std::path::Path;
 
-use imaging::recorded::{Recording, SessionParts};
+use imaging::recorded::SessionParts;
 use logbook::Record;
 use netcdf3::DataType;
 use outfile::OutFile;
@@ -43,27 +43,24 @@ pub(super) fn write(
         )));
     }
     let first = super::first_frame(session)?;
-    let recording = match export.maps {
+    let compared = match export.maps {
         true => {
             super::check_comparable(session)?;
-            Some(Recording::from_session(path, None, false)?)
+            Some(Reconstruction::of_session(path, &export.asked)?)
         }
         false => None,
     };
-    let reconstruction = recording
-        .as_ref()
-        .map(|recording| super::reconstruction(export, recording))
-        .transpose()?;
-    let mut maps = match (&recording, &reconstruction) {
-        (Some(recording), Some(reconstruction)) => Some(MapVariables::new(
+    let reconstruction = compared.as_ref().map(|(_, reconstruction)| reconstruction);
+    let mut maps = match &compared {
+        Some((recording, reconstruction)) => Some(MapVariables::new(
             FrameMaps::new(reconstruction, &export.asked.tracked, recording)?
                 .with_deviation(export.sd),
             reconstruction,
             export.sd,
         )),
-        _ => None,
+        None => None,
     };
-    let mut layout = layout(session, &first, reconstruction.as_ref(), export.sd)?;
+    let mut layout = layout(session, &first, reconstruction, export.sd)?;
     let folder = logbook::folder_of(path);
     let lost = quantities::quantities(&mut layout, folder, header.session())?;
     if lost > 0 {
@@ -90,8 +87,7 @@ pub(super) fn write(
         printer.text(remark)?;
     }
     Written::table("nc", &path, written as usize, header).report(printer)?;
-    super::check_undamaged(damaged, header)?;
-    super::mark_exported(session, last, export)?;
+    super::finish(session, damaged, last, export)?;
     match maps.is_some_and(|maps| maps.made() == 0) {
         true => Err(Failure::Failed(format!(
             "no frame of session {} has a map; its readings are in the file",

@@ -38,15 +38,9 @@ pub(super) fn quantities(
     }
     // a minute that was written twice, by a daemon that was restarted within it, is one
     let rows = joined(&rows, STORED_S);
-    let (mut begins, mut regions): (Vec<i64>, Vec<&str>) = (Vec::new(), Vec::new());
-    for row in &rows {
-        if begins.last() != Some(&row.begin_s) {
-            begins.push(row.begin_s);
-        }
-        if !regions.contains(&row.region.as_str()) {
-            regions.push(&row.region);
-        }
-    }
+    let regions = crate::maps::quantities::regions(&rows);
+    let mut begins: Vec<i64> = rows.iter().map(|row| row.begin_s).collect();
+    begins.dedup();
     layout.dimension("minute", begins.len())?;
     layout.dimension("region", regions.len())?;
     layout.numbers(

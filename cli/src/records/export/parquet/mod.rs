@@ -145,8 +145,7 @@ pub(super) fn write(
     if lost > 0 {
         eprintln!("tactus: {lost} of the stored minutes of quantities are damaged and left out");
     }
-    super::check_undamaged(damaged, header)?;
-    super::mark_exported(session, last, export)
+    super::finish(session, damaged, last, export)
 }
 
 /// Columns with their names.
