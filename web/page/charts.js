@@ -23,21 +23,13 @@ const CHOICE = "tactus-charts";
 class StripChart {
   constructor(parent, name) {
     this.name = name;
-    const figure = document.createElement("figure");
-    this.caption = document.createElement("figcaption");
-    this.canvas = document.createElement("canvas");
-    this.canvas.setAttribute("role", "img");
-    figure.append(this.caption, this.canvas);
-    parent.append(figure);
+    Object.assign(this, figureIn(parent));
   }
 
   draw(points, unit, from, to) {
-    const pixels = Math.max(1, window.devicePixelRatio || 1);
-    const [width, height] = [Math.round(this.canvas.clientWidth * pixels), Math.round(64 * pixels)];
-    if (!width) return;
-    this.canvas.width = width;
-    this.canvas.height = height;
-    const at = this.canvas.getContext("2d");
+    const empty = cleared(this.canvas, 64);
+    if (!empty) return;
+    const { context: at, width, height, pixels } = empty;
     const top = points.reduce((most, point) => Math.max(most, point.value ?? 0), 0) || 1;
     const columns = new Map();
     for (const point of points) {
@@ -102,10 +94,7 @@ class Charts {
   hours() { return parseInt(this.span.value, 10); }
 
   setRegions(names) {
-    if (!names.length || names.join() === [...this.region.options].map(option => option.value).join()) return;
-    const chosen = this.region.value;
-    this.region.replaceChildren(...names.map(name => new Option(name, name)));
-    if (names.includes(chosen)) this.region.value = chosen;
+    if (names.length) setRegionNames(this.region, names);
   }
 
   build() {

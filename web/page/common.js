@@ -54,6 +54,38 @@ function row(cells, head) {
   return tr;
 }
 
+// a figure with a caption and a canvas, at the end of an element
+function figureIn(parent) {
+  const [figure, caption, canvas] = ["figure", "figcaption", "canvas"].map(name => document.createElement(name));
+  canvas.setAttribute("role", "img");
+  figure.append(caption, canvas);
+  parent.append(figure);
+  return { caption, canvas };
+}
+
+// an empty canvas of this height, CSS pixels, in pixels of the screen; null while it has no width
+function cleared(canvas, cssHeight) {
+  const pixels = Math.max(1, window.devicePixelRatio || 1);
+  const [width, height] = [Math.round(canvas.clientWidth * pixels), Math.round(cssHeight * pixels)];
+  if (!width) return null;
+  Object.assign(canvas, { width, height });
+  return { context: canvas.getContext("2d"), width, height, pixels };
+}
+
+// the names in a list of regions; the chosen one stays chosen
+function setRegionNames(list, names) {
+  if (names.join() === [...list.options].map(option => option.value).join()) return;
+  const chosen = list.value;
+  list.replaceChildren(...names.map(name => new Option(name, name)));
+  if (names.includes(chosen)) list.value = chosen;
+}
+
+// rows of a table of values at places of the map
+const gridRows = ({ columns, rows }, cell) => [
+  row(["y, mm \u2193  x, mm \u2192", ...columns.map(mm => ({ number: mm.toFixed(0) }))], true),
+  ...rows.map(({ mm, values }) => row([mm.toFixed(0), ...Array.from(values, cell)])),
+];
+
 // a value with its standard deviation, where that is known
 function withDeviation(value, deviation) {
   return rounded(value) + (deviation ? ` \u00b1 ${rounded(deviation)}` : "");

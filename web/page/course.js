@@ -5,12 +5,7 @@
 class CourseChart {
   // seek: called with a time in ms; null for a chart that only shows
   constructor(parent, seek) {
-    const figure = document.createElement("figure");
-    this.caption = document.createElement("figcaption");
-    this.canvas = document.createElement("canvas");
-    this.canvas.setAttribute("role", "img");
-    figure.append(this.caption, this.canvas);
-    parent.append(figure);
+    Object.assign(this, figureIn(parent));
     this.rows = [];
     if (!seek) return;
     const go = event => {
@@ -28,12 +23,9 @@ class CourseChart {
 
   draw(from, to, at, compared) {
     Object.assign(this, { from, to });
-    const pixels = Math.max(1, window.devicePixelRatio || 1);
-    const [width, height] = [Math.round(this.canvas.clientWidth * pixels), Math.round(64 * pixels)];
-    if (!width) return;
-    this.canvas.width = width;
-    this.canvas.height = height;
-    const context = this.canvas.getContext("2d");
+    const empty = cleared(this.canvas, 64);
+    if (!empty) return;
+    const { context, width, height, pixels } = empty;
     const x = ms => (ms - from) / Math.max(1, to - from) * width;
     const top = this.rows.reduce((most, row) => Math.max(most, row.max), 0) || 1;
     const y = value => height - 1 - Math.max(0, value) / top * (height - 8 * pixels);
@@ -78,12 +70,9 @@ class TimeAxis {
   constructor(canvas) { this.canvas = canvas; }
 
   draw(from, to) {
-    const pixels = Math.max(1, window.devicePixelRatio || 1);
-    const [width, height] = [Math.round(this.canvas.clientWidth * pixels), Math.round(18 * pixels)];
-    if (!width) return;
-    this.canvas.width = width;
-    this.canvas.height = height;
-    const context = this.canvas.getContext("2d");
+    const empty = cleared(this.canvas, 18);
+    if (!empty) return;
+    const { context, width, height, pixels } = empty;
     context.font = `${11 * pixels}px system-ui, sans-serif`;
     context.fillStyle = getComputedStyle(document.body).color;
     // whole steps of local time, at most one each 90 px

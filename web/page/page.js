@@ -235,11 +235,8 @@ function electrodesInWords(frame) {
 // the map as a table, for those who cannot see it
 function showGrid() {
   if (!map.values || !map.geometry) return;
-  const { columns, rows } = map.grid(GRID);
   const cell = value => ({ number: value === undefined ? "\u2013" : rounded(value) });
-  byId("map-table").replaceChildren(
-    row(["y, mm \u2193  x, mm \u2192", ...columns.map(mm => ({ number: mm.toFixed(0) }))], true),
-    ...rows.map(({ mm, values }) => row([mm.toFixed(0), ...Array.from(values, cell)])));
+  byId("map-table").replaceChildren(...gridRows(map.grid(GRID), cell));
 }
 
 function showEvents(events) {

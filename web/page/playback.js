@@ -52,7 +52,7 @@ async function begin() {
 
 async function open(id) {
   play(false);
-  session = course = shown = pinned = null;
+  session = course = shown = pinned = wanted = null;
   pin(null);
   trouble("opening the session");
   try {
@@ -86,12 +86,7 @@ async function followCourse(of) {
     if (session !== of) return;
     const share = course.progress < 1 ? `; the baseline was followed through ${Math.floor(100 * course.progress)} % of the session` : "";
     byId("course").textContent = course.failed ? `not known: ${course.failed}` : `Quantities ${course.source}, rows of ${course.span_s} s${share}. Red: not known.`;
-    const regions = [...new Set(course.rows.map(row => row.region))];
-    if (regions.join() !== [...byId("region").options].map(option => option.value).join()) {
-      const chosen = byId("region").value;
-      byId("region").replaceChildren(...regions.map(name => new Option(name, name)));
-      if (regions.includes(chosen)) byId("region").value = chosen;
-    }
+    setRegionNames(byId("region"), [...new Set(course.rows.map(row => row.region))]);
     setCurves();
     if (course.failed || course.progress >= 1) {
       // what was refused before can be answered now

@@ -66,11 +66,8 @@ class Uncertainty {
   // the same for those who cannot see it
   tabulate() {
     if (!this.of || !this.details.open) return;
-    const { columns, rows } = this.map.grid(UNCERTAINTY_GRID, this.map.deviations);
     const cell = value => ({ number: value === undefined ? "\u2013" : Number.isNaN(value) ? "in part unknown" : rounded(value) });
-    this.table.replaceChildren(
-      row(["y, mm \u2193  x, mm \u2192", ...columns.map(mm => ({ number: mm.toFixed(0) }))], true),
-      ...rows.map(({ mm, values }) => row([mm.toFixed(0), ...Array.from(values, cell)])));
+    this.table.replaceChildren(...gridRows(this.map.grid(UNCERTAINTY_GRID, this.map.deviations), cell));
   }
 
   // what it says of a place of the map, for the line below it

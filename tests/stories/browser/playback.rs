@@ -147,4 +147,20 @@ fn a_session_is_played_in_a_browser() {
     }
     browser.value("play(true), 0");
     browser.until("byId('play').textContent === 'Play' && document.body.dataset.sequence === String(session.last_frame)");
+    step_while_a_session_is_opened(&browser);
+}
+
+/// The map of a step by frame arrives when another session is chosen and not open yet: it is not shown, and no error.
+fn step_while_a_session_is_opened(browser: &Browser) {
+    browser.until("document.body.dataset.kind === 'exact' && !busy && !wanted");
+    let verdict = browser.value("byId('verdict').textContent");
+    let after = browser.asynchronous(
+        "const done = arguments[0], usual = ask; let go; const held = new Promise(resolve => { go = resolve; }); \
+         ask = async path => { if (!path.includes('/maps/')) await held; return usual(path); }; \
+         const id = session.id; step(-1); open(id); \
+         const check = () => { if (busy) return setTimeout(check, 20); ask = usual; go(); done(byId('verdict').textContent); }; \
+         check();",
+    );
+    assert_eq!(verdict, after);
+    browser.until("session && shown && shown.sequence === session.first_frame");
 }
