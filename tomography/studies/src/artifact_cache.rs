@@ -27,6 +27,10 @@ pub trait Program {
     fn resident_bytes(&self, model: &Path) -> Option<u64>;
 }
 
+/// In a command: the cache's folder, as the beginning of a path. It may contain spaces, which the words of a command
+/// must not.
+pub(crate) const FOLDER: &str = "{folder}";
+
 /// Name of the file that contains the command that made a folder.
 const MADE_BY: &str = ".tactus-lab";
 
@@ -77,45 +81,59 @@ impl<'p> ArtifactCache<'p> {
 
     /// The paper's sheet as a case folder.
     pub(crate) fn case(&self) -> Result<Case, Failure> {
-        let folder = self.made("case", &["mesh", "--preset", "paper-sheet"])?;
+        let folder = self.made("case", "mesh --preset paper-sheet")?;
         Case::read(&folder).map_err(|fault| Failure::of("cannot read the case", &fault))
     }
 
-    /// A file or folder `name` made by `words` with `--out`: reused if the same words made it, otherwise made again.
-    pub(crate) fn made(&self, name: &str, words: &[&str]) -> Result<PathBuf, Failure> {
-        Ok(self.made_in(name, words)?.0)
+    /// A file or folder `name` made by `command` with `--out`: reused if the same command made it, otherwise made again.
+    /// One process makes a thing; others that need it wait.
+    pub(crate) fn made(&self, name: &str, command: &str) -> Result<PathBuf, Failure> {
+        self.make(name, command, false)
     }
 
-    /// As [`made`](Self::made), with the time that the command took, s, if it was run now. One process makes a thing;
-    /// others that need it wait.
-    pub(crate) fn made_in(
-        &self,
-        name: &str,
-        words: &[&str],
-    ) -> Result<(PathBuf, Option<f64>), Failure> {
+    /// As [`made`](Self::made), with the time that the command took, s. A thing whose time was lost is made again.
+    pub(crate) fn made_timed(&self, name: &str, command: &str) -> Result<(PathBuf, f64), Failure> {
+        let path = self.make(name, command, true)?;
+        match seconds(&path) {
+            Some(seconds) => Ok((path, seconds)),
+            None => Err(Failure::because(format!(
+                "{}: the time is missing",
+                beside(&path, "seconds").display()
+            ))),
+        }
+    }
+
+    fn make(&self, name: &str, command: &str, timed: bool) -> Result<PathBuf, Failure> {
         let path = self.path(name);
-        let command = words.join(" ");
         let beside = beside(&path, "command");
         let known = || -> Result<bool, Failure> {
             let made_by = self.made_by(&beside, &path)?;
-            Ok(path.exists() && made_by.is_some_and(|text| text == command))
+            Ok(path.exists()
+                && made_by.is_some_and(|text| text == command)
+                && (!timed || seconds(&path).is_some()))
         };
         if known()? {
-            return Ok((path, None));
+            return Ok(path);
         }
         let _held = shards::wait_for(&self::beside(&path, "lock"))?;
         if known()? {
-            return Ok((path, None));
+            return Ok(path);
         }
         let start = Instant::now();
-        eprintln!("tactus-lab {command} --out {}", path.display());
-        let line = command_line(&command, &path);
+        let shown = command.replace(FOLDER, &self.folder.display().to_string());
+        eprintln!("tactus-lab {shown} --out {}", path.display());
+        let line = self.command_line(command, &path);
         self.program
             .check(&line)
-            .map_err(|fault| Failure::because(format!("{command}: {fault}")))?;
+            .map_err(|fault| Failure::because(format!("{shown}: {fault}")))?;
         self.program.run(&line)?;
+        if timed {
+            let took = start.elapsed().as_secs_f64();
+            let file = self::beside(&path, "seconds");
+            write(&file, Existing::Replace, format!("{took}\n"))?;
+        }
         write(&beside, Existing::Replace, format!("{command}\n"))?;
-        Ok((path, Some(start.elapsed().as_secs_f64())))
+        Ok(path)
     }
 
     /// The command in a file `.command`; `None` if it does not exist.
@@ -134,10 +152,24 @@ impl<'p> ArtifactCache<'p> {
         };
         let text = String::from_utf8(bytes).map_err(|_| damaged("it is no text"))?;
         let command = text.trim_end();
-        if self.program.check(&command_line(command, path)).is_err() {
+        let line = self.command_line(command, path);
+        if self.program.check(&line).is_err() {
             return Err(damaged("its words are no command of tactus-lab"));
         }
         Ok(Some(command.to_owned()))
+    }
+
+    /// The words of a command that makes `path`.
+    fn command_line(&self, command: &str, path: &Path) -> Vec<OsString> {
+        let word = |word: &str| match word.strip_prefix(FOLDER) {
+            Some(inner) => self.path(inner.trim_start_matches('/')).into_os_string(),
+            None => OsString::from(word),
+        };
+        command
+            .split(' ')
+            .map(word)
+            .chain(["--force".into(), "--out".into(), path.into()])
+            .collect()
     }
 
     /// Growth of a process by loading a model, bytes.
@@ -162,11 +194,10 @@ fn only_own_files(folder: &Path) -> bool {
     })
 }
 
-fn command_line(command: &str, path: &Path) -> Vec<OsString> {
-    let words = command.split(' ').map(OsString::from);
-    words
-        .chain(["--force".into(), "--out".into(), path.into()])
-        .collect()
+/// The time of the command that made a path, s; `None` if it is unknown.
+fn seconds(path: &Path) -> Option<f64> {
+    let text = std::fs::read_to_string(beside(path, "seconds")).ok()?;
+    text.trim().parse().ok()
 }
 
 /// The file of a path with another ending: `models/dnn.safetensors.command` for `models/dnn.safetensors`.
@@ -175,4 +206,69 @@ fn beside(path: &Path, ending: &str) -> PathBuf {
     name.push(".");
     name.push(ending);
     PathBuf::from(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+
+    use super::*;
+
+    /// Keeps the words of its commands, and writes their output.
+    #[derive(Default)]
+    struct Recorder(RefCell<Vec<Vec<OsString>>>);
+
+    impl Program for Recorder {
+        fn check(&self, _words: &[OsString]) -> Result<(), String> {
+            Ok(())
+        }
+
+        fn run(&self, words: &[OsString]) -> Result<(), Failure> {
+            self.0.borrow_mut().push(words.to_vec());
+            let out = Path::new(words.last().expect("a path"));
+            write(out, Existing::Replace, String::new())
+        }
+
+        fn resident_bytes(&self, _model: &Path) -> Option<u64> {
+            None
+        }
+    }
+
+    #[test]
+    fn folder_with_a_space_is_one_word_of_a_command() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("my runs");
+        let program = Recorder::default();
+        let cache = ArtifactCache::new(out.clone(), "paper", Existing::Refuse, &program).unwrap();
+        let command = format!("train rbf --case {FOLDER}/sets/one --yes");
+        let file = cache.made("models/rbf", &command).unwrap();
+        let expected: Vec<OsString> = vec![
+            "train".into(),
+            "rbf".into(),
+            "--case".into(),
+            out.join("sets/one").into(),
+            "--yes".into(),
+            "--force".into(),
+            "--out".into(),
+            file.into(),
+        ];
+        assert_eq!(*program.0.borrow(), [expected]);
+        cache.made("models/rbf", &command).unwrap();
+        assert_eq!(program.0.borrow().len(), 1, "reused");
+    }
+
+    #[test]
+    fn model_is_made_again_if_its_time_was_lost() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("runs");
+        let program = Recorder::default();
+        let cache = ArtifactCache::new(out, "tradeoff", Existing::Refuse, &program).unwrap();
+        let made = || cache.made_timed("models/linear", "train linear").unwrap();
+        let (file, first) = made();
+        assert_eq!(made(), (file.clone(), first), "reused");
+        assert_eq!(program.0.borrow().len(), 1);
+        std::fs::remove_file(beside(&file, "seconds")).unwrap();
+        assert!(made().1.is_finite());
+        assert_eq!(program.0.borrow().len(), 2);
+    }
 }

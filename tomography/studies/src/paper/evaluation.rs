@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 use survey::Map;
 
-use crate::artifact_cache::ArtifactCache;
+use crate::artifact_cache::{ArtifactCache, FOLDER};
 use crate::evaluation::{Figures, OfFrame, figures, maps, of_frames};
 use crate::failure::Failure;
 
@@ -19,36 +19,24 @@ pub(super) const TEST_SET: &str = "{set}";
 #[derive(Debug, Clone)]
 pub(super) struct Artifact {
     pub(super) name: String,
-    pub(super) words: Vec<String>,
+    pub(super) command: String,
 }
 
 impl Artifact {
-    pub(super) fn new(name: impl Into<String>, words: &[&str]) -> Self {
-        Self {
-            name: name.into(),
-            words: words.iter().map(|word| (*word).to_owned()).collect(),
-        }
-    }
-
     /// Its path; it is made if it does not exist.
     pub(super) fn make(&self, place: &ArtifactCache<'_>) -> Result<PathBuf, Failure> {
-        let words: Vec<&str> = self.words.iter().map(String::as_str).collect();
-        place.made(&self.name, &words)
+        place.made(&self.name, &self.command)
     }
 }
 
 /// Options of `reconstruct`, or a model that is made.
 #[derive(Debug, Clone)]
 pub(super) enum Source {
-    Options(Vec<String>),
+    Options(String),
     Model(Artifact),
 }
 
 impl Source {
-    pub(super) fn options<'w>(words: impl IntoIterator<Item = &'w str>) -> Self {
-        Self::Options(words.into_iter().map(str::to_owned).collect())
-    }
-
     pub(super) fn is_model(&self) -> bool {
         matches!(self, Self::Model(_))
     }
@@ -69,28 +57,22 @@ impl Job {
     /// Everything that determines the result, but for the build.
     pub(super) fn name(&self) -> String {
         let source = match &self.source {
-            Source::Options(words) => words.join(" "),
-            Source::Model(artifact) => format!("{} by {}", artifact.name, artifact.words.join(" ")),
+            Source::Options(options) => options.clone(),
+            Source::Model(Artifact { name, command }) => format!("{name} by {command}"),
         };
         let maps = if self.maps { ", with maps" } else { "" };
-        format!(
-            "{} by {}: {source}{maps}",
-            self.set.name,
-            self.set.words.join(" ")
-        )
+        let Artifact { name, command } = &self.set;
+        format!("{name} by {command}: {source}{maps}")
     }
 
     /// Makes what the job needs, and evaluates the method.
     pub(super) fn run(&self, place: &ArtifactCache<'_>) -> Result<Evaluated, Failure> {
         let folder = self.set.make(place)?;
         let words = match &self.source {
-            Source::Options(words) => words.clone(),
-            Source::Model(artifact) => {
-                let mut artifact = artifact.clone();
-                for word in artifact.words.iter_mut().filter(|word| *word == TEST_SET) {
-                    *word = folder.display().to_string();
-                }
-                let file = artifact.make(place)?;
+            Source::Options(options) => options.split(' ').map(str::to_owned).collect(),
+            Source::Model(Artifact { name, command }) => {
+                let set = format!("{FOLDER}/{}", self.set.name);
+                let file = place.made(name, &command.replace(TEST_SET, &set))?;
                 vec!["--model".to_owned(), file.display().to_string()]
             }
         };

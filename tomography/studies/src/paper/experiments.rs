@@ -169,26 +169,16 @@ impl Experiments {
 /// A test set.
 pub(super) fn test_set(plan: &Plan, set: Set) -> Artifact {
     // never the seed of the training
-    let seed = (1000 * (plan.seed + 1) + set.draw).to_string();
-    let test = format!("test-{}", set.test);
-    let noise = format!("{:e}", set.noise_uv * 1e-6);
-    let spray = set.spray.to_string();
-    let mut words = vec![
-        "judge",
-        "--set",
-        &test,
-        "--noise-v",
-        &noise,
-        "--seed",
-        &seed,
-    ];
-    let mut name = format!("sets/{test}-{}uV", set.noise_uv);
-    if set.spray > 0.0 {
-        words.extend(["--spray", &spray]);
+    let seed = 1000 * (plan.seed + 1) + set.draw;
+    let (test, noise, spray) = (set.test, set.noise_uv * 1e-6, set.spray);
+    let mut command = format!("judge --set test-{test} --noise-v {noise:e} --seed {seed}");
+    let mut name = format!("sets/test-{test}-{}uV", set.noise_uv);
+    if spray > 0.0 {
+        command += &format!(" --spray {spray}");
         name += &format!("-spray-{spray}");
     }
     if set.draw > 0 {
         name += &format!("-draw-{}", set.draw);
     }
-    Artifact::new(name, &words)
+    Artifact { name, command }
 }

@@ -126,74 +126,46 @@ impl Plan {
         })
     }
 
-    /// Arguments for training an RBF network with a multiple of Eq. 13's spread, on a case folder or the paper's sheet.
-    pub(super) fn rbf(&self, profile: &str, more: &[&str]) -> Vec<String> {
-        ["train", "rbf", "--profile", profile]
-            .into_iter()
-            .map(str::to_owned)
-            .chain(self.size())
-            .chain(more.iter().map(|word| (*word).to_owned()))
-            .collect()
+    /// The command that trains an RBF network, on the paper's sheet if no case folder is added.
+    pub(super) fn rbf(&self, profile: &str) -> String {
+        format!("train rbf --profile {profile} {}", self.size())
     }
 
-    fn size(&self) -> Vec<String> {
-        [
-            ("--cases", self.cases.to_string()),
-            ("--repeats", self.repeats.to_string()),
-            ("--seed", self.seed.to_string()),
-        ]
-        .into_iter()
-        .flat_map(|(key, value)| [key.to_owned(), value])
+    fn size(&self) -> String {
+        let (cases, repeats, seed) = (self.cases, self.repeats, self.seed);
         // also a model that has learnt nothing: the study shows what it is worth
-        .chain(["--yes".to_owned()])
-        .collect()
+        format!("--cases {cases} --repeats {repeats} --seed {seed} --yes")
     }
 
     /// All methods; their networks are not made yet.
     pub(super) fn methods(&self) -> Vec<Method> {
-        let seed = self.seed.to_string();
-        let cases = self.cases.to_string();
-        let deep: Vec<String> = ["train", "dnn", "--profile", "paper"]
-            .into_iter()
-            .map(str::to_owned)
-            .chain(self.size())
-            .chain([
-                "--epochs".to_owned(),
-                self.epochs.to_string(),
-                "--set".to_owned(),
-                format!("width={}", self.width),
-            ])
-            .collect();
-        let linear = [
-            "train",
-            "linear",
-            "--profile",
-            "matched",
-            "--cases",
-            &cases,
-            "--seed",
-            &seed,
-            "--symmetric",
-            "--yes",
-        ];
-        let linear: Vec<String> = linear.map(str::to_owned).to_vec();
-        let plain = |name: &'static str, words: &str| Method {
+        let deep = format!(
+            "train dnn --profile paper {} --epochs {} --set width={}",
+            self.size(),
+            self.epochs,
+            self.width
+        );
+        let linear = format!(
+            "train linear --profile matched --cases {} --seed {} --symmetric --yes",
+            self.cases, self.seed
+        );
+        let plain = |name: &'static str, options: &str| Method {
             name,
-            source: Source::options(words.split(' ')),
+            source: Source::Options(options.to_owned()),
             model: None,
         };
-        let trained = |name: &'static str, file: &str, words: Vec<String>| Method {
+        let trained = |name: &'static str, file: &str, command: String| Method {
             name,
             source: Source::Model(Artifact {
                 name: file.to_owned(),
-                words,
+                command,
             }),
             model: None,
         };
         let mut methods = vec![
             plain(TV, "--method tv-paper"),
             trained(DEEP, "models/dnn-paper.safetensors", deep),
-            trained(RBF, RBF_FILE, self.rbf("paper", &[])),
+            trained(RBF, RBF_FILE, self.rbf("paper")),
             plain("TV", "--method tv"),
             plain("TV, losses only", "--method tv --loss-only"),
             plain("one-step", "--method one-step"),
@@ -206,7 +178,7 @@ impl Plan {
             trained(
                 "RBF, matched",
                 "models/rbf-matched.safetensors",
-                self.rbf("matched", &[]),
+                self.rbf("matched"),
             ),
         ];
         if self.best {
@@ -236,7 +208,7 @@ impl Plan {
                 hash: loaded.hash().to_owned(),
                 weights: weights(&loaded),
                 resident: place.resident_bytes(&file),
-                command: format!("tactus-lab {}", artifact.words.join(" ")),
+                command: format!("tactus-lab {}", artifact.command),
                 file,
             });
         }

@@ -25,7 +25,7 @@ pub(super) struct Point {
     pub(super) curve: String,
     pub(super) across: f64,
     pub(super) up: f64,
-    /// Standard deviation over the frames.
+    /// Standard deviation over the frames, or the standard error of the mean.
     pub(super) spread: f64,
 }
 
@@ -58,8 +58,8 @@ pub(super) fn run(
 }
 
 /// The seed of the test sets, different from that of the training.
-fn judging(plan: &Plan) -> String {
-    (1000 * (plan.seed + 1)).to_string()
+fn judging(plan: &Plan) -> u64 {
+    1000 * (plan.seed + 1)
 }
 
 /// Figures of the frames of a set by one method.
@@ -84,8 +84,10 @@ fn sizes(
     evaluations: &Evaluations,
     methods: &[Method],
 ) -> Result<Vec<Sweep>, Failure> {
-    let seed = judging(plan);
-    let set = Artifact::new("sets/sizes", &["judge", "--set", "sizes", "--seed", &seed]);
+    let set = Artifact {
+        name: "sets/sizes".to_owned(),
+        command: format!("judge --set sizes --seed {}", judging(plan)),
+    };
     let (mut errors, mut dice) = (Vec::new(), Vec::new());
     for method in methods {
         let shown = [
@@ -158,8 +160,8 @@ fn alphas(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
         .collect();
     for noise_uv in plan.noises.iter().copied().filter(|uv| *uv <= 20.0) {
         let set = test_set(plan, Set::even(1, noise_uv));
-        let mut error = |curve: String, across: &[f64], words: &[&str]| -> Result<(), Failure> {
-            let source = Source::options(words.iter().copied());
+        let mut error = |curve: String, across: &[f64], options: String| -> Result<(), Failure> {
+            let source = Source::Options(options);
             let frames = figures_of(evaluations, &curve, &source, &set)?;
             let errors: Vec<f64> = frames.iter().filter_map(|frame| frame.error_mm).collect();
             if errors.is_empty() {
@@ -175,21 +177,14 @@ fn alphas(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
             Ok(())
         };
         for &exponent in plan.alphas {
-            let alpha = format!("1e{exponent}");
             let curve = format!("as printed, {noise_uv} uV");
             let across = [10.0_f64.powi(exponent)];
-            error(
-                curve,
-                &across,
-                &["--method", "tv-paper", "--lambda", &alpha],
-            )?;
+            let options = format!("--method tv-paper --lambda 1e{exponent}");
+            error(curve, &across, options)?;
         }
         if noise_uv == FIGURES_AT {
-            error(
-                format!("true TV, {noise_uv} uV"),
-                &ends,
-                &["--method", "tv"],
-            )?;
+            let curve = format!("true TV, {noise_uv} uV");
+            error(curve, &ends, "--method tv".to_owned())?;
         }
     }
     Ok(Sweep {
@@ -212,31 +207,23 @@ fn spreads(plan: &Plan, evaluations: &Evaluations) -> Result<Sweep, Failure> {
     let count = if plan.best { "100" } else { "10" };
     let mut points = Vec::new();
     for noise in ["2e-6", "396e-6"] {
-        let set = Artifact::new(
-            format!("sets/polygons-{noise}"),
-            &[
-                "judge",
-                "--set",
-                "polygons",
-                "--noise-v",
-                noise,
-                "--count",
-                count,
-                "--seed",
-                &seed,
-            ],
-        );
+        let set = Artifact {
+            name: format!("sets/polygons-{noise}"),
+            command: format!(
+                "judge --set polygons --noise-v {noise} --count {count} --seed {seed}"
+            ),
+        };
         for &times in plan.spreads {
-            let factor = times.to_string();
+            let rbf = plan.rbf("paper");
             // the factor 1 is the paper's network, which exists already
-            let (name, words) = match times == 1.0 {
-                true => (RBF_FILE.to_owned(), plan.rbf("paper", &[])),
+            let (name, command) = match times == 1.0 {
+                true => (RBF_FILE.to_owned(), rbf),
                 false => (
-                    format!("models/rbf-spread-{factor}.safetensors"),
-                    plan.rbf("paper", &["--spread-times", &factor]),
+                    format!("models/rbf-spread-{times}.safetensors"),
+                    format!("{rbf} --spread-times {times}"),
                 ),
             };
-            let source = Source::Model(Artifact { name, words });
+            let source = Source::Model(Artifact { name, command });
             let frames = figures_of(evaluations, &format!("{noise} V"), &source, &set)?;
             let values: Vec<f64> = frames.iter().map(|frame| frame.correlation).collect();
             let (up, spread) = mean_and_deviation(&values);
@@ -276,29 +263,21 @@ fn sheets(plan: &Plan, evaluations: &Evaluations) -> Result<Vec<Sweep>, Failure>
             format!("electrodes_per_width={along_width}"),
             format!("electrodes_per_height={along_height}"),
         ];
-        let mut words = vec![
-            "judge",
-            "--set",
-            "presses-10",
-            "--count",
-            count,
-            "--seed",
-            &seed,
-        ];
+        let mut command = format!("judge --set presses-10 --count {count} --seed {seed}");
         for measure in &measures {
-            words.extend(["--measure", measure]);
+            command += &format!(" --measure {measure}");
         }
         let name = format!("sets/sheet-{scale}-{ring}");
-        let set = Artifact::new(name, &words);
+        let set = Artifact { name, command };
         let trained = Artifact {
             name: format!("models/rbf-sheet-{scale}-{ring}.safetensors"),
-            words: plan.rbf("paper", &["--case", TEST_SET]),
+            command: format!("{} --case {TEST_SET}", plan.rbf("paper")),
         };
         for (method, source) in [
             (RBF, Source::Model(trained)),
             (
                 "one-step, losses only",
-                Source::options(["--method", "one-step", "--loss-only"]),
+                Source::Options("--method one-step --loss-only".to_owned()),
             ),
         ] {
             let frames = figures_of(evaluations, method, &source, &set)?;

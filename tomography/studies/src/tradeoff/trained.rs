@@ -2,8 +2,6 @@
 
 use std::path::PathBuf;
 
-use outfile::Existing;
-
 use super::Effort;
 use crate::artifact_cache::ArtifactCache;
 use crate::failure::Failure;
@@ -16,22 +14,12 @@ pub(crate) struct Trained {
 }
 
 impl Trained {
-    /// Trains a model, or reuses one trained with the same arguments.
-    pub(crate) fn new(place: &ArtifactCache<'_>, words: &[&str]) -> Result<Self, Failure> {
-        let name = words[1..].join("-").replace("--", "").replace('=', "-");
+    /// Trains a model, or reuses one trained with the same arguments of `train`.
+    pub(crate) fn new(place: &ArtifactCache<'_>, arguments: &str) -> Result<Self, Failure> {
+        let name = arguments.replace("--", "").replace([' ', '='], "-");
         let name = format!("models/{name}.safetensors");
         // also a model that has learnt nothing: the study shows what it is worth
-        let words = [words, &["--yes"]].concat();
-        let (file, took) = place.made_in(&name, &words)?;
-        let kept = place.path(&format!("{name}.seconds"));
-        let stored = || std::fs::read_to_string(&kept).ok()?.trim().parse().ok();
-        let seconds = match took {
-            Some(took) => {
-                crate::failure::write(&kept, Existing::Replace, format!("{took}\n"))?;
-                took
-            }
-            None => stored().unwrap_or(f64::NAN),
-        };
+        let (file, seconds) = place.made_timed(&name, &format!("train {arguments} --yes"))?;
         Ok(Self { file, seconds })
     }
 
@@ -51,11 +39,10 @@ pub(crate) fn judged_sets(
     (0..effort.seeds())
         .map(|draw| {
             // different from the seed of any training
-            let seed = (1000 * (effort.seed + 1) + draw).to_string();
-            let count = count.to_string();
+            let seed = 1000 * (effort.seed + 1) + draw;
             place.made(
                 &format!("sets/{set}-{count}-{seed}"),
-                &["judge", "--set", set, "--count", &count, "--seed", &seed],
+                &format!("judge --set {set} --count {count} --seed {seed}"),
             )
         })
         .collect()

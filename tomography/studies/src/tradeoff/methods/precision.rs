@@ -100,27 +100,12 @@ pub(crate) fn deep(
     width: usize,
     precision: &str,
 ) -> Result<Trained, Failure> {
-    let wide = format!("width={width}");
-    let seed = effort.seed.to_string();
-    let words = [
-        "train",
-        "dnn",
-        "--profile",
-        "matched",
-        "--cases",
-        cases(effort),
-        "--epochs",
-        epochs(effort),
-        "--set",
-        &wide,
-        "--repeats",
-        "2",
-        "--seed",
-        &seed,
-        "--precision",
-        precision,
-    ];
-    Trained::new(place, &words)
+    let (cases, epochs, seed) = (cases(effort), epochs(effort), effort.seed);
+    let arguments = format!(
+        "dnn --profile matched --cases {cases} --epochs {epochs} --set width={width} --repeats 2 --seed {seed} \
+         --precision {precision}"
+    );
+    Trained::new(place, &arguments)
 }
 
 /// Median time to read and check a model file, s.

@@ -7,7 +7,7 @@ use outfile::Existing;
 use phantom::Scene;
 
 use super::precision;
-use crate::artifact_cache::ArtifactCache;
+use crate::artifact_cache::{ArtifactCache, FOLDER};
 use crate::evaluation::{Judged, average, figures, maps_not_refused, of_frames};
 use crate::failure::Failure;
 use crate::tradeoff::Effort;
@@ -178,13 +178,11 @@ fn scenes(
                 true => format!("seed = {seed}\n"),
                 false => format!("{line}\n"),
             });
-            let scene = place.path(&format!("sets/{name}-{seed}.toml"));
+            let set = format!("sets/{name}-{seed}");
+            let scene = place.path(&format!("{set}.toml"));
             crate::failure::write(&scene, Existing::Replace, lines.collect())?;
-            let file = scene.display().to_string();
-            let folder = place.made(
-                &format!("sets/{name}-{seed}"),
-                &["scene", "run", &file, "--every", every, "--frames", "9"],
-            )?;
+            let command = format!("scene run {FOLDER}/{set}.toml --every {every} --frames 9");
+            let folder = place.made(&set, &command)?;
             Ok(Set { folder, frames: 8 })
         })
         .collect()
@@ -261,7 +259,6 @@ fn untrained(full: bool) -> Vec<Method> {
 
 fn methods(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Failure> {
     let mut methods = untrained(effort.full);
-    let seed = effort.seed.to_string();
     let cases = precision::cases(effort);
     let mut trained = |line: &'static str, setting: String, trained: Trained| {
         methods.push(Method {
@@ -271,19 +268,17 @@ fn methods(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Vec<Method>, Fa
             training_s: Some(trained.seconds),
         });
     };
-    let common = ["--profile", "matched", "--cases", cases, "--seed", &seed];
-    let words = [&["train", "linear"][..], &common].concat();
+    let common = format!("--profile matched --cases {cases} --seed {}", effort.seed);
     trained(
         "linear",
         format!("{cases} cases"),
-        Trained::new(place, &words)?,
+        Trained::new(place, &format!("linear {common}"))?,
     );
-    for centres in effort.of(&["25", "100"][..], &["25", "50", "100", "200", "400"]) {
-        let words = [&["train", "rbf"][..], &common, &["--neurons", centres]].concat();
+    for centres in effort.of(&[25, 100][..], &[25, 50, 100, 200, 400]) {
         trained(
             "RBF network",
             format!("{centres} centres"),
-            Trained::new(place, &words)?,
+            Trained::new(place, &format!("rbf {common} --neurons {centres}"))?,
         );
     }
     for &width in precision::widths(effort) {

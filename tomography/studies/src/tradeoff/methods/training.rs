@@ -12,45 +12,32 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
     let epochs: &[usize] = effort.of(&[1][..], &[2, 5, 15]);
     let width = effort.of(64, 256);
     let sets = judged_sets(effort, place, "polygons", effort.of(2, 8))?;
-    let seed = effort.seed.to_string();
     let mut points = Vec::new();
     for &count in cases {
-        let count = count.to_string();
-        let common = ["--profile", "matched", "--cases", &count, "--seed", &seed];
-        let mut all: Vec<(String, String, Vec<&str>)> = vec![
-            (
-                "linear".to_owned(),
-                format!("{count} cases"),
-                [&["train", "linear"][..], &common].concat(),
-            ),
-            (
-                "RBF network".to_owned(),
-                format!("{count} cases"),
-                [&["train", "rbf"][..], &common].concat(),
-            ),
+        let common = format!("--profile matched --cases {count} --seed {}", effort.seed);
+        let mut all = vec![
+            ("linear".to_owned(), format!("linear {common}")),
+            ("RBF network".to_owned(), format!("rbf {common}")),
         ];
-        let wide = format!("width={width}");
-        let rounds: Vec<String> = epochs.iter().map(usize::to_string).collect();
-        for epochs in &rounds {
+        for epochs in epochs {
             all.push((
                 format!("deep network, {epochs} epochs"),
-                format!("{count} cases"),
-                [
-                    &["train", "dnn"][..],
-                    &common,
-                    &["--epochs", epochs, "--set", &wide, "--repeats", "2"],
-                ]
-                .concat(),
+                format!("dnn {common} --epochs {epochs} --set width={width} --repeats 2"),
             ));
         }
-        for (line, setting, words) in all {
-            let trained = Trained::new(place, &words)?;
+        for (line, arguments) in all {
+            let trained = Trained::new(place, &arguments)?;
             let mut errors = Vec::new();
             for set in &sets {
                 let frames = of_frames(&maps(set, &line, &trained.words())?)?;
                 errors.push(average(frames.iter().map(|frame| 1.0 - frame.correlation)));
             }
-            points.push(Point::new(line, setting, trained.seconds, &errors));
+            points.push(Point::new(
+                line,
+                format!("{count} cases"),
+                trained.seconds,
+                &errors,
+            ));
         }
     }
     Ok(Panel {
