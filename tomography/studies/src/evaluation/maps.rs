@@ -1,5 +1,6 @@
 //! The maps of one method for one test set, with the truth.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::Instant;
 
@@ -18,6 +19,8 @@ use training::noise_figure::by_draws;
 
 /// Noise assumed for noise-free frames, V: with zero noise a method would fit its model error.
 const LEAST_NOISE: f64 = 2e-6;
+/// Columns of `presses.csv` that are needed: frame and place.
+const PRESS_COLUMNS: usize = 3;
 
 /// One frame of a test set.
 pub struct Frame {
@@ -103,7 +106,12 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     };
     let recording = FrameTable::read(folder, &table, case.protocol.len())?;
     let model = options.prepare(&case, &recording)?;
-    let truths = rows(&folder.join("truth.csv"))?;
+    let triangles = case.mesh.region().len();
+    let truths = rows(
+        &folder.join("truth.csv"),
+        recording.frames.len().saturating_sub(1),
+        triangles..=triangles,
+    )?;
     let bar = progress::bar(truths.len(), "frames");
     let one = |k: usize| -> Result<Option<(Map, f64)>, Failure> {
         let (frame_name, frame) = &recording.frames[k + 1];
@@ -133,7 +141,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     bar.finish_and_clear();
     let presses = folder.join("presses.csv");
     let places = match presses.exists() {
-        true => rows(&presses)?,
+        true => rows(&presses, truths.len(), PRESS_COLUMNS..=usize::MAX)?,
         false => Vec::new(),
     };
     let frames = maps
@@ -160,12 +168,71 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     })
 }
 
-/// Rows of numbers, without a header.
-fn rows(path: &Path) -> Result<Vec<Vec<f64>>, Failure> {
+/// Rows of numbers, without a header: one for each frame after the baseline.
+fn rows(
+    path: &Path,
+    count: usize,
+    columns: RangeInclusive<usize>,
+) -> Result<Vec<Vec<f64>>, Failure> {
     let text = std::fs::read_to_string(path)
         .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;
-    Ok(text
-        .lines()
-        .filter_map(|line| line.split(',').map(|field| field.parse().ok()).collect())
-        .collect())
+    let mut rows = Vec::new();
+    for (k, line) in text.lines().enumerate() {
+        let fields: Vec<Option<f64>> = line.split(',').map(|field| field.parse().ok()).collect();
+        let header = k == 0 && fields.iter().all(Option::is_none);
+        if header {
+            continue;
+        }
+        let row: Option<Vec<f64>> = fields.into_iter().collect();
+        match row {
+            Some(row) if columns.contains(&row.len()) => rows.push(row),
+            _ => {
+                return Err(Failure::because(format!(
+                    "{}:{}: {} numbers are expected",
+                    path.display(),
+                    k + 1,
+                    columns.start()
+                )));
+            }
+        }
+    }
+    if rows.len() != count {
+        return Err(Failure::because(format!(
+            "{} has {} rows, for {count} frames after the baseline",
+            path.display(),
+            rows.len()
+        )));
+    }
+    Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rows;
+
+    #[test]
+    fn damaged_rows_of_the_truth_are_errors_with_their_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("truth.csv");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            rows(&path, 2, 3..=3).map_err(|fault| fault.to_string())
+        };
+        let whole = vec![vec![1.0, 2.0, 3.0], vec![4.0, 5.0, 6.0]];
+        assert_eq!(read("1,2,3\n4,5,6\n").as_ref(), Ok(&whole));
+        assert_eq!(read("frame,x_m,y_m\n1,2,3\n4,5,6\n"), Ok(whole));
+        for (text, words) in [
+            ("frame,x_m,y_m\n1,2,3\n4,y,6\n", "truth.csv:3: 3 numbers"),
+            ("1,2,x\n4,5,6\n", "truth.csv:1: 3 numbers"),
+            ("1,2\n4,5,6\n", "truth.csv:1: 3 numbers"),
+            ("1,2,3\n", "truth.csv has 1 rows, for 2 frames"),
+            (
+                "1,2,3\n4,5,6\n7,8,9\n",
+                "truth.csv has 3 rows, for 2 frames",
+            ),
+        ] {
+            let fault = read(text).unwrap_err();
+            assert!(fault.contains(words), "{fault}");
+        }
+    }
 }
