@@ -7,6 +7,7 @@ use eit::model::fingerprint;
 use outfile::Existing;
 use studies::Failure;
 use studies::evaluation::test_set::{self, TestSet, TestSetName};
+use tempfile::TempDir;
 
 use crate::args::EvaluateOptions;
 
@@ -60,28 +61,32 @@ const STANDARD: [(TestSetName, f64, &str); 4] = [
     (TestSetName::Polygons, 396e-6, "polygons-396uV"),
 ];
 
-/// Test sets of the command line, or the standard ones, which are made when they are used, in a temporary folder that is
-/// removed afterwards.
+/// Test sets of the command line, or the standard ones, which are made when they are used, in a new temporary folder that
+/// is removed afterwards.
 pub(super) enum Sets<'a> {
     Named(&'a [PathBuf]),
     Standard {
-        folder: PathBuf,
+        folder: TempDir,
         seed: u64,
         count: Option<usize>,
     },
 }
 
 impl<'a> Sets<'a> {
-    pub(super) fn of(options: &'a EvaluateOptions) -> Self {
-        match options.set.is_empty() {
-            false => Self::Named(&options.set),
-            true => Self::Standard {
-                folder: std::env::temp_dir()
-                    .join(format!("tactus-evaluate-{}", std::process::id())),
-                seed: options.seed,
-                count: options.count,
-            },
+    pub(super) fn of(options: &'a EvaluateOptions) -> Result<Self, Failure> {
+        if !options.set.is_empty() {
+            return Ok(Self::Named(&options.set));
         }
+        // never a folder that exists: it could have the sets of a process that was killed
+        let folder = tempfile::Builder::new()
+            .prefix("tactus-evaluate-")
+            .tempdir()
+            .map_err(|cause| Failure::of("cannot create a temporary folder", &cause))?;
+        Ok(Self::Standard {
+            folder,
+            seed: options.seed,
+            count: options.count,
+        })
     }
 
     pub(super) fn len(&self) -> usize {
@@ -113,7 +118,7 @@ impl<'a> Sets<'a> {
                 count,
             } => {
                 let (loads, noise_v, name) = STANDARD[set];
-                let folder = folder.join(name);
+                let folder = folder.path().join(name);
                 if !folder.exists() {
                     let set = TestSet {
                         set: loads,
@@ -142,15 +147,6 @@ impl<'a> Sets<'a> {
             Self::Standard { seed, count, .. } => {
                 Ok(serde_json::json!({ "seed": seed, "count": count }))
             }
-        }
-    }
-}
-
-impl Drop for Sets<'_> {
-    fn drop(&mut self) {
-        if let Self::Standard { folder, .. } = self {
-            // a folder that cannot be removed is left to the system's cleaning of temporary files
-            let _ = std::fs::remove_dir_all(folder);
         }
     }
 }
@@ -191,4 +187,29 @@ fn content(folder: &Path) -> Result<String, Failure> {
     }
     lines.sort();
     Ok(fingerprint(lines.concat().as_bytes()))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::Sets;
+    use crate::args::{Arguments, Command};
+
+    #[test]
+    fn standard_sets_have_a_new_folder_removed_afterwards() {
+        let arguments = Arguments::try_parse_from(["tactus-lab", "evaluate"]).unwrap();
+        let Command::Evaluate(options) = &arguments.command else {
+            panic!("another command");
+        };
+        let sets = [(); 2].map(|()| Sets::of(options).unwrap());
+        let folders = sets.each_ref().map(|sets| match sets {
+            Sets::Standard { folder, .. } => folder.path().to_owned(),
+            Sets::Named(_) => panic!("no set was named"),
+        });
+        assert_ne!(folders[0], folders[1]);
+        assert!(folders.iter().all(|folder| folder.is_dir()));
+        drop(sets);
+        assert!(!folders.iter().any(|folder| folder.exists()));
+    }
 }

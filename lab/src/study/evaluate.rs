@@ -81,7 +81,7 @@ struct Line {
 /// work in shards.
 pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     let methods = methods(options);
-    let sets = Sets::of(options);
+    let sets = Sets::of(options)?;
     let (division, stop) = divided(&options.shards)?;
     let pairs: Vec<(usize, &Method)> = (0..sets.len())
         .flat_map(|set| methods.iter().map(move |method| (set, method)))
@@ -157,24 +157,7 @@ pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
 
 fn print_heading() {
     print_line!(
-        "{:<22} {:<24} {:>6} {:>8} {:>8} {:>6} {:>6} {:>6} {:>6} {:>9} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>9}",
-        "set",
-        "method",
-        "frames",
-        "mean mm",
-        "worst",
-        "corr",
-        "error",
-        "Dice",
-        "SSIM",
-        "AR",
-        "PE",
-        "RES",
-        "SD",
-        "RNG",
-        "NF",
-        "new",
-        "ms"
+        "set                    method                   frames  mean mm    worst   corr  error   Dice   SSIM        AR     PE    RES     SD    RNG     NF   new        ms"
     );
 }
 
