@@ -344,19 +344,8 @@ fn row(
 
 /// The rows as text.
 pub(super) fn text(rows: &[MapRow]) -> String {
-    let mut text = format!(
-        "{:<20} {:<11} {:<26} {:>8} {:>6} {:>16} {:>6} {:>11} {:>11} {:>9} {:>9}\n",
-        "method",
-        "stated",
-        "load",
-        "noise uV",
-        "frames",
-        "correlation",
-        "sound",
-        "worst sound",
-        "above noise",
-        "median ms",
-        "p95 ms"
+    let mut text = String::from(
+        "method               stated      load                       noise uV frames      correlation  sound worst sound above noise median ms    p95 ms\n",
     );
     for row in rows {
         let worst = row

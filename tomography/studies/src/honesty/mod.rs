@@ -82,9 +82,8 @@ pub fn run(settings: &Settings) -> Result<Report, Failure> {
 impl Report {
     /// The tables as text.
     pub fn text(&self) -> String {
-        let mut text = format!(
-            "{:<38} {:>8} {:>7} {:>9} {:>10} {:>7}  reasons\n",
-            "frames", "noise uV", "frames", "not sound", "unreliable", "named"
+        let mut text = String::from(
+            "frames                                 noise uV  frames not sound unreliable   named  reasons\n",
         );
         for row in &self.quality {
             let share = |count: usize| 100.0 * count as f64 / row.frames as f64;

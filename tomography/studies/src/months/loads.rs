@@ -307,7 +307,9 @@ fn judged(kind: Kind, seen: &[Seen]) -> Vec<LoadRow> {
 
 /// The table as text.
 pub(super) fn text(rows: &[LoadRow]) -> String {
-    let mut text = format!("{:<34} {:<46} {:>9}  goal\n", "load", "", "value");
+    let mut text = String::from(
+        "load                                                                                  value  goal\n",
+    );
     for row in rows {
         text += &format!(
             "{:<34} {:<46} {:>9.2}  {}\n",

@@ -307,20 +307,8 @@ fn row(
 
 /// The rows as text.
 pub(super) fn text(rows: &[MapRow]) -> String {
-    let mut text = format!(
-        "{:<15} {:<15} {:<20} {:<6} {:<9} {:>6} {:>10} {:>8} {:>12} {:>6} {:>8} {:>8}\n",
-        "drift",
-        "load",
-        "method",
-        "drift=",
-        "days",
-        "frames",
-        "median mm",
-        "p95 mm",
-        "correlation",
-        "resolved",
-        "covered",
-        "under it"
+    let mut text = String::from(
+        "drift           load            method               drift= days      frames  median mm   p95 mm  correlation resolved  covered under it\n",
     );
     let mm = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
     for row in rows {

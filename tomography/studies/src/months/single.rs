@@ -317,9 +317,8 @@ pub(super) fn distance(fit: &DiscFit, press_mm: [f64; 2]) -> f64 {
 
 /// The tables as text.
 pub(super) fn text(rows: &[SingleRow], sheets: &[SheetRow]) -> String {
-    let mut text = format!(
-        "{:<15} {:<22} {:>5} {:<9} {:>7} {:>10} {:>8} {:>9} {:>8}\n",
-        "drift", "method", "mm", "days", "presses", "median mm", "p95 mm", "accepted", "covered"
+    let mut text = String::from(
+        "drift           method                    mm days      presses  median mm   p95 mm  accepted  covered\n",
     );
     let share =
         |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{:.0} %", 100.0 * v));
@@ -337,17 +336,7 @@ pub(super) fn text(rows: &[SingleRow], sheets: &[SheetRow]) -> String {
             share(row.covered)
         );
     }
-    text += &format!(
-        "\n{:<15} {:>6} {:>9} {:>11} {:>9} {:>13} {:>10} {:>10}\n",
-        "drift",
-        "sheets",
-        "misfit %",
-        "nominal %",
-        "uneven %",
-        "empty frames",
-        "score > 45",
-        "score > 100"
-    );
+    text += "\ndrift           sheets  misfit %   nominal %  uneven %  empty frames score > 45 score > 100\n";
     for row in sheets {
         text += &format!(
             "{:<15} {:>6} {:>9.2} {:>11.2} {:>9.2} {:>13} {:>10} {:>10}\n",

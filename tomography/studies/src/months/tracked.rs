@@ -374,18 +374,8 @@ fn frame_row(scene: LongScene, days: &'static str, of: &[&Judged]) -> FrameRow {
 
 /// The tables as text.
 pub(super) fn text(presses: &[PressRow], frames: &[FrameRow]) -> String {
-    let mut text = format!(
-        "{:<9} {:<6} {:>4} {:>7} {:>6} {:>8} {:>7} {:>7} {:>8} {:>7}\n",
-        "scene",
-        "days",
-        "mm",
-        "presses",
-        "missed",
-        "mean mm",
-        "p95 mm",
-        "max mm",
-        "accepted",
-        "covered"
+    let mut text = String::from(
+        "scene     days     mm presses missed  mean mm  p95 mm  max mm accepted covered\n",
     );
     for row in presses {
         text += &format!(
@@ -402,22 +392,7 @@ pub(super) fn text(presses: &[PressRow], frames: &[FrameRow]) -> String {
             row.covered
         );
     }
-    text += &format!(
-        "\n{:<9} {:<6} {:>6} {:>6} {:>6} {:>7} {:>7} {:>7} {:>6} {:>7} {:>6} {:>5} {:>9}\n",
-        "scene",
-        "days",
-        "empty",
-        "false",
-        "night",
-        "missed",
-        "zero %",
-        "max %",
-        "chi/n",
-        "anchors",
-        "faults",
-        "pace",
-        "ms a frame"
-    );
+    text += "\nscene     days    empty  false  night  missed  zero %   max %  chi/n anchors faults  pace ms a frame\n";
     for row in frames {
         text += &format!(
             "{:<9} {:<6} {:>6} {:>6} {:>6} {:>7} {:>7.3} {:>7.3} {:>6.2} {:>7} {:>6} {:>5} {:>9.1}\n",

@@ -162,9 +162,8 @@ fn figure(value: f64) -> String {
 }
 
 fn text(found: &[(&Case, Outcome)]) -> String {
-    let mut text = format!(
-        "{:>4}  {:<34} {:<58} {:>9} {:>9} {:>11}  {}\n",
-        "case", "name", "what is measured", "naive", "ours", "bound", "verdict"
+    let mut text = String::from(
+        "case  name                               what is measured                                               naive      ours       bound  verdict\n",
     );
     let mut notes = String::new();
     for (case, outcome) in found {
