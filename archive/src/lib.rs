@@ -21,6 +21,7 @@ mod part;
 mod program;
 mod reader;
 mod retrieval;
+mod runtime;
 mod settings;
 mod store;
 mod upload;
@@ -29,7 +30,7 @@ pub use args::{Filter, Pull, Task};
 pub use cache::InUse;
 pub use catalogue::{
     Access, ArchivedName, ArchivedPart, ArchivedSession, Catalogue, CatalogueError, Machine,
-    Migration, Selection, SessionFilter, SessionName,
+    Migration, SessionFilter, SessionName,
 };
 pub use live::LiveSettings;
 pub use part::{Part, PartError};

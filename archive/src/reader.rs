@@ -110,7 +110,7 @@ impl ArchiveReader {
         runtime()?.block_on(async {
             let catalogue = self.catalogue().await?;
             let name = found(&catalogue, wanted).await?;
-            let parts = catalogue.parts(&name.selection()).await?;
+            let parts = catalogue.parts_of(&name).await?;
             let store = self.settings.store.open()?;
             for part in &parts {
                 retrieval::check_names(&part.name)?;
@@ -140,10 +140,7 @@ impl ArchiveReader {
 }
 
 fn runtime() -> Result<Runtime, ReadError> {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build();
-    runtime.map_err(ReadError::Runtime)
+    crate::runtime::runtime().map_err(ReadError::Runtime)
 }
 
 /// The session of a name.

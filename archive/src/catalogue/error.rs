@@ -1,10 +1,14 @@
 //! Why the catalogue refuses, in words that name what to do.
 
 use std::error::Error;
+use std::time::Duration;
 
 use tokio_postgres::error::SqlState;
 
 use crate::credentials::is_about_tls;
+
+/// Time for one answer of the server.
+const ANSWER: Duration = Duration::from_secs(60);
 
 /// Why the catalogue refuses.
 #[derive(Debug, thiserror::Error)]
@@ -172,6 +176,20 @@ pub(super) struct Endpoint {
 }
 
 impl Endpoint {
+    /// Limits the time of an answer.
+    pub(super) async fn within<T>(
+        &self,
+        answer: impl Future<Output = Result<T, tokio_postgres::Error>>,
+    ) -> Result<T, CatalogueError> {
+        match tokio::time::timeout(ANSWER, answer).await {
+            Ok(answer) => answer.map_err(|error| self.refused(error)),
+            Err(_) => Err(CatalogueError::Late {
+                place: self.place.clone(),
+                seconds: ANSWER.as_secs(),
+            }),
+        }
+    }
+
     /// The error of an attempt to connect.
     pub(super) fn not_connected(&self, source: tokio_postgres::Error) -> CatalogueError {
         let place = self.place.clone();

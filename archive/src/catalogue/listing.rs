@@ -2,19 +2,8 @@
 
 use serde::Serialize;
 
-use super::{Catalogue, CatalogueError};
+use super::{Catalogue, CatalogueError, SessionName};
 use crate::store::PartName;
-
-/// Which parts.
-#[derive(Debug, Clone, Default)]
-pub struct Selection {
-    /// Of this site; of all that this role may see if `None`.
-    pub site: Option<String>,
-    /// Of this machine.
-    pub daq: Option<String>,
-    /// Of this session.
-    pub session: Option<String>,
-}
 
 /// A part as the catalogue has it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -31,17 +20,31 @@ pub struct ArchivedPart {
 }
 
 impl Catalogue {
-    /// The parts of a selection, session by session in the order of their frames.
+    /// The parts of a session, in the order of their frames.
     ///
     /// # Errors
     /// The server refuses.
-    pub async fn parts(&self, selected: &Selection) -> Result<Vec<ArchivedPart>, CatalogueError> {
+    pub async fn parts_of(&self, name: &SessionName) -> Result<Vec<ArchivedPart>, CatalogueError> {
+        self.parts(Some(&name.site), Some(&name.daq), Some(&name.session))
+            .await
+    }
+
+    /// The parts of a site, a machine and a session, session by session in the order of their frames; `None` stands for all that
+    /// this role may see.
+    ///
+    /// # Errors
+    /// The server refuses.
+    pub async fn parts(
+        &self,
+        site: Option<&str>,
+        daq: Option<&str>,
+        session: Option<&str>,
+    ) -> Result<Vec<ArchivedPart>, CatalogueError> {
         let query = "SELECT site, daq, session, part, encode(sha256, 'hex'), bytes, first_sequence, frames FROM tactus.part
             WHERE ($1::text IS NULL OR site = $1) AND ($2::text IS NULL OR daq = $2) AND ($3::text IS NULL OR session = $3)
             ORDER BY site, daq, session, first_sequence, started";
-        let Selection { site, daq, session } = selected;
         let rows = self
-            .within(self.client.query(query, &[site, daq, session]))
+            .within(self.client.query(query, &[&site, &daq, &session]))
             .await?;
         let number = |count: i64| u64::try_from(count).unwrap_or_default();
         let part = |row: &tokio_postgres::Row| ArchivedPart {

@@ -9,14 +9,13 @@ mod rows;
 mod sessions;
 
 use std::collections::BTreeMap;
-use std::time::Duration;
 
 use logbook::QuantityLine;
 use tokio_postgres::{Client, Transaction};
 
 pub use connection::Access;
 pub use error::CatalogueError;
-pub use listing::{ArchivedPart, Selection};
+pub use listing::ArchivedPart;
 pub use machines::Machine;
 pub use migrations::Migration;
 pub(crate) use sessions::Unfound;
@@ -24,9 +23,6 @@ pub use sessions::{ArchivedName, ArchivedSession, SessionFilter, SessionName};
 
 use crate::part::Part;
 use error::Endpoint;
-
-/// Time for one answer of the server.
-const ANSWER: Duration = Duration::from_secs(60);
 
 /// A connection to the catalogue.
 #[derive(Debug)]
@@ -166,18 +162,18 @@ impl Catalogue {
         part: &Part,
         lines: &[QuantityLine],
     ) -> Result<(), CatalogueError> {
-        let (transaction, deadline) = self.begin().await?;
-        rows::part(&transaction, &deadline, part).await?;
-        rows::events(&transaction, &deadline, part).await?;
+        let (transaction, server) = self.begin().await?;
+        rows::part(&transaction, server, part).await?;
+        rows::events(&transaction, server, part).await?;
         let name = &part.name;
         rows::quantities(
             &transaction,
-            &deadline,
+            server,
             (&name.site, &name.daq, &name.session),
             lines,
         )
         .await?;
-        deadline.within(transaction.commit()).await
+        server.within(transaction.commit()).await
     }
 
     /// Enters lines of quantities of a session: all or nothing.
@@ -191,26 +187,26 @@ impl Catalogue {
         session: &str,
         lines: &[QuantityLine],
     ) -> Result<(), CatalogueError> {
-        let (transaction, deadline) = self.begin().await?;
-        rows::quantities(&transaction, &deadline, (site, daq, session), lines).await?;
-        deadline.within(transaction.commit()).await
+        let (transaction, server) = self.begin().await?;
+        rows::quantities(&transaction, server, (site, daq, session), lines).await?;
+        server.within(transaction.commit()).await
     }
 
     /// Begins what is entered whole or not at all.
-    async fn begin(&mut self) -> Result<(Transaction<'_>, rows::Deadline<'_>), CatalogueError> {
-        let deadline = rows::Deadline::of(&self.endpoint);
-        let transaction = deadline.within(self.client.transaction()).await?;
+    async fn begin(&mut self) -> Result<(Transaction<'_>, &Endpoint), CatalogueError> {
+        let server = &self.endpoint;
+        let transaction = server.within(self.client.transaction()).await?;
         // a receipt follows: the commit must be on the server's disk, whatever its configuration
-        deadline
+        server
             .within(transaction.batch_execute("SET LOCAL synchronous_commit = on"))
             .await?;
-        Ok((transaction, deadline))
+        Ok((transaction, server))
     }
 
     async fn within<T>(
         &self,
         answer: impl Future<Output = Result<T, tokio_postgres::Error>>,
     ) -> Result<T, CatalogueError> {
-        rows::Deadline::of(&self.endpoint).within(answer).await
+        self.endpoint.within(answer).await
     }
 }

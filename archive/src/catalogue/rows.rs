@@ -5,36 +5,11 @@ use logbook::QuantityLine;
 use serde_json::Value;
 use tokio_postgres::Transaction;
 
-use super::ANSWER;
 use super::error::{CatalogueError, Endpoint};
 use crate::part::Part;
 
 /// Rows of a statement.
 const ROWS: usize = 1000;
-
-/// Limits the time of each answer.
-pub(super) struct Deadline<'a> {
-    endpoint: &'a Endpoint,
-}
-
-impl<'a> Deadline<'a> {
-    pub(super) fn of(endpoint: &'a Endpoint) -> Self {
-        Self { endpoint }
-    }
-
-    pub(super) async fn within<T>(
-        &self,
-        answer: impl Future<Output = Result<T, tokio_postgres::Error>>,
-    ) -> Result<T, CatalogueError> {
-        match tokio::time::timeout(ANSWER, answer).await {
-            Ok(answer) => answer.map_err(|error| self.endpoint.refused(error)),
-            Err(_) => Err(CatalogueError::Late {
-                place: self.endpoint.place.clone(),
-                seconds: ANSWER.as_secs(),
-            }),
-        }
-    }
-}
 
 /// PostgreSQL stores no zero bytes in texts.
 fn storable(text: &str) -> String {
@@ -63,7 +38,7 @@ fn counted(number: usize) -> i32 {
 
 pub(super) async fn part(
     transaction: &Transaction<'_>,
-    deadline: &Deadline<'_>,
+    server: &Endpoint,
     part: &Part,
 ) -> Result<(), CatalogueError> {
     let (name, header) = (&part.name, &part.header);
@@ -73,7 +48,7 @@ pub(super) async fn part(
     let json = |value: Result<Value, _>| storable_json(value.unwrap_or(Value::Null));
     let about = json(serde_json::to_value(&header.about));
     let instruments = json(serde_json::to_value(&header.instruments));
-    deadline
+    server
         .within(transaction.execute(
             session,
             &[
@@ -96,14 +71,14 @@ pub(super) async fn part(
     if let Some(state) = &part.tracking {
         let tracking = "INSERT INTO tactus.tracking (site, daq, session, state) VALUES ($1, $2, $3, $4) ON CONFLICT DO NOTHING";
         let state = storable(state);
-        deadline
+        server
             .within(transaction.execute(tracking, &[&name.site, &name.daq, &name.session, &state]))
             .await?;
     }
     let insert = "INSERT INTO tactus.part
         (site, daq, part, session, sha256, bytes, stored_as, continues, first_sequence, frames, started, last, closed, closed_reason)
         VALUES ($1, $2, $3, $4, decode($5::text, 'hex'), $6, $7, $8, $9, $10, $11, $12, $13, $14) ON CONFLICT DO NOTHING";
-    deadline
+    server
         .within(transaction.execute(
             insert,
             &[
@@ -126,7 +101,7 @@ pub(super) async fn part(
         .await?;
     let of =
         "SELECT encode(sha256, 'hex') FROM tactus.part WHERE site = $1 AND daq = $2 AND part = $3";
-    let row = deadline
+    let row = server
         .within(transaction.query_one(of, &[&name.site, &name.daq, &name.part]))
         .await?;
     let archived: String = row.get(0);
@@ -155,7 +130,7 @@ fn alarm_of<'a>(kind: &'a str, text: &'a str) -> Option<(&'a str, &'a str)> {
 
 pub(super) async fn events(
     transaction: &Transaction<'_>,
-    deadline: &Deadline<'_>,
+    server: &Endpoint,
     part: &Part,
 ) -> Result<(), CatalogueError> {
     let name = &part.name;
@@ -183,7 +158,7 @@ pub(super) async fn events(
         let times: Vec<DateTime<Utc>> = chunk.iter().map(|event| event.1).collect();
         let kinds: Vec<&str> = chunk.iter().map(|event| event.2.as_str()).collect();
         let texts: Vec<&str> = chunk.iter().map(|event| event.3.as_str()).collect();
-        deadline
+        server
             .within(transaction.execute(
                 insert,
                 &[
@@ -203,7 +178,7 @@ pub(super) async fn events(
         let names: Vec<&str> = alarms.iter().map(|(_, (alarm, _))| *alarm).collect();
         let changes: Vec<&str> = alarms.iter().map(|(_, (_, change))| *change).collect();
         let texts: Vec<&str> = alarms.iter().map(|(event, _)| event.3.as_str()).collect();
-        deadline
+        server
             .within(transaction.execute(
                 insert_alarms,
                 &[
@@ -217,7 +192,7 @@ pub(super) async fn events(
 
 pub(super) async fn quantities(
     transaction: &Transaction<'_>,
-    deadline: &Deadline<'_>,
+    server: &Endpoint,
     (site, daq, session): (&str, &str, &str),
     lines: &[QuantityLine],
 ) -> Result<(), CatalogueError> {
@@ -239,7 +214,7 @@ pub(super) async fn quantities(
             begins.push(begin_s);
             spans.push(storable_json(span));
         }
-        deadline
+        server
             .within(
                 transaction.execute(insert, &[&site, &daq, &session, &numbers, &begins, &spans]),
             )

@@ -7,7 +7,7 @@ use chrono::{DateTime, Utc};
 use serde::Serialize;
 use tokio_postgres::Row;
 
-use super::{Catalogue, CatalogueError, Selection};
+use super::{Catalogue, CatalogueError};
 
 /// The name that stands for the newest session.
 const LAST: &str = "last";
@@ -81,17 +81,6 @@ pub struct SessionName {
 impl fmt::Display for SessionName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}/{}/{}", self.site, self.daq, self.session)
-    }
-}
-
-impl SessionName {
-    /// Its parts.
-    pub fn selection(&self) -> Selection {
-        Selection {
-            site: Some(self.site.clone()),
-            daq: Some(self.daq.clone()),
-            session: Some(self.session.clone()),
-        }
     }
 }
 

@@ -18,6 +18,7 @@ use std::time::Duration;
 use rumqttc::{TlsConfiguration, Transport};
 
 use crate::credentials::{is_loopback, secret, trusting};
+use crate::runtime::runtime;
 use crate::upload::Owner;
 use broker::Broker;
 use latest::Latest;
@@ -127,10 +128,7 @@ pub(crate) fn start(settings: LiveSettings) -> Result<(), String> {
             Transport::tls_with_config(TlsConfiguration::from(tls))
         }
     };
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(|fault| fault.to_string())?;
+    let runtime = runtime().map_err(|fault| fault.to_string())?;
     let kept = settings.every.saturating_mul(EXPIRES).max(KEPT);
     let publish = move || {
         let latest = Latest::default();

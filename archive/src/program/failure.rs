@@ -27,21 +27,6 @@ pub enum Failure {
 }
 
 impl Failure {
-    pub(super) fn settings(error: &SettingsError) -> Self {
-        Self::Configuration(error_chain(error))
-    }
-
-    pub(super) fn store(error: &StoreError) -> Self {
-        Self::of(error_chain(error), error.is_temporary())
-    }
-
-    pub(super) fn retrieval(error: &RetrievalError) -> Self {
-        match error {
-            RetrievalError::Store(error) => Self::store(error),
-            other => Self::Failed(error_chain(other)),
-        }
-    }
-
     fn of(text: String, temporary: bool) -> Self {
         match temporary {
             true => Self::Temporary(text),
@@ -66,6 +51,27 @@ impl Failure {
     }
 }
 
+impl From<SettingsError> for Failure {
+    fn from(error: SettingsError) -> Self {
+        Self::Configuration(error_chain(&error))
+    }
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        Self::of(error_chain(&error), error.is_temporary())
+    }
+}
+
+impl From<RetrievalError> for Failure {
+    fn from(error: RetrievalError) -> Self {
+        match error {
+            RetrievalError::Store(error) => error.into(),
+            other => Self::Failed(error_chain(&other)),
+        }
+    }
+}
+
 impl From<CatalogueError> for Failure {
     fn from(error: CatalogueError) -> Self {
         let text = error_chain(&error);
@@ -81,9 +87,9 @@ impl From<CatalogueError> for Failure {
 impl From<ReadError> for Failure {
     fn from(error: ReadError) -> Self {
         match error {
-            ReadError::Settings(error) => Self::settings(&error),
+            ReadError::Settings(error) => error.into(),
             ReadError::Catalogue(error) => error.into(),
-            ReadError::Retrieval(error) => Self::retrieval(&error),
+            ReadError::Retrieval(error) => error.into(),
             ReadError::NoSuchSession(_) => Self::Missing(error_chain(&error)),
             ReadError::Ambiguous { .. } => Self::Usage(error_chain(&error)),
             ReadError::Cache { .. } | ReadError::Record(_) | ReadError::Runtime(_) => {
@@ -97,7 +103,7 @@ impl From<UploadError> for Failure {
     fn from(error: UploadError) -> Self {
         match error {
             UploadError::Catalogue(error) => error.into(),
-            UploadError::Store(error) => Self::store(&error),
+            UploadError::Store(error) => error.into(),
             other => Self::of(error_chain(&other), other.is_temporary()),
         }
     }

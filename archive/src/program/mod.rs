@@ -9,9 +9,10 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::CommandFactory;
+use tokio::runtime::Runtime;
 
 use crate::args::{AddSite, Arguments, Command, Filter, Pull, Task};
-use crate::catalogue::{Catalogue, Selection};
+use crate::catalogue::Catalogue;
 use crate::reader;
 use crate::retrieval::{self, Holding};
 use crate::settings::Settings;
@@ -36,13 +37,7 @@ pub fn run(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok((_, arguments)) => arguments,
         Err(code) => return code,
     };
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build();
-    let done = match runtime {
-        Ok(runtime) => runtime.block_on(perform(&arguments)),
-        Err(error) => Err(Failure::Failed(error.to_string())),
-    };
+    let done = runtime().and_then(|runtime| runtime.block_on(perform(&arguments)));
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(json),
@@ -53,7 +48,7 @@ async fn perform(arguments: &Arguments) -> Result<(), Failure> {
     let config = &arguments.config;
     let settings = match &arguments.command {
         Command::Task(task) => read_settings(config, task)?,
-        _ => Settings::read(config).map_err(|error| Failure::settings(&error))?,
+        _ => Settings::read(config)?,
     };
     let mut printer = Printer::new(arguments.json);
     match &arguments.command {
@@ -69,21 +64,21 @@ async fn perform(arguments: &Arguments) -> Result<(), Failure> {
 /// # Errors
 /// As `tactus-archive` fails.
 pub fn perform_task(config: &Path, json: bool, task: &Task) -> Result<(), Failure> {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build();
-    let runtime = runtime.map_err(|error| Failure::Failed(error.to_string()))?;
+    let runtime = runtime()?;
     let settings = read_settings(config, task)?;
     runtime.block_on(carry_out(&settings, task, &mut Printer::new(json)))
 }
 
+fn runtime() -> Result<Runtime, Failure> {
+    crate::runtime::runtime().map_err(|error| Failure::Failed(error.to_string()))
+}
+
 /// Only what is recorded on this machine needs a site.
 fn read_settings(config: &Path, task: &Task) -> Result<Settings, Failure> {
-    let read = match task {
-        Task::Push | Task::Status => Settings::read(config),
-        Task::Pull(_) | Task::Verify(_) => Settings::read_for_reader(config),
-    };
-    read.map_err(|error| Failure::settings(&error))
+    Ok(match task {
+        Task::Push | Task::Status => Settings::read(config)?,
+        Task::Pull(_) | Task::Verify(_) => Settings::read_for_reader(config)?,
+    })
 }
 
 async fn carry_out(settings: &Settings, task: &Task, printer: &mut Printer) -> Result<(), Failure> {
@@ -98,10 +93,7 @@ async fn carry_out(settings: &Settings, task: &Task, printer: &mut Printer) -> R
 async fn push(settings: &Settings, printer: &mut Printer) -> Result<(), Failure> {
     let mut catalogue = Catalogue::connect(&settings.access).await?;
     catalogue.check(&settings.owner.site).await?;
-    let store = settings
-        .store
-        .open()
-        .map_err(|error| Failure::settings(&error))?;
+    let store = settings.store.open()?;
     let mut uploader = Uploader::new(&settings.record, settings.owner.clone());
     let mut problems = 0;
     let mut refused = Ok(());
@@ -150,14 +142,10 @@ async fn pull(settings: &Settings, requested: &Pull, printer: &mut Printer) -> R
         .clone()
         .within(requested.of.site.as_deref(), requested.of.daq.as_deref());
     let session = reader::found(&catalogue, &wanted).await?;
-    let parts = catalogue.parts(&session.selection()).await?;
-    let store = settings
-        .store
-        .open()
-        .map_err(|error| Failure::settings(&error))?;
+    let parts = catalogue.parts_of(&session).await?;
+    let store = settings.store.open()?;
     for part in &parts {
-        let path = retrieval::pull(&*store, part, &requested.into)
-            .map_err(|error| Failure::retrieval(&error))?;
+        let path = retrieval::pull(&*store, part, &requested.into)?;
         let line = output::Pulled { part, path };
         printer.line(&line, output::pulled)?;
     }
@@ -171,20 +159,12 @@ async fn verify(
 ) -> Result<(), Failure> {
     let catalogue = Catalogue::connect(&settings.access).await?;
     catalogue.check_version().await?;
-    let store = settings
-        .store
-        .open()
-        .map_err(|error| Failure::settings(&error))?;
-    let of = Selection {
-        site: filter.site.clone(),
-        daq: filter.daq.clone(),
-        session: None,
-    };
-    let parts = catalogue.parts(&of).await?;
+    let store = settings.store.open()?;
+    let (site, daq) = (filter.site.as_deref(), filter.daq.as_deref());
+    let parts = catalogue.parts(site, daq, None).await?;
     let mut bad = 0;
     for part in &parts {
-        let holding =
-            retrieval::verify(&*store, part).map_err(|error| Failure::retrieval(&error))?;
+        let holding = retrieval::verify(&*store, part)?;
         bad += usize::from(holding != Holding::Whole);
         let line = output::Verified {
             part,

@@ -19,10 +19,7 @@ const AGAIN: u32 = 60;
 
 /// Runs passes until the process is ended, which it may be at any time. Ends by itself only if the configuration is wrong.
 pub(super) async fn run(settings: &Settings, printer: &mut Printer) -> Result<(), Failure> {
-    let store = settings
-        .store
-        .open()
-        .map_err(|error| Failure::settings(&error))?;
+    let store = settings.store.open()?;
     if let Some(live) = settings.live.clone() {
         live::start(live).map_err(Failure::Configuration)?;
     }
