@@ -6,11 +6,13 @@
 //! would lose its digits. W is therefore stored as a product: the singular value decomposition Phi' = Q S V' gives
 //! `mixing` = S^-1 V' (small, f64) and `weights` = Q' dSigma (f32, of the size of the maps).
 
-use survey::{Map, Reading};
+use std::sync::Arc;
 
-use crate::inverse::learned::trained::{Trained, TrainedMethod};
+use survey::{Map, Protocol, Reading};
+
+use crate::inverse::learned::trained::Trained;
 use crate::linear_algebra::simd::{add_four, dot, squared_distance};
-use crate::{Novelty, ReconstructError};
+use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
 /// Distance to the nearest centre, in spreads, beyond which a frame is refused: every phi is below 2e-8 there, so that
 /// any such frame would give a map without loads.
@@ -194,12 +196,28 @@ impl RbfReconstructor {
     }
 }
 
-impl TrainedMethod for RbfReconstructor {
-    fn trained(&self) -> &Trained {
-        &self.trained
+impl Reconstructor for RbfReconstructor {
+    fn method(&self) -> &str {
+        &self.trained.method
     }
 
-    fn distance(
+    fn protocol(&self) -> &Protocol {
+        &self.trained.protocol
+    }
+
+    fn mesh(&self) -> &Arc<Mesh> {
+        &self.trained.mesh
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        self.trained.assumptions.clone()
+    }
+
+    fn noise_figure(&self) -> Option<f64> {
+        self.trained.noise_figure
+    }
+
+    fn novelty(
         &self,
         baseline: &[Reading],
         frame: &[Reading],
@@ -212,7 +230,11 @@ impl TrainedMethod for RbfReconstructor {
         }))
     }
 
-    fn map(&self, baseline: &[Reading], frame: &[Reading]) -> Result<Map, ReconstructError> {
+    fn reconstruct(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
         let (distances, masked) = self.distances(baseline, frame)?;
         let novelty = self.network.nearest(&distances);
         self.trained.refuse_far(novelty, NOVELTY_LIMIT)?;

@@ -5,63 +5,7 @@ use std::sync::Arc;
 use survey::{Doubt, Map, MapQuality, Protocol, Reading};
 
 use crate::inverse::reconstructor::Difference;
-use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
-
-/// A network as a reconstructor: what differs from one kind to the next.
-pub(crate) trait TrainedMethod: Send + Sync {
-    /// All but the network.
-    fn trained(&self) -> &Trained;
-
-    /// As [`Reconstructor::novelty`].
-    fn distance(
-        &self,
-        _baseline: &[Reading],
-        _frame: &[Reading],
-    ) -> Result<Option<Novelty>, ReconstructError> {
-        Ok(None)
-    }
-
-    /// As [`Reconstructor::reconstruct`].
-    fn map(&self, baseline: &[Reading], frame: &[Reading]) -> Result<Map, ReconstructError>;
-}
-
-impl<T: TrainedMethod> Reconstructor for T {
-    fn method(&self) -> &str {
-        &self.trained().method
-    }
-
-    fn protocol(&self) -> &Protocol {
-        &self.trained().protocol
-    }
-
-    fn mesh(&self) -> &Arc<Mesh> {
-        &self.trained().mesh
-    }
-
-    fn assumptions(&self) -> Vec<String> {
-        self.trained().assumptions.clone()
-    }
-
-    fn noise_figure(&self) -> Option<f64> {
-        self.trained().noise_figure
-    }
-
-    fn novelty(
-        &self,
-        baseline: &[Reading],
-        frame: &[Reading],
-    ) -> Result<Option<Novelty>, ReconstructError> {
-        self.distance(baseline, frame)
-    }
-
-    fn reconstruct(
-        &self,
-        baseline: &[Reading],
-        frame: &[Reading],
-    ) -> Result<Map, ReconstructError> {
-        self.map(baseline, frame)
-    }
-}
+use crate::{Mesh, ReconstructError};
 
 /// Data of a trained reconstructor besides its network.
 #[derive(Debug, Clone)]

@@ -1,10 +1,12 @@
 //! The deep network as a reconstructor: normalises by Eq. 6, refuses inputs far from its training.
 
-use survey::{Map, Reading};
+use std::sync::Arc;
+
+use survey::{Map, Protocol, Reading};
 
 use crate::inverse::learned::network::{DeepNetwork, TrainingDistribution};
-use crate::inverse::learned::trained::{Trained, TrainedMethod};
-use crate::{Novelty, ReconstructError};
+use crate::inverse::learned::trained::Trained;
+use crate::{Mesh, Novelty, ReconstructError, Reconstructor};
 
 /// Novelty of the familiar inputs: [`TrainingDistribution`] counts in multiples of their distance.
 const FAMILIAR: f64 = 1.0;
@@ -55,12 +57,28 @@ impl DeepReconstructor {
     }
 }
 
-impl TrainedMethod for DeepReconstructor {
-    fn trained(&self) -> &Trained {
-        &self.trained
+impl Reconstructor for DeepReconstructor {
+    fn method(&self) -> &str {
+        &self.trained.method
     }
 
-    fn distance(
+    fn protocol(&self) -> &Protocol {
+        &self.trained.protocol
+    }
+
+    fn mesh(&self) -> &Arc<Mesh> {
+        &self.trained.mesh
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        self.trained.assumptions.clone()
+    }
+
+    fn noise_figure(&self) -> Option<f64> {
+        self.trained.noise_figure
+    }
+
+    fn novelty(
         &self,
         baseline: &[Reading],
         frame: &[Reading],
@@ -73,7 +91,11 @@ impl TrainedMethod for DeepReconstructor {
         }))
     }
 
-    fn map(&self, baseline: &[Reading], frame: &[Reading]) -> Result<Map, ReconstructError> {
+    fn reconstruct(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
         let (input, masked) = self.input(baseline, frame)?;
         let novelty = self.familiar.novelty(&input);
         self.trained.refuse_far(novelty, NOVELTY_LIMIT)?;

@@ -8,8 +8,8 @@ use ort::value::{Outlet, TensorElementType, TensorRef, ValueType};
 use survey::{Map, Protocol, Reading};
 
 use crate::inverse::learned::network::onnx::OnnxError;
-use crate::inverse::learned::trained::{Trained, TrainedMethod};
-use crate::{Mesh, ReconstructError};
+use crate::inverse::learned::trained::Trained;
+use crate::{Mesh, ReconstructError, Reconstructor};
 
 /// Environment variable with the path of the runtime.
 const LIBRARY: &str = "ORT_DYLIB_PATH";
@@ -157,12 +157,28 @@ fn checked(
     Ok(shape.iter().map(|n| n.abs()).collect())
 }
 
-impl TrainedMethod for OnnxReconstructor {
-    fn trained(&self) -> &Trained {
-        &self.trained
+impl Reconstructor for OnnxReconstructor {
+    fn method(&self) -> &str {
+        &self.trained.method
     }
 
-    fn map(&self, baseline: &[Reading], frame: &[Reading]) -> Result<Map, ReconstructError> {
+    fn protocol(&self) -> &Protocol {
+        &self.trained.protocol
+    }
+
+    fn mesh(&self) -> &Arc<Mesh> {
+        &self.trained.mesh
+    }
+
+    fn assumptions(&self) -> Vec<String> {
+        self.trained.assumptions.clone()
+    }
+
+    fn reconstruct(
+        &self,
+        baseline: &[Reading],
+        frame: &[Reading],
+    ) -> Result<Map, ReconstructError> {
         let (change, _, masked) = self.trained.change(baseline, frame)?;
         let input: Vec<f32> = change.iter().map(|value| *value as f32).collect();
         let failed = |cause: String| ReconstructError::Numerical {
