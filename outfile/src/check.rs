@@ -69,12 +69,7 @@ pub fn check_folder(path: &Path, existing: Existing) -> Result<(), OutFileError>
 
 /// Whether the path is a device, a FIFO or a standard stream: no companion file can be written beside it.
 pub fn is_stream(path: &Path) -> bool {
-    matches!(
-        target(path, Existing::Refuse),
-        Ok(Target::Stream(
-            Stream::Named | Stream::Output | Stream::Error
-        ))
-    )
+    matches!(target(path, Existing::Refuse), Ok(Target::Stream(_)))
 }
 
 pub(crate) fn target(path: &Path, existing: Existing) -> Result<Target, OutFileError> {
