@@ -39,9 +39,7 @@ pub use playback::{
 };
 pub use running::{DEVIATION, ProvisionalMap, RunningModel};
 pub use sheets::Sheets;
-pub use snapshot::{
-    AlarmState, DaemonState, EventState, FrameState, Live, SessionState, Snapshot, State,
-};
+pub use snapshot::{DaemonState, EventState, FrameState, Live, SessionState, Snapshot, State};
 pub use token::{Token, TokenError};
 
 /// Time for open connections to end after a request to stop.

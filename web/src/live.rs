@@ -4,6 +4,7 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
+use dbus::json::Alarm;
 use dbus::stream::{Body, Decoder, Record};
 use dbus::{Address, Alarms1Proxy, Fault, Manager1Proxy, Session1Proxy, StreamOptions};
 use serde_json::{Value, json};
@@ -12,7 +13,7 @@ use tokio::net::UnixStream;
 use tokio::time::{MissedTickBehavior, interval, sleep};
 use zbus::Connection;
 
-use crate::snapshot::{AlarmState, DaemonState, EventState, FrameState, Live, SessionState};
+use crate::snapshot::{DaemonState, EventState, FrameState, Live, SessionState};
 
 /// Interval of the queries of the status.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
@@ -70,7 +71,7 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
                     }
                 }
                 let listed = tokio::time::timeout(PATIENCE, alarms.list()).await??;
-                let listed = listed.into_iter().map(AlarmState::from).collect();
+                let listed = listed.into_iter().map(Alarm::from).collect();
                 live.change(|snapshot| {
                     snapshot.state.alarms = listed;
                     snapshot.state.trouble = trouble;

@@ -3,7 +3,8 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use serde::Serialize;
+use dbus::json::Alarm;
+use serde::{Serialize, Serializer};
 use serde_json::Value;
 use tokio::sync::watch;
 
@@ -48,11 +49,26 @@ pub struct State {
     /// Its last frame.
     pub frame: Option<FrameState>,
     /// All alarms, by name.
-    pub alarms: Vec<AlarmState>,
+    #[serde(serialize_with = "with_ms")]
+    pub alarms: Vec<Alarm>,
     /// Whether the page may command the daemon.
     pub control: bool,
     /// Events since the connection was made, the newest first.
     pub events: VecDeque<EventState>,
+}
+
+/// Alarms as in `alarms --json`, with the times that the page shows, ms since 1970 UTC.
+fn with_ms<S: Serializer>(alarms: &[Alarm], serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Timed<'a> {
+        #[serde(flatten)]
+        alarm: &'a Alarm,
+        changed_ms: Option<i64>,
+    }
+    serializer.collect_seq(alarms.iter().map(|alarm| Timed {
+        alarm,
+        changed_ms: alarm.changed_ns.map(|ns| ns / 1_000_000),
+    }))
 }
 
 /// State and health of the daemon; texts are empty where there is nothing to report.
@@ -142,96 +158,6 @@ pub struct FrameState {
     pub tracked: Option<Value>,
     /// As in `watch --json`.
     pub quantities: Option<Value>,
-}
-
-/// An alarm of the daemon; texts as in `alarms --json`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct AlarmState {
-    /// Its name.
-    pub name: String,
-    /// `minor` or `major`.
-    pub severity: String,
-    /// `ok`, `minor`, `major`, `invalid`; `None` while it is not to be judged.
-    pub level: Option<String>,
-    /// Whether it is active.
-    pub active: bool,
-    /// Whether its last activation was acknowledged.
-    pub acknowledged: bool,
-    /// Whether its condition is gone and it waits for a reset.
-    pub held: bool,
-    /// When it last became active or ended, ms since 1970 UTC.
-    pub changed_ms: Option<i64>,
-    /// Value and limit at the last time the limit was exceeded; the present ones while it is active.
-    pub cause: Option<String>,
-    /// Why it cannot be judged.
-    pub invalid: Option<String>,
-    /// By whom and why it is shelved.
-    pub shelved: Option<String>,
-    /// By whom and why it is out of service.
-    pub out_of_service: Option<String>,
-    /// What to do when it is active.
-    pub guidance: Option<String>,
-}
-
-impl AlarmState {
-    /// Whether it is active, and neither shelved nor out of service.
-    pub fn notifies(&self) -> bool {
-        self.active && self.shelved.is_none() && self.out_of_service.is_none()
-    }
-
-    /// Whether a person should look at it: it notifies, is not acknowledged, or cannot be judged.
-    pub fn matters(&self) -> bool {
-        self.notifies() || !self.acknowledged || self.level.as_deref() == Some("invalid")
-    }
-
-    /// What it says and what it waits for, a few words each.
-    pub fn standing(&self) -> Vec<String> {
-        let mut words = vec![match (self.active, self.level.as_deref()) {
-            (true, _) => format!("ACTIVE, {}", self.severity),
-            (false, Some("invalid")) => "CANNOT BE JUDGED".to_owned(),
-            (false, Some(level)) => level.to_owned(),
-            (false, None) => "not judged now".to_owned(),
-        }];
-        if !self.acknowledged {
-            words.push("not acknowledged".to_owned());
-        }
-        if self.held {
-            words.push("waits for a reset".to_owned());
-        }
-        words
-    }
-
-    /// The same with who shelved it or took it out of service, in one line.
-    pub fn words(&self) -> String {
-        let mut words = self.standing();
-        let aside = [
-            ("shelved", &self.shelved),
-            ("out of service", &self.out_of_service),
-        ];
-        for (name, by) in aside {
-            words.extend(by.as_ref().map(|by| format!("{name} {by}")));
-        }
-        words.join(", ")
-    }
-}
-
-impl From<dbus::AlarmReport> for AlarmState {
-    fn from(reported: dbus::AlarmReport) -> Self {
-        Self {
-            name: reported.name.unwrap_or_default(),
-            severity: reported.severity.unwrap_or_default(),
-            level: reported.level,
-            active: reported.active.unwrap_or(false),
-            acknowledged: reported.acknowledged.unwrap_or(false),
-            held: reported.held.unwrap_or(false),
-            changed_ms: reported.changed_ns.map(|ns| ns / 1_000_000),
-            cause: reported.cause,
-            invalid: reported.invalid,
-            shelved: reported.shelved,
-            out_of_service: reported.out_of_service,
-            guidance: reported.guidance,
-        }
-    }
 }
 
 /// An event of the daemon.

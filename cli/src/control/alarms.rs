@@ -3,9 +3,8 @@
 use std::io::Write;
 
 use chrono::DateTime;
-use dbus::{AlarmReport, Options};
-use serde::Serialize;
-use web::AlarmState;
+use dbus::Options;
+use dbus::json::Alarm;
 
 use crate::args::{AlarmOrder, AlarmsCommand};
 use crate::connection::Daemon;
@@ -14,76 +13,49 @@ use crate::output::Printer;
 use crate::output::table::columns;
 use crate::output::time::local;
 
-/// An alarm, and what only people read of it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-struct Alarm {
-    #[serde(flatten)]
-    line: dbus::json::Alarm,
-    /// The same as the page and the dashboard see it.
-    #[serde(skip)]
-    seen: AlarmState,
-    #[serde(skip)]
-    changed_ns: Option<i64>,
-    #[serde(skip)]
-    shelved_until_ns: Option<i64>,
+/// Whether a person should see it without `--all`.
+fn is_listed(alarm: &Alarm) -> bool {
+    let aside = alarm.shelved.is_some() || alarm.out_of_service.is_some();
+    let invalid = alarm.level.as_deref() == Some("invalid");
+    alarm.active || !alarm.acknowledged || aside || invalid
 }
 
-impl From<AlarmReport> for Alarm {
-    fn from(reported: AlarmReport) -> Self {
-        Self {
-            seen: AlarmState::from(reported.clone()),
-            changed_ns: reported.changed_ns,
-            shelved_until_ns: reported.shelved_until_ns,
-            line: reported.into(),
-        }
+/// The state in a few words.
+fn state(alarm: &Alarm) -> String {
+    let mut words = alarm.standing();
+    if let Some(by) = &alarm.shelved {
+        words.push(match alarm.shelved_until_ns {
+            Some(ns) => format!(
+                "shelved until {} {by}",
+                local(DateTime::from_timestamp_nanos(ns))
+            ),
+            None => format!("shelved until it ends {by}"),
+        });
     }
+    if let Some(by) = &alarm.out_of_service {
+        words.push(format!("out of service {by}"));
+    }
+    words.join(", ")
 }
 
-impl Alarm {
-    /// Whether a person should see it without `--all`.
-    fn matters(&self) -> bool {
-        let aside = self.line.shelved.is_some() || self.line.out_of_service.is_some();
-        let invalid = self.line.level.as_deref() == Some("invalid");
-        self.line.active || !self.line.acknowledged || aside || invalid
+fn row(alarm: &Alarm) -> [String; 4] {
+    let changed = alarm
+        .changed_ns
+        .map(|ns| local(DateTime::from_timestamp_nanos(ns)));
+    let why = match (alarm.active, &alarm.invalid, &alarm.suppressed) {
+        (false, Some(why), _) | (false, None, Some(why)) => Some(why.clone()),
+        _ => alarm.cause.clone(),
+    };
+    let mut text = why.unwrap_or_default();
+    if let Some(guidance) = alarm.guidance.as_ref().filter(|_| alarm.active) {
+        text = format!("{text}. {guidance}");
     }
-
-    /// The state in a few words.
-    fn state(&self) -> String {
-        let mut words = self.seen.standing();
-        if let Some(by) = &self.line.shelved {
-            words.push(match self.shelved_until_ns {
-                Some(ns) => format!(
-                    "shelved until {} {by}",
-                    local(DateTime::from_timestamp_nanos(ns))
-                ),
-                None => format!("shelved until it ends {by}"),
-            });
-        }
-        if let Some(by) = &self.line.out_of_service {
-            words.push(format!("out of service {by}"));
-        }
-        words.join(", ")
-    }
-
-    fn row(&self) -> [String; 4] {
-        let changed = self
-            .changed_ns
-            .map(|ns| local(DateTime::from_timestamp_nanos(ns)));
-        let why = match (self.line.active, &self.line.invalid, &self.line.suppressed) {
-            (false, Some(why), _) | (false, None, Some(why)) => Some(why.clone()),
-            _ => self.line.cause.clone(),
-        };
-        let mut text = why.unwrap_or_default();
-        if let Some(guidance) = self.line.guidance.as_ref().filter(|_| self.line.active) {
-            text = format!("{text}. {guidance}");
-        }
-        [
-            self.line.name.clone(),
-            self.state(),
-            changed.unwrap_or_default(),
-            text,
-        ]
-    }
+    [
+        alarm.name.clone(),
+        state(alarm),
+        changed.unwrap_or_default(),
+        text,
+    ]
 }
 
 /// Lists the alarms, or carries out an order.
@@ -102,19 +74,19 @@ pub(crate) async fn run(
     let listed = daemon.ask("the alarms", alarms.list()).await?;
     let listed: Vec<Alarm> = listed.into_iter().map(Alarm::from).collect();
     if let Some(order) = &requested.order {
-        let of = listed.iter().find(|alarm| alarm.line.name == order.name());
+        let of = listed.iter().find(|alarm| alarm.name == order.name());
         return match of {
-            Some(alarm) => printer.record(alarm, |alarm| {
-                format!("{}: {}", alarm.line.name, alarm.state())
-            }),
+            Some(alarm) => {
+                printer.record(alarm, |alarm| format!("{}: {}", alarm.name, state(alarm)))
+            }
             None => printer.text(&format!("{}: is gone", order.name())),
         };
     }
     print(&listed, requested.all, printer)?;
     let raised: Vec<&str> = listed
         .iter()
-        .filter(|alarm| alarm.seen.notifies())
-        .map(|alarm| alarm.line.name.as_str())
+        .filter(|alarm| alarm.notifies())
+        .map(|alarm| alarm.name.as_str())
         .collect();
     match raised.len() {
         0 => Ok(()),
@@ -135,14 +107,11 @@ fn print(listed: &[Alarm], all: bool, printer: &mut Printer<impl Write>) -> Resu
     }
     let shown: Vec<[String; 4]> = listed
         .iter()
-        .filter(|alarm| all || alarm.matters())
-        .map(Alarm::row)
+        .filter(|alarm| all || is_listed(alarm))
+        .map(row)
         .collect();
     if shown.is_empty() {
-        let judged = listed
-            .iter()
-            .filter(|alarm| alarm.line.level.is_some())
-            .count();
+        let judged = listed.iter().filter(|alarm| alarm.level.is_some()).count();
         return printer.text(&format!(
             "no alarm is active or waits to be acknowledged; {judged} of {} are judged now (--all lists them)",
             listed.len()
@@ -161,38 +130,30 @@ async fn carry_out(
     if let Some(comment) = order.comment() {
         options = options.with("comment", comment);
     }
-    let name = order.name();
-    match order {
-        AlarmOrder::Ack(_) => {
-            daemon
-                .ask("the alarm", alarms.acknowledge(name, &options))
-                .await
-        }
-        AlarmOrder::Shelve { span, .. } => {
-            if let Some(span) = span {
-                options = options.with("for_s", span.as_secs_f64());
-            }
-            daemon.ask("the alarm", alarms.shelve(name, &options)).await
-        }
-        AlarmOrder::Unshelve(_) => {
-            daemon
-                .ask("the alarm", alarms.unshelve(name, &options))
-                .await
-        }
-        AlarmOrder::Reset(_) => daemon.ask("the alarm", alarms.reset(name, &options)).await,
-        AlarmOrder::OutOfService(_) => {
-            let set = alarms.set_in_service(name, false, &options);
-            daemon.ask("the alarm", set).await
-        }
-        AlarmOrder::InService(_) => {
-            let set = alarms.set_in_service(name, true, &options);
-            daemon.ask("the alarm", set).await
-        }
+    if let AlarmOrder::Shelve {
+        span: Some(span), ..
+    } = order
+    {
+        options = options.with("for_s", span.as_secs_f64());
     }
+    let (name, options) = (order.name(), &options);
+    let carried_out = async {
+        match order {
+            AlarmOrder::Ack(_) => alarms.acknowledge(name, options).await,
+            AlarmOrder::Shelve { .. } => alarms.shelve(name, options).await,
+            AlarmOrder::Unshelve(_) => alarms.unshelve(name, options).await,
+            AlarmOrder::Reset(_) => alarms.reset(name, options).await,
+            AlarmOrder::OutOfService(_) => alarms.set_in_service(name, false, options).await,
+            AlarmOrder::InService(_) => alarms.set_in_service(name, true, options).await,
+        }
+    };
+    daemon.ask("the alarm", carried_out).await
 }
 
 #[cfg(test)]
 mod tests {
+    use dbus::AlarmReport;
+
     use crate::control::alarms::*;
 
     fn reported(name: &str, level: Option<&str>) -> AlarmReport {
@@ -247,12 +208,8 @@ mod tests {
             ..reported("heel", Some("major"))
         };
         let alarm = Alarm::from(shelved);
-        assert!(!alarm.seen.notifies() && alarm.matters());
-        assert!(
-            alarm
-                .state()
-                .ends_with("shelved until it ends by user 1000: known")
-        );
-        assert!(Alarm::from(reported("heel", Some("major"))).seen.notifies());
+        assert!(!alarm.notifies() && is_listed(&alarm));
+        assert!(state(&alarm).ends_with("shelved until it ends by user 1000: known"));
+        assert!(Alarm::from(reported("heel", Some("major"))).notifies());
     }
 }

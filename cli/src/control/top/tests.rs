@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use chrono::{DateTime, FixedOffset};
+use dbus::json::Alarm;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
@@ -11,7 +12,7 @@ use ratatui::crossterm::event::{Event, KeyCode, KeyEvent, KeyEventKind, KeyModif
 use ratatui::style::Color;
 use render::TerminalColour;
 use serde_json::{Value, json};
-use web::{AlarmState, DaemonState, EventState, FrameState, SessionState, Snapshot, State};
+use web::{DaemonState, EventState, FrameState, SessionState, Snapshot, State};
 
 use crate::args::{Arguments, Command};
 use crate::control::top::dashboard::{Dashboard, Next};
@@ -263,31 +264,31 @@ fn screens_are_the_kept_ones() {
 }
 
 /// One that notifies, one that is over, one that cannot be judged, one that is shelved and one that is well.
-fn alarms() -> Vec<AlarmState> {
-    let alarm = |name: &str, level: &str, active: bool| AlarmState {
+fn alarms() -> Vec<Alarm> {
+    let alarm = |name: &str, level: &str, active: bool| Alarm {
         name: name.into(),
         severity: "major".into(),
         level: Some(level.into()),
         active,
         acknowledged: true,
-        ..AlarmState::default()
+        ..Alarm::default()
     };
     vec![
-        AlarmState {
+        Alarm {
             acknowledged: false,
             cause: Some("ppi of hip 12.3 kPa, above 10 kPa".into()),
             guidance: Some("turn the person".into()),
             ..alarm("hip", "major", true)
         },
-        AlarmState {
+        Alarm {
             acknowledged: false,
             ..alarm("elbow", "ok", false)
         },
-        AlarmState {
+        Alarm {
             invalid: Some("unrelieved area is not known yet".into()),
             ..alarm("skin", "invalid", false)
         },
-        AlarmState {
+        Alarm {
             shelved: Some("by user 1000: known".into()),
             ..alarm("edge", "major", true)
         },

@@ -1,13 +1,14 @@
 //! State and health of the daemon, and its last events.
 
 use chrono::{DateTime, FixedOffset};
+use dbus::json::Alarm;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Margin, Rect};
 use ratatui::style::Modifier;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 use survey::printable;
-use web::{AlarmState, DaemonState};
+use web::DaemonState;
 
 use crate::control::health::remark_on_baseline;
 use crate::control::top::dashboard::Dashboard;
@@ -111,7 +112,7 @@ pub(crate) fn events(
 }
 
 /// An alarm on one line; one that notifies stands out.
-fn of_alarm(alarm: &AlarmState, shown: &Dashboard) -> Line<'static> {
+fn of_alarm(alarm: &Alarm, shown: &Dashboard) -> Line<'static> {
     let why = match (alarm.active, &alarm.invalid) {
         (false, Some(why)) => why.clone(),
         _ => alarm.cause.clone().unwrap_or_default(),
