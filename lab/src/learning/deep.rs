@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use studies::{Failure, progress};
 use training::deep::{self, Recipe, TrainingEvent};
 use training::noise_figure::with_noise_figure;
-use training::samples::{Noise, Samples, TrainingSet};
+use training::samples::{Noise, Samples, Simulation, TrainingSet};
 use training::symmetry::Symmetric;
 
 use super::data::Data;
@@ -191,15 +191,9 @@ fn trained(
         None => {
             limits::check_memory(drawn.cases, case.protocol.len(), 0)?;
             let bars = progress::Training::default();
-            let set = TrainingSet::build(
-                &case.mesh,
-                &case.contact_ohm_m,
-                &sigma0,
-                &case.protocol,
-                &drawn,
-                &|stage, done, of| bars.show(stage, done, of),
-            );
-            Some(set.map_err(|fault| failed(&fault))?)
+            let simulation = Simulation::of_case(case, &drawn)?;
+            let show = |stage, done, of| bars.show(stage, done, of);
+            Some(TrainingSet::read(&simulation, &show)?)
         }
     };
     let once: &dyn Samples = match (&made, given) {

@@ -160,9 +160,7 @@ fn losses(
     let (samples, first): (&dyn Samples, usize) = match trained_on {
         Some(trained_on) => (trained_on.of, trained_on.count),
         None => {
-            let sigma0 = case.unloaded_conductance();
-            let contacts = &case.contact_ohm_m;
-            simulated = Simulation::new(&case.mesh, contacts, &sigma0, &case.protocol, unseen)?;
+            simulated = Simulation::of_case(case, unseen)?;
             (&simulated, 0)
         }
     };

@@ -10,8 +10,8 @@ use eit::{
 use safetensors::SafeTensors;
 use sha2::{Digest, Sha256};
 use survey::{Protocol, Reading, Volts};
-use training::rbf::train_rbf;
-use training::samples::{Stage, TrainError};
+use training::rbf::train_rbf_on;
+use training::samples::{Simulation, Stage, TrainError};
 
 const CONTACT: [f64; 8] = [0.3; 8];
 
@@ -44,7 +44,8 @@ fn trained(settings: &TrainingSettings) -> Result<Model, TrainError> {
     let protocol = Protocol::sheffield(8).unwrap();
     let sigma = vec![1e-3; mesh.triangles().len()];
     let silent = |_: Stage, _: usize, _: usize| {};
-    let (network, report) = train_rbf(&mesh, &CONTACT, &sigma, &protocol, settings, &silent)?;
+    let simulation = Simulation::new(&mesh, &CONTACT, &sigma, &protocol, settings)?;
+    let (network, report) = train_rbf_on(&simulation, settings, &silent)?;
     Ok(Model::new(
         "rbf test",
         mesh,

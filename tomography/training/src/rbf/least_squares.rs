@@ -1,21 +1,17 @@
 //! The RBF network of the paper (Eq. 12 to 15): centres by k-means, the spread, and the weights by least squares.
 
-use std::sync::Arc;
-
 use eit::inverse::learned::network::FAMILIAR_SHARE;
 use eit::linear_algebra::{product, squared_distance};
-use eit::{DistancesChoice, Mesh, RbfNetwork, TrainingReport, TrainingSettings};
+use eit::{DistancesChoice, RbfNetwork, TrainingReport, TrainingSettings};
 use faer::MatRef;
 use faer::linalg::solvers::Svd;
 use nalgebra::DMatrix;
 use rand::RngExt;
 use rayon::prelude::*;
-use survey::Protocol;
 
 use super::kmeans::{self, Rows};
 use crate::samples::{
-    Noise, Progress, Purpose, Samples, Simulation, Sparse, Stage, TrainError, TrainingSet, check,
-    stream,
+    Noise, Progress, Purpose, Samples, Sparse, Stage, TrainError, TrainingSet, check, stream,
 };
 
 /// Singular values of Phi below this share of the largest are dropped (Moore-Penrose).
@@ -38,23 +34,7 @@ const MOST_ROUNDS: usize = 100;
 /// Maximum number of pairs of samples from which the spread is estimated.
 const PAIRS: usize = 1_000_000;
 
-/// Trains an RBF network (Eq. 12 to 15).
-///
-/// # Errors
-/// See [`TrainError`].
-pub fn train_rbf(
-    mesh: &Arc<Mesh>,
-    contact_ohm_m: &[f64],
-    sigma0: &[f64],
-    protocol: &Protocol,
-    settings: &TrainingSettings,
-    progress: Progress<'_>,
-) -> Result<(RbfNetwork, TrainingReport), TrainError> {
-    let simulation = Simulation::new(mesh, contact_ohm_m, sigma0, protocol, settings)?;
-    train_rbf_on(&simulation, settings, progress)
-}
-
-/// Trains an RBF network on a given set; `settings` gives everything else. All jittered inputs are held in memory.
+/// Trains an RBF network (Eq. 12 to 15) on a given set; `settings` gives everything else. All jittered inputs are held in memory.
 ///
 /// # Errors
 /// See [`TrainError`].

@@ -12,7 +12,7 @@ use crate::model_cache::{Cached, kept};
 use crate::noise_figure::with_noise_figure;
 use crate::samples::{Noise, Progress, Samples, Simulation, TrainError};
 use crate::symmetry::Symmetric;
-pub use least_squares::{train_rbf, train_rbf_on};
+pub use least_squares::train_rbf_on;
 
 /// Ratio of spread to median distance above which a few samples dominate the spread of Eq. 13.
 pub const SPREAD_RULED: f64 = 10.0;

@@ -1,13 +1,10 @@
 //! A training set in memory.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use eit::{Mesh, TrainingSettings};
 use rayon::prelude::*;
-use survey::Protocol;
 
-use super::{Noise, Progress, Sample, SampleError, Samples, Simulation, Sparse, Stage, TrainError};
+use super::{Noise, Progress, Sample, SampleError, Samples, Sparse, Stage, TrainError};
 
 /// Cases without jitter, in memory.
 pub struct TrainingSet {
@@ -22,22 +19,6 @@ pub struct TrainingSet {
 }
 
 impl TrainingSet {
-    /// Draws and solves the cases of Algorithm 1; case c depends on the settings and c only.
-    ///
-    /// # Errors
-    /// Invalid settings, or a case that the forward model refuses.
-    pub fn build(
-        mesh: &Arc<Mesh>,
-        contact_ohm_m: &[f64],
-        sigma0: &[f64],
-        protocol: &Protocol,
-        settings: &TrainingSettings,
-        progress: Progress<'_>,
-    ) -> Result<Self, TrainError> {
-        let simulation = Simulation::new(mesh, contact_ohm_m, sigma0, protocol, settings)?;
-        Self::read(&simulation, progress)
-    }
-
     /// Reads a whole set into memory.
     ///
     /// # Errors

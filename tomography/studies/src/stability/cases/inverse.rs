@@ -67,14 +67,7 @@ impl Loaded {
             scale: Scale::Currents(vec![CURRENT; self.tank.protocol.len()]),
             ..options
         };
-        let Tank {
-            mesh,
-            contact,
-            sigma,
-            protocol,
-            ..
-        } = &self.tank;
-        OneStep::new(Arc::clone(mesh), contact, sigma, protocol, options)
+        self.tank.one_step(options)
     }
 
     fn tikhonov(&self, lambda: f64) -> Result<OneStep, OneStepError> {
@@ -90,15 +83,7 @@ impl Loaded {
             scale: Scale::Currents(vec![CURRENT; self.tank.protocol.len()]),
             ..options
         };
-        let Tank {
-            mesh,
-            contact,
-            sigma,
-            protocol,
-            ..
-        } = &self.tank;
-        Tv::new(Arc::clone(mesh), contact, sigma, protocol, options)
-            .map_err(|fault| Failure::of("total variation", &fault))
+        self.tank.tv(options)
     }
 }
 
@@ -453,14 +438,7 @@ fn variation(tank: &Tank, image: &[f64]) -> Result<f64, Failure> {
         scale: Scale::Currents(vec![CURRENT; tank.protocol.len()]),
         ..TvOptions::default()
     };
-    let tv = Tv::new(
-        Arc::clone(&tank.mesh),
-        &tank.contact,
-        &tank.sigma,
-        &tank.protocol,
-        options,
-    )
-    .map_err(|fault| Failure::of("total variation", &fault))?;
+    let tv = tank.tv(options)?;
     let baseline = measured(&tank.ours(&tank.contact, &tank.sigma)?);
     let objective = tv
         .objective(&baseline, &baseline, image)

@@ -3,7 +3,7 @@
 use eit::inverse::learned::network::{Layer, Weights, elu, elu_slope};
 use eit::{DeepNetwork, DeepSettings, Jitter, Precision, TrainingSettings};
 use training::deep::{DeepFault, Recipe, train};
-use training::samples::{Noise, SampleError, Samples, Simulation};
+use training::samples::{Noise, SampleError, Samples};
 
 use super::radial::Made;
 use crate::failure::Failure;
@@ -267,14 +267,9 @@ pub(crate) fn precision() -> Result<Outcome, Failure> {
         },
         ..TrainingSettings::default()
     };
-    let simulation = Simulation::new(
-        &tank.mesh,
-        &tank.contact,
-        &tank.sigma,
-        &tank.protocol,
-        &data,
-    )
-    .map_err(|fault| Failure::of("the training set", &fault))?;
+    let simulation = tank
+        .simulation(&data)
+        .map_err(|fault| Failure::of("the training set", &fault))?;
     let noise = Noise::new(&data.jitter, data.open.spread, simulation.baseline(), 1)
         .map_err(|fault| Failure::of("the jitter", &fault))?;
     let settings = DeepSettings {

@@ -1,7 +1,6 @@
 //! Hard cases 35 and 38: the order of sums on any number of threads, and degenerate polygons.
 
 use eit::{Model, TrainingSettings};
-use training::samples::Simulation;
 
 use crate::failure::Failure;
 use crate::stability::outcome::{Check, Naive, Outcome};
@@ -69,14 +68,9 @@ pub(crate) fn polygons() -> Result<Outcome, Failure> {
             radius_m,
             ..few_neurons(DRAWS)
         };
-        let simulation = Simulation::new(
-            &tank.mesh,
-            &tank.contact,
-            &tank.sigma,
-            &tank.protocol,
-            &settings,
-        )
-        .map_err(|fault| Failure::of("the polygons", &fault))?;
+        let simulation = tank
+            .simulation(&settings)
+            .map_err(|fault| Failure::of("the polygons", &fault))?;
         let mut counts = [0; 2];
         for case in 0..DRAWS {
             let target = simulation.target(case);

@@ -1,7 +1,5 @@
 //! Hard cases 30 and 32 to 34: missing readings, tiny baselines, reversed signs, and one channel with a spike.
 
-use std::sync::Arc;
-
 use eit::{MOST_MISSING, OneStep, OneStepOptions, ReconstructError, Reconstructor};
 use nalgebra::{DMatrix, DVector};
 use survey::{Amps, Checks, Frame, QualityFlag, Reading, Volts};
@@ -50,14 +48,9 @@ impl Scene {
             Ok(volts.into_iter().map(|v| CURRENT * v).collect())
         };
         let (baseline, frame) = (volts(&tank.sigma)?, volts(&tank.with(load, 0.5))?);
-        let step = OneStep::new(
-            Arc::clone(&tank.mesh),
-            &tank.contact,
-            &tank.sigma,
-            &tank.protocol,
-            OneStepOptions::default(),
-        )
-        .map_err(|fault| Failure::of("the one-step method", &fault))?;
+        let step = tank
+            .one_step(OneStepOptions::default())
+            .map_err(|fault| Failure::of("the one-step method", &fault))?;
         let noise = spread(&step)?;
         Ok(Self {
             baseline,

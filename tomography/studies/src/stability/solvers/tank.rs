@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use eit::{
-    DiscTank, Forward, Jitter, Mesh, Model, Network, PaperSheet, RbfNetwork, Report,
-    TrainingSettings,
+    DiscTank, Forward, Jitter, Mesh, Model, Network, OneStep, OneStepError, OneStepOptions,
+    PaperSheet, RbfNetwork, Report, TrainingSettings, Tv, TvOptions,
 };
 use qd::Quad;
 use survey::Protocol;
-use training::rbf::train_rbf;
+use training::rbf::train_rbf_on;
+use training::samples::{Simulation, TrainError};
 
 use super::bordered::{Bordered, Ground, Number};
 use crate::failure::Failure;
@@ -127,18 +128,32 @@ impl Tank {
         self.textbook::<Quad>(contact, sigma, Ground::Node)
     }
 
+    /// The one-step method on the tank.
+    pub(crate) fn one_step(&self, options: OneStepOptions) -> Result<OneStep, OneStepError> {
+        let mesh = Arc::clone(&self.mesh);
+        OneStep::new(mesh, &self.contact, &self.sigma, &self.protocol, options)
+    }
+
+    /// Total variation on the tank.
+    pub(crate) fn tv(&self, options: TvOptions) -> Result<Tv, Failure> {
+        let mesh = Arc::clone(&self.mesh);
+        Tv::new(mesh, &self.contact, &self.sigma, &self.protocol, options)
+            .map_err(|fault| Failure::of("total variation", &fault))
+    }
+
+    /// Cases for a training on the tank.
+    pub(crate) fn simulation(&self, settings: &TrainingSettings) -> Result<Simulation, TrainError> {
+        let (contact, sigma) = (&self.contact, &self.sigma);
+        Simulation::new(&self.mesh, contact, sigma, &self.protocol, settings)
+    }
+
     /// A network of [`few_neurons`], and its model.
     pub(crate) fn trained(&self, cases: usize) -> Result<(RbfNetwork, Model), Failure> {
         let settings = few_neurons(cases);
-        let (network, report) = train_rbf(
-            &self.mesh,
-            &self.contact,
-            &self.sigma,
-            &self.protocol,
-            &settings,
-            &|_, _, _| {},
-        )
-        .map_err(|fault| Failure::of("the training", &fault))?;
+        let (network, report) = self
+            .simulation(&settings)
+            .and_then(|simulation| train_rbf_on(&simulation, &settings, &|_, _, _| {}))
+            .map_err(|fault| Failure::of("the training", &fault))?;
         let model = Model::new(
             "rbf matched",
             Arc::clone(&self.mesh),
