@@ -21,6 +21,7 @@ use cases::{
     contacts, contrast, creep, inverse, layers, loads, meshes, order, radial, readings, tracked,
 };
 use outcome::{Case, Check, Naive, Outcome, Side};
+pub(crate) use solvers::bordered::Number;
 
 /// Every case, in the order of the fact sheet.
 const CASES: &[Case] = &[

@@ -205,7 +205,8 @@ fn made(name: PanelName, effort: &Effort, place: &ArtifactCache<'_>) -> Result<P
         PanelName::Training => training::panel(effort, place)?,
         PanelName::Uncertainty => uncertainty::panel(effort)?,
         PanelName::Months => months::panel(effort)?,
-    };
+    }
+    .with_front();
     eprintln!("{}: {:.0} s", name.name(), start.elapsed().as_secs_f64());
     place.write(&file, &panel.described(effort))?;
     Ok(panel)

@@ -203,8 +203,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         not_built: Vec::new(),
         costs: true,
         points,
-    }
-    .with_front())
+    })
 }
 
 fn point(

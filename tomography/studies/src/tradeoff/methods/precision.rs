@@ -71,12 +71,12 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
             cases(effort),
             epochs(effort)
         ),
-                not_proved: "A longer training may use more of the precision than this one does.".to_owned(),
+        not_proved: "A longer training may use more of the precision than this one does."
+            .to_owned(),
         not_built: vec!["weights in f64: no model file has them".to_owned()],
         costs: true,
         points,
-    }
-    .with_front())
+    })
 }
 
 /// Number of training cases in the third and fifth diagrams.

@@ -104,8 +104,7 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
         not_built: refused,
         costs: true,
         points,
-    }
-    .with_front())
+    })
 }
 
 /// Kind of data.

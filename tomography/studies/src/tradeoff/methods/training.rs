@@ -56,6 +56,5 @@ pub(crate) fn panel(effort: &Effort, place: &ArtifactCache<'_>) -> Result<Panel,
         not_built: Vec::new(),
         costs: true,
         points,
-    }
-    .with_front())
+    })
 }

@@ -113,8 +113,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         not_built: vec!["quadratic elements".to_owned()],
         costs: true,
         points,
-    }
-    .with_front())
+    })
 }
 
 /// A sheet on a mesh, ready to be solved.

@@ -15,6 +15,7 @@ use super::iterative::{Preconditioner, conjugate_gradients};
 use super::system::System;
 use crate::failure::Failure;
 use crate::progress;
+use crate::stability::Number;
 use crate::tradeoff::Effort;
 use crate::tradeoff::panel::{Panel, Point, Times, timed};
 
@@ -120,8 +121,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         not_built: Vec::new(),
         costs: true,
         points,
-    }
-    .with_front())
+    })
 }
 
 impl Task<'_> {
@@ -190,30 +190,7 @@ struct Factor<T: ComplexField> {
     scale: Vec<f64>,
 }
 
-trait Number: ComplexField + Copy {
-    fn rounded(value: f64) -> Self;
-    fn wide(self) -> f64;
-}
-
-impl Number for f64 {
-    fn rounded(value: f64) -> Self {
-        value
-    }
-    fn wide(self) -> f64 {
-        self
-    }
-}
-
-impl Number for f32 {
-    fn rounded(value: f64) -> Self {
-        value as f32
-    }
-    fn wide(self) -> f64 {
-        f64::from(self)
-    }
-}
-
-impl<T: Number> Factor<T> {
+impl<T: Number + ComplexField> Factor<T> {
     fn new(system: &System, symbolic: Option<&SymbolicLlt<usize>>) -> Result<Self, Failure> {
         let n = system.size();
         let scale: Vec<f64> = (0..n)
@@ -228,9 +205,7 @@ impl<T: Number> Factor<T> {
                 system.rows[i]
                     .iter()
                     .filter(move |(j, _)| *j <= i)
-                    .map(move |(j, value)| {
-                        Triplet::new(i, *j, T::rounded(value * scale[i] * scale[*j]))
-                    })
+                    .map(move |(j, value)| Triplet::new(i, *j, T::of(value * scale[i] * scale[*j])))
             })
             .collect();
         let failed = |what: String| Failure::because(format!("sparse Cholesky: {what}"));
@@ -258,16 +233,16 @@ impl<T: Number> Factor<T> {
             return vec![0.0; right.len()];
         }
         let mut x = Mat::<T>::from_fn(right.len(), 1, |i, _| {
-            T::rounded(right[i] * self.scale[i] / size)
+            T::of(right[i] * self.scale[i] / size)
         });
         self.factor.solve_in_place(x.as_mut());
         (0..right.len())
-            .map(|i| x[(i, 0)].wide() * self.scale[i] * size)
+            .map(|i| x[(i, 0)].plain() * self.scale[i] * size)
             .collect()
     }
 }
 
-fn direct<T: Number>(
+fn direct<T: Number + ComplexField>(
     task: &Task<'_>,
     line: &str,
     refinements: &[usize],
