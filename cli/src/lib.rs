@@ -5,8 +5,8 @@
 //! scripts. It does not depend on instruments or on the daemon's internals. All output is real: without a daemon it
 //! reports how to start one, and a missing reading is a blank, never a number.
 //!
-//! The modules build on each other in this order: `options` and `output`; `connection` (to the daemon), `archived` (sessions in
-//! the archive) and `session_files`; `maps`; and the commands in `control`, `instruments`, `records` and `doctor`.
+//! The modules build on each other in this order: `options`, `output` and `runtime`; `connection` (to the daemon), `archived`
+//! (sessions in the archive) and `session_files`; `maps`; and the commands in `control`, `instruments`, `records` and `doctor`.
 //!
 //! ```
 //! use std::process::ExitCode;
