@@ -184,8 +184,9 @@ impl PlayedSession {
     }
 
     fn unrelieved(&self, frame: &RecordedFrame) -> Result<PlayedMap, Failure> {
-        let known = self.followed.known();
-        let (of, values) = known.unrelieved(frame.sequence).map_err(Failure::Busy)?;
+        // unlocked before `quick` is locked: a quick map locks both in the other order
+        let known = self.followed.known().unrelieved(frame.sequence);
+        let (of, values) = known.map_err(Failure::Busy)?;
         let quick = self.quick();
         Ok(PlayedMap {
             provisional: Some(format!("as of frame {of}")),
