@@ -1,32 +1,35 @@
 //! Writing a session. Each call is one transaction, on disk when it returns.
 
 mod append;
+mod closing;
 mod file_identity;
 mod late;
+mod opening;
 mod parts;
 mod references;
 mod rows;
 mod segments;
 pub(crate) mod size;
 
-use std::fs::{DirBuilder, File, OpenOptions};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use chrono::{DateTime, Utc};
-use rusqlite::types::Value;
-use rusqlite::{Connection, OpenFlags, params_from_iter};
+use rusqlite::Connection;
 use survey::{Baseline, Checks, Settings};
 
 use crate::files::companion;
 use crate::files::open_files::WriterGuard;
-use crate::row::{HeaderChecksum, RowCounts, closing_checksum};
+use crate::row::{HeaderChecksum, RowCounts};
 use crate::schema;
 use crate::{DiskFault, LogbookError, MapRecord, SessionHeader};
 
 use crate::writer::file_identity::FilePlace;
 use crate::writer::segments::Stretches;
+use closing::write_closing;
+use opening::{adjust, discard, make_folder, open_for_writing};
 pub use parts::{CONTINUED, RESUMED, Resumed};
 pub(crate) use parts::{CONTINUED_IN, set_aside_journal};
 use references::References;
@@ -360,97 +363,6 @@ impl SessionWriter {
     /// [`survey::Protocol::hash`] of this session's protocol.
     pub fn protocol_hash(&self) -> &str {
         &self.protocol_hash
-    }
-}
-
-/// Writes how a session ended and the number of rows of each table. An update would move the row, with the protocol, to the end
-/// of the file, and a file that loses its end would lose all: SQLite frees the pages of a row after it has written the new
-/// one. A row that is deleted before leaves its pages, near the beginning, to the new one.
-fn write_closing(
-    connection: &Connection,
-    header_checksum: HeaderChecksum,
-    at: i64,
-    reason: &str,
-    tally: RowCounts,
-) -> rusqlite::Result<()> {
-    let last = |table: &'static str| -> rusqlite::Result<u64> {
-        let key = if table == "baseline" { "only" } else { "id" };
-        let sql = format!("SELECT coalesce(max({key}), 0) FROM {table}");
-        connection
-            .query_row(&sql, [], |row| row.get::<_, i64>(0))
-            .map(i64::unsigned_abs)
-    };
-    let tally = RowCounts {
-        baselines: last("baseline")?,
-        events: last("event")?,
-        references: last("reference")?,
-        stretches: last("stretch")?,
-        settings: last("settings")?,
-        mappers: last("mapper")?,
-        ..tally
-    };
-    let tally = rows::json(serde_json::to_string(&tally))?;
-    let transaction = connection.unchecked_transaction()?;
-    let columns = |row: &rusqlite::Row<'_>| -> rusqlite::Result<Vec<Value>> {
-        (0..row.as_ref().column_count())
-            .map(|column| row.get(column))
-            .collect()
-    };
-    let mut row = transaction.query_row("SELECT * FROM session", [], columns)?;
-    let closing: [Value; 4] = [
-        at.into(),
-        reason.to_owned().into(),
-        tally.clone().into(),
-        closing_checksum(header_checksum, at, reason, &tally)
-            .to_vec()
-            .into(),
-    ];
-    // the last columns
-    row.truncate(row.len().saturating_sub(closing.len()));
-    row.extend(closing);
-    transaction.execute("DELETE FROM session", [])?;
-    let places = vec!["?"; row.len()].join(", ");
-    transaction.execute(
-        &format!("INSERT INTO session VALUES ({places})"),
-        params_from_iter(row),
-    )?;
-    transaction.commit()
-}
-
-fn open_for_writing(
-    path: &Path,
-    attempt: &'static str,
-) -> Result<(Connection, WriterGuard), LogbookError> {
-    let in_writing =
-        WriterGuard::new(path).map_err(|source| LogbookError::disk(path, attempt, source))?;
-    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    let connection = Connection::open_with_flags(path, flags)
-        .map_err(|source| LogbookError::writing(path, attempt, source))?;
-    Ok((connection, in_writing))
-}
-
-/// Sets a sync for each transaction, and a sync of the folder after a rollback journal is deleted, which SQLite uses
-/// when it changes the journal mode: a journal that reappeared after a power cut would undo later transactions.
-fn adjust(connection: &Connection, storage: Storage) -> rusqlite::Result<()> {
-    connection.pragma_update(None, "synchronous", "EXTRA")?;
-    connection.pragma_update(None, "foreign_keys", true)?;
-    connection.busy_timeout(LOCK_WAIT)?;
-    if let Some(pages) = storage.page_limit {
-        connection.pragma_update_and_check(None, "max_page_count", pages, |_| Ok(()))?;
-    }
-    let journal = storage.journal_pages.unwrap_or(schema::JOURNAL);
-    connection.pragma_update_and_check(None, "wal_autocheckpoint", journal, |_| Ok(()))
-}
-
-/// Session folders are readable by their group only.
-fn make_folder(dir: &Path) -> std::io::Result<()> {
-    DirBuilder::new().recursive(true).mode(0o750).create(dir)
-}
-
-/// Removes a file that holds nothing yet; its journal first, which would otherwise be applied to another file.
-fn discard(path: &Path) {
-    for end in ["-wal", "-shm", ""] {
-        let _ = std::fs::remove_file(companion(path, end));
     }
 }
 
