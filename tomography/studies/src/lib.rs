@@ -19,6 +19,7 @@ pub mod months;
 pub mod paper;
 pub mod progress;
 mod readings;
+mod sheet;
 pub mod stability;
 pub mod tradeoff;
 

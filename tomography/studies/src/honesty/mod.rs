@@ -10,10 +10,9 @@ mod target;
 
 use std::path::Path;
 
-use imaging::Geometry;
 use outfile::Existing;
-use survey::Protocol;
 
+use crate::sheet::{geometry, protocol};
 use crate::{Failure, tagged, write_tables};
 
 pub use maps::{MapMethod, MapRow, Stated};
@@ -63,10 +62,9 @@ pub struct Report {
 /// # Errors
 /// A sheet that cannot be computed.
 pub fn run(settings: &Settings) -> Result<Report, Failure> {
-    let protocol = Protocol::sheffield(26).map_err(|fault| Failure::of("the protocol", &fault))?;
+    let protocol = protocol(26)?;
     let sheet = FineSheet::new(&protocol)?;
-    let geometry = Geometry::from_preset(&eit::Preset::default())
-        .map_err(|fault| Failure::of("the model's sheet", &fault))?;
+    let geometry = geometry()?;
     Ok(Report {
         quality: match settings.healthy + settings.faulty {
             0 => Vec::new(),

@@ -12,7 +12,7 @@ use survey::Reading;
 use super::simulated::{Simulated, away_mm, model};
 use super::single::{Locator, distance, locate, shipped};
 use super::tracked::{DIAMETERS_MM, LongScene, MAP_SIZE};
-use crate::{Failure, progress};
+use crate::{Failure, progress, sheet};
 
 const DAY_S: f64 = 86_400.0;
 /// Between the frames of a judged day, s: an empty sheet, a press, an empty sheet.
@@ -83,8 +83,7 @@ pub(crate) enum Outcome {
 
 /// All samples, scene by scene.
 pub(crate) fn samples(request: &Request<'_>) -> Result<Vec<Sample>, Failure> {
-    let geometry = Geometry::from_preset(&eit::Preset::default())
-        .map_err(|fault| Failure::of("the model's sheet", &fault))?;
+    let geometry = sheet::geometry()?;
     let one_step = shipped(&geometry)?;
     let bar = progress::bar(request.scenes.len() * request.days.len(), "months");
     let each: Vec<Vec<Sample>> = request

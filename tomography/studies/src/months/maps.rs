@@ -13,10 +13,11 @@ use serde::Serialize;
 use survey::{Amps, Reading};
 
 use super::Settings;
-use super::simulated::{CURRENT_A, Family, NOISE_V, Simulated, away_mm, protocol};
+use super::simulated::{CURRENT_A, Family, NOISE_V, Simulated, away_mm};
 use super::single::{DAYS, SPANS, span_of};
 use crate::evaluation::{average, quantile, test_set};
 use crate::honesty::MapMethod;
+use crate::sheet::protocol;
 use crate::{Failure, progress};
 
 /// 95 % of a normal distribution lie within so many standard deviations.
@@ -145,7 +146,7 @@ pub(super) fn rows(settings: &Settings, geometry: &Geometry) -> Result<Vec<MapRo
 
 /// Each method for both rules, with the true noise stated.
 fn prepared(settings: &MapSettings, geometry: &Geometry) -> Result<Vec<Prepared>, Failure> {
-    let protocol = protocol()?;
+    let protocol = protocol(26)?;
     let conditions = Conditions::live(geometry, &protocol, Amps(CURRENT_A));
     let methods = settings.methods.iter().map(|method| {
         for_both(method.name(), &method.settings(), |settings| {

@@ -13,10 +13,9 @@ mod tracked;
 
 use std::path::Path;
 
-use imaging::Geometry;
 use outfile::Existing;
 
-use crate::{Failure, tagged, write_tables};
+use crate::{Failure, sheet, tagged, write_tables};
 
 pub use loads::LoadRow;
 pub use maps::{LoadKind, MapRow, MapSettings};
@@ -69,8 +68,7 @@ pub struct Report {
 /// # Errors
 /// A sheet that cannot be computed.
 pub fn run(settings: &Settings) -> Result<Report, Failure> {
-    let geometry = Geometry::from_preset(&eit::Preset::default())
-        .map_err(|fault| Failure::of("the model's sheet", &fault))?;
+    let geometry = sheet::geometry()?;
     let (single, sheets) = match settings.sheets.min(settings.presses) {
         0 => Default::default(),
         _ => single::rows(settings, &geometry)?,

@@ -6,9 +6,10 @@ use imaging::Geometry;
 use phantom::{FINER, Load, Phantom, Scan, Scene};
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use survey::{Protocol, Reading};
+use survey::Reading;
 
 use crate::evaluation::test_set;
+use crate::sheet::protocol;
 use crate::{Failure, add_noise, measured};
 
 /// Current of every injection, A.
@@ -145,11 +146,6 @@ impl Simulated {
     }
 }
 
-/// The protocol of the frames.
-pub(super) fn protocol() -> Result<Protocol, Failure> {
-    Protocol::sheffield(26).map_err(|fault| Failure::of("the protocol", &fault))
-}
-
 /// What the method makes of a baseline: it knows the nominal sheet, its own mesh, the current and the noise.
 pub(crate) fn model(geometry: &Geometry, baseline: &[Reading]) -> Result<DriftModel, Failure> {
     let noise = Noise {
@@ -164,7 +160,7 @@ pub(crate) fn model(geometry: &Geometry, baseline: &[Reading]) -> Result<DriftMo
         &geometry.mesh,
         &geometry.contact_ohm_m,
         &geometry.sigma0,
-        &protocol()?,
+        &protocol(26)?,
         baseline,
         noise,
         &options,

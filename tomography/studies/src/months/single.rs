@@ -8,8 +8,9 @@ use serde::Serialize;
 use survey::{Amps, Map, Reading};
 
 use super::Settings;
-use super::simulated::{CURRENT_A, Family, NOISE_V, Simulated, away_mm, model, protocol};
+use super::simulated::{CURRENT_A, Family, NOISE_V, Simulated, away_mm, model};
 use crate::evaluation::{average, quantile};
+use crate::sheet::protocol;
 use crate::{Failure, progress};
 
 /// Days of the frames, and the spans of the table.
@@ -200,7 +201,7 @@ pub(crate) fn shipped(geometry: &Geometry) -> Result<Model, Failure> {
         noise_uv: Some(1e6 * NOISE_V),
         ..ReconstructionSettings::default()
     };
-    let protocol = protocol()?;
+    let protocol = protocol(26)?;
     let conditions = Conditions::live(geometry, &protocol, Amps(CURRENT_A));
     build(&settings, &conditions).map_err(|fault| Failure::of("one-step", &fault))
 }

@@ -12,6 +12,7 @@ use crate::evaluation::average;
 use crate::failure::Failure;
 use crate::months::{CURRENT_A, Simulated, away_mm, model, shipped};
 use crate::readings::plain_frame;
+use crate::sheet;
 use crate::stability::outcome::{Check, Naive, Outcome, worst};
 
 const SEED: u64 = 31;
@@ -26,11 +27,6 @@ const PRESS_MM: f64 = 10.0;
 /// Their places, mm: within 45 mm of the electrode, and elsewhere.
 const NEAR_MM: [[f64; 2]; 4] = [[40.0, 100.0], [42.0, 115.0], [40.0, 132.0], [48.0, 122.0]];
 const ELSEWHERE_MM: [[f64; 2]; 4] = [[107.0, 115.0], [150.0, 70.0], [160.0, 160.0], [90.0, 180.0]];
-
-fn preset() -> Result<Geometry, Failure> {
-    Geometry::from_preset(&eit::Preset::default())
-        .map_err(|fault| Failure::of("the model's sheet", &fault))
-}
 
 /// Location errors of the presses, mm.
 struct Located {
@@ -115,7 +111,7 @@ fn follow(opens: bool, geometry: &Geometry, one_step: &Model) -> Result<Located,
 
 /// 31: an electrode opens between two frames; its readings are left out.
 pub(crate) fn open_electrode() -> Result<Outcome, Failure> {
-    let geometry = preset()?;
+    let geometry = sheet::geometry()?;
     let one_step = shipped(&geometry)?;
     let (open, healthy) = rayon::join(
         || follow(true, &geometry, &one_step),
@@ -211,7 +207,7 @@ fn record(effects: &str, seed: u64, protocol_hash: &str) -> Result<Recorded, Fai
 
 /// 39: a load lies on the sheet while the baseline is recorded.
 pub(crate) fn loaded_baseline() -> Result<Outcome, Failure> {
-    let geometry = preset()?;
+    let geometry = sheet::geometry()?;
     let one_step = shipped(&geometry)?;
     let hash = one_step.reconstructor.protocol().hash();
     let remarked = |baseline: &Baseline, before: Option<&Baseline>, begins: &str| {

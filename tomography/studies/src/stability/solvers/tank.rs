@@ -13,6 +13,7 @@ use training::samples::{Simulation, TrainError};
 
 use super::bordered::{Bordered, Ground, Number};
 use crate::failure::Failure;
+use crate::sheet::protocol;
 
 /// A round sheet of 1 kohm per square with its protocol.
 pub(crate) struct Tank {
@@ -180,10 +181,6 @@ pub(crate) fn few_neurons(cases: usize) -> TrainingSettings {
         },
         ..TrainingSettings::default()
     }
-}
-
-pub(crate) fn protocol(electrodes: usize) -> Result<Protocol, Failure> {
-    Protocol::sheffield(electrodes).map_err(|fault| Failure::of("the protocol", &fault))
 }
 
 pub(crate) fn refused(fault: eit::ForwardError) -> Failure {

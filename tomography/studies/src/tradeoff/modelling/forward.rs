@@ -10,6 +10,7 @@ use survey::Protocol;
 
 use crate::failure::Failure;
 use crate::progress;
+use crate::sheet;
 use crate::tradeoff::Effort;
 use crate::tradeoff::panel::{Panel, Point, Times, timed};
 
@@ -135,8 +136,7 @@ impl Model {
         let mesh = Arc::new(mesh);
         let forward = Forward::new(Arc::clone(&mesh), &sheet.contact_ohm_m()).map_err(unsolved)?;
         let set_up_s = start.elapsed().as_secs_f64();
-        let protocol = Protocol::sheffield(sheet.electrodes())
-            .map_err(|fault| Failure::of("the protocol", &fault))?;
+        let protocol = sheet::protocol(sheet.electrodes())?;
         Ok(Self {
             sheet,
             mesh,

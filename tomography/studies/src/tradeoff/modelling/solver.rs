@@ -15,6 +15,7 @@ use super::iterative::{Preconditioner, conjugate_gradients};
 use super::system::System;
 use crate::failure::Failure;
 use crate::progress;
+use crate::sheet;
 use crate::stability::Number;
 use crate::tradeoff::Effort;
 use crate::tradeoff::panel::{Panel, Point, Times, timed};
@@ -45,8 +46,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
     let contacts = sheet.contact_ohm_m();
     let failed = |fault| Failure::of("the forward model", &fault);
     let forward = Forward::new(Arc::clone(&mesh), &contacts).map_err(failed)?;
-    let protocol = Protocol::sheffield(sheet.electrodes())
-        .map_err(|fault| Failure::of("the protocol", &fault))?;
+    let protocol = sheet::protocol(sheet.electrodes())?;
     let covered = Load::disc([107.0, 115.0], DISC_MM, 0.5)
         .coverage(&mesh)
         .map_err(|fault| Failure::of("the disc", &fault))?;

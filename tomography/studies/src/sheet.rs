@@ -1,0 +1,18 @@
+//! The sheet of the methods, and its protocol.
+
+use eit::Preset;
+use imaging::Geometry;
+use survey::Protocol;
+
+use crate::failure::Failure;
+
+/// The default sheet on the mesh of the methods.
+pub(crate) fn geometry() -> Result<Geometry, Failure> {
+    Geometry::from_preset(&Preset::default())
+        .map_err(|fault| Failure::of("the model's sheet", &fault))
+}
+
+/// The protocol of a ring with this number of electrodes.
+pub(crate) fn protocol(electrodes: usize) -> Result<Protocol, Failure> {
+    Protocol::sheffield(electrodes).map_err(|fault| Failure::of("the protocol", &fault))
+}
