@@ -79,19 +79,14 @@ pub(crate) struct Effort {
 }
 
 impl Effort {
+    /// Repetitions for the median of a time.
+    pub(crate) const RUNS: usize = 20;
+    /// Draws of noise or meshes for an error's bar.
+    pub(crate) const SEEDS: u64 = 5;
+
     /// The value for the extent of this run.
     pub(crate) fn of<T>(&self, quick: T, full: T) -> T {
         if self.full { full } else { quick }
-    }
-
-    /// Repetitions for the median of a time.
-    pub(crate) fn runs(&self) -> usize {
-        20
-    }
-
-    /// Draws of noise or meshes for an error's bar.
-    pub(crate) fn seeds(&self) -> u64 {
-        5
     }
 
     fn name(&self) -> &'static str {

@@ -27,8 +27,8 @@ pub(crate) fn page(effort: &Effort, panels: &[Panel]) -> String {
          medians of {} runs or more on this machine, bars are standard deviations over {} draws or more. Settings: \
          <code>{}</code>. Everything is simulated; judging data come from another, finer mesh than a method's, and from \
          other seeds than its training.</p>",
-        effort.runs(),
-        effort.seeds(),
+        Effort::RUNS,
+        Effort::SEEDS,
         escaped(&effort.described().to_string())
     );
     for (number, panel) in panels.iter().enumerate() {

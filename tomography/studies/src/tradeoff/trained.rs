@@ -36,7 +36,7 @@ pub(crate) fn judged_sets(
     set: &str,
     count: usize,
 ) -> Result<Vec<PathBuf>, Failure> {
-    (0..effort.seeds())
+    (0..Effort::SEEDS)
         .map(|draw| {
             // different from the seed of any training
             let seed = 1000 * (effort.seed + 1) + draw;

@@ -194,7 +194,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
              the noise), against what a frame takes by the instruments' own clock: integration, averages, half or whole frame, \
              pattern, module, number of electrodes and current, every reading on the range that the baseline calls for; the table \
              has the bound that no unbiased method beats.",
-            effort.seeds()
+            Effort::SEEDS
         ),
         not_proved: "Noise is the voltmeter's table value and nothing else (no thermal voltages, drift or mains, which `scene \
                      explain` tells of), the method is one of many, and neither settling nor the messages to the instruments are in the \
@@ -379,7 +379,7 @@ impl Truth {
         .map_err(|fault| failed(&fault))?;
         let (centroids, areas) = (self.model.region_centroids(), self.model.region_areas());
         let mut errors_mm = Vec::new();
-        for draw in 0..effort.seeds() {
+        for draw in 0..Effort::SEEDS {
             let mut random = ChaCha8Rng::seed_from_u64(1000 * (effort.seed + 1) + draw);
             let unit = Normal::new(0.0, 1.0).expect("constants");
             let mut noisy = |volts: &[f64], times: f64| -> Vec<Reading> {

@@ -170,7 +170,7 @@ fn scenes(
         .find(|(shipped, _)| *shipped == name)
         .map(|(_, text)| *text)
         .ok_or_else(|| Failure::because(format!("scene '{name}' does not ship with this build")))?;
-    (0..effort.seeds())
+    (0..Effort::SEEDS)
         .map(|draw| {
             let seed = 1000 * (effort.seed + 1) + draw;
             let lines = text.lines().map(|line| match line.starts_with("seed = ") {

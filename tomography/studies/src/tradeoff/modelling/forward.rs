@@ -69,7 +69,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         };
         let first = model(0)?;
         let mut errors = [Vec::new(), Vec::new()];
-        for seeding in 0..effort.seeds() {
+        for seeding in 0..Effort::SEEDS {
             let found = match seeding {
                 0 => first.solved()?,
                 seeding => model(seeding)?.solved()?,
@@ -80,7 +80,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
         let triangles = first.mesh.triangles().len();
         let times = first.times(match triangles > 100_000 {
             true => 5,
-            false => effort.runs(),
+            false => Effort::RUNS,
         })?;
         for (what, errors) in ["voltages", "differences"].into_iter().zip(&errors) {
             points.push(

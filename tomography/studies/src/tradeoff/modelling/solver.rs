@@ -64,7 +64,7 @@ pub(crate) fn panel(effort: &Effort) -> Result<Panel, Failure> {
             system,
             protocol: &protocol,
             exact,
-            times: effort.runs(),
+            times: Effort::RUNS,
             contrast: name,
         };
         let none = forward.workspace(&protocol).map_err(failed)?;
