@@ -115,7 +115,7 @@ mod tests {
     fn an_instrument_has_one_daemon_under_whichever_name() {
         // ports that no other test uses, without listeners
         let none = InstrumentLocks::default();
-        let first = none
+        let mut first = none
             .of_rig(&places("tcp:127.0.0.1:61", "tcp:127.0.0.1:62"))
             .unwrap();
         let refused = none
@@ -128,7 +128,7 @@ mod tests {
             "{text}"
         );
         // locks of a failed attempt are released, and so are unused ones
-        let first = first
+        first = first
             .of_rig(&places("tcp:127.0.0.1:63", "tcp:127.0.0.1:64"))
             .unwrap();
         let second = none

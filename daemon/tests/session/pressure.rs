@@ -24,7 +24,7 @@ async fn a_calibrated_method_says_newtons() {
     assert_eq!(map.unit, "relative change of conductance");
     assert_eq!(map.more.newtons, None);
     match session.latest_pressure().await.unwrap_err() {
-        Fault::Failed(why) => assert!(why.contains("tactus-lab calibrate"), "{why}"),
+        Fault::Unsupported(why) => assert!(why.contains("tactus-lab calibrate"), "{why}"),
         other => panic!("{other:?}"),
     }
     within(session.stop()).await.unwrap();
