@@ -107,7 +107,7 @@ fn events_are_those_of_all_parts_of_a_session() {
     assert!(alarms[0].contains("frame 2") && alarms[1].contains("frame 3"));
     // a later part alone
     let events = done(folder.path(), &["events", "m1_p3", "--json"]);
-    assert!(events.contains("frame 3") && !events.contains("frame 2"));
+    assert!(events.contains("load of frame 3") && !events.contains("load of frame 2"));
 }
 
 /// One folder of several, as for a user who may not read that of the daemon.
