@@ -154,6 +154,42 @@ async fn a_reload_that_loses_the_rig_is_a_fault_and_keeps_locks() {
     second.start().await.terminate().await;
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_rig_of_unknown_state_refuses_each_reload() {
+    for (lost, kind) in [
+        (&[Instrument::Source][..], "source-unknown"),
+        (&[Instrument::Source, Instrument::Mainframe], "alarm"),
+    ] {
+        let (rig, _server, config) = on_tcp().await;
+        let (_next_rig, _next_server, next) = on_tcp().await;
+        let stage = Stage::new(&config);
+        let daemon = stage.start().await;
+        let mut happened = daemon.manager.receive_happened().await.unwrap();
+        for instrument in lost {
+            rig.set_wire(*instrument, Wire::Cut);
+        }
+        stage.configure(&next);
+        within(daemon.manager.reload()).await.unwrap_err();
+        reported(&mut happened, kind).await;
+        let refused = within(daemon.manager.reload()).await.unwrap_err();
+        assert!(
+            matches!(&refused, Fault::InstrumentFault(text) if text.contains("cannot be switched off")),
+            "{refused:?}"
+        );
+        assert_eq!(daemon.manager.state().await.unwrap(), "faulted");
+        assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
+
+        for instrument in lost {
+            rig.set_wire(*instrument, Wire::Sound);
+        }
+        let text = within(daemon.manager.reload()).await.unwrap();
+        assert!(text.ends_with("is in force"), "{text}");
+        reported(&mut happened, "source-off").await;
+        assert_eq!(daemon.manager.source_state().await.unwrap(), "off");
+        daemon.baseline(1).await;
+    }
+}
+
 /// The rig of the stage, newly switched on.
 fn fresh(stage: &Stage) -> ReplayTarget {
     let profile = Profile::load(stage.path().join("profile.toml").to_str().unwrap()).unwrap();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::events::kind::EventKind;
-use rig::{AcquireError, Clock, RigError};
+use rig::{AcquireError, CleanupError, Clock, RigError};
 use tokio::time::Instant;
 
 use crate::acquisition::failed_frame;
@@ -42,13 +42,12 @@ pub(super) fn may_pass(error: &AcquireError) -> bool {
 }
 
 impl Controller {
-    /// Reports the safety of the rig after a failed frame.
+    /// Reports the safety of the rig after an attempt to make it safe; `None` where all of it was verified.
     pub(super) async fn report_safety(
         &self,
         session: Option<ActiveSession<'_>>,
-        error: &AcquireError,
+        cleanup: Option<&CleanupError>,
     ) {
-        let cleanup = error.cleanup();
         let source = cleanup.is_some_and(|cleanup| cleanup.source.is_some());
         let relays = cleanup.is_some_and(|cleanup| cleanup.relays.is_some());
         {
@@ -67,6 +66,23 @@ impl Controller {
                 self.report(session, EventKind::SourceUnknown, text).await;
             }
             _ => {}
+        }
+    }
+
+    /// Reports the parts of the rig that are safe again after their state was unknown.
+    pub(super) async fn report_safe_again(
+        &self,
+        session: Option<ActiveSession<'_>>,
+        source: bool,
+        relays: bool,
+    ) {
+        if source {
+            let text = "the source answers again: off, verified";
+            self.report(session, EventKind::SourceOff, text).await;
+        }
+        if relays {
+            let text = "the switch answers again: the relays are open, verified";
+            self.report(session, EventKind::RelaysOpen, text).await;
         }
     }
 
@@ -203,10 +219,8 @@ impl Controller {
             Ok(_) => true,
             Err(error) => error.source_is_off(),
         };
-        if source_is_off && std::mem::take(&mut self.inner().source_unknown) {
-            let text = "the source answers again: off, verified";
-            self.report(session, EventKind::SourceOff, text).await;
-        }
+        let source = source_is_off && std::mem::take(&mut self.inner().source_unknown);
+        self.report_safe_again(session, source, false).await;
         match outcome {
             Ok(assembled) => {
                 let mut inner = self.inner();
@@ -228,8 +242,7 @@ impl Controller {
                 let unknown = self.inner().relays_unknown;
                 if unknown && open_relays(plan, &simulated_rig).await.is_ok() {
                     self.inner().relays_unknown = false;
-                    let text = "the switch answers again: the relays are open, verified";
-                    self.report(session, EventKind::RelaysOpen, text).await;
+                    self.report_safe_again(session, false, true).await;
                 }
                 Err(chain(&error))
             }

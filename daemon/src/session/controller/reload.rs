@@ -7,8 +7,9 @@ use dbus::Fault;
 
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
-use crate::instruments::assembly::{OnClosedRelays, assemble};
+use crate::instruments::assembly::{AnyRig, OnClosedRelays, assemble};
 use crate::instruments::identities::ExpectedIdentities;
+use crate::instruments::rig_plan::RigPlan;
 use crate::locked::locked;
 use crate::preparation::{FramesFrom, Prepared, prepare};
 use crate::session::controller::{Controller, Runtime};
@@ -21,7 +22,8 @@ impl Controller {
     /// that end: the file that it was read from has changed.
     ///
     /// # Errors
-    /// Every problem of the file, or a change that needs a restart; the configuration in force stays.
+    /// Every problem of the file, a change that needs a restart, or a present rig that cannot be switched off; the
+    /// configuration in force stays.
     pub(crate) async fn reload(self: &Arc<Self>) -> Result<String, Fault> {
         let outcome = self.reload_now().await.map_err(|fault| {
             let discarded = |text| match self.inner().waiting.take() {
@@ -109,18 +111,8 @@ impl Controller {
                 .map_err(|_| Fault::Failed("the instruments could not be locked".into()))?
                 .map_err(|error| Fault::InstrumentFault(error.to_string()))?;
         }
-        if let FrameSource::Rig { rig, plan } = &mut *source
-            && let Some(rig) = rig.take()
-            && let Err(error) = rig.safe_off(&plan.plan.wiring).await
-        {
-            let text = error.to_string();
-            {
-                let mut inner = self.inner();
-                inner.source_unknown |= error.source_state_unknown();
-                inner.relays_unknown |= error.relays.is_some();
-            }
-            self.rig_lost(&text);
-            return Err(Fault::InstrumentFault(text));
+        if let FrameSource::Rig { rig, plan } = &mut *source {
+            self.give_up_rig(rig, plan).await?;
         }
         // only now: the configuration in force would otherwise stay without its locks
         self.hold(locks);
@@ -147,12 +139,7 @@ impl Controller {
                 )
                 .await;
                 let (rig, outcome) = match assembled {
-                    Ok(assembled) => {
-                        let mut inner = self.inner();
-                        inner.source_unknown = false;
-                        inner.relays_unknown = false;
-                        (Some(assembled.rig), Ok(assembled.identities))
-                    }
+                    Ok(assembled) => (Some(assembled.rig), Ok(assembled.identities)),
                     Err(error) => (None, Err(chain(&error))),
                 };
                 *source = FrameSource::Rig { rig, plan };
@@ -186,6 +173,52 @@ impl Controller {
         self.events.publish(&BusEvent::Daemon);
         Ok(text)
     }
+
+    /// Makes the present rig safe before another one takes its place. A lost rig that may be live is connected again for
+    /// that: instruments of the new configuration do not show whether the source of the old one is off.
+    ///
+    /// # Errors
+    /// The source is not verified off, or relays are not verified open.
+    async fn give_up_rig(
+        self: &Arc<Self>,
+        rig: &mut Option<AnyRig>,
+        plan: &RigPlan,
+    ) -> Result<(), Fault> {
+        let (source, relays) = self.unknown_parts();
+        match rig.take() {
+            Some(present) => {
+                if let Err(error) = present.safe_off(&plan.plan.wiring).await {
+                    let text = error.to_string();
+                    self.report_safety(None, Some(&error)).await;
+                    self.rig_lost(&text);
+                    return Err(Fault::InstrumentFault(text));
+                }
+            }
+            None if source || relays => {
+                if let Err(text) = self.retry_assembly(None, plan).await {
+                    return match self.unknown_parts() {
+                        // parts that may stay lost: the rig is not used again
+                        (false, false) => Ok(()),
+                        _ => Err(Fault::InstrumentFault(format!(
+                            "the present rig cannot be switched off: {text}; connect it again, or switch it off by hand \
+                             and restart tactusd"
+                        ))),
+                    };
+                }
+            }
+            None => return Ok(()),
+        }
+        let source = std::mem::take(&mut self.inner().source_unknown);
+        self.inner().relays_unknown = false;
+        self.report_safe_again(None, source, relays).await;
+        Ok(())
+    }
+
+    /// Whether the source may be on, and whether relays may be closed.
+    fn unknown_parts(&self) -> (bool, bool) {
+        let inner = self.inner();
+        (inner.source_unknown, inner.relays_unknown)
+    }
 }
 
 /// Refuses changes that need a restart: the daemon's connections, and the record's directory.
@@ -208,7 +241,7 @@ fn same_rig(old: &Config, new: &Config) -> bool {
 }
 
 /// Whether profile and scene are unchanged; the simulated sheet is then kept.
-fn same_simulation(old: &Runtime, plan: &crate::instruments::rig_plan::RigPlan) -> bool {
+fn same_simulation(old: &Runtime, plan: &RigPlan) -> bool {
     old.plan
         .as_deref()
         .is_some_and(|old| old.simulation == plan.simulation)

@@ -94,7 +94,7 @@ impl Controller {
         self.report(Some(session), EventKind::FrameFailed, &text)
             .instrument(journal)
             .await;
-        self.report_safety(Some(session), error).await;
+        self.report_safety(Some(session), error.cleanup()).await;
         let (transcript, id) = (self.transcript.clone(), session.status.facts.id.clone());
         let folder = self.runtime().setup.record_directory.clone();
         let written = tokio::task::spawn_blocking(move || {
