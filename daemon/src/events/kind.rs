@@ -90,7 +90,7 @@ kinds! {
     AlarmHandled "alarm-handled", Info, Either, "A person acknowledged, shelved, reset or took an alarm out of service, or a shelf has expired", "Nothing";
     NotifyFailed "notify-failed", Warn, DaemonLog, "The command of `[notify]` failed, or could not be started in time", "Run `tactus notify test`";
     Reloaded "reloaded", Warn, DaemonLog, "The configuration was read again", "Nothing";
-    ReloadRefused "reload-refused", Warn, DaemonLog, "The new configuration has problems; the one in force stays, and one that waits for the end of a session is discarded", "Run `tactusd --check`, correct the file, reload";
+    ReloadRefused "reload-refused", Warn, DaemonLog, "The new configuration has problems, or the present rig cannot be switched off; the configuration in force stays, and one that waits for the end of a session is discarded", "Run `tactusd --check`, correct the file or connect the rig, reload";
     Alarm "alarm", Error, Either, "The sheet may be live, or frames may be lost", "Do what the text says, at once";
     Fault "fault", Warn, Either, "A session ended by a fault, or the rig cannot be used", "Remove the cause that the text names; `tactus doctor` helps";
     SourceUnknown "source-unknown", Error, Either, "The state of the source cannot be read; the injecting relays are open", "Switch the source off by hand";

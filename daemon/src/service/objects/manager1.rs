@@ -204,8 +204,9 @@ impl Manager1 {
         self.0.accept().await
     }
 
-    /// Reloads the configuration. An invalid one changes nothing; the error has a line for each problem. During a
-    /// session the new configuration is applied at the session's end, unless an invalid one is reloaded before.
+    /// Reloads the configuration. An invalid one changes nothing; the error has a line for each problem. The
+    /// configuration in force also stays where the present rig cannot be switched off. During a session the new
+    /// configuration is applied at the session's end, unless an invalid one is reloaded before.
     #[zbus(out_args("done"))]
     async fn reload(&self) -> Result<String, Fault> {
         self.0.reload().await
