@@ -57,7 +57,7 @@ impl AcquisitionEnd {
         match self {
             Self::Done(reason) => reason.clone(),
             Self::Rig(error) => crate::acquisition::failed_frame::describe(error),
-            Self::NoRig => "the rig was lost before the frame; its state is unknown".to_owned(),
+            Self::NoRig => "the rig was lost before the frame".to_owned(),
             Self::Recording(error) => chain(error.as_ref()),
         }
     }

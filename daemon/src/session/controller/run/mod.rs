@@ -391,6 +391,8 @@ impl Controller {
                 _ => format!("the record failed, the source is off: {disk}"),
             }),
             (Ok(_), AcquisitionEnd::Done(why)) => status.has_failed().then(|| why.clone()),
+            // the cause may be known
+            (Ok(_), AcquisitionEnd::NoRig) => self.rig_fault().or_else(|| Some(ended.text())),
             (Ok(_), ended) => Some(ended.text()),
         };
         {
@@ -402,7 +404,6 @@ impl Controller {
             self.remember(&mut inner, status);
             match ended {
                 AcquisitionEnd::Rig(_) => inner.rig_fault = Some(ended.text()),
-                // the cause may be known
                 AcquisitionEnd::NoRig => {
                     inner.rig_fault.get_or_insert_with(|| ended.text());
                 }
