@@ -66,10 +66,16 @@ pub struct Verified {
 /// The folder cannot be read.
 pub fn parts(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, LogbookError> {
     let path = path.as_ref();
-    let session = part_of(id_of(path)).0;
+    // not id_of: names that are not UTF-8 would all be parts of one session
+    let name = |path: &Path| -> String {
+        let stem = path.file_stem().unwrap_or_default();
+        stem.to_string_lossy().into_owned()
+    };
+    let own = name(path);
+    let session = part_of(&own).0;
     let mut parts = files::in_folder(folder_of(path))?;
-    parts.retain(|other| part_of(id_of(other)).0 == session);
-    parts.sort_by_key(|other| part_of(id_of(other)).1);
+    parts.retain(|other| part_of(&name(other)).0 == session);
+    parts.sort_by_key(|other| part_of(&name(other)).1);
     Ok(parts)
 }
 

@@ -1,5 +1,8 @@
 //! The sessions of a folder: listed, found by their ids, remembered in an index.
 
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
+
 use crate::content::{at, baseline, frame, header};
 
 use logbook::{LogbookError, SessionHeader, SessionKind, SessionWriter};
@@ -220,4 +223,17 @@ fn a_folder_that_was_not_walked_again_is_still_seen_to_change() {
     SessionWriter::create(dir.path(), &header("e")).unwrap();
     index.refresh().unwrap();
     assert_eq!(names(&index), 1);
+}
+
+#[test]
+fn names_that_are_not_utf8_are_parts_of_their_own_session() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &[u8]| dir.path().join(OsStr::from_bytes(name));
+    let names: [&[u8]; 3] = [b"one\xff.tactus", b"one\xff_p2.tactus", b"other\xff.tactus"];
+    for name in names {
+        std::fs::write(path(name), "").unwrap();
+    }
+    let [first, second, other] = names.map(path);
+    assert_eq!(logbook::parts(&second).unwrap(), [first, second]);
+    assert_eq!(logbook::parts(&other).unwrap(), [other]);
 }
