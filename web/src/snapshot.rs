@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use dbus::json::Alarm;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use serde_json::Value;
 use tokio::sync::watch;
 
@@ -48,27 +48,12 @@ pub struct State {
     pub session: Option<SessionState>,
     /// Its last frame.
     pub frame: Option<FrameState>,
-    /// All alarms, by name.
-    #[serde(serialize_with = "with_ms")]
+    /// All alarms as in `alarms --json`, by name.
     pub alarms: Vec<Alarm>,
     /// Whether the page may command the daemon.
     pub control: bool,
     /// Events since the connection was made, the newest first.
     pub events: VecDeque<EventState>,
-}
-
-/// Alarms as in `alarms --json`, with the times that the page shows, ms since 1970 UTC.
-fn with_ms<S: Serializer>(alarms: &[Alarm], serializer: S) -> Result<S::Ok, S::Error> {
-    #[derive(Serialize)]
-    struct Timed<'a> {
-        #[serde(flatten)]
-        alarm: &'a Alarm,
-        changed_ms: Option<i64>,
-    }
-    serializer.collect_seq(alarms.iter().map(|alarm| Timed {
-        alarm,
-        changed_ms: alarm.changed_ns.map(|ns| ns / 1_000_000),
-    }))
 }
 
 /// State and health of the daemon; texts are empty where there is nothing to report.
