@@ -96,8 +96,8 @@ impl Controller {
         Ok(discover(&search).await)
     }
 
-    /// Runs an operation on the rig while no session can use it. It continues if its caller has gone. An earlier fault
-    /// stays while the rig cannot be used; another one stays unless the operation `tests` the rig.
+    /// Runs an operation on the rig while no session can use it. It continues if its caller has gone. A fault of the rig
+    /// stays while the rig cannot be used; any other fault stays unless the operation `tests` the rig.
     async fn alone<T, F>(
         self: &Arc<Self>,
         tests: bool,
