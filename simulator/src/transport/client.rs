@@ -341,8 +341,8 @@ pub(crate) enum End {
 }
 
 impl SimulatedRig {
-    /// Connects a client to one of the instruments. The port of the multiplexer board has been open since power on, so no
-    /// banner is sent.
+    /// Connects a client to one of the instruments. The mainframe serves several clients at once. The port of the
+    /// multiplexer board has been open since power on, so no banner is sent.
     pub fn connect(&self, instrument: Instrument) -> BoxStream {
         let (here, there) = tokio::io::duplex(PIPE);
         tokio::spawn(
