@@ -234,7 +234,7 @@ mod tests {
             served.bytes("/api/provisional/7").await,
             0.25_f32.to_le_bytes()
         );
-        // the own map has another address, because answers are kept by browsers
+        // the own map has another address
         assert_eq!(code(&served.get("/api/map/7").await), "404");
         assert_eq!(code(&served.get("/api/provisional/6").await), "404");
         let own = FrameState {

@@ -130,7 +130,8 @@ async fn geometry(State(shared): State<Shared>) -> Response {
     }
 }
 
-/// A map as little-endian single precision, one value a triangle. It never changes.
+/// A map as little-endian single precision, one value a triangle. A browser must not keep it: the next session has
+/// frames of the same numbers.
 async fn map(State(shared): State<Shared>, Path(sequence): Path<String>) -> Response {
     let sequence = sequence.parse().ok();
     kept(sequence.and_then(|sequence| shared.live.map(sequence)))
@@ -153,10 +154,7 @@ async fn deviation(State(shared): State<Shared>) -> Answer {
 fn kept(known: Option<Arc<[u8]>>) -> Response {
     match known {
         Some(map) => (
-            [
-                (header::CONTENT_TYPE, "application/octet-stream"),
-                (header::CACHE_CONTROL, "private, max-age=3600, immutable"),
-            ],
+            [(header::CONTENT_TYPE, "application/octet-stream")],
             Bytes::from_owner(map),
         )
             .into_response(),

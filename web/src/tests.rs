@@ -384,6 +384,24 @@ async fn a_map_is_single_precision_and_old_ones_go() {
     }
 }
 
+#[tokio::test]
+async fn maps_are_not_cached_across_sessions() {
+    let served = served().await;
+    // two sessions, whose frames begin at 1
+    for value in [0.25_f32, 0.5] {
+        served.live.change(|snapshot| {
+            snapshot.maps.clear();
+            snapshot.keep_map(1, &[value]);
+            snapshot.provisional = Some((1, value.to_le_bytes().to_vec().into()));
+        });
+        for path in ["/api/map/1", "/api/provisional/1"] {
+            let answer = served.get(path).await.to_ascii_lowercase();
+            assert!(answer.contains("cache-control: no-store"), "{answer}");
+            assert_eq!(served.bytes(path).await, value.to_le_bytes(), "{path}");
+        }
+    }
+}
+
 /// The state of an answer.
 fn state_of(answer: &[u8]) -> serde_json::Value {
     serde_json::from_slice(answer).unwrap()
