@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Judgement, Level, Rule, Severity, Transition, TransitionKind};
 
+/// Corrections of the clock that do not end a shelf, s.
+const CLOCK_TOLERANCE_S: f64 = 60.0;
+
 /// What a person did, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Note {
@@ -196,16 +199,23 @@ impl AlarmState {
         self.acknowledgement = Some(note);
     }
 
-    /// Takes the alarm from its shelf when that time is over.
+    /// Takes the alarm from its shelf when that time is over, or when the clock is set back to before it was shelved:
+    /// otherwise it would stay there for as long again as the clock was set back.
     pub(crate) fn expire(&mut self, rule: &Rule, at_s: f64, transitions: &mut Vec<Transition>) {
-        let over = |shelf: &mut Shelf| shelf.until_s.is_some_and(|until| at_s >= until);
-        if self.shelf.take_if(over).is_some() {
-            transitions.push(Transition {
-                alarm: rule.name.clone(),
-                kind: TransitionKind::Handled,
-                text: "is not shelved any more: its time is over".to_owned(),
-            });
-        }
+        let Some(shelf) = &self.shelf else {
+            return;
+        };
+        let why = match shelf.until_s {
+            Some(until_s) if at_s >= until_s => "its time is over",
+            Some(_) if at_s < shelf.note.at_s - CLOCK_TOLERANCE_S => "the clock was set back",
+            _ => return,
+        };
+        self.shelf = None;
+        transitions.push(Transition {
+            alarm: rule.name.clone(),
+            kind: TransitionKind::Handled,
+            text: format!("is not shelved any more: {why}"),
+        });
     }
 
     /// The condition was not followed for an unknown time.

@@ -221,6 +221,20 @@ fn a_clock_that_is_set_back_begins_anew() {
     assert!(begun.contains(&(510, TransitionKind::Active)), "{begun:?}");
 }
 
+#[test]
+fn a_shelf_ends_when_the_clock_is_set_back() {
+    const SET_S: f64 = 1e9;
+    let mut alarms = alarms(false);
+    order(&mut alarms, SET_S, Order::Shelve(3600.0)).unwrap();
+    // a small correction of the clock does not end it
+    assert_eq!(alarms.judge(NAME, SET_S - 1.0, Judgement::Within), []);
+    assert!(alarms.get(NAME).unwrap().state.shelf.is_some());
+    let changed = alarms.judge(NAME, SET_S - 30.0 * 86_400.0, Judgement::Within);
+    let texts: Vec<_> = changed.iter().map(|one| one.text.as_str()).collect();
+    assert_eq!(texts, ["is not shelved any more: the clock was set back"]);
+    assert!(alarms.get(NAME).unwrap().state.shelf.is_none());
+}
+
 /// One step of a random history.
 #[derive(Debug, Clone)]
 enum Step {
