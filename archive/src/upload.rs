@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::time::SystemTime;
 
 use chrono::{DateTime, Utc};
-use logbook::{ArchiveReceipt, Index, LogbookError, QuantityLine};
+use logbook::{ArchiveReceipt, Index, LogbookError, QuantityLine, quantities_file};
 use serde::Serialize;
 
 use crate::catalogue::{Catalogue, CatalogueError};
@@ -157,8 +157,8 @@ impl Uploader {
         })
     }
 
-    /// Takes everything to the archive that it lacks, the oldest first; reports each step. A damaged part is reported and
-    /// does not hold up the others.
+    /// Takes everything to the archive that it lacks, the oldest first; reports each step. A damaged part, and quantities
+    /// that cannot be read, are reported and do not hold up the others.
     ///
     /// # Errors
     /// Store or catalogue refuse; what was done before stays, and the next pass continues.
@@ -177,6 +177,7 @@ impl Uploader {
         }
         let mut known = self.known_parts(catalogue, &closed).await?;
         let mut there = self.known_lines(catalogue, &sessions).await?;
+        let mut unread = BTreeSet::new();
         for part in &closed {
             if known.contains_key(&part.id) {
                 continue;
@@ -195,7 +196,17 @@ impl Uploader {
             }
         }
         for session in &sessions {
-            let lines = self.new_lines(session, &mut there)?;
+            let lines = match self.new_lines(session, &mut there) {
+                Ok(lines) => lines,
+                Err(error) => {
+                    report(Step::Problem {
+                        part: quantities_file(&self.folder, session).display().to_string(),
+                        text: survey::error_chain(&error),
+                    });
+                    unread.insert(session.clone());
+                    continue;
+                }
+            };
             if lines.is_empty() {
                 continue;
             }
@@ -211,6 +222,10 @@ impl Uploader {
             let Some(sha256) = known.get(&part.id) else {
                 continue;
             };
+            // the receipt of a first part is of the quantities beside it too
+            if unread.contains(&part.id) {
+                continue;
+            }
             let lines = there.get(&part.session).copied().unwrap_or_default();
             match self.confirm(part, sha256, lines) {
                 Ok(false) => {}
@@ -290,7 +305,8 @@ impl Uploader {
             }
             Err(error) => return Err(error.into()),
         }
-        let lines = self.new_lines(&part.session, there)?;
+        // lines that cannot be read are reported once for the session, when its parts are archived
+        let lines = self.new_lines(&part.session, there).unwrap_or_default();
         match catalogue.enter(&read, &lines).await {
             Ok(()) => {}
             Err(error @ CatalogueError::Conflict { .. }) => return Ok(Err(error.to_string())),
@@ -309,7 +325,7 @@ impl Uploader {
         there: &mut BTreeMap<String, u64>,
     ) -> Result<Vec<QuantityLine>, LogbookError> {
         let known = there.get(session).copied().unwrap_or_default();
-        let file = logbook::quantities_file(&self.folder, session);
+        let file = quantities_file(&self.folder, session);
         let stamp = std::fs::metadata(file)
             .and_then(|found| Ok((found.len(), found.modified()?)))
             .ok();

@@ -164,6 +164,33 @@ fn damaged_part_does_not_hold_up_the_others() {
 }
 
 #[test]
+fn unreadable_quantities_do_not_hold_up_the_others() {
+    let Some((server, site)) = archive("berlin") else {
+        return;
+    };
+    site.record_session("m1", 2);
+    site.record_session("m2", 1);
+    let quantities = site.record().join("m1.quantities");
+    std::fs::remove_file(&quantities).unwrap();
+    std::fs::create_dir(&quantities).unwrap();
+    let output = site.run(&["push"]);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(text.matches("m1.quantities: NOT ARCHIVED").count(), 1, "{text}");
+    assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "3");
+    let is_confirmed = |part: &str| {
+        let name = format!("{part}.archived.json");
+        site.record().join(name).exists()
+    };
+    // the receipt of the first part is of the quantities too
+    assert!(!is_confirmed("m1"), "{text}");
+    assert!(is_confirmed("m1_p2") && is_confirmed("m2"), "{text}");
+    std::fs::remove_dir(&quantities).unwrap();
+    site.done(&["push"]);
+    assert!(is_confirmed("m1"));
+}
+
+#[test]
 fn full_store_is_reported_and_goes_on_when_there_is_space() {
     let Some((server, site)) = archive("berlin") else {
         return;
