@@ -1,7 +1,7 @@
 //! Retention: removes sessions by age or size, optionally only exported ones.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -114,8 +114,8 @@ pub(crate) fn pruned_parts(dir: &Path) -> BTreeSet<String> {
 }
 
 /// Removes sessions, or with `dry_run` only lists them. Open sessions and their parts (except in a ring), the newest
-/// baseline, and baselines of kept sessions are never removed. Removed sessions are listed in `pruned.jsonl` beside
-/// them.
+/// baseline (all of them where it cannot be read), and baselines of kept sessions are never removed. Removed sessions
+/// are listed in `pruned.jsonl` beside them.
 ///
 /// # Errors
 /// The folder cannot be read, or a file cannot be removed; earlier removals stay.
@@ -145,7 +145,10 @@ pub fn prune(
         .filter(|session| session.closed.is_none())
         .map(|session| part_of(&session.id).0)
         .collect();
-    let newest_baseline = index.latest_baseline(now)?.map(|(session, _)| session.id);
+    let newest = index.latest_baseline(now);
+    // which one is the newest that can be read is not known then
+    let unread = newest.is_err();
+    let newest_baseline = newest.ok().flatten().map(|(session, _)| session.id);
     let mut going = vec![None; sessions.len()];
     // Measurements first: a baseline is small, and is removed only if no kept session needs it.
     let (baselines, measurements): (Vec<usize>, Vec<usize>) =
@@ -163,6 +166,8 @@ pub fn prune(
             Some("its session still runs")
         } else if newest_baseline.as_deref() == Some(&session.id) {
             Some("it is the newest baseline")
+        } else if unread && session.kind == SessionKind::Baseline {
+            Some("the newest baseline cannot be read")
         } else if retention.exported_only && exported(&session.path).is_none() {
             Some("it has not been exported")
         } else if retention.archived_only && super::receipts::archived(&session.path).is_none() {
@@ -311,20 +316,40 @@ fn remove(
         id: &removed.id,
         why: &removed.why,
     };
-    // Written before the files go: otherwise a pruned session could not be distinguished from a lost one.
+    // Written before the files go, where there is space for it: otherwise a pruned session could not be distinguished
+    // from a lost one.
     let list = dir.join(PRUNED);
     let append = || -> std::io::Result<()> {
         let mut file = std::fs::OpenOptions::new()
             .create(true)
             .append(true)
             .open(&list)?;
-        writeln!(file, "{}", serde_json::to_string(&line)?)
+        let before = file.metadata()?.len();
+        let written = writeln!(file, "{}", serde_json::to_string(&line)?);
+        if written.is_err() {
+            // a full disk may have taken the begin of the line
+            let _ = file.set_len(before);
+        }
+        written
     };
-    append().map_err(|source| LogbookError::disk(&list, "write what is removed to", source))?;
+    let append =
+        || append().map_err(|source| LogbookError::disk(&list, "write what is removed to", source));
+    let late = match append() {
+        // a full disk has space for the line when the files are gone
+        Err(error) if error.is_full() => true,
+        written => {
+            written?;
+            false
+        }
+    };
     for file in files {
-        std::fs::remove_file(file).map_err(|source| LogbookError::io(file, "remove", source))?;
+        match std::fs::remove_file(file) {
+            // a journal that the last reader of its session has removed meanwhile
+            Err(gone) if gone.kind() == ErrorKind::NotFound => {}
+            removed => removed.map_err(|source| LogbookError::io(file, "remove", source))?,
+        }
     }
-    Ok(())
+    if late { append() } else { Ok(()) }
 }
 
 /// Size of all sessions of a folder with their companion files, bytes.

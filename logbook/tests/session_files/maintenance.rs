@@ -443,3 +443,31 @@ fn a_ring_prunes_earlier_parts_of_a_running_session() {
     let found = verify(writer.path(), |_| {}).unwrap();
     assert!(found.findings.is_empty(), "{:?}", found.findings);
 }
+
+#[test]
+fn a_damaged_newest_baseline_spares_all_baselines() {
+    let dir = tempfile::tempdir().unwrap();
+    let paths = shelf(dir.path());
+    change(&paths[2], "UPDATE baseline SET frames = 99");
+    let old = Retention {
+        older_than: Some(Duration::from_secs(60)),
+        ..Retention::default()
+    };
+    let pruned = prune(dir.path(), &old, at(3600 * 5), false).unwrap();
+    assert_eq!(ids(&pruned), (vec!["m1", "m2"], vec!["b1", "b2"]));
+    assert!(paths[0].exists() && paths[2].exists());
+}
+
+#[test]
+fn sessions_are_removed_before_a_note_without_space() {
+    let dir = tempfile::tempdir().unwrap();
+    let paths = shelf(dir.path());
+    std::os::unix::fs::symlink("/dev/full", dir.path().join("pruned.jsonl")).unwrap();
+    let old = Retention {
+        older_than: Some(Duration::from_secs(60)),
+        ..Retention::default()
+    };
+    let refused = prune(dir.path(), &old, at(3600 * 5), false).unwrap_err();
+    assert!(refused.is_full(), "{refused}");
+    assert!(!paths[0].exists(), "the oldest made space");
+}

@@ -280,11 +280,19 @@ impl LogbookSink {
     /// No space, or a lock: frees space by the policy, or holds acquisition and waits. Reported once.
     fn pause(&mut self, full: LogbookError) -> Result<(), LogbookError> {
         let locked = full.is_locked();
-        if !locked && self.disk.section.when_full == FullName::Ring && self.delete_oldest()? {
-            return Ok(());
+        let mut why = chain(&full);
+        if !locked && self.disk.section.when_full == FullName::Ring {
+            match self.delete_oldest() {
+                Ok(true) => return self.settle_what_fits(),
+                Ok(false) => self.settle_what_fits()?,
+                // reported with the pause, and tried again until there is space
+                Err(refused) => {
+                    let refused = chain(&refused);
+                    why = format!("{why}; the oldest sessions could not be deleted: {refused}");
+                }
+            }
         }
         if self.disk.paused.is_none() {
-            let why = chain(&full);
             let text = format!("acquisition pauses, the source is off: {why}");
             self.disk.paused = Some(Pause {
                 since: self.clock.monotonic(),
@@ -359,7 +367,6 @@ impl LogbookSink {
             );
             self.note(EventKind::SessionDeleted, &text);
         }
-        self.settle_what_fits()?;
         Ok(!pruned.removed.is_empty())
     }
 }

@@ -410,3 +410,36 @@ fn a_ring_deletes_closed_sessions_and_waits_when_none_is_left() {
     assert_eq!(maps, [true]);
     assert_eq!(events, ["disk-low", "session-deleted", "disk-room"]);
 }
+
+#[test]
+fn a_ring_that_can_delete_nothing_waits_for_space() {
+    let (scene, recorder, queue, tell) = Scene::with(RecordSection {
+        when_full: FullName::Ring,
+        ..RecordSection::default()
+    });
+    tell.send(Do::Map).unwrap();
+    let setup = &scene.prepared.setup;
+    let header = SessionHeader::new("m0", DateTime::UNIX_EPOCH, setup.protocol.clone());
+    let old = SessionWriter::create(&setup.record_directory, &header).unwrap();
+    let path = old.path().to_owned();
+    old.close(DateTime::UNIX_EPOCH, "done").unwrap();
+    // what is deleted cannot be noted there
+    std::fs::create_dir(setup.record_directory.join("pruned.jsonl")).unwrap();
+    scene.free.store(0, Ordering::SeqCst);
+    scene.frame(1);
+    let recording = std::thread::spawn(move || recorder.run(queue));
+    until(scene.status.held(), |held| *held);
+    let error = scene.status.progress().last_error;
+    assert!(
+        error.contains("the oldest sessions could not be deleted"),
+        "{error}"
+    );
+    assert!(path.exists());
+    scene.free.store(AMPLE_SPACE, Ordering::SeqCst);
+    scene.close();
+    recording.join().unwrap().unwrap();
+    let (maps, events) = scene.recorded();
+    assert_eq!(maps, [true]);
+    assert_eq!(events, ["disk-low", "disk-room"]);
+    assert_eq!(scene.reported(), ["disk-low", "disk-full", "disk-room"]);
+}
