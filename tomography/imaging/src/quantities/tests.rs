@@ -316,6 +316,25 @@ fn the_unrelieved_area_is_known_after_a_whole_window() {
 }
 
 #[test]
+fn the_unrelieved_area_has_one_window_after_a_clock_step_back() {
+    let (surface, mut course) = course();
+    let mut loads = vec![0.0; 8];
+    let mut take = |second: u32, loads: &[f64]| {
+        course.take(f64::from(second), loads, &[Values::default()]);
+        completed(&surface, &course).get(Quantity::UnrelievedArea)
+    };
+    for second in (0..=480).step_by(10) {
+        take(second, &loads);
+    }
+    loads[..2].fill(2.0);
+    for second in (240..720).step_by(10) {
+        take(second, &loads);
+    }
+    // loaded for the whole of the last 480 s, of which half were counted twice by the clock
+    near(take(720, &loads), 6.25, 1e-9);
+}
+
+#[test]
 fn the_path_of_the_centre_is_the_sum_of_its_steps() {
     let surface = surface(&[]);
     let settings = CourseSettings {

@@ -136,6 +136,13 @@ impl Course {
     /// Adds a frame's time to the window.
     fn count(&mut self, at_s: f64, step: f64, loads: &[f64]) {
         let index = (at_s * PARTS / self.settings.window_s).floor() as i64;
+        let last = self.parts.back().map_or(index, |part| part.index);
+        if last > index {
+            // the clock was set back: the parts so far end just before this one, and leave the window as usual
+            for part in &mut self.parts {
+                part.index = part.index.saturating_sub(last - index + 1);
+            }
+        }
         if self.parts.back().is_none_or(|part| part.index != index) {
             self.parts.push_back(Part {
                 index,
