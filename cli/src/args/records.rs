@@ -157,9 +157,9 @@ pub struct Export {
     /// How many times faster than the session the film runs [default: 10 pictures a second]
     #[arg(long, value_name = "TIMES", value_parser = film_speed)]
     pub speed: Option<f64>,
-    /// Pixels along each side of a raster
-    #[arg(long, value_name = "N", default_value_t = 32, value_parser = pixels)]
-    pub raster: usize,
+    /// Pixels along each side of a raster [default: 32]
+    #[arg(long, value_name = "N", value_parser = pixels)]
+    pub raster: Option<usize>,
     /// Scale of the map: `own`, or LOW,HIGH as the axis shows it: 0,50 (% of conductance lost) or 0,20kPa (with a calibration)
     #[arg(
         long,
@@ -283,7 +283,7 @@ pub struct Quantities {
     /// Only this quantity, e.g. load, ppi, unrelieved; may be repeated [default: all]
     #[arg(long = "quantity", value_name = "NAME", value_parser = quantity)]
     pub quantities: Vec<Quantity>,
-    /// Length of a span: smallest, mean and largest value of its frames are printed
+    /// Length of a span, in whole seconds: smallest, mean and largest value of its frames are printed
     #[arg(long, value_name = "SPAN", default_value = "1m", value_parser = whole_seconds)]
     pub every: Duration,
     /// Print each frame instead, with standard deviations

@@ -17,10 +17,10 @@ use logbook::{Record, SessionHeader, SessionKind};
 use serde::Serialize;
 use survey::{MapQuality, Reading};
 
-use crate::args::{Export, Global};
+use crate::args::{Export, Global, MapOptions};
 use crate::failure::Failure;
 use crate::maps::recording::left_out;
-use crate::options::choices::Format;
+use crate::options::choices::{Format, GeometryChoice, MethodArguments, Scale, TrackedArguments};
 use crate::output::Printer;
 use crate::output::progress::progress;
 use crate::session_files;
@@ -76,21 +76,7 @@ pub(crate) fn run(
     export: &Export,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
-    if export.maps && export.format != Format::Nc {
-        return Err(Failure::Usage(
-            "--maps belongs to --format nc; `tactus replay SESSION --out maps.csv` writes maps as a table".to_owned(),
-        ));
-    }
-    if export.at.is_some() && !export.format.is_picture() {
-        return Err(Failure::Usage(
-            "--at belongs to --format png, svg and raster, which draw one map".to_owned(),
-        ));
-    }
-    if (export.every.is_some() || export.speed.is_some()) && export.format != Format::Apng {
-        return Err(Failure::Usage(
-            "--every and --speed belong to --format apng; `tactus quantities` has an --every of its own".to_owned(),
-        ));
-    }
+    check_options(export)?;
     let path = session_files::session_file(global, &export.session)?;
     let session = SessionParts::open(&path)?;
     match export.format {
@@ -109,6 +95,77 @@ pub(crate) fn run(
         Format::Png | Format::Svg | Format::Raster => {
             picture::picture(&path, &session, export, printer)
         }
+    }
+}
+
+/// Refuses options that the format would ignore.
+fn check_options(export: &Export) -> Result<(), Failure> {
+    let format = export.format;
+    let one_map = format.is_picture();
+    let drawn = one_map || format == Format::Apng;
+    let has_maps = drawn || export.maps;
+    let MapOptions {
+        calibration,
+        method,
+        tracked,
+        geometry,
+    } = &export.asked;
+    let rules = [
+        (
+            export.maps,
+            format == Format::Nc,
+            "--maps belongs to --format nc; `tactus replay SESSION --out maps.csv` writes maps as a table",
+        ),
+        (
+            export.at.is_some(),
+            one_map,
+            "--at belongs to --format png, svg and raster, which draw one map",
+        ),
+        (
+            export.every.is_some() || export.speed.is_some(),
+            format == Format::Apng,
+            "--every and --speed belong to --format apng; `tactus quantities` has an --every of its own",
+        ),
+        (
+            export.frame.is_some(),
+            one_map,
+            "--frame belongs to --format png, svg and raster, which draw one map",
+        ),
+        (
+            export.raster.is_some(),
+            format == Format::Raster,
+            "--raster belongs to --format raster",
+        ),
+        (
+            export.scale != Scale::Own,
+            drawn,
+            "--scale belongs to --format png, svg, raster and apng, which draw maps",
+        ),
+        (
+            calibration.is_some(),
+            has_maps,
+            "--calibration belongs to --format png, svg, raster, apng and nc with --maps, which have maps",
+        ),
+        (
+            *method != MethodArguments::default(),
+            has_maps,
+            "--method, --noise-v and other options of the method belong to --format png, svg, raster, apng and nc with --maps, which have \
+             maps",
+        ),
+        (
+            *tracked != TrackedArguments::default(),
+            has_maps,
+            "--tracked and --period-s belong to --format png, svg, raster, apng and nc with --maps, which have maps",
+        ),
+        (
+            *geometry != GeometryChoice::default(),
+            has_maps || matches!(format, Format::Csv | Format::Mat),
+            "--preset, --case and other options of the geometry belong to --format csv, mat, png, svg, raster, apng and nc with --maps",
+        ),
+    ];
+    match rules.into_iter().find(|(stated, used, _)| *stated && !used) {
+        Some((.., refusal)) => Err(Failure::Usage(refusal.to_owned())),
+        None => Ok(()),
     }
 }
 

@@ -15,6 +15,9 @@ use crate::maps::reconstruction::Reconstruction;
 use crate::options::choices::Format;
 use crate::output::Printer;
 
+/// Pixels along each side of a raster, unless others are given.
+const PIXELS: usize = 32;
+
 /// Writes the picture and reports its path.
 pub(super) fn picture(
     path: &Path,
@@ -57,7 +60,12 @@ pub(super) fn picture(
         ),
         Format::Raster => (
             "raster",
-            drawing::raster(&reconstruction.field, shown, export.raster)?.into_bytes(),
+            drawing::raster(
+                &reconstruction.field,
+                shown,
+                export.raster.unwrap_or(PIXELS),
+            )?
+            .into_bytes(),
         ),
         Format::Png | Format::Apng | Format::Csv | Format::Parquet | Format::Nc | Format::Mat => {
             ("png", drawing::png(&reconstruction.field, shown, &style)?)

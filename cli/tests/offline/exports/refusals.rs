@@ -80,6 +80,39 @@ fn maps_need_a_baseline_and_the_format() {
 }
 
 #[test]
+fn options_that_the_format_would_ignore_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let before = left(folder.path());
+    for (options, formats) in [
+        (
+            &["--frame", "1"][..],
+            &["csv", "nc", "mat", "parquet", "apng"][..],
+        ),
+        (
+            &["--raster", "16"],
+            &["csv", "nc", "mat", "parquet", "apng", "png", "svg"],
+        ),
+        (&["--scale", "0,50"], &["csv", "nc", "mat", "parquet"]),
+        (
+            &["--calibration", "sheet.toml"],
+            &["csv", "nc", "mat", "parquet"],
+        ),
+        (&["--method", "tv"], &["csv", "nc", "mat", "parquet"]),
+        (&["--tracked"], &["csv", "nc", "mat", "parquet"]),
+        (&["--preset", "disc-tank"], &["nc", "parquet"]),
+    ] {
+        for format in formats {
+            let export = ["export", "last", "--format", format, "--out", "out.x"];
+            let message = refused(folder.path(), &[&export[..], options].concat(), 2);
+            let named = message.contains(options[0]) && message.contains("to --format ");
+            assert!(named, "{options:?}: {message}");
+            assert_eq!(left(folder.path()), before, "{options:?} {format}");
+        }
+    }
+}
+
+#[test]
 fn requested_maps_of_which_none_is_made_are_a_failure() {
     let folder = tempfile::tempdir().unwrap();
     session_without_readings(folder.path());
