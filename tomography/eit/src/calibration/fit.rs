@@ -19,6 +19,7 @@ const UNDER: f64 = 0.2;
 
 pub(super) fn fit(mesh: &Mesh, presses: &[KnownPress]) -> Result<Calibration, CalibrationError> {
     plausible(presses)?;
+    one_method(presses)?;
     let largest = largest_loss(mesh, presses)?;
     let frame = frame(mesh);
     let mut gain = [0.0; TERMS];
@@ -102,6 +103,23 @@ fn plausible(presses: &[KnownPress]) -> Result<(), CalibrationError> {
         return Err(CalibrationError::OnePressure { found: different });
     }
     Ok(())
+}
+
+/// Checks that all maps are of one method: losses of two methods are no points of one curve.
+fn one_method(presses: &[KnownPress]) -> Result<(), CalibrationError> {
+    let first = &presses[0];
+    match presses
+        .iter()
+        .find(|press| press.map.method != first.map.method)
+    {
+        Some(other) => Err(CalibrationError::Methods {
+            first: first.name.clone(),
+            method: first.map.method.clone(),
+            other: other.name.clone(),
+            another: other.map.method.clone(),
+        }),
+        None => Ok(()),
+    }
 }
 
 /// The largest loss in any of the maps. Checks that every map is of this mesh and shows its press.

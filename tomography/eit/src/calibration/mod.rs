@@ -105,6 +105,21 @@ pub enum CalibrationError {
         /// Its force.
         newtons: f64,
     },
+    /// Maps of several methods.
+    #[error(
+        "the map of '{first}' is by '{method}', that of '{other}' by '{another}'; a calibration is of one method: name one whose maps are \
+         all of one kind, such as one-step or tv"
+    )]
+    Methods {
+        /// The first press.
+        first: String,
+        /// Its map's method.
+        method: String,
+        /// A press with a map of another method.
+        other: String,
+        /// That method.
+        another: String,
+    },
     /// The presses do not lie on one curve.
     #[error(
         "the presses contradict each other: no one curve serves them within {limit:.0} % (rms {rms:.0} %); the worst is '{worst}', \
@@ -131,8 +146,8 @@ impl Calibration {
     /// Fits curve and gain to presses of one method on one mesh.
     ///
     /// # Errors
-    /// Too few presses or pressures, a measure that is not positive, a press that its map does not show, presses that
-    /// contradict each other.
+    /// Too few presses or pressures, a measure that is not positive, a press that its map does not show, maps of
+    /// several methods, presses that contradict each other.
     pub fn fit(mesh: &Mesh, presses: &[KnownPress]) -> Result<Self, CalibrationError> {
         fit::fit(mesh, presses)
     }

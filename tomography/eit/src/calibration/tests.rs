@@ -119,6 +119,18 @@ fn too_few_alike_contradictory_and_unseen_presses_are_refused() {
 }
 
 #[test]
+fn presses_with_maps_of_two_methods_are_refused() {
+    let mesh = tank();
+    let mut mixed = presses(&mesh, 1.0);
+    mixed[3].map.method = "disc".to_owned();
+    let refused = Calibration::fit(&mesh, &mixed).unwrap_err();
+    let message = refused.to_string();
+    for word in ["'bump'", "'disc'", "press 4"] {
+        assert!(message.contains(word), "{message}");
+    }
+}
+
+#[test]
 fn another_method_mesh_or_file_is_refused() {
     let mesh = tank();
     let good = presses(&mesh, 1.0);
