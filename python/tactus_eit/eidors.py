@@ -17,6 +17,8 @@ from .triangulation import tidied
 
 # currents and gains that differ by less are equal but for rounding
 _ROUNDING = 1e-9
+# amperes in the units of a stimulation
+_AMPERES = {"amp": 1.0, "a": 1.0, "ma": 1e-3}
 
 
 def forward(model: Any) -> _native.Forward:
@@ -89,7 +91,7 @@ def _patterns(model: Any) -> tuple[NDArray[np.int64], NDArray[np.int64], int, fl
                 raise ValueError(f"argument 'model': {name}.meas_pattern has a gain of {gain}; expected 1 and -1")
             inject.append(pair)
             measure.append(sensed)
-        currents.append(amperes)
+        currents.append(_scale(one, name) * amperes)
     if not inject:
         raise ValueError("argument 'model': its stimulation has no readings; expected what mk_stim_patterns returns")
     if max(currents) - min(currents) > _ROUNDING * max(currents):
@@ -98,6 +100,19 @@ def _patterns(model: Any) -> tuple[NDArray[np.int64], NDArray[np.int64], int, fl
             "readings of each by its current, and set all to 1"
         )
     return np.array(inject), np.array(measure), electrodes, currents[0]
+
+
+def _scale(stimulation: Any, name: str) -> float:
+    """Amperes in the unit of a stimulation's current; without a unit it is in A."""
+    try:
+        given = _field(stimulation, "stimulation", name)
+    except TypeError:
+        return 1.0
+    unit = np.ravel(given)
+    text = str(unit[0]) if unit.size == 1 else ""
+    if text.lower() not in _AMPERES:
+        raise ValueError(f"argument 'model': {name}.stimulation is {text or given!r}; expected 'Amp' or 'mA'")
+    return _AMPERES[text.lower()]
 
 
 def _pair(pattern: NDArray[np.float64], name: str) -> tuple[list[int], float]:

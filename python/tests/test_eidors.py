@@ -188,6 +188,21 @@ def test_structures_that_octave_saves(tmp_path, mesh, protocol, contact):
     np.testing.assert_allclose(forward.solve(1e-3), Forward(mesh, forward.protocol, contact).solve(1e-3), rtol=1e-12)
 
 
+def with_unit(model, unit):
+    rows = [{"stim_pattern": one["stim_pattern"], "meas_pattern": one["meas_pattern"], "stimulation": unit} for one in model["stimulation"][0]]
+    return {**model, "stimulation": structures(rows)}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_current_is_in_the_unit_of_the_stimulation(tmp_path, mesh, protocol, contact, form):
+    for unit, amperes in [("Amp", AMPERES), ("A", AMPERES), ("mA", 1e-3 * AMPERES)]:
+        io.savemat(tmp_path / "unit.mat", {"fmdl": with_unit(model_of(mesh, protocol, contact), unit)})
+        assert eidors.current(io.loadmat(tmp_path / "unit.mat", **form)["fmdl"]) == amperes
+    io.savemat(tmp_path / "unit.mat", {"fmdl": with_unit(model_of(mesh, protocol, contact), "Volt")})
+    with pytest.raises(ValueError, match=r"stimulation\(1\).stimulation is Volt; expected 'Amp' or 'mA'"):
+        eidors.current(io.loadmat(tmp_path / "unit.mat", **form)["fmdl"])
+
+
 def test_what_a_model_lacks_is_named(mesh, protocol, contact):
     def broken(**changes):
         return {**model_of(mesh, protocol, contact), **changes}
