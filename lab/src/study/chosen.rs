@@ -1,5 +1,6 @@
 //! The test sets and methods that `tactus-lab evaluate` compares.
 
+use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
 use eit::PaperSheet;
@@ -66,27 +67,22 @@ const STANDARD: [(TestSetName, f64, &str); 4] = [
 pub(super) enum Sets<'a> {
     Named(&'a [PathBuf]),
     Standard {
-        folder: TempDir,
+        folder: OnceCell<TempDir>,
         seed: u64,
         count: Option<usize>,
     },
 }
 
 impl<'a> Sets<'a> {
-    pub(super) fn of(options: &'a EvaluateOptions) -> Result<Self, Failure> {
+    pub(super) fn of(options: &'a EvaluateOptions) -> Self {
         if !options.set.is_empty() {
-            return Ok(Self::Named(&options.set));
+            return Self::Named(&options.set);
         }
-        // never a folder that exists: it could have the sets of a process that was killed
-        let folder = tempfile::Builder::new()
-            .prefix("tactus-evaluate-")
-            .tempdir()
-            .map_err(|cause| Failure::of("cannot create a temporary folder", &cause))?;
-        Ok(Self::Standard {
-            folder,
+        Self::Standard {
+            folder: OnceCell::new(),
             seed: options.seed,
             count: options.count,
-        })
+        }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -118,7 +114,7 @@ impl<'a> Sets<'a> {
                 count,
             } => {
                 let (loads, noise_v, name) = STANDARD[set];
-                let folder = folder.path().join(name);
+                let folder = made(folder)?.join(name);
                 if !folder.exists() {
                     let set = TestSet {
                         set: loads,
@@ -149,6 +145,18 @@ impl<'a> Sets<'a> {
             }
         }
     }
+}
+
+/// The temporary folder, which the first call makes; never one that exists: it could have the sets of a process that was killed.
+fn made(folder: &OnceCell<TempDir>) -> Result<&Path, Failure> {
+    if let Some(folder) = folder.get() {
+        return Ok(folder.path());
+    }
+    let new = tempfile::Builder::new()
+        .prefix("tactus-evaluate-")
+        .tempdir()
+        .map_err(|cause| Failure::of("cannot create a temporary folder", &cause))?;
+    Ok(folder.get_or_init(|| new).path())
 }
 
 /// What determines the results, for the header of a shard: the content of files, not their places, which may differ
@@ -193,7 +201,7 @@ fn content(folder: &Path) -> Result<String, Failure> {
 mod tests {
     use clap::Parser;
 
-    use super::Sets;
+    use super::{Sets, made};
     use crate::args::{Arguments, Command};
 
     #[test]
@@ -202,9 +210,12 @@ mod tests {
         let Command::Evaluate(options) = &arguments.command else {
             panic!("another command");
         };
-        let sets = [(); 2].map(|()| Sets::of(options).unwrap());
+        let sets = [(); 2].map(|()| Sets::of(options));
         let folders = sets.each_ref().map(|sets| match sets {
-            Sets::Standard { folder, .. } => folder.path().to_owned(),
+            Sets::Standard { folder, .. } => {
+                assert!(folder.get().is_none(), "no set was made yet");
+                made(folder).unwrap().to_owned()
+            }
             Sets::Named(_) => panic!("no set was named"),
         });
         assert_ne!(folders[0], folders[1]);

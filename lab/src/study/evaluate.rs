@@ -81,7 +81,7 @@ struct Line {
 /// work in shards.
 pub(crate) fn evaluate(options: &EvaluateOptions) -> Result<(), Failure> {
     let methods = methods(options);
-    let sets = Sets::of(options)?;
+    let sets = Sets::of(options);
     let (division, stop) = divided(&options.shards)?;
     let pairs: Vec<(usize, &Method)> = (0..sets.len())
         .flat_map(|set| methods.iter().map(move |method| (set, method)))
