@@ -75,7 +75,7 @@ impl IndexedFrames {
         let parts = SessionParts::open(path)?;
         let protocol = parts.header().protocol.clone();
         let first_sequence = parts.header().first_sequence;
-        // counted by numbers: one that damage removed between two parts is a frame that cannot be read, as one within a part
+        // counted by sequence numbers: a frame lost between two parts is reported as unreadable, as one lost within a part is
         let frames = (parts.last_sequence()? + 1).saturating_sub(first_sequence);
         let first = match frames {
             0 => Duration::ZERO,

@@ -88,7 +88,7 @@ impl LoadText {
                     .ok_or_else(|| missing(key))
             };
             match self.shape {
-                // The contact area of a sphere depends on its force.
+                // a sphere touches as a disc, whose diameter depends on its force
                 ShapeName::Disc | ShapeName::Sphere => (
                     &["diameter_mm"][..],
                     Shape::Disc {
