@@ -70,7 +70,8 @@ impl RecordedSessions {
         }
     }
 
-    /// First parts of all measurements, the newest first; a folder that cannot be read is left out.
+    /// First parts of all measurements, the newest first; a folder that cannot be read is left out, and an error if it is the
+    /// only one.
     fn summaries(&self) -> Result<Vec<SessionSummary>, String> {
         let places = self.places()?;
         let mut sessions: Vec<SessionSummary> = Vec::new();

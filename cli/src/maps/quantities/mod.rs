@@ -114,7 +114,7 @@ fn print_stored(
         );
     }
     let mut output = Output::new(requested);
-    for rows in rows.chunk_by(|a, b| a.begin_s == b.begin_s) {
+    for rows in rows.chunk_by(|a, b| (a.begin_s, a.of) == (b.begin_s, b.of)) {
         output.spans(rows, printer)?;
     }
     Ok(())

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use imaging::quantities::{Quantity, QuantityRow, Rows, SHEET, STORED_S, joined, stored};
+use imaging::quantities::{
+    Quantity, QuantityRow, Rows, SHEET, STORED_S, joined, keep_newest_unit, stored,
+};
 use imaging::recorded::{Origin, Recording};
 
 use crate::args::Report;
@@ -37,14 +39,19 @@ impl SessionRows {
     ) -> Result<Self, Failure> {
         if let (Origin::Session(header), false) = (&recording.origin, requested.asked.differ()) {
             let folder = logbook::folder_of(path);
-            if let Some((rows, damaged)) = stored(folder, header.session())?
-                && let (Some(first), Some(last)) = (rows.first(), rows.last())
+            if let Some((mut rows, damaged)) = stored(folder, header.session())?
+                && !rows.is_empty()
             {
-                let span_s = span_s((last.begin_s - first.begin_s) as f64);
-                let lost = match damaged {
+                let mut lost = match damaged {
                     0 => String::new(),
                     _ => format!("; {damaged} minutes are damaged and left out"),
                 };
+                if keep_newest_unit(&mut rows) > 0 {
+                    lost.push_str("; those in another unit than the newest are left out");
+                }
+                let begins = rows.iter().map(|row| row.begin_s);
+                let ends = begins.clone().min().zip(begins.max());
+                let span_s = span_s(ends.map_or(0, |(first, last)| last - first) as f64);
                 return Ok(Self {
                     rows: joined(&rows, span_s),
                     span_s,
@@ -101,7 +108,7 @@ impl SessionRows {
             let at_s = frame.at_s();
             let (quantities, map) = match computed {
                 Ok(computed) => computed,
-                // a frame that cannot be followed, or whose map the calibration refuses
+                // a frame that cannot be followed, or whose map the calibration refuses; one without a map is `Ok` with `None`
                 Err(Failure::Failed(_)) => (quantifier.take(at_s, None), None),
                 Err(other) => return Err(other),
             };

@@ -33,7 +33,9 @@ use deviation::{Described, Deviations};
 pub use minutes::{QuantityRow, Rows};
 pub use quantity::{LoadUnit, Quantity, Values};
 pub use region::{RegionError, RegionSettings, RegionShape, SHEET, check_regions, is_name};
-pub use stored::{KeptCourse, STORED_S, joined, keep_course, kept_course, store, stored};
+pub use stored::{
+    KeptCourse, STORED_S, joined, keep_course, keep_newest_unit, kept_course, store, stored,
+};
 pub use surface::Surface;
 use tracks::{STAYS, Tracks, TracksState};
 pub use tracks::{SpotChange, SpotTrack, SpotUncertainty};

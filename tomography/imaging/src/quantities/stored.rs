@@ -128,9 +128,22 @@ pub fn kept_course(folder: &Path, session: &str) -> Result<Option<KeptCourse>, L
     kept_as(folder, session, StateKind::Course)
 }
 
-/// Joins rows to spans of a length that is a multiple of theirs, s.
+/// Keeps the rows in the unit of the one that was written last, and returns how many had another: a session has two units where
+/// its model got a calibration while it was recorded.
+pub fn keep_newest_unit(rows: &mut Vec<QuantityRow>) -> usize {
+    let all = rows.len();
+    if let Some(unit) = rows.last().map(|row| row.of) {
+        rows.retain(|row| row.of == unit);
+    }
+    all - rows.len()
+}
+
+/// Joins rows of one unit to spans of a length that is a multiple of theirs, s; in the order of time, also where the clock
+/// was set back between them.
 pub fn joined(rows: &[QuantityRow], span_s: u32) -> Vec<QuantityRow> {
     let span_s = i64::from(span_s.max(1));
+    let mut rows: Vec<&QuantityRow> = rows.iter().collect();
+    rows.sort_by_key(|row| row.begin_s);
     let mut joined: Vec<QuantityRow> = Vec::new();
     let mut from = 0;
     for row in rows {
@@ -141,8 +154,9 @@ pub fn joined(rows: &[QuantityRow], span_s: u32) -> Vec<QuantityRow> {
         {
             from = joined.len();
         }
-        let same =
-            |other: &&mut QuantityRow| other.quantity == row.quantity && other.region == row.region;
+        let same = |other: &&mut QuantityRow| {
+            (other.quantity, other.of) == (row.quantity, row.of) && other.region == row.region
+        };
         match joined[from..].iter_mut().find(same) {
             None => joined.push(QuantityRow {
                 begin_s,
@@ -197,5 +211,30 @@ mod tests {
             ..row(0, 2.75, 40)
         };
         assert_eq!(joined, [first, row(120, 1.0, 60)]);
+    }
+
+    #[test]
+    fn rows_of_two_units_and_a_repeated_minute_are_joined_apart() {
+        let relative = |begin_s, mean, frames| QuantityRow {
+            of: LoadUnit::RelativeLoss,
+            ..row(begin_s, mean, frames)
+        };
+        // the clock was set back by two minutes, then the model got a calibration
+        let mut rows = vec![
+            relative(0, 2.0, 10),
+            relative(120, 4.0, 10),
+            relative(0, 6.0, 10),
+            row(60, 1.0, 30),
+        ];
+        let minutes = joined(&rows, 60);
+        let begins: Vec<i64> = minutes.iter().map(|row| row.begin_s).collect();
+        assert_eq!(begins, [0, 60, 120]);
+        assert_eq!((minutes[0].mean, minutes[0].frames), (4.0, 20));
+        let spans = joined(&rows, 120);
+        assert_eq!(spans.len(), 3);
+        assert_eq!((spans[0].of, spans[0].mean), (LoadUnit::RelativeLoss, 4.0));
+        assert_eq!((spans[1].of, spans[1].mean), (LoadUnit::Pressure, 1.0));
+        assert_eq!(keep_newest_unit(&mut rows), 3);
+        assert_eq!(rows, [row(60, 1.0, 30)]);
     }
 }

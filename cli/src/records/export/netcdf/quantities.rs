@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use imaging::quantities::{Quantity, QuantityRow, STORED_S, joined, stored};
+use imaging::quantities::{Quantity, QuantityRow, STORED_S, joined, keep_newest_unit, stored};
 
 use super::layout::Layout;
 use super::number;
@@ -26,14 +26,10 @@ pub(super) fn quantities(
     let Some((mut rows, damaged)) = stored(folder, session)? else {
         return Ok(0);
     };
-    // the wall clock may have been set back between two minutes
-    rows.sort_by_key(|row| row.begin_s);
     let Some(unit) = rows.last().map(|row| row.of) else {
         return Ok(damaged);
     };
-    let all = rows.len();
-    rows.retain(|row| row.of == unit);
-    if rows.len() < all {
+    if keep_newest_unit(&mut rows) > 0 {
         complain("tactus: stored quantities in another unit than the newest are left out");
     }
     // a minute that was written twice, by a daemon that was restarted within it, is one
