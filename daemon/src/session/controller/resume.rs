@@ -188,10 +188,7 @@ impl Controller {
                 record.resume_within_h
             )));
         }
-        let lately = found.resumed.before.iter();
-        let lately = lately
-            .filter(|at| now.signed_duration_since(**at) < AN_HOUR)
-            .count() as u64;
+        let lately = within_an_hour(&found.resumed.before, now);
         if lately >= record.resume_per_hour {
             return Err(NotResumed::Closed(format!(
                 "it has begun again {lately} times within an hour (record.resume_per_hour); see the journal for what ends \
@@ -296,6 +293,13 @@ fn open(path: &Path) -> Result<(Interrupted, Option<survey::Baseline>), LogbookE
     Ok((found, baseline))
 }
 
+/// How many resumptions lie within an hour of now. Later ones count too: a machine without a battery-backed clock may
+/// fail again and again at the same time of its clock. Those further ahead come from before the clock fell behind.
+fn within_an_hour(before: &[DateTime<Utc>], now: DateTime<Utc>) -> u64 {
+    let near = |at: &&DateTime<Utc>| now.signed_duration_since(**at).abs() < AN_HOUR;
+    before.iter().filter(near).count() as u64
+}
+
 /// The known cause of the interruption.
 fn cause(found: &Interrupted, last: DateTime<Utc>, now: DateTime<Utc>) -> String {
     // not from /proc, which is hidden in the unit
@@ -371,5 +375,15 @@ mod tests {
         for other in ["", "[]", "{\"count\": null}", "{\"count\": [1]}"] {
             assert!(from_json(other).is_none(), "{other}");
         }
+    }
+
+    #[test]
+    fn a_clock_that_is_behind_counts_no_old_resumptions() {
+        let now = DateTime::UNIX_EPOCH + TimeDelta::try_days(1000).unwrap();
+        let at = |minutes| now + TimeDelta::try_minutes(minutes).unwrap();
+        let old = [at(-61), at(61), at(10_000)];
+        assert_eq!(within_an_hour(&old, now), 0);
+        let near = [at(-59), at(0), at(59)];
+        assert_eq!(within_an_hour(&near, now), 3);
     }
 }
