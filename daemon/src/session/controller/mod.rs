@@ -108,6 +108,8 @@ pub(crate) struct Controller {
     /// Marks of ended sessions, independent of their files.
     ends: Arc<EndMarks>,
     source: tokio::sync::Mutex<FrameSource>,
+    /// Locked while a session begins: a stop of the daemon waits until there is one to stop.
+    beginning: tokio::sync::Mutex<()>,
     /// The instruments that no other daemon may use.
     locks: Mutex<InstrumentLocks>,
     /// Notified when other instruments have been accepted.
@@ -119,7 +121,7 @@ pub(crate) struct Controller {
 
 struct Inner {
     state: State,
-    /// Whether the daemon is being stopped.
+    /// Whether the daemon is being stopped: nothing that uses the source begins any more.
     stopping: bool,
     baseline: Option<Arc<Baseline>>,
     active: Option<Arc<SessionStatus>>,
@@ -140,6 +142,8 @@ struct Inner {
     /// The relays could not be verified open.
     relays_unknown: bool,
     recovery: Option<Recovery>,
+    /// Whether a task looks for the lost rig.
+    looking: bool,
     /// A configuration to be applied at the end of the session.
     waiting: Option<Box<Prepared>>,
 }
@@ -206,6 +210,7 @@ impl Controller {
             heartbeats: Arc::default(),
             ends: Arc::new(ends),
             source: tokio::sync::Mutex::new(source),
+            beginning: tokio::sync::Mutex::default(),
             locks: Mutex::default(),
             agreed: Notify::new(),
             remarked: Arc::default(),
@@ -226,6 +231,7 @@ impl Controller {
                 source_unknown: false,
                 relays_unknown: false,
                 recovery: None,
+                looking: false,
                 waiting: None,
                 test: None,
             }),
@@ -371,8 +377,10 @@ impl Controller {
     /// # Errors
     /// What could not be made safe.
     pub(crate) async fn shut_down(&self, why: &str, for_good: bool) -> Result<(), String> {
-        self.stop_test();
         self.inner().stopping = true;
+        self.stop_test();
+        // a session that is beginning can be stopped when it has begun; otherwise it would switch the current on later
+        drop(self.beginning.lock().await);
         if let Some(status) = self.to_stop() {
             let goes_on = !for_good
                 && status.facts.kind == logbook::SessionKind::Measurement
@@ -388,6 +396,16 @@ impl Controller {
             self.reassemble_rig().await?;
         }
         self.make_safe().await
+    }
+
+    /// Refuses to begin what uses the source while the daemon is being stopped.
+    fn check_not_stopping(inner: &Inner) -> Result<(), dbus::Fault> {
+        match inner.stopping {
+            true => Err(dbus::Fault::SessionActive(
+                "the daemon is being stopped".into(),
+            )),
+            false => Ok(()),
+        }
     }
 
     /// Source off and relays open, verified, as soon as the rig is free.

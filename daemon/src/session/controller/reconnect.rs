@@ -9,31 +9,52 @@ use rig::Clock;
 
 use crate::acquisition::task::FrameSource;
 use crate::events::event::BusEvent;
-use crate::instruments::assembly::{OnClosedRelays, assemble};
+use crate::instruments::assembly::{AssemblyError, OnClosedRelays, assemble};
 use crate::instruments::identities::{ACCEPT_HINT, ExpectedIdentities};
 use crate::session::controller::recovery::RECONNECT_INTERVALS;
 use crate::session::controller::{Controller, Recovery};
 use crate::session::state::Trigger;
 
 impl Controller {
-    /// After a fault of the rig: retries until every instrument is back and verified off, or a session has reconnected
-    /// it.
-    pub(super) async fn look_for_rig(self: Arc<Self>) {
-        let what = self.rig_fault().unwrap_or_default();
-        self.inner().recovery = Some(Recovery {
-            what,
-            tries: 0,
-            next: None,
-            since: self.runtime().clock.wall(),
-            person: false,
-        });
+    /// After a fault of the rig: looks for it in a task, unless one does already.
+    pub(super) fn look_for_rig(self: &Arc<Self>) {
+        let since = self.runtime().clock.wall();
+        let mut inner = self.inner();
+        let what = inner.rig_fault.clone().unwrap_or_default();
+        let looks = std::mem::replace(&mut inner.looking, true);
+        match &mut inner.recovery {
+            Some(recovery) if looks => recovery.what = what,
+            recovery => {
+                *recovery = Some(Recovery {
+                    what,
+                    tries: 0,
+                    next: None,
+                    since,
+                    person: false,
+                });
+            }
+        }
+        if !looks {
+            tokio::spawn(Arc::clone(self).retry_until_found());
+        }
+    }
+
+    /// Whether the rig has no fault any more; then nobody looks for it.
+    fn is_found(&self) -> bool {
+        let mut inner = self.inner();
+        inner.looking = inner.rig_fault.is_some();
+        !inner.looking
+    }
+
+    /// Retries until every instrument is back and verified off, or a session has reconnected it.
+    async fn retry_until_found(self: Arc<Self>) {
         let mut pause = RECONNECT_INTERVALS.0;
         loop {
             tokio::select! {
                 () = tokio::time::sleep(pause) => {}
                 () = self.agreed.notified() => {}
             }
-            if self.rig_fault().is_none() {
+            if self.is_found() {
                 return;
             }
             if self.state().is_busy() {
@@ -42,7 +63,9 @@ impl Controller {
             match self.reassemble_rig().await {
                 Ok(()) => {
                     let _ = self.change_state(Trigger::Recovered);
-                    return;
+                    if self.is_found() {
+                        return;
+                    }
                 }
                 Err(text) => {
                     pause = (pause * 2).min(RECONNECT_INTERVALS.1);
@@ -86,7 +109,7 @@ impl Controller {
         self.inner().rig_fault = Some(text.to_owned());
         let _ = self.change_state(Trigger::Fault(text.to_owned()));
         self.events.publish(&BusEvent::Instruments);
-        tokio::spawn(Arc::clone(self).look_for_rig());
+        self.look_for_rig();
     }
 
     /// Reassembles the rig; it is verified off afterwards.
@@ -111,6 +134,26 @@ impl Controller {
         }
         self.events.publish(&BusEvent::Instruments);
         Ok(())
+    }
+
+    /// The rig is gone after a failed [`Controller::open_all`]: it is looked for, unless measuring is refused all the same until
+    /// the relays are open.
+    fn not_opened(self: &Arc<Self>, error: &AssemblyError) -> Fault {
+        let text = survey::error_chain(error);
+        let refused = {
+            let mut inner = self.inner();
+            inner.source_unknown = !error.source_is_off();
+            inner.relays_unknown = true;
+            if let AssemblyError::Others { found, .. } = error {
+                inner.others = Some(found.as_ref().clone());
+            }
+            inner.closed.is_some()
+        };
+        match refused {
+            true => self.events.publish(&BusEvent::Instruments),
+            false => self.rig_lost(&text),
+        }
+        Fault::InstrumentFault(text)
     }
 
     /// Operator's command: switches off and opens every relay, both verified. Lifts the refusal after relays were found
@@ -138,8 +181,14 @@ impl Controller {
             OnClosedRelays::Open,
             Some(&identities),
         )
-        .await
-        .map_err(|error| Fault::InstrumentFault(survey::error_chain(&error)))?;
+        .await;
+        let assembled = match assembled {
+            Ok(assembled) => assembled,
+            Err(error) => {
+                drop(source);
+                return Err(self.not_opened(&error));
+            }
+        };
         *rig = Some(assembled.rig);
         drop(source);
         let was = {

@@ -42,7 +42,7 @@ pub(super) enum NotResumed {
     Closed(String),
     /// Not by this daemon as configured: it is left as it is.
     Left(String),
-    /// Not until the disk can be written again, or another process releases the file.
+    /// Not until the disk can be written again, another process releases the file, or a test of the rig has ended.
     Later(String),
 }
 
@@ -58,7 +58,8 @@ impl From<LogbookError> for NotResumed {
 impl From<Fault> for NotResumed {
     fn from(fault: Fault) -> Self {
         match fault {
-            Fault::DiskRefused(text) => Self::Later(text),
+            // another session that has begun stops the waiting one
+            Fault::DiskRefused(text) | Fault::SessionActive(text) => Self::Later(text),
             fault => Self::Left(fault.text()),
         }
     }

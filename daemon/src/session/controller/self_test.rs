@@ -181,7 +181,11 @@ impl Controller {
                 .map_err(Fault::InstrumentFault)?;
         }
         let (button, stop) = Stop::button();
-        self.inner().test = Some(button);
+        {
+            let mut inner = self.inner();
+            Self::check_not_stopping(&inner)?;
+            inner.test = Some(button);
+        }
         let plan = self.plan_of_rig()?;
         let events = self.events.clone();
         let progress = move |done: u64, total: u64, what: &str| {

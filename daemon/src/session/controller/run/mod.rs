@@ -2,6 +2,8 @@
 
 mod announcements;
 mod frames;
+#[cfg(test)]
+mod tests;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -47,7 +49,12 @@ impl Controller {
         // spawned, so that a caller that drops the future does not leave the state inconsistent
         let controller = Arc::clone(self);
         let begun = tokio::spawn(async move {
-            let begun = controller.begin_now(order).await;
+            let _beginning = controller.beginning.lock().await;
+            let may_begin = Self::check_not_stopping(&controller.inner());
+            let begun = match may_begin {
+                Ok(()) => controller.begin_now(order).await,
+                Err(fault) => Err(fault),
+            };
             if let Err(fault) = &begun {
                 let _ = match fault {
                     Fault::DiskRefused(text) | Fault::InstrumentFault(text) => {
@@ -432,7 +439,7 @@ impl Controller {
         // also if the session was stopped while its rig was being reconnected
         if self.rig_fault().is_some() {
             self.events.publish(&BusEvent::Instruments);
-            tokio::spawn(Arc::clone(self).look_for_rig());
+            self.look_for_rig();
         }
         self.take_waiting();
     }
