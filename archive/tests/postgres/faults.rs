@@ -176,7 +176,11 @@ fn unreadable_quantities_do_not_hold_up_the_others() {
     let output = site.run(&["push"]);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     let text = String::from_utf8(output.stdout).unwrap();
-    assert_eq!(text.matches("m1.quantities: NOT ARCHIVED").count(), 1, "{text}");
+    assert_eq!(
+        text.matches("m1.quantities: NOT ARCHIVED").count(),
+        1,
+        "{text}"
+    );
     assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "3");
     let is_confirmed = |part: &str| {
         let name = format!("{part}.archived.json");

@@ -151,6 +151,7 @@ fn recorded(
     since: Option<DateTime<Utc>>,
 ) -> impl Iterator<Item = LogLine> {
     let mut lines = Vec::new();
+    let mut complained = false;
     if log.session.is_none() {
         match logbook::read_daemon_log(place) {
             Ok(events) => lines.extend(events.into_iter().map(|event| LogLine {
@@ -159,12 +160,16 @@ fn recorded(
                 kind: event.kind,
                 text: event.text,
             })),
-            Err(error) => complain(&format!("tactus: {}", chain(&error))),
+            Err(error) => {
+                complained = true;
+                complain(&format!("tactus: {}", chain(&error)));
+            }
         }
     }
     let files = std::fs::read_dir(place);
     if let Err(error) = &files
         && error.kind() != ErrorKind::NotFound
+        && !complained
     {
         let place = place.display();
         complain(&format!("tactus: {place} is left out: {}", chain(error)));

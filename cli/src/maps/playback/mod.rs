@@ -79,6 +79,12 @@ impl RecordedSessions {
             let report = |text: &str| self.left_out(place, text);
             let listing = session_files::listing(&places, place, report);
             let listing = listing.map_err(|why| why.to_string())?;
+            if listing.is_some() {
+                self.unreadable
+                    .lock()
+                    .unwrap_or_else(PoisonError::into_inner)
+                    .remove(place);
+            }
             sessions.extend(listing.into_iter().flat_map(|listing| listing.sessions));
         }
         sessions.retain(|session| session.kind == SessionKind::Measurement && session.frames > 0);

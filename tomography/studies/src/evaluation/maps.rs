@@ -1,6 +1,6 @@
 //! The maps of one method for one test set, with the truth.
 
-use std::ops::RangeInclusive;
+use std::ops::Range;
 use std::path::Path;
 use std::time::Instant;
 
@@ -19,8 +19,8 @@ use training::noise_figure::by_draws;
 
 /// Noise assumed for noise-free frames, V: with zero noise a method would fit its model error.
 const LEAST_NOISE: f64 = 2e-6;
-/// Columns of `presses.csv` that are needed: frame and place.
-const PRESS_COLUMNS: usize = 3;
+/// Columns of `presses.csv` with the place of a press.
+const PRESS_PLACE: Range<usize> = 1..3;
 
 /// One frame of a test set.
 pub struct Frame {
@@ -110,7 +110,8 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     let truths = rows(
         &folder.join("truth.csv"),
         recording.frames.len().saturating_sub(1),
-        triangles..=triangles,
+        0..triangles,
+        true,
     )?;
     let bar = progress::bar(truths.len(), "frames");
     let one = |k: usize| -> Result<Option<(Map, f64)>, Failure> {
@@ -141,7 +142,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     bar.finish_and_clear();
     let presses = folder.join("presses.csv");
     let places = match presses.exists() {
-        true => rows(&presses, truths.len(), PRESS_COLUMNS..=usize::MAX)?,
+        true => rows(&presses, truths.len(), PRESS_PLACE, false)?,
         false => Vec::new(),
     };
     let frames = maps
@@ -153,7 +154,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
             Some(Frame {
                 truth: Map::relative(&map.mesh_hash, truth, "truth"),
                 map,
-                place: places.get(k).map(|row| [row[1], row[2]]),
+                place: places.get(k).map(|row| [row[0], row[1]]),
                 ms,
             })
         })
@@ -168,11 +169,13 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
     })
 }
 
-/// Rows of numbers, without a header: one for each frame after the baseline.
+/// The numbers in these columns, without a header: a row for each frame after the baseline. Other columns may have any text, or with
+/// `only` may not be there.
 fn rows(
     path: &Path,
     count: usize,
-    columns: RangeInclusive<usize>,
+    columns: Range<usize>,
+    only: bool,
 ) -> Result<Vec<Vec<f64>>, Failure> {
     let text = std::fs::read_to_string(path)
         .map_err(|cause| Failure::of(&format!("{}", path.display()), &cause))?;
@@ -180,25 +183,27 @@ fn rows(
     for (k, line) in text.lines().enumerate() {
         let fields: Vec<Option<f64>> = line.split(',').map(|field| field.parse().ok()).collect();
         let header = k == 0 && fields.iter().all(Option::is_none);
-        if header {
+        if header || line.trim().is_empty() {
             continue;
         }
-        let row: Option<Vec<f64>> = fields.into_iter().collect();
+        let wanted = fields.get(columns.clone());
+        let row = wanted.and_then(|wanted| wanted.iter().copied().collect());
         match row {
-            Some(row) if columns.contains(&row.len()) => rows.push(row),
+            Some(row) if !only || fields.len() == columns.end => rows.push(row),
             _ => {
                 return Err(Failure::because(format!(
-                    "{}:{}: {} numbers are expected",
+                    "{}:{}: numbers are expected in the columns {} to {}",
                     path.display(),
                     k + 1,
-                    columns.start()
+                    columns.start + 1,
+                    columns.end
                 )));
             }
         }
     }
     if rows.len() != count {
         return Err(Failure::because(format!(
-            "{} has {} rows, for {count} frames after the baseline",
+            "{}: {} row(s), for {count} frames after the baseline",
             path.display(),
             rows.len()
         )));
@@ -216,23 +221,46 @@ mod tests {
         let path = folder.path().join("truth.csv");
         let read = |text: &str| {
             std::fs::write(&path, text).unwrap();
-            rows(&path, 2, 3..=3).map_err(|fault| fault.to_string())
+            rows(&path, 2, 0..3, true).map_err(|fault| fault.to_string())
         };
         let whole = vec![vec![1.0, 2.0, 3.0], vec![4.0, 5.0, 6.0]];
         assert_eq!(read("1,2,3\n4,5,6\n").as_ref(), Ok(&whole));
         assert_eq!(read("frame,x_m,y_m\n1,2,3\n4,5,6\n"), Ok(whole));
         for (text, words) in [
-            ("frame,x_m,y_m\n1,2,3\n4,y,6\n", "truth.csv:3: 3 numbers"),
-            ("1,2,x\n4,5,6\n", "truth.csv:1: 3 numbers"),
-            ("1,2\n4,5,6\n", "truth.csv:1: 3 numbers"),
-            ("1,2,3\n", "truth.csv has 1 rows, for 2 frames"),
             (
-                "1,2,3\n4,5,6\n7,8,9\n",
-                "truth.csv has 3 rows, for 2 frames",
+                "frame,x_m,y_m\n1,2,3\n4,y,6\n",
+                "truth.csv:3: numbers are expected in the columns 1 to 3",
             ),
+            (
+                "1,2,x\n4,5,6\n",
+                "truth.csv:1: numbers are expected in the columns 1 to 3",
+            ),
+            (
+                "1,2\n4,5,6\n",
+                "truth.csv:1: numbers are expected in the columns 1 to 3",
+            ),
+            ("1,2,3\n", "truth.csv: 1 row(s), for 2 frames"),
+            ("1,2,3\n4,5,6\n7,8,9\n", "truth.csv: 3 row(s), for 2 frames"),
         ] {
             let fault = read(text).unwrap_err();
             assert!(fault.contains(words), "{fault}");
         }
+    }
+
+    #[test]
+    fn of_presses_only_the_places_must_be_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("presses.csv");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            rows(&path, 2, 1..3, false).map_err(|fault| fault.to_string())
+        };
+        let text = "frame,x_m,y_m,mass_kg\nf17,0.1,0.2,\n\nf18,0.3,0.4,1.5\n";
+        assert_eq!(read(text), Ok(vec![vec![0.1, 0.2], vec![0.3, 0.4]]));
+        let fault = read("f17,0.1,0.2\nf18,0.3\n").unwrap_err();
+        assert!(
+            fault.contains("presses.csv:2: numbers are expected in the columns 2 to 3"),
+            "{fault}"
+        );
     }
 }
