@@ -199,7 +199,7 @@ def test_the_current_is_in_the_unit_of_the_stimulation(tmp_path, mesh, protocol,
         io.savemat(tmp_path / "unit.mat", {"fmdl": with_unit(model_of(mesh, protocol, contact), unit)})
         assert eidors.current(io.loadmat(tmp_path / "unit.mat", **form)["fmdl"]) == amperes
     io.savemat(tmp_path / "unit.mat", {"fmdl": with_unit(model_of(mesh, protocol, contact), "Volt")})
-    with pytest.raises(ValueError, match=r"stimulation\(1\).stimulation is Volt; expected 'Amp' or 'mA'"):
+    with pytest.raises(ValueError, match=r"stimulation\(1\).stimulation is 'Volt'; expected 'Amp' or 'mA'"):
         eidors.current(io.loadmat(tmp_path / "unit.mat", **form)["fmdl"])
 
 
