@@ -3,7 +3,7 @@
 use crate::authority::{authority, issue};
 use crate::daemon::{Daemon, report};
 use crate::mosquitto::Mosquitto;
-use crate::publisher::{Publisher, machine};
+use crate::publisher::{Publisher, machine, mqtt};
 
 fn write_private(path: &std::path::Path, text: &str) {
     use std::os::unix::fs::PermissionsExt;
@@ -35,10 +35,7 @@ fn login_and_topics_that_are_refused_are_named() {
     };
     let machine = machine();
     let _daemon = Daemon::start(&machine.path().join("peer"), report(1));
-    let server = format!(
-        "host = \"127.0.0.1\"\nport = {}\nevery_s = 1.0\n",
-        broker.port()
-    );
+    let server = mqtt(&broker, 1.0);
     let refused = |lines: &str, words: &str| {
         let mut publisher = Publisher::start(machine.path(), lines);
         publisher.wait_for(words);

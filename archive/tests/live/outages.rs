@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::daemon::{Daemon, report};
 use crate::mosquitto::{Mosquitto, signal_to};
-use crate::publisher::{Publisher, machine};
+use crate::publisher::{Publisher, machine, mqtt};
 use crate::server::{DATABASE, Server};
 use crate::site::Site;
 
@@ -22,10 +22,7 @@ fn broker_that_comes_back_gets_the_newest_only() {
     };
     let machine = machine();
     let daemon = Daemon::start(&machine.path().join("peer"), report(1));
-    let lines = format!(
-        "host = \"127.0.0.1\"\nport = {}\nevery_s = 1.0\n",
-        broker.port()
-    );
+    let lines = mqtt(&broker, 1.0);
     let publisher = Publisher::start(machine.path(), &lines);
     broker.watch().wait(SESSION, |session| frames(session) == 1);
     broker.kill();

@@ -5,6 +5,8 @@ use std::process::{Child, Command, Stdio};
 
 use tempfile::TempDir;
 
+use crate::mosquitto::Mosquitto;
+
 /// A catalogue that nobody serves: the topics need none.
 pub const NO_CATALOGUE: &str = "host=127.0.0.1 port=1 dbname=tactus user=berlin";
 
@@ -60,6 +62,12 @@ impl Drop for Publisher {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// The lines of `[mqtt]` for a broker.
+pub fn mqtt(broker: &Mosquitto, every_s: f64) -> String {
+    let port = broker.port();
+    format!("host = \"127.0.0.1\"\nport = {port}\nevery_s = {every_s:.1}\n")
 }
 
 /// A machine's folder.

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::daemon::{Daemon, report};
 use crate::mosquitto::Mosquitto;
-use crate::publisher::{Publisher, machine};
+use crate::publisher::{Publisher, machine, mqtt};
 
 const STATUS: &str = "tactus/1/berlin/bed3/status";
 
@@ -20,10 +20,7 @@ fn values_are_retained_as_the_json_of_the_commands() {
     let peer = machine.path().join("peer");
     let daemon = Daemon::start(&peer, report(3));
     // only an event can send again
-    let lines = format!(
-        "host = \"127.0.0.1\"\nport = {}\nevery_s = 3600.0\n",
-        broker.port()
-    );
+    let lines = mqtt(&broker, 3600.0);
     let _publisher = Publisher::start(machine.path(), &lines);
     let mut first = broker.watch();
     first.wait(STATUS, |status| status["state"] == "acquiring");
@@ -80,10 +77,7 @@ fn killed_process_and_lost_daemon_are_offline() {
     };
     let machine = machine();
     let peer = machine.path().join("peer");
-    let lines = format!(
-        "host = \"127.0.0.1\"\nport = {}\nevery_s = 1.0\n",
-        broker.port()
-    );
+    let lines = mqtt(&broker, 1.0);
     let mut publisher = Publisher::start(machine.path(), &lines);
     let mut watcher = broker.watch();
     let offline = |words: &'static str| {
@@ -114,10 +108,7 @@ fn alarms_that_cannot_be_listed_are_not_published_as_none() {
     };
     let machine = machine();
     let daemon = Daemon::start(&machine.path().join("peer"), report(3));
-    let lines = format!(
-        "host = \"127.0.0.1\"\nport = {}\nevery_s = 1.0\n",
-        broker.port()
-    );
+    let lines = mqtt(&broker, 1.0);
     let _publisher = Publisher::start(machine.path(), &lines);
     let mut watcher = broker.watch();
     watcher.wait(STATUS, |status| status["state"] == "acquiring");

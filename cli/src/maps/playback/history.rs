@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use imaging::quantities::{LoadUnit, QuantityRow, STORED_S, joined, stored};
+use imaging::quantities::{STORED_S, joined, keep_newest_unit, stored};
 use logbook::SessionSummary;
 use web::History;
 
@@ -45,8 +45,7 @@ pub(super) fn history(
         }
     }
     rows.sort_by_key(|row| row.begin_s);
-    let unit: Option<LoadUnit> = rows.last().map(|row: &QuantityRow| row.of);
-    rows.retain(|row| Some(row.of) == unit);
+    keep_newest_unit(&mut rows);
     let minutes = (to_s - from_s).unsigned_abs() / u64::from(STORED_S) + 1;
     let joins = u32::try_from(minutes.div_ceil(u64::from(spans.max(1)))).unwrap_or(u32::MAX);
     let span_s = STORED_S.saturating_mul(joins);
@@ -61,7 +60,7 @@ pub(super) fn history(
 #[cfg(test)]
 mod tests {
     use chrono::DateTime;
-    use imaging::quantities::{Quantity, store};
+    use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
     use logbook::SessionKind;
 
     use super::*;

@@ -61,29 +61,24 @@ impl RecordedSessions {
         Ok(places.clone())
     }
 
-    /// Reports once that a folder cannot be read: the page asks for the sessions again and again.
-    fn left_out(&self, place: &Path, text: &str) {
-        let unreadable = self.unreadable.lock();
-        let mut unreadable = unreadable.unwrap_or_else(PoisonError::into_inner);
-        if unreadable.insert(place.to_owned()) {
-            complain(text);
-        }
-    }
-
     /// First parts of all measurements, the newest first; a folder that cannot be read is left out, and an error if it is the
     /// only one.
     fn summaries(&self) -> Result<Vec<SessionSummary>, String> {
         let places = self.places()?;
+        let unreadable = self.unreadable.lock();
+        let mut unreadable = unreadable.unwrap_or_else(PoisonError::into_inner);
         let mut sessions: Vec<SessionSummary> = Vec::new();
         for place in &places {
-            let report = |text: &str| self.left_out(place, text);
+            // once: the page asks for the sessions again and again
+            let report = |text: &str| {
+                if unreadable.insert(place.clone()) {
+                    complain(text);
+                }
+            };
             let listing = session_files::listing(&places, place, report);
             let listing = listing.map_err(|why| why.to_string())?;
             if listing.is_some() {
-                self.unreadable
-                    .lock()
-                    .unwrap_or_else(PoisonError::into_inner)
-                    .remove(place);
+                unreadable.remove(place);
             }
             sessions.extend(listing.into_iter().flat_map(|listing| listing.sessions));
         }

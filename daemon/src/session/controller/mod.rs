@@ -19,6 +19,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 
 use chrono::{DateTime, Utc};
+use dbus::Fault;
 use rig::{Clock, RingTranscript, SystemClock};
 use sd_notify::NotifyState;
 use survey::{Baseline, Settings};
@@ -146,6 +147,16 @@ struct Inner {
     looking: bool,
     /// A configuration to be applied at the end of the session.
     waiting: Option<Box<Prepared>>,
+}
+
+impl Inner {
+    /// Refuses to begin what uses the source while the daemon is being stopped.
+    fn check_not_stopping(&self) -> Result<(), Fault> {
+        match self.stopping {
+            true => Err(Fault::SessionActive("the daemon is being stopped".into())),
+            false => Ok(()),
+        }
+    }
 }
 
 /// A lost rig that is being reconnected.
@@ -396,16 +407,6 @@ impl Controller {
             self.reassemble_rig().await?;
         }
         self.make_safe().await
-    }
-
-    /// Refuses to begin what uses the source while the daemon is being stopped.
-    fn check_not_stopping(inner: &Inner) -> Result<(), dbus::Fault> {
-        match inner.stopping {
-            true => Err(dbus::Fault::SessionActive(
-                "the daemon is being stopped".into(),
-            )),
-            false => Ok(()),
-        }
     }
 
     /// Source off and relays open, verified, as soon as the rig is free.

@@ -144,9 +144,6 @@ impl Controller {
             let mut inner = self.inner();
             inner.source_unknown = !error.source_is_off();
             inner.relays_unknown = true;
-            if let AssemblyError::Others { found, .. } = error {
-                inner.others = Some(found.as_ref().clone());
-            }
             inner.closed.is_some()
         };
         match refused {

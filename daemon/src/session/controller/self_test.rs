@@ -183,7 +183,7 @@ impl Controller {
         let (button, stop) = Stop::button();
         {
             let mut inner = self.inner();
-            Self::check_not_stopping(&inner)?;
+            inner.check_not_stopping()?;
             inner.test = Some(button);
         }
         let plan = self.plan_of_rig()?;

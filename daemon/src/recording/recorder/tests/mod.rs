@@ -1,5 +1,6 @@
 mod events;
 
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc as sync;
@@ -172,6 +173,16 @@ impl Scene {
 
     fn send(&self, order: RecorderMessage) {
         self.orders.try_send(order).unwrap();
+    }
+
+    /// The file of a session that a ring may delete.
+    fn closed_session(&self) -> PathBuf {
+        let setup = &self.prepared.setup;
+        let header = SessionHeader::new("m0", DateTime::UNIX_EPOCH, setup.protocol.clone());
+        let old = SessionWriter::create(&setup.record_directory, &header).unwrap();
+        let path = old.path().to_owned();
+        old.close(DateTime::UNIX_EPOCH, "done").unwrap();
+        path
     }
 
     fn frame(&self, number: u64) {
@@ -393,11 +404,7 @@ fn a_ring_deletes_closed_sessions_and_waits_when_none_is_left() {
         ..RecordSection::default()
     });
     tell.send(Do::Map).unwrap();
-    let setup = &scene.prepared.setup;
-    let header = SessionHeader::new("m0", DateTime::UNIX_EPOCH, setup.protocol.clone());
-    let old = SessionWriter::create(&setup.record_directory, &header).unwrap();
-    let path = old.path().to_owned();
-    old.close(DateTime::UNIX_EPOCH, "done").unwrap();
+    let path = scene.closed_session();
     scene.free.store(0, Ordering::SeqCst);
     scene.frame(1);
     let recording = std::thread::spawn(move || recorder.run(queue));
@@ -418,13 +425,10 @@ fn a_ring_that_can_delete_nothing_waits_for_space() {
         ..RecordSection::default()
     });
     tell.send(Do::Map).unwrap();
-    let setup = &scene.prepared.setup;
-    let header = SessionHeader::new("m0", DateTime::UNIX_EPOCH, setup.protocol.clone());
-    let old = SessionWriter::create(&setup.record_directory, &header).unwrap();
-    let path = old.path().to_owned();
-    old.close(DateTime::UNIX_EPOCH, "done").unwrap();
+    let path = scene.closed_session();
     // what is deleted cannot be noted there
-    std::fs::create_dir(setup.record_directory.join("pruned.jsonl")).unwrap();
+    let folder = &scene.prepared.setup.record_directory;
+    std::fs::create_dir(folder.join("pruned.jsonl")).unwrap();
     scene.free.store(0, Ordering::SeqCst);
     scene.frame(1);
     let recording = std::thread::spawn(move || recorder.run(queue));

@@ -50,11 +50,7 @@ impl Controller {
         let controller = Arc::clone(self);
         let begun = tokio::spawn(async move {
             let _beginning = controller.beginning.lock().await;
-            let may_begin = Self::check_not_stopping(&controller.inner());
-            let begun = match may_begin {
-                Ok(()) => controller.begin_now(order).await,
-                Err(fault) => Err(fault),
-            };
+            let begun = controller.begin_now(order).await;
             if let Err(fault) = &begun {
                 let _ = match fault {
                     Fault::DiskRefused(text) | Fault::InstrumentFault(text) => {
@@ -74,6 +70,7 @@ impl Controller {
         self: &Arc<Self>,
         mut order: Assignment,
     ) -> Result<Arc<SessionStatus>, Fault> {
+        self.inner().check_not_stopping()?;
         let runtime = self.runtime();
         if self.rig_fault().is_some() {
             self.reassemble_rig()
