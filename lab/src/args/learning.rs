@@ -105,11 +105,11 @@ pub(crate) struct DataOptions {
     /// Kind of jitter, with its settings
     #[arg(long, value_enum)]
     pub(crate) profile: Profile,
-    /// gamma of the profile `paper`, a number: share of the standard deviation of the normalised baseline
-    #[arg(long, default_value_t = 0.01, value_parser = gamma)]
-    pub(crate) gamma: f64,
-    /// Noise of one reading for the profiles `matched` and `months`, V, below the largest reading of the case, above 1 mV only with --yes; several levels, several times: copies of a case take them in turn
-    #[arg(long, value_name = "SD", default_values_t = [2e-6], value_parser = noise_v)]
+    /// gamma of the profile `paper`, a number: share of the standard deviation of the normalised baseline [default: 0.01]
+    #[arg(long, value_parser = gamma)]
+    pub(crate) gamma: Option<f64>,
+    /// Noise of one reading for the profiles `matched` and `months`, V, below the largest reading of the case, above 1 mV only with --yes; several levels, several times: copies of a case take them in turn [default: 2e-6]
+    #[arg(long, value_name = "SD", value_parser = noise_v)]
     pub(crate) noise_v: Vec<f64>,
     /// Allow training for more than 1 mV of noise, and write a model that has learnt nothing
     #[arg(long)]

@@ -15,6 +15,11 @@ use super::limits;
 use crate::args::{DataOptions, Profile};
 use crate::geometry;
 
+/// gamma of the profile `paper`, unless another is stated: the paper's.
+const GAMMA: f64 = 0.01;
+/// Noise of one reading of the other profiles, unless another is stated, V.
+const NOISE_V: &[f64] = &[2e-6];
+
 /// The case, the noise and the set of a training.
 pub(super) struct Data {
     pub(super) case: Case,
@@ -25,6 +30,7 @@ pub(super) struct Data {
 impl Data {
     /// Reads the files that the options name.
     pub(super) fn read(options: &DataOptions) -> Result<Self, Failure> {
+        check_options(options)?;
         let case = match &options.case {
             Some(folder) => geometry::read(folder)?,
             None => geometry::case(&Preset::default(), Amps(1e-3))?,
@@ -33,9 +39,13 @@ impl Data {
             Some(folder) => Some(DataSet::open(folder, &case)?),
             None => None,
         };
+        let levels = match &options.noise_v[..] {
+            [] => NOISE_V,
+            stated => stated,
+        };
         let jitter = match (options.profile, &options.noise_frames) {
             (Profile::Paper, _) => Jitter::Paper {
-                gamma: options.gamma,
+                gamma: options.gamma.unwrap_or(GAMMA),
             },
             (Profile::Matched, Some(path)) => Jitter::Measured {
                 volts: noise_frames(path, case.protocol.len())?,
@@ -44,18 +54,13 @@ impl Data {
             (Profile::Matched, None) => {
                 let current = single_current(&case)?;
                 let largest = largest_reading(&case, set.as_ref(), current)?;
-                limits::check_noise(largest, &options.noise_v, options.yes)?;
-                linear::matched(&options.noise_v, current)
+                limits::check_noise(largest, levels, options.yes)?;
+                linear::matched(levels, current)
             }
-            (Profile::Months, None) => {
+            (Profile::Months, _) => {
                 let largest = largest_reading(&case, set.as_ref(), single_current(&case)?)?;
-                limits::check_noise(largest, &options.noise_v, options.yes)?;
-                drifting(&case, &options.noise_v)?
-            }
-            (Profile::Months, Some(_)) => {
-                return Err(Failure::usage(
-                    "--noise-frames belongs to --profile matched; frames of an unloaded sheet contain its drift only if they span months",
-                ));
+                limits::check_noise(largest, levels, options.yes)?;
+                drifting(&case, levels)?
             }
         };
         Ok(Self { case, jitter, set })
@@ -78,6 +83,40 @@ impl Data {
     /// The set for a training; `None` if cases are simulated for it.
     pub(super) fn samples(&self) -> Option<&dyn Samples> {
         self.set.as_ref().map(|set| set as &dyn Samples)
+    }
+}
+
+/// Refuses options that the profile would ignore.
+fn check_options(options: &DataOptions) -> Result<(), Failure> {
+    let refused = |option: &str, of: &str, advice: &str| {
+        let profile = options.profile.name();
+        Err(Failure::usage(format!(
+            "{option} belongs to --profile {of} and has no meaning with --profile {profile}; {advice}"
+        )))
+    };
+    let levels = !options.noise_v.is_empty();
+    let frames = options.noise_frames.is_some();
+    match options.profile {
+        Profile::Paper if levels => refused(
+            "--noise-v",
+            "matched and months",
+            "state the jitter by --gamma",
+        ),
+        Profile::Paper if frames => {
+            refused("--noise-frames", "matched", "state the jitter by --gamma")
+        }
+        Profile::Matched | Profile::Months if options.gamma.is_some() => {
+            refused("--gamma", "paper", "state the noise by --noise-v")
+        }
+        Profile::Matched if levels && frames => Err(Failure::usage(
+            "--noise-v and --noise-frames both state the noise of --profile matched; leave one of them out",
+        )),
+        Profile::Months if frames => refused(
+            "--noise-frames",
+            "matched",
+            "state the noise by --noise-v: frames of an unloaded sheet contain its drift only if they span months",
+        ),
+        Profile::Paper | Profile::Matched | Profile::Months => Ok(()),
     }
 }
 

@@ -304,6 +304,41 @@ fn methods_are_compared_on_frames_of_a_finer_mesh() {
 }
 
 #[test]
+fn options_that_the_profile_would_ignore_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("x.model");
+    for (profile, stated, option, advice) in [
+        ("paper", "--noise-v 2e-6", "--noise-v", "--gamma"),
+        ("paper", "--noise-frames f.csv", "--noise-frames", "--gamma"),
+        ("matched", "--gamma 0.01", "--gamma", "--noise-v"),
+        ("months", "--gamma 0.01", "--gamma", "--noise-v"),
+        (
+            "months",
+            "--noise-frames f.csv",
+            "--noise-frames",
+            "span months",
+        ),
+        (
+            "matched",
+            "--noise-v 2e-6 --noise-frames f.csv",
+            "--noise-v and --noise-frames",
+            "leave one of them out",
+        ),
+    ] {
+        for kind in ["rbf", "dnn", "linear"] {
+            let line = format!("train {kind} --profile {profile} {stated} --out {{}}");
+            let output = lab(&words(&line, &[&model]));
+            let message = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(2), "{line}: {message}");
+            for words in [option, &format!("--profile {profile}"), advice] {
+                assert!(message.contains(words), "{line}: {message}");
+            }
+            assert!(!model.exists(), "{line}");
+        }
+    }
+}
+
+#[test]
 fn slips_of_a_training_are_refused_before_work_begins() {
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("x.model");
