@@ -131,17 +131,24 @@ impl Uploader {
         }
     }
 
-    /// Compares the record with the catalogue; changes nothing.
+    /// Compares the record with the catalogue; changes nothing. What cannot be read is reported as in [`Uploader::pass`] and left out.
     ///
     /// # Errors
-    /// The record cannot be read, or the catalogue refuses.
-    pub async fn status(&mut self, catalogue: &Catalogue) -> Result<Status, UploadError> {
-        let (closed, sessions, open) = self.listed()?;
+    /// The record cannot be listed, or the catalogue refuses.
+    pub async fn status(
+        &mut self,
+        catalogue: &Catalogue,
+        report: &mut dyn FnMut(Step),
+    ) -> Result<Status, UploadError> {
+        let (closed, sessions, open) = self.listed(report)?;
         let known = self.known_parts(catalogue, &closed).await?;
         let mut there = self.known_lines(catalogue, &sessions).await?;
         let mut missing_lines = 0;
         for session in &sessions {
-            missing_lines += self.new_lines(session, &mut there)?.len() as u64;
+            match self.new_lines(session, &mut there) {
+                Ok(lines) => missing_lines += lines.len() as u64,
+                Err(error) => report(self.unread(session, &error)),
+            }
         }
         let missing = closed
             .iter()
@@ -168,13 +175,7 @@ impl Uploader {
         catalogue: &mut Catalogue,
         report: &mut dyn FnMut(Step),
     ) -> Result<(), UploadError> {
-        let (closed, sessions, _) = self.listed()?;
-        for file in self.index.unreadable() {
-            report(Step::Problem {
-                part: file.path.display().to_string(),
-                text: survey::error_chain(&*file.why),
-            });
-        }
+        let (closed, sessions, _) = self.listed(report)?;
         let mut known = self.known_parts(catalogue, &closed).await?;
         let mut there = self.known_lines(catalogue, &sessions).await?;
         let mut unread = BTreeSet::new();
@@ -199,10 +200,7 @@ impl Uploader {
             let lines = match self.new_lines(session, &mut there) {
                 Ok(lines) => lines,
                 Err(error) => {
-                    report(Step::Problem {
-                        part: quantities_file(&self.folder, session).display().to_string(),
-                        text: survey::error_chain(&error),
-                    });
+                    report(self.unread(session, &error));
                     unread.insert(session.clone());
                     continue;
                 }
@@ -238,9 +236,18 @@ impl Uploader {
         Ok(())
     }
 
-    /// The closed parts, the sessions of all parts, and how many parts are open.
-    fn listed(&mut self) -> Result<(Vec<Closed>, Vec<String>, usize), UploadError> {
+    /// The closed parts, the sessions of all parts, and how many parts are open. Reports files that cannot be read.
+    fn listed(
+        &mut self,
+        report: &mut dyn FnMut(Step),
+    ) -> Result<(Vec<Closed>, Vec<String>, usize), UploadError> {
         self.index.refresh()?;
+        for file in self.index.unreadable() {
+            report(Step::Problem {
+                part: file.path.display().to_string(),
+                text: survey::error_chain(&*file.why),
+            });
+        }
         let (mut closed, mut sessions, mut open) = (Vec::new(), BTreeSet::new(), 0);
         for found in self.index.sessions() {
             // a copy under another name
@@ -262,6 +269,14 @@ impl Uploader {
             }
         }
         Ok((closed, sessions.into_iter().collect(), open))
+    }
+
+    /// The quantities of a session that cannot be read.
+    fn unread(&self, session: &str, error: &LogbookError) -> Step {
+        Step::Problem {
+            part: quantities_file(&self.folder, session).display().to_string(),
+            text: survey::error_chain(error),
+        }
     }
 
     async fn known_parts(

@@ -118,11 +118,19 @@ async fn status(settings: &Settings, printer: &mut Printer) -> Result<(), Failur
     let catalogue = Catalogue::connect(&settings.access).await?;
     catalogue.check(&settings.owner.site).await?;
     let mut uploader = Uploader::new(&settings.record, settings.owner.clone());
-    let found: Status = uploader.status(&catalogue).await.map_err(Failure::from)?;
+    let mut problems = Vec::new();
+    let found: Status = uploader
+        .status(&catalogue, &mut |step| problems.push(step))
+        .await
+        .map_err(Failure::from)?;
     printer.line(&found, output::status)?;
-    match found.missing.len() {
-        0 => Ok(()),
-        count => Err(Failure::Failed(format!(
+    for problem in &problems {
+        printer.line(problem, output::step)?;
+    }
+    match (found.missing.len(), problems.len()) {
+        (0, 0) => Ok(()),
+        (0, count) => Err(Failure::Failed(format!("{count} problems: see above"))),
+        (count, _) => Err(Failure::Failed(format!(
             "{count} closed parts are not archived; `tactus-archive push` takes them there"
         ))),
     }

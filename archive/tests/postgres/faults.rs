@@ -195,6 +195,45 @@ fn unreadable_quantities_do_not_hold_up_the_others() {
 }
 
 #[test]
+fn status_names_unreadable_files_beside_the_rest() {
+    let Some((_server, site)) = archive("berlin") else {
+        return;
+    };
+    for id in ["m1", "m2", "m3"] {
+        site.record_session(id, 1);
+    }
+    let quantities = site.record().join("m1.quantities");
+    std::fs::remove_file(&quantities).unwrap();
+    std::fs::create_dir(&quantities).unwrap();
+    std::fs::write(site.record().join("m3.tactus"), "no database").unwrap();
+    let output = site.run(&["status", "--json"]);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    let found: Vec<serde_json::Value> = text
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert_eq!(found[0]["missing"], serde_json::json!(["m1", "m2"]));
+    // three minutes of the session that can be read
+    assert_eq!(found[0]["missing_lines"], 3);
+    let mut problems: Vec<(&str, String)> = found[1..]
+        .iter()
+        .map(|line| (line["what"].as_str().unwrap(), line["part"].to_string()))
+        .collect();
+    problems.sort();
+    let [(first, quantities), (second, session)] = &problems[..] else {
+        panic!("{found:?}");
+    };
+    assert!(*first == "problem" && *second == "problem", "{found:?}");
+    assert!(quantities.contains("m1.quantities"), "{found:?}");
+    assert!(session.contains("m3.tactus"), "{found:?}");
+    // with everything else archived they are a failure all the same
+    assert_eq!(site.run(&["push"]).status.code(), Some(1));
+    let error = site.refused(&["status"], 1);
+    assert!(error.contains("2 problems: see above"), "{error}");
+}
+
+#[test]
 fn full_store_is_reported_and_goes_on_when_there_is_space() {
     let Some((server, site)) = archive("berlin") else {
         return;
