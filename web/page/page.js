@@ -72,6 +72,7 @@ function show(state) {
   byId("control").hidden = !state.control;
   byId("pressing").hidden = !simulated;
   keepCertain(state);
+  if (state.session && map.values && shownSession !== state.session.id) clearMap();
   if (state.frame) {
     if (state.frame.map) showMap(state);
     if (state.frame.map && !state.frame.provisional) charts.add(state.frame);
@@ -104,6 +105,16 @@ function showVerdict(frame) {
   at.className = kind;
 }
 
+const sessionOf = state => state.session ? state.session.id : "";
+
+// nothing of an earlier session stays under the name of a new one
+function clearMap() {
+  [shownSession, shownMap, map.values, map.frame] = [null, null, null, null];
+  map.tracks.clear();
+  uncertainty.clear();
+  byId("verdict").textContent = "";
+}
+
 // the map of a frame, which has another name while it is provisional
 const mapName = frame => `${frame.provisional ? "provisional" : "map"}/${frame.sequence}`;
 
@@ -111,13 +122,20 @@ async function showMap(state) {
   const { frame, session } = state;
   if (fetching || (session && shownSession === session.id && shownMap === mapName(frame))) return;
   fetching = true;
+  // an answer of another session, which began since: the state that names it is on its way
+  const askOf = async path => {
+    const answer = await ask(path);
+    if ((answer.headers.get("Tactus-Session") || "") !== sessionOf(state)) throw new Error("another session");
+    return answer;
+  };
   try {
     const isNew = !map.geometry || (session && shownSession !== session.id);
     const [colours, geometry, values] = await Promise.all([
       map.colours || ask("/api/colours").then(answer => answer.json()),
-      isNew && ask("/api/geometry").then(answer => answer.json()),
-      ask(`/api/${mapName(frame)}`).then(answer => answer.arrayBuffer()).then(bytes => new Float32Array(bytes)),
+      isNew && askOf("/api/geometry").then(answer => answer.json()),
+      askOf(`/api/${mapName(frame)}`).then(answer => answer.arrayBuffer()).then(bytes => new Float32Array(bytes)),
     ]);
+    if (sessionOf(latest) !== sessionOf(state)) throw new Error("another session");
     if (!map.colours) {
       map.colours = colours;
       map.drawBar();
@@ -139,7 +157,7 @@ async function showMap(state) {
       uncertainty.refresh();
     }
   } catch (error) {
-    // the map has been replaced by a newer one, or the session has ended
+    // the map has been replaced by a newer one, or the session by another
   } finally {
     fetching = false;
   }

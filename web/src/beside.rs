@@ -134,6 +134,7 @@ pub(crate) async fn show_provisional(beside: Arc<Beside>, live: Live) {
         let found = found.filter(|(frame, _)| last.as_ref() != Some(frame) && beside.is_watched());
         if let Some((frame, readings)) = found {
             let (beside, (id, sequence)) = (Arc::clone(&beside), frame.clone());
+            let session = id.clone();
             last = Some(frame);
             let made = tokio::task::spawn_blocking(move || {
                 let model = beside.model(&id).ok().filter(|model| !model.is_fast())?;
@@ -141,7 +142,7 @@ pub(crate) async fn show_provisional(beside: Arc<Beside>, live: Live) {
             });
             // without one the page waits for the session's own map
             if let Ok(Some(made)) = made.await {
-                live.show_provisional(sequence, made);
+                live.show_provisional(&session, sequence, made);
             }
         }
         if followed.changed().await.is_err() {
@@ -245,8 +246,20 @@ mod tests {
         live.change(|snapshot| snapshot.state.frame = Some(own.clone()));
         // too late
         let late = Slow::default().provisional(&[Some(0.5)]).unwrap();
-        live.show_provisional(7, late);
+        live.show_provisional("m1", 7, late);
         assert_eq!(live.subscribe().borrow().state.frame, Some(own));
+    }
+
+    #[test]
+    fn a_provisional_map_of_another_session_is_not_shown() {
+        let live = Live::default();
+        let made = || Slow::default().provisional(&[Some(0.5)]).unwrap();
+        let is_shown = || live.provisional(1).is_some();
+        frame(&live, "m2", 1, Some(0.25));
+        live.show_provisional("m1", 1, made());
+        assert!(!is_shown());
+        live.show_provisional("m2", 1, made());
+        assert!(is_shown());
     }
 
     #[tokio::test]

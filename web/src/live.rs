@@ -58,13 +58,14 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
         tokio::select! {
             _ = ticks.tick() => {
                 let status = tokio::time::timeout(PATIENCE, manager.status()).await??;
+                let session = status.session.as_ref().map(session_state);
                 let running = status.session.as_ref().and_then(|session| session.id.clone());
                 let mut trouble = None;
                 if running.as_deref() != following.as_ref().map(|following| following.id.as_str()) {
                     following = None;
                     if let Some(id) = running {
                         // it may have ended since the status; otherwise the next status tries again
-                        match Following::open(&connection, &manager, id.clone(), live).await {
+                        match Following::open(&connection, &manager, id.clone(), session.clone(), live).await {
                             Ok(opened) => following = Some(opened),
                             Err(error) => trouble = Some(format!("the frames of {id} cannot be read: {error}")),
                         }
@@ -76,7 +77,7 @@ async fn connected(address: Option<&Address>, live: &Live) -> Result<(), Failure
                     snapshot.state.alarms = listed;
                     snapshot.state.trouble = trouble;
                     snapshot.state.daemon = Some(daemon_state(&status));
-                    snapshot.state.session = status.session.as_ref().map(session_state);
+                    snapshot.set_session(session);
                 });
             }
             event = dbus::next(&mut events) => {
@@ -164,6 +165,7 @@ impl Following {
         connection: &Connection,
         manager: &Manager1Proxy<'_>,
         id: String,
+        state: Option<SessionState>,
         live: &Live,
     ) -> Result<Self, Failure> {
         let session: Session1Proxy<'_> = dbus::proxy(connection, dbus::session_path(&id)?).await?;
@@ -182,10 +184,9 @@ impl Following {
         stream.set_nonblocking(true)?;
         live.change(|snapshot| {
             snapshot.geometry = Some(Arc::new(geometry));
-            snapshot.maps.clear();
-            snapshot.provisional = None;
-            snapshot.readings = None;
-            snapshot.state.frame = None;
+            // a stream that was lost begins again with the same session
+            snapshot.forget_frames();
+            snapshot.set_session(state);
         });
         let mut following = Self {
             id,

@@ -19,13 +19,17 @@ use crate::guard::{self, Guard};
 use crate::page;
 use crate::playback::{self, Recordings};
 use crate::sheets;
-use crate::snapshot::Live;
+use crate::snapshot::{Live, OfSession};
 use crate::{Control, Settings};
 
 /// Most pages that wait for a change at the same time.
 const WAITING: usize = 32;
 /// Time after which a page gets the state without a change, so that a lost connection is noticed.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// Header of what belongs to a session: the id of the one that the state named at that moment, empty where it named none. A page
+/// leaves out what is of another session than its own state, as a session may have begun since.
+const SESSION: &str = "tactus-session";
 
 /// Most bytes of a command.
 const LONGEST_COMMAND: usize = 8192;
@@ -125,7 +129,10 @@ async fn control(State(shared): State<Shared>, body: Bytes) -> Response {
 
 async fn geometry(State(shared): State<Shared>) -> Response {
     match shared.live.geometry() {
-        Some(geometry) => json(geometry_json(&geometry).into()),
+        Some((session, geometry)) => {
+            let text = json(geometry_json(&geometry).into());
+            ([(SESSION, session)], text).into_response()
+        }
         None => (StatusCode::NOT_FOUND, "no geometry yet\n").into_response(),
     }
 }
@@ -151,10 +158,11 @@ async fn deviation(State(shared): State<Shared>) -> Answer {
     Ok(packed(&*made, &made.values))
 }
 
-fn kept(known: Option<Arc<[u8]>>) -> Response {
+fn kept(known: Option<OfSession<Arc<[u8]>>>) -> Response {
     match known {
-        Some(map) => (
+        Some((session, map)) => (
             [(header::CONTENT_TYPE, "application/octet-stream")],
+            [(SESSION, session)],
             Bytes::from_owner(map),
         )
             .into_response(),

@@ -182,9 +182,13 @@ impl Live {
         self.0.subscribe()
     }
 
-    /// Shows a map of a frame until the session's own one comes; neither where that is there, nor where a later frame is.
-    pub(crate) fn show_provisional(&self, sequence: u64, made: ProvisionalMap) {
+    /// Shows a map of a frame until the session's own one comes; neither where that is there, nor where a later frame or another
+    /// session is.
+    pub(crate) fn show_provisional(&self, session: &str, sequence: u64, made: ProvisionalMap) {
         self.0.send_if_modified(|snapshot| {
+            if snapshot.session() != session {
+                return false;
+            }
             let frame = snapshot.state.frame.as_mut();
             let Some(frame) = frame.filter(|frame| frame.sequence == sequence && !frame.map) else {
                 return false;
@@ -199,22 +203,27 @@ impl Live {
         });
     }
 
-    pub(crate) fn provisional(&self, sequence: u64) -> Option<Arc<[u8]>> {
+    pub(crate) fn provisional(&self, sequence: u64) -> Option<OfSession<Arc<[u8]>>> {
         let snapshot = self.0.borrow();
         let (of, map) = snapshot.provisional.as_ref()?;
-        (*of == sequence).then(|| Arc::clone(map))
+        (*of == sequence).then(|| snapshot.of_session(Arc::clone(map)))
     }
 
-    pub(crate) fn map(&self, sequence: u64) -> Option<Arc<[u8]>> {
+    pub(crate) fn map(&self, sequence: u64) -> Option<OfSession<Arc<[u8]>>> {
         let snapshot = self.0.borrow();
         let (_, map) = snapshot.maps.iter().find(|(of, _)| *of == sequence)?;
-        Some(Arc::clone(map))
+        Some(snapshot.of_session(Arc::clone(map)))
     }
 
-    pub(crate) fn geometry(&self) -> Option<Arc<dbus::Geometry>> {
-        self.0.borrow().geometry.clone()
+    pub(crate) fn geometry(&self) -> Option<OfSession<Arc<dbus::Geometry>>> {
+        let snapshot = self.0.borrow();
+        let geometry = snapshot.geometry.as_ref()?;
+        Some(snapshot.of_session(Arc::clone(geometry)))
     }
 }
+
+/// Something with the id of the session that the state names at the same moment; empty where it names none.
+pub(crate) type OfSession<T> = (String, T);
 
 impl Snapshot {
     /// The values of a frame's map, one a triangle, in the frame's unit; `None` if it is not kept any more.
@@ -236,6 +245,33 @@ impl Snapshot {
         if self.maps.len() > MAPS {
             self.maps.pop_front();
         }
+    }
+
+    /// Takes the session that runs now. Frame and maps of another one go; those of one that ended stay until the next begins.
+    pub(crate) fn set_session(&mut self, session: Option<SessionState>) {
+        let begins = session.as_ref();
+        if begins.is_some_and(|session| session.id != self.session()) {
+            self.forget_frames();
+        }
+        self.state.session = session;
+    }
+
+    /// Without a frame and maps.
+    pub(crate) fn forget_frames(&mut self) {
+        self.maps.clear();
+        self.provisional = None;
+        self.readings = None;
+        self.state.frame = None;
+    }
+
+    /// Id of the session that the state names; empty where it names none.
+    fn session(&self) -> &str {
+        let session = self.state.session.as_ref();
+        session.map_or("", |session| &session.id)
+    }
+
+    fn of_session<T>(&self, found: T) -> OfSession<T> {
+        (self.session().to_owned(), found)
     }
 
     pub(crate) fn add_event(&mut self, event: EventState) {

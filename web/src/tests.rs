@@ -8,7 +8,7 @@ use tokio::net::TcpStream;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-use crate::snapshot::FrameState;
+use crate::snapshot::{FrameState, SessionState};
 use crate::{Control, HostName, Live, Playback, Recordings, Server, SessionEntry, Settings, Token};
 
 pub(crate) struct Served {
@@ -400,6 +400,74 @@ async fn maps_are_not_cached_across_sessions() {
             assert_eq!(served.bytes(path).await, value.to_le_bytes(), "{path}");
         }
     }
+}
+
+/// A session that runs; without an id none.
+fn running(id: &str) -> Option<SessionState> {
+    (!id.is_empty()).then(|| SessionState {
+        id: id.to_owned(),
+        ..SessionState::default()
+    })
+}
+
+#[tokio::test]
+async fn maps_and_geometry_name_their_session() {
+    let served = served().await;
+    let geometry = dbus::Geometry {
+        mesh_hash: String::new(),
+        nodes: Vec::new(),
+        triangles: Vec::new(),
+        outline: Vec::new(),
+        outline_lengths: Vec::new(),
+        electrodes: Vec::new(),
+        more: dbus::GeometryDetails::default(),
+    };
+    // the session goes on, another one begins, and that ends: its map stays
+    for id in ["m1", "m1", "m2", ""] {
+        served.live.change(|snapshot| {
+            snapshot.set_session(running(id));
+            snapshot.geometry = Some(Arc::new(geometry.clone()));
+            snapshot.keep_map(1, &[0.5]);
+            snapshot.provisional = Some((1, [0; 4].into()));
+        });
+        for path in ["/api/map/1", "/api/provisional/1", "/api/geometry"] {
+            let answer = served.get(path).await.to_ascii_lowercase();
+            let mut lines = answer.lines();
+            let named = lines.find_map(|line| line.strip_prefix("tactus-session:"));
+            assert_eq!(named.map(str::trim), Some(id), "{path}: {answer}");
+        }
+    }
+}
+
+#[test]
+fn frames_of_another_session_go_when_one_begins() {
+    let live = Live::default();
+    let begin = |id: &str| live.change(|snapshot| snapshot.set_session(running(id)));
+    let has_frame = || {
+        let followed = live.subscribe();
+        let snapshot = followed.borrow();
+        let kept = [
+            snapshot.state.frame.is_some(),
+            snapshot.readings.is_some(),
+            snapshot.provisional.is_some(),
+            snapshot.map_values(1).is_some(),
+        ];
+        assert!(kept.iter().all(|one| *one == kept[0]), "{kept:?}");
+        kept[0]
+    };
+    begin("m1");
+    live.change(|snapshot| {
+        snapshot.state.frame = Some(FrameState::default());
+        snapshot.readings = Some((1, vec![Some(0.5)].into()));
+        snapshot.provisional = Some((1, [0; 4].into()));
+        snapshot.keep_map(1, &[0.5]);
+    });
+    begin("m1");
+    assert!(has_frame(), "it goes on");
+    live.change(|snapshot| snapshot.set_session(None));
+    assert!(has_frame(), "it has ended");
+    begin("m2");
+    assert!(!has_frame(), "another one");
 }
 
 /// The state of an answer.

@@ -300,6 +300,69 @@ fn the_page_fits_a_phone_the_dark_and_a_slow_link() {
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 }
 
+#[test]
+fn a_map_is_shown_under_the_name_of_its_own_session() {
+    let Some(stage) = test_rig::set(Needs::SIMULATED, test_rig::NOISY) else {
+        return;
+    };
+    let profile = stage.path().join("browser");
+    let Some(browser) = Browser::start(&profile, 1500, 1000) else {
+        return;
+    };
+    let daemon = test_rig::start(&stage);
+    baseline(&stage, 3);
+    let page = Page::serve(&stage, &[]);
+    browser.open(&page.url);
+    browser.until("typeof latest !== 'undefined' && latest && latest.daemon");
+    ask(&stage, &["start", "--step"]);
+    ask(&stage, &["step"]);
+    browser.until("latest.frame && map.frame && map.frame.sequence === 1 && !fetching");
+    let first = browser.value("latest.session.id");
+
+    // the request of the next map is held back, then each further state too
+    browser.value(
+        "window.usual = ask, window.maps = new Promise(go => { window.passMaps = go; }), window.states = null, \
+         ask = async path => { if (path.startsWith('/api/map/')) await maps; const answer = await usual(path); \
+         if (path.startsWith('/api/state')) await states; return answer; }, 0",
+    );
+    ask(&stage, &["step"]);
+    browser.until("latest.frame.sequence === 2 && latest.frame.map && fetching");
+    browser.value("window.states = new Promise(go => { window.passStates = go; }), 0");
+    ask(&stage, &["stop"]);
+    ask(&stage, &["start", "--step"]);
+    ask(&stage, &["step"]);
+    ask(&stage, &["step"]);
+    let other = browser.asynchronous(&format!(
+        "const done = arguments[0]; const look = async () => {{ const {{ session, frame }} = await (await usual('/api/state')).json(); \
+         if (session && session.id !== {first} && frame && frame.sequence === 2 && frame.map) done(session.id); else setTimeout(look, 20); }}; \
+         look();"
+    ));
+    browser.value(
+        "window.drawn = [], window.set = map.setMap.bind(map), map.setMap = (...all) => { drawn.push(shownSession); set(...all); }, \
+         passMaps(), 0",
+    );
+    browser.until("!fetching");
+    assert_eq!(browser.value("latest.session.id"), first);
+    assert_eq!(browser.value("drawn"), serde_json::json!([]));
+    browser.value("passStates(), 0");
+    browser.until(&format!(
+        "latest.session && latest.session.id === {other} && drawn.length > 0 && map.frame.sequence === 2"
+    ));
+    let drawn = browser.value("drawn.every(id => id === latest.session.id)");
+    assert_eq!(drawn, true, "{}", browser.value("drawn"));
+
+    // nothing of it stays under the name of the next one, which has no frame yet
+    ask(&stage, &["stop"]);
+    ask(&stage, &["start", "--step"]);
+    browser.until(&format!(
+        "latest.session && latest.session.id !== {other} && !latest.frame && map.values === null"
+    ));
+    ask(&stage, &["step"]);
+    browser.until("map.frame && map.frame.sequence === 1 && shownSession === latest.session.id");
+    ask(&stage, &["stop"]);
+    daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
+}
+
 const RULE: &str = "\n[[alarm]]\nname = \"pressed\"\nquantity = \"contact\"\nabove = 100.0\nfor_s = 0.5\nseverity = \"major\"\n\
     guidance = \"lift it\"\n";
 
