@@ -55,8 +55,11 @@ async function open(id) {
   session = course = shown = pinned = wanted = null;
   pin(null);
   trouble("opening the session");
+  // one of the archive is fetched for minutes: another may have been chosen since
+  const isChosen = () => byId("sessions").value === id;
   try {
     const opened = await (await ask(`/api/sessions/${encodeURIComponent(id)}`)).json();
+    if (!isChosen()) return;
     trouble("");
     session = opened.overview;
     for (const sheet of [map, other, difference]) {
@@ -71,7 +74,7 @@ async function open(id) {
     seek(session.first_ms);
     followCourse(session);
   } catch (error) {
-    trouble(error.message);
+    if (isChosen()) trouble(error.message);
   }
 }
 

@@ -148,6 +148,19 @@ fn a_session_is_played_in_a_browser() {
     browser.value("play(true), 0");
     browser.until("byId('play').textContent === 'Play' && document.body.dataset.sequence === String(session.last_frame)");
     step_while_a_session_is_opened(&browser);
+    chosen_session_stays_when_one_before_it_opens(&browser);
+}
+
+/// A session that takes long to open is not shown when another one was chosen meanwhile.
+fn chosen_session_stays_when_one_before_it_opens(browser: &Browser) {
+    let stays = browser.asynchronous(
+        "const done = arguments[0], usual = ask, list = byId('sessions'), id = session.id; \
+         let go; const held = new Promise(resolve => { go = resolve; }); \
+         ask = async path => { if (path !== '/api/sessions/slow') return usual(path); await held; return usual(`/api/sessions/${id}`); }; \
+         list.prepend(new Option('slow', 'slow')); list.value = 'slow'; const slow = open('slow'); list.value = id; \
+         open(id).then(async () => { const chosen = session; go(); await slow; ask = usual; done(session === chosen); });",
+    );
+    assert_eq!(stays, true);
 }
 
 /// The map of a step by frame arrives when another session is chosen and not open yet: it is not shown, and no error.
