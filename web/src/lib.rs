@@ -21,6 +21,7 @@ mod snapshot;
 mod tests;
 mod token;
 
+use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -74,10 +75,10 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens on each address. An IPv6 address that this machine does not have is left out if another one works.
+    /// Listens on each address. After the first, an IPv6 address that this machine does not have is left out.
     ///
     /// # Errors
-    /// The first address cannot be used.
+    /// An address cannot be used.
     pub async fn open(settings: Settings) -> std::io::Result<Self> {
         let mut listeners: Vec<TcpListener> = Vec::new();
         let mut first: Option<SocketAddr> = None;
@@ -91,8 +92,12 @@ impl Server {
                     first.get_or_insert(listener.local_addr()?);
                     listeners.push(listener);
                 }
-                Err(error) if first.is_none() => return Err(error),
-                Err(_) => {}
+                // a port that the system chose may be in use at the second address
+                Err(error)
+                    if first.is_some()
+                        && wanted.is_ipv6()
+                        && (wanted.port() == 0 || error.kind() != ErrorKind::AddrInUse) => {}
+                Err(error) => return Err(error),
             }
         }
         let address = first.ok_or_else(|| std::io::Error::other("no address to listen on"))?;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpStream;
+use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
@@ -153,6 +153,19 @@ async fn only_exact_hosts_are_served() {
     ];
     let answer = served.ask("GET /api/state", &twice).await;
     assert!(["400", "403"].contains(&code(&answer)), "{answer}");
+}
+
+#[tokio::test]
+async fn an_address_in_use_is_refused_beside_a_free_one() {
+    let taken = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let settings = Settings {
+        listen: vec![([127, 0, 0, 1], 0).into(), taken.local_addr().unwrap()],
+        names: Vec::new(),
+        token: Token::random().unwrap(),
+        control: None,
+    };
+    let refused = Server::open(settings).await.unwrap_err();
+    assert_eq!(refused.kind(), std::io::ErrorKind::AddrInUse);
 }
 
 #[tokio::test]
