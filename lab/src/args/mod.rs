@@ -173,15 +173,15 @@ pub(crate) struct DatasetOptions {
     /// Frames of the baseline of --recorded: first:N, or a file [default: baseline.csv of the folder, else the first frame]
     #[arg(long, value_name = "FILE|first:N", requires = "recorded")]
     pub(crate) baseline: Option<imaging::recorded::BaselineRule>,
-    /// Relative loss of conductance under the largest pressure of --recorded, a number above 0 and at most 1; without masses under every press
-    #[arg(long, value_name = "X", default_value_t = 0.5, value_parser = numbers::loss, allow_hyphen_values = true)]
-    pub(crate) loss: f64,
+    /// Relative loss of conductance under the largest pressure of --recorded, a number above 0 and at most 1; without masses under every press [default: the column loss of presses.csv, else 0.5]
+    #[arg(long, value_name = "X", requires = "recorded", value_parser = numbers::loss, allow_hyphen_values = true)]
+    pub(crate) loss: Option<f64>,
     /// Make a set of fewer recorded presses than a frame has readings
     #[arg(long, requires = "recorded")]
     pub(crate) yes: bool,
-    /// Random seed; the set does not depend on the shards
-    #[arg(long, value_name = "S", default_value_t = 1)]
-    pub(crate) seed: u64,
+    /// Random seed; the set does not depend on the shards [default: 1, or that of the settings]
+    #[arg(long, value_name = "S")]
+    pub(crate) seed: Option<u64>,
     /// Cases of the whole set [default: 15000, or that of the settings]
     #[arg(long, value_name = "N", value_parser = set_cases)]
     pub(crate) cases: Option<usize>,
@@ -209,10 +209,10 @@ pub(crate) struct EvaluateOptions {
     #[arg(long, value_name = "FILE")]
     pub(crate) model: Vec<PathBuf>,
     /// The seed of the standard sets, a number
-    #[arg(long, value_name = "S", default_value_t = 7)]
+    #[arg(long, value_name = "S", default_value_t = 7, conflicts_with = "set")]
     pub(crate) seed: u64,
     /// Frames of each standard set [default: 32 presses, 100 polygon cases]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", conflicts_with = "set")]
     pub(crate) count: Option<usize>,
     /// Draw accuracy against time, PNG
     #[arg(long, value_name = "FILE", conflicts_with_all = ["shard", "missing"])]

@@ -73,7 +73,9 @@ fn settings(options: &DatasetOptions) -> Result<TrainingSettings, Failure> {
             })?
         }
     };
-    settings.seed = options.seed;
+    if let Some(seed) = options.seed {
+        settings.seed = seed;
+    }
     if let Some(cases) = options.cases {
         settings.cases = cases;
     }

@@ -117,6 +117,16 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
         // 3e-5 of the largest reading, about 10 uV at 1 mA: it does not hide small loads
         settings.deep.normalisation_epsilon = 1e-9;
     }
+    let changed = |settings: &Settings, given: toml::Table| {
+        let of_set = options.data.dataset.as_ref().and(setting_of_a_set(&given));
+        let settings = changed(settings, given)?;
+        match of_set {
+            None => Ok(settings),
+            Some(key) => Err(format!(
+                "data.{key} is that of the set of --dataset; `tactus-lab dataset --settings FILE` makes a set with another"
+            )),
+        }
+    };
     if let Some(path) = &options.settings {
         let refused =
             |why: String| Failure::usage(format!("settings file {}: {why}", path.display()));
@@ -154,6 +164,16 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
         )));
     }
     Ok(settings)
+}
+
+/// Settings of `[data]` that are of the training itself. By the others the cases of a set were drawn.
+const OF_TRAINING: [&str; 3] = ["jitter", "repeats", "seed"];
+
+/// The first of these settings that a set in files has of its own.
+fn setting_of_a_set(given: &toml::Table) -> Option<String> {
+    let mut keys = given.get("data")?.as_table()?.keys();
+    keys.find(|key| !OF_TRAINING.contains(&key.as_str()))
+        .cloned()
 }
 
 /// Settings with the entries of `given` replacing theirs; unknown keys are refused.

@@ -17,13 +17,6 @@ const JUDGED: usize = 100;
 
 /// Trains and writes the model file.
 pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
-    if options.cases < options.neurons {
-        eprintln!(
-            "tactus-lab: {} cases for {} neurons: with fewer cases than neurons the network repeats the cases rather \
-             than learns from them; the paper has 15000 cases for 100 neurons",
-            options.cases, options.neurons
-        );
-    }
     let data = Data::read(&options.data)?;
     let drawn = match &data.set {
         Some(set) => set.settings().clone(),
@@ -51,6 +44,13 @@ pub(super) fn train(options: &TrainOptions) -> Result<(), Failure> {
         cases: first.as_ref().map_or(drawn.cases, Samples::len),
         ..drawn
     };
+    if settings.cases < options.neurons {
+        eprintln!(
+            "tactus-lab: {} cases for {} neurons: with fewer cases than neurons the network repeats the cases rather \
+             than learns from them; the paper has 15000 cases for 100 neurons",
+            settings.cases, options.neurons
+        );
+    }
     limits::check_memory(settings.cases, data.case.protocol.len(), settings.repeats)?;
     let bars = progress::Training::default();
     let show = |stage, done, of| bars.show(stage, done, of);

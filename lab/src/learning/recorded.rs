@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use eit::model::fingerprint;
-use eit::{Case, Mesh, bounding_box};
+use eit::{Case, Mesh, TrainingSettings, bounding_box};
 use imaging::recorded::{FrameTable, TableOptions};
 use studies::Failure;
 use survey::Reading;
@@ -19,12 +19,22 @@ use crate::output::print_line;
 const PLACES: u32 = 6;
 /// Share of the sheet: presses that all lie so near to the origin have their places in a wrong unit.
 const SPECK: f64 = 0.01;
+/// Relative loss under the largest pressure, unless another is stated.
+const LOSS: f64 = 0.5;
 /// Millimetres in a metre.
 const MILLI: f64 = 1e3;
 
 /// Makes the set and prints what it has.
 pub(super) fn dataset(options: &DatasetOptions, case: &Case, folder: &Path) -> Result<(), Failure> {
     let presses = Presses::read(&folder.join("presses.csv"))?;
+    if let Some(loss) = options.loss
+        && presses.all.iter().any(|press| press.loss.is_some())
+    {
+        return Err(Failure::usage(format!(
+            "--loss {loss} has no meaning: {} has the loss of each press in its column loss; leave one of them out",
+            presses.file.display()
+        )));
+    }
     let table = TableOptions {
         baseline: options.baseline.as_ref(),
         ..TableOptions::default()
@@ -41,7 +51,7 @@ pub(super) fn dataset(options: &DatasetOptions, case: &Case, folder: &Path) -> R
             folder.display()
         )));
     }
-    let strengths = strengths(&presses, options.loss)?;
+    let strengths = strengths(&presses, options.loss.unwrap_or(LOSS))?;
     let mut samples = Vec::with_capacity(presses.all.len());
     for (press, loss) in presses.all.iter().zip(strengths) {
         let (name, frame) = &recording.frames[presses.row(press, &recording)?];
@@ -68,7 +78,7 @@ pub(super) fn dataset(options: &DatasetOptions, case: &Case, folder: &Path) -> R
         &samples,
         &at_one_ampere,
         &source(&samples, &at_one_ampere),
-        options.seed,
+        options.seed.unwrap_or(TrainingSettings::default().seed),
         &options.out,
     )?;
     match made.sha256 {

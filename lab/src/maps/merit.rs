@@ -17,6 +17,12 @@ const TARGETS: &str = "targets.csv";
 pub(crate) fn merit(options: &MeritOptions) -> Result<(), Failure> {
     let files = images(&options.images)?;
     let targets = targets(options, &files)?;
+    if options.width_mm.is_some() && targets.is_empty() {
+        return Err(Failure::usage(format!(
+            "--width-mm and --height-mm are for the location error, which needs the true places: --targets FILE, or {TARGETS} among the \
+             images"
+        )));
+    }
     if !options.json {
         print_line!(
             "image,amplitude,position_error,resolution,shape_deformation,ringing,location_error_mm,correlation,\
@@ -155,16 +161,18 @@ fn targets(
             .iter()
             .filter_map(|field| field.parse().ok())
             .collect();
-        if numbers.len() < 2 && (number == 0 || line.trim().is_empty()) {
+        if numbers.is_empty() && (number == 0 || line.trim().is_empty()) {
             continue; // the header
         }
-        let [x, y] = numbers[..] else {
-            return Err(Failure::because(format!(
+        let place = <[f64; 2]>::try_from(numbers).ok();
+        let place = place.filter(|place| place.iter().all(|x| x.is_finite()));
+        let [x, y] = place.ok_or_else(|| {
+            Failure::because(format!(
                 "{}:{}: 'image,x,y' or 'x,y' is expected",
                 path.display(),
                 number + 1
-            )));
-        };
+            ))
+        })?;
         let name = match label {
             [] => names.next().cloned(),
             [name, ..] => Some(name.trim_end_matches(".csv").to_owned()),

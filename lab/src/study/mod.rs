@@ -127,22 +127,15 @@ pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
 
 /// `tactus-lab months`.
 pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
-    let (sheets, presses, days) = match options.quick {
-        true => (
-            options.sheets.min(1),
-            options.presses.min(1),
-            options.days.min(2.0),
-        ),
-        false => (options.sheets, options.presses, options.days),
-    };
+    let quick = options.quick;
     let methods = [MapMethod::OneStep, MapMethod::Tv, MapMethod::Best];
     let report = long_maps::run(&long_maps::Settings {
         seed: options.seed,
         families: chosen_or(&options.drift, Family::value_variants()),
-        sheets,
-        presses,
+        sheets: amount("--sheets", options.sheets, 5, quick.then_some(1))?,
+        presses: amount("--presses", options.presses, 4, quick.then_some(1))?,
         scenes: chosen_or(&options.scene, LongScene::value_variants()),
-        days,
+        days: amount("--days", options.days, 90.0, quick.then_some(2.0))?,
         maps: MapSettings {
             loads: options.maps,
             methods: chosen_or(&options.method, &methods),
@@ -154,6 +147,21 @@ pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
     match &options.out {
         Some(folder) => report.write(folder, options.replacing.existing()),
         None => Ok(()),
+    }
+}
+
+/// What an option states, else the usual amount; in a quick run at most that of `quick`.
+fn amount<T: Copy + PartialOrd + std::fmt::Display>(
+    option: &str,
+    stated: Option<T>,
+    usual: T,
+    quick: Option<T>,
+) -> Result<T, Failure> {
+    match (stated, quick) {
+        (Some(stated), Some(most)) if stated > most => Err(Failure::usage(format!(
+            "{option} {stated}: --quick has {most} at most; leave one of them out"
+        ))),
+        _ => Ok(stated.or(quick).unwrap_or(usual)),
     }
 }
 

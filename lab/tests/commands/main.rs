@@ -1,6 +1,7 @@
 //! The commands of `tactus-lab`: cases, scenes, recordings, training, studies.
 
 mod commands;
+mod ignored;
 mod interrupted;
 mod learning;
 mod modelling;

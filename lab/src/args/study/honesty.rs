@@ -18,13 +18,13 @@ pub(crate) struct HonestyOptions {
     #[arg(long, value_name = "N", value_parser = crate::args::numbers::cases)]
     pub(crate) maps: Option<usize>,
     /// Kinds of load whose maps are compared (repeatable) [default: all]
-    #[arg(long, value_enum, value_name = "LOAD")]
+    #[arg(long, value_enum, value_name = "LOAD", requires = "maps")]
     pub(crate) load: Vec<TargetKind>,
     /// Methods whose maps are compared (repeatable) [default: all]
-    #[arg(long, value_enum, value_name = "METHOD")]
+    #[arg(long, value_enum, value_name = "METHOD", requires = "maps")]
     pub(crate) method: Vec<MapMethod>,
     /// Compare maps without a stated noise, and with one strength from the noise alone, too
-    #[arg(long)]
+    #[arg(long, requires = "maps")]
     pub(crate) unstated: bool,
     /// Noise of one reading (standard deviation), uV (repeatable) [default: 2 and 20]
     #[arg(long, value_name = "UV", value_parser = crate::args::numbers::noise_uv, allow_hyphen_values = true)]

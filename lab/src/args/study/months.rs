@@ -11,34 +11,34 @@ use crate::args::Replacing;
 
 #[derive(Debug, Args)]
 pub(crate) struct MonthsOptions {
-    /// Sheets of each kind of drift for single frames against the baseline of day 0
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = crate::args::numbers::any_count)]
-    pub(crate) sheets: usize,
-    /// Presses of each diameter on each of eight days of such a sheet, located by discs and one-step maps; 0 for none
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = crate::args::numbers::any_count)]
-    pub(crate) presses: usize,
+    /// Sheets of each kind of drift for single frames against the baseline of day 0 [default: 5]
+    #[arg(long, value_name = "N", value_parser = crate::args::numbers::any_count)]
+    pub(crate) sheets: Option<usize>,
+    /// Presses of each diameter on each of eight days of such a sheet, located by discs and one-step maps; 0 for none [default: 4]
+    #[arg(long, value_name = "N", value_parser = crate::args::numbers::any_count)]
+    pub(crate) presses: Option<usize>,
     /// Loads of each kind (presses of 10 and 30 mm, polygons) on each of these days, as maps with and without the drift of each frame removed; 0 for none
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = crate::args::numbers::any_count)]
     pub(crate) maps: usize,
     /// With --maps: methods (repeatable) [default: one-step, tv, best]
-    #[arg(long, value_enum, value_name = "METHOD")]
+    #[arg(long, value_enum, value_name = "METHOD", requires = "maps")]
     pub(crate) method: Vec<MapMethod>,
     /// With --maps: trained models (repeatable)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "maps")]
     pub(crate) model: Vec<PathBuf>,
     /// Kinds of drift (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "DRIFT")]
     pub(crate) drift: Vec<Family>,
-    /// Virtual days with a tracked baseline, number of days; 0 for none
-    #[arg(long, value_name = "N", default_value_t = 90.0, value_parser = crate::args::numbers::days)]
-    pub(crate) days: f64,
+    /// Virtual days with a tracked baseline, number of days; 0 for none [default: 90]
+    #[arg(long, value_name = "N", value_parser = crate::args::numbers::days)]
+    pub(crate) days: Option<f64>,
     /// Scenes that are tracked (repeatable) [default: all]
     #[arg(long, value_enum, value_name = "SCENE")]
     pub(crate) scene: Vec<LongScene>,
     /// Judge loads that lie for days or come slowly too, with a load in each of N nights, number of days; 0 for none
     #[arg(long, value_name = "N", default_value_t = 0.0, value_parser = crate::args::numbers::days)]
     pub(crate) load_days: f64,
-    /// One sheet with one press, and two days: a short run
+    /// One sheet with one press, and two days, or less of each: a short run
     #[arg(long)]
     pub(crate) quick: bool,
     /// Seed of sheets, places and noise

@@ -1,0 +1,138 @@
+//! Options and settings without effect are refused by name, and those that are stated take effect.
+
+use std::path::{Path, PathBuf};
+
+use crate::program::{done, lab, words};
+
+/// Runs the program to a refusal of its command line; returns standard error.
+fn refused(line: &str, paths: &[&Path]) -> String {
+    let output = lab(&words(line, paths));
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{line}: {message}");
+    message
+}
+
+fn tank(folder: &Path) -> PathBuf {
+    let case = folder.join("tank");
+    let line = "mesh --preset disc-tank --set radius_mm=100.0 --set electrodes=8 --set fineness=0.5 --out {}";
+    done(&words(line, &[&case]));
+    case
+}
+
+#[test]
+fn options_that_a_command_would_ignore_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for (line, says) in [
+        ("honesty --load ring --out {}", "--maps"),
+        ("honesty --method best --out {}", "--maps"),
+        ("honesty --unstated --out {}", "--maps"),
+        ("months --method tv --out {}", "--maps"),
+        ("months --model a.safetensors --out {}", "--maps"),
+        (
+            "months --quick --days 90 --out {}",
+            "--days 90: --quick has 2",
+        ),
+        (
+            "months --quick --sheets 5 --out {}",
+            "--sheets 5: --quick has 1",
+        ),
+        (
+            "months --quick --presses 4 --out {}",
+            "--presses 4: --quick has 1",
+        ),
+        ("evaluate --seed 7 --set {}", "--set"),
+        ("evaluate --count 3 --set {}", "--set"),
+        ("dataset --loss 0.5 --out {}", "--recorded"),
+    ] {
+        let message = refused(line, &[&out]);
+        assert!(message.contains(says), "{line}: {message}");
+        assert!(!out.exists(), "{line}");
+    }
+}
+
+#[test]
+fn extent_of_images_needs_their_true_places() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(path("one.csv"), "0,0\n1,2\n").unwrap();
+    let line = "merit --width-mm 100 --height-mm 80 --images {}";
+    let message = refused(line, &[folder.path()]);
+    assert!(message.contains("targets.csv"), "{message}");
+    std::fs::write(path("targets.csv"), "image,x,y\none,0.5,0.5\n").unwrap();
+    done(&words(line, &[folder.path()]));
+    // a first line with a slip is not taken for the header
+    for slip in ["one,0.5,O.5\n", "one,nan,0.5\n"] {
+        std::fs::write(path("targets.csv"), slip).unwrap();
+        let output = lab(&words("merit --images {}", &[folder.path()]));
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{slip}: {message}");
+        assert!(message.contains("targets.csv:1:"), "{slip}: {message}");
+    }
+}
+
+#[test]
+fn loss_is_stated_by_the_table_or_by_the_option() {
+    let folder = tempfile::tempdir().unwrap();
+    let (case, out) = (tank(folder.path()), folder.path().join("set"));
+    std::fs::write(
+        folder.path().join("presses.csv"),
+        "frame,x_m,y_m,diameter_m,loss\n2,0.02,0.03,0.01,0.2\n",
+    )
+    .unwrap();
+    let line = "dataset --loss 0.5 --yes --recorded {} --case {} --out {}";
+    let message = refused(line, &[folder.path(), &case, &out]);
+    assert!(
+        message.contains("--loss 0.5") && message.contains("presses.csv"),
+        "{message}"
+    );
+    assert!(!out.exists());
+}
+
+#[test]
+fn seed_of_the_settings_is_that_of_the_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("settings.toml"), "seed = 9\n").unwrap();
+    let line = "dataset --cases 20 --case {} --out {}";
+    let make = |options: &str, out: &str| {
+        let line = format!("{line}{options}");
+        done(&words(&line, &[&case, &at(out), &at("settings.toml")]));
+        std::fs::read(at(out).join("shard-0-of-1.tset")).unwrap()
+    };
+    let of_settings = make(" --settings {}", "settings");
+    assert!(of_settings == make(" --seed 9", "nine"));
+    let usual = make("", "usual");
+    assert!(of_settings != usual);
+    assert!(usual == make(" --seed 1 --settings {}", "one"));
+}
+
+#[test]
+fn cases_of_a_set_have_the_settings_of_the_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let [set, model, settings] =
+        ["set", "x.model", "settings.toml"].map(|name| folder.path().join(name));
+    let line = "dataset --cases 20 --case {} --out {}";
+    done(&words(line, &[&case, &set]));
+    std::fs::write(&settings, "[data]\nvertices = 4\n").unwrap();
+    let paths: [&Path; 4] = [&set, &case, &model, &settings];
+    for (option, says) in [
+        ("--set data.radius_m=0.05", "data.radius_m"),
+        ("--settings {}", "data.vertices"),
+    ] {
+        let line =
+            format!("train dnn --profile matched --dataset {{}} --case {{}} --out {{}} {option}");
+        let message = refused(&line, &paths);
+        assert!(
+            message.contains(says) && message.contains("tactus-lab dataset --settings"),
+            "{message}"
+        );
+        assert!(!model.exists());
+    }
+    // the number of cases that are compared with the neurons is that of the set
+    let line = "train rbf --yes --profile matched --neurons 25 --dataset {} --case {} --out {}";
+    let message = done(&words(line, &paths));
+    assert!(message.contains("20 cases for 25 neurons"), "{message}");
+}
