@@ -55,6 +55,13 @@ pub(super) fn train(options: &DeepOptions) -> Result<(), Failure> {
         }
         None => options.out.with_extension("checkpoint"),
     };
+    let out: &Path = &options.out;
+    if checkpoint == out {
+        return Err(Failure::usage(format!(
+            "--out {}: the checkpoint has the same name, and is removed when the model is complete; name another one by --checkpoint FILE",
+            out.display()
+        )));
+    }
     let model = trained(&data, &settings, options, &checkpoint)?;
     let Report::Deep(report) = &model.metadata().report else {
         unreachable!("a deep network was trained");

@@ -339,6 +339,25 @@ fn options_that_the_profile_would_ignore_are_refused() {
 }
 
 #[test]
+fn a_model_is_not_written_where_its_checkpoint_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    for (name, options) in [
+        ("x.checkpoint", ""),
+        ("x.checkpoint", " --force"),
+        ("x.model", " --checkpoint {}"),
+    ] {
+        let model = folder.path().join(name);
+        let line = format!("{SMALL_DEEP} --cases 40 --case {{}} --out {{}}{options}");
+        let output = lab(&words(&line, &[&case, &model, &model]));
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{name}{options}: {message}");
+        assert!(message.contains("by --checkpoint FILE"), "{message}");
+        assert!(!model.exists());
+    }
+}
+
+#[test]
 fn slips_of_a_training_are_refused_before_work_begins() {
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("x.model");
