@@ -7,7 +7,7 @@ mod run;
 use std::time::Duration;
 
 use phantom::{Phantom, Repeat, Scan, Scene};
-use survey::{Amps, Volts};
+use survey::{Amps, Bounds, LONGEST_S, Volts};
 
 use crate::args::{SceneCommand, SessionOptions};
 use crate::output::print_line;
@@ -89,8 +89,9 @@ fn scan(scene: &Scene, options: &SessionOptions) -> Result<Scan, Failure> {
         }
     }
     let seconds = |key: &str, value: f64| {
-        Duration::try_from_secs_f64(value)
-            .map_err(|_| Failure::usage(format!("{key} is {value}, it must be zero or more")))
+        let bounds = Bounds::Within(0.0, LONGEST_S);
+        let checked = bounds.check(value).map(survey::duration);
+        checked.map_err(|_| Failure::usage(format!("{key} is {value}, it must be {bounds}")))
     };
     let usual = Scan::usual(scene.sheet.electrodes())
         .map_err(|fault| Failure::of("no protocol for this ring", &fault))?;
@@ -121,6 +122,13 @@ fn scan(scene: &Scene, options: &SessionOptions) -> Result<Scan, Failure> {
             ((last.as_secs_f64() / step).ceil() as usize + 1).max(2)
         }
     };
+    let (frames, step_s) = (scan.frames, scan.begin(1).as_secs_f64());
+    let lasts_s = frames as f64 * step_s;
+    if lasts_s > LONGEST_S {
+        return Err(Failure::usage(format!(
+            "{frames} frames, {step_s:.1} s apart, last {lasts_s:.1e} s, more than a century: take fewer --frames or a shorter --every"
+        )));
+    }
     Ok(scan)
 }
 

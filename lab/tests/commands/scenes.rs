@@ -183,8 +183,18 @@ fn what_is_no_scene_is_refused_where_it_is_wrong() {
             "{message}"
         );
     }
-    let output = lab(&words("scene run quiet --nplc 0 --out x", &[]));
-    assert_eq!(output.status.code(), Some(2));
+    for (options, says) in [
+        ("--nplc 0", "--nplc is 0"),
+        ("--every 1e19 --frames 3", "--every is"),
+        ("--every 3e9 --frames 3", "more than a century"),
+        ("--line-hz 1e-9", "more than a century"),
+    ] {
+        let line = format!("scene run quiet {options} --logbook {{}}");
+        let output = lab(&words(&line, &[&folder.path().join("sessions")]));
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{options}: {message}");
+        assert!(message.contains(says), "{options}: {message}");
+    }
 }
 
 #[test]
