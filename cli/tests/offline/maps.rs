@@ -2,7 +2,10 @@
 
 use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
 
-use crate::scene::{PRESSED, done, lines, refused, session, session_in_parts, session_of, tactus};
+use crate::scene::{
+    PRESSED, done, lines, refused, session, session_in_parts, session_of, session_without_readings,
+    tactus,
+};
 
 #[test]
 fn replay_of_session_and_of_its_case_folder_finds_the_load() {
@@ -505,4 +508,59 @@ fn frames_of_a_file_are_refused_for_a_session_with_rows() {
     let asked = ["quantities", "last", "--frames", "other.csv"];
     let message = refused(folder.path(), &asked, 2);
     assert!(message.contains("--frames other.csv belongs"), "{message}");
+}
+
+#[test]
+fn quantities_of_frames_without_a_map_are_a_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    session_without_readings(folder.path());
+    let method = ["--preset", "disc-tank", "--noise-v", "2e-6"];
+    for more in [&[][..], &["--each-frame"], &["--csv"], &["--json"]] {
+        let quantities = [&["quantities", "last"], &method[..], more].concat();
+        let message = refused(folder.path(), &quantities, 1);
+        for words in [
+            "no frame of m20270115_1 has a map that can be used; frame 1: ",
+            "readings are missing",
+            "`tactus replay`",
+        ] {
+            assert!(message.contains(words), "{words}: {message}");
+        }
+    }
+}
+
+#[test]
+fn stored_quantities_without_a_value_are_a_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let row = |quantity| QuantityRow {
+        begin_s: 1_800_000_000,
+        region: "sheet".into(),
+        quantity,
+        of: LoadUnit::RelativeLoss,
+        min: 0.0,
+        mean: 0.0,
+        max: 0.0,
+        frames: 3,
+        known: 0,
+    };
+    let quantities = ["quantities", "last"];
+    // a minute that was cut off
+    let file = folder.path().join("m20270115_1.quantities");
+    std::fs::write(&file, "0123").unwrap();
+    let message = refused(folder.path(), &quantities, 1);
+    assert!(
+        message.contains("no stored minute of last can be read (1 are damaged)"),
+        "{message}"
+    );
+    std::fs::remove_file(&file).unwrap();
+    store(folder.path(), "m20270115_1", &[row(Quantity::Known)]).unwrap();
+    let message = refused(folder.path(), &quantities, 1);
+    assert!(
+        message.contains("no stored minute of last has a map that could be used; "),
+        "{message}"
+    );
+    assert!(message.contains("--recompute"), "{message}");
+    // no load is a value too
+    store(folder.path(), "m20270115_1", &[row(Quantity::Load)]).unwrap();
+    done(folder.path(), &quantities);
 }

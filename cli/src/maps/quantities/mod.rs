@@ -1,6 +1,7 @@
 //! `tactus quantities`: numbers that describe the maps of a recording, for spans of time or for each frame.
 
 mod output;
+pub(crate) mod usable;
 mod words;
 
 use std::cell::Cell;
@@ -15,6 +16,7 @@ use crate::failure::Failure;
 use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
 use crate::maps::quantities::output::Output;
+use crate::maps::quantities::usable::UsableMaps;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::{self, Thinning};
 use crate::output::Printer;
@@ -51,6 +53,7 @@ pub(crate) fn run(
     let count = recording::count(&recording, source, Thinning::NONE)?;
     let progress = progress(count.map(|count| count as u64), printer.is_terminal());
     let damaged = Cell::new(0);
+    let mut usable = UsableMaps::default();
     for (recorded, asked) in recording::frames(&recording, source, Thinning::NONE, &damaged)? {
         if !asked {
             if let Some(follower) = &mut follower {
@@ -64,11 +67,15 @@ pub(crate) fn run(
         };
         let compared = Compared::new(&recording, &recorded, followed.as_ref());
         let (frame, _) = compared.quantities(&reconstruction, &mut quantifier)?;
+        usable.take(&recorded, &frame);
         progress.suspend(|| output.take(&recorded, frame, printer))?;
         progress.inc(1);
     }
     progress.finish_and_clear();
     output.finish(printer)?;
+    if let Some(why) = usable.none(&recording.name) {
+        return Err(Failure::Failed(why));
+    }
     recording::check_undamaged(damaged.get(), &recording.name)
 }
 
@@ -100,13 +107,19 @@ fn print_stored(
     damaged: usize,
     printer: &mut Printer<impl Write>,
 ) -> Result<(), Failure> {
+    let session = &requested.from.source;
+    if rows.is_empty() {
+        return Err(Failure::Failed(format!(
+            "no stored minute of {session} can be read ({damaged} are damaged); --recompute computes the quantities from the frames"
+        )));
+    }
     if let Some(name) = &requested.region
         && !rows.iter().any(|row| row.region == *name)
     {
-        return Err(no_region(&requested.from.source, name, &regions(rows)));
+        return Err(no_region(session, name, &regions(rows)));
     }
     if requested.mmhg && rows.iter().any(|row| row.of == LoadUnit::RelativeLoss) {
-        return Err(not_calibrated(&requested.from.source));
+        return Err(not_calibrated(session));
     }
     if damaged > 0 {
         eprintln!(
@@ -117,7 +130,10 @@ fn print_stored(
     for rows in rows.chunk_by(|a, b| (a.begin_s, a.of) == (b.begin_s, b.of)) {
         output.spans(rows, printer)?;
     }
-    Ok(())
+    match usable::none_stored(session, rows, "") {
+        Some(why) => Err(Failure::Failed(why)),
+        None => Ok(()),
+    }
 }
 
 /// The names of the rows' regions, in their order.
