@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::scene::{
     done, lines, refused, session_paused, session_with_alarms, session_with_unread_end,
-    session_without_baseline,
+    session_without_baseline, session_without_load, session_without_readings,
 };
 
 const METHOD: [&str; 4] = ["--preset", "disc-tank", "--noise-v", "2e-6"];
@@ -137,6 +137,28 @@ fn a_session_that_has_no_maps_has_a_report() {
     assert_eq!(line["maps"], 0);
     assert!(page.contains("holds no baseline"));
     assert!(page.contains("<h2>Health</h2>") && !page.contains("<h2>Course</h2>"));
+}
+
+#[test]
+fn frames_without_a_map_are_no_maps_without_a_load() {
+    let above = "No map shows a load above its noise.";
+    let folders = [(); 3].map(|()| tempfile::tempdir().unwrap());
+    let [unread, unloaded, part] = &folders;
+    session_without_readings(unread.path());
+    let (page, line) = report(unread.path(), "last");
+    assert_eq!(line["maps"], 0);
+    let none = "no frame of m20270115_1 has a map that can be used; frame 1: ";
+    assert_eq!(page.matches(none).count(), 2, "summary and worst moments");
+    assert!(page.contains("readings are missing"));
+    assert!(!page.contains("above its noise"));
+    // maps that show nothing
+    session_without_load(unloaded.path(), false);
+    let (page, line) = report(unloaded.path(), "last");
+    assert_eq!(line["maps"], 0);
+    assert!(page.contains(above) && !page.contains("can be used"));
+    session_without_load(part.path(), true);
+    let (page, _) = report(part.path(), "last");
+    assert!(!page.contains(above) && page.contains("1 of 3 frames have none."));
 }
 
 #[test]

@@ -114,6 +114,17 @@ pub fn session_without_readings(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
+/// [`session`] without a load in any frame, and without a reading in the last one if `unread_end`.
+pub fn session_without_load(folder: &Path, unread_end: bool) {
+    let header = SessionHeader::new("m20270115_1", at(0), protocol());
+    let course = Course {
+        unpressed: true,
+        unread_end,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course);
+}
+
 /// [`session`] with alarms that become active half a second after the second and the third frame.
 pub fn session_with_alarms(folder: &Path) -> PathBuf {
     let header = SessionHeader::new("m20270115_1", at(0), protocol());
@@ -232,6 +243,8 @@ struct Course {
     paused: bool,
     /// An alarm with the second frame and another with the third.
     alarms: bool,
+    /// No load in any frame.
+    unpressed: bool,
     /// Nothing was measured in any frame.
     unread: bool,
     /// Nothing was measured in the last frame.
@@ -300,6 +313,11 @@ fn record(
     let mut frames = vec![(1, unloaded.clone()), (2, gap), (3, loaded.clone())];
     if course.paused {
         frames.extend([(4, loaded.clone()), (604, loaded)]);
+    }
+    if course.unpressed {
+        for (_, readings) in &mut frames {
+            readings.clone_from(&unloaded);
+        }
     }
     if course.unread {
         for (_, readings) in &mut frames {

@@ -1,8 +1,10 @@
 //! The page: text, tables, drawings; no script, no other file.
 
+use imaging::quantities::Quantity;
 use render::{Grid, Scales};
 
 use super::html::{escape, table};
+use super::rows::SessionRows;
 use super::{Facts, MapFacts, charts, sections};
 use crate::failure::Failure;
 
@@ -65,7 +67,7 @@ pub(super) fn html(facts: &Facts<'_>) -> Result<String, Failure> {
 /// Maps of the worst moments, with one scale.
 fn moments(facts: &Facts<'_>, maps: &MapFacts<'_>) -> Result<String, Failure> {
     if maps.moments.is_empty() {
-        return Ok("<p>No map shows a load above its noise.</p>".to_owned());
+        return Ok(format!("<p>{}</p>", escape(&no_moments(&maps.rows))));
     }
     let drawn: Vec<_> = maps
         .moments
@@ -88,6 +90,20 @@ fn moments(facts: &Facts<'_>, maps: &MapFacts<'_>) -> Result<String, Failure> {
         "{}<figure>{svg}</figure>",
         table(&["frame of", "why it is shown"], &rows)
     ))
+}
+
+/// Why no moment is shown.
+fn no_moments(rows: &SessionRows) -> String {
+    if let Some(why) = &rows.no_map {
+        return format!("There is no map to show: {why}.");
+    }
+    let frames = rows.frames(Quantity::Known);
+    match frames.saturating_sub(rows.frames(Quantity::Load)) {
+        0 => "No map shows a load above its noise.".to_owned(),
+        unknown => format!(
+            "No map that can be used shows a load above its noise; {unknown} of {frames} frames have none."
+        ),
+    }
 }
 
 fn course(facts: &Facts<'_>, maps: &MapFacts<'_>) -> Result<String, Failure> {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use imaging::quantities::{
-    Quantity, QuantityRow, Rows, SHEET, STORED_S, joined, keep_newest_unit, stored,
+    FrameQuantities, Quantity, QuantityRow, Rows, SHEET, STORED_S, joined, keep_newest_unit, stored,
 };
 use imaging::recorded::{Origin, Recording};
 
@@ -11,7 +11,7 @@ use crate::args::Report;
 use crate::failure::Failure;
 use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
-use crate::maps::quantities;
+use crate::maps::quantities::{self, usable};
 use crate::maps::reconstruction::Reconstruction;
 use crate::output::progress::progress;
 
@@ -27,6 +27,8 @@ pub(super) struct SessionRows {
     pub(super) span_s: u32,
     /// Where the rows are from, as a sentence.
     pub(super) origin: String,
+    /// Why no frame has a map that can be used; `None` where one has.
+    pub(super) no_map: Option<String>,
 }
 
 impl SessionRows {
@@ -53,6 +55,7 @@ impl SessionRows {
                 let ends = begins.clone().min().zip(begins.max());
                 let span_s = span_s(ends.map_or(0, |(first, last)| last - first) as f64);
                 return Ok(Self {
+                    no_map: usable::none_stored(header.session(), &rows, &lost),
                     rows: joined(&rows, span_s),
                     span_s,
                     origin: format!(
@@ -92,6 +95,7 @@ impl SessionRows {
         let mut rows = Vec::new();
         let bar = progress(Some(frames as u64), on_terminal);
         let (mut used, mut without) = (0, 0);
+        let mut usable = usable::UsableMaps::default();
         for (index, frame) in recording.frames().filter_map(Result::ok).enumerate() {
             bar.inc(1);
             if !index.is_multiple_of(every) {
@@ -109,9 +113,16 @@ impl SessionRows {
             let (quantities, map) = match computed {
                 Ok(computed) => computed,
                 // a frame that cannot be followed, or whose map the calibration refuses; one without a map is `Ok` with `None`
-                Err(Failure::Failed(_)) => (quantifier.take(at_s, None), None),
+                Err(Failure::Failed(why)) => {
+                    let without = FrameQuantities {
+                        reason: Some(why),
+                        ..quantifier.take(at_s, None)
+                    };
+                    (without, None)
+                }
                 Err(other) => return Err(other),
             };
+            usable.take(&frame, &quantities);
             rows.extend(collected.take(at_s, &quantities));
             match map {
                 Some(_) => used += 1,
@@ -125,6 +136,7 @@ impl SessionRows {
             _ => format!(" {without} more have no map."),
         };
         Ok(Self {
+            no_map: usable.none(&recording.name),
             rows,
             span_s,
             origin: format!(
@@ -143,6 +155,12 @@ impl SessionRows {
         self.rows
             .iter()
             .filter(move |row| row.quantity == quantity && row.region == region)
+    }
+
+    /// Frames that have a value of a quantity.
+    pub(super) fn frames(&self, quantity: Quantity) -> u64 {
+        let rows = self.of_region(quantity, SHEET);
+        rows.map(|row| row.frames).sum()
     }
 
     /// The span of the whole sheet with the largest value of a quantity; `None` where it is nowhere above zero.

@@ -56,6 +56,9 @@ pub(super) fn summary(facts: &Facts<'_>) -> Result<String, Failure> {
     match &facts.maps {
         Err(why) => push("maps", format!("none: {why}")),
         Ok(maps) => {
+            if let Some(why) = &maps.rows.no_map {
+                push("maps", format!("none: {why}"));
+            }
             for quantity in [
                 Quantity::Load,
                 Quantity::Ppi,
