@@ -85,6 +85,22 @@ impl<'a> Pictures<'a> {
         })
     }
 
+    /// The map of a frame to be shown with those of others, on one scale, or why it has none in their unit.
+    ///
+    /// # Errors
+    /// What no other frame could have either.
+    pub(crate) fn attempt(
+        &mut self,
+        frame: &RecordedFrame,
+    ) -> Result<Result<PictureMap, String>, Failure> {
+        match self.map(frame) {
+            Ok(picture) if picture.shown.unit == self.reconstruction.unit() => Ok(Ok(picture)),
+            Ok(_) => Ok(Err("the calibration does not belong to this map".to_owned())),
+            Err(Failure::Failed(why)) => Ok(Err(why)),
+            Err(other) => Err(other),
+        }
+    }
+
     /// The map of one frame of the recording, as the frames before it make it, with the texts and marks of its picture.
     ///
     /// # Errors

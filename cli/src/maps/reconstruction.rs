@@ -10,7 +10,7 @@ use imaging::{
     BuildError, Conditions, DriftRule, Geometry, MethodArguments, Model, ReconstructionSettings,
     TrackedArguments, Tracking, has_mesh, short_hash,
 };
-use survey::{Map, Protocol, Reading};
+use survey::{Map, MapUnit, Protocol, Reading};
 
 use crate::args::MapOptions;
 use crate::failure::Failure;
@@ -173,6 +173,14 @@ impl Reconstruction {
     /// Whether maps are converted to pressure.
     pub(crate) fn is_calibrated(&self) -> bool {
         self.model.calibration.is_some()
+    }
+
+    /// The unit in which its maps are shown together; one that the session's calibration refuses has another.
+    pub(crate) fn unit(&self) -> MapUnit {
+        match self.is_calibrated() {
+            true => MapUnit::Pressure,
+            false => MapUnit::RelativeConductance,
+        }
     }
 
     /// Computes quantities of the maps, with the thresholds and regions of the recording.

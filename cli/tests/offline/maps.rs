@@ -3,8 +3,8 @@
 use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
 
 use crate::scene::{
-    PRESSED, done, lines, refused, session, session_in_parts, session_of, session_without_readings,
-    tactus,
+    PRESSED, calibration, done, lines, refused, session, session_in_parts, session_of,
+    session_without_readings, tactus,
 };
 
 #[test]
@@ -234,15 +234,7 @@ fn a_calibration_holds_in_replay_export_and_session_alike() {
         text.contains("sheet.toml") && text.contains("--calibration"),
         "{text}"
     );
-    // 100 kPa where all conductance is lost
-    let mesh = eit::DiscTank::default().mesh().unwrap();
-    let calibration = format!(
-        "kind = \"{}\"\nmesh = \"{}\"\nmethod = {}\nloss = [0.0, 1.0]\nkpa = [0.0, 100.0]\n\
-         frame = [0.0, 0.0, 0.1, 0.1]\ngain = [0.0, 0.0, 0.0, 0.0, 0.0]\npresses = 6\nrms = 0.01\n",
-        eit::CALIBRATION_KIND,
-        mesh.hash(),
-        bare[2]["method"],
-    );
+    let calibration = calibration(&bare[2]["method"]);
     std::fs::write(at("other.toml"), &calibration).unwrap();
     let named = ["--calibration", "other.toml", "--out", "maps.csv"];
     let made = lines(&done(folder.path(), &[&replay[..], &kpa, &named].concat()));

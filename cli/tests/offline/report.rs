@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use crate::scene::{
-    done, lines, refused, session_paused, session_with_alarms, session_with_unread_end,
-    session_without_baseline, session_without_load, session_without_readings,
+    calibration, done, lines, refused, session_paused, session_released, session_with_alarms,
+    session_with_unread_end, session_without_baseline, session_without_load,
+    session_without_readings,
 };
 
 const METHOD: [&str; 4] = ["--preset", "disc-tank", "--noise-v", "2e-6"];
@@ -159,6 +160,31 @@ fn frames_without_a_map_are_no_maps_without_a_load() {
     session_without_load(part.path(), true);
     let (page, _) = report(part.path(), "last");
     assert!(!page.contains(above) && page.contains("1 of 3 frames have none."));
+}
+
+#[test]
+fn maps_of_another_unit_are_left_out_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("sheet.toml");
+    let model = format!(
+        "[model]\nmethod = \"best\"\nnoise_uv = 3.0\ncalibration = '{}'\n",
+        file.display()
+    );
+    session_released(folder.path(), "m1", &model);
+    let maps = lines(&done(folder.path(), &["replay", "m1", "--json"]));
+    let methods: Vec<_> = maps.iter().map(|map| &map["method"]).collect();
+    assert!(
+        methods[0] == methods[1] && methods[1] != methods[2],
+        "{methods:?}"
+    );
+    std::fs::write(&file, calibration(methods[0])).unwrap();
+    let printed = done(folder.path(), &["report", "m1", "--json", "--out", "out"]);
+    assert!(lines(&printed)[0]["maps"].as_u64() > Some(0), "{printed}");
+    let page = std::fs::read_to_string(folder.path().join("out/index.html")).unwrap();
+    let left_out = "Left out: 1 of 3 frames that were looked at; the first: the calibration does not belong to this map.";
+    assert!(page.contains(left_out), "{left_out}");
+    // the longest time without relief is one of the worst moments
+    assert!(page.contains("kPa") && page.contains("longest unrelieved time: "));
 }
 
 #[test]

@@ -200,11 +200,7 @@ pub fn session_with(
 ) -> PathBuf {
     let tank = DiscTank::default();
     let mesh = Arc::new(tank.mesh().expect("a sound tank"));
-    let header = SessionHeader {
-        config_toml: format!("{configuration}[geometry]\npreset = \"disc-tank\"\n"),
-        geometry_hash: Some(mesh.hash().to_owned()),
-        ..SessionHeader::new(id, at(0), protocol())
-    };
+    let header = header_of(id, configuration, &mesh);
     let options = OneStepOptions {
         prior: Prior::noser(false, None),
         hyper: Hyper::Frame {
@@ -226,6 +222,37 @@ pub fn session_with(
     )
 }
 
+/// [`session_of`] without maps, pressed in its first two frames only.
+pub fn session_released(folder: &Path, id: &str, configuration: &str) {
+    let mesh = DiscTank::default().mesh().expect("a sound tank");
+    let course = Course {
+        released: true,
+        ..Course::default()
+    };
+    let header = header_of(id, configuration, &mesh);
+    record(folder, header, None, |_, record, _| record, course);
+}
+
+/// A calibration file of the tank for maps of a method, as `--json` prints it: 100 kPa where all conductance is lost.
+pub fn calibration(method: &Value) -> String {
+    let mesh = DiscTank::default().mesh().expect("a sound tank");
+    format!(
+        "kind = \"{}\"\nmesh = \"{}\"\nmethod = {method}\nloss = [0.0, 1.0]\nkpa = [0.0, 100.0]\n\
+         frame = [0.0, 0.0, 0.1, 0.1]\ngain = [0.0, 0.0, 0.0, 0.0, 0.0]\npresses = 6\nrms = 0.01\n",
+        eit::CALIBRATION_KIND,
+        mesh.hash(),
+    )
+}
+
+/// The header of a daemon that reconstructs on a disc tank.
+fn header_of(id: &str, configuration: &str, mesh: &Mesh) -> SessionHeader {
+    SessionHeader {
+        config_toml: format!("{configuration}[geometry]\npreset = \"disc-tank\"\n"),
+        geometry_hash: Some(mesh.hash().to_owned()),
+        ..SessionHeader::new(id, at(0), protocol())
+    }
+}
+
 fn protocol() -> Protocol {
     Protocol::sheffield(16).expect("sixteen electrodes")
 }
@@ -243,6 +270,8 @@ struct Course {
     paused: bool,
     /// An alarm with the second frame and another with the third.
     alarms: bool,
+    /// The load in the first two frames, none in the last.
+    released: bool,
     /// No load in any frame.
     unpressed: bool,
     /// Nothing was measured in any frame.
@@ -310,7 +339,14 @@ fn record(
     if !course.bare {
         writer.baseline(&baseline).expect("written");
     }
-    let mut frames = vec![(1, unloaded.clone()), (2, gap), (3, loaded.clone())];
+    let mut frames = match course.released {
+        true => vec![
+            (1, loaded.clone()),
+            (2, loaded.clone()),
+            (3, unloaded.clone()),
+        ],
+        false => vec![(1, unloaded.clone()), (2, gap), (3, loaded.clone())],
+    };
     if course.paused {
         frames.extend([(4, loaded.clone()), (604, loaded)]);
     }

@@ -7,7 +7,7 @@ use chrono::{DateTime, TimeDelta, Utc};
 use imaging::recorded::{RecordedFrame, Recording, SessionParts};
 use outfile::OutFile;
 use render::{Film, Pace, Range, Style};
-use survey::{Map, MapUnit};
+use survey::Map;
 
 use super::Written;
 use crate::args::Export;
@@ -270,29 +270,15 @@ fn shot(
     recording: &Recording,
     export: &Export,
 ) -> Result<(Map, Style), Failure> {
-    let empty = |why: &str, pictures: &Pictures<'_>| {
-        let shot = missing(&pictures.title(frame), why, reconstruction, recording);
-        (shot.map, shot.style)
-    };
-    let picture = match pictures.map(frame) {
+    let picture = match pictures.attempt(frame)? {
         Ok(picture) => picture,
-        Err(Failure::Failed(why)) => return Ok(empty(&why, pictures)),
-        Err(other) => return Err(other),
+        Err(why) => {
+            let shot = missing(&pictures.title(frame), &why, reconstruction, recording);
+            return Ok((shot.map, shot.style));
+        }
     };
-    if picture.shown.unit != unit(reconstruction) {
-        let why = "the calibration does not belong to this map";
-        return Ok(empty(why, pictures));
-    }
     let style = pictures.style(frame, &picture, export.scale)?;
     Ok((picture.shown, style))
-}
-
-/// The unit of all maps of the film.
-fn unit(reconstruction: &Reconstruction) -> MapUnit {
-    match reconstruction.is_calibrated() {
-        true => MapUnit::Pressure,
-        false => MapUnit::RelativeConductance,
-    }
 }
 
 /// A picture without a map.
@@ -300,7 +286,7 @@ fn missing(title: &str, why: &str, reconstruction: &Reconstruction, recording: &
     let values = vec![f64::NAN; reconstruction.field.sheet.triangles.len()];
     Shot {
         map: Map {
-            unit: unit(reconstruction),
+            unit: reconstruction.unit(),
             ..Map::relative(reconstruction.mesh().hash(), values, why)
         },
         style: Style {

@@ -23,7 +23,7 @@ use crate::output::Printer;
 use crate::output::progress::progress;
 use crate::session_files;
 use health::Health;
-use moments::Moment;
+use moments::Moments;
 use rows::SessionRows;
 
 /// The line of `report --json`; see `docs/reference/json.md`.
@@ -62,7 +62,7 @@ impl Facts<'_> {
 struct MapFacts<'a> {
     reconstruction: &'a Reconstruction,
     rows: SessionRows,
-    moments: Vec<Moment>,
+    moments: Moments,
 }
 
 /// Writes the page and reports its path.
@@ -117,7 +117,10 @@ pub(crate) fn run(
         events: facts.events.len(),
         gaps: gaps.len(),
         unexplained: gaps.iter().filter(|gap| gap.explained.is_none()).count(),
-        maps: facts.maps.as_ref().map_or(0, |maps| maps.moments.len()),
+        maps: facts
+            .maps
+            .as_ref()
+            .map_or(0, |maps| maps.moments.shown.len()),
     };
     printer.record(&written, |written| format!("report    {}", written.path))
 }

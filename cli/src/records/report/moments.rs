@@ -9,7 +9,8 @@ use survey::Map;
 use super::rows::SessionRows;
 use crate::args::Report;
 use crate::failure::Failure;
-use crate::maps::pictures::Pictures;
+use crate::maps::pictures::{PictureMap, Pictures};
+use crate::maps::quantities::usable::unusable;
 use crate::maps::reconstruction::Reconstruction;
 use crate::options::choices::Scale;
 use crate::options::duration::display_long;
@@ -27,6 +28,13 @@ pub(super) struct Moment {
     pub(super) what: String,
     pub(super) map: Map,
     pub(super) style: Style,
+}
+
+/// The worst moments.
+pub(super) struct Moments {
+    pub(super) shown: Vec<Moment>,
+    /// How many of the frames that were looked at have no map for them, as a sentence; `None` where all have one.
+    pub(super) left_out: Option<String>,
 }
 
 /// A span in which a quantity was largest, and the best frame in it so far.
@@ -52,7 +60,7 @@ pub(super) fn worst(
     reconstruction: &Reconstruction,
     requested: &Report,
     on_terminal: bool,
-) -> Result<Vec<Moment>, Failure> {
+) -> Result<Moments, Failure> {
     let spans = WORST
         .into_iter()
         .filter_map(|quantity| rows.worst(quantity));
@@ -75,6 +83,8 @@ pub(super) fn worst(
     }
     let mut pictures = Pictures::new(reconstruction, &requested.asked.tracked, recording)?;
     let bar = progress(Some(recording.len()? as u64), on_terminal);
+    let (mut looked_at, mut without) = (0, 0);
+    let mut first: Option<String> = None;
     for frame in recording.frames().filter_map(Result::ok) {
         bar.inc(1);
         let mut wanted = Vec::new();
@@ -90,10 +100,18 @@ pub(super) fn worst(
             pictures.pass(&frame)?;
             continue;
         }
-        let picture = match pictures.map(&frame) {
+        looked_at += 1;
+        let usable = |picture: PictureMap| match unusable(&picture.quantities) {
+            None => Ok(picture),
+            Some(why) => Err(why),
+        };
+        let picture = match pictures.attempt(&frame)?.and_then(usable) {
             Ok(picture) => picture,
-            Err(Failure::Failed(_)) => continue,
-            Err(other) => return Err(other),
+            Err(why) => {
+                without += 1;
+                first.get_or_insert(why);
+                continue;
+            }
         };
         let sheet = picture
             .quantities
@@ -122,21 +140,27 @@ pub(super) fn worst(
         }
     }
     bar.finish_and_clear();
-    let mut moments: Vec<Moment> = Vec::new();
+    let mut shown: Vec<Moment> = Vec::new();
     for search in searches {
         let Some((_, map, style)) = search.best else {
             continue;
         };
         let what = words(search.row);
-        match moments
+        match shown
             .iter_mut()
             .find(|other| other.style.title == style.title)
         {
             Some(same) => same.what = format!("{}; {what}", same.what),
-            None => moments.push(Moment { what, map, style }),
+            None => shown.push(Moment { what, map, style }),
         }
     }
-    Ok(moments)
+    let left_out = |why: String| {
+        format!("Left out: {without} of {looked_at} frames that were looked at; the first: {why}.")
+    };
+    Ok(Moments {
+        shown,
+        left_out: first.map(left_out),
+    })
 }
 
 /// A quantity with its largest value.

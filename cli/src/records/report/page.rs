@@ -4,7 +4,6 @@ use imaging::quantities::Quantity;
 use render::{Grid, Scales};
 
 use super::html::{escape, table};
-use super::rows::SessionRows;
 use super::{Facts, MapFacts, charts, sections};
 use crate::failure::Failure;
 
@@ -66,11 +65,16 @@ pub(super) fn html(facts: &Facts<'_>) -> Result<String, Failure> {
 
 /// Maps of the worst moments, with one scale.
 fn moments(facts: &Facts<'_>, maps: &MapFacts<'_>) -> Result<String, Failure> {
-    if maps.moments.is_empty() {
-        return Ok(format!("<p>{}</p>", escape(&no_moments(&maps.rows))));
+    let moments = &maps.moments.shown;
+    let left_out = match &maps.moments.left_out {
+        Some(text) => format!("<p class=\"note\">{}</p>", escape(text)),
+        None => String::new(),
+    };
+    if moments.is_empty() {
+        let text = escape(&no_moments(maps));
+        return Ok(format!("<p>{text}</p>{left_out}"));
     }
-    let drawn: Vec<_> = maps
-        .moments
+    let drawn: Vec<_> = moments
         .iter()
         .map(|moment| (moment.map.clone(), moment.style.clone()))
         .collect();
@@ -81,21 +85,24 @@ fn moments(facts: &Facts<'_>, maps: &MapFacts<'_>) -> Result<String, Failure> {
     };
     let svg = render::svg_grid(&maps.reconstruction.field.sheet, &drawn, &grid)
         .map_err(|error| Failure::failed("the maps cannot be drawn", &error))?;
-    let rows: Vec<[String; 2]> = maps
-        .moments
+    let rows: Vec<[String; 2]> = moments
         .iter()
         .map(|moment| [moment.style.title.clone(), moment.what.clone()])
         .collect();
     Ok(format!(
-        "{}<figure>{svg}</figure>",
+        "{}<figure>{svg}</figure>{left_out}",
         table(&["frame of", "why it is shown"], &rows)
     ))
 }
 
 /// Why no moment is shown.
-fn no_moments(rows: &SessionRows) -> String {
+fn no_moments(maps: &MapFacts<'_>) -> String {
+    let rows = &maps.rows;
     if let Some(why) = &rows.no_map {
         return format!("There is no map to show: {why}.");
+    }
+    if maps.moments.left_out.is_some() {
+        return "No frame of the worst moments has a map that can be used.".to_owned();
     }
     let frames = rows.frames(Quantity::Known);
     match frames.saturating_sub(rows.frames(Quantity::Load)) {
