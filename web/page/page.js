@@ -16,7 +16,11 @@ let shownSession = null, shownMap = null, fetching = false, latest = null, table
 
 const uncertainty = new Uncertainty(map, {
   box: byId("uncertainty"), legend: byId("uncertainty-legend"), details: byId("uncertainty-as-table"), table: byId("uncertainty-table"),
-}, async () => unpacked(await ask("/api/deviation")));
+}, async () => {
+  const found = await unpacked(await ask("/api/deviation"));
+  if (found.head.session !== sessionOf(latest)) throw new Error("another session runs now");
+  return found;
+});
 // the server computes no more than one in two seconds
 const UNCERTAINTY_MS = 2000;
 let uncertaintyAsked = 0;
@@ -105,7 +109,7 @@ function showVerdict(frame) {
   at.className = kind;
 }
 
-const sessionOf = state => state.session ? state.session.id : "";
+const sessionOf = state => state?.session?.id ?? "";
 
 // nothing of an earlier session stays under the name of a new one
 function clearMap() {

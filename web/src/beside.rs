@@ -17,9 +17,11 @@ const AGAIN: Duration = Duration::from_secs(10);
 /// Time after which nobody looks any more: an open page asks again after half of it at the latest.
 const WATCHED: Duration = Duration::from_secs(30);
 
-/// Standard deviations of a frame.
+/// Standard deviations of a frame of a session.
 #[derive(Debug, Serialize)]
 pub(crate) struct DeviationMap {
+    /// Its id.
+    session: String,
     /// Number of the frame.
     sequence: u64,
     unit: &'static str,
@@ -106,6 +108,7 @@ impl Beside {
         let made = model.and_then(|model| model.deviation(&readings));
         let made = made.map(|values| {
             Arc::new(DeviationMap {
+                session: session.clone(),
                 sequence,
                 unit: DEVIATION,
                 values,
@@ -275,6 +278,8 @@ mod tests {
         frame(&live, "m1", 1, Some(0.25));
         let first = served.bytes("/api/deviation").await;
         assert!(first.ends_with(&[0.25_f32.to_le_bytes(), f32::NAN.to_le_bytes()].concat()));
+        let head = String::from_utf8_lossy(&first).into_owned();
+        assert!(head.contains(r#""session":"m1""#), "{head}");
         // a frame later, within two seconds: the same answer, with the number of its frame
         frame(&live, "m1", 2, None);
         assert_eq!(served.bytes("/api/deviation").await, first);

@@ -150,7 +150,7 @@ async fn provisional(State(shared): State<Shared>, Path(sequence): Path<String>)
     kept(sequence.and_then(|sequence| shared.live.provisional(sequence)))
 }
 
-/// Standard deviations of the last frame, or of one of the last seconds: `{"sequence", "unit"}` and one value a triangle.
+/// Standard deviations of the last frame, or of one of the last seconds: `{"session", "sequence", "unit"}` and one value a triangle.
 async fn deviation(State(shared): State<Shared>) -> Answer {
     let beside = Arc::clone(&shared.beside);
     let made = worked(None, move || beside.deviation(&shared.live)).await?;

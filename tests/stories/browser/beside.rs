@@ -62,6 +62,16 @@ fn uncertainty_is_shown(browser: &Browser) {
     assert!(known.count() > 20, "{cells:?}");
 }
 
+/// A session may have begun since the page's state.
+fn uncertainty_of_another_session_is_refused(browser: &Browser) {
+    let words = browser.asynchronous(
+        "const done = arguments[0], usual = unpacked; \
+         unpacked = async answer => { const found = await usual(answer); found.head.session = 'another'; return found; }; \
+         uncertainty.load().then(() => 'shown', error => error.message).then(words => { unpacked = usual; done(words); });",
+    );
+    assert_eq!(words, "another session runs now");
+}
+
 /// Leaves a process a tenth of the time, until this is dropped.
 struct Slowed {
     over: Arc<AtomicBool>,
@@ -163,6 +173,7 @@ fn a_slow_map_follows_a_provisional_one_in_a_browser() {
     browser.value("byId('uncertainty').click(), 0");
     browser.until("uncertainty.of !== null");
     uncertainty_is_shown(&browser);
+    uncertainty_of_another_session_is_refused(&browser);
     browser.value("byId('uncertainty').scrollIntoView({ block: 'center' }), 0");
     browser.screenshot(&pictures.join("uncertainty-live.png"));
     let live = browser.value("[uncertainty.of.sequence, ...map.deviations]");
