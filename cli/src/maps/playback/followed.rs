@@ -5,12 +5,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-use imaging::quantities::{QuantityRow, Rows, STORED_S, stored};
+use imaging::quantities::{QuantityRow, Rows, STORED_S};
 use imaging::recorded::Recording;
 
 use crate::failure::Failure;
 use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
+use crate::maps::quantities::stored_in_one_unit;
 use crate::maps::reconstruction::Reconstruction;
 use crate::options::choices::TrackedArguments;
 
@@ -146,15 +147,12 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
     let total = recording.len()?;
     shared.known().total = total;
     let folder = logbook::folder_of(path);
-    let stored = stored(folder, &recording.name)?;
+    let stored = stored_in_one_unit(folder, &recording.name)?;
     let is_stored = stored.is_some();
-    if let Some((rows, damaged)) = stored {
+    if let Some((rows, left_out)) = stored {
         let mut known = shared.known();
         known.rows = rows;
-        known.source = match damaged {
-            0 => "as the daemon computed them".to_owned(),
-            _ => format!("as the daemon computed them; {damaged} minutes are damaged and left out"),
-        };
+        known.source = format!("as the daemon computed them{left_out}");
     }
     let tracking = Reconstruction::tracking_of(&recording)?;
     let mut follower = Follower::new(tracking, &TrackedArguments::default(), &recording)?;
@@ -216,4 +214,109 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
         shared.known().rows.extend(rows.end());
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+    use std::time::Duration;
+
+    use chrono::{DateTime, Utc};
+    use imaging::quantities::{LoadUnit, Quantity, store};
+    use logbook::{SessionHeader, SessionWriter};
+    use survey::{Amps, Baseline, Frame, Precautions, Protocol, Reading, Settings, Volts};
+
+    use super::*;
+    use crate::args::MapOptions;
+
+    fn at(second: i64) -> DateTime<Utc> {
+        DateTime::from_timestamp(1_800_000_000 + second, 0).unwrap()
+    }
+
+    /// The session `m1` of two frames on a disc tank in which nothing was measured.
+    fn session(folder: &Path) -> PathBuf {
+        let protocol = Protocol::sheffield(16).unwrap();
+        let settings = Settings {
+            precautions: Precautions::default(),
+            protocol_hash: protocol.hash(),
+            current: Amps(1e-3),
+            range: Volts(1.0),
+            nplc: 1.0,
+            settle: Duration::from_millis(1),
+            wiring: "test".into(),
+        };
+        let baseline = Baseline {
+            id: "b1".into(),
+            deviation: vec![Some(2e-6); protocol.len()],
+            readings: vec![Reading::Ok(Volts(0.1)); protocol.len()],
+            frames: 10,
+            wall: at(-60),
+            settings: settings.clone(),
+            simulated: true,
+        };
+        let header = SessionHeader {
+            config_toml: "[geometry]\npreset = \"disc-tank\"\n".into(),
+            simulated: true,
+            ..SessionHeader::new("m1", at(0), protocol.clone())
+        };
+        let mut writer = SessionWriter::create(folder, &header).unwrap();
+        writer.baseline(&baseline).unwrap();
+        for second in [1, 2] {
+            let frame = Frame {
+                sequence: 0,
+                readings: vec![Reading::NotMeasured; protocol.len()],
+                extra: Vec::new(),
+                monotonic: Duration::from_secs(second),
+                wall: at(second as i64),
+                duration: Duration::from_millis(500),
+                settings: settings.clone(),
+                compliance: Vec::new(),
+                simulated: true,
+            };
+            writer.append(&frame, None).unwrap();
+        }
+        let path = writer.path().to_owned();
+        writer.close(at(3), "count reached").unwrap();
+        path
+    }
+
+    /// What is known of a session after all of its frames.
+    fn followed(path: &Path) -> Known {
+        let (_, reconstruction) = Reconstruction::of_session(path, &MapOptions::default()).unwrap();
+        let shared = Shared {
+            known: Mutex::default(),
+            cancelled: AtomicBool::new(false),
+        };
+        follow(path, &reconstruction, &shared).unwrap();
+        shared.known.into_inner().unwrap()
+    }
+
+    #[test]
+    fn stored_rows_in_another_unit_are_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = session(folder.path());
+        let row = |minute: i64, of| QuantityRow {
+            begin_s: 1_800_000_000 + 60 * minute,
+            region: "sheet".into(),
+            quantity: Quantity::Load,
+            of,
+            min: 1.0,
+            mean: 2.0,
+            max: 3.0,
+            frames: 2,
+            known: 2,
+        };
+        // calibrated from the second minute on
+        let calibrated = row(1, LoadUnit::Pressure);
+        for row in [row(0, LoadUnit::RelativeLoss), calibrated.clone()] {
+            store(folder.path(), "m1", &[row]).unwrap();
+        }
+        let known = followed(&path);
+        let (rows, source) = known.rows();
+        assert_eq!(rows, [calibrated]);
+        assert!(
+            source.ends_with("in another unit than the newest are left out"),
+            "{source}"
+        );
+    }
 }

@@ -8,8 +8,11 @@ use std::cell::Cell;
 use std::io::Write;
 use std::path::Path;
 
-use imaging::quantities::{LoadUnit, Quantifier, QuantityRow, STORED_S, joined, stored};
+use imaging::quantities::{
+    LoadUnit, Quantifier, QuantityRow, STORED_S, joined, keep_newest_unit, stored,
+};
 use imaging::recorded::{Recording, SessionParts};
+use logbook::LogbookError;
 
 use crate::args::{Global, Quantities};
 use crate::failure::Failure;
@@ -134,6 +137,28 @@ fn print_stored(
         Some(why) => Err(Failure::Failed(why)),
         None => Ok(()),
     }
+}
+
+/// The rows stored with a session that are in the unit of the newest, and what is left out, as the end of a sentence; `None` if it
+/// has no rows.
+///
+/// # Errors
+/// A file that cannot be read.
+pub(crate) fn stored_in_one_unit(
+    folder: &Path,
+    session: &str,
+) -> Result<Option<(Vec<QuantityRow>, String)>, LogbookError> {
+    let Some((mut rows, damaged)) = stored(folder, session)? else {
+        return Ok(None);
+    };
+    let mut left_out = match damaged {
+        0 => String::new(),
+        _ => format!("; {damaged} minutes are damaged and left out"),
+    };
+    if keep_newest_unit(&mut rows) > 0 {
+        left_out.push_str("; those in another unit than the newest are left out");
+    }
+    Ok(Some((rows, left_out)))
 }
 
 /// The names of the rows' regions, in their order.

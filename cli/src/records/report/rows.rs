@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use imaging::quantities::{
-    FrameQuantities, Quantity, QuantityRow, Rows, SHEET, STORED_S, joined, keep_newest_unit, stored,
-};
+use imaging::quantities::{FrameQuantities, Quantity, QuantityRow, Rows, SHEET, STORED_S, joined};
 use imaging::recorded::{Origin, Recording};
 
 use crate::args::Report;
@@ -41,16 +39,9 @@ impl SessionRows {
     ) -> Result<Self, Failure> {
         if let (Origin::Session(header), false) = (&recording.origin, requested.asked.differ()) {
             let folder = logbook::folder_of(path);
-            if let Some((mut rows, damaged)) = stored(folder, header.session())?
+            if let Some((rows, lost)) = quantities::stored_in_one_unit(folder, header.session())?
                 && !rows.is_empty()
             {
-                let mut lost = match damaged {
-                    0 => String::new(),
-                    _ => format!("; {damaged} minutes are damaged and left out"),
-                };
-                if keep_newest_unit(&mut rows) > 0 {
-                    lost.push_str("; those in another unit than the newest are left out");
-                }
                 let begins = rows.iter().map(|row| row.begin_s);
                 let ends = begins.clone().min().zip(begins.max());
                 let span_s = span_s(ends.map_or(0, |(first, last)| last - first) as f64);
