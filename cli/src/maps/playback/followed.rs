@@ -12,6 +12,7 @@ use crate::failure::Failure;
 use crate::maps::compared::Compared;
 use crate::maps::follower::Follower;
 use crate::maps::quantities::stored_in_one_unit;
+use crate::maps::quantities::usable::unusable;
 use crate::maps::reconstruction::Reconstruction;
 use crate::options::choices::TrackedArguments;
 
@@ -94,7 +95,7 @@ impl Known {
         let last = before
             .checked_sub(1)
             .map(|last| self.unrelieved[last].clone());
-        last.ok_or_else(|| "no frame before this one has a map".to_owned())
+        last.ok_or_else(|| "no frame up to this one has a map that can be used".to_owned())
     }
 }
 
@@ -171,6 +172,8 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
     }
     let mut rows = Rows::new(STORED_S);
     let mut last_s: Option<f64> = None;
+    // whether the next frame that is known has its time without relief kept
+    let mut is_due = false;
     for (index, frame) in recording.frames().filter_map(Result::ok).enumerate() {
         if shared.cancelled.load(Ordering::Relaxed) {
             return Ok(());
@@ -193,9 +196,11 @@ fn follow(path: &Path, reconstruction: &Reconstruction, shared: &Shared) -> Resu
             if !is_stored {
                 known.rows.extend(ended);
             }
-            if index.is_multiple_of(unrelieved_every) {
+            is_due |= index.is_multiple_of(unrelieved_every);
+            if is_due && unusable(&quantities).is_none() {
                 let values = quantifier.unrelieved().iter().map(|s| *s as f32);
                 known.unrelieved.push((frame.sequence, values.collect()));
+                is_due = false;
             }
             if every > 1 && last_s.is_some_and(|last_s| at_s - last_s > hold_s) {
                 known.no_unrelieved = Some(format!(
@@ -289,6 +294,18 @@ mod tests {
         };
         follow(path, &reconstruction, &shared).unwrap();
         shared.known.into_inner().unwrap()
+    }
+
+    #[test]
+    fn frames_without_a_map_have_no_time_without_relief() {
+        let folder = tempfile::tempdir().unwrap();
+        let known = followed(&session(folder.path()));
+        assert_eq!(known.next, 3);
+        let refusal = known.unrelieved(2).unwrap_err();
+        assert_eq!(
+            refusal,
+            "no frame up to this one has a map that can be used"
+        );
     }
 
     #[test]
