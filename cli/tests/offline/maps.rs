@@ -556,3 +556,33 @@ fn stored_quantities_without_a_value_are_a_failure() {
     store(folder.path(), "m20270115_1", &[row(Quantity::Load)]).unwrap();
     done(folder.path(), &quantities);
 }
+
+#[test]
+fn rows_in_another_unit_have_a_heading_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    session(folder.path());
+    let row = |minute: i64, of| QuantityRow {
+        begin_s: 1_800_000_000 + 60 * minute,
+        region: "sheet".into(),
+        quantity: Quantity::Load,
+        of,
+        min: 1.0,
+        mean: 2.0,
+        max: 3.0,
+        frames: 60,
+        known: 60,
+    };
+    let units = [
+        LoadUnit::RelativeLoss,
+        LoadUnit::RelativeLoss,
+        LoadUnit::Pressure,
+    ];
+    for (minute, of) in (0..).zip(units) {
+        store(folder.path(), "m20270115_1", &[row(minute, of)]).unwrap();
+    }
+    let table = done(folder.path(), &["quantities", "last", "--quantity", "load"]);
+    let columns = table.lines().map(|line| line.rsplit("  ").next());
+    let columns: Vec<_> = columns.flatten().map(str::trim).collect();
+    let wanted = ["load, mm2 lost", "2.00", "2.00", "load, N", "2.00"];
+    assert_eq!(columns, wanted, "{table}");
+}

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use chrono::{DateTime, Utc};
-use imaging::quantities::{FrameQuantities, Quantity, QuantityRow, Rows};
+use imaging::quantities::{FrameQuantities, LoadUnit, Quantity, QuantityRow, Rows};
 use imaging::recorded::{RecordedFrame, table_time};
 use serde::Serialize;
 
@@ -39,7 +39,10 @@ struct FrameLine {
 pub(crate) struct Output<'a> {
     requested: &'a Quantities,
     rows: Rows,
+    /// Whether CSV has its heading.
     begun: bool,
+    /// The unit of the last heading for people: a calibration that came while the session was recorded changes it.
+    headed: Option<LoadUnit>,
     /// The last frame, for the summary.
     last: Option<FrameQuantities>,
 }
@@ -50,6 +53,7 @@ impl<'a> Output<'a> {
             requested,
             rows: Rows::new(requested.span_s()),
             begun: false,
+            headed: None,
             last: None,
         }
     }
@@ -150,8 +154,10 @@ impl<'a> Output<'a> {
         if requested.csv || printer.is_json() {
             return Ok(());
         }
-        if !chosen.is_empty() {
-            self.heading(&requested.table_heading(chosen[0].of), printer)?;
+        if let Some(first) = chosen.first()
+            && self.headed.replace(first.of) != Some(first.of)
+        {
+            printer.raw(requested.table_heading(first.of).as_bytes())?;
         }
         for of_region in chosen.chunk_by(|a, b| a.region == b.region) {
             printer.text(&requested.table_row(of_region))?;
