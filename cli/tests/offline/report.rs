@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::scene::{
-    calibration, done, lines, refused, session_paused, session_released, session_with_alarms,
-    session_with_unread_end, session_without_baseline, session_without_load,
+    baseline_session, calibration, done, lines, refused, session_paused, session_released,
+    session_with_alarms, session_with_unread_end, session_without_baseline, session_without_load,
     session_without_readings,
 };
 
@@ -98,6 +98,15 @@ fn numbers_of_a_report_are_those_of_quantities() {
         let shown = format!("{words}: {rounded} {unit}");
         assert!(page.contains(&shown), "{shown}");
     }
+}
+
+#[test]
+fn a_report_without_frames_has_no_share_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    baseline_session(folder.path());
+    let (page, line) = report(folder.path(), "b2027");
+    assert_eq!(line["frames"], 0);
+    assert!(page.contains("holds no readable frame") && !page.contains("frames without a fault"));
 }
 
 #[test]

@@ -168,14 +168,17 @@ pub(super) fn health(facts: &Facts<'_>) -> String {
     let share = |count: u64| {
         format!(
             "{count} ({:.2} %)",
-            100.0 * count as f64 / health.frames.max(1) as f64
+            100.0 * count as f64 / health.frames as f64
         )
     };
     let mut rows = vec![["frames without a fault".to_owned(), share(health.sound)]];
     for (fault, count) in &health.faults {
         rows.push([(*fault).to_owned(), share(*count)]);
     }
-    let mut html = table(&["readings of the frames", "frames"], &rows);
+    let mut html = match health.frames {
+        0 => "<p>The session holds no readable frame.</p>".to_owned(),
+        _ => table(&["readings of the frames", "frames"], &rows),
+    };
     let findings: Vec<[String; 2]> = facts
         .verified
         .findings
