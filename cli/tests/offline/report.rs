@@ -4,8 +4,8 @@ use std::path::Path;
 
 use crate::scene::{
     baseline_session, calibration, done, lines, refused, session_paused, session_released,
-    session_with_alarms, session_with_unread_end, session_without_baseline, session_without_load,
-    session_without_readings,
+    session_with_alarm_not_judged, session_with_alarms, session_with_unread_end,
+    session_without_baseline, session_without_load, session_without_readings,
 };
 
 const METHOD: [&str; 4] = ["--preset", "disc-tank", "--noise-v", "2e-6"];
@@ -122,6 +122,17 @@ fn frames_without_a_map_are_not_known_in_a_report() {
     let shown = format!("in {:.1} % of the frames", 100.0 * share);
     assert!(page.contains(&shown), "{shown}");
     assert!(page.contains("1 more have no map"));
+}
+
+#[test]
+fn an_alarm_that_cannot_be_judged_is_not_none() {
+    let folder = tempfile::tempdir().unwrap();
+    session_with_alarm_not_judged(folder.path());
+    let (page, _) = report(folder.path(), "last");
+    assert!(!page.contains("none in this session"));
+    let shown = "<td>alarms</td><td>0 times; an alarm could not be judged 1 times";
+    assert!(page.contains(shown), "{shown}");
+    assert!(page.contains("pressed cannot be judged"));
 }
 
 #[test]

@@ -135,6 +135,16 @@ pub fn session_with_alarms(folder: &Path) -> PathBuf {
     record(folder, header, None, |_, record, _| record, course)
 }
 
+/// [`session`] with an alarm that cannot be judged from its second frame on.
+pub fn session_with_alarm_not_judged(folder: &Path) {
+    let header = SessionHeader::new("m20270115_1", at(0), protocol());
+    let course = Course {
+        not_judged: true,
+        ..Course::default()
+    };
+    record(folder, header, None, |_, record, _| record, course);
+}
+
 /// [`session`] with two frames more, the last ten minutes after the fourth.
 pub fn session_paused(folder: &Path) -> PathBuf {
     let header = SessionHeader::new("m20270115_1", at(0), protocol());
@@ -270,6 +280,8 @@ struct Course {
     paused: bool,
     /// An alarm with the second frame and another with the third.
     alarms: bool,
+    /// With the second frame, an alarm that cannot be judged.
+    not_judged: bool,
     /// The load in the first two frames, none in the last.
     released: bool,
     /// No load in any frame.
@@ -384,6 +396,10 @@ fn record(
             writer
                 .event(behind, "alarm-active", &text)
                 .expect("written");
+        }
+        if course.not_judged && second == 2 {
+            let text = "pressed cannot be judged: the load is not known";
+            writer.event(at(2), "alarm-invalid", text).expect("written");
         }
         if course.paused && second == 4 {
             let text = "no frames while the disk was slow";

@@ -56,6 +56,12 @@ impl Facts<'_> {
         let events = self.events.iter();
         events.filter(move |event| raised.contains(&event.kind.as_str()))
     }
+
+    /// How often an alarm could not be judged.
+    fn not_judged(&self) -> usize {
+        let events = self.events.iter();
+        events.filter(|event| event.kind == "alarm-invalid").count()
+    }
 }
 
 /// What the maps of a session show.

@@ -45,12 +45,14 @@ pub(super) fn summary(facts: &Facts<'_>) -> Result<String, Failure> {
             ),
         },
     );
-    let alarms = facts.alarms().count();
     push(
         "alarms",
-        match alarms {
-            0 => "none in this session".to_owned(),
-            count => format!("{count} times: see Alarms and events"),
+        match (facts.alarms().count(), facts.not_judged()) {
+            (0, 0) => "none in this session".to_owned(),
+            (count, 0) => format!("{count} times: see Alarms and events"),
+            (count, unknown) => format!(
+                "{count} times; an alarm could not be judged {unknown} times: see Alarms and events"
+            ),
         },
     );
     match &facts.maps {
