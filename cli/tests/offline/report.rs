@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::scene::{
-    baseline_session, calibration, done, lines, refused, session_paused, session_released,
-    session_with_alarm_not_judged, session_with_alarms, session_with_unread_end,
+    baseline_session, calibration, done, lines, refused, session_of, session_paused,
+    session_released, session_with_alarm_not_judged, session_with_alarms, session_with_unread_end,
     session_without_baseline, session_without_load, session_without_readings,
 };
 
@@ -180,6 +180,22 @@ fn frames_without_a_map_are_no_maps_without_a_load() {
     session_without_load(part.path(), true);
     let (page, _) = report(part.path(), "last");
     assert!(!page.contains(above) && page.contains("1 of 3 frames have none."));
+}
+
+#[test]
+fn a_calibration_that_is_not_there_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("sheet.toml");
+    let model = format!(
+        "[model]\nnoise_uv = 3.0\ncalibration = '{}'\n",
+        file.display()
+    );
+    session_of(folder.path(), "m1", &model);
+    done(folder.path(), &["report", "m1", "--out", "out"]);
+    let page = std::fs::read_to_string(folder.path().join("out/index.html")).unwrap();
+    assert!(!page.contains("the session has no calibration"));
+    let unused = format!("calibration {} is not used", file.display());
+    assert!(page.contains(&unused), "{unused}");
 }
 
 #[test]

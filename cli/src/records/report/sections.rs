@@ -6,6 +6,7 @@ use logbook::Event;
 use super::html::{escape, table};
 use super::{Facts, moments};
 use crate::failure::Failure;
+use crate::maps::session_settings;
 use crate::options::duration::display_long;
 use crate::output::time::local;
 use crate::records::show;
@@ -97,9 +98,16 @@ pub(super) fn summary(facts: &Facts<'_>) -> Result<String, Failure> {
             }
             let unit = maps.rows.rows.first().map(|row| row.of);
             if unit == Some(LoadUnit::RelativeLoss) {
+                let kept = session_settings::stored_config(facts.session.header()).ok();
+                let why = match kept.and_then(|kept| kept.model.calibration) {
+                    Some(file) => {
+                        format!("the session's calibration {} is not used", file.display())
+                    }
+                    None => "the session has no calibration".to_owned(),
+                };
                 push(
                     "unit",
-                    "relative loss of conductance: the session has no calibration, so that pressures are not known".to_owned(),
+                    format!("relative loss of conductance: {why}, so that pressures are not known"),
                 );
             }
         }
