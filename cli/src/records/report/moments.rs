@@ -25,9 +25,21 @@ const MAPS: usize = 60;
 /// A moment with its map.
 pub(super) struct Moment {
     /// What was largest, in words, with its value.
-    pub(super) what: String,
+    what: String,
+    /// Why the map is not known to be true.
+    doubt: Option<String>,
     pub(super) map: Map,
     pub(super) style: Style,
+}
+
+impl Moment {
+    /// Why it is shown, and why its map is not known to be true.
+    pub(super) fn reason(&self) -> String {
+        match &self.doubt {
+            Some(doubt) => format!("{}; the map is not known to be true: {doubt}", self.what),
+            None => self.what.clone(),
+        }
+    }
 }
 
 /// The worst moments.
@@ -42,7 +54,7 @@ struct Search<'a> {
     row: &'a QuantityRow,
     every: usize,
     seen: usize,
-    best: Option<(f64, Map, Style)>,
+    best: Option<(f64, Moment)>,
 }
 
 impl Search<'_> {
@@ -131,27 +143,28 @@ pub(super) fn worst(
             if search.best.as_ref().is_none_or(|(best, ..)| value > *best) {
                 let style = pictures.style(&frame, &picture, Scale::Own)?;
                 let time = frame.wall.map_or_else(|| frame.label.clone(), local);
-                let style = Style {
-                    title: time,
-                    ..style
+                let moment = Moment {
+                    what: words(search.row),
+                    doubt: picture.quantities.reason.clone(),
+                    map: picture.shown.clone(),
+                    style: Style {
+                        title: time,
+                        ..style
+                    },
                 };
-                search.best = Some((value, picture.shown.clone(), style));
+                search.best = Some((value, moment));
             }
         }
     }
     bar.finish_and_clear();
     let mut shown: Vec<Moment> = Vec::new();
-    for search in searches {
-        let Some((_, map, style)) = search.best else {
-            continue;
-        };
-        let what = words(search.row);
+    for (_, moment) in searches.into_iter().filter_map(|search| search.best) {
         match shown
             .iter_mut()
-            .find(|other| other.style.title == style.title)
+            .find(|other| other.style.title == moment.style.title)
         {
-            Some(same) => same.what = format!("{}; {what}", same.what),
-            None => shown.push(Moment { what, map, style }),
+            Some(same) => same.what = format!("{}; {}", same.what, moment.what),
+            None => shown.push(moment),
         }
     }
     let left_out = |why: String| {
@@ -183,4 +196,25 @@ pub(super) fn value(row: &QuantityRow) -> String {
 /// When the span of a row began.
 pub(super) fn begin(row: &QuantityRow) -> String {
     DateTime::from_timestamp(row.begin_s, 0).map_or_else(String::new, local)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_map_that_is_not_known_says_so_beside_its_moment() {
+        let mut moment = Moment {
+            what: "largest load: 3.00 N".to_owned(),
+            doubt: None,
+            map: Map::relative("m", vec![-0.5], "test"),
+            style: Style::default(),
+        };
+        assert_eq!(moment.reason(), "largest load: 3.00 N");
+        moment.doubt = Some("never empty since the baseline".to_owned());
+        assert_eq!(
+            moment.reason(),
+            "largest load: 3.00 N; the map is not known to be true: never empty since the baseline"
+        );
+    }
 }

@@ -87,7 +87,7 @@ fn moments(facts: &Facts<'_>, maps: &MapFacts<'_>) -> Result<String, Failure> {
         .map_err(|error| Failure::failed("the maps cannot be drawn", &error))?;
     let rows: Vec<[String; 2]> = moments
         .iter()
-        .map(|moment| [moment.style.title.clone(), moment.what.clone()])
+        .map(|moment| [moment.style.title.clone(), moment.reason()])
         .collect();
     Ok(format!(
         "{}<figure>{svg}</figure>{left_out}",
