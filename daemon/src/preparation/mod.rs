@@ -28,7 +28,7 @@ use crate::instruments::simulation::SimulatedRig;
 use config::problems::{Problem, Source};
 use config::{AlarmSettings, Config, RigKind, SurveySection};
 use imaging::quantities::{Quantifier, RegionError, RegionSettings, check_regions};
-use imaging::{Conditions, DriftRule, Geometry, Model, noise};
+use imaging::{Conditions, DriftRule, Geometry, Model, ReconstructionSettings, noise};
 use survey::error_chain as chain;
 
 /// A resolved configuration.
@@ -333,15 +333,19 @@ fn effective(config: &Config) -> Result<(String, String), String> {
 }
 
 impl Setup {
-    /// The configuration stored with a session whose method is set by this noise of one reading, uV: the noise is
-    /// filled in, so that the maps can be recomputed from the session alone. With its hash.
-    pub(crate) fn stored_config(&self, noise_uv: Option<f64>) -> (String, String) {
-        let with_noise = noise_uv.map(|noise_uv| {
+    /// The configuration stored with a session whose model has these settings, so that its maps can be recomputed from
+    /// the session alone. With its hash.
+    pub(crate) fn stored_config(
+        &self,
+        settings: Option<&ReconstructionSettings>,
+    ) -> (String, String) {
+        let other = settings.filter(|settings| **settings != self.config.model);
+        let with_settings = other.map(|settings| {
             let mut config = self.config.clone();
-            config.model.noise_uv = Some(noise_uv);
+            config.model = settings.clone();
             effective(&config)
         });
-        match with_noise {
+        match with_settings {
             Some(Ok(kept)) => kept,
             // it could be written before
             Some(Err(_)) | None => (self.config_toml.clone(), self.config_hash.clone()),

@@ -20,6 +20,7 @@ pub(crate) async fn follow_panics(
     while received.changed().await.is_ok() {
         let place = received.borrow_and_update().clone();
         let why = format!("a fault of the daemon's own code ({place}); please report it");
+        controller.no_session_begins().await;
         if let Some(status) = controller.active() {
             status.fail(&why);
             status.ended().await;

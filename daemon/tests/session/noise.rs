@@ -138,3 +138,43 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
     let refused = daemon.manager.use_baseline("nothing").await.unwrap_err();
     assert!(matches!(refused, Fault::NoSession(_)), "{refused:?}");
 }
+
+/// The settings of a method that a session keeps, and the hash of its configuration.
+async fn kept_model(session: &dbus::Session1Proxy<'_>) -> (toml::Table, String) {
+    crate::stage::ended(session).await.unwrap();
+    let path = session.path().await.unwrap();
+    let header = SessionReader::open(&path).unwrap().header().clone();
+    let kept: toml::Table = toml::from_str(&header.config_toml).unwrap();
+    (
+        kept["model"].as_table().unwrap().clone(),
+        header.config_hash,
+    )
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_session_keeps_the_method_it_was_started_with() {
+    let tv = "[model]\nmethod = \"tv\"\nlambda = 1e-3\nmap_every = 100000\n";
+    let stage = Stage::new(&format!("{SMALL}{tv}"));
+    let daemon = stage.start().await;
+    let baseline = daemon.baseline(3).await;
+    let (configured, hash) = kept_model(&baseline).await;
+    assert_eq!(configured["method"].as_str(), Some("tv"));
+
+    let one_step = Options::new()
+        .with("count", 1_u64)
+        .with("model", "one-step");
+    let session = daemon.start(one_step).await;
+    let (kept, of_session) = kept_model(&session).await;
+    let map = session.latest_map().await.unwrap();
+    assert!(map.method.starts_with("one-step"), "{}", map.method);
+    assert_eq!(kept["method"].as_str(), Some("one-step"));
+    // that of total variation has another unit
+    assert!(!kept.contains_key("lambda"), "{kept}");
+    assert!(kept["noise_uv"].as_float().unwrap() > 0.0);
+    assert_eq!(kept["map_every"], configured["map_every"]);
+    assert_ne!(of_session, hash);
+
+    let session = daemon.start(Options::new().with("count", 1_u64)).await;
+    let (kept, of_session) = kept_model(&session).await;
+    assert_eq!((kept, of_session), (configured, hash));
+}

@@ -23,7 +23,7 @@ use dbus::Fault;
 use rig::{Clock, RingTranscript, SystemClock};
 use sd_notify::NotifyState;
 use survey::{Baseline, Settings};
-use tokio::sync::{Notify, watch};
+use tokio::sync::{Notify, OwnedMutexGuard, watch};
 
 use crate::acquisition::task::FrameSource;
 use crate::alarms::AlarmDesk;
@@ -111,6 +111,9 @@ pub(crate) struct Controller {
     source: tokio::sync::Mutex<FrameSource>,
     /// Locked while a session begins: a stop of the daemon waits until there is one to stop.
     beginning: tokio::sync::Mutex<()>,
+    /// Locked while a configuration is taken, and from the checks of a start until its session has begun: a reload in
+    /// between would change what was checked.
+    reloading: Arc<tokio::sync::Mutex<()>>,
     /// The instruments that no other daemon may use.
     locks: Mutex<InstrumentLocks>,
     /// Notified when other instruments have been accepted.
@@ -222,6 +225,7 @@ impl Controller {
             ends: Arc::new(ends),
             source: tokio::sync::Mutex::new(source),
             beginning: tokio::sync::Mutex::default(),
+            reloading: Arc::default(),
             locks: Mutex::default(),
             agreed: Notify::new(),
             remarked: Arc::default(),
@@ -390,8 +394,7 @@ impl Controller {
     pub(crate) async fn shut_down(&self, why: &str, for_good: bool) -> Result<(), String> {
         self.inner().stopping = true;
         self.stop_test();
-        // a session that is beginning can be stopped when it has begun; otherwise it would switch the current on later
-        drop(self.beginning.lock().await);
+        self.no_session_begins().await;
         if let Some(status) = self.to_stop() {
             let goes_on = !for_good
                 && status.facts.kind == logbook::SessionKind::Measurement
@@ -407,6 +410,17 @@ impl Controller {
             self.reassemble_rig().await?;
         }
         self.make_safe().await
+    }
+
+    /// Waits until no configuration is being taken; none is taken while this is held.
+    async fn without_reload(&self) -> OwnedMutexGuard<()> {
+        Arc::clone(&self.reloading).lock_owned().await
+    }
+
+    /// Waits until a session that is beginning has begun: only then can it be stopped, and otherwise it would switch the
+    /// current on later.
+    pub(crate) async fn no_session_begins(&self) {
+        drop(self.beginning.lock().await);
     }
 
     /// Source off and relays open, verified, as soon as the rig is free.

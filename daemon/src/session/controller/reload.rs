@@ -50,8 +50,7 @@ impl Controller {
 
     async fn reload_now(self: &Arc<Self>) -> Result<String, Fault> {
         let path = self.runtime().config.clone();
-        let read = path.clone();
-        let prepared = tokio::task::spawn_blocking(move || prepare(&read))
+        let prepared = tokio::task::spawn_blocking(move || prepare(&path))
             .await
             .map_err(|_| Fault::Failed("the configuration could not be read".into()))?
             .map_err(|problems| {
@@ -59,11 +58,20 @@ impl Controller {
                 Fault::Configuration(lines.join("\n"))
             })?;
         restart_needed(&self.runtime().setup.config, &prepared.setup.config)?;
+        self.take_or_wait(prepared).await
+    }
+
+    /// Applies a configuration, at the end of the session if one runs or begins.
+    pub(super) async fn take_or_wait(
+        self: &Arc<Self>,
+        prepared: Prepared,
+    ) -> Result<String, Fault> {
+        let _no_start = self.without_reload().await;
         if let Some(status) = self.active() {
             self.inner().waiting = Some(Box::new(prepared));
             return Ok(format!(
                 "{} is valid; it takes effect when session {} ends",
-                path.display(),
+                self.runtime().config.display(),
                 status.facts.id
             ));
         }
@@ -72,19 +80,25 @@ impl Controller {
 
     /// Applies a waiting configuration after the end of a session.
     pub(super) fn take_waiting(self: &Arc<Self>) {
-        if let Some(prepared) = self.inner().waiting.take() {
-            let controller = Arc::clone(self);
-            tokio::spawn(async move {
-                match controller.take(*prepared).await {
-                    Ok(text) => controller.report(None, EventKind::Reloaded, &text).await,
-                    Err(fault) => {
-                        controller
-                            .report(None, EventKind::ReloadRefused, &fault.text())
-                            .await
-                    }
+        let controller = Arc::clone(self);
+        tokio::spawn(async move {
+            let _no_start = controller.without_reload().await;
+            if controller.active().is_some() {
+                // it waits for the end of the session that has begun meanwhile
+                return;
+            }
+            let Some(prepared) = controller.inner().waiting.take() else {
+                return;
+            };
+            match controller.take(*prepared).await {
+                Ok(text) => controller.report(None, EventKind::Reloaded, &text).await,
+                Err(fault) => {
+                    controller
+                        .report(None, EventKind::ReloadRefused, &fault.text())
+                        .await
                 }
-            });
-        }
+            }
+        });
     }
 
     async fn take(self: &Arc<Self>, prepared: Prepared) -> Result<String, Fault> {

@@ -166,6 +166,7 @@ impl Controller {
     }
 
     pub(super) async fn resume(self: &Arc<Self>, path: PathBuf) -> Result<(), NotResumed> {
+        let no_reload = self.without_reload().await;
         let runtime = self.runtime();
         let folder = runtime.setup.record_directory.clone();
         let opened = tokio::task::spawn_blocking(move || {
@@ -226,7 +227,7 @@ impl Controller {
             text.push_str(": record a new one when the sheet is unloaded");
         }
         order.resumed = Some((Box::new(found), text));
-        self.begin(order).await?;
+        self.begin(order, no_reload).await?;
         Ok(())
     }
 

@@ -48,8 +48,8 @@ pub(super) struct Assignment {
     pub frames: u64,
     pub baseline: Option<Arc<Baseline>>,
     pub model: Option<Model>,
-    /// Noise of one reading that the method is set by, uV, if it comes from the baseline.
-    pub noise_uv: Option<f64>,
+    /// The settings of the model, complete: with the noise of its baseline, if the method is set by it.
+    pub settings: Option<ReconstructionSettings>,
     /// The plan, if it differs from the configured one.
     pub plan: Option<Arc<RigPlan>>,
     pub about: About,
@@ -119,8 +119,9 @@ impl Controller {
         options: &Options,
     ) -> Result<Arc<SessionStatus>, Fault> {
         self.may_start().await;
+        let no_reload = self.without_reload().await;
         let order = self.measurement(options, None).await?;
-        self.begin(order).await
+        self.begin(order, no_reload).await
     }
 
     /// Resolves options; against the `own` baseline of a resumed session.
@@ -155,12 +156,12 @@ impl Controller {
             None => self.chosen_baseline(options.baseline.as_deref())?,
         };
         let plan = self.own_plan(&options).await?;
-        let settings = match &plan {
+        let measuring = match &plan {
             Some(plan) => Some(plan.settings()),
             None => self.runtime().settings.clone(),
         };
-        self.check_baseline(&baseline, settings.as_ref(), plan.as_deref())?;
-        let (model, noise_uv) = self
+        self.check_baseline(&baseline, measuring.as_ref(), plan.as_deref())?;
+        let (model, settings) = self
             .chosen_model(options.model.as_deref(), plan.as_deref(), &baseline)
             .await?;
         // not checked for a resumed session, which is recorded however busy the machine is now
@@ -187,7 +188,7 @@ impl Controller {
             frames: 0,
             baseline: Some(baseline),
             model: Some(model),
-            noise_uv,
+            settings: Some(settings),
             plan,
             requested: serde_json::Value::Object(requested).to_string(),
             resumed: None,
@@ -215,7 +216,8 @@ impl Controller {
             ..Schedule::default()
         };
         self.may_start().await;
-        self.begin(Assignment {
+        let no_reload = self.without_reload().await;
+        let order = Assignment {
             work: Work::Baseline,
             schedule,
             speed: self.is_recording().then_some(0.0),
@@ -226,13 +228,13 @@ impl Controller {
             frames,
             baseline: None,
             model: None,
-            noise_uv: None,
+            settings: None,
             requested: serde_json::Value::Object(requested).to_string(),
             resumed: None,
             first_event: None,
             before: None,
-        })
-        .await
+        };
+        self.begin(order, no_reload).await
     }
 
     /// The plan of a session with these options, its ranges from the current baseline. Computes for a while: must not
@@ -357,14 +359,13 @@ impl Controller {
             .map_err(|error| Fault::BaselineMismatch(error.to_string()))
     }
 
-    /// The reconstructor of a session, and the noise of one reading that it is set by, uV, if it comes from the
-    /// baseline.
+    /// The reconstructor of a session, and its settings, with the noise of the baseline if the method is set by it.
     async fn chosen_model(
         self: &Arc<Self>,
         requested: Option<&str>,
         plan: Option<&RigPlan>,
         baseline: &Baseline,
-    ) -> Result<(Model, Option<f64>), Fault> {
+    ) -> Result<(Model, ReconstructionSettings), Fault> {
         let runtime = self.runtime();
         let protocol = protocol_of(plan, &runtime.setup).clone();
         // preparation has set the method by the noise of a recording's baseline, if that has a unit
@@ -375,7 +376,7 @@ impl Controller {
             None if protocol == runtime.setup.protocol
                 && (noise_uv.is_none() || !configured.takes_noise_of_baseline()) =>
             {
-                return Ok((runtime.setup.model.clone(), None));
+                return Ok((runtime.setup.model.clone(), configured.clone()));
             }
             Some(other) if other != "one-step" && !Path::new(other).is_absolute() => {
                 return Err(Fault::InvalidOption(format!(
@@ -395,23 +396,26 @@ impl Controller {
                 // the configured method, for a pattern of the session's own
                 None => config.model.clone(),
                 Some("one-step") => ReconstructionSettings {
-                    file: None,
                     method: Some(Method::OneStep),
-                    calibration: None,
-                    ..config.model.clone()
-                },
+                    ..ReconstructionSettings::default()
+                }
+                .over(config.model.clone()),
                 Some(file) => ReconstructionSettings {
                     file: Some(file.into()),
+                    noise_uv: config.model.noise_uv,
                     loss_only: config.model.loss_only,
+                    map_every: config.model.map_every,
+                    tracking: config.model.tracking,
                     drift: config.model.drift,
                     ..ReconstructionSettings::default()
                 },
             };
-            let noise_uv = noise_uv.filter(|_| settings.takes_noise_of_baseline());
-            settings.noise_uv = settings.noise_uv.or(noise_uv);
+            if settings.takes_noise_of_baseline() {
+                settings.noise_uv = noise_uv;
+            }
             imaging::check_live(&settings)?;
             let conditions = Conditions::live(geometry, &protocol, *current);
-            Ok::<_, BuildError>((imaging::build(&settings, &conditions)?, noise_uv))
+            Ok::<_, BuildError>((imaging::build(&settings, &conditions)?, settings))
         });
         match loaded.await {
             Ok(Ok(chosen)) => Ok(chosen),

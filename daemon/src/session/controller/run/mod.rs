@@ -15,7 +15,7 @@ use imaging::quantities::Deviation;
 use logbook::{InstrumentRecord, LogbookError, SessionHeader, SessionKind, SessionWriter};
 use rig::Clock;
 use survey::{Baseline, Checks};
-use tokio::sync::mpsc;
+use tokio::sync::{OwnedMutexGuard, mpsc};
 
 use crate::acquisition::measuring::Measuring;
 use crate::acquisition::task::{Acquisition, AcquisitionEnd, AcquisitionProgress};
@@ -40,15 +40,18 @@ use survey::error_chain as chain;
 const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
 impl Controller {
+    /// Begins a session whose settings were checked while `no_reload` was held.
     pub(super) async fn begin(
         self: &Arc<Self>,
         order: Assignment,
+        no_reload: OwnedMutexGuard<()>,
     ) -> Result<Arc<SessionStatus>, Fault> {
         self.change_state(Trigger::Start(order.work))
             .map_err(|error| Fault::SessionActive(error.to_string()))?;
         // spawned, so that a caller that drops the future does not leave the state inconsistent
         let controller = Arc::clone(self);
         let begun = tokio::spawn(async move {
+            let _no_reload = no_reload;
             let _beginning = controller.beginning.lock().await;
             let begun = controller.begin_now(order).await;
             if let Err(fault) = &begun {
@@ -177,7 +180,7 @@ impl Controller {
     ) -> SessionHeader {
         let (runtime, identities) = (self.runtime(), self.identities());
         let geometry = &runtime.setup.geometry;
-        let (config_toml, config_hash) = runtime.setup.stored_config(order.noise_uv);
+        let (config_toml, config_hash) = runtime.setup.stored_config(order.settings.as_ref());
         let protocol = protocol_of(order.plan.as_deref(), &runtime.setup);
         let id = format!("{payload}{}", started.format("%Y%m%dt%H%M%S_%3f"));
         SessionHeader {
@@ -232,12 +235,10 @@ impl Controller {
             .is_some_and(|plan| plan.zero_every.is_some());
         self.session_plan.send_replace(measuring.now());
         let mut injections = None;
-        let task = match (order.baseline, order.model) {
-            (Some(baseline), Some(model)) => {
+        let task = match (order.baseline, order.model, order.settings) {
+            (Some(baseline), Some(model), Some(settings)) => {
                 let measured = Noise::of(&baseline).and_then(Noise::measured);
-                let stated = order.noise_uv.or(runtime.setup.config.model.noise_uv);
-                let stated = stated.filter(|_| !self.is_recording());
-                let settings = runtime.setup.config.model.clone();
+                let stated = settings.noise_uv.filter(|_| !self.is_recording());
                 let reading_noise = measured.or(stated.map(|noise_uv| 1e-6 * noise_uv));
                 let tracks = settings.tracking == Some(true) && !self.is_recording();
                 let tracking = tracks.then(|| TrackingContext {
