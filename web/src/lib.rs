@@ -3,7 +3,7 @@
 //! A process of its own, and an ordinary client of the daemon's bus: the daemon keeps no network socket for it, and the page
 //! has the rights of the user who starts it. It only reads, unless its settings allow commands.
 //!
-//! [`Server::open`] listens, [`Server::run`] serves until it is told to end. [`follow`] keeps a [`Live`] up to date, which
+//! [`Server::open`] listens, [`Server::run`] serves until it is stopped. [`follow`] keeps a [`Live`] up to date, which
 //! the terminal's dashboard reads too.
 
 mod answer;

@@ -522,7 +522,7 @@ async fn a_change_answers_those_who_wait_and_stop_ends_them() {
     assert_eq!(code(&refused), "400", "{refused}");
 
     let waits = next(version + 9);
-    // it waits before the server is told to stop
+    // it waits before the server is stopped
     served.bytes("/api/state").await;
     served.stop.send(true).unwrap();
     tokio::time::timeout(limit, waits).await.unwrap().unwrap();

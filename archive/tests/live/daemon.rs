@@ -131,7 +131,7 @@ impl Daemon {
         }
     }
 
-    /// Changes what is reported; nobody is told.
+    /// Changes what is reported, without a signal.
     pub fn change(&self, change: impl FnOnce(&mut Report)) {
         let mut report = self.report.lock().unwrap();
         let asked = report.asked;
@@ -162,7 +162,7 @@ impl Daemon {
                     .interface::<_, Manager1>(ROOT_PATH);
                 let manager = manager.await.unwrap();
                 let details = EventDetails::default();
-                // a connection that has ended is told nothing
+                // a connection that has ended gets no signal
                 let _ =
                     Manager1::happened(manager.signal_emitter(), 0, "alarm-active", "x", details)
                         .await;

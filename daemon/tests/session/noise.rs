@@ -124,7 +124,7 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
     let used = daemon.manager.use_baseline(&before.id).await.unwrap();
     assert_eq!(used, before.id);
     assert_eq!(daemon.manager.baseline_id().await.unwrap(), before.id);
-    // remarks on each are still told from those on the other
+    // each still has its own remarks
     let loaded = daemon.manager.baseline_remarks(&loaded).await.unwrap();
     assert_eq!(loaded.join("\n"), remarks);
     let empty = daemon.manager.baseline_remarks(&before.id).await.unwrap();

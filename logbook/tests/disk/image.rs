@@ -21,7 +21,7 @@ struct File {
 #[derive(Debug, Clone, Default)]
 pub struct Disk {
     files: BTreeMap<String, File>,
-    /// What the writer had been told.
+    /// What had been acknowledged to the writer.
     pub reported: Mark,
 }
 

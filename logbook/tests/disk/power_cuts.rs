@@ -37,13 +37,13 @@ fn header() -> SessionHeader {
     SessionHeader::new("m1", at(0), protocol())
 }
 
-/// Pages of journal before it is folded in: small, so that a short recording has it happen.
+/// Pages of the journal before it is merged into the file: few, so that it happens in a short recording too.
 const STORAGE: Storage = Storage {
     page_limit: None,
     journal_pages: Some(24),
 };
 
-/// A writer, and what it has been told so far, written down as it goes.
+/// A writer, and what has been acknowledged to it, recorded as it goes on.
 struct Recording<'a> {
     folder: &'a Path,
     writer: SessionWriter,
@@ -157,7 +157,7 @@ fn held(folder: &Path) -> (BTreeMap<u64, Frame>, Vec<String>, Option<Baseline>, 
     (frames, events, baseline, closed)
 }
 
-/// Opens an image and holds it against what the writer had been told.
+/// Opens an image and compares it with what had been acknowledged to the writer.
 fn check(folder: &Path, reported: Mark) {
     let (frames, events, kept_baseline, closed) = held(folder);
     let count = frames.len() as u64;

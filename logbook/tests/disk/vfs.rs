@@ -1,9 +1,9 @@
-//! SQLite's own file layer, with an ear at it: every write, truncation, sync and deletion of a file is written down as it
-//! happens, and can be made to fail. Files are where they always are.
+//! A wrapper around SQLite's own file layer that records every write, truncation, sync and deletion of a file, and can make
+//! them fail. The files are real files in their usual places.
 //!
-//! `unsafe` because SQLite takes a file layer only as a table of C functions. What is done with it: the tables of the
-//! layer that is there are copied, five functions in them exchanged for ones that note the call and pass it on, and the
-//! copy is made the default. No memory of SQLite's is kept beyond a call but the address of an open file, as a name.
+//! `unsafe` because SQLite takes a file layer only as a table of C functions. The wrapper copies the tables of the present
+//! layer, replaces five functions in them by functions that record the call and pass it on, and makes the copy the default.
+//! Of SQLite's memory it keeps nothing beyond a call except the address of an open file, as its name.
 
 #![allow(unsafe_code)]
 
@@ -33,7 +33,7 @@ pub enum Act {
     Mark(Mark),
 }
 
-/// What the writer has been told at this point.
+/// What has been acknowledged to the writer at this point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Mark {
     /// Frames handed over, and those acknowledged.
@@ -119,7 +119,7 @@ pub fn steps(folder: &Path) -> Vec<Step> {
     })
 }
 
-/// Writes down what the writer has been told.
+/// Records what has been acknowledged to the writer.
 pub fn mark(folder: &Path, mark: Mark) {
     note(folder.to_owned(), Act::Mark(mark));
 }
