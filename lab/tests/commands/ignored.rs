@@ -44,10 +44,45 @@ fn options_that_a_command_would_ignore_are_refused() {
         ("evaluate --seed 7 --set {}", "--set"),
         ("evaluate --count 3 --set {}", "--set"),
         ("dataset --loss 0.5 --out {}", "--recorded"),
+        (
+            "judge --set test-1 --count 17 --out {}",
+            "--count 17: the set test-1 has 16",
+        ),
+        (
+            "judge --set test-2 --count 10 --out {}",
+            "--count 10: the set test-2 has 9",
+        ),
+        (
+            "judge --set sizes --count 29 --out {}",
+            "--count 29: the set sizes has 28",
+        ),
     ] {
         let message = refused(line, &[&out]);
         assert!(message.contains(says), "{line}: {message}");
         assert!(!out.exists(), "{line}");
+    }
+}
+
+#[test]
+fn cases_are_refused_where_nothing_is_trained() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let [volts, maps] = ["v.csv", "maps.csv"].map(|name| folder.path().join(name));
+    let line = "forward --case {} --sigma homog --out {}";
+    done(&words(line, &[&case, &volts]));
+    for (method, says) in [
+        ("--method one-step --cases 100", "with --method one-step"),
+        (
+            "--cases 100",
+            "--cases 100 belongs to the methods that are trained",
+        ),
+        // with no case at all a map would show nothing, whatever lies on the sheet
+        ("--method linear --cases 0", "from 1 to 10000000"),
+    ] {
+        let line = format!("reconstruct --case {{}} --frames {{}} --out {{}} {method}");
+        let message = refused(&line, &[&case, &volts, &maps]);
+        assert!(message.contains(says), "{method}: {message}");
+        assert!(!maps.exists(), "{method}");
     }
 }
 

@@ -7,10 +7,14 @@ use imaging::recorded::{Fitted, FrameTable};
 use imaging::{
     BuildError, DriftRule, Geometry, Method, MethodArguments, Model, TrackedArguments, Tracking,
 };
+use survey::Bounds;
 use training::{Cached, linear, rbf, single_current};
 
 use crate::failure::Failure;
 use crate::progress;
+
+/// Simulated cases of a training, unless another number is stated.
+const CASES: usize = 15_000;
 
 /// A method and its options.
 #[derive(Debug, Clone, Args)]
@@ -20,9 +24,13 @@ pub struct MethodOptions {
     /// Unloaded conductance: a name in the case or a file [default: homog if there is one, else fitted to the baseline]
     #[arg(long, value_name = "NAME|FILE")]
     sigma0: Option<String>,
-    /// Simulated cases where a network is trained for the case
-    #[arg(long, value_name = "N", default_value_t = 15_000)]
-    cases: usize,
+    /// Simulated cases where a network is trained for the case [default: 15000]
+    #[arg(long, value_name = "N", value_parser = training_cases)]
+    cases: Option<usize>,
+}
+
+fn training_cases(text: &str) -> Result<usize, String> {
+    Bounds::Within(1.0, 1e7).parse_count(text)
 }
 
 /// The options without a program's name.
@@ -58,6 +66,7 @@ impl MethodOptions {
         let geometry = self.geometry(case)?;
         if let Some(file) = &requested.file {
             self.no_sigma0("--model")?;
+            self.no_cases("--model")?;
             let loss_only = requested.loss_only.unwrap_or(false);
             let model = imaging::load(file, loss_only, &case.protocol, Some(&geometry));
             return self.on_sheet(model.map_err(not_built)?, geometry, case, recording);
@@ -71,6 +80,7 @@ impl MethodOptions {
             let model = trained(self.train(method, case)?, loss_only);
             return self.on_sheet(model, geometry, case, recording);
         }
+        self.no_cases(&format!("--method {}", method.name()))?;
         let fitted = Fitted::new(
             geometry,
             &case.protocol,
@@ -153,8 +163,9 @@ impl MethodOptions {
         let bars = progress::Training::default();
         let show = |stage, done, of| bars.show(stage, done, of);
         let noise_v = self.method.noise_v;
+        let cases = self.cases.unwrap_or(CASES);
         if method == Method::Linear {
-            return Ok(linear::cached(case, noise_v, self.cases, &show)?);
+            return Ok(linear::cached(case, noise_v, cases, &show)?);
         }
         let jitter = match noise_v {
             Some(noise_v) => Jitter::Matched {
@@ -164,8 +175,8 @@ impl MethodOptions {
             None => Jitter::paper(),
         };
         let settings = TrainingSettings {
-            cases: self.cases,
-            neurons: TrainingSettings::default().neurons.min(self.cases),
+            cases,
+            neurons: TrainingSettings::default().neurons.min(cases),
             jitter,
             ..TrainingSettings::default()
         };
@@ -178,6 +189,16 @@ impl MethodOptions {
             None => Ok(()),
             Some(_) => Err(Failure::usage(format!(
                 "--sigma0 belongs to the model-based methods and has no meaning with {with}"
+            ))),
+        }
+    }
+
+    /// Refuses a number of cases where nothing is trained.
+    fn no_cases(&self, with: &str) -> Result<(), Failure> {
+        match self.cases {
+            None => Ok(()),
+            Some(cases) => Err(Failure::usage(format!(
+                "--cases {cases} belongs to the methods that are trained for the case, linear and rbf, and has no meaning with {with}"
             ))),
         }
     }

@@ -116,7 +116,7 @@ pub struct TestSet {
     pub noise_v: f64,
     /// Equal seeds give equal folders; training uses other random streams.
     pub seed: u64,
-    /// Number of frames; default: that of the set.
+    /// Number of frames; default: that of the set. More than that is refused by the sets whose loads are fixed.
     pub count: Option<usize>,
     /// Standard deviation of the logarithm of conductance of an unevenly sprayed sheet.
     pub spray: Option<f64>,
@@ -233,6 +233,17 @@ impl Prepared {
         if options.count == Some(0) {
             return Err(Failure::usage("--count 0: a set needs a frame"));
         }
+        let fixed = match options.set {
+            TestSetName::Test1 | TestSetName::Test2 | TestSetName::Sizes => options.set.usual(),
+            _ => usize::MAX,
+        };
+        let count = options.count.unwrap_or(options.set.usual());
+        if count > fixed {
+            return Err(Failure::usage(format!(
+                "--count {count}: the set {} has {fixed} frames at most",
+                options.set.name()
+            )));
+        }
         let sheet = Preset::PaperSheet(options.sheet.clone());
         let case = match &options.case {
             Some(case) => case.clone(),
@@ -270,11 +281,6 @@ impl Prepared {
         }
         let mut random = ChaCha8Rng::seed_from_u64(options.seed);
         random.set_stream(options.set as u64 + 1);
-        let fixed = match options.set {
-            TestSetName::Test1 | TestSetName::Test2 | TestSetName::Sizes => options.set.usual(),
-            _ => usize::MAX,
-        };
-        let count = options.count.unwrap_or(options.set.usual()).min(fixed);
         let drawn = (0..count)
             .map(|k| draw(options.set, k, &case.mesh, &mut random))
             .collect();
