@@ -27,7 +27,7 @@ fn unknown() -> Judgement {
     Judgement::Unknown("no frame".to_owned())
 }
 
-/// One judgement a second from `from` to `to`; the kinds of all transitions with their times.
+/// Judges once a second from `from` to `to`; returns the time and kind of each transition.
 fn play(
     alarms: &mut Alarms,
     from: u32,
@@ -57,7 +57,7 @@ fn begins_after_its_delay_and_ends_after_the_other() {
     assert_eq!(play(&mut alarms, 0, 30, &Judgement::Within), []);
     assert_eq!(level(&alarms), Some(Level::Ok));
     assert_eq!(play(&mut alarms, 30, 39, &beyond()), []);
-    // one second less does not begin it
+    // one second too short: the alarm does not begin
     assert_eq!(play(&mut alarms, 39, 40, &Judgement::Deadband), []);
     let begun = play(&mut alarms, 40, 60, &beyond());
     assert_eq!(begun, [(50, TransitionKind::Active)]);
@@ -121,7 +121,7 @@ fn a_latched_alarm_ends_by_a_reset_only() {
     let held = play(&mut alarms, 11, 1000, &Judgement::Within);
     assert!(held.contains(&(31, TransitionKind::Held)), "{held:?}");
     assert_eq!(level(&alarms), Some(Level::Major));
-    // the condition comes back: it has to be acknowledged again
+    // the condition recurs: it must be acknowledged again
     order(&mut alarms, 1000.0, Order::Acknowledge).unwrap();
     assert_eq!(
         play(&mut alarms, 1000, 1001, &beyond()),
@@ -131,7 +131,7 @@ fn a_latched_alarm_ends_by_a_reset_only() {
     play(&mut alarms, 1001, 1100, &Judgement::Within);
     order(&mut alarms, 1100.0, Order::Reset).unwrap();
     assert_eq!(level(&alarms), Some(Level::Ok));
-    // the reset is no acknowledgement
+    // a reset does not acknowledge
     assert!(!alarms.get(NAME).unwrap().state.acknowledged);
     assert!(matches!(
         order(&mut alarms, 1101.0, Order::Reset),
@@ -271,8 +271,8 @@ fn step() -> impl Strategy<Value = Step> {
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
-    /// No sequence of judgements, orders, restarts and reloads loses an alarm that nobody has acknowledged, ends one by
-    /// what is not known, or reports as well what was not judged.
+    /// No sequence of judgements, orders, restarts and reloads loses an unacknowledged alarm, ends an alarm on unknown
+    /// data, or reports an unjudged alarm as ok.
     #[test]
     fn no_history_loses_an_unacknowledged_alarm(
         latched: bool,
@@ -280,7 +280,7 @@ proptest! {
     ) {
         let mut alarms = alarms(latched);
         let mut at_s = 0.0;
-        // what a person would expect, kept apart from the machine
+        // the expected state, tracked independently of the code under test
         let (mut due, mut active) = (false, false);
         let mut judged = false;
         for (step, wait_s) in steps {

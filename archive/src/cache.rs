@@ -147,7 +147,7 @@ mod tests {
         }
     }
 
-    /// A session of 1,000 bytes that was read at a time, s since 1970.
+    /// A session of 1,000 bytes, last read at `used_s` (s since 1970).
     fn kept(cache: &Path, session: &str, used_s: u64) -> (PathBuf, InUse) {
         let (path, in_use) = enter(cache, &name(session)).unwrap();
         std::fs::write(path.join("part.tactus"), [0; 1000]).unwrap();

@@ -179,7 +179,7 @@ mod tests {
             assert_eq!(stored, Stored { bytes: 7, existed });
             assert_eq!(files(&session), 1);
         }
-        // what a killed copy left goes with the next attempt
+        // the next attempt removes the leftover of a killed copy
         std::fs::write(
             session.join(format!(".m1.{}.tactus.77.unfinished", name.sha256)),
             "con",

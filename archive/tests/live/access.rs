@@ -1,4 +1,4 @@
-//! Login and certificates of the broker: what is wrong is named with what to do, and uploads go on.
+//! Login and certificates of the broker: errors name the fault and the remedy, and uploads continue.
 
 use crate::authority::{authority, issue};
 use crate::daemon::{Daemon, report};
@@ -39,7 +39,7 @@ fn login_and_topics_that_are_refused_are_named() {
     let refused = |lines: &str, words: &str| {
         let mut publisher = Publisher::start(machine.path(), lines);
         publisher.wait_for(words);
-        // the archive goes on: it tries to reach its catalogue
+        // the archive continues: it tries to reach its catalogue
         publisher.wait_for("cannot reach PostgreSQL");
         assert!(publisher.child.try_wait().unwrap().is_none());
         publisher.kill();

@@ -1,4 +1,4 @@
-//! The bus of a daemon, with what a test lets it report.
+//! A fake daemon on a bus: it reports what a test sets.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -14,7 +14,7 @@ use zbus::connection::Builder;
 use zbus::interface;
 use zbus::object_server::SignalEmitter;
 
-/// What is reported.
+/// What the fake daemon reports.
 #[derive(Debug, Clone, Default)]
 pub struct Report {
     pub status: Status,

@@ -26,7 +26,7 @@ impl Publisher {
         Self::with_config(folder)
     }
 
-    /// With the configuration that is there.
+    /// Starts with the existing configuration.
     pub fn with_config(folder: &Path) -> Self {
         let log = std::fs::File::create(folder.join("log")).unwrap();
         let child = Command::new(env!("CARGO_BIN_EXE_tactus-archive"))

@@ -19,12 +19,12 @@ fn values_are_retained_as_the_json_of_the_commands() {
     let machine = machine();
     let peer = machine.path().join("peer");
     let daemon = Daemon::start(&peer, report(3));
-    // only an event can send again
+    // with an interval of an hour, only an event triggers the next message
     let lines = mqtt(&broker, 3600.0);
     let _publisher = Publisher::start(machine.path(), &lines);
     let mut first = broker.watch();
     first.wait(STATUS, |status| status["state"] == "acquiring");
-    // who comes later gets the retained messages
+    // a later subscriber gets the retained messages
     let mut later = broker.watch();
     let expected = report(3);
     let status = Status::from(expected.status, format!("unix:{}", peer.display()));

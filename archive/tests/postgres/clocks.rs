@@ -1,4 +1,4 @@
-//! Clocks that are wrong: of the machine while it recorded, and of the machine while it pushes.
+//! Wrong clocks: on the recording machine, and during a push.
 
 use std::time::{Duration, SystemTime};
 
@@ -16,7 +16,7 @@ fn wrong_clock_of_the_machine_loses_and_repeats_nothing() {
     let Some((server, site)) = archive("berlin") else {
         return;
     };
-    // recorded in 1970, and in 2099 before somebody put the clock right
+    // recorded with the clock at 1970, and with the clock at 2099 before it was corrected
     for (id, second) in [("m1970", -1_699_990_000), ("m2099", 2_380_000_000)] {
         let header = SessionHeader::new(id, at(second), Protocol::sheffield(8).unwrap());
         let mut writer = SessionWriter::create(site.record(), &header).unwrap();
@@ -31,11 +31,11 @@ fn wrong_clock_of_the_machine_loses_and_repeats_nothing() {
     file.set_modified(later).unwrap();
     assert_eq!(site.done(&["push"]).matches(": archived as").count(), 2);
     assert!(archived(site.record().join("m2099.tactus")).is_some());
-    // a file of the future has its receipt once
+    // a file with a modification time in the future is confirmed once, not at every push
     assert_eq!(site.done(&["push"]), "");
     let years = "SELECT string_agg(extract(year FROM started)::text, ',' ORDER BY started) FROM tactus.part";
     assert_eq!(server.sql(years), "1970,2099");
-    // the server's clock counts for when it was archived
+    // the archiving time is by the server's clock
     let recent = "SELECT count(*) FROM tactus.part WHERE archived_at BETWEEN now() - interval '10 min' AND now()";
     assert_eq!(server.sql(recent), "2");
     site.done(&["verify"]);
@@ -68,7 +68,7 @@ fn push_with_a_clock_of_the_past_is_repeated_once() {
         String::from_utf8(output.stdout).unwrap()
     };
     assert!(push().contains("m1: archived as"));
-    // the receipt of 2001 is of the file of today
+    // the receipt, dated 2001, is valid for the file
     assert_eq!(push(), "");
     assert_eq!(site.done(&["push"]), "");
     let recent = "SELECT count(*) FROM tactus.part WHERE archived_at > now() - interval '10 min'";

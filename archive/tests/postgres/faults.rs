@@ -12,7 +12,7 @@ use crate::site::begun;
 
 fn altered(path: &PathBuf) {
     let mut bytes = std::fs::read(path).unwrap();
-    // no row lies there: only the hash shows it
+    // no row is stored there: only the hash reveals the change
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::set_permissions(path, PermissionsExt::from_mode(0o600)).unwrap();
     std::fs::write(path, bytes).unwrap();
@@ -50,7 +50,7 @@ fn altered_part_is_found_in_the_store_and_in_the_record() {
     );
     std::fs::write(&stored[0], whole).unwrap();
     site.done(&["verify"]);
-    // in the record: the archive keeps what it has
+    // altered in the record: the archive keeps its copy
     altered(&site.record().join("m1_p2.tactus"));
     let output = site.run(&["push"]);
     assert_eq!(output.status.code(), Some(1));
@@ -93,7 +93,7 @@ fn another_content_under_a_known_name_is_a_conflict() {
     site.record_session("m1", 1);
     site.done(&["push"]);
     let hash = server.sql("SELECT encode(sha256, 'hex') FROM tactus.part");
-    // another machine with the same names
+    // another machine with the same site and machine name
     std::fs::remove_dir_all(site.record()).unwrap();
     std::fs::create_dir(site.record()).unwrap();
     site.record_session("m1", 2);
@@ -186,7 +186,7 @@ fn unreadable_quantities_do_not_hold_up_the_others() {
         let name = format!("{part}.archived.json");
         site.record().join(name).exists()
     };
-    // the receipt of the first part is of the quantities too
+    // the receipt of the first part also covers the session's quantities
     assert!(!is_confirmed("m1"), "{text}");
     assert!(is_confirmed("m1_p2") && is_confirmed("m2"), "{text}");
     std::fs::remove_dir(&quantities).unwrap();
@@ -227,7 +227,7 @@ fn status_names_unreadable_files_beside_the_rest() {
     assert!(*first == "problem" && *second == "problem", "{found:?}");
     assert!(quantities.contains("m1.quantities"), "{found:?}");
     assert!(session.contains("m3.tactus"), "{found:?}");
-    // with everything else archived they are a failure all the same
+    // both problems remain a failure even with everything else archived
     assert_eq!(site.run(&["push"]).status.code(), Some(1));
     let error = site.refused(&["status"], 1);
     assert!(error.contains("2 problems: see above"), "{error}");
@@ -259,7 +259,7 @@ fn full_store_is_reported_and_goes_on_when_there_is_space() {
         return needs::lacking("LOOP", "this test cannot mount a small file system");
     }
     let first = site.run(&["push"]);
-    // larger, before the file system goes
+    // enlarged; all results are read before the unmount
     let space = std::process::Command::new("mount")
         .args(["-o", "remount,size=4m"])
         .arg(site.store())

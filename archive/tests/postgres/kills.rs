@@ -8,7 +8,7 @@ use rustix::process::Signal;
 
 use crate::archive;
 
-/// Kills of each end; `TACTUS_KILLS` sets another number.
+/// Number of kills of uploader and server each; `TACTUS_KILLS` sets another number.
 fn kills() -> u64 {
     let set = std::env::var("TACTUS_KILLS").ok();
     set.map_or(20, |count| count.parse().expect("TACTUS_KILLS is a number"))
@@ -87,7 +87,7 @@ fn kills_of_both_ends_lose_and_double_nothing() {
         server.sql(counts),
         expected.map(|count| count.to_string()).join("|")
     );
-    // the store has exactly the parts of the catalogue, whole, and nothing unfinished
+    // the store contains exactly the parts of the catalogue, intact, and no unfinished files
     site.done(&["verify"]);
     let listed = server.sql("SELECT stored_as FROM tactus.part");
     let listed: BTreeSet<_> = listed.lines().map(|name| site.store().join(name)).collect();

@@ -1,4 +1,4 @@
-//! A link between an uploader and a server that a test cuts, or that alters what goes through it.
+//! A proxy between an uploader and a server: a test can cut it, or let it alter data.
 
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -15,18 +15,18 @@ pub enum Far {
     Port(u16),
 }
 
-/// What the link does.
+/// What the proxy does.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Doing {
-    /// It takes everything through.
+    /// Forwards everything.
     Open,
-    /// It takes nothing through.
+    /// Forwards nothing and closes connections.
     Cut,
-    /// It is cut when this text comes from the uploader, which does not arrive.
+    /// Closes the connection when the uploader sends this text, without forwarding it.
     CutBefore(&'static [u8]),
-    /// It is cut when the server has answered to this text; the answer does not arrive.
+    /// Closes the connection when the server replies to this text, without forwarding the reply.
     CutAfter(&'static [u8]),
-    /// A bit of this text is altered on its way from the uploader, each time.
+    /// Flips a bit of this text from the uploader, each time.
     Alter(&'static [u8]),
 }
 
@@ -60,7 +60,7 @@ impl Stream for UnixStream {
 }
 
 impl Link {
-    /// An open link to the far end.
+    /// A proxy that forwards to the far end.
     pub fn to(far: Far) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -78,7 +78,7 @@ impl Link {
                         TcpStream::connect(("127.0.0.1", *port)).map(|s| Box::new(s) as _)
                     }
                 };
-                // the far end is not there: the near one is closed
+                // the far end is unreachable: close the near one
                 let Ok(far) = opened else { continue };
                 carry(Box::new(near), far, &shared);
             }
@@ -95,9 +95,9 @@ impl Link {
     }
 }
 
-/// Takes a connection through, both ways.
+/// Forwards a connection in both directions.
 fn carry(near: Box<dyn Stream>, far: Box<dyn Stream>, doing: &Arc<Mutex<Doing>>) {
-    // whether the answer to the text is awaited
+    // whether the next reply must be dropped
     let cut = Arc::new(Mutex::new(false));
     let (mut from, mut to) = (near.twin(), far.twin());
     let (there, cut_there) = (Arc::clone(doing), Arc::clone(&cut));

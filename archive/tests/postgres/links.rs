@@ -1,4 +1,4 @@
-//! Links that are cut, for a week and in the middle of a push: nothing is lost, nothing is doubled, each is reported.
+//! Network cuts, for a week and in the middle of a push: nothing is lost or duplicated, and each cut is reported.
 
 use rustix::process::Signal;
 
@@ -12,7 +12,7 @@ const COUNTS: &str = "SELECT (SELECT count(*) FROM tactus.session), (SELECT coun
     (SELECT count(*) FROM tactus.event), (SELECT count(*) FROM tactus.alarm), (SELECT count(*) FROM tactus.quantity),
     (SELECT count(*) FROM tactus.session_summary WHERE complete)";
 
-/// A link to the server, which the site uses.
+/// A proxy to the server, used by the site.
 fn linked(server: &Server, site: &Site) -> Link {
     let socket = server.socket().join(format!(".s.PGSQL.{}", server.port()));
     let link = Link::to(Far::Socket(socket));
@@ -38,7 +38,7 @@ fn week_without_link_is_archived_in_one_pass() {
         }
         writer.roll(at(86_400 * day as i64)).unwrap();
         more_frames(&mut writer, 1 + day);
-        // each night in vain
+        // the nightly push fails
         let error = site.refused(&["push"], 75);
         assert!(
             error.contains("cannot reach PostgreSQL at 127.0.0.1"),
@@ -90,7 +90,7 @@ fn link_cut_at_any_statement_loses_and_doubles_nothing() {
                 "{cut:?}: {error}"
             );
             let there = server.sql("SELECT count(*) FROM tactus.part");
-            // only the answer to the commit was lost
+            // after COMMIT only the reply was lost: the part is committed
             let committed = cut == Doing::CutAfter(b"COMMIT");
             let expected = if committed { sessions } else { sessions - 1 };
             assert_eq!(there, expected.to_string(), "{cut:?}");
@@ -116,7 +116,7 @@ fn restart_of_the_server_in_mid_push_loses_nothing() {
         return;
     };
     site.record_session("m1", 2);
-    // the first part waits for this lock in the middle of its transaction
+    // this lock blocks the first part in the middle of its transaction
     let mut lock =
         server.session("BEGIN; LOCK TABLE tactus.alarm IN EXCLUSIVE MODE; SELECT pg_sleep(600)");
     server.wait_for("SELECT count(*) FROM pg_locks WHERE mode = 'ExclusiveLock' AND granted AND relation = 'tactus.alarm'::regclass", "1");

@@ -20,7 +20,7 @@ mod timescale;
 use server::Server;
 use site::Site;
 
-/// A server with the catalogue, and a site of it; `None` without PostgreSQL.
+/// A server with the catalogue, and a registered site; `None` without PostgreSQL.
 fn archive(site: &str) -> Option<(Server, Site)> {
     let server = Server::start()?;
     let owner = Site::new(&server, "owner");

@@ -79,7 +79,7 @@ impl Drop for Moto {
     }
 }
 
-/// The site's configuration with a bucket as its store, and more lines of `[archive]`.
+/// Configures the site with a bucket as its store and these additional lines in `[archive]`.
 fn use_bucket(server: &Server, site: &Site, endpoint: &str, more: &str) {
     let dsn = format!(
         "host={} port={} dbname={DATABASE} user=berlin",
@@ -133,7 +133,7 @@ fn bucket_over_tls_is_trusted_by_its_authority_only() {
     with_ca("ca");
     let error = site.refused(&["push"], 1);
     assert!(error.contains("NoSuchBucket"), "{error}");
-    // the server's own client makes the bucket
+    // create the bucket with boto3
     let python =
         needs::python(Path::new(env!("CARGO_TARGET_TMPDIR")), "moto", MOTO).expect("it serves");
     let program = "import boto3, sys\n\
@@ -160,7 +160,7 @@ fn part_altered_on_its_way_to_a_bucket_is_no_part() {
     let near = format!("http://127.0.0.1:{}", link.port());
     use_bucket(&server, &site, &near, "store_keys_file = \"keys\"\n");
     site.record_session("m1", 1);
-    // the first word of every SQLite file
+    // the header of every SQLite file
     link.set(Doing::Alter(b"SQLite format 3"));
     let output = site.run(&["push"]);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
@@ -171,7 +171,7 @@ fn part_altered_on_its_way_to_a_bucket_is_no_part() {
     );
     assert_eq!(server.sql("SELECT count(*) FROM tactus.part"), "0");
     assert!(!site.record().join("m1.archived.json").exists());
-    // what is damaged there stays, and is no part; a person removes it
+    // the damaged object stays and does not count as the part; a person must remove it
     link.set(Doing::Open);
     assert_eq!(site.run(&["push"]).status.code(), Some(1));
     let (_, hash) = text.split_once("berlin/bed3/m1/m1.").unwrap();
@@ -217,7 +217,7 @@ fn parts_go_to_a_bucket_once_and_come_back() {
     moto.request("PUT", "/parts", "");
     assert_eq!(site.done(&["push"]).matches(": archived as").count(), 2);
     assert_eq!(site.done(&["verify"]).matches(": whole").count(), 2);
-    // the catalogue is lost: the parts are there already, and are entered again
+    // the catalogue is lost: the stored parts are entered again
     server.sql("DELETE FROM tactus.alarm; DELETE FROM tactus.event; DELETE FROM tactus.part");
     assert_eq!(site.done(&["push"]).matches(": archived as").count(), 2);
     let into = site.folder.path().join("back");
@@ -245,7 +245,7 @@ fn parts_go_to_a_bucket_once_and_come_back() {
     moto.request("DELETE", &format!("/parts/{name}"), "");
     site.done(&["push"]);
     site.done(&["verify"]);
-    // nobody answers
+    // the store is offline
     drop(moto);
     site.record_session("m2", 1);
     let error = site.refused(&["push"], 75);

@@ -1,4 +1,4 @@
-//! What a push brings to the archive, and what comes back.
+//! What a push stores in the archive, and what a pull returns.
 
 use logbook::{Retention, SessionReader, archived, prune};
 
@@ -62,7 +62,7 @@ fn closed_parts_events_alarms_and_quantities_arrive_once() {
         server.sql("SELECT site, daq, parts, silent_s < 600 FROM tactus.daq_summary"),
         "berlin|bed3|3|t"
     );
-    // again: nothing happens, and the record is as it was
+    // a second push does nothing, and the record is unchanged
     assert_eq!(site.done(&["push"]), "");
     assert_eq!(server.sql(counts), expected);
     for (id, content) in ["m1", "m1_p2", "m1_p3"].iter().zip(before) {
@@ -71,7 +71,7 @@ fn closed_parts_events_alarms_and_quantities_arrive_once() {
         assert!(archived(&path).is_some(), "{id}");
     }
     assert_eq!(site.stored().len(), 3);
-    // a receipt that is gone is written again
+    // a deleted receipt is written again
     std::fs::remove_file(site.record().join("m1_p2.archived.json")).unwrap();
     assert_eq!(site.done(&["push"]), "m1_p2: receipt written\n");
     // the rest of the other session
@@ -116,7 +116,7 @@ fn archived_session_is_pruned_and_comes_back_the_same() {
     let back = site.folder.path().join("back");
     std::fs::create_dir(&back).unwrap();
     let into = back.to_string_lossy().into_owned();
-    // the second time the files are there
+    // the second pull finds the files in place
     for _ in 0..2 {
         assert_eq!(
             site.done(&["pull", "m1", "--into", &into]).lines().count(),
@@ -144,6 +144,6 @@ fn archived_session_is_pruned_and_comes_back_the_same() {
         there.contains("exists already and is not this part"),
         "{there}"
     );
-    // what was removed after it was archived is not missing
+    // a file removed after archiving does not count as missing
     assert_eq!(site.done(&["push"]), "");
 }

@@ -1,4 +1,4 @@
-//! Wrong settings and missing rights are named, and sites are separated.
+//! Errors name wrong settings and missing rights, and sites are isolated from each other.
 
 use crate::archive;
 use crate::authority::{authority, issue};
@@ -77,7 +77,7 @@ fn site_of_another_role_is_refused_by_name() {
     let paris = Site::added(&server, "paris");
     berlin.record_session("m1", 1);
     berlin.done(&["push"]);
-    // a machine with the key of paris and the name of berlin
+    // a machine with the credentials of paris and the name of berlin
     let mut thief = Site::new(&server, "berlin");
     thief.configure(&dsn(&server, "dbname=tactus user=paris"), "");
     thief.record_session("m1", 2);
@@ -95,7 +95,7 @@ fn site_of_another_role_is_refused_by_name() {
     assert!(
         String::from_utf8_lossy(&output.stderr).contains("site 'berlin' belongs to another role")
     );
-    // the same parts in both sites are two
+    // equal part names in two sites are two parts
     paris.record_session("m1", 1);
     paris.done(&["push"]);
     assert_eq!(

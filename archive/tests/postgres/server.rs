@@ -1,4 +1,4 @@
-//! A PostgreSQL of its own for a test: on a socket in a temporary folder, as a user that is not root.
+//! A private PostgreSQL server for a test: on a socket in a temporary folder, run by a user other than root.
 
 use std::os::unix::fs::{PermissionsExt, chown};
 use std::os::unix::process::CommandExt;
@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, getuid, kill_process};
 use tempfile::TempDir;
 
-/// How long a test waits for a thing before it fails: a busy machine takes minutes where a quiet one takes a second.
+/// Timeout of all waits: a busy machine may need minutes for what an idle one does in a second.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Waits until a thing is so; fails with `missing` if it never is.
+/// Waits until `done` returns true; on timeout panics with `missing`.
 pub fn wait_until(mut done: impl FnMut() -> bool, missing: impl Fn() -> String) {
     let limit = Instant::now() + PATIENCE;
     while !done() {
@@ -37,7 +37,7 @@ pub struct Server {
     running: Option<Child>,
 }
 
-/// The folder of the newest `initdb` of Debian, or that of the search path.
+/// The folder of Debian's newest `initdb`, otherwise that of the one in the search path.
 fn programs() -> Option<PathBuf> {
     let mut found: Vec<PathBuf> = std::fs::read_dir("/usr/lib/postgresql")
         .into_iter()
@@ -117,7 +117,7 @@ impl Server {
             "{}",
             String::from_utf8_lossy(&made.stderr)
         );
-        // the owner comes by the socket without a password, others with one
+        // the owner logs in by socket without a password, all others with one
         let access = format!(
             "local all {OWNER} trust\nlocal all all scram-sha-256\nhostssl all all 127.0.0.1/32 scram-sha-256\n"
         );
@@ -159,7 +159,7 @@ impl Server {
         command
     }
 
-    /// Starts the server and waits until it answers.
+    /// Starts the server and waits until it accepts connections.
     pub fn resume(&mut self) {
         let limit = Instant::now() + PATIENCE;
         loop {
@@ -221,7 +221,7 @@ impl Server {
         std::fs::read_to_string(self.folder.path().join("log")).unwrap_or_default()
     }
 
-    /// Kills the main process with SIGKILL, or as a crash of the whole server.
+    /// Sends a signal to the main process and waits for its end.
     pub fn kill(&mut self, signal: Signal) {
         let mut child = self.running.take().expect("it runs");
         let pid = Pid::from_raw(child.id().try_into().unwrap()).unwrap();
@@ -261,7 +261,7 @@ impl Server {
         self.sql_in(DATABASE, statements)
     }
 
-    /// Starts statements as the owner, which go on.
+    /// Starts statements as the owner and leaves them running.
     pub fn session(&self, statements: &str) -> Child {
         let mut command = self.psql(DATABASE, statements);
         command.stdout(Stdio::null()).stderr(Stdio::null());
@@ -276,7 +276,7 @@ impl Server {
         );
     }
 
-    /// The error of statements that a role runs.
+    /// Runs statements as a role, which must fail, and returns the error.
     pub fn refusal(&self, role: &str, statements: &str) -> String {
         let mut command = self.psql(DATABASE, statements);
         command.args(["-U", role]).env("PGPASSWORD", PASSWORD);

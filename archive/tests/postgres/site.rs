@@ -1,4 +1,4 @@
-//! A machine with a record, a store and a configuration.
+//! An uploader's machine: record, store and configuration.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -16,7 +16,7 @@ pub struct Site {
 }
 
 impl Site {
-    /// A site whose role exists and owns it in the catalogue.
+    /// A site registered in the catalogue, with its role.
     pub fn added(server: &Server, name: &str) -> Self {
         let site = Self::new(server, name);
         server.add_role(name);
@@ -25,7 +25,7 @@ impl Site {
         site
     }
 
-    /// A site that the catalogue does not know.
+    /// A site that is not registered in the catalogue.
     pub fn new(server: &Server, name: &str) -> Self {
         let site = Self {
             folder: tempfile::tempdir().unwrap(),
@@ -83,7 +83,7 @@ impl Site {
         self.command(words).output().expect("the program runs")
     }
 
-    /// Runs to success; what it printed.
+    /// Runs the program, which must succeed, and returns its output.
     pub fn done(&self, words: &[&str]) -> String {
         let output = self.run(words);
         let error = String::from_utf8_lossy(&output.stderr);
@@ -92,7 +92,7 @@ impl Site {
         text
     }
 
-    /// Runs to a failure with this exit code; what it printed on standard error.
+    /// Runs the program, which must fail with this exit code, and returns standard error.
     pub fn refused(&self, words: &[&str], code: i32) -> String {
         let output = self.run(words);
         let error = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -115,7 +115,7 @@ impl Site {
         command.output().expect("the program runs")
     }
 
-    /// The files of parts in the store, and any other file there.
+    /// All files in the store.
     pub fn stored(&self) -> Vec<PathBuf> {
         let mut files = Vec::new();
         let mut open = vec![self.store()];
@@ -132,7 +132,7 @@ impl Site {
         files
     }
 
-    /// Records a closed session of parts with three frames and four events each, and three minutes of quantities a part.
+    /// Records a closed session; each part has three frames, four events and three minutes of quantities.
     pub fn record_session(&self, id: &str, parts: u64) {
         let mut writer = begun(&self.record(), id, 1);
         for part in 2..=parts {
@@ -146,8 +146,8 @@ impl Site {
         self.fold_journals();
     }
 
-    /// Folds the journals of closed parts, as the daemon does every minute: a part that is read while it is being closed keeps its
-    /// last rows in one.
+    /// Merges the journals of closed parts, as the daemon does every minute: if a part is read while it is closed, its
+    /// last rows stay in its journal.
     pub fn fold_journals(&self) {
         let is_folded = || {
             logbook::fold_closed(self.record()).unwrap();
@@ -158,7 +158,7 @@ impl Site {
     }
 }
 
-/// A line of quantities.
+/// Appends a line of quantities.
 pub fn add_minute(record: &Path, id: &str, minute: u64) {
     let begin = 1_800_000_000 + 60 * minute;
     let json = format!(
@@ -167,7 +167,7 @@ pub fn add_minute(record: &Path, id: &str, minute: u64) {
     append_quantities(record, id, &json).unwrap();
 }
 
-/// A session that is recorded, with its first part's frames.
+/// A session in progress, with the frames of this part.
 pub fn begun(record: &Path, id: &str, part: u64) -> SessionWriter {
     let header = SessionHeader::new(id, at(0), Protocol::sheffield(8).unwrap());
     let mut writer = SessionWriter::create(record, &header).unwrap();
@@ -175,7 +175,7 @@ pub fn begun(record: &Path, id: &str, part: u64) -> SessionWriter {
     writer
 }
 
-/// The three frames and four events of a part.
+/// Appends the three frames and four events of a part.
 pub fn more_frames(writer: &mut SessionWriter, part: u64) {
     let protocol = Protocol::sheffield(8).unwrap();
     for number in 3 * part - 2..=3 * part {

@@ -1,12 +1,13 @@
-//! TimescaleDB is in no Debian: one test needs it installed; the others put a stand-in into the database, which is what a migration sees of
-//! the extension. Those show that the right statements are sent and that a refusal changes nothing, not what TimescaleDB makes of them.
+//! Debian does not package TimescaleDB: one test needs it installed; the others create a stand-in for the parts of the
+//! extension that a migration uses. They check that the right statements are sent and that a refusal changes nothing,
+//! not the behaviour of TimescaleDB itself.
 
 use rustix::process::Signal;
 
 use crate::server::Server;
 use crate::site::Site;
 
-/// The extension, its list of hypertables, and `create_hypertable` with its rule about keys.
+/// Stand-in for the extension, its list of hypertables, and `create_hypertable` with its check of keys.
 const STAND_IN: &str = "SET allow_system_table_mods = on;
     CREATE SCHEMA timescale;
     INSERT INTO pg_catalog.pg_extension (oid, extname, extowner, extnamespace, extrelocatable, extversion)
@@ -54,7 +55,7 @@ fn quantities_are_a_hypertable_where_there_is_timescaledb() {
     );
     let made = "SELECT count(*), min(every) FROM timescaledb_information.hypertables";
     assert_eq!(server.sql(made), "1|7 days");
-    // once
+    // a second migration changes nothing
     assert_eq!(migrate(&server, &owner)["timescaledb"], "used");
     assert_eq!(server.sql(made), "1|7 days");
     site.record_session("m2", 2);
@@ -105,7 +106,7 @@ fn a_real_timescaledb_keeps_quantities_by_week() {
     let site = Site::added(&server, "berlin");
     site.record_session("m1", 1);
     site.done(&["push"]);
-    // installed in a catalogue with rows
+    // the extension is installed when the catalogue already has rows
     server.kill(Signal::INT);
     server.write(
         "data/postgresql.auto.conf",
@@ -131,7 +132,7 @@ fn a_real_timescaledb_keeps_quantities_by_week() {
         server.sql("SELECT count(*) FROM tactus.quantity_value"),
         "27"
     );
-    // another site sees and changes none of it
+    // another site sees only its own rows
     let paris = Site::added(&server, "paris");
     paris.record_session("m1", 1);
     paris.done(&["push"]);
@@ -140,7 +141,7 @@ fn a_real_timescaledb_keeps_quantities_by_week() {
         "3"
     );
     assert_eq!(server.sql(rows), "12");
-    // old weeks go as a whole
+    // old weeks are dropped as whole chunks
     let dropped = "SELECT count(*) FROM (SELECT drop_chunks('tactus.quantity', created_before => now() + interval '1 day')) AS chunk";
     assert_ne!(server.sql(dropped), "0");
     assert_eq!(server.sql(rows), "0");

@@ -44,7 +44,7 @@ fn every_query_of_the_dashboard_gives_the_known_rows() {
     let other = Site::added(&server, "paris");
     other.record_session("m1", 1);
     other.done(&["push"]);
-    // a session that goes on
+    // a session that is still recording
     let mut open = crate::site::begun(&site.record(), "m2", 1);
     open.roll(crate::frames::at(10)).unwrap();
     site.done(&["push"]);

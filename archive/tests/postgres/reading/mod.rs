@@ -9,7 +9,7 @@ use crate::frames::at;
 use crate::server::{DATABASE, OWNER, Server};
 use crate::site::{Site, add_minute, begun};
 
-/// A role that only reads, and the configuration of its machine.
+/// A read-only role, and the configuration of its machine.
 fn reader(server: &Server, of: &Site) -> ArchiveReader {
     server.add_role("ward");
     server.sql("GRANT tactus_reader TO ward");
@@ -40,7 +40,7 @@ fn sessions_are_found_by_id_prefix_and_whole_name() {
     }
     berlin.done(&["push"]);
     let mut paris = Site::added(&server, "paris");
-    // one folder for all, as readers see it
+    // readers see the stores of all sites in one folder
     std::fs::remove_dir(paris.store()).unwrap();
     std::os::unix::fs::symlink(berlin.store(), paris.store()).unwrap();
     paris.name = "paris".into();
@@ -170,7 +170,7 @@ fn altered_or_missing_part_is_refused_and_leaves_nothing() {
     assert_eq!(files(), ["m1.tactus"]);
     std::fs::write(&second, whole).unwrap();
     fetched(&reader, "m1", &site).unwrap();
-    // a file of the cache that is not the part is not read
+    // a cached file with other content than the part is refused
     let cached = folder.join("m1.tactus");
     std::fs::remove_file(&cached).unwrap();
     std::fs::write(&cached, "another file").unwrap();
@@ -185,7 +185,7 @@ fn name_in_the_catalogue_leads_out_of_no_folder() {
     };
     site.record_session("m1", 1);
     site.done(&["push"]);
-    // what the role of a site may insert
+    // a site's role has the right to insert such rows
     let insert = |table: &str, change: &str| {
         server.sql(&format!(
             "CREATE TABLE copy AS SELECT * FROM tactus.{table} LIMIT 1; UPDATE copy SET {change};
@@ -212,7 +212,7 @@ fn machines_show_silence_alarms_and_a_wrong_clock() {
     };
     site.record_session("m1", 1);
     site.done(&["push"]);
-    // another machine, whose first session still runs: it has quantities only
+    // another machine in its first session, which has archived quantities only
     let running = "INSERT INTO tactus.quantity
         SELECT site, 'bed4', 'm7', line, now() - interval '2 hours' + line * interval '1 minute', span FROM tactus.quantity";
     server.sql(running);
@@ -247,7 +247,7 @@ fn machines_show_silence_alarms_and_a_wrong_clock() {
         (&Some("m7".to_owned()), 0, &Vec::new())
     );
     assert!(silent.silent_s.is_some_and(|s| s > 6900.0), "{silent:?}");
-    // a judged alarm is over only when its condition is
+    // an alarm that can be judged again is not over until its condition ends
     for (number, change) in [
         (11, "invalid"),
         (12, "judged"),
@@ -294,7 +294,7 @@ fn reader_may_read_all_sites_and_write_nothing() {
         let refused = error.contains("permission denied") || error.contains("must be owner");
         assert!(refused, "{statement}: {error}");
     }
-    // the state of a session is added like its parts, and belongs to its site
+    // like its parts, the state of a session belongs to its site
     Site::added(&server, "paris");
     let forged = "INSERT INTO tactus.tracking VALUES ('berlin', 'bed3', 'm1', '{}')";
     let error = server.refusal("paris", forged);
