@@ -92,7 +92,7 @@ impl Archive {
             .expect("the program was built")
     }
 
-    /// What the reader gets, to success.
+    /// Runs the reader's `tactus`, which must succeed, and returns its output.
     fn reads(&self, words: &[&str]) -> String {
         done(self.run("nothing", "ward.toml", words), words)
     }
@@ -234,7 +234,7 @@ fn archived_session_is_read_as_the_local_one() {
     archive.reads(&["report", name, "--out", "night"]);
     let page = std::fs::read_dir(archive.path("night")).unwrap().count();
     assert!(page > 0);
-    // fetched once, whole, for this user alone
+    // fetched once, complete, and readable by this user only
     let cached = archive.path("cache/tactus/archive/berlin/bed3/m20270115_1");
     let same = |path: &Path| std::fs::read(path).unwrap();
     let record = archive.path("record/m20270115_1.tactus");
@@ -398,7 +398,7 @@ fn page_shows_all_sheets_and_plays_their_sessions() {
     let sessions = page.json("/api/sheets/berlin/bed3");
     assert_eq!(sessions[0]["id"], "m20270115_1");
     assert_eq!(page.json("/api/sheets/berlin/bed4"), serde_json::json!([]));
-    // the exact map is the one of the record
+    // the exact map equals that of the local record
     let named = "/api/sessions/archive%3Aberlin%2Fbed3%2Fm20270115_1";
     let opened = page.json(named);
     assert_eq!(opened["overview"]["id"], "archive:berlin/bed3/m20270115_1");
@@ -410,7 +410,7 @@ fn page_shows_all_sheets_and_plays_their_sessions() {
     while local.json("/api/sessions/m20270115_1/course")["progress"].as_f64() < Some(1.0) {}
     let (_, recorded) = local.get("/api/sessions/m20270115_1/maps/exact/frame/3");
     assert!(recorded.len() > 1000 && archived == recorded);
-    // refusals are sentences
+    // errors are readable sentences
     let none = page.refusal("/api/sessions/archive%3Aberlin%2Fbed3%2Fm9", 409);
     assert!(none.contains("no session 'berlin/bed3/m9'"), "{none}");
     let closed = local.refusal(named, 409);

@@ -105,12 +105,12 @@ fn events_are_those_of_all_parts_of_a_session() {
         .collect();
     assert_eq!(alarms.len(), 2, "{events:?}");
     assert!(alarms[0].contains("frame 2") && alarms[1].contains("frame 3"));
-    // a later part alone
+    // only a later part
     let events = done(folder.path(), &["events", "m1_p3", "--json"]);
     assert!(events.contains("load of frame 3") && !events.contains("load of frame 2"));
 }
 
-/// One folder of several, as for a user who may not read that of the daemon.
+/// One of several folders is unreadable, like the daemon's folder for an ordinary user.
 #[test]
 fn an_unreadable_folder_is_reported_where_last_is_looked_for() {
     let folder = tempfile::tempdir().unwrap();
@@ -130,7 +130,7 @@ fn an_unreadable_folder_is_reported_where_last_is_looked_for() {
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{message}");
     assert!(message.contains("state/tactus is left out"), "{message}");
-    // the only folder
+    // the unreadable folder is the only one
     let only = ["sessions", "show", "last", "--state", "state/tactus"];
     let message = refused(folder.path(), &only, 1);
     assert!(message.contains("state/tactus"), "{message}");
@@ -144,12 +144,12 @@ fn a_log_reports_a_folder_that_cannot_be_read() {
     let output = tactus(folder.path(), &words);
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(message.contains("file is left out"), "{message}");
-    // one that does not exist is none
+    // a folder that does not exist is not reported
     let words = ["log", "--session", "m1", "--state", "none"];
     assert!(tactus(folder.path(), &words).stderr.is_empty());
 }
 
-/// Frames on and beside a whole second: readers infer the format of a column of times from its first row.
+/// Frames at whole and fractional seconds: readers infer the format of a time column from its first row.
 #[test]
 fn times_of_tables_have_six_digits_of_seconds() {
     let folder = tempfile::tempdir().unwrap();

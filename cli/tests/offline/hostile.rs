@@ -63,7 +63,7 @@ fn a_hostile_record_prints_no_control_characters() {
             }
         }
     }
-    // JSON has every character
+    // JSON preserves every character
     let lines = |words: &[&str]| -> Vec<Value> {
         let output = tactus(folder.path(), words);
         let text = String::from_utf8(output.stdout).unwrap();

@@ -8,7 +8,7 @@ mod hostile;
 mod maps;
 mod report;
 mod scene;
-// a test of the archive's own crate needs more of it
+// shared with the tests of the archive crate, which use more of it
 #[cfg(feature = "archive")]
 #[path = "../../../archive/tests/postgres/server.rs"]
 #[allow(dead_code)]

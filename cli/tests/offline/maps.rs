@@ -36,7 +36,7 @@ fn replay_of_session_and_of_its_case_folder_finds_the_load() {
         assert_eq!(line["masked"], masked);
         assert_eq!(line["simulated"], true);
         assert!(line["largest_loss"].as_f64().unwrap() > 0.05);
-        // the session's readings have no noise, 2 uV are stated
+        // the readings have no noise, although 2 uV are configured
         assert_eq!(line["quality"]["verdict"], "doubtful", "{line}");
         assert_eq!(line["quality"]["reasons"][0]["kind"], "noise", "{line}");
     }
@@ -221,7 +221,7 @@ fn a_calibration_holds_in_replay_export_and_session_alike() {
         at("sheet.toml")
     );
     session_of(folder.path(), "m1", &model);
-    // the file is not there: maps stay in relative loss, and a scale in kPa has no meaning
+    // the calibration file is missing: maps stay in relative loss, and a scale in kPa is refused
     let replay = ["replay", "m1", "--json", "--png", "pictures", "--force"];
     let bare = lines(&done(folder.path(), &replay));
     assert_eq!(bare[2]["unit"], "relative loss of conductance");
@@ -253,11 +253,11 @@ fn a_calibration_holds_in_replay_export_and_session_alike() {
         .flatten()
         .fold(0.0_f64, |most, value| most.max(*value));
     assert_eq!(Some(most), pressure.as_f64(), "the table is in kPa");
-    // of another method it is refused where it was named
+    // a calibration of another method, named by an option, is refused
     let other = ["--prior", "tikhonov", "--calibration", "other.toml"];
     let message = refused(folder.path(), &[&replay[..], &other].concat(), 78);
     assert!(message.contains("tikhonov"), "{message}");
-    // the session's own holds without being named
+    // the calibration of the session's configuration applies without an option
     std::fs::write(at("sheet.toml"), &calibration).unwrap();
     let made = lines(&done(folder.path(), &replay));
     assert_eq!(made[2]["unit"], "kPa");
@@ -287,7 +287,7 @@ fn a_calibration_holds_in_replay_export_and_session_alike() {
     assert_eq!(pixels.rows[0][0], None, "a corner is outside of the disc");
     // the press is at the upper right: its pixel has more pressure than the mirrored one at the lower left
     assert!(pixels.rows[6][11] > pixels.rows[9][4], "{pixels:?}");
-    // the error of the calibration is part of that of the load, not of its place
+    // the calibration error adds to the deviation of the load, not to that of its position
     let relative_sd = |rms: &str| {
         std::fs::write(at("sheet.toml"), calibration.replace("rms = 0.01", rms)).unwrap();
         let asked = ["quantities", "m1", "--each-frame", "--json"];
@@ -385,7 +385,7 @@ fn a_session_that_was_rolled_over_is_one() {
             rolled.len()
         );
     }
-    // A later part alone, and the last frame of all.
+    // A later part alone; and the last frame of all parts.
     assert_eq!(outcome(rolled.path(), "m1_p3").0, of_whole.0[2..]);
     let picture = ["export", "m1", "--format", "svg", "--out", "map.svg"];
     let message = done(
@@ -536,7 +536,7 @@ fn stored_quantities_without_a_value_are_a_failure() {
         known: 0,
     };
     let quantities = ["quantities", "last"];
-    // a minute that was cut off
+    // a truncated minute
     let file = folder.path().join("m20270115_1.quantities");
     std::fs::write(&file, "0123").unwrap();
     let message = refused(folder.path(), &quantities, 1);
@@ -552,7 +552,7 @@ fn stored_quantities_without_a_value_are_a_failure() {
         "{message}"
     );
     assert!(message.contains("--recompute"), "{message}");
-    // no load is a value too
+    // a load of zero is a value too
     store(folder.path(), "m20270115_1", &[row(Quantity::Load)]).unwrap();
     done(folder.path(), &quantities);
 }

@@ -1,4 +1,4 @@
-//! The report of a session: one page without scripts, complete or not there at all.
+//! The report of a session: one page without scripts, written completely or not at all.
 
 use std::path::Path;
 
@@ -40,7 +40,7 @@ fn a_report_is_one_page_that_loads_nothing() {
         (&line["frames"], &line["events"], &line["gaps"]),
         (&3.into(), &2.into(), &0.into())
     );
-    // the frame with an overload has the largest of all quantities
+    // the frame with an overload has the largest value of every quantity, so the report has one map
     assert_eq!(line["maps"], 1);
     for words in [
         "SIMULATED",
@@ -243,7 +243,7 @@ fn a_report_that_cannot_be_written_leaves_nothing() {
     assert!(message.contains("file is no folder"), "{message}");
     let message = of("no/out", &METHOD, 1);
     assert!(message.contains("no/out"), "{message}");
-    // a wrong option is refused, where a session without a geometry only has no maps
+    // a wrong option is refused; a missing geometry would only leave out the maps
     let message = of("new", &["--preset", "disc-tank", "--electrodes", "8"], 78);
     assert!(message.contains('8'), "{message}");
     // an empty folder is filled

@@ -1,4 +1,4 @@
-//! A simulated tank, a session of it, and running of the program.
+//! A simulated tank, sessions recorded on it, and functions that run the program.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -165,7 +165,7 @@ pub fn baseline_session(folder: &Path) {
     writer.close(at(-50), "count reached").expect("closed");
 }
 
-/// [`session`], rolled over behind each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
+/// [`session`], with a new part after each frame: `m1`, `m1_p2`, `m1_p3`, `m1_p4`.
 pub fn session_in_parts(folder: &Path) {
     let header = SessionHeader::new("m1", at(0), protocol());
     let course = Course {
@@ -196,12 +196,12 @@ pub fn session_with_unread_end(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
-/// The same as recorded by a daemon that reconstructs on a disc tank, for 3 uV of noise, with `configuration` stored.
+/// [`session`] as recorded by a daemon that reconstructs on a disc tank for 3 uV of noise; stores `configuration`.
 pub fn session_of(folder: &Path, id: &str, configuration: &str) -> PathBuf {
     session_with(folder, id, configuration, |_, record, _| record)
 }
 
-/// The same, with changes to the recorded maps by frame time in seconds.
+/// [`session_of`] with changes to the recorded maps, by frame time in seconds.
 pub fn session_with(
     folder: &Path,
     id: &str,
@@ -267,12 +267,12 @@ fn protocol() -> Protocol {
     Protocol::sheffield(16).expect("sixteen electrodes")
 }
 
-/// How the frames follow each other.
+/// Variations of a session.
 #[derive(Debug, Clone, Copy, Default)]
 struct Course {
-    /// A new part behind each frame.
+    /// A new part after each frame.
     rolled: bool,
-    /// The second frame a third of a second later, the third two thirds.
+    /// Delays the second frame by a third of a second, the third by two thirds.
     thirds: bool,
     /// No baseline.
     bare: bool,

@@ -168,7 +168,7 @@ fn only_what_was_exported_goes_and_a_dry_run_removes_nothing() {
     assert!(!first.with_extension("exported.json").exists());
     let message = std::fs::read_to_string(folder.path().join("pruned.jsonl")).unwrap();
     assert!(message.contains("m20270115_1"), "{message}");
-    // All sessions of these tests are of 2027: none is old yet, and no limit of zero bytes can be met.
+    // All sessions of these tests are dated 2027, so none counts as old, and a limit of zero bytes cannot be reached.
     assert!(refused(folder.path(), &["sessions", "prune"], 2).contains("--older-than"));
     let message = done(folder.path(), &["sessions", "prune", "--keep-bytes", "0"]);
     assert!(message.contains("m2 went"), "{message}");
@@ -218,11 +218,11 @@ fn maps_are_verified_against_what_was_kept_of_them() {
     assert!(message.contains("nothing to verify"), "{message}");
 }
 
-/// Another processor adds in another order: the bits differ, the map does not.
+/// Another processor may sum in another order: the bits differ, the map is the same within rounding.
 #[test]
 fn maps_of_another_build_are_verified_within_a_tolerance() {
     let folder = tempfile::tempdir().unwrap();
-    // As if made by another build, with a small deviation each and then a large one.
+    // As if made by another build: first with a small deviation, then with a large one.
     let elsewhere = |beside: f64| {
         move |map: &Map, record, _| MapRecord {
             hash: "0".repeat(64),

@@ -212,7 +212,7 @@ fn text(buffer: &Buffer) -> String {
     rows.map(row).collect()
 }
 
-/// The words of a screen, each panel's in its own columns, without lines and spaces.
+/// The words of a screen: those of the left panels, then those of the right ones, without borders.
 fn words(buffer: &Buffer) -> String {
     let left = usize::from(38 + (buffer.area.width - 80) / 2);
     let text = text(buffer);
@@ -263,7 +263,7 @@ fn screens_are_the_kept_ones() {
     golden("top-alarms-80x24.txt", &text(&drawn(&shown, 80, 24)));
 }
 
-/// One that notifies, one that is over, one that cannot be judged, one that is shelved and one that is well.
+/// Five alarms: notifying, over, impossible to judge, shelved, and ok.
 fn alarms() -> Vec<Alarm> {
     let alarm = |name: &str, level: &str, active: bool| Alarm {
         name: name.into(),
@@ -527,7 +527,7 @@ fn an_alarm_is_acknowledged_after_a_second_key() {
     shown.acknowledged("elbow", Err("not authorised".to_owned()));
     let seen = text(&drawn(&shown, 80, 24));
     assert!(seen.contains("elbow: not authorised"), "{seen}");
-    // the last of the list needs none
+    // the last alarm of the list needs no acknowledgement
     for _ in 0..20 {
         shown.press(&key(KeyCode::Down));
     }

@@ -107,7 +107,7 @@ fn devices_of_the_configuration_are_looked_at() {
             .contains("/dev/serial/by-id/usb-Tactus_mux_1234"),
         "{found:?}"
     );
-    // a real device node of every machine
+    // a device node that exists on every machine
     let here = Machine {
         root: PathBuf::from("/"),
         ..machine
@@ -236,7 +236,7 @@ fn a_configuration_is_read_for_what_concerns_the_machine() {
     .unwrap();
     let read = wanted(&file).unwrap();
     assert_eq!(read.record.directory, Some(folder.path().join("state")));
-    // relative to this folder, as the command line may name it
+    // by a path relative to the current folder, as on a command line
     let here = std::env::current_dir().unwrap();
     let up: PathBuf = here.components().skip(1).map(|_| "..").collect();
     let read = wanted(&up.join(file.strip_prefix("/").unwrap())).unwrap();

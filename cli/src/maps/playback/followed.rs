@@ -285,7 +285,7 @@ mod tests {
         path
     }
 
-    /// What is known of a session after all of its frames.
+    /// The state after following all frames of a session.
     fn followed(path: &Path) -> Known {
         let (_, reconstruction) = Reconstruction::of_session(path, &MapOptions::default()).unwrap();
         let shared = Shared {

@@ -144,7 +144,8 @@ mod tests {
         // the newest first, and m2 in two parts
         let all = [last, second.clone(), second, first, other];
 
-        // minutes: a gap between two sessions, the rows of parts once, and none in another unit
+        // one row a minute: a gap between two sessions, no row twice although m2 has two parts, and no row in another
+        // unit
         let hour = (BEGIN_S - 1200, BEGIN_S + 2400);
         let found = history(&all, hour, "sheet", 720).unwrap();
         assert_eq!((found.span_s, found.damaged), (60, 0));
@@ -158,7 +159,7 @@ mod tests {
         let heel = history(&all, hour, "heel", 720).unwrap();
         assert_eq!(rows(&heel), [(300, 14.0, 15.0, 17.0, 60)]);
 
-        // the end does not belong to it
+        // the end of the interval is exclusive
         let short = history(&all, (BEGIN_S, BEGIN_S + 60), "sheet", 720).unwrap();
         assert_eq!(rows(&short), minutes[..1]);
 

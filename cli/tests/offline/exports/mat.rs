@@ -56,7 +56,7 @@ fn mat_has_the_bits_of_the_tables() {
     assert_eq!(read["session[0].note"].values, ["three frames"]);
     assert_eq!(read["session[0].simulated"].numbers(), [1.0]);
 
-    // every reading as the stimulation says it, against the table of the baseline
+    // every reading described by the stimulation patterns, compared with the baseline table
     let mut readings = 0;
     for at in 0..16 {
         let field = |field: &str| &read[&format!("stim[{at}].{field}")];
@@ -109,7 +109,7 @@ fn mat_has_the_mesh_of_the_case_folder() {
         numbers.into_iter().map(|number| number - 1.0).collect()
     };
     assert_eq!(from_zero("fmdl[0].elems"), elements);
-    // a side of one triangle only belongs to the boundary
+    // a side that belongs to one triangle only is part of the boundary
     let mut sides = std::collections::BTreeMap::new();
     for corner in elements.chunks(3) {
         for (a, b) in [(0, 1), (1, 2), (2, 0)] {

@@ -14,7 +14,7 @@ use std::process::Command;
 
 use crate::scene::done;
 
-/// What reads the files; the newest of late 2026.
+/// Packages that read the files; the newest versions of late 2026.
 const PACKAGES: [&str; 5] = [
     "numpy==2.4.6",
     "scipy==1.17.1",

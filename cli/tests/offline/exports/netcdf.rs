@@ -95,7 +95,7 @@ fn netcdf_maps_are_those_of_replay() {
     assert_eq!(read["map"].bits(), bits(maps.block(1)));
     let deviations = Cells::read(&folder.path().join("maps.sd.csv")).block(1);
     assert_eq!(read["map_sd"].bits(), bits(deviations.clone()));
-    // the first frame is the baseline itself and says nothing, the second lacks a reading
+    // the first frame equals the baseline, so that no deviation is known; the second lacks a reading
     let known = |row: usize| {
         !deviations[row * count..][..count]
             .iter()
@@ -204,7 +204,7 @@ fn stored_quantities_are_those_of_the_command() {
         let name = format!("centre_x_{ending}");
         assert_eq!(read[&name].bits(), bits(centre), "{ending}");
     }
-    // the frames are as without quantities
+    // quantities do not change the frames
     assert_eq!(read["voltage"].shape, [3, 208]);
     assert_eq!(read["sequence"].numbers(), [1.0, 2.0, 3.0]);
 }
@@ -225,7 +225,7 @@ fn stored_quantities_survive_a_clock_that_is_set_back() {
         frames: 60,
         known: 60,
     };
-    // set back by two minutes behind the third row; calibrated from the second on
+    // the clock is set back by two minutes after the third row; calibrated from the second row on
     for (minute, of, load) in [
         (0, LoadUnit::RelativeLoss, 0.5),
         (5, LoadUnit::Pressure, 1.0),

@@ -57,12 +57,12 @@ fn a_picture_marks_and_explains_hot_spots() {
         };
         texts.map(inside).collect::<Vec<_>>()
     };
-    // the frame of nothing has no hot spot, and the same explanation
+    // the frame without a load has no hot spot, but the same legend
     for (which, spots) in [("1", 0), ("3", 1)] {
         let words = words(picture(folder.path(), "svg", &["--at", which]));
         let count = |text: &str| words.iter().filter(|word| *word == text).count();
         assert_eq!(count("hot spot: area at half of its peak or more"), 1);
-        // electrode 1, and the number of the hot spot
+        // the labels of electrode 1 and of the hot spot
         assert_eq!(count("1"), 1 + spots, "{which}: {words:?}");
         assert!(words.iter().any(|word| word.contains("2027")), "{words:?}");
         assert_eq!(count("SIMULATED"), 1);

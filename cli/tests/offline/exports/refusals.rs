@@ -126,7 +126,7 @@ fn requested_maps_of_which_none_is_made_are_a_failure() {
     let mark = folder.path().join("m20270115_1.exported.json");
     let mark = std::fs::read_to_string(mark).unwrap();
     assert!(mark.contains(r#""format":"nc""#), "{mark}");
-    // its readings are exported all the same
+    // its readings are exported nevertheless
     assert_eq!(left(folder.path()), ["m20270115_1.exported.json", "out.nc"]);
 }
 
