@@ -1,4 +1,4 @@
-//! Every numeric key of the configuration has its bounds, and whatever stands there is refused by name or accepted.
+//! Every numeric key of the configuration has bounds; any value is accepted, or refused with the name of its key.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,7 +9,7 @@ use crate::numbers::*;
 use crate::problems::Source;
 use crate::{AlarmSettings, Config};
 
-/// The keys of a type that is deserialised, with what is asked for at each.
+/// Lists the keys of a deserialised type and the kind of value that each requests.
 mod schema {
     use std::collections::BTreeMap;
 
@@ -25,7 +25,7 @@ mod schema {
         Real,
     }
 
-    /// Gives every field of every section something, and notes which are numbers.
+    /// Deserialiser that provides a value for every field of every section, and records which are numbers.
     pub(super) struct Recorder<'a> {
         pub path: String,
         pub numbers: &'a mut BTreeMap<String, Kind>,
@@ -49,7 +49,7 @@ mod schema {
     macro_rules! texts {
         ($($name:ident)*) => {$(
             fn $name<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
-                // a text that every key takes: also the name of a quantity
+                // a text that every text key accepts: it is the name of a quantity
                 visitor.visit_str("ppi")
             }
         )*};
@@ -107,7 +107,7 @@ mod schema {
         ) -> Result<V::Value, Error> {
             visitor.visit_enum(First(variants[0]))
         }
-        // what asks for these is not seen through: the test must not miss a number in silence
+        // numbers in such a value would stay unseen: fail instead of missing one silently
         fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Error> {
             panic!("{} asks for anything", self.path)
         }
@@ -192,7 +192,7 @@ fn numeric_keys() -> BTreeMap<String, schema::Kind> {
         numbers: &mut numbers,
     })
     .unwrap();
-    // lists are empty above
+    // deserialize_seq gives empty lists, so the elements of `alarm` are examined here
     AlarmSettings::deserialize(schema::Recorder {
         path: "alarm".to_owned(),
         numbers: &mut numbers,
@@ -218,7 +218,7 @@ fn defaults_are_within_their_bounds() {
     assert_eq!(source.read(), (Some(config), Vec::new()));
 }
 
-/// A configuration with one value at a key, and nothing else said.
+/// A configuration that sets one key only.
 fn with(key: &str, value: &str) -> String {
     let (section, name) = key.rsplit_once('.').unwrap();
     if section == "alarm" {
@@ -267,7 +267,7 @@ fn an_extreme_is_refused_by_key_value_and_range() {
             let allowed = bounds[key.as_str()].to_string();
             let range = allowed.replacen("one of", "none of", 1);
             let named = message.contains(&key) && message.contains(&range);
-            // a real number for a whole one, within the bounds, and what is no TOML, are refused by type
+            // refused by type: a fraction for a whole number within the bounds, and a number that TOML cannot represent
             let by_type = kind == schema::Kind::Whole && message.contains("a whole number");
             let no_toml = value == "1e999" || value.len() > 19;
             assert!(named || by_type || no_toml, "{key} = {value}: {message}");
