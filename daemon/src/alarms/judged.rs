@@ -181,12 +181,12 @@ mod tests {
             Judgement::Unknown(why) => why,
             other => panic!("{other:?}"),
         };
-        // never by a value that is not known to be true
+        // a value that is not known to be true gives no judgement
         let doubtful = frame(false, &[(Quantity::Ppi, 0.15), (Quantity::Known, 0.0)]);
         assert!(unknown(ppi, &doubtful).contains("drift"));
         assert!(unknown(&format!("{ppi}unit = \"kPa\"\n"), &loaded).contains("calibration"));
         assert!(unknown(&format!("{ppi}region = \"hip\"\n"), &loaded).contains("'hip'"));
-        // whether it is known is always known
+        // the quantity `known` itself can always be judged
         let known = judged("quantity = \"known\"\nbelow = 0.5\n", &doubtful);
         assert_eq!(
             known,

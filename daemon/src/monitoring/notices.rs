@@ -115,7 +115,7 @@ mod tests {
 
     const AGAIN: Duration = Duration::from_secs(3600);
 
-    /// Simulates one look a second: whether the alarm notifies, and which notifications are sent.
+    /// Simulates one check a second of an alarm that `notifies` or not; returns the notifications that are sent.
     fn play(
         notice: &mut Notice,
         begin: Instant,

@@ -322,7 +322,7 @@ mod tests {
         ]
         .concat();
         wanted(&typo, &of_type);
-        // without a sheet, nothing can lie beside it
+        // without a geometry, the check that regions lie on the sheet is skipped
         let unbuilt = format!("{typo}[geometry]\npreset = \"circle\"\n");
         let unbuilt_wanted = [&of_type[..3], &of_type[4..], &["geometry.preset: "]].concat();
         wanted(&unbuilt, &unbuilt_wanted);

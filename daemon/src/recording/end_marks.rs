@@ -303,7 +303,7 @@ mod tests {
         assert_eq!(reasons["m1"], "again");
         assert!(long.starts_with(&reasons["m2"]) && !reasons["m2"].is_empty());
         assert_eq!(sizes(&marks), reserved, "a mark takes no new space");
-        // each file is sufficient
+        // either of the two files is sufficient
         std::fs::remove_file(&marks.until_restart).unwrap();
         assert_eq!(marks.reasons().len(), 2);
         marks.clear("m1");

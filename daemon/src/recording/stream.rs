@@ -289,7 +289,7 @@ mod tests {
         stays.write_all(&[7; 200]).unwrap();
         stays.shutdown(std::net::Shutdown::Write).unwrap();
         drop(fd);
-        // nothing is published: only closing is detected
+        // nothing was published: the closed socket itself is detected
         given_back.await.unwrap_err();
         let more = readers.add(wanted, ()).unwrap();
         assert_eq!(

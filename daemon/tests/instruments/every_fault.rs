@@ -226,11 +226,11 @@ impl Play {
                 let gone_through = tokio::time::timeout(DEADLINE, async {
                     loop {
                         let signal = tokio::select! {
-                            // events come before a frame that was measured after them
+                            // receive events before frames, so that an event is not missed for a later frame
                             biased;
                             signal = dbus::next(&mut happened) => signal.expect("the daemon runs"),
                             // a fault that ends by itself may have ended while the source was switched off (up to two
-                            // attempts), or between two frames: once more
+                            // attempts), or between two frames: cause it again
                             _ = self.next_frame(), if reported.is_empty() && mend.is_none() => {
                                 self.fault(words);
                                 continue;

@@ -48,7 +48,7 @@ async fn a_file_that_cannot_be_written_is_followed_by_the_next_part() {
     let session = daemon.start(Options::new()).await;
     let first = session.path().await.unwrap();
     let alarm = reported(&mut happened, "alarm").await;
-    // a client that has stopped listening must not look like one that is frozen
+    // an unread stream would make the daemon drop this client as frozen
     drop(happened);
     assert!(
         alarm.contains(&format!("writing to {first} has stopped")),

@@ -78,7 +78,7 @@ fn ip(words: &str) {
     assert!(output.status.success(), "ip {words}: {output:?}");
 }
 
-/// An instrument's cable, from this network to the daemon's.
+/// An instrument's cable: a link between this network namespace and the daemon's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Cable {
     Source = 1,
@@ -97,7 +97,7 @@ impl Cable {
         self.plug();
     }
 
-    /// Packets under way are lost, and neither side is notified: no end of a connection, no refusal.
+    /// Packets in flight are lost, and neither side is notified: no end of a connection, no refusal.
     fn unplug(self) {
         ip(&format!("link set rig{} down", self as u8));
     }
@@ -113,7 +113,8 @@ impl Cable {
     }
 }
 
-/// Takes the far ends of the cables from the network of process $RIG, and executes its arguments.
+/// Script that moves the far ends of the cables from the network of process $RIG to its own, and executes its
+/// arguments.
 const AT_THE_FAR_END: &str = r#"
 set -e
 for number in 1 2; do
@@ -346,7 +347,7 @@ async fn wall_clock_step_moves_no_frame_and_is_reported() {
     let records = records(&path);
     no_sequence_is_missing(&records);
     assert_whole(&path);
-    // one clock kept the schedule, the other was set twice: nothing else moves either by a minute
+    // the monotonic clock kept the schedule, the wall clock was set twice: nothing else moves either by a minute
     let (first, last) = (&records[0].frame, &records[records.len() - 1].frame);
     let places = records.len() as u64 - 1 + missed;
     let lasted = (last.monotonic - first.monotonic).as_secs_f64();

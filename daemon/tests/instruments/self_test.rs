@@ -104,7 +104,7 @@ async fn a_noisy_channel_and_a_noisy_electrode_are_named() {
         let lines = report.lines.iter().filter(|line| line.check == "noise");
         let failed = lines.filter(|line| line.verdict == "failed");
         assert_eq!(failed.count(), channels.split(',').count(), "{channels}");
-        // the voltmeter is not reported as the cause
+        // the reported noise stays that of the voltmeter: the channel does not affect it
         let noise = report.more.noise_v.unwrap();
         assert!((0.5e-6..6e-6).contains(&noise), "{noise}");
     }
@@ -297,7 +297,7 @@ async fn reading_relay_counters_ends_no_fault() {
     assert_eq!(daemon.manager.last_error().await.unwrap(), why);
     daemon.manager.open_all().await.unwrap();
 
-    // a rig that is lost by reading them is reconnected
+    // a rig that is lost while its relay counters are read is reconnected
     let mut happened = daemon.manager.receive_happened().await.unwrap();
     rig.set_wire(Instrument::Mainframe, Wire::Cut);
     let refused = within(daemon.manager.relays(&Options::new())).await;

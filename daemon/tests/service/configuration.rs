@@ -386,7 +386,7 @@ fn with_json_errors_are_objects() {
         assert_eq!(error["code"], code, "{error}");
         assert!(error["text"].as_str().unwrap().contains(says), "{error}");
     }
-    // without it as before, each problem with its place
+    // without --json: text, each problem with its position
     let output = bad.run(&["--plan"]);
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(

@@ -52,7 +52,7 @@ async fn assert_frames_continue(
     assert_ne!(state, "faulted", "after {after}");
 }
 
-/// Waits for the end of the session, which must not happen.
+/// Waits in the background for the end of the session, which must not happen.
 fn watched(measuring: &Measuring) -> JoinHandle<String> {
     let session = measuring.session.clone();
     tokio::spawn(async move { format!("{:?}", session.wait().await) })

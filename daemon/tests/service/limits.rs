@@ -196,7 +196,7 @@ async fn waiting_calls_end_when_their_callers_leave() {
         let connection = at_last(async || connect(&stage).await).await;
         wait_and_disconnect(connection, &session).await;
     }
-    // the slots are free again on both connections, and stopping never needed one of them
+    // the slots are free again on both transports; stopping needs no slot
     let on_bus = broker.connect().await;
     for connection in [&on_bus, &connect(&stage).await.unwrap()] {
         let theirs = of_session(&session, connection).await;
@@ -290,12 +290,12 @@ async fn ten_thousand_sessions_hold_up_neither_start_nor_list() {
         daemon
     };
     let daemon = start("nothing known of them").await;
-    // the state is correct while they are being read, and the daemon can be stopped
+    // while the session files are being read, the state is correct and the daemon can be stopped
     assert_eq!(within(daemon.manager.state()).await.unwrap(), "idle");
     let (status, _) = daemon.terminate().await;
     assert!(status.success());
 
-    // a session starts when they have been read, with the baseline among them
+    // a session starts once the files have been read: its baseline is one of them
     let daemon = start("nothing known of them").await;
     let session = daemon.start(Options::new().with("step", true)).await;
     within(session.stop()).await.unwrap();

@@ -122,7 +122,7 @@ async fn an_option_with_any_number_is_refused_by_name_or_taken() {
                     let by_range = ranged.iter().any(|word| text.contains(word));
                     // if another type is expected the message names it
                     let by_kind = text.contains("must be a text") || text.contains("must be true");
-                    // for an option of recordings, a rig reports only that it is one
+                    // if the option is for recordings, the error of a rig states only that
                     let elsewhere = text.contains("for recordings");
                     assert!(by_range || by_kind || elsewhere, "{what}");
                     let valued = text.contains(written) || text.contains("must be a whole number");
@@ -237,7 +237,7 @@ async fn a_reload_with_any_number_leaves_the_session_running() {
             "{state}"
         );
     }
-    // the daemon is not running and the error is an exit code, for which systemd does not retry
+    // in the configuration at start: the daemon exits with a code for which systemd does not retry
     for value in ["inf", "nan", "1e308"] {
         let stage =
             Stage::new(&SMALL.replace("[survey]\n", &format!("[survey]\nnplc = {value}\n")));

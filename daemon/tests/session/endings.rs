@@ -146,7 +146,7 @@ async fn unrecordable_end_is_reported() {
         }
         let mut happened = daemon.manager.receive_happened().await.unwrap();
         let session = paused_on_a_full_disk(&daemon, &state).await;
-        // neither this file nor a next part can store it
+        // neither the locked file nor a next part on the full disk can store the end
         let held = lock(&session.path().await.unwrap(), false);
         let stopped = within(session.stop()).await;
         let Err(Fault::Failed(text)) = stopped else {
@@ -221,7 +221,7 @@ async fn session_waiting_for_disk_space_can_be_stopped() {
     let session = active(&daemon).await;
     assert_eq!(session.id().await.unwrap(), id);
     if let Err(fault) = within(session.stop()).await {
-        // its file could not be closed; the end is durable nevertheless
+        // the session file could not be closed, but the end mark is durable
         assert!(
             fault.text().contains("that it has ended is kept"),
             "{fault:?}"
@@ -343,7 +343,7 @@ async fn a_session_that_waits_for_its_rig_can_be_stopped() {
     let session = active(&daemon).await;
     assert_eq!(session.id().await.unwrap(), id);
     assert_eq!(session.state().await.unwrap(), "suspended");
-    // a daemon that ends meanwhile leaves this to the next one
+    // a daemon that ends while the session is suspended leaves the session to the next daemon
     daemon.terminate().await;
     let state = stage.path().join("state");
     assert_eq!(logbook::interrupted(&state).unwrap().len(), 1);
@@ -417,7 +417,7 @@ async fn a_file_that_is_deleted_or_replaced_loses_no_frame() {
     assert_stays_ended(&stage).await.terminate().await;
 }
 
-/// As started by a user whose files are readable by everybody.
+/// The daemon is started with a umask that makes files readable by everybody.
 #[tokio::test(flavor = "multi_thread")]
 async fn what_is_recorded_is_not_for_strangers_to_read() {
     use std::os::unix::fs::PermissionsExt;

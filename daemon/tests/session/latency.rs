@@ -26,8 +26,8 @@ async fn a_frame_is_durable_before_its_signal() {
     let mut took = Vec::new();
     let ended = session.wait();
     let mut ended = std::pin::pin!(ended);
-    // every 250 ms: summaries are at least 200 ms apart, and none has to be delayed; on a machine that is too slow for
-    // that some are left out
+    // frames every 250 ms, because summaries are sent at least 200 ms apart: none has to be delayed; a machine that is
+    // too slow skips some
     loop {
         let signal = tokio::select! {
             biased;

@@ -155,7 +155,7 @@ async fn a_plan_shows_what_each_setting_would_cost() {
     );
     within(daemon.terminate()).await;
 
-    // half a frame, on a wiring that reads one by one
+    // half of the readings, on a wiring that takes each reading separately
     let half = SMALL.replace("[survey]\n", "[survey]\nhalf = true\n")
         + "[wiring]\nkind = \"matrix-34932a\"\n";
     stage.configure(&half);
@@ -198,7 +198,7 @@ async fn a_zero_current_frame_is_reported_and_its_baseline_kept() {
     daemon.baseline(3).await;
     let session = daemon.start(Options::new().with("count", 1_u64)).await;
     crate::stage::ended(&session).await.unwrap();
-    // one before the first frame of each session, one after the second
+    // a zero frame before the first frame of each session, and one after the second frame
     for _ in 0..3 {
         let signal = within(dbus::next(&mut happened)).await.unwrap();
         let reported = signal.args().unwrap();
@@ -213,7 +213,7 @@ async fn a_zero_current_frame_is_reported_and_its_baseline_kept() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_overload_selects_the_next_larger_range_and_is_reported() {
-    // first the size of the readings; then a current at which the largest just fits the smallest range
+    // measure the readings first, then choose a current at which the largest just fits the smallest range
     let stage = Stage::new(SMALL);
     let daemon = stage.start().await;
     daemon.baseline(1).await;

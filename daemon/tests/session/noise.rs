@@ -23,7 +23,7 @@ async fn untouched(stage: &Stage) -> (f64, f64) {
     let session = daemon.start(Options::new().with("count", 1_u64)).await;
     crate::stage::ended(&session).await.unwrap();
     let map = session.latest_map().await.unwrap();
-    // whatever noise sets the method, an unloaded sheet shows nothing
+    // an unloaded sheet shows nothing, whatever the noise that sets the regularisation
     assert_eq!(map.more.significant, Some(false));
     assert_eq!(map.more.found_x_m, None);
     let noise = map.more.noise.unwrap();
@@ -114,7 +114,7 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
         remarks.contains("take it off and record again"),
         "{remarks}"
     );
-    // the previous one is still there
+    // the previous baseline still exists
     let listed = daemon.manager.list_sessions(&Options::new()).await.unwrap();
     let before = listed
         .iter()
@@ -124,7 +124,7 @@ async fn a_baseline_with_a_load_on_the_sheet_is_remarked() {
     let used = daemon.manager.use_baseline(&before.id).await.unwrap();
     assert_eq!(used, before.id);
     assert_eq!(daemon.manager.baseline_id().await.unwrap(), before.id);
-    // each still has its own remarks
+    // each baseline keeps its own remarks
     let loaded = daemon.manager.baseline_remarks(&loaded).await.unwrap();
     assert_eq!(loaded.join("\n"), remarks);
     let empty = daemon.manager.baseline_remarks(&before.id).await.unwrap();
@@ -168,7 +168,7 @@ async fn a_session_keeps_the_method_it_was_started_with() {
     let map = session.latest_map().await.unwrap();
     assert!(map.method.starts_with("one-step"), "{}", map.method);
     assert_eq!(kept["method"].as_str(), Some("one-step"));
-    // that of total variation has another unit
+    // the configured lambda of total variation has another unit and is not kept
     assert!(!kept.contains_key("lambda"), "{kept}");
     assert!(kept["noise_uv"].as_float().unwrap() > 0.0);
     assert_eq!(kept["map_every"], configured["map_every"]);

@@ -68,7 +68,7 @@ async fn a_calibrated_method_says_newtons() {
     );
     assert_eq!(pressure.sequence, map.sequence);
     assert_eq!(pressure.kpa.len(), map.values.len());
-    // the curve of the file, for each triangle
+    // each triangle follows the curve of the calibration file
     for (kpa, value) in pressure.kpa.iter().zip(&map.values) {
         let loss = -value;
         let wanted = match loss {
@@ -93,7 +93,7 @@ async fn a_calibrated_method_says_newtons() {
     let whole = map.more.durable_s.unwrap();
     assert!(0.0 < took && took < whole, "{took} of {whole} s");
     within(session.stop()).await.unwrap();
-    // the stream has it just before its map, if requested
+    // on request, the stream sends the pressure before its map
     let reported = within(kinds(&mut stream)).await;
     assert_eq!(
         reported,

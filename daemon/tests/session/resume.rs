@@ -159,7 +159,7 @@ async fn what_cannot_go_on_is_closed_with_the_reason() {
     within(session.step(1)).await.unwrap();
     daemon.kill().await;
 
-    // one resumption an hour is allowed, and has happened
+    // one resumption an hour is allowed, which the next start uses
     stage.configure(&resuming().replace("resume = true", "resume = true\nresume_per_hour = 1"));
     let daemon = stage.start().await;
     let session = active(&daemon).await;

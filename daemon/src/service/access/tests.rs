@@ -5,7 +5,7 @@ use dbus::MANAGER_INTERFACE;
 use super::table::{METHODS, SETTERS};
 use super::*;
 
-/// Values of an attribute of every element of a kind whose tag contains this text.
+/// Names of all `element`s whose tag contains `containing`.
 fn named<'a>(xml: &'a str, element: &str, containing: &str) -> Vec<&'a str> {
     let opening = format!("<{element} name=\"");
     xml.split(&opening)

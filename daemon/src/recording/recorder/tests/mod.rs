@@ -277,7 +277,7 @@ fn a_method_that_panics_costs_maps_and_no_frame() {
     assert_eq!(scene.status.durable(), 3);
     let error = scene.status.progress().last_error;
     assert!(error.contains("a method that fails"), "{error}");
-    // other tests panic, too
+    // the panic hook is global, so panics of other tests may be recorded too
     let place = received.borrow().clone();
     assert!(
         !scene.status.has_failed() && !place.contains("recorder"),
@@ -290,7 +290,7 @@ fn late_map_follows_its_frame_and_later_frames_have_none() {
     let (scene, recorder, queue, tell) = Scene::new();
     let (go, gate) = sync::channel();
     tell.send(Do::MapAfter(gate)).unwrap();
-    // so many frames are waiting that maps are not awaited
+    // so many frames are queued that the recorder does not wait for maps
     let many = BUSY_QUEUE as u64 + 2;
     for number in 1..=many {
         scene.frame(number);
@@ -359,7 +359,7 @@ fn whoever_stops_a_session_on_a_full_disk_is_not_kept_waiting() {
     // the queue ends when all senders are dropped
     let Scene { status, orders, .. } = scene;
     drop(orders);
-    // the reserve is for the end: there is space for the current frame and the closing row
+    // the reserved space is for the end of a session: it holds the current frame and the closing row
     recording.join().unwrap().unwrap();
     assert_eq!((status.durable(), status.dropped()), (2, 0));
     assert!(status.is_closed());
@@ -426,7 +426,7 @@ fn a_ring_that_can_delete_nothing_waits_for_space() {
     });
     tell.send(Do::Map).unwrap();
     let path = scene.closed_session();
-    // what is deleted cannot be noted there
+    // a folder in place of the log of deletions: it cannot be written
     let folder = &scene.prepared.setup.record_directory;
     std::fs::create_dir(folder.join("pruned.jsonl")).unwrap();
     scene.free.store(0, Ordering::SeqCst);
