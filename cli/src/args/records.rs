@@ -283,9 +283,9 @@ pub struct Quantities {
     /// Only this quantity, e.g. load, ppi, unrelieved; may be repeated [default: all]
     #[arg(long = "quantity", value_name = "NAME", value_parser = quantity)]
     pub quantities: Vec<Quantity>,
-    /// Length of a span, in whole seconds: smallest, mean and largest value of its frames are printed
-    #[arg(long, value_name = "SPAN", default_value = "1m", value_parser = whole_seconds)]
-    pub every: Duration,
+    /// Length of a span, in whole seconds: smallest, mean and largest value of its frames are printed [default: 1m; of frames without times all are one span]
+    #[arg(long, value_name = "SPAN", value_parser = whole_seconds)]
+    pub every: Option<Duration>,
     /// Print each frame instead, with standard deviations
     #[arg(long, conflicts_with = "every")]
     pub each_frame: bool,

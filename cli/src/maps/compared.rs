@@ -14,8 +14,8 @@ pub(crate) type ShownMap = (Map, Option<Pressure>);
 
 /// A frame, its baseline, and what is known of it.
 pub(crate) struct Compared<'a> {
-    /// Time of the frame, s of the Unix epoch; its number where it has no time.
-    at_s: f64,
+    /// Time of the frame, s of the Unix epoch; `None` if unknown.
+    at_s: Option<f64>,
     baseline: &'a [Reading],
     /// The baseline without what the tracked one lacks: the deviation has that as an error, and one sheet is fitted for all frames of a load.
     tracked_baseline: &'a [Reading],
@@ -36,12 +36,17 @@ impl<'a> Compared<'a> {
             None => (own, own, &recorded.readings),
         };
         Self {
-            at_s: recorded.at_s(),
+            at_s: recorded.time_s(None),
             baseline,
             tracked_baseline,
             readings,
             tracked: followed.map(|frame| &frame.tracked),
         }
+    }
+
+    /// With another time of the frame, s; `None` if unknown.
+    pub(crate) fn at(self, at_s: Option<f64>) -> Self {
+        Self { at_s, ..self }
     }
 
     /// The map.

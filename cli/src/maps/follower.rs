@@ -1,7 +1,7 @@
 //! The tracked baseline of a recording, frame by frame.
 
 use imaging::recorded::{RecordedFrame, Recording};
-use imaging::tracking::{Orders, seconds};
+use imaging::tracking::Orders;
 use imaging::{TrackedArguments, TrackedFrame, Tracking};
 use survey::Reading;
 
@@ -94,10 +94,7 @@ impl Follower {
     }
 
     fn time(&self, frame: &RecordedFrame) -> f64 {
-        match (frame.wall, self.period_s) {
-            (Some(wall), _) => seconds(wall),
-            (None, period_s) => period_s.unwrap_or_default() * frame.sequence as f64,
-        }
+        frame.time_s(self.period_s).unwrap_or_default()
     }
 
     /// The number from which on frames were not followed yet.

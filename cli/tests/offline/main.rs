@@ -13,4 +13,5 @@ mod scene;
 #[path = "../../../archive/tests/postgres/server.rs"]
 #[allow(dead_code)]
 mod server;
+mod untimed;
 mod upkeep;

@@ -11,7 +11,7 @@ use std::path::Path;
 use imaging::quantities::{
     LoadUnit, Quantifier, QuantityRow, STORED_S, joined, keep_newest_unit, stored,
 };
-use imaging::recorded::{Recording, SessionParts};
+use imaging::recorded::{Origin, Recording, SessionParts};
 use logbook::LogbookError;
 
 use crate::args::{Global, Quantities};
@@ -22,6 +22,7 @@ use crate::maps::quantities::output::Output;
 use crate::maps::quantities::usable::UsableMaps;
 use crate::maps::reconstruction::Reconstruction;
 use crate::maps::recording::{self, Thinning};
+use crate::options::duration::display_span;
 use crate::output::Printer;
 use crate::output::progress::progress;
 use crate::session_files;
@@ -47,7 +48,18 @@ pub(crate) fn run(
         quantifier = quantifier.with_deviation(reconstruction.deviation());
     }
     let mut follower = Follower::of(&reconstruction, &requested.asked.tracked, &recording)?;
-    let mut output = Output::new(requested);
+    let has_times = matches!(recording.origin, Origin::Session(_));
+    if let Some(every) = requested.every
+        && !has_times
+    {
+        return Err(Failure::Usage(format!(
+            "--every {} has no meaning: the frames of {} have no times, and all of them are one span; --each-frame prints those of \
+             each frame",
+            display_span(every),
+            recording.name
+        )));
+    }
+    let mut output = Output::new(requested, has_times);
     if !requested.csv {
         for remark in &reconstruction.remarks {
             printer.text(remark)?;
@@ -68,7 +80,8 @@ pub(crate) fn run(
             Some(follower) => Some(follower.follow(&recorded)?),
             None => None,
         };
-        let compared = Compared::new(&recording, &recorded, followed.as_ref());
+        let at_s = recorded.time_s(requested.asked.tracked.period_s);
+        let compared = Compared::new(&recording, &recorded, followed.as_ref()).at(at_s);
         let (frame, _) = compared.quantities(&reconstruction, &mut quantifier)?;
         usable.take(&recorded, &frame);
         progress.suspend(|| output.take(&recorded, frame, printer))?;
@@ -129,7 +142,7 @@ fn print_stored(
             "tactus: {damaged} of the stored minutes are damaged and left out; --recompute computes them from the frames"
         );
     }
-    let mut output = Output::new(requested);
+    let mut output = Output::new(requested, true);
     for rows in rows.chunk_by(|a, b| (a.begin_s, a.of) == (b.begin_s, b.of)) {
         output.spans(rows, printer)?;
     }

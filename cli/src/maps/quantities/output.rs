@@ -5,6 +5,7 @@ use std::io::Write;
 use chrono::{DateTime, Utc};
 use imaging::quantities::{FrameQuantities, LoadUnit, Quantity, QuantityRow, Rows};
 use imaging::recorded::{RecordedFrame, table_time};
+use imaging::tracking::seconds;
 use serde::Serialize;
 
 use crate::args::Quantities;
@@ -15,7 +16,8 @@ use crate::output::time::utc;
 /// A line of `quantities --json`; see `docs/reference/json.md`.
 #[derive(Debug, Serialize)]
 struct SpanLine<'a> {
-    begin: String,
+    /// `None` of frames without times.
+    begin: Option<String>,
     region: &'a str,
     quantity: Quantity,
     unit: String,
@@ -39,6 +41,8 @@ struct FrameLine {
 pub(crate) struct Output<'a> {
     requested: &'a Quantities,
     rows: Rows,
+    /// Whether frames have times; without them all frames are one span, whose beginning is not known.
+    has_times: bool,
     /// Whether CSV has its heading.
     begun: bool,
     /// The unit of the last heading for people: a calibration that came while the session was recorded changes it.
@@ -48,9 +52,10 @@ pub(crate) struct Output<'a> {
 }
 
 impl<'a> Output<'a> {
-    pub(crate) fn new(requested: &'a Quantities) -> Self {
+    pub(crate) fn new(requested: &'a Quantities, has_times: bool) -> Self {
         Self {
             requested,
+            has_times,
             rows: Rows::new(requested.span_s()),
             begun: false,
             headed: None,
@@ -67,7 +72,7 @@ impl<'a> Output<'a> {
         if self.requested.each_frame {
             self.frame(recorded, &frame, printer)?;
         } else {
-            let at_s = recorded.at_s();
+            let at_s = recorded.wall.map_or(0.0, seconds);
             let ended = self.rows.take(at_s, &frame);
             self.spans(&ended, printer)?;
         }
@@ -119,11 +124,16 @@ impl<'a> Output<'a> {
                 printer,
             )?;
         }
+        let has_times = self.has_times;
+        let begin_of = |row: &QuantityRow| {
+            let begin = DateTime::<Utc>::from_timestamp(row.begin_s, 0);
+            begin.filter(|_| has_times)
+        };
         for row in &chosen {
             let convert = |value| requested.convert(row.quantity, row.of, value);
-            let begin = DateTime::<Utc>::from_timestamp(row.begin_s, 0).unwrap_or_default();
+            let begin = begin_of(row);
             let line = SpanLine {
-                begin: utc(begin),
+                begin: begin.map(utc),
                 region: &row.region,
                 quantity: row.quantity,
                 unit: requested.unit(row.quantity, row.of),
@@ -136,7 +146,7 @@ impl<'a> Output<'a> {
             if requested.csv {
                 let text = format!(
                     "{},{},{},{},{},{},{},{},{}\n",
-                    table_time(begin),
+                    begin.map(table_time).unwrap_or_default(),
                     line.region,
                     line.quantity.name(),
                     line.unit,
@@ -160,7 +170,8 @@ impl<'a> Output<'a> {
             printer.raw(requested.table_heading(first.of).as_bytes())?;
         }
         for of_region in chosen.chunk_by(|a, b| a.region == b.region) {
-            printer.text(&requested.table_row(of_region))?;
+            let begin = of_region.first().and_then(|row| begin_of(row));
+            printer.text(&requested.table_row(begin, of_region))?;
         }
         Ok(())
     }

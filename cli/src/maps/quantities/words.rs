@@ -2,7 +2,8 @@
 
 use chrono::{DateTime, Utc};
 use imaging::quantities::{
-    FrameQuantities, KPA_PER_MMHG, LoadUnit, Quantity, QuantityRow, RegionQuantities, rounded,
+    FrameQuantities, KPA_PER_MMHG, LoadUnit, Quantity, QuantityRow, RegionQuantities, STORED_S,
+    rounded,
 };
 
 use crate::args::Quantities;
@@ -31,7 +32,9 @@ const SHOWN: [Quantity; 7] = [
 
 impl Quantities {
     pub(crate) fn span_s(&self) -> u32 {
-        u32::try_from(self.every.as_secs()).unwrap_or(u32::MAX)
+        self.every.map_or(STORED_S, |every| {
+            u32::try_from(every.as_secs()).unwrap_or(u32::MAX)
+        })
     }
 
     /// Whether something is asked that the stored rows do not answer.
@@ -119,13 +122,13 @@ impl Quantities {
         text
     }
 
-    /// The rows of a span and region: means, and the largest of what is judged by its largest value.
-    pub(crate) fn table_row(&self, rows: &[&QuantityRow]) -> String {
+    /// The rows of a span and region, and when it began, if known: means, and the largest of what is judged by its largest value.
+    pub(crate) fn table_row(&self, begin: Option<DateTime<Utc>>, rows: &[&QuantityRow]) -> String {
         let Some(first) = rows.first() else {
             return String::new();
         };
-        let begin = DateTime::<Utc>::from_timestamp(first.begin_s, 0).unwrap_or_default();
-        let mut text = format!("{:<26}  {:<10}", local(begin), first.region);
+        let begin = begin.map_or_else(|| "not known".to_owned(), local);
+        let mut text = format!("{begin:<26}  {:<10}", first.region);
         for (quantity, of) in self.columns() {
             let row = rows.iter().find(|row| row.quantity == quantity);
             let value = row.map_or("-".to_owned(), |row| {

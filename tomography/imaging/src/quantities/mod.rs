@@ -27,7 +27,7 @@ use survey::{HotSpot, Map, Verdict};
 use crate::model::Model;
 use crate::tracking::Tracked;
 pub use course::add_compensated;
-use course::{Course, CourseSettings, CourseState};
+use course::{Course, CoursePlaces, CourseSettings, CourseState};
 pub use deviation::{ComparedReadings, Deviation};
 use deviation::{Described, Deviations};
 pub use minutes::{QuantityRow, Rows};
@@ -277,21 +277,32 @@ impl Quantifier {
         Ok(())
     }
 
-    /// The quantities of the next frame; `None` for a frame without a map. `at_s`: its time, s of the Unix epoch.
-    pub fn take(&mut self, at_s: f64, judged: Option<&JudgedMap<'_>>) -> FrameQuantities {
+    /// The quantities of the next frame; `None` for a frame without a map. `at_s`: its time, s of the Unix epoch; of a recording
+    /// without times `None`, and quantities over time are not known.
+    pub fn take(
+        &mut self,
+        at_s: impl Into<Option<f64>>,
+        judged: Option<&JudgedMap<'_>>,
+    ) -> FrameQuantities {
+        let at_s = at_s.into();
         let refused = match judged {
             None => Some("the frame has no map".to_owned()),
             Some(judged) => unreliable(judged.map).or(self.without_pressure(judged)),
         };
         let Some(judged) = judged.filter(|_| refused.is_none()) else {
-            return self.unknown(refused);
+            return self.unknown(at_s, refused);
         };
         let loads = self.loads(judged);
         let mut found = frame::of_map(&self.surface, &loads, self.threshold(), self.unit);
         let values: Vec<Values> = found.iter().map(|found| found.values).collect();
-        self.course.take(at_s, &loads, &values);
+        if let Some(at_s) = at_s {
+            self.course.take(at_s, &loads, &values);
+        }
         let spots = self.hot_spots(&loads);
-        let changes = self.tracks.take(at_s, &spots, self.threshold());
+        // no time passes between frames without times
+        let changes = self
+            .tracks
+            .take(at_s.unwrap_or_default(), &spots, self.threshold());
         for (region, found) in self.surface.region_list().iter().zip(&mut found) {
             let spots = self.tracks.spots();
             let inside = spots.filter(|spot| region.has(&self.surface, spot.centre));
@@ -306,9 +317,12 @@ impl Quantifier {
             .zip(deviations.regions)
             .enumerate()
             .map(|(index, (found, deviations))| {
-                let places = self
-                    .course
-                    .complete(&self.surface, index, &mut found.values);
+                let places = match at_s {
+                    Some(_) => self
+                        .course
+                        .complete(&self.surface, index, &mut found.values),
+                    None => CoursePlaces::default(),
+                };
                 found.values.set(Quantity::Known, Some(known));
                 let millimetres = |place: Option<[f64; 2]>| place.map(|at| at.map(|m| 1e3 * m));
                 RegionQuantities {
@@ -330,12 +344,23 @@ impl Quantifier {
             }),
             unit: self.unit,
             regions,
-            spots: self.tracks.list(self.unit, &deviations.spots),
+            spots: self.spots(at_s, &deviations.spots),
             changes,
         }
     }
 
-    fn unknown(&self, reason: Option<String>) -> FrameQuantities {
+    /// The hot spots of the last frame with a map.
+    fn spots(&self, at_s: Option<f64>, uncertain: &[Option<SpotUncertainty>]) -> Vec<SpotTrack> {
+        let spots = self.tracks.list(self.unit, uncertain).into_iter();
+        spots
+            .map(|spot| SpotTrack {
+                age_s: spot.age_s.filter(|_| at_s.is_some()),
+                ..spot
+            })
+            .collect()
+    }
+
+    fn unknown(&self, at_s: Option<f64>, reason: Option<String>) -> FrameQuantities {
         let mut not_known = Values::default();
         not_known.set(Quantity::Known, Some(0.0));
         let region = |name: &str| RegionQuantities {
@@ -352,7 +377,7 @@ impl Quantifier {
             reason,
             unit: self.unit,
             regions: self.surface.regions().map(region).collect(),
-            spots: self.tracks.list(self.unit, &[]),
+            spots: self.spots(at_s, &[]),
             changes: Vec::new(),
         }
     }

@@ -223,6 +223,45 @@ fn from_frame(quantifier: &mut Quantifier, frames: std::ops::Range<u32>) -> Vec<
 }
 
 #[test]
+fn quantities_over_time_of_frames_without_times_are_unknown() {
+    let surface = Surface::of_triangles(&triangles(), 9.5e-4, &[]).unwrap();
+    let disc = |x: f64| about(&surface, [x, 100.0], |r| if r <= 20.0 { -0.3 } else { 0.0 });
+    let maps = [60.0, 70.0].map(|x| Map::relative("", disc(x), ""));
+    let settings = QuantitySettings::default();
+    let mut quantifier = Quantifier::of_surface(surface, settings, LoadUnit::RelativeLoss);
+    let over_time = [
+        Quantity::Speed,
+        Quantity::Path,
+        Quantity::Dose,
+        Quantity::Unrelieved,
+        Quantity::UnrelievedArea,
+    ];
+    let mut taken = |map: Option<&Map>| {
+        let judged = map.map(|map| JudgedMap {
+            map,
+            pressure: None,
+            noise: Some(0.05),
+            tracked: None,
+            compared: None,
+        });
+        let found = quantifier.take(None::<f64>, judged.as_ref());
+        let sheet = &found.regions[0];
+        assert!(over_time.iter().all(|of| sheet.values.get(*of).is_none()));
+        assert_eq!((sheet.dose_mm, sheet.unrelieved_mm), (None, None));
+        let [spot] = &found.spots[..] else {
+            panic!("one hot spot: {:?}", found.spots);
+        };
+        assert_eq!((spot.number, spot.age_s, spot.speed_mm_s), (1, None, None));
+        found
+    };
+    for map in &maps {
+        let found = taken(Some(map));
+        assert!(found.regions[0].values.get(Quantity::Load).unwrap() > 0.0);
+    }
+    taken(None);
+}
+
+#[test]
 fn a_restart_at_any_frame_changes_no_bit() {
     let quantifier = |threshold_percent: f64| {
         let triangles: Vec<_> = triangles().into_iter().take(8).collect();

@@ -29,9 +29,9 @@ pub struct SpotTrack {
     pub load: f64,
     /// How far noise may move and change it; `None` where that is not computed or not known.
     pub uncertainty: Option<SpotUncertainty>,
-    /// Time since it appeared, s.
-    pub age_s: f64,
-    /// Speed of its centre since the frame before, mm/s; `None` in its first frame.
+    /// Time since it appeared, s; `None` where frames have no times.
+    pub age_s: Option<f64>,
+    /// Speed of its centre since the frame before, mm/s; `None` in its first frame, and where frames have no times.
     pub speed_mm_s: Option<f64>,
 }
 
@@ -252,7 +252,7 @@ impl Tracks {
                 area_mm2: 1e6 * track.spot.area,
                 load: unit.load_factor() * track.spot.load,
                 uncertainty: uncertain.get(index).copied().flatten(),
-                age_s: self.last_s - track.since_s,
+                age_s: Some(self.last_s - track.since_s),
                 speed_mm_s: track.speed,
             })
             .collect()
@@ -306,7 +306,7 @@ mod tests {
             matches!(moved[1], SpotChange::Moved { number: 1, distance_mm } if (distance_mm - 12.0).abs() < 1e-9)
         );
         let list = tracks.list(LoadUnit::RelativeLoss, &[]);
-        assert_eq!((list[0].number, list[0].age_s), (1, 2.0));
+        assert_eq!((list[0].number, list[0].age_s), (1, Some(2.0)));
         assert!((list[0].speed_mm_s.unwrap() - 6.0).abs() < 1e-9);
         assert_eq!(list[1].speed_mm_s, None);
     }

@@ -30,6 +30,12 @@ pub struct RecordedFrame {
 }
 
 impl RecordedFrame {
+    /// Its time, s of the Unix epoch; where it has none, its number times the time from one frame to the next, if that is known.
+    pub fn time_s(&self, period_s: Option<f64>) -> Option<f64> {
+        let counted = || period_s.map(|period_s| period_s * self.sequence as f64);
+        self.wall.map(seconds).or_else(counted)
+    }
+
     /// Its time, s of the Unix epoch; its number where it has no time.
     pub fn at_s(&self) -> f64 {
         self.wall.map_or(self.sequence as f64, seconds)
@@ -368,6 +374,21 @@ mod tests {
     use survey::{Frame, Precautions, Settings, Volts};
 
     use super::*;
+
+    #[test]
+    fn time_of_a_frame_is_recorded_or_counted_or_unknown() {
+        let frame = |wall| RecordedFrame {
+            sequence: 3,
+            label: "f3".to_owned(),
+            wall,
+            readings: Vec::new(),
+            map: None,
+        };
+        assert_eq!(frame(None).time_s(None), None);
+        assert_eq!(frame(None).time_s(Some(10.0)), Some(30.0));
+        let at = DateTime::UNIX_EPOCH + Duration::from_secs(7);
+        assert_eq!(frame(Some(at)).time_s(None), Some(7.0));
+    }
 
     #[test]
     fn baseline_of_first_frames_refuses_an_unreadable_one() {
