@@ -25,19 +25,7 @@ pub(crate) struct StoredConfig {
 /// # Errors
 /// Text that is not a configuration of the daemon.
 pub(crate) fn stored_config(header: &SessionHeader) -> Result<StoredConfig, Failure> {
-    let read = || -> Result<StoredConfig, toml::de::Error> {
-        let mut tables: toml::Table = toml::from_str(&header.config_toml)?;
-        Ok(StoredConfig {
-            geometry: known_keys(tables.remove("geometry"))?,
-            model: known_keys(tables.remove("model"))?,
-            quantities: known_keys(tables.remove("quantities"))?,
-            regions: match tables.remove("region") {
-                None => Vec::new(),
-                Some(regions) => regions.try_into()?,
-            },
-        })
-    };
-    read().map_err(|error| {
+    read_config(header).map_err(|error| {
         Failure::configuration(
             &format!(
                 "the configuration kept in session {} cannot be read; {SETTINGS_HINT}",
@@ -45,6 +33,20 @@ pub(crate) fn stored_config(header: &SessionHeader) -> Result<StoredConfig, Fail
             ),
             &error,
         )
+    })
+}
+
+/// As [`stored_config`], with the cause alone.
+pub(crate) fn read_config(header: &SessionHeader) -> Result<StoredConfig, toml::de::Error> {
+    let mut tables: toml::Table = toml::from_str(&header.config_toml)?;
+    Ok(StoredConfig {
+        geometry: known_keys(tables.remove("geometry"))?,
+        model: known_keys(tables.remove("model"))?,
+        quantities: known_keys(tables.remove("quantities"))?,
+        regions: match tables.remove("region") {
+            None => Vec::new(),
+            Some(regions) => regions.try_into()?,
+        },
     })
 }
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 use survey::{Amps, Baseline, Settings, printable};
 
 use crate::args::Global;
-use crate::failure::Failure;
+use crate::failure::{Failure, chain};
 use crate::maps::session_settings;
 use crate::output::Printer;
 use crate::output::time::{local, utc};
@@ -43,6 +43,13 @@ struct SessionDetails {
     geometry_hash: Option<String>,
     config_hash: String,
     build: String,
+    unread: Unread,
+}
+
+/// Why parts of the session cannot be read; fields from them are `None`.
+#[derive(Debug, Serialize)]
+struct Unread {
+    configuration: Option<String>,
 }
 
 /// How the frames were taken.
@@ -134,7 +141,10 @@ fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
     let last = last_part.last()?;
     let baseline = session.baseline()?;
     let closed = last_part.closed();
-    let kept = session_settings::stored_config(header).ok();
+    let (kept, config_unread) = match session_settings::read_config(header) {
+        Ok(kept) => (Some(kept), None),
+        Err(error) => (None, Some(chain(&error))),
+    };
     let settings = last
         .as_ref()
         .map(|record| &record.frame.settings)
@@ -187,6 +197,9 @@ fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
         geometry_hash: header.geometry_hash.clone(),
         config_hash: header.config_hash.clone(),
         build: header.build.clone(),
+        unread: Unread {
+            configuration: config_unread,
+        },
     })
 }
 
@@ -200,6 +213,9 @@ fn page(shown: &SessionDetails, times: &Times) -> String {
         .collect();
     lines.join("\n")
 }
+
+/// What is shown in place of a value of the configuration.
+const CONFIG_UNREAD: &str = "not known: the stored configuration cannot be read";
 
 /// Names and texts: what is not known is left out, except where that matters.
 fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
@@ -264,15 +280,17 @@ fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
         match (&shown.method, &shown.model_hash) {
             (Some(method), _) => method.clone(),
             (None, Some(hash)) => format!("model {}", imaging::short_hash(hash)),
+            (None, None) if shown.unread.configuration.is_some() => CONFIG_UNREAD.to_owned(),
             (None, None) => "none recorded".to_owned(),
         },
     );
     push(
         "calibration",
-        shown
-            .calibration
-            .clone()
-            .unwrap_or_else(|| "none: maps are in relative loss of conductance".to_owned()),
+        match (&shown.calibration, &shown.unread.configuration) {
+            (Some(file), _) => file.clone(),
+            (None, Some(why)) => format!("{CONFIG_UNREAD}: {why}"),
+            (None, None) => "none: maps are in relative loss of conductance".to_owned(),
+        },
     );
     push(
         "baseline",

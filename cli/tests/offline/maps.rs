@@ -4,7 +4,7 @@ use imaging::quantities::{LoadUnit, Quantity, QuantityRow, store};
 
 use crate::scene::{
     PRESSED, calibration, done, lines, refused, session, session_in_parts, session_of,
-    session_without_readings, tactus,
+    session_released, session_without_readings, tactus,
 };
 
 #[test]
@@ -324,6 +324,20 @@ fn a_calibration_holds_in_replay_export_and_session_alike() {
     ] {
         assert!(page.contains(line), "no '{line}' in {page}");
     }
+}
+
+#[test]
+fn a_calibration_is_not_known_where_its_config_is_unread() {
+    let folder = tempfile::tempdir().unwrap();
+    session_released(folder.path(), "m1", "[model]\ngap = \"small\"\n");
+    let shown = &lines(&done(folder.path(), &["sessions", "show", "m1", "--json"]))[0];
+    assert!(shown["calibration"].is_null() && shown["method"].is_null());
+    let why = shown["unread"]["configuration"].as_str().unwrap();
+    assert!(why.contains("small"), "{why}");
+    let page = done(folder.path(), &["sessions", "show", "m1"]);
+    let not_known = "not known: the stored configuration cannot be read";
+    assert_eq!(page.matches(not_known).count(), 2, "{page}");
+    assert!(page.contains("small") && !page.contains("relative loss"));
 }
 
 #[test]
