@@ -4,7 +4,7 @@ use std::io::Write;
 
 use imaging::noise::rms_deviation;
 use imaging::recorded::SessionParts;
-use logbook::{About, InstrumentRecord};
+use logbook::{About, InstrumentRecord, LogbookError, Record};
 use serde::Serialize;
 use survey::{Amps, Baseline, Settings, printable};
 
@@ -135,10 +135,20 @@ impl Times {
     }
 }
 
+/// The last frame; the last part may have none yet.
+fn last_frame(session: &SessionParts) -> Result<Option<Record>, LogbookError> {
+    for part in session.each().iter().rev() {
+        if let Some(last) = part.last()? {
+            return Ok(Some(last));
+        }
+    }
+    Ok(None)
+}
+
 fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
     let header = session.header();
     let last_part = session.each().last().unwrap_or(&session.each()[0]);
-    let last = last_part.last()?;
+    let last = last_frame(session)?;
     let baseline = session.baseline()?;
     let closed = last_part.closed();
     let (kept, config_unread) = match session_settings::read_config(header) {

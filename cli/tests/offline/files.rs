@@ -110,6 +110,16 @@ fn events_are_those_of_all_parts_of_a_session() {
     assert!(events.contains("load of frame 3") && !events.contains("load of frame 2"));
 }
 
+#[test]
+fn the_last_frame_is_not_in_a_part_without_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    session_in_parts_with_alarms(folder.path());
+    let shown = done(folder.path(), &["sessions", "show", "m1", "--json"]);
+    let shown = &lines(&shown)[0];
+    assert_eq!(shown["parts"].as_array().unwrap().len(), 4);
+    assert_eq!(shown["last_frame"], "2027-01-15T08:00:03Z");
+}
+
 /// One of several folders is unreadable, like the daemon's folder for an ordinary user.
 #[test]
 fn an_unreadable_folder_is_reported_where_last_is_looked_for() {
