@@ -22,7 +22,7 @@ pub trait GpioChip: Send {
     /// Sets the lines of a mask to the levels of `bits` in one call; the others stay.
     ///
     /// # Errors
-    /// The chip is gone or rejects the request.
+    /// The chip is gone or rejects the request, as one for no line.
     fn set(&mut self, mask: u32, bits: u32) -> Result<(), GpioFault>;
 
     /// Reads all lines back.

@@ -136,6 +136,20 @@ async fn an_enable_that_stays_on_is_named() {
 }
 
 #[tokio::test]
+async fn relays_that_are_open_already_are_verified_open() {
+    let (chip, mut board) = board();
+    let all: Vec<Relay> = gpio_mux::wiring(26).unwrap().relays();
+    // the first step of every plan
+    board.open_verified(&all).await.unwrap();
+    board.move_relays(&[close(&[101, 202])]).await.unwrap();
+    board.open_verified(&[Relay(303)]).await.unwrap();
+    assert_eq!(chip.levels().joined(), [Relay(101), Relay(202)].into());
+    board.open_verified(&all).await.unwrap();
+    board.open_verified(&all).await.unwrap();
+    assert!(chip.levels().joined().is_empty());
+}
+
+#[tokio::test]
 async fn an_unplugged_chip_is_an_error_and_leaves_everything_open() {
     let (chip, mut board) = board();
     board

@@ -127,6 +127,14 @@ impl GpioChip for MemoryChip {
 
     fn set(&mut self, mask: u32, bits: u32) -> Result<(), GpioFault> {
         self.fault("set")?;
+        // as the kernel does
+        if mask == 0 {
+            return Err(GpioFault {
+                chip: self.name().to_owned(),
+                attempt: "set",
+                reason: "no lines".to_owned(),
+            });
+        }
         let mut pins = self.pins();
         let set_time = pins.set_time;
         pins.clock += set_time;
