@@ -50,6 +50,7 @@ struct SessionDetails {
 #[derive(Debug, Serialize)]
 struct Unread {
     configuration: Option<String>,
+    last_frame: Option<String>,
 }
 
 /// How the frames were taken.
@@ -148,7 +149,11 @@ fn last_frame(session: &SessionParts) -> Result<Option<Record>, LogbookError> {
 fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
     let header = session.header();
     let last_part = session.each().last().unwrap_or(&session.each()[0]);
-    let last = last_frame(session)?;
+    let (last, last_unread) = match last_frame(session) {
+        Ok(last) => (last, None),
+        Err(error @ LogbookError::Damaged { .. }) => (None, Some(chain(&error))),
+        Err(other) => return Err(other.into()),
+    };
     let baseline = session.baseline()?;
     let closed = last_part.closed();
     let (kept, config_unread) = match session_settings::read_config(header) {
@@ -158,7 +163,10 @@ fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
     let settings = last
         .as_ref()
         .map(|record| &record.frame.settings)
-        .or(baseline.as_ref().map(|baseline| &baseline.settings));
+        .or(baseline
+            .as_ref()
+            .filter(|_| last_unread.is_none())
+            .map(|baseline| &baseline.settings));
     let span = last
         .as_ref()
         .map(|record| (record.frame.wall - header.started).as_seconds_f64());
@@ -209,6 +217,7 @@ fn details(session: &SessionParts) -> Result<SessionDetails, Failure> {
         build: header.build.clone(),
         unread: Unread {
             configuration: config_unread,
+            last_frame: last_unread,
         },
     })
 }
@@ -226,6 +235,8 @@ fn page(shown: &SessionDetails, times: &Times) -> String {
 
 /// What is shown in place of a value of the configuration.
 const CONFIG_UNREAD: &str = "not known: the stored configuration cannot be read";
+/// What is shown in place of a value of the last frame.
+const FRAME_UNREAD: &str = "not known: the last frame cannot be read";
 
 /// Names and texts: what is not known is left out, except where that matters.
 fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
@@ -264,6 +275,9 @@ fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
             if shown.parts.len() == 1 { "" } else { "s" },
         ),
     );
+    if let Some(why) = &shown.unread.last_frame {
+        push("settings", format!("{FRAME_UNREAD}: {why}"));
+    }
     if let Some(taken) = &shown.settings {
         push(
             "settings",
@@ -291,6 +305,7 @@ fn lines(shown: &SessionDetails, times: &Times) -> Vec<(String, String)> {
             (Some(method), _) => method.clone(),
             (None, Some(hash)) => format!("model {}", imaging::short_hash(hash)),
             (None, None) if shown.unread.configuration.is_some() => CONFIG_UNREAD.to_owned(),
+            (None, None) if shown.unread.last_frame.is_some() => FRAME_UNREAD.to_owned(),
             (None, None) => "none recorded".to_owned(),
         },
     );

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use crate::scene::{
     baseline_session, calibration, done, lines, refused, session_of, session_paused,
-    session_released, session_with_alarm_not_judged, session_with_alarms, session_with_unread_end,
-    session_without_baseline, session_without_load, session_without_readings,
+    session_released, session_with_alarm_not_judged, session_with_alarms, session_with_damaged_end,
+    session_with_unread_end, session_without_baseline, session_without_load,
+    session_without_readings,
 };
 
 const METHOD: [&str; 4] = ["--preset", "disc-tank", "--noise-v", "2e-6"];
@@ -107,6 +108,24 @@ fn a_report_without_frames_has_no_share_of_them() {
     let (page, line) = report(folder.path(), "b2027");
     assert_eq!(line["frames"], 0);
     assert!(page.contains("holds no readable frame") && !page.contains("frames without a fault"));
+}
+
+#[test]
+fn a_last_frame_that_cannot_be_read_is_stated() {
+    let folder = tempfile::tempdir().unwrap();
+    session_with_damaged_end(folder.path());
+    let (page, line) = report(folder.path(), "last");
+    assert_eq!(line["frames"], 2);
+    let frames = "<td>frames</td><td>2 that can be read, from 2027-01-1";
+    assert!(page.contains(frames), "{frames}");
+    let unread = "not known: the last frame cannot be read: ";
+    let settings = format!("<td>settings</td><td>{unread}");
+    assert!(page.contains(&settings), "{settings}");
+    let show = ["sessions", "show", "last", "--json"];
+    let shown = &lines(&done(folder.path(), &show))[0];
+    assert!(shown["settings"].is_null() && shown["last_frame"].is_null());
+    let why = shown["unread"]["last_frame"].as_str().unwrap();
+    assert!(why.contains("frame 3"), "{why}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use eit::{
 };
 use logbook::{MapRecord, SessionHeader, SessionKind, SessionWriter};
 use serde_json::Value;
-use survey::{Amps, Baseline, Frame, Map, Protocol, Reading, Settings, Volts};
+use survey::{Amps, Baseline, Electrode, Frame, Map, Protocol, Reading, Settings, Volts};
 
 const CURRENT: f64 = 1e-3;
 /// Position of the simulated load, mm from the tank's centre.
@@ -186,6 +186,28 @@ pub fn session_in_parts_with_alarms(folder: &Path) {
     record(folder, header, None, |_, record, _| record, course);
 }
 
+/// [`session`] whose last frame is damaged.
+pub fn session_with_damaged_end(folder: &Path) {
+    let header = SessionHeader::new("m20270115_1", at(0), protocol());
+    let course = Course {
+        compliance_end: true,
+        ..Course::default()
+    };
+    let path = record(folder, header, None, |_, record, _| record, course);
+    let remark = b"\"compliance\":[5]";
+    let mut bytes = std::fs::read(&path).expect("it was written");
+    let places: Vec<usize> = bytes
+        .windows(remark.len())
+        .enumerate()
+        .filter_map(|(place, found)| (found == remark).then_some(place))
+        .collect();
+    assert!(!places.is_empty(), "the last frame has the remark");
+    for place in places {
+        bytes[place + 1] ^= 0x01;
+    }
+    std::fs::write(&path, bytes).expect("it can be written");
+}
+
 /// [`session`] without a reading in the last frame.
 pub fn session_with_unread_end(folder: &Path) {
     let header = SessionHeader::new("m20270115_1", at(0), protocol());
@@ -290,6 +312,8 @@ struct Course {
     unread: bool,
     /// Nothing was measured in the last frame.
     unread_end: bool,
+    /// The source in compliance in the last frame.
+    compliance_end: bool,
 }
 
 fn record(
@@ -379,6 +403,10 @@ fn record(
     }
     let end = frames.last().map_or(0, |(second, _)| second + 1);
     for (second, readings) in frames {
+        let compliance = match course.compliance_end && second + 1 == end {
+            true => vec![Electrode(5)],
+            false => Vec::new(),
+        };
         let map = reconstructor.map(|reconstructor| {
             let map = reconstructor
                 .reconstruct(&unloaded, &readings)
@@ -388,7 +416,13 @@ fn record(
             kept(&map, record, second)
         });
         writer
-            .append(&frame(second, readings), map.as_ref())
+            .append(
+                &Frame {
+                    compliance,
+                    ..frame(second, readings)
+                },
+                map.as_ref(),
+            )
             .expect("written");
         if course.alarms && second > 1 {
             let behind = at(second) + Duration::from_millis(500);

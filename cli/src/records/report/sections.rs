@@ -5,7 +5,7 @@ use logbook::Event;
 
 use super::html::{escape, table};
 use super::{Facts, moments};
-use crate::failure::Failure;
+use crate::failure::{Failure, chain};
 use crate::maps::session_settings;
 use crate::options::duration::display_long;
 use crate::output::time::local;
@@ -19,19 +19,22 @@ pub(super) fn summary(facts: &Facts<'_>) -> Result<String, Failure> {
     let mut rows: Vec<[String; 2]> = Vec::new();
     let mut push = |name: &str, text: String| rows.push([name.to_owned(), text]);
     let first = facts.session.frames().find_map(Result::ok);
-    let last = facts.session.frame(facts.session.last_sequence()?).ok();
-    if let (Some(first), Some(last)) = (&first, &last) {
-        let whole = (last.frame.wall - first.frame.wall).as_seconds_f64();
-        push(
-            "frames",
-            format!(
-                "{} in {}, from {} to {}",
-                facts.verified.frames,
-                display_long(whole),
-                local(first.frame.wall),
-                local(last.frame.wall)
+    let last = facts.session.frame(facts.session.last_sequence()?);
+    if let Some(first) = &first {
+        let count = facts.verified.frames;
+        let begin = local(first.frame.wall);
+        let text = match &last {
+            Ok(last) => {
+                let whole = (last.frame.wall - first.frame.wall).as_seconds_f64();
+                let end = local(last.frame.wall);
+                format!("{count} in {}, from {begin} to {end}", display_long(whole))
+            }
+            Err(why) => format!(
+                "{count} that can be read, from {begin}; until when is not known, the last one cannot be read: {}",
+                chain(why)
             ),
-        );
+        };
+        push("frames", text);
     }
     let gaps = &facts.verified.gaps;
     let unexplained = gaps.iter().filter(|gap| gap.explained.is_none()).count();
