@@ -378,13 +378,14 @@ impl From<crate::codec::EncodeError> for LogbookError {
 mod tests {
     use crate::error::*;
 
-    /// Words that an attempt may begin with.
+    /// Verbs with which the name of an attempt may begin.
     const VERBS: [&str; 15] = [
         "close", "confirm", "copy", "count", "fold", "list", "lock", "make", "mark", "open",
         "read", "remove", "rename", "sync", "tell",
     ];
 
-    /// Every attempt that the sources of this crate name: a literal before the cause of an error, or before what reads a row.
+    /// All names of attempts in this crate's source: a string literal before the cause of an error, or before a closure
+    /// that reads a row.
     fn attempts() -> Vec<String> {
         let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src")];
         let mut attempts = Vec::new();

@@ -87,7 +87,7 @@ proptest! {
     }
 }
 
-/// 0.1 uV steps, so many steps of noise about the same means.
+/// Readings in steps of 0.1 uV: the same means in each frame, with up to `noise` steps of noise.
 fn steps(number: i64, noise: i64) -> Vec<Reading> {
     let mut state = number as u64;
     let mut counts = |k: i64| {
@@ -106,7 +106,7 @@ fn the_instruments_own_digits_are_small() {
     let reference = Reference::new(&steps(0, 0));
     let frames: Vec<_> = (1..17).map(|number| steps(number, 30)).collect();
     let frames: Vec<&[Reading]> = frames.iter().map(Vec::as_slice).collect();
-    // log2 61 bits a reading
+    // uniform noise of 61 steps: log2(61) bits a reading
     let entropy = 443;
     let alone = encode(&frames[..1], &reference).unwrap().len();
     assert!((entropy..entropy + 60).contains(&alone), "{alone}");

@@ -162,7 +162,7 @@ mod tests {
             let header = SessionHeader::new(id, at, Protocol::sheffield(4).unwrap());
             SessionWriter::create(dir, &header).unwrap()
         };
-        // a reader keeps the journal from being folded in
+        // an open reader prevents the merge of the journal
         let closed = begun("closed");
         let path = closed.path().to_owned();
         let reader = Connection::open(&path).unwrap();
@@ -171,7 +171,7 @@ mod tests {
             .unwrap();
         closed.close(at, "done").unwrap();
         assert!(companion(&path, "-wal").exists());
-        // the reader goes without tidying up, as one does that was killed
+        // the reader exits without cleaning up, as if it was killed
         reader
             .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
             .unwrap();

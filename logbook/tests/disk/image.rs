@@ -1,5 +1,5 @@
-//! What a disk may hold after a power cut: of each file what was synced, and of the writes since any of them, all of
-//! them, none, or one torn between two sectors of 512 bytes.
+//! Possible contents of a disk after a power cut. Of each file: everything synced, and of the writes since then all,
+//! none, any subset, or one torn between two sectors of 512 bytes.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,9 +10,9 @@ const SECTOR: usize = 512;
 
 #[derive(Debug, Clone, Default)]
 struct File {
-    /// Durable, as bytes; `None` where it is not there.
+    /// Durable content; `None` if the file does not exist.
     durable: Option<Vec<u8>>,
-    /// What was done since: writes, truncations, a deletion.
+    /// Operations since the last sync: writes, truncations, a deletion.
     since: Vec<Act>,
     made: bool,
 }
@@ -25,16 +25,16 @@ pub struct Disk {
     pub reported: Mark,
 }
 
-/// Which of the writes since the last sync are there.
+/// Which writes since the last sync are lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lost {
-    /// None: the process was killed, the disk was not.
+    /// None: the process was killed, but the power stayed on.
     Nothing,
     /// All of them.
     Everything,
-    /// Of the very last write all but the first so many sectors.
+    /// All but the first sectors (this many) of the last write.
     TornAfter(usize),
-    /// Any, as a seed says; some torn.
+    /// A pseudo-random subset by this seed; some writes are torn.
     Some(u64),
 }
 
@@ -83,7 +83,7 @@ impl Disk {
         }
     }
 
-    /// Lays the files of one possibility into a folder.
+    /// Writes the files of one possible disk content to a folder.
     pub fn lay(&self, folder: &Path, lost: Lost, last: &str) {
         let mut dice = match lost {
             Lost::Some(seed) => seed | 1,
@@ -119,7 +119,7 @@ impl Disk {
     }
 }
 
-/// Does an act, of a write only its first so many sectors.
+/// Applies an operation; of a write only the first `sectors` sectors.
 fn apply(content: &mut Option<Vec<u8>>, act: &Act, sectors: usize) {
     match act {
         Act::Write { offset, bytes } if sectors > 0 => {

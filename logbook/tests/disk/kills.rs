@@ -1,7 +1,7 @@
-//! A process that writes a session, killed at random times and started again, as often as `TACTUS_KILLS` says (20): what
-//! was acknowledged is there, nothing else but at most the group that was handed over, and the session goes on.
+//! A process that writes a session is killed at random times and restarted (20 times, or `TACTUS_KILLS`). All
+//! acknowledged frames are on disk, at most the group in progress besides, and the session continues.
 //!
-//! The process that is killed is the test itself, run once more.
+//! The killed process is a second run of the test itself.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Write};
@@ -16,7 +16,7 @@ use survey::{Baseline, Frame, Protocol, Reading, Volts};
 
 /// Frames after which a new session is begun, so that checking stays quick.
 const LONG: u64 = 1500;
-/// Whoever waits this long for a line waits for ever.
+/// Ends a hung test.
 const DEADLINE: Duration = Duration::from_secs(120);
 
 fn protocol() -> Protocol {
@@ -52,16 +52,16 @@ impl Dice {
     }
 }
 
-/// Name of the test, and the variables by which a run of it is the writer.
+/// Name of the test, and the environment variables that make a run of it the writer.
 const TEST: &str = "kills::a_killed_writer_loses_no_acknowledged_frame";
 const FOLDER: &str = "TACTUS_TEST_WRITES_TO";
 const SEED: &str = "TACTUS_TEST_SEED";
 
-/// Writes until it is killed; prints what it hands over (`> 7`) and what is acknowledged (`= 7`) on standard error, where
-/// the test harness prints nothing.
+/// Writes until it is killed. Prints the last frame handed over (`> 7`) and acknowledged (`= 7`) on standard error,
+/// because the test harness prints nothing there.
 fn write(folder: &Path, seed: u64) {
     let mut dice = Dice(seed | 1);
-    // A journal that is folded in every few frames, so that this is killed, too.
+    // A small journal is merged every few frames, so that some kills hit a merge.
     let storage = Storage {
         journal_pages: Some(16),
         ..Storage::default()
@@ -80,7 +80,7 @@ fn write(folder: &Path, seed: u64) {
             writer
         }
         None => {
-            // One that was killed while it was made holds nothing, and its name is not used again.
+            // A session killed during its creation is empty, and its name is not used again.
             let id = format!("m{}", std::fs::read_dir(folder).unwrap().count());
             let header = SessionHeader::new(id, at(0), protocol());
             SessionWriter::create_with(folder, &header, storage).unwrap()
@@ -110,7 +110,7 @@ fn write(folder: &Path, seed: u64) {
     }
 }
 
-/// Lets the writer live for a while; what it had handed over, and what had been acknowledged.
+/// Runs the writer for a while and kills it; returns the last frame handed over and the last one acknowledged.
 fn killed(folder: &Path, dice: &mut Dice) -> (u64, u64) {
     let mut child = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", TEST, "--nocapture"])
@@ -124,14 +124,14 @@ fn killed(folder: &Path, dice: &mut Dice) -> (u64, u64) {
     let (lines, reported) = mpsc::channel();
     let reading = std::thread::spawn(move || {
         for line in output.lines() {
-            // A line goes through the pipe whole or not at all.
+            // a read error ends the output
             let Ok(line) = line else { return };
             if lines.send(line).is_err() {
                 return;
             }
         }
     });
-    // Some are killed while they begin, most in the middle of writing.
+    // One in four is killed at its start, the others in the middle of writing.
     let wanted = match dice.throw(4) {
         0 => 0,
         _ => 1 + dice.throw(60),
@@ -195,7 +195,7 @@ fn a_killed_writer_loses_no_acknowledged_frame() {
     let (mut before, mut all, mut parts, mut under_way) = (0, 0, 0, 0);
     for kill in 0..kills {
         let (handed, kept) = killed(folder.path(), &mut dice);
-        // One that was killed before it could say anything has changed nothing.
+        // A writer that was killed before its first message has changed nothing.
         let kept = kept.max(before);
         let frames = held(folder.path());
         let count = frames.len() as u64;

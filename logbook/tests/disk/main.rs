@@ -1,5 +1,5 @@
-//! What reaches the disk: after power cuts, failed syncs, kills and on a full disk; and how many bytes a frame writes.
-//! A process of its own, because [`vfs`] becomes the default file layer of all of it.
+//! What reaches the disk after power cuts, failed syncs, kills and on a full disk, and how many bytes a frame writes. A
+//! separate test binary, because [`vfs`] becomes the default file layer of the whole process.
 
 #[path = "../example_frames/mod.rs"]
 mod example_frames;

@@ -1,8 +1,8 @@
 //! Power cuts, syncs that fail and disks that are full, at every point of a recording.
 //!
-//! A recording is made once under a file layer that listens ([`vfs`]). Then the disk is rebuilt as it may have been at
-//! every step of it ([`image`]) and opened: what was acknowledged is there, nothing else but at most the transaction
-//! that was under way, and the session can go on. `TACTUS_CUTS=all` takes every sector of every write and more seeds.
+//! One recording is made through a file layer that records all operations ([`vfs`]). Then every possible disk content
+//! after each step is rebuilt ([`image`]) and opened: it contains everything acknowledged, at most the transaction in
+//! progress besides, and the session can continue. `TACTUS_CUTS=all` tests every sector of every write and more seeds.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,7 +17,7 @@ fn protocol() -> Protocol {
     Protocol::sheffield(8).unwrap()
 }
 
-/// Large enough that a few fill a page: raw voltages, which nothing compresses.
+/// A large frame, so that a few fill a page: random voltages, which do not compress.
 fn frame(number: u64) -> Frame {
     let readings = (0..protocol().len() as u64)
         .map(|k| {
@@ -97,7 +97,7 @@ impl<'a> Recording<'a> {
     }
 }
 
-/// Singles and groups, events, a baseline, roll-overs, journals folded in, an end.
+/// Records single frames and groups, events, a baseline, several parts, merges of the journal, and an end.
 fn recording(folder: &Path, parts: u64) -> Vec<Step> {
     let mut recording = Recording::begin(folder);
     recording.event();
@@ -122,7 +122,7 @@ fn recording(folder: &Path, parts: u64) -> Vec<Step> {
     vfs::steps(folder)
 }
 
-/// What a folder of parts holds, the newer part's frame counting where two have it.
+/// The content of a folder of parts. A frame in two parts counts once: the newer part's copy.
 fn held(folder: &Path) -> (BTreeMap<u64, Frame>, Vec<String>, Option<Baseline>, bool) {
     let listing = logbook::list(folder).unwrap();
     for unreadable in &listing.unreadable {
@@ -206,7 +206,7 @@ fn scratch() -> tempfile::TempDir {
         .unwrap()
 }
 
-/// Checks every image of a recording; how many there were.
+/// Checks every image of a recording; returns their number.
 fn every_cut(steps: &[Step], all: bool) -> usize {
     let mut disk = Disk::default();
     let mut images = 0;
@@ -286,7 +286,7 @@ fn after_a_failed_sync_the_next_writer_goes_on() {
     let refusal = recording.frames(2).unwrap_err();
     assert!(refusal.is_broken() && !refusal.is_full(), "{refusal:?}");
     assert!(recording.writer.is_broken());
-    // The disk says that all is well again. Nobody believes it.
+    // Syncs succeed again, but the writer stays broken: the state of the file is uncertain.
     vfs::fail(folder.path(), None);
     assert!(recording.frames(1).unwrap_err().is_broken());
     assert!(
@@ -309,7 +309,7 @@ fn after_a_failed_sync_the_next_writer_goes_on() {
             .all(|step| !step.file.starts_with("m1.")),
         "the old file was touched again"
     );
-    // Whatever of the two that were not acknowledged is in the old file, each frame counts once.
+    // The old file may contain the two unacknowledged frames, too: each counts once.
     let (frames, ..) = held(folder.path());
     assert_eq!(
         frames.into_values().collect::<Vec<_>>(),
@@ -317,7 +317,7 @@ fn after_a_failed_sync_the_next_writer_goes_on() {
     );
     let old = SessionReader::open(&left).unwrap();
     assert!((5..=7).contains(&old.len().unwrap()));
-    // Cuts from here on: the new part, behind the old one.
+    // A power cut at this point: all writes since the last syncs are lost.
     let mut disk = Disk::default();
     for step in &steps {
         disk.take(step);

@@ -1,4 +1,4 @@
-//! A disk that is mounted read-only: what was recorded is read as ever, what would write is refused with the path.
+//! A disk that is mounted read-only: records stay readable, and each operation that would write fails with the path.
 
 use logbook::{LogbookError, SessionHeader, SessionReader, SessionWriter, repair, verify};
 use survey::{Protocol, Reading, Volts};
@@ -22,7 +22,7 @@ fn a_read_only_disk_is_read_and_every_write_is_refused() {
     written(&disk, "closed", 8, FRAMES)
         .close(at(100), "done")
         .unwrap();
-    // as a killed writer leaves it: with its journal
+    // a copy with its journal, as a killed writer leaves it
     let running = written(&disk, "running", 8, FRAMES);
     let copy = place.path().join("copy");
     std::fs::create_dir(&copy).unwrap();
@@ -39,7 +39,7 @@ fn a_read_only_disk_is_read_and_every_write_is_refused() {
     let readings = vec![Reading::Ok(Volts(0.5)); protocol.len()];
     mount(&["-o", "remount,ro"], &disk);
 
-    // everything is read, and the index does without its file
+    // everything is readable, and the index works without its file
     let mut index = logbook::Index::load(&disk);
     index.refresh().unwrap();
     assert!(index.unreadable().is_empty(), "{:?}", index.unreadable());
@@ -57,7 +57,7 @@ fn a_read_only_disk_is_read_and_every_write_is_refused() {
     }
     assert!(logbook::folder_bytes(&disk).unwrap() > 0);
 
-    // what would write says which file it cannot write, and that it is the disk
+    // operations that would write name the file and the read-only disk
     let refused = |what: &str, refusal: LogbookError| {
         let mut text = refusal.to_string();
         let mut cause = std::error::Error::source(&refusal);

@@ -14,10 +14,10 @@ use std::sync::{Mutex, MutexGuard, Once, PoisonError};
 
 use rusqlite::ffi;
 
-/// What happened to a file, or what the test wrote down.
+/// An operation on a file, or a mark of the test.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Act {
-    /// Made, or found.
+    /// Created, or opened.
     Open,
     Write {
         offset: usize,
@@ -29,7 +29,7 @@ pub enum Act {
         /// Whether its folder was synced with it.
         lasting: bool,
     },
-    /// Of the test itself.
+    /// A mark of the test: what is acknowledged at this point.
     Mark(Mark),
 }
 
@@ -45,19 +45,19 @@ pub struct Mark {
     pub closed: bool,
 }
 
-/// One act, and the name of the file it was done to.
+/// One operation and the name of its file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Step {
     pub file: String,
     pub act: Act,
 }
 
-/// What shall fail in a folder.
+/// A fault to inject in a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
-    /// Every sync of a file whose name ends so, from the one after so many on.
+    /// Every sync of a file whose name ends with `of`, except the first `after` ones.
     Sync { of: &'static str, after: u32 },
-    /// Every write, once so many bytes have been written from now on.
+    /// Every write beyond `space` bytes from now on.
     Full { space: usize },
 }
 
@@ -69,7 +69,7 @@ struct State {
     open: HashMap<usize, (PathBuf, Original)>,
 }
 
-/// The table of functions that a file had.
+/// A file's original table of functions.
 #[derive(Clone, Copy)]
 struct Original(*const ffi::sqlite3_io_methods);
 
@@ -86,7 +86,7 @@ fn with<T>(act: impl FnOnce(&mut State) -> T) -> T {
     act(state().get_or_insert_with(State::default))
 }
 
-/// Listens from now on, in this process.
+/// Records all operations of this process from now on.
 pub fn listen() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -124,7 +124,7 @@ pub fn mark(folder: &Path, mark: Mark) {
     note(folder.to_owned(), Act::Mark(mark));
 }
 
-/// Makes something fail in a folder, or nothing any more.
+/// Injects a fault in a folder, or ends it (`None`).
 pub fn fail(folder: &Path, fault: Option<Fault>) {
     with(|state| match fault {
         Some(fault) => drop(state.faults.insert(folder.to_owned(), fault)),
@@ -137,13 +137,13 @@ fn note(path: PathBuf, act: Act) {
         .file_name()
         .map(|name| name.to_string_lossy().into_owned())
         .unwrap_or_default();
-    // The index of a journal is made anew after a power cut: what happens to it is of no interest.
+    // The index of a journal is rebuilt after a power cut, so operations on it do not matter.
     if !file.ends_with("-shm") {
         with(|state| state.steps.push((path, Step { file, act })));
     }
 }
 
-/// The fault that a write of so many bytes, or a sync (`None`), meets.
+/// The error for a write of this number of bytes, or for a sync (`None`); `None` if it succeeds.
 fn fault(path: &Path, writing: Option<usize>) -> Option<c_int> {
     with(|state| {
         let fault = state.faults.get_mut(path.parent()?)?;
@@ -239,7 +239,7 @@ unsafe extern "C" fn write(
     if let Some(refusal) = fault(&path, Some(count as usize)) {
         return refusal;
     }
-    // SAFETY: SQLite gives `count` bytes at `bytes`, and the file's own function.
+    // SAFETY: SQLite passes `count` bytes at `bytes`; the function is the file's own.
     let (answer, bytes) = unsafe {
         let whole = std::slice::from_raw_parts(bytes.cast::<u8>(), count as usize);
         let write = (*methods).xWrite.expect("it writes files");
@@ -267,7 +267,7 @@ unsafe extern "C" fn sync(file: *mut ffi::sqlite3_file, flags: c_int) -> c_int {
     if let Some(refusal) = fault(&path, None) {
         return refusal;
     }
-    // Whether a real disk follows is of no interest here: what a sync means is in the images.
+    // No real sync is needed: the images define the effect of a sync.
     let _ = (methods, flags);
     note(path, Act::Sync);
     ffi::SQLITE_OK

@@ -1,4 +1,4 @@
-//! What a frame costs the disk in writes, counted below SQLite: a frame a second for months wears a disk out.
+//! Bytes written to disk per frame, counted below SQLite: a frame a second for months wears a disk out.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -10,12 +10,12 @@ use logbook::{MapRecord, SessionHeader, SessionWriter};
 use survey::Baseline;
 
 const FRAMES: u64 = 2500;
-/// For real syncs, which take milliseconds each; the journal is folded in once and more.
+/// Frames with real syncs, which take milliseconds each; enough for at least one merge of the journal.
 const FEWER: u64 = 1000;
-/// What a file system writes at least.
+/// The least that a file system writes, bytes.
 const BLOCK: usize = 4096;
 
-/// Records so many frames, `group` of them with one sync; `begun` is called before the first.
+/// Records `frames` frames, `group` of them per sync; calls `begun` before the first and returns its value.
 fn record<T>(dir: &Path, digits: Digits, frames: u64, group: u64, begun: impl FnOnce() -> T) -> T {
     let mut rig = Rig::new(digits, 1);
     let header = SessionHeader::new("m1", at(0), rig.protocol().clone());
@@ -43,8 +43,8 @@ fn record<T>(dir: &Path, digits: Digits, frames: u64, group: u64, begun: impl Fn
     before
 }
 
-/// Bytes that SQLite hands over for a frame, and bytes of the blocks that are changed between two syncs. Folding the journal
-/// in and closing are counted.
+/// Bytes that SQLite writes per frame, and bytes of the blocks changed between two syncs. Both include merges of the
+/// journal and the close.
 fn a_frame_writes(digits: Digits, frames: u64, group: u64) -> (f64, f64) {
     vfs::listen();
     let dir = tempfile::tempdir().unwrap();
@@ -80,7 +80,7 @@ fn a_frame_writes(digits: Digits, frames: u64, group: u64) -> (f64, f64) {
     (each(bytes), each((blocks + changed.len()) * BLOCK))
 }
 
-/// Bytes that this process has had written to disks, as the kernel counts them: whole pages that became dirty.
+/// Bytes that this process has written to disks, as counted by the kernel: whole dirty pages.
 fn written_by_this_process() -> Option<u64> {
     let counted = std::fs::read_to_string("/proc/self/io").ok()?;
     let line = counted
@@ -89,7 +89,7 @@ fn written_by_this_process() -> Option<u64> {
     line.parse().ok()
 }
 
-/// Set in the run that has the process, and so the kernel's count, to itself.
+/// Set in the run that has its own process, so that the kernel counts no other test's writes.
 const ALONE: &str = "TACTUS_TEST_ALONE";
 
 #[test]
@@ -106,7 +106,7 @@ fn the_kernel_counts_what_the_file_layer_counts() {
         assert!(alone.status.success() && printed.contains("1 passed"));
         return;
     }
-    // before the file layer is exchanged for the one that counts, which does not wait for the disk
+    // with SQLite's own file layer first: the counting one does not sync
     let kinds = [Digits::Tenths, Digits::Nine];
     let counted = kinds.map(|digits| {
         let dir = tempfile::tempdir().unwrap();
@@ -152,7 +152,7 @@ fn a_frame_of_nine_live_digits_writes_less_than_9_kb() {
     );
 }
 
-/// Two frames with one sync, as `record.group_ms = 2000` makes them of a frame a second.
+/// Two frames per sync, as with `record.group_ms = 2000` and a frame a second.
 #[test]
 fn two_frames_of_nine_live_digits_a_sync_write_less_than_7_kb() {
     let (bytes, in_blocks) = a_frame_writes(Digits::Nine, FRAMES, 2);

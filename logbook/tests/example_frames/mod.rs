@@ -1,7 +1,6 @@
-//! Frames for tests: plain ones around given readings, noisy ones as a rig gives them, and a session of plain ones.
-//! The tests' own assertions are in the folders of the test binaries.
+//! Test fixtures: plain frames with given readings, noisy frames like those of a rig, and a session of plain frames.
 
-// each binary uses what it needs of it
+// each test binary uses only a part of this
 #![allow(dead_code)]
 
 pub mod noisy;

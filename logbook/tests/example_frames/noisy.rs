@@ -1,5 +1,5 @@
-//! Frames as a rig gives them: 598 readings whose mean spans 4,700 : 1, noise of 2 uV rms, clocks that are never quite
-//! on time. The same seed gives the same frames.
+//! Frames like those of a rig: 598 readings with means in a range of 4,700 : 1, 2 uV rms of noise, jitter in the times.
+//! The same seed gives the same frames.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use survey::{Amps, Frame, Protocol, Reading, Settings, Volts};
 pub enum Digits {
     /// Steps of 0.1 uV, as on a range of 1 V.
     Tenths,
-    /// Nine live digits whatever the size.
+    /// Nine varying digits at any magnitude.
     Nine,
 }
 

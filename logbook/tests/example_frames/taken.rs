@@ -1,4 +1,4 @@
-//! A frame around readings: everything about it that the record keeps and the tests of it have no opinion on.
+//! A frame with given readings; all its other fields have arbitrary fixed values.
 
 use std::time::Duration;
 

@@ -7,7 +7,7 @@ use survey::{Protocol, Reading, Volts};
 
 use super::taken::{at, taken};
 
-/// A session that still records, with this many frames, one a second: every reading is the frame's number, V.
+/// An open session with this many frames, one a second; every reading is the frame's number, V.
 pub fn written(dir: &Path, id: &str, electrodes: usize, frames: u64) -> SessionWriter {
     let protocol = Protocol::sheffield(electrodes).unwrap();
     let header = SessionHeader::new(id, at(0), protocol.clone());

@@ -1,14 +1,15 @@
-//! File systems that only a test sees. The daemon's tests include this file.
+//! File systems mounted in a private namespace of a test. The daemon's tests include this file.
 
 pub mod loop_disk;
 
 use std::path::Path;
 use std::process::Command;
 
-/// Set in the run that may mount.
+/// Set in the run that has the right to mount.
 const INSIDE: &str = "TACTUS_TEST_INSIDE";
 
-/// Whether this process may mount. Where it may not, the test is run again by one that may, and is over.
+/// Whether this process has the right to mount. If not, runs the test again in a process that has it; the caller
+/// returns.
 pub fn has_own_mounts(test: &str) -> bool {
     if std::env::var_os(INSIDE).is_some() {
         return true;

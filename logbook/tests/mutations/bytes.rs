@@ -2,7 +2,7 @@
 
 use crate::{Dice, Files};
 
-/// Changes one of the files; says how. The index of a journal is made anew by whoever opens it, and is left alone.
+/// Changes one of the files and returns a description. The index of the journal stays as it is: each open rebuilds it.
 pub fn mutate(files: &mut Files, dice: &mut Dice) -> String {
     let names: Vec<&'static str> = files.keys().copied().filter(|end| *end != "-shm").collect();
     let name = names[dice.throw(names.len())];
@@ -32,7 +32,7 @@ pub fn mutate(files: &mut Files, dice: &mut Dice) -> String {
             format!("cut off, {} left", bytes.len())
         }
         6 => {
-            // a whole sector or page that belongs elsewhere, or is found elsewhere
+            // a sector or page that is copied to another place, or swapped with another
             let unit = [512, 4096, 16_384][dice.throw(3)].min(size / 2);
             let [from, to] = [dice.throw(size / unit), dice.throw(size / unit)].map(|n| n * unit);
             let (here, there) = (
@@ -54,7 +54,7 @@ pub fn mutate(files: &mut Files, dice: &mut Dice) -> String {
     format!("file{name} of {size} bytes at {at}: {what}")
 }
 
-/// A place that holds something; every fourth time in the first page, which says what the file is.
+/// A position with a nonzero byte; every fourth time in the first page, which describes the file.
 fn place(bytes: &[u8], dice: &mut Dice) -> usize {
     let range = match dice.throw(4) {
         0 => bytes.len().min(512),

@@ -16,8 +16,8 @@ use survey::{Baseline, Frame, Protocol, Reading, Volts};
 use taken::{at, taken};
 use view::View;
 
-/// Mutations of the bytes of a closed file, and of an interrupted session's file and journal: as many together as
-/// `TACTUS_MUTATIONS` says (1,000).
+/// Numbers of byte mutations of a closed file, and of an interrupted session's file and journal; `TACTUS_MUTATIONS` is
+/// their sum (default 1,000).
 fn of_bytes() -> [u64; 2] {
     let all: u64 = std::env::var("TACTUS_MUTATIONS").map_or(1000, |text| text.parse().unwrap());
     let closed = 7 * all / 10;
@@ -26,7 +26,7 @@ fn of_bytes() -> [u64; 2] {
 
 const FRAMES: u64 = 64;
 
-/// Companions of an interrupted session.
+/// Name endings of the files of an interrupted session.
 const ENDS: [&str; 3] = ["", "-wal", "-shm"];
 
 struct Dice(u64);
@@ -44,7 +44,7 @@ fn protocol() -> Protocol {
     Protocol::sheffield(12).unwrap()
 }
 
-/// Readings in steps of 0.1 uV; a load from frame 33 on makes a reference worth its price.
+/// Readings in steps of 0.1 uV. A load after frame 33 makes the writer store a new reference.
 fn frame(number: u64) -> Frame {
     let load = u64::from(number > 33) * 12_345;
     let readings = (0..protocol().len() as u64)
@@ -88,7 +88,7 @@ fn written(dir: &Path) -> SessionWriter {
         config_toml: "# a configuration\n".repeat(20),
         ..SessionHeader::new("m1", at(0), protocol())
     };
-    // small enough that some of the session is folded in and some is in the journal
+    // so few pages that a part of the session is merged and the rest is in the journal
     let storage = Storage {
         journal_pages: Some(24),
         ..Storage::default()
@@ -115,7 +115,7 @@ fn written(dir: &Path) -> SessionWriter {
     writer
 }
 
-/// Files by how their names end.
+/// Files by the endings of their names.
 type Files = BTreeMap<&'static str, Vec<u8>>;
 
 fn files(path: &Path) -> Files {
@@ -160,7 +160,8 @@ struct RowCounts {
     mutations: usize,
     same: usize,
     reported: usize,
-    /// Of an interrupted session: what is left could have been all that was written.
+    /// Mutations of an interrupted session that look like an earlier kill: the remaining frames could be all that was
+    /// written.
     shorter: usize,
     missed: Vec<String>,
 }
@@ -195,7 +196,7 @@ impl RowCounts {
     }
 }
 
-/// Mutates the files of a session by bytes, so many times, and by SQL.
+/// Applies `count` byte mutations and all SQL mutations to the files of a session; no mutation may be missed.
 fn none_is_missed(files: &Files, of: &str, count: u64) {
     let folder = scratch();
     let path = folder.path().join("m1.tactus");

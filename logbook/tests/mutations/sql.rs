@@ -138,7 +138,7 @@ pub fn mutations(path: &Path) -> Vec<String> {
                  UPDATE {table} SET {key} = {last} WHERE {key} = -7"
             ));
             all.push(format!("DELETE FROM {table} WHERE {key} > {first}"));
-            // the last row once more in place of the first
+            // a copy of the last row replaces the first
             all.push(format!(
                 "DELETE FROM {table} WHERE {key} = {first};
                  INSERT INTO {table} ({key}, {rest}) SELECT {first}, {rest} FROM {table} WHERE {key} = {last}"
@@ -173,7 +173,7 @@ fn open(path: &Path) -> Connection {
     connection
         .execute_batch("PRAGMA foreign_keys = OFF; PRAGMA ignore_check_constraints = ON")
         .unwrap();
-    // the journal of an interrupted session stays what it is
+    // do not merge the journal of an interrupted session
     connection
         .set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)
         .unwrap();

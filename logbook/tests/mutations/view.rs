@@ -1,4 +1,4 @@
-//! All that a reader can get of a session.
+//! Everything that a reader can get from a session.
 
 use std::path::Path;
 
@@ -11,12 +11,12 @@ pub struct View {
     baseline: Option<String>,
     events: Vec<String>,
     pub frames: Vec<Seen>,
-    /// What was asked one by one: must agree with what came in order.
+    /// Frames read one by one, which must equal those read in sequence.
     one_by_one: Vec<String>,
     refused: Vec<String>,
 }
 
-/// A frame, and the trace of its map.
+/// A frame, and the record of its map.
 #[derive(Debug, PartialEq)]
 pub struct Seen {
     frame: String,
@@ -78,7 +78,7 @@ impl View {
 
     /// Whether a writer that was killed earlier could have left this.
     pub fn is_beginning_of(&self, whole: &Self) -> bool {
-        // a file whose header was not on disk yet is refused as no session
+        // killed before the header was on disk: the file is refused as not a session
         let before_the_header = self.header.is_empty()
             && self
                 .refused

@@ -83,7 +83,7 @@ pub(crate) fn header(id: &str) -> SessionHeader {
     }
 }
 
-/// As it comes back: of a SHA-256 the first 8 digits, 16 where there is no sum.
+/// The record as read back: only the first 8 digits of a SHA-256 are kept, 16 if there is no sum.
 pub(crate) fn kept_record(number: u64) -> MapRecord {
     let mut record = map_record(number);
     if number != 5 {
@@ -98,7 +98,7 @@ pub(crate) fn kept_record(number: u64) -> MapRecord {
 pub(crate) fn map_record(number: u64) -> MapRecord {
     MapRecord {
         hash: match number {
-            // Whatever else a hash may be one day, it comes back.
+            // A hash in another format is kept unchanged.
             5 => "'".repeat(32),
             _ => format!("{:064x}", u128::from(number) << 120),
         },
@@ -107,7 +107,7 @@ pub(crate) fn map_record(number: u64) -> MapRecord {
         } else {
             "rbf".into()
         },
-        // Beside what is no SHA-256 none is kept.
+        // With a hash in another format no sum is kept.
         sum: (number != 3 && number != 5).then_some(-1.5e-30 * number as f32),
         model_hash: (number >= 3).then(|| "d".repeat(64)),
         build: "0.1.0".into(),
@@ -223,7 +223,7 @@ fn any_bits_survive_whatever_a_frame_is_a_difference_to() {
         }
         odd
     };
-    // Enough for references to be weighed more than once.
+    // Enough that the writer considers a new reference more than once.
     for number in 1..=600 {
         writer.append(&odd(number), None).unwrap();
     }
@@ -303,7 +303,7 @@ fn a_reader_beside_a_writer_sees_what_was_acknowledged() {
     assert!(again.closed().is_some());
 }
 
-/// The locks that keep another process from taking a session for unused, and its journal away.
+/// Without these locks another process would consider the session unused and remove its journal.
 #[test]
 fn a_reader_in_the_same_process_leaves_the_writer_its_locks() {
     use std::os::unix::fs::MetadataExt;

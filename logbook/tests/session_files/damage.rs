@@ -1,4 +1,4 @@
-//! What a crash, a full disk or a flipped bit leaves of a session, and files that are no sessions.
+//! Sessions after a crash, a full disk or a flipped bit, and files that are not sessions.
 
 use crate::content::{assert_is, at, baseline, frame, header};
 
@@ -13,7 +13,7 @@ fn a_killed_writer_leaves_an_open_session_with_every_frame() {
     for number in 1..=5 {
         writer.append(&frame(number), None).unwrap();
     }
-    // What lies on the disk at this moment, without any of the writer's parting acts.
+    // Copy the files as they are on disk now, before the writer is dropped.
     for entry in std::fs::read_dir(dir.path()).unwrap() {
         let entry = entry.unwrap();
         std::fs::copy(entry.path(), copy.path().join(entry.file_name())).unwrap();
@@ -158,7 +158,7 @@ fn a_damaged_frame_number_does_not_stop_the_reader() {
         (vec![true, true, true, true, false], i64::MAX as u64)
     );
     assert_eq!(logbook::verify(&path, |_| {}).unwrap().frames, 4);
-    // Negative ones were never written; here they are all there are.
+    // Negative sequence numbers are never written; now all rows have one.
     change("UPDATE frame SET sequence = -sequence");
     assert_eq!(read(), (Vec::new(), 0));
 }

@@ -60,12 +60,12 @@ fn sessions_are_listed_and_found_by_the_beginning_of_their_id() {
     );
     assert!(refusal.to_string().contains("20250103_b"), "{refusal}");
     assert_eq!(logbook::baselines(dir.path()).unwrap().len(), 2);
-    // The later one was closed before it had a baseline.
+    // The newer baseline session was closed before it had a baseline.
     let now = at(1_000_000_000);
     let latest = |now| logbook::latest_baseline(dir.path(), now).unwrap().unwrap();
     let (summary, kept) = latest(now);
     assert_eq!((summary.id.as_str(), kept), ("20250101_b", baseline()));
-    // One that was recorded while the clock was ahead is the last one only where there is no other.
+    // A baseline dated in the future is the latest only if there is no other.
     let ahead = SessionHeader {
         kind: SessionKind::Baseline,
         started: now + std::time::Duration::from_secs(30_000 * 86_400),
@@ -81,7 +81,7 @@ fn sessions_are_listed_and_found_by_the_beginning_of_their_id() {
     drop(running);
 }
 
-/// A folder with three closed sessions, and an index that knows all that does not change any more.
+/// A folder with three closed sessions, and an index that contains them all.
 fn indexed() -> (tempfile::TempDir, logbook::Index) {
     let dir = tempfile::tempdir().unwrap();
     for id in ["a", "b", "c"] {
@@ -91,7 +91,8 @@ fn indexed() -> (tempfile::TempDir, logbook::Index) {
     }
     let mut index = logbook::Index::load(dir.path());
     assert_eq!(index.unknown().unwrap(), 3);
-    // what was written within the last tick of the clock may change again and look the same
+    // a file changed within the last tick of the file system's clock could change again unseen, so it is not indexed
+    // yet
     while index.unknown().unwrap() > 0 {
         index.refresh().unwrap();
     }
@@ -105,11 +106,11 @@ fn an_index_opens_only_what_has_changed() {
     let file = |id: &str| dir.path().join(format!("{id}.tactus"));
     let kept = |index: &logbook::Index| index.sessions().into_iter().cloned().collect::<Vec<_>>();
     assert_eq!(kept(&index).len(), 3);
-    // another process finds it
+    // another process loads the saved index
     let mut again = logbook::Index::load(dir.path());
     assert_eq!((again.unknown().unwrap(), kept(&again)), (0, kept(&index)));
 
-    // a session that is written is read each time
+    // an open session is read each time
     let mut writer = SessionWriter::create(dir.path(), &header("d")).unwrap();
     for frames in 1..=3 {
         writer.append(&frame(frames), None).unwrap();
@@ -121,7 +122,7 @@ fn an_index_opens_only_what_has_changed() {
     assert_eq!(index.interrupted()[0].id, "d");
     index.save().unwrap();
     writer.close(at(9), "done").unwrap();
-    // one that has been replaced, one that has gone, one that was damaged, and a pipe, which is not waited for
+    // a replaced, a deleted and a damaged session, and a pipe, on which the index must not block
     std::fs::copy(file("a"), file("b")).unwrap();
     std::fs::remove_file(file("a")).unwrap();
     std::fs::write(file("c"), "SQLite format 3, but no more").unwrap();
@@ -162,7 +163,7 @@ fn a_damaged_index_costs_a_reading_and_nothing_else() {
     for length in (0..bytes.len()).step_by(31) {
         assert_eq!(seen(&bytes[..length]), whole, "{length} bytes");
     }
-    // what is kept behind a torn line is kept in a line of its own
+    // new entries begin on a new line after a torn one
     std::fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
     let mut index = logbook::Index::load(dir.path());
     assert_eq!(index.unknown().unwrap(), 1);
@@ -182,7 +183,7 @@ fn sessions_of_today_are_found_without_opening_older_ones() {
     }
     let mut writer = SessionWriter::create(dir.path(), &header("d")).unwrap();
     writer.append(&frame(1), None).unwrap();
-    // only what was written last is in the journal
+    // the newest data are only in the journal: the file itself looks old
     let path = dir.path().join("d.tactus");
     std::fs::File::open(&path)
         .unwrap()
@@ -207,7 +208,7 @@ fn sessions_of_today_are_found_without_opening_older_ones() {
 fn a_folder_that_was_not_walked_again_is_still_seen_to_change() {
     let (dir, mut index) = indexed();
     let names = |index: &logbook::Index| index.sessions().len();
-    // until the folder's own time is old enough that no later change can have the same
+    // wait until no later change can have the folder's modification time
     let changed = std::fs::metadata(dir.path()).unwrap().modified().unwrap();
     while changed.elapsed().is_ok_and(|since| since.as_millis() < 200) {
         index.refresh().unwrap();

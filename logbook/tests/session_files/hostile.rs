@@ -1,5 +1,5 @@
-//! Files made to harm whoever reads them: tables that are none of ours, SQL without an end, texts that fill the memory,
-//! and things that are no files.
+//! Files made to harm a reader: foreign tables, endless SQL, texts that fill the memory, and paths that are not regular
+//! files.
 
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use crate::example_frames::written::written;
 use logbook::{LogbookError, SessionReader, verify};
 use rusqlite::Connection;
 
-/// Whoever looks this long looks for ever.
+/// Ends a hung test.
 const DEADLINE: Duration = Duration::from_secs(120);
 
 fn closed(dir: &Path, id: &str) -> PathBuf {
@@ -21,7 +21,7 @@ fn closed(dir: &Path, id: &str) -> PathBuf {
     path
 }
 
-/// Does it in a thread of its own; fails where it does not end.
+/// Runs `act` in a thread; panics if it does not end.
 fn ends<T: Send + 'static>(what: &str, act: impl FnOnce() -> T + Send + 'static) -> T {
     let (send, receive) = mpsc::channel();
     std::thread::spawn(move || send.send(act()));
@@ -29,7 +29,7 @@ fn ends<T: Send + 'static>(what: &str, act: impl FnOnce() -> T + Send + 'static)
     done.unwrap_or_else(|_| panic!("{what}: did not end"))
 }
 
-/// Every way in which a client has a session read.
+/// Reads a session in every way that clients use.
 fn read(path: &Path) -> Option<LogbookError> {
     let _ = logbook::list(path.parent().unwrap());
     let _ = logbook::volume(path);
@@ -131,7 +131,7 @@ fn a_text_of_400_mb_is_refused_before_it_is_in_memory() {
             .unwrap();
         connection.execute(sql, []).unwrap();
         drop(connection);
-        // the writer's memory is not the reader's
+        // reset the peak, which includes the memory of the writer
         std::fs::write("/proc/self/clear_refs", "5").unwrap();
         let before = peak();
         let verified = ends(sql, {
@@ -189,7 +189,7 @@ fn what_is_no_file_is_passed_by_and_named() {
         let verified = ends("verify", move || verify(path, |_| {}).unwrap());
         assert_eq!(verified.findings[0].kind, "unreadable", "{verified:?}");
     }
-    // a companion that is none
+    // a journal that is a pipe
     std::fs::remove_file(path("fifo")).unwrap();
     let mut wal = whole.clone().into_os_string();
     wal.push("-wal");

@@ -1,4 +1,4 @@
-//! Records looked over, saved from damage, and pruned.
+//! Verification, repair and pruning of records.
 
 mod receipts;
 
@@ -93,7 +93,7 @@ fn a_gap_needs_an_event_that_explains_it() {
         asked: "{\"every_s\":2.0}".into(),
         ..header("m1")
     };
-    // One slot is left out behind frame 5: 4 s where frames are 2 s apart.
+    // One slot is missing after frame 5: 4 s instead of 2 s.
     let seconds = (1..=10_i64).map(|number| 2 * number + if number > 5 { 2 } else { 0 });
     let mut writer = begun(dir.path(), &scheduled, seconds.clone());
     let path = writer.path().to_owned();
@@ -107,10 +107,10 @@ fn a_gap_needs_an_event_that_explains_it() {
     assert!(found.findings.is_empty(), "{:?}", found.findings);
     let explained = found.gaps[0].explained.as_deref().unwrap();
     assert_eq!(explained, "frame-failed: a late reply");
-    // Back to back nobody promised when.
+    // Without a schedule, such a pause is not a gap.
     drop(begun(dir.path(), &header("m2"), seconds));
     assert_eq!(kinds(&dir.path().join("m2.tactus")), Vec::<&str>::new());
-    // But five times the usual distance is a gap there, too.
+    // But more than five times the usual interval is one.
     drop(begun(dir.path(), &header("m3"), (1..=9).chain(20..30)));
     assert_eq!(kinds(&dir.path().join("m3.tactus")), ["gap"]);
 }
@@ -121,7 +121,7 @@ fn a_restart_and_a_roll_over_leave_no_gap_without_a_word() {
     drop(begun(dir.path(), &header("m1"), 1..=9));
     let path = dir.path().join("m1.tactus");
     let (mut writer, _) = SessionWriter::resume(&path).unwrap();
-    // A process whose monotonic clock has begun anew, an hour later.
+    // A new process an hour later: its monotonic clock starts again.
     let later = |number: u64, second: i64| {
         let mut frame = frame(number, second);
         frame.wall = at(3600 + second);
@@ -147,7 +147,7 @@ fn a_restart_and_a_roll_over_leave_no_gap_without_a_word() {
     assert_eq!(kinds(&dir.path().join("m1_p2.tactus")), ["chain"]);
 }
 
-/// Pages that hold the beginnings of rows of frames, counted from 0, in the order of the rows.
+/// Numbers of the leaf pages of the table of frames, counted from 0, in the order of the rows.
 fn leaves(path: &Path) -> Vec<usize> {
     rusqlite::Connection::open(path)
         .unwrap()
@@ -194,7 +194,7 @@ fn a_repair_keeps_what_is_whole_and_says_what_it_cut() {
         }
         assert_eq!(session.baseline().unwrap(), Some(baseline("b1")));
         assert_eq!(session.events().unwrap()[0].text, "kept");
-        // What was cut is said in the file, so that it is whole by its own words but for the time that is missing.
+        // The repaired file states what was lost, so its only finding can be the gap in time.
         let found = kinds(&out);
         assert!(
             !found.contains(&"missing") && !found.contains(&"damaged"),
@@ -326,13 +326,13 @@ fn retention_by_age_and_size_never_takes_what_is_needed() {
         ..Retention::default()
     };
     let now = at(3600 * 5);
-    // Everything is older than an hour: the newest baseline stays, what is not closed stays.
+    // Everything is older than an hour: the newest baseline and the open session stay.
     let would = prune(dir.path(), &old(1), now, true).unwrap();
     assert_eq!(ids(&would), (vec!["b1", "m1", "m2"], vec!["m0", "b2"]));
-    // b1 is older than three and a half hours and so is m1, which needs it no more.
+    // b1 and m1 are older than three hours: m1 goes too, so b1 is not needed.
     let would = prune(dir.path(), &old(3), now, true).unwrap();
     assert_eq!(ids(&would), (vec!["b1", "m1"], vec!["m0"]));
-    // Of more than four hours is only b1, and m1, which stays, was measured against it.
+    // Only b1 is older than four hours, but m1, which stays, needs it.
     let would = prune(dir.path(), &old(4), now, true).unwrap();
     assert_eq!(ids(&would), (vec![], vec!["m0", "b1"]));
     assert!(
@@ -361,7 +361,7 @@ fn retention_by_age_and_size_never_takes_what_is_needed() {
 fn a_file_named_like_a_session_and_more_is_another_one() {
     let dir = tempfile::tempdir().unwrap();
     let paths = shelf(dir.path());
-    // a person's copy, and notes beside it: the second is no session at all
+    // a user's copy of a session, a file beside it, and notes
     let copy = dir.path().join("m1.old.tactus");
     let beside = dir.path().join("m1.old.tactus-wal");
     let notes = dir.path().join("m1_notes.txt");

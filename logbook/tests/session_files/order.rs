@@ -1,4 +1,4 @@
-//! Rows of frames that damage has put where no number leads to them.
+//! Frames whose damaged sequence numbers put their rows out of order.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use crate::example_frames::taken::at;
 use crate::example_frames::written::written;
 use logbook::{LogbookError, SessionReader, SessionWriter, repair, verify};
 
-/// The reader fetches 64 at a time: the last one is looked for by its number.
+/// The reader fetches 64 frames at a time: the last one needs a second query by its number.
 const FRAMES: u64 = 65;
 
 fn change(path: &Path, sql: &str) {
@@ -16,14 +16,14 @@ fn change(path: &Path, sql: &str) {
         .unwrap();
 }
 
-/// The last frame's number is negative, and its row lies in front of all others.
+/// The last frame's number is negative, and its row is before all others.
 fn in_front(path: &Path) {
     change(path, "UPDATE frame SET sequence = -5 WHERE sequence = 65");
 }
 
-/// One bit has made it negative, and its row lies where it was: behind all others.
+/// A flipped bit made the number negative, and the row is still in its place: after all others.
 fn behind(path: &Path) {
-    // as a positive number of nine bytes, which the file has nowhere else
+    // first a positive number of nine bytes, which occurs nowhere else in the file
     let sql = "UPDATE frame SET sequence = 0x4000000000000000 WHERE sequence = 65";
     change(path, sql);
     let number = [0xa0, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x80, 0x00];

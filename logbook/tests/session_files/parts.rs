@@ -1,4 +1,4 @@
-//! Sessions that go on: after a crash, in the next part, behind a broken disk.
+//! Sessions that continue: after a crash, in the next part, after a disk error.
 
 use std::path::Path;
 use std::time::Duration;
@@ -41,7 +41,7 @@ fn begun(dir: &Path, id: &str, frames: u64) -> SessionWriter {
     writer
 }
 
-/// The files of a session as they lie on the disk now, without any of the writer's parting acts.
+/// Copies the files of a session as they are on disk now, before the writer is dropped.
 fn as_it_lies(from: &Path) -> tempfile::TempDir {
     let to = tempfile::tempdir().unwrap();
     for entry in std::fs::read_dir(from).unwrap() {
@@ -126,7 +126,7 @@ fn a_session_resumes_without_frames_but_not_without_its_last() {
     change("UPDATE frame SET skew_us = skew_us + 1 WHERE sequence = 9");
     let refusal = SessionWriter::resume(&path).unwrap_err().to_string();
     assert!(refusal.contains("frame 1"), "{refusal}");
-    // What can be read is not lost: a new part goes on behind it.
+    // The readable frames are kept: a new part continues after them.
     let (mut next, resumed) = SessionWriter::after(&path, at(50), "damaged").unwrap();
     assert_eq!(resumed.acknowledged, 9);
     assert_eq!(next.append(&frame(10), None).unwrap(), 10);
@@ -171,7 +171,7 @@ fn a_session_rolls_over_without_a_gap() {
     let refusal = third.frame(1).unwrap_err().to_string();
     assert!(refusal.contains("counted from 41"), "{refusal}");
 
-    // Four parts are one session to whoever names it.
+    // A prefix that matches several parts of one session finds the first of them.
     assert_eq!(logbook::find(dir.path(), "m").unwrap(), path("m1"));
     assert_eq!(logbook::find(dir.path(), "m1_p").unwrap(), path("m1_p2"));
     assert_eq!(logbook::find(dir.path(), "m1_p3").unwrap(), path("m1_p3"));

@@ -1,5 +1,5 @@
-//! The program of the reference page on session files reads every frame to the last bit. It runs in a virtual environment
-//! of its own; with TACTUS_REQUIRE_PYTHON=1 what cannot be had fails the test.
+//! The program in the reference page on session files reads every frame to the last bit. It runs in its own virtual
+//! environment; with TACTUS_REQUIRE_PYTHON=1 the test fails if that cannot be created.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -18,8 +18,8 @@ fn program() -> &'static str {
     program
 }
 
-/// Frames alone and together, steps of 0.1 uV and nine live digits, not valid and raw ones, and a load that stays, so that
-/// a mean of frames becomes the reference.
+/// Single and grouped frames, steps of 0.1 uV and nine varying digits, invalid and raw readings, and a lasting load, so
+/// that a mean of frames becomes the reference.
 fn recorded(dir: &Path) -> PathBuf {
     let mut rig = Rig::new(Digits::Nine, 1);
     let header = SessionHeader::new("kept", at(0), rig.protocol().clone());

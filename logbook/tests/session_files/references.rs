@@ -1,4 +1,4 @@
-//! Frames as differences to means of frames, and frames written together.
+//! Frames stored as differences from means of earlier frames, and frames written in one transaction.
 
 use std::time::Duration;
 
@@ -84,7 +84,7 @@ fn a_steady_load_costs_nothing_once_its_mean_is_stored() {
         let wanted = frame(number, u64::from(number >= 48));
         assert_eq!(record.unwrap().frame.readings, wanted.readings);
     }
-    // Out of order, and the one that brought the reference.
+    // Frames read out of order, among them the one that stored the reference.
     for sequence in [64, 33, 48, 1] {
         let number = sequence + 15;
         let wanted = frame(number, u64::from(number >= 48));
@@ -132,7 +132,7 @@ fn frames_written_together_are_all_there_or_none() {
     let refusal = writer.append_all(torn.iter().map(|frame| (frame, None)));
     assert!(matches!(refusal, Err(LogbookError::WrongLength { .. })));
     assert_eq!(writer.acknowledged(), 30);
-    // What was weighed for the frames that are not there is forgotten with them.
+    // The writer discards its statistics of the refused frames.
     assert_eq!(writer.append_all(together(&frames[30..])).unwrap(), 40);
     let path = writer.path().to_owned();
     drop(writer);

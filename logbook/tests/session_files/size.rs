@@ -1,4 +1,4 @@
-//! What a frame costs on disk, all of the file included.
+//! Bytes on disk per frame, including the rest of the file.
 
 use std::path::Path;
 
@@ -6,9 +6,9 @@ use crate::example_frames::noisy::{Digits, Rig, at};
 use logbook::{MapRecord, SessionHeader, SessionReader, SessionWriter};
 use survey::Baseline;
 
-/// Pages that are full, as all but the last of a day are.
+/// Enough frames that nearly all pages are full, as in a session of a day.
 const FRAMES: u64 = 4092;
-/// A session of a day, a frame a second: what every file has once is shared by so many.
+/// Frames of a session of a day, one a second: they share the fixed size of a file.
 const DAY: u64 = 86_400;
 
 fn recorded(dir: &Path, digits: Digits, frames: u64, together: usize) -> u64 {
@@ -48,7 +48,7 @@ fn recorded(dir: &Path, digits: Digits, frames: u64, together: usize) -> u64 {
     std::fs::metadata(&path).unwrap().len()
 }
 
-/// Bytes a frame, of which so many share a sync.
+/// Bytes per frame, with `together` frames per sync.
 fn a_frame_of_a_day_takes(digits: Digits, together: usize) -> f64 {
     let dir = tempfile::tempdir().unwrap();
     let [empty, full] = [0, FRAMES].map(|frames| recorded(dir.path(), digits, frames, together));

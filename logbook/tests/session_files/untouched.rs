@@ -1,4 +1,4 @@
-//! Looking at sessions changes nothing in their folder, whatever lies there.
+//! Reading sessions changes nothing in their folder, whatever files are there.
 
 use std::collections::BTreeMap;
 use std::os::unix::fs::MetadataExt;
@@ -43,7 +43,7 @@ fn all(dir: &Path) -> Folder {
         .collect()
 }
 
-/// All that looks; the frames that are found.
+/// Calls every reading function; returns the number of frames found.
 fn looked_at(path: &Path) -> u64 {
     logbook::list(path.parent().unwrap()).unwrap();
     verify(path, |_| {}).unwrap();
@@ -75,7 +75,7 @@ fn looking_changes_no_byte_no_time_and_no_listing() {
     assert!(before == all(made.path()), "something was changed");
 }
 
-/// The file beside a copy of the session after this script; SQLite has not come to its end.
+/// Runs scripts on a copy of the session; returns its companion file `end` as it is while the connection is still open.
 fn left_by(path: &Path, scripts: &[&str], end: &str) -> Vec<u8> {
     let dir = tempfile::tempdir().unwrap();
     let copy = dir.path().join("copy.tactus");
@@ -90,7 +90,7 @@ fn left_by(path: &Path, scripts: &[&str], end: &str) -> Vec<u8> {
 const OTHERWISE: &str =
     "DELETE FROM frame WHERE sequence > 5; UPDATE session SET note = 'otherwise'";
 
-/// A journal that takes the file back to where nothing was behind frame 5.
+/// A rollback journal that would restore a file without the frames after 5.
 fn hostile_journal(path: &Path) -> Vec<u8> {
     // without a sync the number of pages is not written before the end, and SQLite goes by the journal's size
     let changing =
@@ -98,7 +98,7 @@ fn hostile_journal(path: &Path) -> Vec<u8> {
     left_by(path, &[OTHERWISE, changing], "-journal")
 }
 
-/// A log of a transaction that deletes what is behind frame 5.
+/// A write-ahead log with a transaction that deletes the frames after 5.
 fn hostile_log(path: &Path) -> Vec<u8> {
     left_by(path, &["PRAGMA journal_mode = WAL", OTHERWISE], "-wal")
 }

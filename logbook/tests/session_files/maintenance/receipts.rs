@@ -1,4 +1,4 @@
-//! Receipts of the archive: only what the archive holds as it is now is pruned.
+//! Receipts of the archive: a session is pruned only if the archive has its current content.
 
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ fn only_what_the_archive_holds_as_it_is_now_goes() {
     let dir = folder.path();
     let paths = ["m1", "m2", "m3", "m4"].map(|id| session(dir, id));
     mark(&paths[0], 0);
-    // altered since, in one byte that no reader looks at: of SQLite's version
+    // altered since in one byte that no reader uses: SQLite's version number
     mark(&paths[1], 0);
     let mut bytes = std::fs::read(&paths[1]).unwrap();
     bytes[99] ^= 1;
