@@ -39,6 +39,13 @@ pub(crate) enum AssemblyError {
     Unsafe(CleanupError),
     #[error("the settings could not be applied")]
     Settings(#[source] RigError),
+    #[error("{text}; it was not switched off, and the other instruments cannot be used")]
+    OtherSource {
+        /// What differs.
+        text: String,
+        #[source]
+        cause: ConnectError,
+    },
     #[error("{text}")]
     Others {
         /// What differs.
@@ -54,6 +61,7 @@ impl AssemblyError {
     pub(crate) fn source_is_off(&self) -> bool {
         match self {
             Self::Connect(error) => error.role() != "source",
+            Self::OtherSource { .. } => false,
             Self::Unsafe(cleanup) => !cleanup.source_state_unknown(),
             Self::Others { source_off, .. } => *source_off,
             Self::Wiring(_) | Self::Settings(_) => true,
@@ -95,7 +103,17 @@ pub(crate) async fn assemble(
     if source_off {
         kinds::source_off(by, &mut source).await?;
     }
-    let others = SwitchAndVoltmeter::connect(by).await?;
+    let others = SwitchAndVoltmeter::connect(by).await;
+    let others = others.map_err(|cause| {
+        let source = ExpectedIdentities {
+            instruments: instruments.clone(),
+            ..ExpectedIdentities::default()
+        };
+        match identities.and_then(|identities| identities.differs(&source)) {
+            Some(text) => AssemblyError::OtherSource { text, cause },
+            None => AssemblyError::Connect(cause),
+        }
+    })?;
     let slots = others.slots();
     let modules = (1..)
         .zip(&slots)

@@ -3,7 +3,7 @@
 
 use crate::stage::{Measuring, Stage, instant, on_tcp, ports, reported, serve, within};
 use dbus::{Fault, Options};
-use simulator::{Instrument, Profile, SimulatedRig};
+use simulator::{Instrument, Profile, SimulatedRig, Wire};
 
 /// A rig with another source, and with another module if requested.
 fn other(module: bool) -> SimulatedRig {
@@ -60,6 +60,35 @@ async fn another_serial_number_waits_for_a_person() {
     let refused = daemon.manager.accept_instruments().await.unwrap_err();
     assert!(matches!(refused, Fault::Unsupported(_)), "{refused:?}");
     drop(rig);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_source_without_its_mainframe_is_not_reported_off() {
+    let Measuring {
+        rig,
+        server,
+        stage: _stage,
+        daemon,
+        mut happened,
+        ..
+    } = Measuring::begin().await;
+    rig.set_wire(Instrument::Source, Wire::Cut);
+    reported(&mut happened, "source-unknown").await;
+    let ports = ports(&server);
+    server.stop().await;
+    let stranger = other(false);
+    stranger.set_wire(Instrument::Mainframe, Wire::Cut);
+    let _other = serve(&stranger, ports).await;
+    loop {
+        let signal = within(dbus::next(&mut happened)).await.unwrap();
+        let reported = signal.args().unwrap();
+        assert_ne!(reported.kind, "source-off", "{}", reported.text);
+        if reported.kind == "reconnecting" && reported.text.contains("7654321") {
+            break;
+        }
+    }
+    assert_eq!(daemon.manager.source_state().await.unwrap(), "unknown");
+    assert_untouched(&stranger);
 }
 
 #[tokio::test(flavor = "multi_thread")]
