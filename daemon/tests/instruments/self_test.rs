@@ -66,6 +66,32 @@ async fn a_sound_rig_passes_and_its_sheet_is_measured_two_ways() {
     }
 }
 
+/// The assessment knows neighbouring pairs only.
+#[tokio::test(flavor = "multi_thread")]
+async fn surveys_of_other_pairs_are_tested_by_neighbours() {
+    for (survey, possible) in [("skip = 1", true), ("half = true", false)] {
+        let survey = format!("electrodes = 16\n{survey}\n[record]");
+        let config = SMALL.replace("electrodes = 16\n[record]", &survey);
+        let stage = Stage::new(&format!("{config}[wiring]\nkind = \"matrix-34934a\"\n"));
+        let profile = "time = \"instant\"\n[slots]\n1 = \"34934A,4x128\"\n";
+        std::fs::write(stage.path().join("profile.toml"), profile).unwrap();
+        std::fs::write(stage.path().join("scene.toml"), QUIET).unwrap();
+        let daemon = stage.start().await;
+        let tested = within(daemon.manager.test_instruments(&Options::new())).await;
+        match possible {
+            true => assert!(
+                tested.as_ref().is_ok_and(|report| report.passed),
+                "{tested:?}"
+            ),
+            false => assert!(
+                matches!(&tested, Err(Fault::Unsupported(text)) if text.contains("survey.half")),
+                "{tested:?}"
+            ),
+        }
+        assert_eq!(daemon.manager.state().await.unwrap(), "idle");
+    }
+}
+
 /// A sheet with another resistance than configured, with contacts that differ: the self-test measures the actual sheet
 /// and does not assume the configured one.
 #[tokio::test(flavor = "multi_thread")]

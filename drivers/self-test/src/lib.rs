@@ -8,12 +8,14 @@
 
 mod assessment;
 mod median;
+mod neighbours;
 mod probe;
 mod report;
 mod uniform_sheet;
 mod van_der_pauw;
 
 pub use assessment::assess;
+pub use neighbours::with_neighbours;
 pub use probe::{Measured, PartlyClosed, ProbeError, Request, Retry, Row, probe};
 pub use report::{CheckOutcome, Report, ReportLine};
 pub use uniform_sheet::ExpectedSheet;

@@ -20,7 +20,7 @@ use crate::session::controller::Controller;
 use crate::session::option_values;
 use crate::session::state::{State, Trigger, Work};
 use imaging::noise::{self, DEFAULT_NOISE_UV};
-use self_test::{ExpectedSheet, ProbeError, Report, Request, assess};
+use self_test::{ExpectedSheet, ProbeError, Report, Request, assess, with_neighbours};
 use survey::error_chain as chain;
 
 /// In the record's directory: a line of JSON for every self-test.
@@ -187,6 +187,13 @@ impl Controller {
             inner.test = Some(button);
         }
         let plan = self.plan_of_rig()?;
+        let tested = with_neighbours(&plan.plan).ok_or_else(|| {
+            Fault::Unsupported(
+                "the self-test drives and measures every pair of neighbouring electrodes, and this survey has no relays \
+                 for some of them; set survey.half = false for it"
+                    .into(),
+            )
+        })?;
         let events = self.events.clone();
         let progress = move |done: u64, total: u64, what: &str| {
             events.publish(&BusEvent::TestProgress {
@@ -204,7 +211,7 @@ impl Controller {
                 .as_ref()
                 .ok_or_else(|| lost("the rig has not come back"))?;
             let request = Request {
-                plan: &plan.plan,
+                plan: &tested,
                 meter: plan.meter,
                 wide: keysight_34980a::range_for(plan.plan.compliance),
                 meter_relays: Vec::new(),
@@ -262,8 +269,8 @@ impl Controller {
             };
             let report = assess(
                 &probed,
-                &plan.plan.wiring,
-                plan.plan.current.0,
+                &tested.wiring,
+                tested.current.0,
                 &expected,
                 noise_v,
                 at,
