@@ -105,7 +105,7 @@ fn a_small_network_is_trained_kept_and_used() {
     assert!(message.contains("\"method\":\"rbf matched\""), "{message}");
     assert!(message.contains("\"quality\":{"), "{message}");
 
-    // another ring, another mesh: refused with both named
+    // a case with another ring or another mesh is refused, and the error names both
     done(&words(
         "mesh --preset disc-tank --set electrodes=9 --set fineness=0.5 --out {}",
         &[&path("nine")],
@@ -348,7 +348,7 @@ fn frames_without_noise_make_good_maps() {
             let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
             let likeness = dot(map, &truth) / (dot(map, map) * dot(&truth, &truth)).sqrt();
             println!("{noise}: {likeness:.3}");
-            // a linear map of a strong load allows for its own error; shapes have 0.95 or more
+            // linear maps reach less for a strong load, because they allow for their own error; shapes reach 0.95
             let least = if noise == " --noise-v 1e-8" {
                 0.95
             } else {
@@ -361,7 +361,7 @@ fn frames_without_noise_make_good_maps() {
 
 #[test]
 fn output_that_nobody_reads_ends_no_command() {
-    // as after `| head`: nobody has the other end
+    // a broken pipe, as after `| head`
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_tactus-lab"))
@@ -408,7 +408,7 @@ fn drift_of_a_frame_is_removed_and_deviation_written() {
     println!("{left} {removed} {sd}");
     assert!(none.is_null());
     assert!(left > 0.02 && removed < 0.2 * left, "{left} {removed}");
-    // of an empty frame: readings tell a change of 5 % near electrodes alone
+    // the frame has no load: only near electrodes do the readings resolve a change of 5 %
     let resolved = sd["resolved"].as_f64().unwrap();
     assert!((0.01..0.5).contains(&resolved), "{sd}");
     let deviations = numbers(&path("maps.sd.csv"));

@@ -1,10 +1,10 @@
-//! Options and settings without effect are refused by name, and those that are stated take effect.
+//! Options and settings that would have no effect are refused by name; accepted ones take effect.
 
 use std::path::{Path, PathBuf};
 
 use crate::program::{done, lab, words};
 
-/// Runs the program to a refusal of its command line; returns standard error.
+/// Runs the program, which must refuse its command line; returns standard error.
 fn refused(line: &str, paths: &[&Path]) -> String {
     let output = lab(&words(line, paths));
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -96,7 +96,7 @@ fn extent_of_images_needs_their_true_places() {
     assert!(message.contains("targets.csv"), "{message}");
     std::fs::write(path("targets.csv"), "image,x,y\none,0.5,0.5\n").unwrap();
     done(&words(line, &[folder.path()]));
-    // a first line with a slip is not taken for the header
+    // a first line with a typing error does not count as a header
     for slip in ["one,0.5,O.5\n", "one,nan,0.5\n"] {
         std::fs::write(path("targets.csv"), slip).unwrap();
         let output = lab(&words("merit --images {}", &[folder.path()]));
@@ -166,7 +166,7 @@ fn cases_of_a_set_have_the_settings_of_the_set() {
         );
         assert!(!model.exists());
     }
-    // the number of cases that are compared with the neurons is that of the set
+    // the neurons are compared with the number of cases in the set
     let line = "train rbf --yes --profile matched --neurons 25 --dataset {} --case {} --out {}";
     let message = done(&words(line, &paths));
     assert!(message.contains("20 cases for 25 neurons"), "{message}");

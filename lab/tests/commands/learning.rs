@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::program::{done, lab, numbers, words};
 use sha2::{Digest, Sha256};
 
-/// A very short deep training: too short to learn anything, as the others of these tests, hence --yes.
+/// A very short deep training. Like the others in these tests it is too short to learn anything, hence --yes.
 const SMALL_DEEP: &str = "train dnn --yes --profile matched --epochs 2 --set width=24 --set hidden_layers=2 --set batch=16 --set held_out=20";
 
 fn tank(folder: &Path) -> PathBuf {
@@ -296,7 +296,7 @@ fn methods_are_compared_on_frames_of_a_finer_mesh() {
     assert!(of(0, "location_error_mm") < 3.0 && of(1, "location_error_mm") < 0.8);
     assert!(of(1, "correlation") > 0.95 && of(1, "dice") > 0.93);
     assert!(of(1, "correlation") > of(0, "correlation"));
-    // by its formula for a linear map, otherwise by draws
+    // computed by formula for the linear map, from random draws for the others
     assert!((0..3).all(|k| of(k, "noise_figure") > 0.0));
     assert!(std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
     let message = refused("evaluate --set {} --method one-step", &[folder.path()]);
@@ -378,7 +378,7 @@ fn slips_of_a_training_are_refused_before_work_begins() {
         assert!(!message.contains("cases take about"), "{slip}: {message}");
     }
     assert!(!model.exists());
-    // the next bound, the largest reading of the case, holds also if the noise is confirmed
+    // the next limit, the largest reading of the case, applies even with --yes
     let message = refused(
         "train linear --profile matched --noise-v 2 --yes --out {}",
         &[&model],

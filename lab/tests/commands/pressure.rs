@@ -137,7 +137,7 @@ fn known_masses_come_back_in_newtons() {
     assert!(why.contains("loss"), "{why}");
 }
 
-/// Force over mass of presses that were not used for the fit, less one, on an unevenly sprayed sheet.
+/// Relative force errors of presses that were not used for the fit, on an unevenly sprayed sheet.
 fn on_an_uneven_sheet(at: &Path, fitted: bool) -> Vec<f64> {
     let run = |words: &str| {
         let method = ["--method", "one-step --loss-only"];
@@ -195,7 +195,7 @@ fn masses_on_an_uneven_sheet_need_the_fitted_sheet() {
     println!("fitted sheet: rms {:.3}, {off:.3?}", rms(&off));
     assert_eq!(off.len(), 12);
     assert!(rms(&off) < 0.08 && worst(&off) < 0.2, "{off:.3?}");
-    // the limits are not met without the fit
+    // without the fit of the sheet, the errors exceed these limits
     let off = on_an_uneven_sheet(folder.path(), false);
     println!("nominal sheet: rms {:.3}, {off:.3?}", rms(&off));
     assert!(rms(&off) > 0.08 && worst(&off) > 0.2, "{off:.3?}");

@@ -1,5 +1,5 @@
-//! Recorded presses as a training set: `dataset --recorded`, and trainings that learn nothing. A simulated sheet on a finer mesh
-//! stands in for the real one.
+//! Recorded presses as a training set (`dataset --recorded`), and trainings that learn nothing. A simulated sheet on a
+//! finer mesh replaces a real one.
 
 use std::path::Path;
 
@@ -76,7 +76,7 @@ fn a_map_learnt_from_recorded_presses_finds_others() {
     );
     assert!(mean < 6.0, "{mean}");
 
-    // places and frames that do not belong together: nothing can be learnt
+    // positions shuffled among the frames: nothing can be learnt
     let mixed = at("mixed");
     std::fs::create_dir(&mixed).unwrap();
     std::fs::copy(known.join("frames.csv"), mixed.join("frames.csv")).unwrap();
@@ -85,7 +85,7 @@ fn a_map_learnt_from_recorded_presses_finds_others() {
     let mut shuffled = String::from("frame,x_m,y_m,diameter_m,mass_kg\n");
     for (row, line) in lines.iter().enumerate().skip(1) {
         let fields: Vec<&str> = line.split(',').collect();
-        // the place of another press, far along the table
+        // the position of a press in a distant row
         let elsewhere: Vec<&str> = lines[1 + (row * 277) % 620].split(',').collect();
         shuffled += &format!(
             "{},{},{},{},{}\n",
@@ -166,7 +166,7 @@ fn recorded_presses_that_cannot_be_used_are_named() {
             ],
         ),
         (
-            // a label and a number, of which the second is wrong
+            // a valid label, and a frame number that is not whole
             format!("{metres}r4,0.02,0.03,0.01\n2.5,0.02,0.03,0.01\n"),
             vec!["presses.csv:3", "frame 2.5 is not there"],
         ),

@@ -36,7 +36,7 @@ fn correlation(mesh: &Mesh, radius: f64, map: &[f64], labels: &[f64]) -> f64 {
     cross / (own * other).sqrt()
 }
 
-/// Makes the case folder of a disc tank; its mesh.
+/// Creates the case folder of a disc tank; returns its mesh.
 fn tank(settings: &str, case: &Path) -> Arc<Mesh> {
     let line = format!("mesh --preset disc-tank {settings} --out {{}}");
     done(&words(&line, &[case]));
@@ -63,7 +63,8 @@ fn kuopio_tank(first_deg: f64, case: &Path) -> Arc<Mesh> {
     tank(&settings, case)
 }
 
-/// Changes as they are; of ln sigma; of ln sigma without those below a tenth of the largest.
+/// Compared values: relative changes; changes of ln sigma; changes of ln sigma, with those below a tenth of the largest
+/// set to zero.
 #[derive(Debug, Clone, Copy)]
 enum Shown {
     Relative,
@@ -94,8 +95,8 @@ fn kuopio_four_targets_with_one_setting() {
     };
     let folder = tempfile::tempdir().unwrap();
     let (case, maps) = (folder.path().join("tank"), folder.path().join("maps.csv"));
-    // the least mean correlation. Without a label: the angle is the source's. The labels alone tell that the first electrode at
-    // 90 degrees, which is the top of their picture, agrees better, and that small changes are none
+    // The least mean correlation. 84.375 degrees is the angle stated by the source. Only the labels show that 90
+    // degrees, the top of their picture, agrees better, and that small changes are to be ignored.
     let noser = "--method one-step --prior noser --lambda 1";
     for (how, first_deg, judged) in [
         (noser, 84.375, [(Shown::Relative, 0.81)].as_slice()),
@@ -172,7 +173,7 @@ fn ball_errors(mesh: &Mesh, maps: &[Vec<f64>]) -> Vec<f64> {
     BALLS
         .iter()
         .map(|(frame, ball, other)| {
-            // where there are two balls, the half of the tank that is nearer to this one
+            // with two balls, only the half of the tank that is nearer to this one counts
             let near = |at: &[f64; 2]| {
                 let to = |ball: &[f64; 2]| (at[0] - ball[0]).hypot(at[1] - ball[1]);
                 other.is_none_or(|other| to(ball) < to(&other))
@@ -195,7 +196,7 @@ const BALLS: [Ball; 4] = [
     (3, [0.07, 0.0], Some([0.0, 0.07])),
 ];
 
-/// The two percentages of the note on the depth: with it and without.
+/// The two misfits in the note on the depth, percent: with the depth and without.
 fn misfits(message: &str) -> [f64; 2] {
     let note = message
         .lines()
@@ -218,11 +219,11 @@ fn ottawa_balls_are_nearer_to_their_places_with_the_depth() {
     let folder = tempfile::tempdir().unwrap();
     let (case, maps) = (folder.path().join("tank"), folder.path().join("maps.csv"));
     let mesh = tank("--set radius_mm=150.0", &case);
-    // liquid and plane of the electrodes as the source states them; height and width of an electrode are assumed
+    // the source states the depth of the liquid and the plane of the electrodes; their height and width are assumed
     let depth =
         " --depth-mm 260 --electrode-height-mm 10 --electrode-centre-mm 130 --target-height-mm 40";
-    // The worst ball at most so far off, m. Missed (goal 0.01): the second of two balls at (7, 0) cm, and with a lambda for each
-    // frame and the exponent 0.25 the ball in the middle, whose frame no map explains.
+    // Largest error of a ball, m. The goal of 0.01 is missed for the second of two balls at (7, 0) cm, and, with a
+    // lambda for each frame and the exponent 0.25, for the ball in the middle, whose frame no map explains.
     for (how, worst) in [
         ("--method one-step --prior noser --lambda 1", 0.01),
         ("--method one-step --prior noser", 0.0125),
@@ -248,7 +249,7 @@ fn ottawa_balls_are_nearer_to_their_places_with_the_depth() {
         assert!(with < 5.0 && without > 20.0, "{message}");
         assert!(!message.contains("contradict"), "{message}");
         assert!(deep.iter().all(|error| *error < worst), "{how}: {deep:?}");
-        // those away from the middle
+        // all but the ball in the middle are found more accurately with the depth
         let nearer = flat
             .iter()
             .zip(&deep)

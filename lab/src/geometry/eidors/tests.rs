@@ -1,4 +1,4 @@
-//! MAT-files put together byte by byte, of both byte orders; what is wrong with one is named.
+//! MAT-files built byte by byte in both byte orders; errors name the fault.
 
 use std::io::Write;
 
@@ -124,7 +124,7 @@ fn cut_or_changed_files_are_errors_or_other_values() {
     let whole = example(Order(false));
     let all = variables(&whole).unwrap();
     for length in 0..whole.len() {
-        // cut between two variables, the rest is a file
+        // a file cut between two variables is valid
         if let Ok(some) = variables(&whole[..length]) {
             assert!(some.len() < all.len(), "{length}");
         }
@@ -173,7 +173,7 @@ fn model() -> Fields {
         [2.0, 5.0, 6.0],
     ]);
     let sides = [[2.0, 3.0], [3.0, 4.0], [4.0, 5.0], [5.0, 2.0]];
-    // electrodes have no node in common: two of them, on opposite sides
+    // electrodes must not share a node: two on opposite sides
     let electrodes = [sides[0], sides[2]].map(|side| {
         structure(&[
             ("nodes", numbers(&[side])),

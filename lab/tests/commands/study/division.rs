@@ -20,7 +20,7 @@ fn text(output: Output) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// The output without measured times, which are those of the machine.
+/// The output without measured times, which depend on the machine.
 fn without_times(text: &str) -> Vec<serde_json::Value> {
     text.lines()
         .map(|line| {
@@ -31,8 +31,8 @@ fn without_times(text: &str) -> Vec<serde_json::Value> {
         .collect()
 }
 
-/// Makes every shard of a study, each with another number of threads, in another order than that of the shards; returns
-/// the folder's list of missing shards before the last one.
+/// Makes all shards of a study in reverse order, each with another number of threads; returns the list of missing
+/// shards before the last one.
 fn make_shards(study: &str, of: usize, fixed: &[&Path], parts: &Path) -> String {
     let with_parts = [fixed, &[parts]].concat();
     let mut listed = String::new();
@@ -101,7 +101,7 @@ fn merged_test_set_equals_that_of_one_process() {
 fn merged_hard_cases_equal_those_of_one_process() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    // naive forms with an error, with none, and that fail
+    // cases whose naive implementation is inaccurate, accurate, and failing
     let line = "stability --only 8 --only 25 --only 30 --only 31 --only 33 --only 35 --only 40";
     for (threads, name) in [("1", "whole-1"), ("2", "whole-2"), ("8", "whole-8")] {
         let line = format!("{line} --out {{}}");
@@ -125,7 +125,7 @@ fn merged_diagrams_equal_those_of_one_process() {
     let line = "tradeoff --quick --only acquisition --only uncertainty --out {}";
     text(with_threads("2", line, &[&at("whole")]));
     make_shards(line, 2, &[&at("shared")], &at("parts"));
-    // merging draws into another folder: only what is in the shards is used
+    // merging into another folder uses the results in the shards only
     let merge = format!("{line} --merge 2 --parts {{}}");
     text(with_threads("1", &merge, &[&at("merged"), &at("parts")]));
     for file in ["acquisition.json", "uncertainty.json"] {
@@ -167,7 +167,7 @@ fn merged_figure_equals_that_of_one_process() {
     let at = |name: &str| folder.path().join(name);
     let line = "paper --quick --figure 7 --out {}";
     text(with_threads("2", line, &[&at("whole")]));
-    // both at the same time: each model and test set is made by one of them
+    // both shards run at the same time: each model and test set is made by one of them
     let shards: Vec<_> = ["0/2", "1/2"]
         .into_iter()
         .map(|shard| {
@@ -199,6 +199,6 @@ fn merged_figure_equals_that_of_one_process() {
         let read = |name: &str| std::fs::read(at(name).join(file)).unwrap();
         assert!(read("merged") == read("whole"), "{file}");
     }
-    // nothing is evaluated or trained for the report
+    // the report of the merge evaluates and trains nothing
     assert!(!at("merged").join("sets/test-2-2uV").exists());
 }

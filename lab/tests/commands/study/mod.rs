@@ -1,4 +1,4 @@
-//! Studies, and work in shards.
+//! Studies, and their division into shards.
 
 mod division;
 mod paper;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use crate::program::{done, lab, words};
 
-/// For the first records of a shard on a busy machine.
+/// Timeout for the first records of a shard on a busy machine.
 const DEADLINE: Duration = Duration::from_secs(120);
 
 fn tank(folder: &Path) -> PathBuf {
@@ -185,7 +185,7 @@ fn missing_shards_are_listed_and_merged_when_made() {
         let read = |name: &str| std::fs::read(at(name).join(file)).unwrap();
         assert!(read("merged") == read("whole"), "{file}");
     }
-    // another division of the same set is not mixed in
+    // a shard of another division of the same set is refused
     let line = "dataset --shard 0/2 --seed 3 --cases 150 --case {} --out {}";
     let (code, message) = refused(line, &[&case, &at("parts")]);
     assert_eq!(code, Some(2), "{message}");

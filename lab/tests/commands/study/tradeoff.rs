@@ -20,7 +20,7 @@ fn table_is_made_once_drawn_and_used_for_advice() {
     ] {
         assert!(out.join(file).is_file(), "{file}");
     }
-    // coverage: shares of the accepted fits, beside the stated probabilities
+    // coverage: fractions of the accepted fits whose region contains the truth, beside the stated probabilities
     let coverage: serde_json::Value =
         serde_json::from_slice(&std::fs::read(out.join("uncertainty.json")).unwrap()).unwrap();
     let points = coverage["points"].as_array().unwrap();
