@@ -360,7 +360,7 @@ mod tests {
                 "press --control",
                 "release --control",
                 "replay file",
-                // a socket, which is created if nothing has its name
+                // serve creates its control socket only where no file exists
                 "serve --control",
                 "status --control",
             ],
@@ -397,7 +397,7 @@ mod tests {
         assert!(commands > 10);
         for profile in chapter.split("```toml\n").skip(1) {
             let text = profile.split("```").next().unwrap_or_default();
-            // a profile, or a part of a scene
+            // the block is either a profile or a part of a scene
             if let Err(fault) = Profile::parse("README.md", text) {
                 assert!(
                     crate::Scene::parse("README.md", text).is_ok(),

@@ -323,7 +323,7 @@ impl FaultyRig {
         match words.split(' ').next().unwrap() {
             "drop" | "serial" => self.named(words).0.is_closed_by_the_server().await,
             "power-cut" => {
-                // Of the connections the source's is the one that carries nothing meanwhile.
+                // Wait on the source's connection: it is the only one without traffic meanwhile.
                 let closed = self.source.is_closed_by_the_server().await;
                 let begun = Instant::now();
                 while !self.shows(words).await {
@@ -347,8 +347,8 @@ impl FaultyRig {
         lines == ["OFF,OFF,OFF,OFF", "Tactus,GPIO-MUX,0001,1.0 ready"]
     }
 
-    /// Advances the instruments' time by 25 s and triggers what is due: that happens at the next message to any of
-    /// them, here to one that the fault does not concern.
+    /// Advances the instruments' time by 25 s. Due faults take effect at the next message to any instrument; here it
+    /// goes to one without the fault.
     async fn time_passes(&mut self, words: &str) {
         if words.starts_with("wire 34980a") {
             let sweep = "SOUR:DEL 25;:SOUR:SWE:POIN 1;ARM;:INIT;*OPC?";

@@ -47,7 +47,7 @@ impl Client {
         Self { stream, xid: 0 }
     }
 
-    /// Sends a record in fragments of this many bytes, and returns the reply from its accept state on.
+    /// Sends a record in fragments of `piece` bytes; returns the reply, starting at its accept state.
     fn call_in(
         &mut self,
         piece: usize,
@@ -223,7 +223,7 @@ fn unread_and_unrequested_replies_are_errors() {
     assert_eq!(word(&client.generic(15, link, 0, 0), 0), 0);
     assert_eq!(client.ask(link, "*ESE?"), "+0");
     assert_eq!(client.code(link), 0);
-    // Too much without an end.
+    // Too many bytes without an end of message.
     for _ in 0..5 {
         assert_eq!(client.write(link, &[b'A'; 16_000], 0), 0);
     }
@@ -246,7 +246,7 @@ fn vxi11_trigger_follows_earlier_messages_and_has_a_reply() {
     // The reply to READ? was not read, which is the only error.
     assert_eq!(client.code(link), -410);
     assert_eq!(client.code(link), 0);
-    // A trigger that is not awaited is an error, and interrupts no reply.
+    // A trigger while the instrument does not wait for one is an error, and interrupts no reply.
     assert_eq!(client.write(link, b"*IDN?", END), 0);
     assert_eq!(word(&client.generic(14, link, 0, 0), 0), 0);
     assert!(client.read(link, 100, 5000, None).2.contains("34980A"));

@@ -150,7 +150,7 @@ async fn source_change_during_a_scan_shows_in_later_readings() {
         .collect();
     let before = readings.iter().take_while(|volts| **volts > 0.0).count();
     assert!((2..=3).contains(&before), "{readings:?}");
-    // the reading in progress then is the mean over its aperture
+    // the reading in progress at the change is the mean over its aperture
     let [first, .., last] = readings.as_slice() else {
         panic!("{readings:?}");
     };

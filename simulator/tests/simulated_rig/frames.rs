@@ -26,7 +26,7 @@ fn bare(simulated: &SimulatedRig, wiring: &Wiring) -> Vec<f64> {
     })
 }
 
-/// Half a unit of the last of nine digits, and the rounding difference of two calculations.
+/// Tolerance: half a unit of the ninth digit, plus the rounding difference of two calculations.
 fn digits(volts: f64, largest: f64) -> f64 {
     0.5 * 10.0_f64.powi(volts.abs().log10().floor() as i32 - 8) + 1e-12 * largest
 }
@@ -99,7 +99,7 @@ async fn every_wiring_reads_forward_solution_to_the_digits_sent() {
     assert_eq!(scanned.readings, routed.readings);
     assert_eq!(scanned.readings, multiplexed.readings);
 
-    // the armature twin of M, map F and map Z
+    // map M on armature relays, map F and map Z
     for (profile, wiring, reading_messages) in [
         ("pairs-34922a", keysight_34980a::pairs_34922a(1, 26), 26),
         ("fast-34925a", keysight_34980a::fast_34925a(1, 2, 26), 26),
@@ -226,7 +226,7 @@ async fn compliance_switches_the_source_off_within_100_ms() {
         }
     };
     assert_eq!(frame.compliance.len(), 26);
-    // each injection is one: the source is off in between
+    // 26 separate times, because the source is off between injections
     assert_eq!(times, 26);
     println!("{longest:?} from compliance to off");
     assert!(longest <= OFF_WITHIN, "{longest:?}");

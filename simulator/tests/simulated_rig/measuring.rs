@@ -1,4 +1,4 @@
-//! Settings of a session reduce the imperfections that they are for, tested through the drivers.
+//! Each session setting reduces the error that it is meant for, tested through the drivers.
 
 use std::time::Duration;
 

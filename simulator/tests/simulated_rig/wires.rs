@@ -193,7 +193,7 @@ async fn frames_in_instant_time_wait_for_nothing() {
         frame(&rig, &pairs()).await.unwrap();
     }
     println!("{:?} of computing a frame", computing.elapsed() / 10);
-    // the paused clock moves only while everything waits for it
+    // the paused clock advances only while all tasks wait for it
     assert_eq!(before.elapsed(), Duration::ZERO);
 }
 
@@ -218,7 +218,7 @@ async fn source_answers_at_the_rate_of_its_command_time() {
     assert!(took <= expected + Duration::from_millis(5), "{took:?}");
 }
 
-/// Every example of the table of the chapter is refused as an undefined header.
+/// Every example in the README's table is refused as an undefined header, or as a wrong argument where it says so.
 #[test]
 fn commands_named_as_refused_are_undefined() {
     let chapter = include_str!("../../README.md");
@@ -238,7 +238,7 @@ fn commands_named_as_refused_are_undefined() {
         let command = cells[2].trim_matches('`');
         rig.receive(instrument, command);
         let error = rig.receive(instrument, "SYST:ERR?").0.unwrap();
-        // a header that is known, with an argument that is not
+        // a known header with an unsupported argument
         let code = match cells[1].contains("(-108)") {
             true => "-108,",
             false => "-113,",
