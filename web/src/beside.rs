@@ -223,7 +223,7 @@ mod tests {
     async fn a_slow_map_is_preceded_by_a_provisional_one() {
         let served = served_from(None, Arc::new(Slow::default())).await;
         let live = served.live();
-        // nobody looks yet
+        // no page is open yet
         frame(&live, "m1", 6, Some(0.5));
         served.get("/api/state").await;
         assert_eq!(code(&served.get("/api/provisional/6").await), "404");
@@ -238,7 +238,7 @@ mod tests {
             served.bytes("/api/provisional/7").await,
             0.25_f32.to_le_bytes()
         );
-        // the own map has another address
+        // the daemon's map has another address
         assert_eq!(code(&served.get("/api/map/7").await), "404");
         assert_eq!(code(&served.get("/api/provisional/6").await), "404");
         let own = FrameState {
@@ -247,7 +247,7 @@ mod tests {
             ..FrameState::default()
         };
         live.change(|snapshot| snapshot.state.frame = Some(own.clone()));
-        // too late
+        // a provisional map that arrives after the daemon's map is ignored
         let late = Slow::default().provisional(&[Some(0.5)]).unwrap();
         live.show_provisional("m1", 7, late);
         assert_eq!(live.subscribe().borrow().state.frame, Some(own));
@@ -280,11 +280,11 @@ mod tests {
         assert!(first.ends_with(&[0.25_f32.to_le_bytes(), f32::NAN.to_le_bytes()].concat()));
         let head = String::from_utf8_lossy(&first).into_owned();
         assert!(head.contains(r#""session":"m1""#), "{head}");
-        // a frame later, within two seconds: the same answer, with the number of its frame
+        // a frame later, within two seconds: the same reply, still with the number of the first frame
         frame(&live, "m1", 2, None);
         assert_eq!(served.bytes("/api/deviation").await, first);
         assert_eq!(slow.0.load(Ordering::Relaxed), 1);
-        // of another session at once
+        // a frame of another session is handled at once
         frame(&live, "m2", 1, Some(0.5));
         let refused = served.get("/api/deviation").await;
         assert!(

@@ -385,12 +385,12 @@ mod tests {
         assert_eq!((readings.0, &*readings.1), (3, &[Some(0.5), None][..]));
         take(2, map());
         assert_eq!(shown(), (2, true, 2000));
-        // one before it comes too late
+        // the map of an earlier frame arrives too late
         take(1, map());
         assert_eq!(shown(), (2, true, 2000));
         take(3, map());
         assert_eq!(shown(), (3, true, 3000));
-        // of a frame that was lost
+        // the map of a frame that was never received
         take(9, map());
         assert_eq!(shown(), (3, true, 3000));
     }

@@ -77,7 +77,7 @@ impl Served {
         self.ask_with(line, headers, "").await
     }
 
-    /// The same with a body.
+    /// Like [`Self::ask`], with a body.
     async fn ask_with(&self, line: &str, headers: &[String], body: &str) -> String {
         let mut stream = self.connected().await;
         let text = format!(
@@ -110,7 +110,7 @@ impl Served {
         answer.split_off(end.unwrap() + 4)
     }
 
-    /// What the pages follow.
+    /// The live state that pages follow.
     pub(crate) fn live(&self) -> Live {
         self.live.clone()
     }
@@ -134,7 +134,7 @@ async fn only_exact_hosts_are_served() {
         (format!("LOCALHOST:{port}"), "200"),
         (format!("[::1]:{port}"), "200"),
         ("lab.example.org".to_owned(), "200"),
-        // a page of the attacker, whose name was made to lead here (DNS rebinding)
+        // a page of an attacker, whose host name resolves to this machine (DNS rebinding)
         (format!("attacker.example:{port}"), "403"),
         (format!("localhost.attacker.example:{port}"), "403"),
         (format!("127.0.0.1.attacker.example:{port}"), "403"),
@@ -245,7 +245,7 @@ async fn other_sites_and_other_methods_are_refused() {
 
 #[tokio::test]
 async fn commands_need_permission_origin_media_type_and_token() {
-    // nobody listens there: a command that passes ends with 409
+    // no daemon listens there: a command that passes all checks ends with 409
     let folder = tempfile::tempdir().unwrap();
     let address = dbus::Address::Unix(folder.path().join("nobody"));
     let open = served_with(Some(Control {
@@ -365,7 +365,7 @@ async fn every_answer_has_the_headers_and_no_cookie() {
             "{answer}"
         );
     }
-    // the page asks nothing of another place and has no script of its own in the text
+    // the page loads nothing from other hosts and contains no inline script
     let page = served.get("/").await;
     assert!(!page.contains("http://") && !page.contains("https://") && !page.contains("<script>"));
 }
@@ -415,7 +415,7 @@ async fn maps_are_not_cached_across_sessions() {
     }
 }
 
-/// A session that runs; without an id none.
+/// A running session; `None` for an empty id.
 fn running(id: &str) -> Option<SessionState> {
     (!id.is_empty()).then(|| SessionState {
         id: id.to_owned(),
@@ -435,7 +435,7 @@ async fn maps_and_geometry_name_their_session() {
         electrodes: Vec::new(),
         more: dbus::GeometryDetails::default(),
     };
-    // the session goes on, another one begins, and that ends: its map stays
+    // the session continues, another one begins and ends: the last map stays
     for id in ["m1", "m1", "m2", ""] {
         served.live.change(|snapshot| {
             snapshot.set_session(running(id));
@@ -498,7 +498,7 @@ async fn a_change_answers_those_who_wait_and_stop_ends_them() {
         tokio::spawn(async move { served.bytes(&format!("/api/state/{version}")).await })
     };
     let waits = next(version);
-    // another version than the present one is answered at once
+    // a request with another version than the current one gets an immediate reply
     let old = state_of(&next(version + 7).await.unwrap());
     assert_eq!(old["version"], version);
     assert!(!waits.is_finished());
@@ -513,7 +513,7 @@ async fn a_change_answers_those_who_wait_and_stop_ends_them() {
     let limit = Duration::from_secs(30);
     let answer = tokio::time::timeout(limit, waits).await.unwrap().unwrap();
     assert!(state_of(&answer)["version"].as_u64() > Some(version));
-    // whoever reads slowly gets the newest state, not those between
+    // a slow reader gets the newest state and skips those in between
     let answer = next(version + 1).await.unwrap();
     let newest = state_of(&answer);
     assert_eq!(newest["frame"]["sequence"], 9);
@@ -522,7 +522,7 @@ async fn a_change_answers_those_who_wait_and_stop_ends_them() {
     assert_eq!(code(&refused), "400", "{refused}");
 
     let waits = next(version + 9);
-    // it waits before the server is stopped
+    // make sure that the request is waiting before the server is stopped
     served.bytes("/api/state").await;
     served.stop.send(true).unwrap();
     tokio::time::timeout(limit, waits).await.unwrap().unwrap();
@@ -547,7 +547,7 @@ async fn too_many_pages_are_refused() {
         stream.write_all(text.as_bytes()).await.unwrap();
         open.push(stream);
     }
-    // those are received in any order; the one that finds no room is refused
+    // requests arrive in any order; one beyond the limit is refused
     let path = format!("/api/state/{version}");
     let refused = async {
         loop {
@@ -563,7 +563,7 @@ async fn too_many_pages_are_refused() {
         .unwrap();
     assert_eq!(code(&answer), "503", "{answer}");
     assert!(answer.contains("close one"), "{answer}");
-    // a page that goes leaves its place
+    // a closed page frees its slot
     open.clear();
     let free =
         async { while code(&served.get(&format!("/api/state/{version}9")).await) != "200" {} };
