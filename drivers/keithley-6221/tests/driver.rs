@@ -65,7 +65,7 @@ fn plug(device: &Shared) -> DuplexStream {
 }
 
 impl TestInstrument {
-    /// The line to send, if any; `None` to close the connection.
+    /// `Some` with the line to send, if any; `None` to close the connection.
     fn answer(&mut self, line: String) -> Option<Option<String>> {
         let reply = self
             .simulator

@@ -97,7 +97,7 @@ fn resistance_is_the_test_current_through_the_circuit() {
     // an open circuit exceeds every range
     talk.1.ohms = f64::INFINITY;
     assert_eq!(talk.say("MEAS:RES? AUTO,(@1001)"), "+9.90000000E+37");
-    // each range has its current; the circuit's own voltage is in the reading
+    // each range has its own test current; the circuit's own voltage adds to the reading
     talk.1.ohms = 5e4;
     talk.1.volts = 0.1;
     talk.holds(&[
@@ -167,7 +167,7 @@ fn currents_are_measured_on_current_channels_only() {
 fn what_alternates_is_read_as_volts_frequency_or_period() {
     let mut talk = Talk::with(&["34924A"], 0.0);
     talk.1.volts = 3.0;
-    // a DC network has no AC
+    // a circuit with DC only reads zero
     assert_eq!(talk.say("MEAS:VOLT:AC? (@1001)"), "+0.00000000E+00");
     assert_eq!(talk.say("MEAS:FREQ? (@1001)"), "+0.00000000E+00");
     (talk.1.rms, talk.1.hertz) = (0.5, 80.0);
@@ -187,7 +187,7 @@ fn what_alternates_is_read_as_volts_frequency_or_period() {
         ("FREQ:RANG:LOW 3,(@1001);LOW? (@1001)", "+3"),
         ("PER:VOLT:RANG 10,(@1001);RANG? (@1001)", "+1.00000000E+01"),
     ]);
-    // a tenth of the counter's range is too little for it
+    // the signal is below a tenth of the counter's range: too small to count
     assert_eq!(
         talk.say("CONF:FREQ (@1001);:FREQ:VOLT:RANG 10,(@1001);:READ?"),
         "+0.00000000E+00"
@@ -315,7 +315,7 @@ fn settings_without_a_list_leave_the_channels_alone() {
             "CONF:VOLT:DC 0.1;:CONF? (@1002)",
             "\"VOLT +1.000000E+01,+3.000000E-05\"",
         ),
-        // one reading of the internal voltmeter, the scan list as it was
+        // one reading of the internal voltmeter leaves the scan list unchanged
         ("MEAS:VOLT:DC?", "+0.00000000E+00"),
         ("MEAS:RES? 1E3", "+4.70000000E+02"),
         ("ROUT:SCAN:SIZE?;:DATA:POIN?", "+3;+1"),
@@ -376,7 +376,7 @@ fn selected_memory_is_recalled_at_power_on() {
     talk.say("CONF:VOLT:DC 100,(@1001:1002);:*SAV 2");
     talk.say("*RST;:MEM:STAT:REC:SEL 2");
     talk.0.power_cycle(talk.2, &mut talk.1);
-    // selected, but the recall is off
+    // state 2 is selected, but automatic recall is off
     talk.holds(&[("MEM:STAT:REC:SEL?;:ROUT:SCAN:SIZE?", "2;+0")]);
     talk.say("MEM:STAT:REC:AUTO ON");
     talk.0.power_cycle(talk.2, &mut talk.1);

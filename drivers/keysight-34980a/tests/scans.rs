@@ -287,7 +287,7 @@ fn order_off_keeps_order_and_repeats() {
 }
 
 proptest! {
-    /// Advancing time often or seldom changes no reading, no instant, and no end.
+    /// The number of time steps changes no reading, no time of a reading, and no end of a scan.
     #[test]
     fn how_often_time_is_told_changes_nothing(
         looks in prop::collection::vec(1_u64..2_000_000, 0..40),

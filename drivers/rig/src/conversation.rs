@@ -227,7 +227,7 @@ mod tests {
 
     use super::*;
 
-    /// What an instrument receives that sends these replies, and what comes of `task`.
+    /// Runs `task` against an instrument with these replies; returns what the instrument received, and the result.
     async fn with<T>(
         replies: &str,
         task: impl AsyncFnOnce(&mut Conversation<tokio::io::DuplexStream>) -> T,

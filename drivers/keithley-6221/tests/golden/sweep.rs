@@ -245,13 +245,13 @@ fn section_5_completion_is_told_when_a_sweep_is_done() {
     talk.hold(&[("*ESR?;:INIT;*OPC", "128"), ("*ESR?", "0")]);
     talk.at(1.9).hold(&[("*ESR?", "0")]);
     talk.at(2.0).hold(&[("*ESR?", "1")]);
-    // For the query, the reply takes as long as the sweep.
+    // The reply to the query `*OPC?` is delayed until the sweep is over.
     talk.say("INIT");
     let (now, command_time) = (talk.now(), Duration::from_millis(5));
     let reply = talk.source.receive("*OPC?", now, &mut talk.load);
     assert_eq!(reply.text.as_deref(), Some("1"));
     assert_eq!(reply.busy, command_time + Duration::from_secs(2));
-    // The units after it are executed when the sweep is over.
+    // Commands after `*WAI` in the same message are executed when the sweep is over.
     talk.hold(&[("*WAI;:SOUR:CURR?;:STAT:OPER:COND?", "3.000000E-03;1026")]);
 }
 

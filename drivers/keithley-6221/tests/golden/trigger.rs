@@ -102,7 +102,7 @@ fn section_4_the_key_and_the_start_of_test_line_arm() {
 
 #[test]
 fn section_4_the_layers_speak_on_their_lines() {
-    // two points three times: six levels set, six delays over, three passes begun and ended
+    // three passes of two points: six levels are set, six delays end, three passes begin and end
     for (layers, line, while_point_4_is_made, told) in [
         ("TRIG:OUTP SOUR;OLIN 3", 3, 4, 6),
         ("TRIG:OUTP DEL;OLIN 4", 4, 3, 6),

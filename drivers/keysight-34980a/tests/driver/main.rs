@@ -25,7 +25,8 @@ struct TestInstrument {
     unit: Simulator34980a,
     sheet: Sheet,
     received: Vec<String>,
-    /// Faked replies to messages with this end, or to one query among others. An empty text means no reply.
+    /// Faked replies, each to a message that ends with this text, or to such a query within a message. An empty text
+    /// means no reply.
     lies: Vec<(&'static str, &'static str)>,
 }
 

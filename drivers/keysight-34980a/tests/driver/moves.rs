@@ -10,7 +10,7 @@ async fn relays_left_closed_are_found_so_and_opened_in_one_message() {
     let asked = relays([1036, 1037, 1040]);
     assert_eq!(unit.closed(&asked).await.unwrap(), [true, false, true]);
     shared.received();
-    // After a fault, a deferred move closes nothing on the way to safety.
+    // After a fault, the relays are opened without the closures of the deferred move.
     unit.move_relays(&[close(&[1037]), open(&[1036])])
         .await
         .unwrap();
@@ -80,7 +80,7 @@ async fn other_models_are_refused_and_both_maker_names_accepted() {
         "34980A",
     ] {
         let shared = Shared::of(mainframe(&[]));
-        // A blank is a reply, an empty text would be none.
+        // In this test a blank is a reply and an empty text would be no reply.
         let answer = if identity.is_empty() { " " } else { identity };
         shared.lie("*IDN?", answer);
         let refusal = Keysight34980a::connect(shared.plug()).await.unwrap_err();
