@@ -123,7 +123,7 @@ async fn silent_clients_make_way_and_are_disconnected() {
     for _ in 0..CLIENTS {
         clients.push(silent(b"GET /met").await);
     }
-    // in the order of connections: the first two make way for these
+    // the two oldest connections are closed to accept these
     let mut late = silent(b"GET /metrics HTTP/1.0\r\n\r\n").await;
     clients.push(silent(b"").await);
     let mut answer = Vec::new();

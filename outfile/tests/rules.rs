@@ -1,4 +1,4 @@
-//! What is written, where, and with which rights.
+//! Rules for output files: content, path, permissions.
 
 use std::io::{Read, Write};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
@@ -28,7 +28,7 @@ fn a_new_file_appears_whole_or_not_at_all() {
     outfile::write(&path, Existing::Refuse, b"1,2\n").unwrap();
     assert_eq!(names(folder.path()), ["frames.csv"]);
     assert_eq!(std::fs::read(&path).unwrap(), b"1,2\n");
-    // as any other program makes it, by the umask
+    // permissions of a new file of any other program: set by the umask
     let plain = folder.path().join("plain");
     std::fs::write(&plain, b"").unwrap();
     let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();

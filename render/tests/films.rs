@@ -1,4 +1,4 @@
-//! Films: read back picture by picture, and compared with pictures of one map.
+//! Films: decoded frame by frame, and compared with pictures of single maps.
 
 use render::{Film, Pace, Range, Scale, Sheet, SpotMark, Style};
 use survey::Map;
@@ -46,7 +46,7 @@ struct Shown {
     delay_ms: f64,
 }
 
-/// Reads a film as the specification of APNG composes it.
+/// Decodes a film and composes its pictures as specified for APNG; also returns the number of plays.
 fn watched(bytes: &[u8]) -> (Vec<Shown>, u32) {
     let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::ALPHA);

@@ -537,9 +537,9 @@ fn the_rim_is_hatched_where_a_load_lies_outside() {
     };
     map.quality = Some(MapQuality::of(&[outside]));
     let (more, strokes) = hatched(&map);
-    // some 60 of the 600 points of the sheet's height, a line each 5 points, each cut by the void at most
+    // a line every 5 points over some 60 of the sheet's 600 points of height; the void can cut each in two
     assert!((lines + 20..lines + 200).contains(&more), "{lines} {more}");
-    // the middle rows of the right side only, where electrode 2 is nearest
+    // hatched only in the middle rows of the right side, where electrode 2 is nearest
     assert!(strokes.len() > 3, "{strokes:?}");
     let rightmost = strokes.iter().flatten().min().unwrap();
     assert!(*rightmost > 50, "{strokes:?}");

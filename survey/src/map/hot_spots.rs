@@ -207,7 +207,7 @@ mod tests {
         assert!(strip.hot_spots(&[0.3; 10], 0.05).is_empty());
         let uneven = twice(&[0.3, 0.2, 0.3, 0.2, 0.16]);
         assert!(strip.hot_spots(&uneven, 0.05).is_empty());
-        // one place below half of the maximum: the rest is a patch
+        // one value is below half of the maximum, so the others form a hot spot
         let bounded = twice(&[0.3, 0.3, 0.3, 0.3, 0.14]);
         assert_eq!(strip.hot_spots(&bounded, 0.05).len(), 1);
     }

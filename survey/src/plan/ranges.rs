@@ -247,7 +247,8 @@ mod tests {
         let plan = Plan::new(&protocol, &wiring, Amps(1e-3), Volts(10.0), Duration::ZERO).unwrap();
         let counts = plan.counts();
         assert_eq!(counts.readings, 299);
-        // the first two injections are asked whole, and scanned so; no other is
+        // the first two injections need all their readings and are scanned whole, with 3 extra readings each; the
+        // others are not
         assert_eq!(counts.extra_readings, 2 * 3, "{counts:?}");
     }
 

@@ -7,7 +7,7 @@ use crate::{Amps, Extra, Measurement, Precautions, Settings, Volts};
 
 const RING: usize = 8;
 
-/// What a passive sheet answers: the potential between any two electrodes is a Green's function of their distance.
+/// Readings of a passive sheet, in which the potential between two electrodes is a Green's function of their distance.
 fn volts(measurement: Measurement) -> f64 {
     let green = |a: Electrode, b: Electrode| match a.0.abs_diff(b.0) {
         0 => 2.0,
@@ -139,7 +139,7 @@ fn reading_above_the_drive_or_of_wrong_sign_is_implausible() {
         scaled(&mut frame.readings[at], -40.0);
     }
     assert_eq!(checks.of(&frame).implausible, 2);
-    // without the driven pair's voltage and a baseline there is nothing to tell it by
+    // without a baseline and the driven pair's voltage, no reading can be found implausible
     frame.extra.clear();
     assert_eq!(Checks::new(&checks.protocol).of(&frame).implausible, 0);
 }
