@@ -39,14 +39,17 @@ impl RigPlan {
         settings
     }
 
-    /// Closures of each relay of the wiring in a frame; for relays that a scan closes, of the channels.
+    /// Closures of each relay of the wiring in a frame; for relays that a scan closes, of the channels, in each of the scans
+    /// that are averaged.
     pub(crate) fn closures(&self) -> Vec<(Relay, f64)> {
         let wiring = &self.plan.wiring;
         let relays = wiring.relays().into_iter();
         let mut closures: Vec<(Relay, f64)> = relays.map(|relay| (relay, 0.0)).collect();
-        let mut count = |closed: &[Relay]| {
+        let mut count = |closed: &[Relay], times: u32| {
             for (relay, closures) in &mut closures {
-                *closures += if closed.contains(relay) { 1.0 } else { 0.0 };
+                if closed.contains(relay) {
+                    *closures += f64::from(times);
+                }
             }
         };
         for step in &self.plan.steps {
@@ -54,12 +57,14 @@ impl RigPlan {
                 Step::Bus { close }
                 | Step::Break { close, .. }
                 | Step::Overlap { close, .. }
-                | Step::Route { close, .. } => count(close),
+                | Step::Route { close, .. } => count(close, 1),
                 Step::Scan { channels } => {
                     let relays: Vec<Relay> = channels.iter().map(|channel| channel.relay).collect();
-                    count(&relays);
+                    count(&relays, self.meter.averages);
                 }
-                Step::Chain { routes } => routes.iter().for_each(|route| count(&route.close)),
+                Step::Chain { routes } => {
+                    routes.iter().for_each(|route| count(&route.close, 1));
+                }
                 _ => {}
             }
         }

@@ -282,30 +282,37 @@ async fn a_stop_in_the_middle_leaves_the_source_off() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn closures_are_counted_and_projected() {
-    let stage = Stage::new(&format!("{SMALL}[relay_wear]\nrelay_life_cycles = 1000\n"));
-    let daemon = stage.start().await;
-    daemon.baseline(3).await;
-    let relays = within(daemon.manager.relays(&Options::new()))
-        .await
-        .unwrap();
-    assert_eq!(relays.len(), 32);
-    let of = |number: u32| relays.iter().find(|wear| wear.relay == number).unwrap();
-    let (injecting, measuring) = (of(1036), of(1001));
-    // three frames: a frame closes each injecting relay once and scans each measuring one at each of 16 injections
-    assert_eq!((injecting.cycles, measuring.cycles), (3, 48));
-    assert_eq!((injecting.rated, injecting.used), (1000, 0.003));
-    let frame = daemon.manager.plan().await.unwrap().duration_s;
-    assert!(
-        (injecting.left_s / (997.0 * frame) - 1.0).abs() < 1e-6,
-        "{}",
-        injecting.left_s
-    );
-    assert!(
-        (measuring.left_s / (952.0 / 16.0 * frame) - 1.0).abs() < 1e-6,
-        "{}",
-        measuring.left_s
-    );
-    assert_eq!(injecting.purpose, "joins electrodes 1 and 2 to the source");
+    for averages in [1, 2] {
+        let survey = format!("electrodes = 16\naverages = {averages}\n[record]");
+        let config = SMALL.replace("electrodes = 16\n[record]", &survey);
+        let stage = Stage::new(&format!("{config}[relay_wear]\nrelay_life_cycles = 1000\n"));
+        let daemon = stage.start().await;
+        daemon.baseline(3).await;
+        let relays = within(daemon.manager.relays(&Options::new()))
+            .await
+            .unwrap();
+        assert_eq!(relays.len(), 32);
+        let of = |number: u32| relays.iter().find(|wear| wear.relay == number).unwrap();
+        let (injecting, measuring) = (of(1036), of(1001));
+        // three frames: a frame closes each injecting relay once and scans each measuring one at each of 16 injections,
+        // for each of the readings that are averaged
+        let scans = 16 * averages;
+        assert_eq!((injecting.cycles, measuring.cycles), (3, 3 * scans));
+        assert_eq!((injecting.rated, injecting.used), (1000, 0.003));
+        let frame = daemon.manager.plan().await.unwrap().duration_s;
+        assert!(
+            (injecting.left_s / (997.0 * frame) - 1.0).abs() < 1e-6,
+            "{}",
+            injecting.left_s
+        );
+        let frames = (1000 - 3 * scans) as f64 / scans as f64;
+        assert!(
+            (measuring.left_s / (frames * frame) - 1.0).abs() < 1e-6,
+            "{}",
+            measuring.left_s
+        );
+        assert_eq!(injecting.purpose, "joins electrodes 1 and 2 to the source");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
