@@ -82,7 +82,10 @@ impl<S: Stream> Keithley6221<S> {
         if replies.error.code == 0 {
             return Ok(replies.answers);
         }
-        self.conversation.drain_errors().await?;
+        // whatever else fails now, the first error is the one to report
+        if let Err(cause) = self.conversation.drain_errors().await {
+            tracing::warn!(instrument = self.instrument(), %cause, "while reading further errors");
+        }
         let refused = join_units(commands);
         Err(self.conversation.refused(refused, replies.error))
     }

@@ -259,6 +259,23 @@ async fn old_errors_are_drained_and_new_ones_name_the_command() {
 }
 
 #[tokio::test]
+async fn a_refusal_is_reported_also_if_the_link_breaks_after_it() {
+    let device = device(500.0);
+    let mut source = connected(&device).await;
+    source.prepare(Amps(1e-3), Volts(5.0)).await.unwrap();
+    simulator(&device, |b| {
+        // taken from the end
+        let refused = ReplyFault::Says("0.000000E+00;-221,\"Settings conflict\"");
+        b.reply_faults.extend([ReplyFault::HangUp, refused]);
+    });
+    let refused = source.set_current(Amps(1e-3)).await;
+    assert!(
+        matches!(&refused, Err(RigError::Refused { command, code: -221, .. }) if command.starts_with("SOUR:CURR 1E-3")),
+        "{refused:?}"
+    );
+}
+
+#[tokio::test]
 async fn a_read_back_that_differs_is_a_mismatch() {
     let device = device(500.0);
     let mut source = connected(&device).await;
