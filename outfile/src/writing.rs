@@ -133,6 +133,18 @@ pub fn write(path: &Path, existing: Existing, bytes: &[u8]) -> Result<(), OutFil
     Ok(())
 }
 
+/// Removes a file of an earlier output that the present one does not have, and leaves one that is not there; refuses what
+/// [`write`] would refuse.
+///
+/// # Errors
+/// See [`OutFileError`].
+pub fn remove(path: &Path, existing: Existing) -> Result<(), OutFileError> {
+    match target(path, existing)? {
+        Target::New | Target::Stream(_) => Ok(()),
+        Target::Replaced => std::fs::remove_file(path).map_err(OutFileError::io(path)),
+    }
+}
+
 /// Creates a file that must be visible under its name while it grows (a transcript); never replaces a file.
 ///
 /// # Errors

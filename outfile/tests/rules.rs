@@ -120,6 +120,23 @@ fn a_standard_stream_is_never_replaced() {
 }
 
 #[test]
+fn a_file_is_removed_only_where_it_could_be_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("roi.csv");
+    outfile::remove(&path, Existing::Refuse).unwrap();
+    std::fs::write(&path, b"element\n").unwrap();
+    assert!(matches!(
+        outfile::remove(&path, Existing::Refuse),
+        Err(OutFileError::Exists(_))
+    ));
+    let target = folder.path().join("target");
+    std::fs::rename(&path, &target).unwrap();
+    symlink(&target, &path).unwrap();
+    outfile::remove(&path, Existing::Replace).unwrap();
+    assert_eq!(names(folder.path()), ["target"]);
+}
+
+#[test]
 fn a_transcript_grows_under_its_name_in_a_new_file_only() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("talk.jsonl");

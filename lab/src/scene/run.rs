@@ -43,6 +43,8 @@ pub(crate) fn run(options: &RunOptions) -> Result<(), Failure> {
         Some(out) => {
             case.write(out, existing)
                 .map_err(|fault| Failure::of("cannot write the case", &fault))?;
+            // the places of a set that is replaced are not those of the scene
+            outfile::remove(&out.join(test_set::PRESSES), existing)?;
             let [frames, truth] =
                 ["frames.csv", "truth.csv"].map(|name| OutFile::create(&out.join(name), existing));
             Some((frames?, truth?))

@@ -10,6 +10,23 @@ fn printed(line: &str) -> String {
 }
 
 #[test]
+fn a_set_written_over_another_keeps_no_places_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = folder.path().join("set");
+    let places = set.join("presses.csv");
+    for line in [
+        "judge --set polygons --count 1 --force --out {}",
+        "scene run quiet --frames 2 --force --out {}",
+    ] {
+        let presses = "judge --set presses-10 --count 1 --force --out {}";
+        done(&words(presses, &[&set]));
+        assert!(places.is_file());
+        done(&words(line, &[&set]));
+        assert!(!places.exists(), "{line}");
+    }
+}
+
+#[test]
 fn explain_lists_every_effect_and_says_what_matters() {
     let line = printed("scene explain paper-test1 --json --frames 20");
     let reported: serde_json::Value = serde_json::from_str(&line).unwrap();

@@ -8,7 +8,7 @@ use super::text::{digits, line};
 use super::{Case, CaseError, DEPTH, protocol_text};
 
 impl Case {
-    /// Writes the folder, and creates it if needed.
+    /// Writes the folder, and creates it if needed. Region, depth and unloaded conductance of a case that is replaced do not stay.
     ///
     /// # Errors
     /// A file that cannot be written, or exists and must not be replaced.
@@ -61,12 +61,19 @@ impl Case {
             "protocol.csv",
             protocol_text(&self.protocol, &self.currents),
         )?;
+        // what an earlier case has beyond this one would be read as a part of this one
+        let absent = |name: &str| outfile::remove(&folder.join(name), existing);
         if self.has_region {
             let mut text = String::from("element\n");
             for element in self.mesh.region() {
                 line(&mut text, &[element.to_string()]);
             }
             put("roi.csv", text)?;
+        } else {
+            absent("roi.csv")?;
+        }
+        if !self.sigma.contains_key("homog") {
+            absent("sigma_homog.csv")?;
         }
         if let Some(depth) = self.mesh.depth() {
             let mut text = String::from(
@@ -74,6 +81,8 @@ impl Case {
             );
             line(&mut text, &depth.numbers().map(digits));
             put(DEPTH, text)?;
+        } else {
+            absent(DEPTH)?;
         }
         for (name, sigma) in &self.sigma {
             let mut text = String::from("sigma_S_per_sq\n");

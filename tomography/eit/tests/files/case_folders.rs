@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use eit::{
-    Case, CaseError, DiscTank, Existing, PaperSheet, frames_text, read_frames, read_named_frames,
-    read_protocol,
+    Case, CaseError, Depth, DiscTank, Existing, PaperSheet, frames_text, read_frames,
+    read_named_frames, read_protocol,
 };
 use survey::Protocol;
 
@@ -77,6 +77,30 @@ fn a_region_comes_back_in_its_order() {
     };
     case.write(folder.path(), Existing::Refuse).unwrap();
     assert_eq!(Case::read(folder.path()).unwrap(), case);
+}
+
+#[test]
+fn a_case_written_over_another_keeps_nothing_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let flat = Case {
+        sigma: [].into(),
+        ..tank_case()
+    };
+    let depth = Depth::new(0.26, 0.01, 0.13, Depth::MODES).unwrap();
+    let deep = Case {
+        mesh: Arc::new(flat.mesh.with_depth(Some(depth))),
+        has_region: true,
+        ..tank_case()
+    };
+    deep.write(folder.path(), Existing::Refuse).unwrap();
+    assert_eq!(Case::read(folder.path()).unwrap(), deep);
+    flat.write(folder.path(), Existing::Replace).unwrap();
+    assert_eq!(Case::read(folder.path()).unwrap(), flat);
+    // nor is it taken over where nothing may be replaced
+    let other = tempfile::tempdir().unwrap();
+    std::fs::write(other.path().join("depth.csv"), "").unwrap();
+    let refused = flat.write(other.path(), Existing::Refuse).unwrap_err();
+    assert!(refused.to_string().contains("depth.csv"), "{refused}");
 }
 
 fn change(folder: &Path, file: &str, change: impl Fn(Vec<String>) -> Vec<String>) -> String {

@@ -140,7 +140,7 @@ fn run(folder: &Path, name: &str, words: &[String], leave_out: bool) -> Result<J
         (0..truths.len()).map(one).collect::<Result<_, Failure>>()?
     };
     bar.finish_and_clear();
-    let presses = folder.join("presses.csv");
+    let presses = folder.join(test_set::PRESSES);
     let places = match presses.exists() {
         true => rows(&presses, truths.len(), PRESS_PLACE, false)?,
         false => Vec::new(),

@@ -30,6 +30,8 @@ pub(crate) use loads::{bounds, polygons, press};
 
 /// File with the description of a test set.
 pub const DESCRIPTION: &str = "judged.json";
+/// File with the places of the presses, where every load is one disc.
+pub const PRESSES: &str = "presses.csv";
 /// Current of every reading, A.
 const CURRENT: Amps = Amps(1e-3);
 /// Description of a test set.
@@ -361,8 +363,10 @@ impl Frames {
         let triangles = case.mesh.region().len();
         let truth = DMatrix::from_row_slice(self.truth.len() / triangles, triangles, &self.truth);
         write(&folder.join("truth.csv"), existing, matrix_text(&truth))?;
-        if let Some(presses) = &self.presses {
-            write(&folder.join("presses.csv"), existing, presses.clone())?;
+        match &self.presses {
+            Some(presses) => write(&folder.join(PRESSES), existing, presses.clone())?,
+            // those of a set that is replaced are no places of these loads
+            None => outfile::remove(&folder.join(PRESSES), existing)?,
         }
         let description = format!("{}\n", self.description);
         write(&folder.join(DESCRIPTION), existing, description)?;
