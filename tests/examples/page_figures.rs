@@ -7,9 +7,10 @@
 //!
 //! 200 frames and 10 minutes by default. Needs chromium and chromium-driver (Debian).
 //!
-//! Pixels: in the page's own script, the begin of the next animation frame after the map was drawn; the browser has composed
-//! the drawn one by then. The last reading: the frame's time and duration in the record, the same clock. Memory: the heap of
-//! the page's script after a garbage collection, and the resident memory of the browser's process that draws it.
+//! Time of the pixels: measured by the page's script at the start of the next animation frame after drawing the map,
+//! when the browser has composed the drawn frame. Time of the last reading: from the frame's time and duration in the
+//! record, by the same clock. Memory: the script's heap after a garbage collection, and the resident memory of the
+//! browser process that draws the page.
 
 #[allow(dead_code, reason = "the stories use all of it")]
 #[path = "../stories/browser/driver.rs"]
@@ -27,8 +28,8 @@ use tactus_tests::{SIMULATED, Stage, TWO_MICROVOLTS, act_as};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Runs before the page's own scripts: the time of the first picture since the page was asked for, ms. Before them `map` is the
-/// canvas of this name.
+/// Runs before the page's own scripts: measures the time from the request of the page to the first picture, ms. Until
+/// those scripts run, `map` is the canvas with this id.
 const FIRST: &str = "(() => { const look = () => { let drawn = false; try { drawn = map.values instanceof Float32Array && Boolean(map.raster); } catch {} \
     if (drawn) requestAnimationFrame(() => { window.firstPicture = performance.now(); }); else requestAnimationFrame(look); }; look(); })()";
 /// Keeps `[sequence, ms since 1970]` of each drawn map.
@@ -195,7 +196,8 @@ fn ends(stage: &Stage, id: &str) -> Result<HashMap<u64, f64>, Failure> {
     Ok(ends)
 }
 
-/// Mean frame period without and with ten pages, in turns. Instruments take their real times, and one frame follows the other.
+/// Mean frame period, alternately without and with ten pages. Instruments are as slow as real ones, and there is no
+/// pause between frames.
 fn ten_pages(browser: &Browser, frames: u64) -> Result<(), Failure> {
     let config = SIMULATED.replace("nplc = 1.0", "nplc = 0.02");
     let stage = Stage::with_program(&config, std::env::current_exe()?)?;
@@ -217,7 +219,7 @@ fn ten_pages(browser: &Browser, frames: u64) -> Result<(), Failure> {
     };
     let first = browser.of_session("GET", "/window", None);
     let (mut without, mut with) = (Vec::new(), Vec::new());
-    // of the daemon and of the page's server, without and with pages, s
+    // processor time of the daemon and of the page's server, without and with pages, s
     let mut spent = [[0.0; 2]; 2];
     let processes = [daemon.id(), page.0.id()];
     let measured = |spent: &mut [f64; 2]| -> Result<Vec<f64>, Failure> {

@@ -106,7 +106,7 @@ async fn eight_users_who_want_no_answer_delay_no_frame_or_stop() {
     unanswered(8).await;
 }
 
-/// Its reply is the largest, and uses the bus's single socket, as does the reply to a stop.
+/// The geometry is the largest reply, and shares the bus's single socket with the reply to a stop.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn eight_users_who_ask_for_the_geometry_delay_no_stop() {
     let Some(site) = Site::prepare().await else {

@@ -16,7 +16,7 @@ const ACTIONS: &str = include_str!("../../systemd/org.tactus.Tactus1.policy");
 const RULES: &str = include_str!("../../systemd/org.tactus.Tactus1.rules");
 const POLKIT_POLICY: &str = "/usr/share/dbus-1/system.d/org.freedesktop.PolicyKit1.conf";
 const POLKIT_NAME: &str = "org.freedesktop.PolicyKit1";
-/// Debian's, then other distributions'.
+/// Paths of polkitd: Debian's, then that of other distributions.
 const POLKITD: [&str; 2] = ["/usr/lib/polkit-1/polkitd", "/usr/libexec/polkitd"];
 /// Replaces the machine's actions and rules by ours, for polkit's process only.
 const POLKIT_HERE: &str = "mount --make-rprivate / && mount --bind \"$1/actions\" /usr/share/polkit-1/actions && \

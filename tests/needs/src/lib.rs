@@ -1,4 +1,4 @@
-//! What a test needs and a machine may lack: recordings, programs, rights.
+//! Requirements of tests that a machine may lack: recordings, programs, rights.
 //!
 //! A test that lacks something calls [`lacking`] and returns. The reason is printed and noted in a file of the target
 //! folder; the last test executable of `cargo test --workspace` lists the notes ([`not_run`]).
@@ -18,7 +18,8 @@ pub fn required(kind: &str) -> bool {
     std::env::var_os(format!("TACTUS_REQUIRE_{kind}")).is_some_and(|set| set == "1")
 }
 
-/// Reports that the current test cannot run here, `missing` being what it lacks and how to get it. The caller returns.
+/// Reports that the current test cannot run here; `missing` states what is missing and how to get it. The caller
+/// returns.
 ///
 /// # Panics
 /// With `TACTUS_REQUIRE_<kind>=1`, and if the note cannot be written.

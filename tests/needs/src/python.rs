@@ -6,8 +6,8 @@ use std::process::Command;
 
 use crate::lacking;
 
-/// The Python of the environment `folder/venv-NAME` with these packages; one that is complete is used again. `None`
-/// (reported, kind `PYTHON`) if it cannot be had, for example without a network.
+/// The Python of a virtual environment `folder/venv-NAME` with these packages; reuses a complete one. `None` (reported,
+/// kind `PYTHON`) if it cannot be created, for example without a network.
 pub fn python(folder: &Path, name: &str, packages: &[&str]) -> Option<PathBuf> {
     match environment(&folder.join(format!("venv-{name}")), packages) {
         Ok(python) => Some(python),

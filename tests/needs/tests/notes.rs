@@ -1,12 +1,12 @@
-//! What is missing is noted, listed once, and a failure where it is required.
+//! A missing requirement is noted and listed once; it fails the test if `TACTUS_REQUIRE_<KIND>=1`.
 
 use std::path::Path;
 use std::process::Command;
 
-/// Set in a copy of this executable that plays a part.
+/// Selects what a copy of this executable does.
 const PART: &str = "TACTUS_NEEDS_PART";
 
-/// The part that a copy of this executable plays.
+/// Runs in copies of this executable, as selected by the variable.
 #[test]
 fn part() {
     match std::env::var(PART).as_deref() {
