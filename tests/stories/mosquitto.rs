@@ -1,4 +1,4 @@
-//! A broker of its own for a test, on a port of this machine, and a client that sees all its messages.
+//! A private broker for a test, on a local port, and a client that receives all its messages.
 
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -29,7 +29,7 @@ impl Mosquitto {
         let port = std::net::TcpListener::bind("127.0.0.1:0").and_then(|free| free.local_addr());
         let port = port.expect("a port").port();
         let more = more.replace("FOLDER", &folder.path().to_string_lossy());
-        // it would leave root's rights, and with them these files
+        // started by root, it would change to another user, who cannot read these files
         let text = format!("listener {port} 127.0.0.1\nuser root\npersistence false\n{more}");
         std::fs::write(folder.path().join("mosquitto.conf"), text).unwrap();
         let mut broker = Self {
@@ -41,7 +41,7 @@ impl Mosquitto {
         Some(broker)
     }
 
-    /// A broker for everybody.
+    /// A broker without access control.
     pub fn open() -> Option<Self> {
         Self::start(tempfile::tempdir().unwrap(), "allow_anonymous true\n")
     }

@@ -1,5 +1,5 @@
-//! What the page shows beside the daemon's own maps: a provisional one before that of a slow method, and the uncertainty, live and
-//! in playback.
+//! Additions of the page to the daemon's maps: a provisional map while a slow method computes, and the uncertainty,
+//! live and in playback.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -37,7 +37,7 @@ fn uncertainty_is_shown(browser: &Browser) {
         legend.contains("standard deviation of ln conductance"),
         "{legend}"
     );
-    // a current that spreads over the sheet says less of its middle than of the places beside the electrodes
+    // the uncertainty is larger in the middle of the sheet than beside the electrodes
     let mean = |near: &str| {
         number(
             browser,
@@ -62,7 +62,7 @@ fn uncertainty_is_shown(browser: &Browser) {
     assert!(known.count() > 20, "{cells:?}");
 }
 
-/// A session may have begun since the page's state.
+/// A new session may have begun after the page received its state.
 fn uncertainty_of_another_session_is_refused(browser: &Browser) {
     let words = browser.asynchronous(
         "const done = arguments[0], usual = unpacked; \
@@ -72,7 +72,7 @@ fn uncertainty_of_another_session_is_refused(browser: &Browser) {
     assert_eq!(words, "another session runs now");
 }
 
-/// Leaves a process a tenth of the time, until this is dropped.
+/// Limits a process to a tenth of the time until this is dropped.
 struct Slowed {
     over: Arc<AtomicBool>,
     pulses: Option<JoinHandle<()>>,
@@ -128,7 +128,7 @@ fn a_slow_map_follows_a_provisional_one_in_a_browser() {
     browser.value("location.reload()");
     browser.until("typeof map !== 'undefined' && latest !== null");
     browser.value(
-        // of the triangles above half of the largest value
+        // centre of the triangles above half of the largest value
         "window.centre = values => { const { nodes, triangles } = map.geometry; const half = 0.5 * values.reduce((most, value) => Math.max(most, value)); \
          let sum = [0, 0, 0]; values.forEach((value, t) => { if (value > half) for (const k of [0, 1, 2]) { const n = 2 * triangles[3 * t + k]; \
          sum = [sum[0] + nodes[n], sum[1] + nodes[n + 1], sum[2] + 1]; } }); return [sum[0] / sum[2], sum[1] / sum[2]]; }, window.shownMaps = [], window.verdicts = new Set(), window.showWords = showVerdict, showVerdict = frame => { \
@@ -136,8 +136,8 @@ fn a_slow_map_follows_a_provisional_one_in_a_browser() {
          shownMaps.push({ sequence: frame.sequence, provisional: frame.provisional, method: frame.method, centre: centre(values) }); set(...all); }, 0",
     );
     ask(&stage, &["start", "--step"]);
-    // its map takes several times as long as the provisional one of the page's process, on a busy machine too; the next frame waits
-    // for both
+    // slow the daemon down, so that even on a busy machine its map takes several times as long as the provisional one
+    // of the page's server; both are awaited before the next frame
     let slowed = Slowed::begin(daemon.id());
     let pair = "shownMaps.map(first => [first, shownMaps.find(second => second.sequence === first.sequence && !second.provisional)]) \
         .find(([first, second]) => first.provisional && second)";
@@ -197,7 +197,7 @@ fn a_slow_map_follows_a_provisional_one_in_a_browser() {
     ));
     uncertainty_is_shown(&browser);
     browser.screenshot(&pictures.join("uncertainty-playback.png"));
-    // of the same frame and baseline the same
+    // the same frame and baseline give the same uncertainty
     let played = browser.value("[uncertainty.of.sequence, ...map.deviations]");
     assert_eq!(live, played);
     exact(&browser, 1);

@@ -71,7 +71,7 @@ impl Browser {
         self.of_session("POST", "/execute/sync", Some(&script))
     }
 
-    /// What a script on the page hands to its first argument, a function.
+    /// Runs an asynchronous script on the page; returns the value that it passes to its first argument, a callback.
     pub fn asynchronous(&self, script: &str) -> Value {
         let script = json!({"script": script, "args": []});
         self.of_session("POST", "/execute/async", Some(&script))
@@ -119,15 +119,15 @@ impl Browser {
         self.of_session("POST", "/goog/cdp/execute", Some(&command))
     }
 
-    /// A link of so many bytes a second with a delay, ms.
+    /// Emulates a network with this throughput and latency.
     pub fn slow_link(&self, bytes_per_s: u32, delay_ms: u32) {
         let conditions = json!({"network_conditions": {"offline": false, "latency": delay_ms,
             "download_throughput": bytes_per_s, "upload_throughput": bytes_per_s}});
         self.of_session("POST", "/chromium/network_conditions", Some(&conditions));
     }
 
-    /// A click of the mouse at a place beside the middle of an element that is whole in view, CSS pixels. The browser
-    /// finds the element at the moment of the click, so that a row that appears above it moves nothing.
+    /// Clicks at an offset from the middle of an element, CSS pixels; the whole element must be in view. The browser
+    /// finds the element at the moment of the click, so a row that appears above it does not matter.
     pub fn click(&self, selector: &str, x: i64, y: i64) {
         let wanted = json!({"using": "css selector", "value": selector});
         let element = self.of_session("POST", "/element", Some(&wanted));

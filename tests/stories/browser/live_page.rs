@@ -1,4 +1,4 @@
-//! `tactus web`: a press is seen at its place, with its numbers and its state.
+//! `tactus web` shows a press at its position, with its numbers and the state of the session.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -91,7 +91,7 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     browser.until("byId('trouble').textContent.includes('token is missing')");
 
     browser.open(&page.url);
-    // the same document with another fragment is not loaded again
+    // the browser does not load the same document again if only the fragment differs
     browser.value("location.reload()");
     browser.until("typeof map !== 'undefined' && map.values !== null");
     assert_eq!(
@@ -127,7 +127,7 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
     ] {
         assert!(text.contains(words), "{words} in {text}");
     }
-    // with the 95 % region of its centre and the interval of its load
+    // the spot has the 95 % region of its centre and the interval of its load
     browser.until("byId('spots').rows.length === 2 && parseFloat(byId('spots').rows[1].cells[3].textContent) > 0 && byId('spots').rows[1].cells[6].textContent.includes(' to ')");
     let spot = browser
         .value("Array.from(byId('spots').rows[1].cells).map(cell => parseFloat(cell.textContent))");
@@ -142,8 +142,8 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
         serde_json::json!([["hip", [[60, 100], [110, 100], [110, 170], [60, 170]]]])
     );
     read_by_keys_and_as_a_table(&browser);
-    // the same number as everywhere
-    // of one frame: another may come between two questions
+    // the page's number equals that of the commands; both values are read at once, because a new frame may arrive
+    // between two queries
     browser.until("latest.frame.quantities && (window.read = [latest.frame.sequence, latest.frame.quantities.regions[0].values.load])");
     let [sequence, shown] = ["read[0]", "read[1]"].map(|value| browser.value(value));
     let pictures = Path::new(env!("CARGO_TARGET_TMPDIR"));
@@ -166,9 +166,9 @@ fn a_press_is_seen_in_a_browser_at_its_place() {
 
 const REGION: &str = "\n[[region]]\nname = \"hip\"\nrectangle_mm = [60.0, 100.0, 110.0, 170.0]\n";
 
-/// What a person without a mouse or without sight has of the map.
+/// Access to the map by keyboard, and as a table for screen readers.
 fn read_by_keys_and_as_a_table(browser: &Browser) {
-    // a press may make the check of the map name one
+    // because of the press, the check of the map may name an electrode
     browser.until("/electrodes\\s+26(, all used|: )/.test(byId('state').innerText)");
     browser.value("byId('map').focus()");
     // from the middle, (107, 115) mm, to the press by steps of 5 mm; right, left and up arrow
@@ -261,7 +261,7 @@ fn the_page_fits_a_phone_the_dark_and_a_slow_link() {
     browser.value("map.draw()");
     browser.screenshot(&pictures.join("phone-page.png"));
 
-    // a map has 15 kB: not all pass through a link that takes four frames or more for each, and none waits for another
+    // a map has 15 kB, and the link needs at least four frames for one: the page skips maps and never queues requests
     let frame = "[latest.frame.sequence, performance.now()]";
     browser.value(&format!("window.first = {frame}, 0"));
     browser.until("latest.frame.sequence >= first[0] + 3");
@@ -288,7 +288,7 @@ fn the_page_fits_a_phone_the_dark_and_a_slow_link() {
         overlap, false,
         "a map is asked for when the one before has arrived"
     );
-    // maps that waited for each other would be later with each one, by some 20 frames
+    // if requests were queued, each map would be some 20 frames later than the one before
     let late = browser.value("Math.min(...behind.slice(3)) - behind[1]");
     assert!(
         late.as_i64().is_some_and(|frames| frames < 30),
@@ -319,7 +319,7 @@ fn a_map_is_shown_under_the_name_of_its_own_session() {
     browser.until("latest.frame && map.frame && map.frame.sequence === 1 && !fetching");
     let first = browser.value("latest.session.id");
 
-    // the request of the next map is held back, then each further state too
+    // delay the request of the next map, then each further state, too
     browser.value(
         "window.usual = ask, window.maps = new Promise(go => { window.passMaps = go; }), window.states = null, \
          ask = async path => { if (path.startsWith('/api/map/')) await maps; const answer = await usual(path); \
@@ -351,7 +351,7 @@ fn a_map_is_shown_under_the_name_of_its_own_session() {
     let drawn = browser.value("drawn.every(id => id === latest.session.id)");
     assert_eq!(drawn, true, "{}", browser.value("drawn"));
 
-    // nothing of it stays under the name of the next one, which has no frame yet
+    // the map of the old session is not shown for the new one, which has no frame yet
     ask(&stage, &["stop"]);
     ask(&stage, &["start", "--step"]);
     browser.until(&format!(

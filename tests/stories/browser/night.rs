@@ -117,12 +117,12 @@ fn a_night_has_the_same_numbers_on_page_bus_cli_and_in_files() {
         browser.value("new Promise(resume => setTimeout(resume, 500))");
     }
     browser.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("night-live.png"));
-    // frames keep the times of the night, which is no clock that was set
+    // frames keep the times of the night, which must not be reported as a set clock
     let moved = "latest.events.filter(event => event.kind === 'clock-moved').length";
     assert_eq!(browser.value(moved), 0);
     let seen = browser.value("seen");
     let seen = seen.as_object().expect("frames");
-    // of 54; a browser that is slow skips some
+    // the night has 54 frames; a slow browser skips some
     assert!(seen.len() > 15, "the page showed {} frames", seen.len());
     let frames = ask(&stage, &["quantities", &id, "--each-frame", "--recompute"]);
     let values = |regions: &Value| -> Values {

@@ -1,4 +1,5 @@
-//! The page plays a recorded session: maps at their places, the numbers of the command line, comparison, regions.
+//! Playback of a recorded session on the page: positions of loads, the numbers of the command line, comparison,
+//! regions.
 
 use std::path::Path;
 
@@ -112,7 +113,7 @@ fn a_session_is_played_in_a_browser() {
     let went = "(() => { const button = [...byId('events').children].find(event => event.textContent.includes('alarm-active')); \
         button.querySelector('button').click(); return session.events.find(event => event.kind === 'alarm-active').wall_ms; })()";
     let alarm_ms = browser.value(went).as_i64().expect("its time");
-    // on a busy machine it may be the frame that was shown before
+    // on a busy machine the page may still show the frame before
     browser.until(&format!(
         "at === Math.min({alarm_ms}, session.last_ms) && !busy && shown.unit !== 's' && document.body.dataset.kind === 'exact'"
     ));
@@ -125,7 +126,7 @@ fn a_session_is_played_in_a_browser() {
         assert!(after_ms > alarm_ms, "{after_ms} {alarm_ms}");
     }
 
-    // a region drawn with the mouse is what config.toml takes
+    // a region drawn with the mouse is shown in the syntax of config.toml
     let drawn = browser.value(
         "(() => { byId('draw').click(); const box = map.canvas.getBoundingClientRect(); \
          const at = (type, x, y) => map.canvas.dispatchEvent(new PointerEvent(type, { pointerId: 1, bubbles: true, \
@@ -151,7 +152,7 @@ fn a_session_is_played_in_a_browser() {
     chosen_session_stays_when_one_before_it_opens(&browser);
 }
 
-/// A session that takes long to open is not shown when another one was chosen meanwhile.
+/// A session that opens slowly is not shown if the user has chosen another one meanwhile.
 fn chosen_session_stays_when_one_before_it_opens(browser: &Browser) {
     let stays = browser.asynchronous(
         "const done = arguments[0], usual = ask, list = byId('sessions'), id = session.id; \
@@ -163,7 +164,8 @@ fn chosen_session_stays_when_one_before_it_opens(browser: &Browser) {
     assert_eq!(stays, true);
 }
 
-/// The map of a step by frame arrives when another session is chosen and not open yet: it is not shown, and no error.
+/// The map of a single step arrives after another session was chosen, but before that is open: neither the map nor an
+/// error is shown.
 fn step_while_a_session_is_opened(browser: &Browser) {
     browser.until("document.body.dataset.kind === 'exact' && !busy && !wanted");
     let verdict = browser.value("byId('verdict').textContent");

@@ -68,7 +68,7 @@ fn an_alarm_of_all_sheets_is_found_and_played() {
     browser
         .until("latest && latest.alarms.some(alarm => alarm.name === 'pressed' && alarm.active)");
     ask(&stage, &["stop"]);
-    // the page may still read a part that the daemon then takes into its file
+    // retry, because the page may still read a part while the daemon merges its journal
     let push = ["archive", "push", "--archive-config", &uploader, "--json"];
     let begun = Instant::now();
     while let Err(fault) = stage.tactus(&push).and_then(|ran| ran.succeeded()) {
@@ -79,7 +79,7 @@ fn an_alarm_of_all_sheets_is_found_and_played() {
     let frames = ask(&stage, &["quantities", "last", "--each-frame"]);
     let last = frames.last().expect("frames");
 
-    // the record is gone: what is shown comes from the archive
+    // without the record, the page can only show data of the archive
     std::fs::rename(stage.path().join("state"), stage.path().join("before")).expect("renamed");
     browser.value("document.querySelector('nav a:last-of-type').click(), 0");
     browser.until("location.pathname === '/sheets' && machines.length === 1");
@@ -110,7 +110,7 @@ fn an_alarm_of_all_sheets_is_found_and_played() {
     );
     browser.value("show('frame', session.last_frame), 0");
     browser.until("document.body.dataset.sequence === String(session.last_frame) && document.body.dataset.kind === 'exact'");
-    // to the bit as on the machine that recorded it
+    // the same bits as on the machine that recorded the session
     for name in ["load", "contact", "ppi"] {
         let shown = browser.value(&format!("shown.quantities.regions[0].values['{name}']"));
         assert!(shown.is_number(), "{name}");

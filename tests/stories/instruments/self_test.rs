@@ -237,7 +237,7 @@ fn source_on_rs232_and_board_on_usb_form_a_rig() {
         "gpio-board",
         &addresses,
     );
-    // a supply of 5 V leaves 4.5 V
+    // the board's supply of 5 V allows at most 4.5 V
     let config = config.replace("compliance_v = 10.0", "compliance_v = 4.0");
     stage
         .configure(&config)

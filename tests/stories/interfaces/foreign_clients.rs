@@ -91,7 +91,7 @@ fn busctl_reads_a_map() {
         dbus::SESSION_INTERFACE,
         "LatestMap",
     ]);
-    // the word of a reply behind a key and its type
+    // the value of a key in a reply: the word after the key and its type
     let value = |reply: &str, key: &str| {
         let mut words = reply.split_whitespace().map(str::to_owned);
         assert_eq!(words.next().as_deref(), Some("a{sv}"), "{reply:.200}");

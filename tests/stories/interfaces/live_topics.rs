@@ -9,7 +9,7 @@ use crate::test_rig::{self, Needs, PRESS_MM, ask, baseline, press};
 
 const RULE: &str =
     "\n[[alarm]]\nname = \"heavy\"\nquantity = \"contact\"\nabove = 100.0\nfor_s = 0.0\n";
-/// A catalogue that nobody serves: the topics need none.
+/// The catalogue cannot be reached: live topics do not need it.
 const ARCHIVE: &str = "[archive]\nsite = \"berlin\"\ndaq = \"bed3\"\nstore = \"store\"\ndsn = \"host=127.0.0.1 port=1 dbname=a user=b\"\n";
 
 #[test]
@@ -54,7 +54,7 @@ fn broker_shows_what_the_commands_show() {
     let listed = listed.map(|line| serde_json::from_str::<Value>(line).expect("JSON"));
     let heavy = listed.into_iter().find(|alarm| alarm["name"] == "heavy");
     let mut heavy = heavy.expect("the rule is listed");
-    // the topic has the value of the change, the list that of the last frame
+    // the topic states the value at the change, the list that of the last frame
     for cause in [&mut alarm["cause"], &mut heavy["cause"]] {
         let text = cause.take();
         let text = text.as_str().expect("a text");
@@ -80,13 +80,13 @@ fn broker_shows_what_the_commands_show() {
     watcher.wait(&topic("status"), |status| status["state"] == "offline");
     archive.kill().expect("it runs");
     archive.wait().expect("it has ended");
-    // the same numbers as of the recorded frame
+    // the recorded frame gives the same numbers
     let each = ask(&stage, &["quantities", &id, "--each-frame"]);
     let same = each.iter().find(|frame| frame["frame"] == shown["frame"]);
     let same = same.expect("the frame is recorded");
     assert_eq!(same["regions"][0]["values"], shown["regions"][0]["values"]);
     assert_eq!(same["unit"], shown["unit"]);
-    // the table has microseconds
+    // the time in the table is truncated to microseconds
     let wall = same["wall"].as_str().expect("a time").trim_end_matches('Z');
     assert!(
         shown["wall"]

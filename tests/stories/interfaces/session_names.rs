@@ -63,11 +63,11 @@ fn session_warns_of_its_own_baseline_and_of_no_other() {
         warnings.map(text).collect()
     };
     let [empty, loaded] = [&empty, &loaded].map(|id| id.as_str().expect("an id"));
-    // the loaded one is current
+    // the baseline with a load is current
     assert_eq!(warnings(&["start", "--step", "--baseline", empty]), [""; 0]);
     ask(&stage, &["stop"]);
     assert_eq!(warnings(&["baseline", "use", empty]), [""; 0]);
-    // now the empty one is
+    // now the empty baseline is current
     let found = warnings(&["start", "--step", "--baseline", loaded]);
     ask(&stage, &["stop"]);
     let shows = format!("baseline {loaded}: against baseline {empty}");

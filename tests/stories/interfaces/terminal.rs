@@ -73,7 +73,7 @@ impl Terminal {
         }
     }
 
-    /// Reads what comes next; `wanted` is what the test waits for.
+    /// Reads the next output; `wanted` is named if there is none in time.
     pub(super) fn receive(&mut self, wanted: &str) {
         let bytes = self.output.recv_timeout(DEADLINE);
         let bytes = bytes.unwrap_or_else(|_| panic!("no {wanted:?} in {:?}", self.text()));

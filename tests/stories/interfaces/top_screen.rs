@@ -36,7 +36,7 @@ fn top_shows_the_map_and_acknowledges_an_alarm_by_keys() {
     small.until_shown("Keys");
     small.keys("?a");
     small.until_shown("Enter acknowledges");
-    // built-in alarms come first or after it: the chosen one is moved to the row of the rule
+    // built-in alarms may be listed before the rule: move the selection to its row
     for _ in 0..40 {
         if small.screen().iter().any(|row| row.contains("> empty:")) {
             break;

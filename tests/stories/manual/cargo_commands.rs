@@ -127,7 +127,7 @@ fn cargo_commands_name_what_exists() {
                 .unwrap_or_else(|error| panic!("{script}: {error}")),
         });
     }
-    // old versions, and the fuzz workspaces of their own
+    // its commands are those of old versions and of separate fuzz workspaces
     texts.retain(|page| page.path != "CHANGELOG.md");
     let mut checked = 0;
     let mut wrong = Vec::new();

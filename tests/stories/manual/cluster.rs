@@ -1,4 +1,4 @@
-//! The files for schedulers beside the page on clusters: their commands are commands of the present programs.
+//! The commands in the example files for cluster schedulers are valid for the current programs.
 
 use super::commands::programs;
 use super::pages::root;

@@ -53,7 +53,7 @@ fn close(page: &mut String, pending: &mut Vec<&str>, open: Option<&str>, default
     }
     if let Some(table) = open {
         *page += &numbers(table, defaults);
-        // the example has the rules of alarms below it
+        // in the example, the alarm rules follow this table
         if table == "quantities" {
             *page += &numbers("alarm", defaults);
         }

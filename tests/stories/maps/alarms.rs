@@ -1,4 +1,5 @@
-//! Alarms of a running daemon: they begin and end with a press, outlive a restart, and never take what is not known for well.
+//! Alarms of a running daemon: they begin and end with a press, survive a restart, and do not treat unknown values as
+//! ok.
 
 use serde_json::Value;
 use tactus_tests::Stage;
@@ -10,7 +11,7 @@ const RULES: &str = "\n[[region]]\nname = \"press\"\nrectangle_mm = [60.0, 115.0
     severity = \"major\"\nlatched = true\nguidance = \"lift it\"\n\
     [[alarm]]\nname = \"skin\"\nquantity = \"unrelieved-area\"\nabove = 100.0\nfor_s = 0.0\n";
 
-/// Most looks until an alarm is in a state; there is a frame between two.
+/// Largest number of polls until an alarm is in a state; a frame passes between two.
 const LOOKS: usize = 200;
 
 /// The alarm with this name, and the exit code of the list.
@@ -116,7 +117,7 @@ fn an_alarm_begins_with_a_press_and_outlives_a_restart() {
                 .is_some_and(|text| text.starts_with("heavy: "))
         })
         .filter_map(|event| event["kind"].as_str())
-        // on a busy machine the release can fall into a frame, and no one can judge the map for a moment
+        // on a busy machine the release can occur during a frame, whose map then cannot be judged
         .filter(|kind| !["alarm-invalid", "alarm-judged"].contains(kind))
         .collect();
     assert_eq!(kinds, ["alarm-active", "alarm-held"], "{events:?}");

@@ -46,7 +46,7 @@ impl Lines {
         Self { program, lines }
     }
 
-    /// The first line with an answer as wanted.
+    /// The first line that satisfies `wanted`.
     fn wait(&mut self, wanted: impl Fn(&Value) -> bool) -> Value {
         let limit = Instant::now() + LIMIT;
         let mut last = Value::Null;
@@ -90,7 +90,7 @@ fn a_load_is_followed_within_the_frame() {
         let pressed = runtime.block_on(hand.press("disc", x_m, 0.135, 0.030, 0.5));
         pressed.expect("a press");
     };
-    // a known place is within its 95 % ellipse, or close to it
+    // a position that is reported as known is within its 95 % ellipse, or close to it
     let at = |line: &Value, truth_mm: f64| {
         let load = &line["after"]["load"];
         let number = |value: &Value| value.as_f64().expect("a number");

@@ -117,7 +117,7 @@ fn a_network_trained_elsewhere_makes_the_daemons_maps() {
     assert_eq!(found["verified"], true, "{found}");
     assert_eq!(found["method"], "onnx elsewhere", "{found}");
     drop(daemon);
-    // for another sheet: refused before anything moves, with both named
+    // a network for another sheet is refused before anything moves, and the error names both
     let config = std::fs::read_to_string(stage.config_path()).expect("the stage is there");
     let other = config.replace(
         "preset = \"paper-sheet\"",

@@ -26,7 +26,7 @@ const TRAIN: [(&str, &str); 2] = [
     ),
 ];
 
-/// The map of a frame; a busy daemon publishes the frame before it.
+/// Waits for the map of a frame: a busy daemon publishes the frame first.
 async fn map_of(session: &Session1Proxy<'_>, sequence: u64) -> dbus::LatestMap {
     let begun = Instant::now();
     loop {
@@ -121,7 +121,7 @@ fn paper_tests_agree_between_daemon_and_offline() {
                     .iter()
                     .zip(&offline.values)
                     .fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
-                // networks sum in single precision: some units in its last place are added
+                // networks sum in single precision: allow some units in its last place
                 let allowed = allowed + 4.0 * f64::from(f32::EPSILON) * largest;
                 assert!(
                     off <= allowed,

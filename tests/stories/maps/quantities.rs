@@ -25,7 +25,7 @@ fn mean(rows: &[Value], region: &str, quantity: &str) -> f64 {
     sum / frames
 }
 
-/// The last standard deviations on the bus, and the number of the triangle at the press among them.
+/// The last standard deviations on the bus, and the index of the triangle at the press.
 fn on_the_bus(stage: &Stage, id: &str) -> (Vec<f64>, usize) {
     runtime().block_on(async {
         let (connection, session) = test_rig::session(&stage.peer_path(), id).await;
@@ -62,7 +62,7 @@ fn stored_quantities_are_those_of_the_frames() {
     press(&stage, PRESS_MM, 20.0, 0.5);
     let begun = ask(&stage, &["start", "--step"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
-    // some seconds of frames: deviations are computed once a second, and the first frame of a load says less than later ones
+    // frames for some seconds: deviations are computed once a second, and are larger in the first frame of a load
     let watch = ["watch", "--no-map", "--count", "24", "--sd"];
     let watched = std::thread::scope(|scope| {
         let watching = scope.spawn(|| ask(&stage, &watch));
@@ -91,7 +91,7 @@ fn stored_quantities_are_those_of_the_frames() {
     ask(&stage, &["stop"]);
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 
-    // what the daemon published is what its frame gives again
+    // recomputing the recorded frame gives the published values
     let each = ask(&stage, &["quantities", &id, "--each-frame"]);
     let same = each
         .iter()
@@ -160,7 +160,7 @@ fn stored_quantities_are_those_of_the_frames() {
     assert!(lines.all(|line| line.split(',').count() == 9 && line.contains(",far,")));
 }
 
-/// Takes the next frame of a session that waits for steps, and waits for its quantities: a frame that came before would have none.
+/// Takes the next frame of a stepped session and waits for its quantities: a frame that is followed too early has none.
 fn stepped(stage: &Stage, id: &str, sequence: u64) -> Value {
     ask(stage, &["step"]);
     let quantities = async {
@@ -202,7 +202,7 @@ fn a_restart_continues_dose_and_hot_spots() {
         events.iter().any(|event| event["kind"] == "restarted"),
         "the session was resumed: {events:?}"
     );
-    // computed from the first frame on, without a restart
+    // replayed from the first frame on, without the restart
     let each = ask(&stage, &["quantities", &id, "--each-frame"]);
     let same = each
         .iter()

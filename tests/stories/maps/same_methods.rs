@@ -132,7 +132,7 @@ fn best_decides_for_each_frame_in_daemon_and_replay_alike() {
     let _daemon = test_rig::start(&stage);
     baseline(&stage, 3);
     let id = measure(&stage, 9);
-    // from the first frame on; in instant time, a later one may arrive while its map is being made
+    // every second frame has a map, from the first on; in instant time a later map may be missed
     let maps = ask(&stage, &["replay", &id, "--no-map"]);
     assert_eq!(maps.len(), 9);
     let same = |frame: usize| maps[frame - 1]["verified"].as_bool();

@@ -103,10 +103,10 @@ fn a_press_after_a_day_of_drift_is_found_only_by_tracking() {
     assert_eq!(pressed["tracked"]["known"], true, "{pressed}");
     assert_eq!(pressed["tracked"]["came"], true, "{pressed}");
     assert!(away_mm(&pressed["found_mm"]) < 5.0, "{pressed}");
-    // only the frame that is asked for is shown, all before it are followed
+    // only the requested frame is shown, but the tracker follows all frames before it
     let one = replay(&["--tracked", "--from", &PRESSED.to_string(), "--count", "1"]);
     assert_eq!(one, std::slice::from_ref(pressed));
-    // without tracking, drift is drawn
+    // without tracking, the map shows the drift
     let untracked = replay(&["--from", &PRESSED.to_string(), "--count", "1"]);
     assert!(untracked[0]["tracked"].is_null());
     assert!(
@@ -154,7 +154,7 @@ fn a_tracked_baseline_survives_sessions_and_restarts() {
     }) else {
         return;
     };
-    // a frame waits for its map, and the first map for the fit of the sheet
+    // frames are 500 ms apart, so that each can wait for its map; the first map waits for the fit of the sheet
     let measure = |frames: &str| {
         let lines = ask(
             &stage,
@@ -177,7 +177,7 @@ fn a_tracked_baseline_survives_sessions_and_restarts() {
     baseline(&stage, 3);
     let first = measure("6");
     let before = verified(&first);
-    // the next session goes on where this one ended
+    // the next session continues with the state at the end of this one
     let second = measure("4");
     let after = verified(&second);
     let sd = |frame: &serde_json::Value| number(&frame["tracked"], "baseline_sd_uv");
@@ -192,7 +192,7 @@ fn a_tracked_baseline_survives_sessions_and_restarts() {
     assert_eq!(shown["sequence"], 4, "{shown}");
     assert_eq!(shown["empty"], shown["until"], "{shown}");
     assert!(number(shown, "change_uv") < 2.0, "noise alone: {shown}");
-    // killed in the middle of a session, which the next daemon goes on with
+    // killed in the middle of a session, which the next daemon resumes
     let begun = ask(&stage, &["start", "--every", "500ms"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
     ask(&stage, &["watch", "--no-map", "--count", "3"]);
@@ -203,7 +203,7 @@ fn a_tracked_baseline_survives_sessions_and_restarts() {
     assert!(verified(&id).len() >= 6);
     let third = measure("3");
     assert!(sd(&verified(&third)[0]) < 0.7 * sd(&before[0]));
-    // a damaged state is named, and the session begins at its baseline
+    // a damaged state is reported, and tracking starts again at the baseline
     let folder = stage.path().join("state");
     let states = std::fs::read_dir(&folder).expect("the record can be listed");
     let of_baseline = states
@@ -237,7 +237,7 @@ fn a_person_overrules_the_tracker_and_replay_does_the_same() {
     assert_eq!(refused.code, Some(3), "no session: {}", refused.stderr);
     let begun = ask(&stage, &["start", "--every", "500ms"]);
     let id = begun[0]["session"].as_str().expect("its id").to_owned();
-    // the held state of the frames that are watched, and of those that replay shows
+    // frames and whether learning is held, as reported by `watch`
     let watched = |count: &str| -> Vec<(u64, bool)> {
         let frames = ask(&stage, &["watch", "--no-map", "--count", count]);
         let shown = frames.iter().filter(|frame| frame["tracked"].is_object());
@@ -257,7 +257,7 @@ fn a_person_overrules_the_tracker_and_replay_does_the_same() {
     }
     let status = &ask(&stage, &["status"])[0];
     assert_eq!(status["session"]["map"]["known"], false, "{status}");
-    // the next daemon follows the recorded frames with their orders
+    // the next daemon replays the recorded frames and orders
     daemon.kill();
     let _daemon = test_rig::start(&stage);
     let again = watched("2");

@@ -170,7 +170,7 @@ fn is_driver(package: &Package) -> bool {
     simulated && from_root(folder(package)).starts_with("drivers/")
 }
 
-/// Whether a package depends on `what-tests-need` in its tests alone.
+/// Whether a package uses `what-tests-need` as a development dependency only.
 fn only_for_tests(package: &Package) -> bool {
     package
         .dependencies
@@ -260,7 +260,7 @@ fn mathematics_uses_no_clock_no_runtime_no_bus() {
         for service in ["tokio", "zbus", "tokio-serial", "mdns-sd"] {
             assert!(!used.contains(service), "{name} depends on {service}");
         }
-        // a drawing may carry its date, an offline job reports its time
+        // these may read the clock: for the date in a drawing, and for the run time of an offline job
         if ["render", "training"].contains(&name) {
             continue;
         }
@@ -373,10 +373,11 @@ const UNUSED: &[&str] = &[
 /// What `cargo test --workspace` selects.
 const TESTS: [&str; 3] = ["--workspace", "--edges", "normal,build,dev"];
 
-/// The packages that cargo builds for a selection, each with its features: several where build scripts use others.
+/// The packages that cargo builds for a selection, each with its sets of features: more than one if build scripts use
+/// other features.
 type Built = BTreeMap<String, BTreeSet<String>>;
 
-/// Or why cargo cannot say it: a package that was never downloaded.
+/// Runs `cargo tree`; the error is that of cargo, for example for a package that was never downloaded.
 fn built(selection: &[&str]) -> Result<Built, String> {
     let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
         .args(["tree", "--locked", "--offline", "--prefix", "none"])
@@ -400,12 +401,13 @@ fn built(selection: &[&str]) -> Result<Built, String> {
     Ok(built)
 }
 
-/// A package with other features is built once more, with everything that uses it: some minutes for numerical crates.
+/// Cargo builds a package with other features once more, and everything that uses it: this takes minutes for numerical
+/// crates.
 fn nothing_of_the_tests_is_built_again(by: &Built) {
     let tests = built(&TESTS).expect("cargo has built these tests");
     let again = by.iter().filter(|(package, features)| {
         let other = |known: &BTreeSet<String>| !features.is_subset(known);
-        // the demo has no archive, the tests no Parquet
+        // tactus-cli differs intentionally: the demo has no archive, the tests have no Parquet
         tests.get(*package).is_some_and(other) && !package.starts_with("tactus-cli ")
     });
     let again: Vec<_> = again.collect();

@@ -45,7 +45,7 @@ fn describe(name: &str, cycle: &Cycle) -> String {
     let mut text = format!("({name:?}, {parent:?}, &[{}]),\n", members.join(", "));
     for ((user, used), written) in &cycle.uses {
         text += &format!("    // {user} uses {used}:\n");
-        // only imports; names that they bring into scope would repeat them
+        // show imports only, because uses of the imported names would repeat them
         let is_import = |path: &str| path.contains("crate::") || path.contains("super::");
         let imports = written.iter().filter(|path| is_import(path));
         let shown: Vec<&String> = match imports.count() {

@@ -1,5 +1,5 @@
-//! Every path from phantom to frame goes through text: 26 messages carry a frame, the digits are the instruments', and
-//! one wrong relay number spoils it.
+//! All data from phantom to frame pass as SCPI text: 26 messages carry a frame, readings have the digits of the
+//! instruments, and one wrong relay number spoils the frame.
 
 use std::time::Duration;
 
@@ -141,7 +141,7 @@ fn first_frame_is_the_forward_solution_in_instrument_digits() {
 
 #[test]
 fn one_wrong_relay_number_spoils_the_readings() {
-    // time stands still while anything works: a busy machine is not slower than the relays
+    // the paused clock stands still while a task works, so a busy machine is not slower than the relays
     let mut paused = tokio::runtime::Builder::new_current_thread();
     let paused = paused.enable_all().start_paused(true).build();
     paused.expect("a runtime can be built").block_on(async {
@@ -177,7 +177,8 @@ fn one_wrong_relay_number_spoils_the_readings() {
         swapped.measure[2].0 = tenth;
         swapped.measure[9].0 = third;
         let spoiled = frame(&rig, &plan(&swapped)).await;
-        // if a driven pair is measured instead of another, its contacts carry the current and the reading is over range
+        // exchanged pairs read the driven pair in two injections: its contacts carry the current, so the reading is
+        // over range
         let changed = good
             .iter()
             .zip(&spoiled.readings)

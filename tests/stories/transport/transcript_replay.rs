@@ -36,7 +36,7 @@ fn replayed_transcript_names_an_altered_reply() {
     println!("{}", played.stdout.trim_end());
 
     let text = std::fs::read_to_string(&file).expect("it was written");
-    // the level read back from the source, once, in the middle
+    // change one reply in the middle: the level read back from the source
     let altered = text.replacen("1.000000E-03", "1.100000E-03", 1);
     let differs = |(one, other): (&str, &str)| one != other;
     let line = 1 + text
