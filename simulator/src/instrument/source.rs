@@ -105,6 +105,8 @@ impl Source {
 struct SimulatedSource {
     simulator: Simulator6221,
     settings: Settings6221,
+    /// Outside of the instrument: a power cycle does not close it.
+    interlock_closed: bool,
 }
 
 impl SimulatedSource {
@@ -113,7 +115,13 @@ impl SimulatedSource {
         Self {
             simulator: Simulator6221::new(settings.clone()),
             settings,
+            interlock_closed: true,
         }
+    }
+
+    fn set_interlock(&mut self, closed: bool, at: Duration, outside: &mut dyn ExternalCircuit) {
+        self.interlock_closed = closed;
+        self.simulator.set_interlock(closed, at, outside);
     }
 }
 
@@ -167,16 +175,19 @@ impl SimulatedInstrument for SimulatedSource {
     fn power_cycle(&mut self, at: Duration, outside: &mut dyn ExternalCircuit) -> Option<String> {
         self.simulator = Simulator6221::new(self.settings.clone());
         outside.drive(Amps(0.0), self.simulator.range(), at);
+        if !self.interlock_closed {
+            self.simulator.set_interlock(false, at, outside);
+        }
         None
     }
 
     fn fault(&mut self, fault: &Fault, at: Duration, outside: &mut dyn ExternalCircuit) {
         match fault {
-            Fault::Interlock(closed) => self.simulator.set_interlock(*closed, at, outside),
+            Fault::Interlock(closed) => self.set_interlock(*closed, at, outside),
             Fault::Pulse(Some(line)) => {
                 self.simulator.trigger(Trigger::Link(*line), at, outside);
             }
-            Fault::None => self.simulator.set_interlock(true, at, outside),
+            Fault::None => self.set_interlock(true, at, outside),
             _ => {}
         }
     }

@@ -41,6 +41,21 @@ fn near(value: f64, wanted: f64) -> bool {
 }
 
 #[tokio::test]
+async fn a_power_cycle_does_not_close_the_interlock() {
+    let rig = simulated("pairs-34924a", "resistor 1 2 470".parse().unwrap());
+    let fault = |words: &str| rig.fault(&words.parse().unwrap()).unwrap();
+    let interlock = || ask(&rig, Instrument::Source, "OUTP:INT:TRIP?");
+    fault("interlock open");
+    fault("reset 6221");
+    assert_eq!(interlock(), "0");
+    drive(&rig);
+    assert!(!rig.source_output().0);
+    fault("interlock closed");
+    fault("power-cut");
+    assert_eq!(interlock(), "1");
+}
+
+#[tokio::test]
 async fn loads_beside_the_sheet_obey_ohm() {
     let rig = simulated("pairs-34924a", "resistor 1 2 470".parse().unwrap());
     drive(&rig);
