@@ -77,6 +77,10 @@ impl CharacterDevice {
     /// # Errors
     /// As [`CharacterDevice::by_names`].
     pub fn by_offset(path: &Path, first: u32, enable: EnableLevel) -> Result<Self, GpioFault> {
+        if first > u32::MAX - LINES {
+            let reason = format!("there are no {LINES} lines from offset {first} on");
+            return Err(taken(path, reason));
+        }
         let mut offsets = [0; LINES as usize];
         for (offset, number) in offsets.iter_mut().zip(first..) {
             *offset = number;
@@ -165,6 +169,7 @@ mod tests {
         for refused in [
             CharacterDevice::by_names(path, EnableLevel::Low),
             CharacterDevice::by_offset(path, 0, EnableLevel::High),
+            CharacterDevice::by_offset(path, u32::MAX, EnableLevel::High),
         ] {
             let text = refused.unwrap_err().to_string();
             assert!(
