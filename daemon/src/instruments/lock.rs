@@ -7,8 +7,12 @@
 use std::collections::BTreeMap;
 use std::net::ToSocketAddrs;
 use std::os::linux::net::SocketAddrExt;
-use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
+use std::os::unix::net::{SocketAddr, UnixListener};
 use std::sync::Arc;
+
+use rustix::net::{
+    AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with, sockopt,
+};
 
 use crate::instruments::address::InstrumentAddress;
 use crate::instruments::rig_plan::InstrumentAddresses;
@@ -86,12 +90,19 @@ fn name(place: &InstrumentAddress) -> Option<String> {
 /// Takes a lock; fails with the process that holds it, if the kernel reports it.
 fn acquire_lock(name: &str) -> Result<UnixListener, Option<u32>> {
     let name = format!("tactus instrument {name}");
-    let address = SocketAddr::from_abstract_name(name).map_err(|_| None)?;
-    UnixListener::bind_addr(&address).map_err(|_| {
-        let holder = UnixStream::connect_addr(&address).ok()?;
-        let holder = rustix::net::sockopt::socket_peercred(&holder).ok()?;
-        u32::try_from(holder.pid.as_raw_nonzero().get()).ok()
-    })
+    let address = SocketAddr::from_abstract_name(&name).map_err(|_| None)?;
+    UnixListener::bind_addr(&address).map_err(|_| holder(&name))
+}
+
+/// The process that holds a lock. A lock accepts no connection, so each of these stays in its queue, and one that waited for
+/// a full queue would wait for ever.
+fn holder(name: &str) -> Option<u32> {
+    let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
+    let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;
+    let lock = SocketAddrUnix::new_abstract_name(name.as_bytes()).ok()?;
+    connect(&socket, &lock).ok()?;
+    let holder = sockopt::socket_peercred(&socket).ok()?;
+    u32::try_from(holder.pid.as_raw_nonzero().get()).ok()
 }
 
 #[cfg(test)]
@@ -138,6 +149,22 @@ mod tests {
         second
             .of_rig(&places("simulated", "tcp:127.0.0.1:64"))
             .unwrap();
+    }
+
+    #[test]
+    fn a_lock_is_refused_however_often_it_was_before() {
+        let name = "tcp:127.0.0.1:68";
+        let lock = acquire_lock(name).unwrap();
+        let (refused, refusals) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            // more than the kernel keeps waiting
+            let all = (0..5000).all(|_| acquire_lock(name).is_err());
+            refused.send(all)
+        });
+        let deadline = Duration::from_secs(120);
+        assert_eq!(refusals.recv_timeout(deadline), Ok(true));
+        drop(lock);
+        acquire_lock(name).unwrap();
     }
 
     #[test]
