@@ -72,7 +72,7 @@ mod tests {
         assert!((overlap(TRIANGLE, [0.5, 0.5], 0.2) - PI * 0.04).abs() < 1e-12);
         assert!(overlap(TRIANGLE, [3.0, 3.0], 1.0).abs() < 1e-12);
         assert!((overlap(TRIANGLE, [0.5, 0.5], 9.0) - 2.0).abs() < 1e-12);
-        // a quarter at the right angle
+        // a quarter of the disc is inside at the right-angled corner
         assert!((overlap(TRIANGLE, [0.0, 0.0], 1.0) - 0.25 * PI).abs() < 1e-12);
     }
 
@@ -86,7 +86,7 @@ mod tests {
         // the right half of it: x from 0 to 2
         let right = [[0.0, -9.0], [9.0, 0.0], [0.0, 9.0]];
         assert!((of_disc(right, [2.0_f64.ln(), 0.0]) - 0.5 * PI).abs() < 1e-12);
-        // beyond x = 1.99 almost nothing, beyond y = 0.49 too; along the diagonal the same
+        // the ellipse ends at x = 2, at x = 0.5 if stretched along y, and at `reach` if stretched along the diagonal
         let far = |x: f64| [[x, -9.0], [9.0, 0.0], [x, 9.0]];
         assert!(of_disc(far(1.99), [2.0_f64.ln(), 0.0]) > 0.0);
         assert!(of_disc(far(2.01), [2.0_f64.ln(), 0.0]) < 1e-12);

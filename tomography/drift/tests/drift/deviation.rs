@@ -10,7 +10,7 @@ use survey::Reading;
 use crate::sheet::Sheet;
 use crate::walk::{EVERY_S, walked};
 
-/// Size of local change of the maps, ln conductance: they are smoothed as those of the one-step method are.
+/// Prior standard deviation of local change, ln conductance: smooths maps as much as the one-step method.
 const SMOOTHED: f64 = 0.03;
 
 /// The same, less smoothed.
@@ -137,7 +137,8 @@ fn deviation_holds_under_random_loads() {
     let rows: Vec<usize> = (0..299).collect();
     let inner = inner(&model);
     let mut random = ChaCha8Rng::seed_from_u64(9);
-    // share that holds of all and under the load: of the tracked baseline, and of a frame alone
+    // shares of triangles within their intervals, of all and of those under the load: with the tracked baseline, and
+    // with a single frame
     let mut shares = [[0.0; 2]; 2];
     const LOADS: usize = 24;
     for number in 0..LOADS {
@@ -166,7 +167,7 @@ fn deviation_holds_under_random_loads() {
         }
     }
     println!("{shares:.3?}");
-    // with the most probable size for all of the sheet in place of that of the load: 0.6 under the load
+    // if the most probable size of the whole sheet replaced that of the load, the share under the load would be 0.6
     assert!(
         shares
             .iter()

@@ -1,5 +1,5 @@
-//! Loads that are no single disc: with a soft edge, several at once, and on a sheet that is never empty. Nonlinear data of a finer mesh
-//! on a sheet that drifts.
+//! Loads other than a single disc: with a soft edge, several at once, and on a sheet that is never empty. Nonlinear
+//! data of a finer mesh on a drifting sheet.
 
 use drift::{Answer, Judgement, Tracker};
 use nalgebra::DVector;
@@ -15,7 +15,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// After so many frames of the empty sheet.
+    /// A rig after this number of frames of the empty sheet.
     fn new(frames: usize) -> Self {
         let (walk, tracker) = walked(frames);
         Self {
@@ -25,7 +25,7 @@ impl Rig {
         }
     }
 
-    /// The change of the data by a loss at each place, m.
+    /// The change of the data by a loss as a function of position, m.
     fn load(&self, loss: impl Fn([f64; 2]) -> f64) -> DVector<f64> {
         let loaded = self.walk.sheet.readings(|_| 1.0, |at| 1.0 - loss(at));
         self.walk.model.relative(&loaded).unwrap().data
@@ -59,7 +59,7 @@ fn soft_edged_load_comes_and_goes_at_its_place() {
         let load = rig.load(soft);
         let came = rig.follow(Some(&load)).event.expect("a step");
         let off = away(came.fit.disc.centre, place);
-        // a disc that is not accepted stands for a load that is no disc
+        // the load is no disc, so the fitted disc may be rejected; its centre is then less accurate
         let bound = if came.fit.accepted { 0.5e-3 } else { 2e-3 };
         assert!(came.came && off < bound, "{width} {off}");
         for _ in 0..12 {
@@ -84,7 +84,7 @@ fn loads_that_come_at_once_go_one_by_one() {
     let first = rig.load(disc(places[0]));
     let both = rig.load(|at| disc(places[0])(at) + disc(places[1])(at));
     let came = rig.follow(Some(&both)).event.expect("a step");
-    // no disc is both of them, and says so
+    // one disc cannot explain both loads: the fit is rejected
     assert!(came.came && !came.fit.accepted);
     for _ in 0..6 {
         assert_eq!(rig.follow(Some(&both)).judgement, Judgement::Loaded);
@@ -131,7 +131,7 @@ fn presses_are_found_beside_loads_that_never_leave() {
         assert!(went.event.is_some_and(|event| !event.came), "visit {visit}");
         assert_eq!(went.judgement, Judgement::Loaded, "visit {visit}");
     }
-    // nothing was learnt of them: what lies there is still all there
+    // the loads were not learnt as drift: without them the sheet is empty
     let empty = rig.follow(None);
     assert_eq!((empty.judgement, empty.loads), (Judgement::Empty, 0));
 }

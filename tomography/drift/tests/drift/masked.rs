@@ -1,4 +1,4 @@
-//! When an electrode that lost its contact is used again. Readings of the open contact are those of a finer mesh.
+//! Conditions for the reuse of an electrode that lost its contact. Readings of the open contact are from a finer mesh.
 
 use std::sync::Arc;
 
@@ -21,7 +21,7 @@ struct Days {
     walk: Walk,
     tracker: Tracker,
     frame: usize,
-    /// Of the electrode's readings: those of an open contact over those of a closed one.
+    /// Ratios of the electrode's readings with an open contact to those with a closed one.
     of_open: Vec<f64>,
     load: nalgebra::DVector<f64>,
 }
@@ -49,7 +49,7 @@ impl Days {
         }
     }
 
-    /// The next frame, after so many intervals.
+    /// Follows a frame after this number of intervals.
     fn follow(&mut self, intervals: usize, open: bool, loaded: bool) -> Answer {
         self.frame += intervals;
         let load = self.load.clone();
@@ -84,11 +84,11 @@ fn electrode_that_heals_is_used_again_after_an_hour() {
         assert_eq!(answer.masked, [OPEN]);
         assert_eq!(answer.judgement, Judgement::Empty);
     }
-    // what the lost readings do not show grows with each frame
+    // the uncertainty of what the lost readings would show grows with each frame
     let grown = days.tracker.state().deviation() / known;
     assert!(grown > 40.0, "{grown}");
     for _ in 1..HOUR {
-        // a restart does not make it wait longer
+        // a restart does not prolong the wait
         let state = days.tracker.state().clone();
         days.tracker = Tracker::restore(Arc::clone(days.tracker.model()), state).unwrap();
         assert_eq!(days.follow(1, false, false).masked, [OPEN]);
@@ -104,7 +104,7 @@ fn electrode_that_heals_is_used_again_after_an_hour() {
 fn electrode_that_is_open_for_weeks_is_named_once() {
     let mut days = Days::new();
     assert!(names_it(&days.follow(1, true, false)));
-    // within the hour after which an electrode without a fault is used again
+    // intervals shorter than the hour after which an electrode without a fault is used again
     let often = HOUR - 1;
     for _ in 0..20 * 24 * HOUR / often {
         let answer = days.follow(often, true, false);
@@ -157,7 +157,7 @@ fn what_a_lost_contact_changes_elsewhere_is_not_in_the_map() {
     let near = |[x, y]: [f64; 2]| (x - 0.190_f64).hypot(y - 0.040) < 15e-3;
     let bar = |[x, y]: [f64; 2]| (0.05..0.12).contains(&x) && (0.10..0.13).contains(&y);
     let none = |_: [f64; 2]| false;
-    // beside the electrode the load changes what the contact changes
+    // a load beside the electrode changes the same readings as the contact
     let loads = [&none as &dyn Fn([f64; 2]) -> bool, &disc, &bar, &near];
     for (load, most) in loads.into_iter().zip([0.02, 0.02, 0.1, 0.4]) {
         let mut tracker = Tracker::new(Arc::clone(&model), 0.0).unwrap();

@@ -19,7 +19,7 @@ fn injections(count: usize, seed: u64, place: impl Fn(f64) -> Option<[f64; 2]>) 
     injections_of(0.5, count, seed, place)
 }
 
-/// The same of a disc that takes this share.
+/// Like [`injections`], for a disc with this loss.
 fn injections_of(
     loss: f64,
     count: usize,
@@ -108,7 +108,7 @@ fn a_load_that_came_is_found_from_the_injections_after_it() {
     let error = 1e3 * (of.disc.centre[0] - place[0]).hypot(of.disc.centre[1] - place[1]);
     assert!(of.accepted && error < 1.0, "{error} mm: {of:?}");
     assert!(of.injections < 13, "those before it came are left out");
-    // some of the last seven saw an empty sheet: no load moves like that
+    // some of the last seven injections saw an empty sheet, which no moving load explains
     assert!(!at(23).accepted, "{:?}", at(23));
     let map = of.disc.map(model.mesh());
     let areas = model.mesh().region_areas();

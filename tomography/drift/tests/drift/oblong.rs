@@ -1,4 +1,5 @@
-//! Places of loads that are no discs: three discs in a row, whose centre is that of the middle one. Readings of a finer mesh.
+//! Positions of loads that are not discs: three discs in a row, with the centre of the middle one. Readings are from a
+//! finer mesh.
 
 use std::sync::Arc;
 
@@ -15,7 +16,7 @@ const LOADS: usize = 40;
 const REGION: f64 = 2.448;
 const INTERVAL: f64 = 1.96;
 
-/// Whether the 95 % region of a fit holds, and how far its centre is off, mm.
+/// Whether the 95 % region of a fit contains the true centre, and the error of its centre, mm.
 fn judged(fit: &DiscFit, centre: [f64; 2]) -> (bool, f64) {
     let [x, y] = [0, 1].map(|axis| fit.disc.centre[axis] - centre[axis]);
     let [[xx, xy], [_, yy]] = fit.covariance;
@@ -61,7 +62,7 @@ fn place_of_an_oblong_load_has_an_error_that_holds() {
         let place = white.fit_place(&model, &disc).unwrap();
         of_disc.push(judged(&disc, centre));
         of_place.push(judged(&place, centre));
-        // area of the row of discs, within what their overlaps leave open
+        // lower bound of the area of the row of discs; `twice` bounds the overlap of its two ends
         let segment = |half: f64| {
             let angle = 2.0 * (half / radius).min(1.0).acos();
             radius * radius * (angle - angle.sin())
@@ -89,7 +90,7 @@ fn place_of_an_oblong_load_has_an_error_that_holds() {
     );
     assert!(10 * holds(&of_place) >= 9 * LOADS);
     assert!(10 * loads >= 9 * LOADS);
-    // those of discs alone do not
+    // the regions of disc fits contain the centre too rarely
     assert!(4 * holds(&of_disc) < 3 * LOADS);
     assert!(middle(&of_place) < middle(&of_disc));
 }

@@ -1,4 +1,4 @@
-//! Orders of a person overrule the tracker; and the drift by kind. Data are linear draws of the drift.
+//! A user's orders overrule the tracker; and the separation of drift by kind. Data are linear draws of the drift.
 
 use std::sync::Arc;
 
@@ -34,7 +34,7 @@ fn empty_now_makes_what_lies_there_part_of_the_sheet() {
             expected,
             "frame {frame}"
         );
-        // a day later no anchor shows it either
+        // the comparison with a day-old anchor does not report it either
         assert_eq!(answer.anchor, None, "frame {frame}");
     }
     assert_eq!(tracker.state().pace(), pace, "it is no drift");
@@ -59,7 +59,7 @@ fn loaded_now_learns_nothing_until_empty_now() {
     tracker.order(TrackingOrder::LoadedNow);
     let before = tracker.baseline();
     for frame in 31..=100 {
-        // rises by 2 % a day: learnt as drift where nobody says that it is a load
+        // the loss rises by 2 % a day: without the order it would be learnt as drift
         let loss = -0.02 * (frame - 30) as f64 / 144.0;
         let answer = follow(&mut tracker, &mut walk, frame, Some((&load, loss)));
         assert!(
@@ -108,7 +108,7 @@ fn a_slow_load_that_a_person_confirms_is_shown_again() {
     let (is_load, disc) = shown(&tracker);
     let off = (disc.centre[0] - 0.06).hypot(disc.centre[1] - 0.15);
     assert!(is_load && off < 10e-3 && disc.loss > 0.005, "{disc:?}");
-    // or it is age: no alarm for a day, while nothing changes any more
+    // alternatively, the user declares it ageing: no alarm for a day without further change
     silenced.order(TrackingOrder::ForgetAnchor);
     for frame in alarmed + 1..alarmed + 145 {
         let answer = follow(
@@ -141,11 +141,11 @@ fn an_order_waits_in_the_stored_state_for_its_frame() {
     let text = serde_json::to_string(tracker.state()).unwrap();
     let state: TrackerState = serde_json::from_str(&text).unwrap();
     let mut again = Tracker::restore(Arc::clone(&walk.model), state).unwrap();
-    // too few readings to judge: it still waits
+    // too few readings to judge the frame: the order stays pending
     let none = vec![survey::Reading::NotMeasured; 598];
     assert!(again.follow(&none, EVERY_S * 20.5).is_err());
     assert!(tracker.follow(&none, EVERY_S * 20.5).is_err());
-    // given twice, it is carried out once
+    // a repeated order is executed once
     again.order(TrackingOrder::EmptyNow);
     for frame in 21..=40 {
         let readings = walk.frame(Some((&load, 1.0)));

@@ -151,7 +151,7 @@ fn deviation_of_a_map_grows_with_noise_and_lost_rows() {
     let (middle, edge) = (nearest([0.107, 0.115]), nearest([0.030, 0.115]));
     let all: Vec<usize> = (0..299).collect();
     let whole = model.map_deviation(&drift, &all).unwrap();
-    // electrodes see what is near them better, and nothing is more certain than before the frame
+    // the deviation is smaller near the electrodes, and nowhere larger than before the frame
     assert!(whole.deviation[edge] < 0.8 * whole.deviation[middle]);
     assert!(whole.deviation.iter().all(|sd| (0.0..=0.1).contains(sd)));
     let half: Vec<usize> = (0..150).collect();

@@ -1,4 +1,4 @@
-//! The tracked baseline, with data that are linear draws of the drift that it assumes, or not.
+//! The tracked baseline, with linear draws of the drift that it assumes, and with other data.
 
 use std::sync::Arc;
 
@@ -43,7 +43,7 @@ fn two_loads_come_and_go_and_nothing_is_learnt_of_them() {
             }
         }
         if expected.1 == 1 {
-            // what lies there is still the weight: the tracked baseline has none of it
+            // the weight is still found in full, so the tracked baseline has learnt none of it
             let found = tracker
                 .whitened()
                 .unwrap()
@@ -90,7 +90,7 @@ fn load_that_changes_within_a_frame_is_one_load_and_no_fault() {
         }
     }
     assert!(named.is_empty(), "{} of 150: {named:?}", named.len());
-    // a wide load that went at the first injections is taken for one that comes by what is left of it
+    // miscounted: a wide load that leaves during the first injections; its remainder looks like a new load
     assert!(
         miscounted.len() <= 2,
         "{} of 150: {miscounted:?}",
@@ -230,7 +230,7 @@ fn load_that_rises_over_three_days_is_kept() {
     let column = white.sensitivity(&atom);
     let kept = column.column(0).dot(white.data()) / column.norm_squared() / -0.21;
     assert!((0.95..1.05).contains(&kept), "{kept} of it is shown");
-    // what lay there is gone at once, and the sheet is empty again
+    // the load is removed at once, and the sheet is empty again
     let mut emptied = 0;
     for frame in 144 * 5 + 1..=144 * 5 + 12 {
         let answer = follow(&mut tracker, &mut walk, frame, None);
@@ -372,7 +372,7 @@ fn drift_under_a_load_of_days_is_separated() {
         assert_eq!(tracker.baseline(), kept);
         let sum = |deviation: MapDeviation| deviation.deviation.iter().sum::<f64>();
         let after_days = tracker.map_deviation().unwrap();
-        // the disc that stands for another load is not the same in both frames
+        // for the other loads, the fitted discs of the two frames differ and cannot be compared
         assert!(!is_disc || sum(after_days) > sum(certain));
     }
 }

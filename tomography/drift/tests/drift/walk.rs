@@ -14,7 +14,7 @@ use crate::sheet::Sheet;
 /// Interval of the frames, s.
 pub const EVERY_S: f64 = 600.0;
 
-/// A sheet whose data walk by the tracker's own rates times a pace.
+/// A sheet whose data are a random walk with the tracker's own rates times a pace.
 pub struct Walk {
     pub sheet: Sheet,
     pub model: Arc<DriftModel>,
@@ -78,7 +78,7 @@ impl Walk {
     }
 }
 
-/// A walk of the tracker's own pace, and the tracker after so many empty frames of it.
+/// A walk at the tracker's own pace, and the tracker after this number of its empty frames.
 pub fn walked(frames: usize) -> (Walk, Tracker) {
     let mut walk = Walk::new(1.0);
     let mut tracker = Tracker::new(Arc::clone(&walk.model), 0.0).unwrap();

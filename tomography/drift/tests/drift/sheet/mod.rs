@@ -1,4 +1,4 @@
-//! A sheet that makes readings, on a mesh finer than the model's.
+//! A simulated sheet on a finer mesh than the model's.
 
 use std::sync::Arc;
 
@@ -33,7 +33,7 @@ impl Sheet {
         sheet
     }
 
-    /// A sheet that was measured.
+    /// A sheet with a measured baseline.
     pub fn of(baseline: Vec<Reading>) -> Self {
         Self {
             baseline,
@@ -66,7 +66,7 @@ impl Sheet {
             })
             .collect();
         let solved = forward.solve(&sigma, &drives).unwrap().electrodes;
-        // columns: 1 A into e, out of 0
+        // column e: potentials for 1 A into electrode e and out of electrode 0
         let z = DMatrix::from_fn(26, 26, |r, c| if c == 0 { 0.0 } else { solved[(r, c - 1)] });
         let field = z.column(a) - z.column(b);
         let own = field[a] - field[b] + 1.0;
@@ -154,8 +154,8 @@ impl Fine {
         }
     }
 
-    /// Readings at 1 mA, V. `factor` makes the relative conductance of a triangle from a function that says which share of it is
-    /// within a disc (centre and radius, m).
+    /// Readings at 1 mA, V. `factor` returns the relative conductance of a triangle; its argument returns the share of
+    /// that triangle within a disc (centre and radius, m).
     pub fn volts(&self, factor: impl Fn(&dyn Fn([f64; 2], f64) -> f64) -> f64) -> Vec<f64> {
         let sigma: Vec<f64> = (0..self.mesh.triangles().len())
             .map(|triangle| {
