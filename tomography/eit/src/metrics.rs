@@ -287,7 +287,7 @@ pub fn median(values: &mut [f64]) -> f64 {
 mod tests {
     use crate::metrics::*;
 
-    /// Figures of hand-made images, worked out with a pencil.
+    /// Figures of small images, computed by hand.
     #[test]
     fn greits_figures_are_the_definitions() {
         // 4 x 5 pixels, two corners outside; x on rows at -1, -1/3, 1/3, 1, y on columns at -1, -1/2, 0, 1/2, 1

@@ -4,7 +4,7 @@ use super::fit::frame;
 use super::*;
 use crate::DiscTank;
 
-/// Presses on a tank whose method shows a smooth bump: its height follows the pressure and the place.
+/// Presses on a tank; their maps are smooth bumps whose heights depend on pressure and position.
 fn presses(mesh: &Mesh, wrong: f64) -> Vec<KnownPress> {
     let frame = frame(mesh);
     let centroids = mesh.region_centroids();

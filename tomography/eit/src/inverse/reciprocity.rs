@@ -219,7 +219,7 @@ mod tests {
         let fold = Fold::new(&protocol, &factors);
         assert_eq!((fold.rows(), fold.of.len()), (20, 40));
         let twins = protocol.reciprocal_twins();
-        // a sensitivity with equal twins
+        // a sensitivity matrix with equal rows for reciprocal twins
         let plain = DMatrix::from_fn(40, 6, |i, k| {
             let i = i.min(twins[i].unwrap());
             ((i * 7 + k * 3) as f64).sin()

@@ -1,4 +1,4 @@
-//! What a mesh refuses.
+//! Invalid meshes are refused.
 
 use super::*;
 

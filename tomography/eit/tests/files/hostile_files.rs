@@ -181,7 +181,7 @@ fn a_mutated_model_is_refused_or_is_the_same_model() {
                 assert_eq!(read.protocol(), model.protocol(), "{seed}");
                 assert_eq!(read.mesh().hash(), model.mesh().hash(), "{seed}");
                 assert_eq!(read.metadata(), model.metadata(), "{seed}");
-                // a different file is never mistaken for this one
+                // a file with other bytes has another hash
                 assert_eq!(bytes == whole, read.hash() == model.hash(), "{seed}");
             }
             Err(refused) => {

@@ -1,4 +1,4 @@
-//! Tanks with a depth: limits, reciprocity, sensitivities, number of modes, a field that is known.
+//! Tanks with a depth: limits, reciprocity, sensitivities, number of modes, an analytical solution.
 
 use std::sync::Arc;
 
@@ -167,7 +167,7 @@ fn a_layer_as_high_as_the_liquid_is_the_whole_depth() {
             .unwrap()
     };
     let whole = of(0.26);
-    // the products of different modes vanish over the depth only
+    // products of different modes integrate to zero over the whole depth only
     let almost = of(0.26 * (1.0 - 1e-9));
     assert!((&almost - &whole).amax() < 1e-7 * whole.amax());
     let thin = of(0.04);

@@ -556,7 +556,8 @@ fn reference_10_no_locator_beats_the_bound_of_cramer_and_rao() {
     let bound = information.try_inverse().unwrap().trace().sqrt();
     println!("no better than {:.3} mm", 1e3 * bound);
     assert!((1e3 * bound / 0.48 - 1.0).abs() < 0.1, "{bound:e}");
-    // least squares over readings tabulated by position, fitted by quadratic polynomials: knows nothing of the matrix above
+    // independent check: least squares over readings tabulated by position and fitted by quadratic polynomials, without
+    // the matrix above
     let steps: Vec<f64> = (-2..=2).map(|k| f64::from(k) * 1e-3).collect();
     let positions: Vec<[f64; 2]> = steps
         .iter()
@@ -606,7 +607,7 @@ fn reference_10_no_locator_beats_the_bound_of_cramer_and_rao() {
             let noisy = exact.map(|v| v + normal.sample(random));
             let found = locate(&noisy);
             square += (found[0] - truth[0]).powi(2) + (found[1] - truth[1]).powi(2);
-            // half way to the middle: such an estimate uses prior knowledge of the position
+            // the estimate moved half way to the middle, as with prior knowledge of the position
             pulled += (0.5 * found[0] - truth[0]).powi(2) + (0.5 * found[1] - truth[1]).powi(2);
         }
     }

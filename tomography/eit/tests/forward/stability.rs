@@ -43,7 +43,7 @@ fn with(mesh: &Mesh, triangles: &[usize], value: f64) -> Vec<f64> {
 fn contacts_of_any_size_on_either_side_of_the_change_of_form() {
     let mesh = Arc::new(eight(0.5));
     let sigma = spread(mesh.triangles().len(), 1e-3, 10.0);
-    // continuous where the form changes: z/|e| about 1 kohm a square, |e| = 0.02 m
+    // the readings are continuous where the electrode form changes: at z/|e| of about 1 kohm a square, |e| = 0.02 m
     for z in [
         1e-15, 1e-9, 1e-3, 1.0, 15.0, 19.0, 20.0, 21.0, 25.0, 1e3, 1e9, 1e15,
     ] {
@@ -189,7 +189,7 @@ fn a_patch_without_conductance_where_the_ground_would_be() {
 fn a_sliver_hardly_matters() {
     let plain = eight(0.0);
     let before = readings(&Arc::new(plain.clone()), &[2.0; 8], &uniform(&plain));
-    // the first inner triangle is split from a point just above the middle of its longest side
+    // split the first inner triangle at a point just above the middle of its longest side
     let t = middle(&plain)[0];
     let [a, b, c] = plain.triangles()[t];
     let [p, q, r] = plain.corners(t);

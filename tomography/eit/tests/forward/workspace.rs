@@ -101,7 +101,8 @@ fn plain_readings_are_close_to_refined_ones() {
     }
 }
 
-/// Other pairs are sums of neighbouring pairs, the shorter way round; contacts of either form.
+/// The fields of other pairs are sums of those of neighbouring pairs, the shorter way round; with contacts of both
+/// forms.
 #[test]
 fn readings_of_any_pairs_are_those_of_the_fields() {
     let mesh = Arc::new(eight(0.5));

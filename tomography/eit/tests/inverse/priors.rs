@@ -155,7 +155,7 @@ fn in_frame(rule: HyperRule, volts: Option<f64>) -> Hyper {
     }
 }
 
-/// The map of a frame is that of one lambda, whatever the prior and with readings missing.
+/// The map of a frame equals the map with one fixed lambda, for every prior and with missing readings.
 #[test]
 fn a_frame_is_mapped_with_one_lambda() {
     let tank = Tank::new(0.3);
@@ -208,7 +208,8 @@ fn a_frame_is_mapped_with_one_lambda() {
     }
 }
 
-/// Evidence finds the noise of a frame where it is not stated, and the corner agrees within the usual difference of the two.
+/// The evidence rule finds the noise of a frame if it is not stated; the corner rule agrees within the usual difference
+/// of the two.
 #[test]
 fn lambda_of_a_frame_follows_its_noise() {
     let tank = Tank::new(0.6);
@@ -238,7 +239,7 @@ fn lambda_of_a_frame_follows_its_noise() {
     }
 }
 
-/// Gains are kept, ringing is not: the bound is decided for each frame.
+/// The bound is decided for each frame: true gains are kept, ringing is removed.
 #[test]
 fn frames_with_gain_are_not_bounded() {
     let tank = Tank::new(0.6);
@@ -283,7 +284,7 @@ fn low_rank_maps_stay_within_map_error() {
         differ += usize::from(error > 0.0);
     }
     assert!(differ >= 6, "{differ} of {} were quick", frames.len());
-    // pure noise allows no bound: the full matrix, bit for bit
+    // for pure noise no bound of the error holds: the full matrix is used, bit for bit
     let [a, b] = [&exact, &quick].map(|step| step.reconstruct(&baseline, &baseline).unwrap());
     assert_eq!(a.values, b.values);
 }

@@ -1,4 +1,4 @@
-//! Which kind of map is made of which sheet.
+//! The kind of map that the method chooses for a given sheet.
 
 use super::*;
 use crate::DiscTank;
@@ -34,10 +34,10 @@ fn stage() -> Stage {
 }
 
 impl Stage {
-    /// Readings with the changes of conductance at each place, m.
+    /// Readings with a change of conductance as a function of position, m.
     fn readings(&self, change: impl Fn([f64; 2]) -> f64, seed: u64) -> Vec<Reading> {
         let mesh = self.method.mesh();
-        // the geometric mean over places in each triangle
+        // the geometric mean over 100 points of each triangle
         let mean = |t: usize| {
             let [a, b, c] = mesh.corners(t);
             let places = (0..100).map(|k| {
@@ -107,7 +107,7 @@ fn discs_rings_others_and_gains_are_found_by_different_methods() {
     let (map, correlation) = stage.map(ring);
     assert_eq!(map.method, "ring");
     assert!(correlation > 0.9, "{correlation}");
-    // a ring is clearly no other shape
+    // the evidence for a ring exceeds that for any other shape clearly
     let evidence = map.evidence.unwrap();
     let (left, next) = (evidence.left.unwrap(), evidence.next.unwrap());
     assert!(
@@ -161,7 +161,7 @@ fn smooth_load_over_the_sheet_is_found_as_one() {
     let (left, next) = (evidence.left.unwrap(), evidence.next.unwrap());
     assert!(left > 0.0 && left <= 1.0, "{left}");
     assert!(next.method == "discs (1)" && next.left > 1.0, "{next:?}");
-    // losses cannot explain the same gains
+    // losses cannot explain the same change as gains
     let (map, correlation) = stage.map(|at| -wave(at));
     assert_eq!(map.method, METHOD);
     assert!(correlation > 0.9, "{correlation}");

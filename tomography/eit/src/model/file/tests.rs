@@ -1,4 +1,4 @@
-//! Files of networks with wrong statements about themselves.
+//! Model files whose metadata contradict the network.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use super::*;
 use crate::model::{Model, ModelError, Network, Report};
 use crate::{DiscTank, MisfitClass, OwnMisfit, RbfNetwork, TrainingReport, TrainingSettings};
 
-/// A network of one neuron, at the input without a change.
+/// A network of one neuron, centred on the input without a change.
 fn model() -> Model {
     let tank = DiscTank {
         electrodes: 8,
@@ -50,7 +50,7 @@ fn model() -> Model {
     .unwrap()
 }
 
-/// From the file of the model, whatever its metadata.
+/// Writes the model to a file, even with invalid metadata, and reads it back.
 fn read(model: &Model) -> Result<Model, ModelError> {
     parse(Path::new("a.safetensors"), &bytes(model).unwrap().0)
 }
@@ -102,7 +102,7 @@ fn a_wrong_own_misfit_is_refused() {
         assert!(damaged, "{misfit:?}: {refused}");
         assert!(model().with_own_misfit(misfit).is_err());
     }
-    // JSON has no such number: the file could never be read
+    // JSON cannot represent NaN, so the file could not be read back
     let unknown = wrong(|misfit| misfit.classes[0].limit = f64::NAN);
     assert!(model().with_own_misfit(unknown).is_err());
 }
