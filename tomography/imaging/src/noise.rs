@@ -239,7 +239,7 @@ mod tests {
     fn a_method_is_set_by_the_noise_of_the_baseline() {
         let noisy = baseline(&[0.0499, 0.0501]);
         assert!((against(&noisy) / (0.0002 / 2_f64.sqrt()) - 1.0).abs() < 1e-9);
-        // a single frame shows no noise: the voltmeter's resolution on its range
+        // one frame does not show its noise: the voltmeter's resolution on its range is used
         assert_eq!(against(&baseline(&[0.05])), 1e-4);
         // simulated without noise
         assert_eq!(against(&baseline(&[0.05, 0.05])), DEFAULT_NOISE_UV * 1e-6);

@@ -352,7 +352,7 @@ mod tests {
         let same = requested(None).over(kept.clone());
         assert_eq!((same.lambda, same.loss_only), (Some(1e-3), Some(true)));
         assert_eq!((same.prior, same.length_mm), (kept.prior, Some(15.0)));
-        // `best` with a prior would be the one-step method
+        // kept settings such as the prior are not taken over: `best` with a prior would be the one-step method
         for method in [Method::Best, Method::Tv] {
             let other = ReconstructionSettings {
                 loss_only: Some(true),

@@ -115,7 +115,7 @@ mod tests {
         Geometry::from_preset(&Preset::DiscTank(tank)).unwrap()
     }
 
-    /// The baseline of a geometry whose electrodes are numbered otherwise.
+    /// The baseline of a geometry with another numbering of the electrodes.
     fn baseline(geometry: &Geometry, protocol: &Protocol, numbering: Numbering) -> Vec<Reading> {
         let forward = Forward::new(Arc::clone(&geometry.mesh), &geometry.contact_ohm_m).unwrap();
         let impedance = forward.transfer_impedance(&geometry.sigma0).unwrap();
@@ -137,7 +137,7 @@ mod tests {
             sheet.ring_remark(&protocol, &readings)
         };
         assert_eq!(remark(0, false), None);
-        // half a turn, and a mirror image, of a rectangle
+        // a rectangle is symmetric: half a turn or a mirror image cannot be detected
         assert_eq!(remark(13, false), None);
         for (first, reversed, direction) in [(3, false, "same"), (2, true, "opposite")] {
             let text = remark(first, reversed).unwrap();

@@ -184,7 +184,8 @@ fn covariance(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// How often the ellipse and the interval of one noisy spot contain the true one, with 16 other noisy ones to go by.
+    /// How often the ellipse and the interval of a noisy hot spot contain the truth, with a deviation from 16 other
+    /// noisy ones.
     #[test]
     fn regions_of_hot_spots_contain_the_truth_in_95_percent() {
         let mut random = ChaCha8Rng::seed_from_u64(7);
@@ -245,7 +246,7 @@ mod tests {
         assert!((of(6, flat) - 0.06 * 1.4_f64.sqrt()).abs() < 1e-12);
         assert!((of(9, curved) - 0.06 * 5.0_f64.sqrt()).abs() < 1e-12);
         assert!((of(10_000, curved) - 0.06).abs() < 1e-4);
-        // a file by hand
+        // a manually written file may state 0 presses
         assert!(of(0, curved).is_finite());
     }
 }

@@ -203,7 +203,7 @@ mod tests {
         assert_eq!((rows.len(), damaged), (3, 0));
         assert_eq!(rows[2], row(120, 1.0, 60));
         let joined = joined(&rows, 120);
-        // 30 frames of 2 and 10 of 5
+        // joined from 30 frames of mean 2 and 10 of mean 5
         let first = QuantityRow {
             min: 1.5,
             max: 5.5,

@@ -30,7 +30,7 @@ fn surface(regions: &[RegionSettings]) -> Surface {
     Surface::of_triangles(&triangles(), 9.5e-4, regions).unwrap()
 }
 
-/// Values at the centroids by the distance from a point, mm.
+/// Values at the centroids as a function of the distance from a point, mm.
 fn about(surface: &Surface, [x, y]: [f64; 2], value: impl Fn(f64) -> f64) -> Vec<f64> {
     let centroids = surface.adjacency().centroids();
     let distance = |at: &[f64; 2]| (1e3 * at[0] - x).hypot(1e3 * at[1] - y);
@@ -82,7 +82,7 @@ fn a_ring_has_its_centre_where_nothing_lies() {
     let area = std::f64::consts::PI * (3600.0 - 1600.0);
     near(found[0].values.get(Quantity::Contact), area, 0.01);
     near(found[0].values.get(Quantity::CentreX), 100.0, 1e-3);
-    // the hole of radius 40 mm contains the square of 40 mm: nothing is there
+    // the square of 40 mm lies in the hole of radius 40 mm, where there is no load
     assert_eq!(found[1].values.get(Quantity::Contact), Some(0.0));
     assert_eq!(found[1].values.get(Quantity::Mean), None);
     assert_eq!(found[1].values.get(Quantity::Dispersion), Some(0.0));
@@ -196,7 +196,7 @@ fn dose_and_time_without_relief_by_hand() {
     assert_eq!(take(100.0, 0.5), [200.0, 100.0]);
     assert_eq!(take(140.0, 3.0), [200.0, 100.0]);
     assert_eq!(take(150.0, 0.5), [220.0, 110.0]);
-    // 60 s are
+    // 60 s below it are a relief
     assert_eq!(take(210.0, 3.0), [220.0, 0.0]);
     // 101 s without a frame count for nothing
     assert_eq!(take(311.0, 3.0), [220.0, 0.0]);

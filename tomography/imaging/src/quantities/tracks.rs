@@ -329,7 +329,7 @@ mod tests {
             SpotChange::Gone { number: 3 },
         ];
         assert_eq!(changes[1..], ended);
-        // a number is never given twice
+        // numbers are not reused
         assert_eq!(
             tracks.take(2.0, &[spot(25.0, 2800.0), spot(200.0, 300.0)], 0.5),
             [SpotChange::Appeared { number: 4 }]
