@@ -1,4 +1,4 @@
-//! All effects: absent ones change no bit, present ones have an effect, none shifts another's numbers.
+//! All effects: absent ones change no bit, present ones have an effect, none shifts another's random numbers.
 
 use std::time::Duration;
 
@@ -142,7 +142,7 @@ fn every_effect_acts_and_size_zero_changes_no_bit() {
     let bare = seen(&[]);
     for (name, active, nothing) in EFFECTS {
         assert!(seen(&[(name, active)]) != bare, "{name} does nothing");
-        // Some have no size zero: they are a resistance, which is never absent.
+        // Some effects are a resistance, which cannot have size zero.
         if active != nothing {
             assert!(seen(&[(name, nothing)]) == bare, "{name} without size");
         }
@@ -208,7 +208,7 @@ fn a_parameter_out_of_range_is_refused_where_it_stands() {
 
 #[test]
 fn all_together_are_the_same_on_every_run() {
-    // One conductance law, and one creep at a time.
+    // A scene has only one conductance law and one kind of creep.
     let all: Vec<(&str, &str)> = EFFECTS
         .iter()
         .filter(|(name, ..)| !["exponential-law", "log-law", "power-law-creep"].contains(name))

@@ -50,7 +50,7 @@ fn each_reading_sees_a_moving_load_where_it_is_then() {
     // 0.125 mm of a signal that falls off over about 10 mm
     assert!(worst < 0.006, "{worst}");
     assert!(worst > 0.0);
-    // between two steps nothing is recomputed
+    // one solution per step: nothing is recomputed between two steps
     assert_eq!(seen.len(), 80);
 }
 
@@ -126,7 +126,7 @@ fn creep_equals_closed_form_however_often_it_is_computed() {
         assert!((left(&mut often, at) - seen).abs() < 1e-12);
     }
     assert_eq!(left(&mut seldom, 1e6), 1.0, "what is left fades");
-    // between its updates nothing is solved again
+    // between two updates the solution is reused
     let z = often.transfer_impedance(seconds(6011.0)).unwrap().clone();
     assert!(often.transfer_impedance(seconds(6019.0)).unwrap() == &z);
     assert!(often.transfer_impedance(seconds(6021.0)).unwrap() != &z);

@@ -103,7 +103,7 @@ fn a_load_takes_away_what_it_says() {
         .map(|(t, sigma)| (1.0 - sigma / sheet) * mesh.area(t))
         .sum();
     assert!((lost / (load.loss * load.shape.area()) - 1.0).abs() < 1e-9);
-    // about the same on any mesh: the signal of a press, 19 to 97 uV rms of 309 mV at 1 mA
+    // the signal of a press is similar on any mesh: 19 to 97 uV rms at 1 mA, the largest reading being 309 mV
     phantom.release();
     let protocol = Protocol::sheffield(26).unwrap();
     let forward = Forward::new(mesh, &phantom.scene().sheet.contact_ohm_m()).unwrap();

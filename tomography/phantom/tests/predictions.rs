@@ -6,7 +6,7 @@ use std::time::Duration;
 use phantom::{EffectSettings, Phantom, Prediction, Preview, Scan, Scene};
 use survey::Volts;
 
-/// Scans in which the effect is visible.
+/// The scan in which an effect is visible.
 #[derive(Clone, Copy)]
 enum Taken {
     /// Some frames of a day.

@@ -180,7 +180,7 @@ mod tests {
                 "{t}: {seen}"
             );
         }
-        // and for late times by its slowest mode
+        // at late times only the slowest mode is left
         let mut foam = body();
         warmth(&mut foam, 0.0, 0.5);
         let seen = warmth(&mut foam, 3.0 * TAU, 0.5);

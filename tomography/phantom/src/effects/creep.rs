@@ -176,7 +176,7 @@ mod tests {
         losses[0]
     }
 
-    /// x - (1 - exp(-x)), by its series where that cancels.
+    /// x - (1 - exp(-x)); by its series for small x, to avoid cancellation.
     fn lag(x: f64) -> f64 {
         if x > 0.1 {
             return x + (-x).exp_m1();
@@ -216,7 +216,7 @@ mod tests {
 
     #[test]
     fn a_triangle_creeps_as_the_standard_linear_solid() {
-        // Up for 8 s and down again, in steps of any size: a superposition of ramps.
+        // A ramp up for 8 s and down again, in steps of any size, is a superposition of ramps.
         let (share, tau) = (0.4, 3.0);
         for steps in [1, 7, 1000] {
             let mut solid = creep(share, tau);
@@ -240,7 +240,8 @@ mod tests {
         let mut worst = [0.0_f64; 3];
         for exponent in -9..=9 {
             let x = 10f64.powi(exponent);
-            // The input rises to 1 within x time constants and is constant for as many: its delayed response then.
+            // The input rises to 1 within x time constants and stays there for as many; `wanted` is the delayed
+            // response.
             let held = share * (1.0 - lag(x) / x);
             let wanted = [share - held, share - held * (-x).exp()];
             let mut solid = creep(share, 1.0);

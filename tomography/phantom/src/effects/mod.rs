@@ -417,8 +417,7 @@ mod tests {
         }
     }
 
-    /// Readings and solutions loop over these lists only: an effect that is not in them costs nothing, not even a
-    /// check.
+    /// Readings and solutions loop over these lists only, so an absent effect costs nothing, not even a check.
     #[test]
     fn a_scene_calls_the_effects_that_it_names_and_nothing_else() {
         let calls = |settings: &EffectSettings| {

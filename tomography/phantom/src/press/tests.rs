@@ -26,7 +26,7 @@ fn punch_and_sphere_integrate_to_their_force() {
             );
         }
         assert_eq!(contact.within(1.0), 1.0);
-        // 300 g on 12 mm, ring by ring
+        // the force of 300 g on 12 mm, summed over the rings
         let mut within = 0.0;
         let mut newton = 0.0;
         for (outer, kpa) in rings(contact, 300.0, 12.0) {
@@ -47,7 +47,7 @@ fn hertz_has_his_radius_and_his_pressure() {
     let a = hertz_radius_mm(radius, mass, modulus) * 1e-3;
     let force = 0.3 * GRAVITY;
     assert!((a.powi(3) * 4.0 * 200e3 / (3.0 * force * 30e-3) - 1.0).abs() <= 1e-12);
-    // p_0 = 3 F / (2 pi a²); the innermost ring's mean is below it by half of its share of the radius squared
+    // p_0 = 3 F / (2 pi a²); the mean over the innermost ring is lower, by a quarter of its relative radius squared
     let peak = 1.5 * force / (PI * a * a) * 1e-3;
     let rings = rings(Contact::Sphere { radius_mm: radius }, mass, 2e3 * a);
     let (outer, first) = rings[0];
@@ -73,7 +73,7 @@ fn what_is_lost_under_an_uneven_pressure_is_that_of_its_force() {
             ..TimedLoad::still(Load::disc([101.3, 120.7], 14.0, 0.0), Duration::ZERO, None)
         };
         let print = timed.print([0, 0], &law, &mesh).unwrap();
-        // a loss of a millionth of the strain, a strain of p / 1 MPa: newtons
+        // the loss is 1e-6 of the strain and the strain p / 1 MPa, so the sum is the force in newtons
         let force: f64 = print
             .iter()
             .map(|(t, lost)| lost * mesh.area(*t) * 1e12)
@@ -108,7 +108,7 @@ fn a_way_has_its_steps_at_their_times() {
     };
     assert_eq!(timed.stage(seconds(9)), None);
     assert_eq!(timed.stage(seconds(15)), Some([0, 0]));
-    // 10 mm in 0.25 mm each, 100 g of 200 in 2 % each
+    // the path of 10 mm has steps of 0.25 mm, the force of 100 g of 200 has steps of 2 %
     assert_eq!(timed.stage(seconds(25)), Some([1, 20]));
     assert_eq!(timed.stage(Duration::from_millis(39_999)), Some([2, 24]));
     assert_eq!(timed.stage(seconds(59)), Some([3, 0]));
