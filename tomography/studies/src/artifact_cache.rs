@@ -214,7 +214,7 @@ mod tests {
 
     use super::*;
 
-    /// Keeps the words of its commands, and writes their output.
+    /// Records the command lines that it gets, and writes their outputs.
     #[derive(Default)]
     struct Recorder(RefCell<Vec<Vec<OsString>>>);
 

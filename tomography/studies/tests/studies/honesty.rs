@@ -1,5 +1,4 @@
-//! The check of maps: silent on healthy frames, and faults are found and named. Data from a mesh that is finer than the
-//! model's.
+//! The check of maps reports nothing on healthy frames, and names faults. Data are from a finer mesh than the model's.
 
 use studies::honesty::{self, MapMethod, MapSettings, QualityRow, Settings, Stated, TargetKind};
 
@@ -21,8 +20,8 @@ fn check(noise_uv: f64) {
     let (healthy, faulty): (Vec<_>, Vec<_>) = rows.iter().partition(|row| row.healthy);
     assert_eq!(healthy.iter().map(|row| row.frames).sum::<usize>(), 60);
     for row in healthy {
-        // strong wide loads are beyond a linear map, and a load over an electrode looks like its contact; that a load is
-        // outside of the region is no blame
+        // allowed reasons: a linear map fails for strong wide loads, a load over an electrode looks like its contact,
+        // and a load may be outside of the region
         let blamed = row.reasons.keys().filter(|kind| match kind.as_str() {
             "loss_above_one" | "outside_region" => false,
             "at_electrode" => !row.what.contains("electrode"),
@@ -66,7 +65,8 @@ fn same_seed_gives_the_same_verdicts() {
     assert_eq!(settings(1), settings(4));
 }
 
-/// Maps with the true noise stated are as near to the truth as those without, and nearer than those of one strength for all.
+/// Maps with the true noise stated are as accurate as those without, and more accurate than those with one
+/// regularisation for all frames.
 #[test]
 fn a_stated_noise_does_not_harm() {
     let settings = Settings {
@@ -87,7 +87,7 @@ fn a_stated_noise_does_not_harm() {
     };
     let report = honesty::run(&settings).unwrap();
     println!("{}", report.text());
-    // two kinds of load, and both together
+    // 3 methods, 3 sets of loads (two kinds, and both together), 3 statements of the noise
     assert_eq!(report.maps.len(), 27);
     for rows in report.maps.chunks(3) {
         let [stated, nothing, alone] = rows else {

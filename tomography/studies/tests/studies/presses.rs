@@ -24,7 +24,7 @@ struct Test1 {
 }
 
 impl Test1 {
-    /// Every frame with several draws of the noise.
+    /// Draws the noise of every frame `draws` times.
     fn new(protocol: &Protocol, draws: u64) -> Self {
         let noisy = |position: usize, scene: Scene| -> Vec<Vec<Reading>> {
             let mut phantom = Phantom::new(scene).unwrap();

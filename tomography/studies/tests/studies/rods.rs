@@ -1,5 +1,5 @@
-//! Two rods in a round tank of 16 electrodes, 45 degrees apart: `best` shows two losses, linear maps one. Data from a mesh that is
-//! finer than the model's, and different from it. Not reached: rods 46 mm apart, 16 mm of liquid between them, merge.
+//! Two rods, 45 degrees apart, in a round tank of 16 electrodes: `best` shows two losses, linear maps one. Data are
+//! from a finer, different mesh than the model's. Limit: rods 46 mm apart, with 16 mm of liquid between them, merge.
 
 use std::sync::Arc;
 

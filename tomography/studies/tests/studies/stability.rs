@@ -1,4 +1,5 @@
-//! The hard cases by number: each satisfies its bound, and the naive implementation violates it or is stated not to.
+//! The hard cases by number: each result satisfies its bound, and the naive implementation violates it, unless the case
+//! states why there is none.
 
 use serde_json::Value;
 use shards::{Division, Outcome, StopRequest};
@@ -31,9 +32,9 @@ fn holds(number: u8) {
         assert!(within(ours), "{line}");
         match (line["naive_breaks"].as_bool(), figure("naive")) {
             (Some(true), Some(naive)) => assert!(!within(naive), "{line}"),
-            // without a number, it describes what happens instead
+            // instead of a number, a text describes how the naive form fails
             (Some(true), None) => assert!(line["naive"].is_string(), "{line}"),
-            // no naive form: the reason instead
+            // a text states why there is no naive form
             (None, naive) => assert!(naive.is_none() && line["naive"].is_string(), "{line}"),
             (Some(false), _) => panic!("{line}"),
         }

@@ -53,7 +53,7 @@ impl Maps {
         [0, 1].map(|axis| ends.iter().map(|end| end[axis]).sum::<f64>() / ends.len() as f64)
     }
 
-    /// Distance of the place that the map shows from the true one, mm.
+    /// Distance between the position in the map and the true one, mm.
     fn error_mm(&self, map: &Map, at: [f64; 2]) -> f64 {
         let mesh = &self.geometry.mesh;
         let found = map
@@ -74,9 +74,11 @@ fn disc(at: [f64; 2], radius: f64, inside: f64, outside: f64) -> impl Fn([f64; 2
 struct MethodLimits {
     method: Method,
     loss_only: bool,
-    /// Error of the press on the changed sheet, mm: at most with the whole sheet unknown, at least with the region alone.
+    /// Position error of the press on the changed sheet, mm: upper limit with the whole sheet unknown, lower limit with
+    /// the region alone.
     press_mm: [f64; 2],
-    /// Largest loss for a load over an electrode: at most with the whole sheet unknown, at least with the region alone.
+    /// Largest loss for a load over an electrode: upper limit with the whole sheet unknown, lower limit with the region
+    /// alone.
     electrode: [f64; 2],
 }
 
@@ -108,8 +110,8 @@ const CASES: [MethodLimits; 4] = [
     },
 ];
 
-/// For each method what `figure` gives for its maps with the whole sheet unknown and with the region alone, and whether
-/// it is within its limits.
+/// Computes `figure` of each method's maps, with the whole sheet unknown and with the region alone, and checks its
+/// limits.
 fn compare(
     before: &[Reading],
     loaded: &[Reading],
@@ -192,7 +194,7 @@ fn a_load_outside_of_the_region_is_reported() {
         let between = [0, 1].map(|axis| 0.5 * (a[axis] + b[axis]));
         let (electrode, text) = remark(between).expect("it is outside");
         let electrode = electrode.unwrap();
-        // half of the conductance on 79 mm2: 39 mm2
+        // a loss of half of the conductance on 79 mm2 equals a total loss on 39 mm2
         let words = text.split_whitespace();
         let lost: f64 = words.rev().find_map(|word| word.parse().ok()).unwrap();
         assert!((35.0..=45.0).contains(&lost), "{text}");
