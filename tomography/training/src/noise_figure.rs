@@ -134,7 +134,7 @@ mod tests {
     use eit::{DiscTank, Hyper, OneStep, OneStepOptions, Scale};
     use survey::Protocol;
 
-    /// For a linear map M the figure has a closed form, |dv| |M| / sqrt(readings) / |M dv|, without draws.
+    /// For a linear map M, the figure from draws equals its closed form, |dv| |M| / sqrt(readings) / |M dv|.
     #[test]
     fn the_draws_of_a_linear_map_find_its_closed_form() {
         let tank = DiscTank::default();

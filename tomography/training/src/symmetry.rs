@@ -205,7 +205,7 @@ mod tests {
         (case, sigma0)
     }
 
-    /// The readings of the mirrored case equal those of its own solution.
+    /// Mirrored readings equal the readings solved for the mirrored conductance.
     #[test]
     fn a_case_in_the_mirror_is_what_the_model_solves() {
         let (case, sigma0) = sheet();

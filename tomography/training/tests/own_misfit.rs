@@ -1,5 +1,5 @@
-//! What learned maps leave unexplained: computed at training, kept in the model file, and the reason for doubt in it. Maps are
-//! judged on data of a finer, different mesh, with another seed than the training's.
+//! The misfit that learned maps leave: computed at training, stored in the model file, and used to doubt maps with a
+//! larger one. Maps are judged on data of a finer, different mesh, with another seed than the training's.
 
 use std::sync::{Arc, OnceLock};
 
@@ -262,19 +262,19 @@ fn more_noise_and_smaller_changes_are_not_judged() {
     };
     let usual = usual();
     assert!(found(&usual, 1.0));
-    // the frame has ten times the noise of such a training
+    // the frame's noise is ten times that of the training: not judged
     let quieter = OwnMisfit {
         noise: 0.1 * usual.noise,
         ..usual.clone()
     };
     assert!(!found(&quieter, 1.0));
-    // no case had so small a change
+    // no training case had such a small change: not judged
     let larger = OwnMisfit {
         classes: usual.classes[3..].to_vec(),
         ..usual.clone()
     };
     assert!(!found(&larger, 0.1));
-    // its change is below three times the noise
+    // a change below three times the noise is not judged
     let mut lowest = usual;
     for class in &mut lowest.classes {
         class.above = 0.0;
@@ -297,7 +297,7 @@ fn readings_missing_with_their_twins_are_not_judged() {
         )
     };
     assert!(found(&readings));
-    // the network takes the twin in its place
+    // the network replaces the missing reading by its reciprocal twin
     readings[1][40] = Reading::Overload;
     assert!(found(&readings));
     readings[1][twin] = Reading::Overload;
@@ -358,7 +358,7 @@ fn model_file_keeps_it_and_files_without_it_load() {
         let loaded = load(&path).unwrap();
         assert_eq!(loaded.metadata().own_misfit, model.metadata().own_misfit);
         assert_eq!(loaded.hash(), model.hash());
-        // as files were before there was such an entry
+        // an unjudged model has no such entry, like files of earlier versions
         let text = std::fs::read(&path).unwrap();
         let entry = b"own_misfit";
         let has_entry = text.windows(entry.len()).any(|window| window == entry);

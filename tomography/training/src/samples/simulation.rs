@@ -304,7 +304,7 @@ mod tests {
         assert!((60..100).contains(&all.1), "{all:?}");
         assert!(usual.2 > 2);
         assert_eq!(of(|open| open.loss = LossChoice::Case).2, 1);
-        // centres beside the region press less of it
+        // polygons with centres outside of the region cover less of it
         assert!(of(|open| open.centres = CentresChoice::Sheet).0 < usual.0);
     }
 }
