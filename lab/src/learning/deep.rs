@@ -16,7 +16,7 @@ use training::symmetry::Symmetric;
 use super::data::Data;
 use super::limits;
 use super::model_file;
-use crate::args::{DeepOptions, Profile};
+use crate::args::{DataOptions, DeepOptions, Profile};
 use crate::output::print_line;
 
 /// Version of the numbers in a checkpoint.
@@ -125,14 +125,9 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
         settings.deep.normalisation_epsilon = 1e-9;
     }
     let changed = |settings: &Settings, given: toml::Table| {
-        let of_set = options.data.dataset.as_ref().and(setting_of_a_set(&given));
+        let why = without_effect(&options.data, &given);
         let settings = changed(settings, given)?;
-        match of_set {
-            None => Ok(settings),
-            Some(key) => Err(format!(
-                "data.{key} is that of the set of --dataset; `tactus-lab dataset --settings FILE` makes a set with another"
-            )),
-        }
+        why.map_or(Ok(settings), Err)
     };
     if let Some(path) = &options.settings {
         let refused =
@@ -176,11 +171,30 @@ fn settings(options: &DeepOptions, jitter: &Jitter) -> Result<Settings, Failure>
 /// Settings of `[data]` that are of the training itself. By the others the cases of a set were drawn.
 const OF_TRAINING: [&str; 3] = ["jitter", "repeats", "seed"];
 
-/// The first of these settings that a set in files has of its own.
-fn setting_of_a_set(given: &toml::Table) -> Option<String> {
-    let mut keys = given.get("data")?.as_table()?.keys();
-    keys.find(|key| !OF_TRAINING.contains(&key.as_str()))
-        .cloned()
+/// Settings of `[data]` that only RBF networks have.
+const OF_RBF: [&str; 2] = ["neurons", "spread_times"];
+
+/// Why the first setting without effect has none.
+fn without_effect(options: &DataOptions, given: &toml::Table) -> Option<String> {
+    let noise = [
+        ("--gamma", options.gamma.is_some()),
+        ("--noise-v", !options.noise_v.is_empty()),
+        ("--noise-frames", options.noise_frames.is_some()),
+    ];
+    let stated = noise.into_iter().find(|(_, stated)| *stated);
+    let why = |key: &String| match (key.as_str(), stated) {
+        (key, _) if OF_RBF.contains(&key) => Some(format!(
+            "data.{key} is a setting of RBF networks and has no meaning for a deep one"
+        )),
+        ("jitter", Some((option, _))) => Some(format!(
+            "data.jitter and {option} both state the noise; leave one of them out"
+        )),
+        (key, _) if options.dataset.is_some() && !OF_TRAINING.contains(&key) => Some(format!(
+            "data.{key} is that of the set of --dataset; `tactus-lab dataset --settings FILE` makes a set with another"
+        )),
+        _ => None,
+    };
+    given.get("data")?.as_table()?.keys().find_map(why)
 }
 
 /// Settings with the entries of `given` replacing theirs; unknown keys are refused.

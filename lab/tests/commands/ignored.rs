@@ -144,6 +144,26 @@ fn seed_of_the_settings_is_that_of_the_set() {
 }
 
 #[test]
+fn settings_that_a_deep_network_would_ignore_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = tank(folder.path());
+    let model = folder.path().join("x.model");
+    for (options, says) in [
+        ("--set data.neurons=7", "data.neurons"),
+        ("--set data.spread_times=2.0", "data.spread_times"),
+        (
+            "--noise-v 2e-6 --set data.jitter={profile=\"paper\",gamma=0.01}",
+            "data.jitter and --noise-v",
+        ),
+    ] {
+        let line = format!("train dnn --profile matched {options} --case {{}} --out {{}}");
+        let message = refused(&line, &[&case, &model]);
+        assert!(message.contains(says), "{options}: {message}");
+        assert!(!model.exists(), "{options}");
+    }
+}
+
+#[test]
 fn cases_of_a_set_have_the_settings_of_the_set() {
     let folder = tempfile::tempdir().unwrap();
     let case = tank(folder.path());
