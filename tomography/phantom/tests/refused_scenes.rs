@@ -149,6 +149,13 @@ fn a_load_outside_the_sheet_is_refused_where_its_place_stands() {
         &format!("{DISC}{path}"),
         "s.toml:7:35: load 'load 1' at 219.1, 50 mm covers no part",
     );
+    for nowhere in ["nan", "inf"] {
+        let path = format!("x_mm = 20\nmass_g = 3\npath = [{{ at_s = 3, x_mm = {nowhere} }}]\n");
+        says(
+            &format!("{DISC}{path}"),
+            "s.toml:7:9: load 'load 1': x_mm is not a finite number",
+        );
+    }
     let tank = format!("[disc-tank]\n{DISC}x_mm = 144\nmass_g = 3\n");
     assert!(Scene::parse("s.toml", &tank).is_ok());
     let tank = format!("[disc-tank]\n{DISC}x_mm = 147\nmass_g = 3\n");

@@ -221,7 +221,10 @@ impl LoadText {
                 centre_mm: waypoint.centre_mm,
                 ..timed.load.clone()
             };
-            on_the_sheet(&there, sheet).map_err(|fault| Fault(place, fault.to_string()))?;
+            there
+                .check_outline()
+                .and_then(|()| on_the_sheet(&there, sheet))
+                .map_err(|fault| Fault(place, fault.to_string()))?;
         }
         timed
             .sinks(amount, law)
