@@ -4,8 +4,8 @@ use std::sync::{Arc, OnceLock};
 
 use eit::model::{load, save};
 use eit::{
-    DiscTank, Forward, Jitter, Mesh, Model, ModelError, Network, ReconstructError, Reconstructor,
-    Report, TrainingSettings, load_reconstructor,
+    DiscTank, DistancesChoice, Forward, Jitter, Mesh, Model, ModelError, Network, OpenChoices,
+    ReconstructError, Reconstructor, Report, TrainingSettings, load_reconstructor,
 };
 use safetensors::SafeTensors;
 use sha2::{Digest, Sha256};
@@ -96,6 +96,31 @@ fn a_small_network_finds_a_large_press() {
     let still = network.reconstruct(&baseline, &baseline).unwrap();
     let most = still.largest_loss().map_or(0.0, |(_, loss)| loss);
     assert!(most < 0.5 * map.largest_loss().unwrap().1, "{most}");
+}
+
+#[test]
+fn a_model_of_cases_mostly_alike_is_read_again() {
+    // nine in ten cases change nothing, so that the median distance of two is zero
+    let settings = TrainingSettings {
+        polygons: 1,
+        vertices: 3,
+        open: OpenChoices {
+            distances: DistancesChoice::Clean,
+            ..OpenChoices::default()
+        },
+        ..settings()
+    };
+    let model = trained(&settings).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.safetensors");
+    save(&path, eit::Existing::Refuse, &model).unwrap();
+    let loaded = load(&path).unwrap();
+    let Report::Rbf(report) = &loaded.metadata().report else {
+        panic!("a network of another kind");
+    };
+    assert_eq!(report.spread_over_median, 1e30);
+    let note = training::rbf::spread_note(report).unwrap();
+    assert!(note.contains("most cases are alike"), "{note}");
 }
 
 #[test]

@@ -30,6 +30,8 @@ struct Conditioning {
     largest_weight: f64,
 }
 
+/// What stands for a ratio to a median of zero, where most pairs are alike: a model file holds finite numbers only.
+pub(super) const MEDIAN_OF_ZERO: f64 = 1e30;
 const MOST_ROUNDS: usize = 100;
 /// Maximum number of pairs of samples from which the spread is estimated.
 const PAIRS: usize = 1_000_000;
@@ -97,7 +99,7 @@ pub fn train_rbf_on(
         rounds: clusters.rounds,
         reseeded: clusters.reseeded,
         spread,
-        spread_over_median: spread / median,
+        spread_over_median: (spread / median).min(MEDIAN_OF_ZERO),
         familiar: conditioning.familiar,
         rank: conditioning.rank,
         condition: conditioning.condition,

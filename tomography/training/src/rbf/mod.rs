@@ -19,11 +19,12 @@ pub const SPREAD_RULED: f64 = 10.0;
 
 /// The warning for such a spread.
 pub fn spread_note(report: &TrainingReport) -> Option<String> {
-    (report.spread_over_median > SPREAD_RULED).then(|| {
-        format!(
-            "the spread is {:.0} median distances: a few cases near electrodes rule it (Eq. 13)",
-            report.spread_over_median
-        )
+    let times = report.spread_over_median;
+    (times > SPREAD_RULED).then(|| match times < least_squares::MEDIAN_OF_ZERO {
+        true => format!(
+            "the spread is {times:.0} median distances: a few cases near electrodes rule it (Eq. 13)"
+        ),
+        false => "most cases are alike: the others alone rule the spread (Eq. 13)".to_owned(),
     })
 }
 
