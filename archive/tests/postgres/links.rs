@@ -54,7 +54,7 @@ fn week_without_link_is_archived_in_one_pass() {
     assert_eq!(site.done(&["push"]).matches(": archived as").count(), 7);
     writer.close(at(8 * 86_400), "asked to stop").unwrap();
     site.done(&["push"]);
-    // 3 notes and an alarm a part, and 7 that name the next part
+    // each part has 3 notes and an alarm; 7 events name the next part
     assert_eq!(server.sql(COUNTS), "1|8|24|39|8|70|1");
     site.done(&["verify"]);
     assert_eq!(site.done(&["push"]), "");

@@ -1,4 +1,4 @@
-//! Certificates of an authority of a test's own, made by openssl.
+//! A certificate authority for tests, and its certificates, made with openssl.
 
 use std::path::Path;
 use std::process::Command;
