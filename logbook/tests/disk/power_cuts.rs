@@ -43,7 +43,7 @@ const STORAGE: Storage = Storage {
     journal_pages: Some(24),
 };
 
-/// A writer, and what has been acknowledged to it, recorded as it goes on.
+/// A writer; marks in the steps of the file layer what has been acknowledged to it.
 struct Recording<'a> {
     folder: &'a Path,
     writer: SessionWriter,

@@ -203,7 +203,7 @@ fn a_repair_keeps_what_is_whole_and_says_what_it_cut() {
     }
 }
 
-/// A closed session of so many frames: its file, and the bytes of it.
+/// A closed session of this many frames: path and content of its file.
 fn closed(folder: &Path, frames: i64) -> (PathBuf, Vec<u8>) {
     let writer = begun(folder, &header("m1"), 1..=frames);
     let path = writer.path().to_owned();
