@@ -58,7 +58,7 @@ const VALUES: [&str; 20] = [
 fn mutated(text: &str, random: &mut Random) -> Vec<u8> {
     let mut lines: Vec<Vec<u8>> = text.lines().map(|line| line.as_bytes().to_vec()).collect();
     for _ in 0..=random.below(3) {
-        // a key and not a comment in three of four cases
+        // in three of four cases a line with a key, not a comment
         let keys: Vec<usize> = (0..lines.len())
             .filter(|&at| lines[at].contains(&b'=') && !lines[at].starts_with(b"#"))
             .collect();
