@@ -270,7 +270,7 @@ mod tests {
             ]
         );
         assert_eq!(protocol.len(), 208);
-        // the second drive begins with the pair that wraps last: its first sensing pair is 4-5
+        // the first sensing pair of the second drive, 2-3, is 4-5
         assert_eq!(protocol.measurements()[13].drive, Dipole::adjacent(1, 16));
         assert_eq!(protocol.measurements()[13].sense, Dipole::adjacent(3, 16));
     }

@@ -27,7 +27,7 @@ async fn served_with(control: Option<Control>) -> Served {
     served_from(control, Arc::new(NoRecordings)).await
 }
 
-/// A place without sessions.
+/// A source without recorded sessions.
 pub(crate) struct NoRecordings;
 
 impl Recordings for NoRecordings {

@@ -104,7 +104,7 @@ mod tests {
     use crate::tests::served_from;
     use crate::{Playback, SessionEntry};
 
-    /// A row of load in each answer; counts the answers.
+    /// Returns one row of load per request, and counts the requests.
     #[derive(Default)]
     struct Counted(AtomicU64);
 
