@@ -159,7 +159,7 @@ fn measure(frames: u64, minutes: u64) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Waits until the page has drawn so many maps.
+/// Waits until the page has drawn this number of maps.
 fn wait_for(browser: &Browser, maps: u64) -> Result<(), Failure> {
     for count in (10..=maps).step_by(10) {
         browser.until(&format!("drawn.length >= {count}"));

@@ -20,8 +20,8 @@ pub struct Mosquitto {
 }
 
 impl Mosquitto {
-    /// A running broker with more lines in its configuration; `None` (reported, kind `MOSQUITTO`) where there is none. The lines
-    /// may name files of `folder`.
+    /// Starts a broker with additional lines in its configuration, which may name files of `folder`; `None` (reported,
+    /// kind `MOSQUITTO`) if mosquitto is not installed.
     pub fn start(folder: TempDir, more: &str) -> Option<Self> {
         if !needs::program("MOSQUITTO", "mosquitto") {
             return None;
@@ -103,7 +103,7 @@ impl Mosquitto {
                     }
                     Ok(_) => {}
                     Err(_) if is_subscribed => return,
-                    // a broker that has just begun to listen may refuse or close a connection; the client connects again
+                    // a broker that has just started may refuse or close a connection; the client reconnects
                     Err(_) => std::thread::sleep(Duration::from_millis(20)),
                 }
             }

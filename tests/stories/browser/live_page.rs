@@ -401,7 +401,7 @@ fn an_alarm_is_seen_and_acknowledged_in_a_browser() {
         let place = sent[axis].as_f64().expect("a place");
         assert!((place - asked).abs() < 2.0, "pressed at {sent}");
     }
-    // the frame in which the press came is of two sheets, and a map arrives after its frame
+    // the frame during which the press came mixes two states of the sheet, and a map arrives after its frame
     let pressed = browser.value("latest.frame.sequence");
     browser.until(&format!(
         "map.frame.sequence > {pressed} + 2 && map.values.reduce((most, v) => Math.max(most, v), 0) > 0.2"

@@ -9,7 +9,8 @@ use super::driver::Browser;
 use super::live_page::Page;
 use crate::test_rig::{self, Needs, ask, runtime};
 
-/// A frame every ten minutes of nine hours, played 300 times faster than it was: a busy machine reads enough of them too.
+/// Nine hours with a frame every ten minutes, played 300 times faster: slow enough that a busy machine, too, reads
+/// enough frames.
 const PLAYED: &str = "kind = \"recording\"\n[recording]\nsession = \"NIGHT\"\nspeed = 300.0\n";
 const REGION: &str = "\n[[region]]\nname = \"hip\"\nrectangle_mm = [60.0, 80.0, 130.0, 150.0]\n";
 

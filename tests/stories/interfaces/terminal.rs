@@ -23,7 +23,7 @@ pub(super) struct Terminal {
 }
 
 impl Terminal {
-    /// Runs `tactus` with these arguments on a terminal of so many columns and rows.
+    /// Runs `tactus` with these arguments on a terminal of this size.
     pub(super) fn run(stage: &Stage, arguments: &[&str], [columns, rows]: [u16; 2]) -> Self {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
         grantpt(&master).expect("it is ours");

@@ -9,7 +9,7 @@ const DRIFT: &str = "seed = 3\n[effects.temperature]\npercent_per_c = -0.2\nroom
     wander_percent = 0.3\nwalk_percent = 0.05\nrunning_in_percent = 3.0\n[effects.contact-spread]\nstd = 0.3\n\
     [effects.voltmeter-noise]\n[[load]]\nname = \"press\"\nshape = \"disc\"\ndiameter_mm = 10.0\nx_mm = 80.0\ny_mm = 135.0\n\
     loss_percent = 50.0\nfrom_s = 100000.0\nto_s = 101000.0\n";
-/// The first frame with the press: one each ten minutes, the first is the baseline.
+/// Number of the first frame with the press. Frames are ten minutes apart; the first one is the baseline.
 const PRESSED: u64 = 167;
 
 /// Millimetres between a place of the JSON and the press.
