@@ -128,14 +128,18 @@ pub(crate) fn honesty(options: &HonestyOptions) -> Result<(), Failure> {
 /// `tactus-lab months`.
 pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
     let quick = options.quick;
+    let sheets = amount("--sheets", options.sheets, 5, quick.then_some(1))?;
+    let presses = amount("--presses", options.presses, 4, quick.then_some(1))?;
+    let days = amount("--days", options.days, 90.0, quick.then_some(2.0))?;
+    check_months(options, sheets, presses, days)?;
     let methods = [MapMethod::OneStep, MapMethod::Tv, MapMethod::Best];
     let report = long_maps::run(&long_maps::Settings {
         seed: options.seed,
         families: chosen_or(&options.drift, Family::value_variants()),
-        sheets: amount("--sheets", options.sheets, 5, quick.then_some(1))?,
-        presses: amount("--presses", options.presses, 4, quick.then_some(1))?,
+        sheets,
+        presses,
         scenes: chosen_or(&options.scene, LongScene::value_variants()),
-        days: amount("--days", options.days, 90.0, quick.then_some(2.0))?,
+        days,
         maps: MapSettings {
             loads: options.maps,
             methods: chosen_or(&options.method, &methods),
@@ -147,6 +151,49 @@ pub(crate) fn months(options: &MonthsOptions) -> Result<(), Failure> {
     match &options.out {
         Some(folder) => report.write(folder, options.replacing.existing()),
         None => Ok(()),
+    }
+}
+
+/// Refuses what is stated of a part of the study that is left out.
+fn check_months(
+    options: &MonthsOptions,
+    sheets: usize,
+    presses: usize,
+    days: f64,
+) -> Result<(), Failure> {
+    let (no_sheet, no_load) = (sheets == 0, presses == 0 && options.maps == 0);
+    let stated = |count: Option<usize>| count.is_some_and(|count| count > 0);
+    let left_out = [
+        (
+            "--presses",
+            no_sheet && stated(options.presses),
+            "--sheets is 0",
+        ),
+        ("--maps", no_sheet && options.maps > 0, "--sheets is 0"),
+        (
+            "--drift",
+            no_sheet && !options.drift.is_empty(),
+            "--sheets is 0",
+        ),
+        (
+            "--sheets",
+            no_load && stated(options.sheets),
+            "--presses and --maps are 0",
+        ),
+        (
+            "--drift",
+            no_load && !options.drift.is_empty(),
+            "--presses and --maps are 0",
+        ),
+        (
+            "--scene",
+            days == 0.0 && !options.scene.is_empty(),
+            "--days is 0",
+        ),
+    ];
+    match left_out.into_iter().find(|(_, left_out, _)| *left_out) {
+        None => Ok(()),
+        Some((option, _, why)) => Err(Failure::usage(format!("{option} has no effect: {why}"))),
     }
 }
 

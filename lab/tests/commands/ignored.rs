@@ -41,6 +41,26 @@ fn options_that_a_command_would_ignore_are_refused() {
             "months --quick --presses 4 --out {}",
             "--presses 4: --quick has 1",
         ),
+        (
+            "months --sheets 0 --presses 3 --days 0 --out {}",
+            "--presses has no effect: --sheets is 0",
+        ),
+        (
+            "months --sheets 0 --maps 2 --days 0 --out {}",
+            "--maps has no effect: --sheets is 0",
+        ),
+        (
+            "months --sheets 0 --drift gain-contacts --days 0 --out {}",
+            "--drift has no effect: --sheets is 0",
+        ),
+        (
+            "months --sheets 2 --presses 0 --days 0 --out {}",
+            "--sheets has no effect: --presses and --maps are 0",
+        ),
+        (
+            "months --sheets 0 --scene month --days 0 --out {}",
+            "--scene has no effect: --days is 0",
+        ),
         ("evaluate --seed 7 --set {}", "--set"),
         ("evaluate --count 3 --set {}", "--set"),
         ("dataset --loss 0.5 --out {}", "--recorded"),
