@@ -1,5 +1,6 @@
 //! `tactus-lab sheet`: the sheet behind a baseline, uneven as it was sprayed, as a case folder.
 
+use eit::Case;
 use imaging::recorded::{Recording, TableOptions};
 use imaging::tracking::sheet_fit;
 use imaging::{Conditions, Geometry};
@@ -17,7 +18,7 @@ const POOR: f64 = 0.05;
 /// Fits the sheet and writes the folder.
 pub(crate) fn sheet(options: &SheetOptions) -> Result<(), Failure> {
     let mut case = read(&options.case)?;
-    let (baseline, current) = baseline(options, case.protocol.len(), case.currents[0])?;
+    let (baseline, current) = baseline(options, &case)?;
     let geometry = Geometry::of_case(&case, options.case.display().to_string());
     let conditions = Conditions::live(&geometry, &case.protocol, current);
     let fit = sheet_fit(&conditions, &baseline, 0.0)
@@ -65,11 +66,8 @@ pub(crate) fn sheet(options: &SheetOptions) -> Result<(), Failure> {
 }
 
 /// The baseline, and the current of its readings: of a session, otherwise of the folder.
-fn baseline(
-    options: &SheetOptions,
-    readings: usize,
-    current: f64,
-) -> Result<(Vec<Reading>, Amps), Failure> {
+fn baseline(options: &SheetOptions, case: &Case) -> Result<(Vec<Reading>, Amps), Failure> {
+    let readings = case.protocol.len();
     if let Some(path) = &options.session {
         let recording = Recording::from_session(path, options.baseline.as_ref(), false)
             .map_err(|fault| Failure::of("cannot read the session", &fault))?;
@@ -82,6 +80,14 @@ fn baseline(
             )));
         }
         return Ok((recording.unloaded.readings, recording.current));
+    }
+    let current = case.currents[0];
+    if case.currents.iter().any(|other| *other != current) {
+        return Err(Failure::because(format!(
+            "the readings of {} have several currents, and a sheet is fitted to readings at one: divide each by its current, and leave \
+             the column current_A of protocol.csv out",
+            options.case.display()
+        )));
     }
     let table = TableOptions {
         frames: options.frames.as_deref(),

@@ -51,6 +51,22 @@ fn refused(line: &str, paths: &[&Path]) -> String {
 }
 
 #[test]
+fn a_sheet_is_fitted_to_readings_at_one_current() {
+    let tank = Tank::new();
+    let [case, volts, fitted] = ["tank", "v.csv", "fitted"].map(|name| tank.path(name));
+    let line = "forward --case {} --sigma homog --out {}";
+    done(&words(line, &[&case, &volts]));
+    let protocol = case.join("protocol.csv");
+    let text = std::fs::read_to_string(&protocol).unwrap();
+    let (but_the_last, _) = text.rsplit_once(',').unwrap();
+    std::fs::write(&protocol, format!("{but_the_last},2e-3\n")).unwrap();
+    let line = "sheet --case {} --frames {} --out {}";
+    let message = refused(line, &[&case, &volts, &fitted]);
+    assert!(message.contains("several currents"), "{message}");
+    assert!(!fitted.exists());
+}
+
+#[test]
 fn batch_of_conductances_gives_same_readings_on_any_threads() {
     let tank = Tank::new();
     let elements = tank.elements();
