@@ -173,9 +173,10 @@ class Charts {
       chart.draw(stored.from_ms, stored.to_ms, last, null);
     }
     this.time.draw(stored.from_ms, stored.to_ms);
-    const damaged = stored.damaged ? ` ${stored.damaged} damaged rows are left out.` : "";
+    const leftOut = [[stored.damaged, "damaged rows"], [stored.other_unit, "rows in another unit than the newest"]]
+      .filter(([count]) => count).map(([count, what]) => ` ${count} ${what} are left out.`).join("");
     this.note.textContent = stored.rows.length
-      ? `Smallest, mean and largest value of each ${duration(stored.span_s)} (h:min:s), stored with the sessions; the newest row is that of the last minute that ended. Red: not all frames are known. White: no frames.${damaged}`
-      : `No rows are stored in this time.${damaged}`;
+      ? `Smallest, mean and largest value of each ${duration(stored.span_s)} (h:min:s), stored with the sessions; the newest row is that of the last minute that ended. Red: not all frames are known. White: no frames.${leftOut}`
+      : `No rows are stored in this time.${leftOut}`;
   }
 }

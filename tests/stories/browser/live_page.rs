@@ -218,6 +218,14 @@ fn stored_rows_are_drawn(stage: &Stage, browser: &Browser) {
         }
     }
     browser.until("byId('charts').innerText.includes('Load') && byId('charts-note').textContent.includes('stored with the sessions')");
+    let note = browser.value(
+        "(charts.stored = { ...charts.stored, other_unit: 2 }, charts.drawStored(), byId('charts-note').textContent)",
+    );
+    let note = note.as_str().expect("text");
+    assert!(
+        note.ends_with(" 2 rows in another unit than the newest are left out."),
+        "{note}"
+    );
     assert_eq!(
         browser.value("[...byId('chart-region').options].map(option => option.value)"),
         serde_json::json!(["sheet", "hip"])

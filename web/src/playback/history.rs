@@ -137,6 +137,7 @@ mod tests {
                 span_s: 120,
                 regions: vec!["sheet".to_owned(), "hip".to_owned()],
                 damaged: 0,
+                other_unit: 3,
             })
         }
     }
@@ -153,6 +154,7 @@ mod tests {
         assert_eq!(first["rows"][0]["max"], 7200.0);
         assert_eq!(first["rows"][0]["quantity"], "load");
         assert_eq!(first["regions"], serde_json::json!(["sheet", "hip"]));
+        assert_eq!(first["other_unit"], 3);
         let again = ask("/api/history/2/sheet").await;
         assert_eq!(again, first);
         let other = ask("/api/history/2/hip").await;

@@ -145,6 +145,8 @@ pub struct History {
     pub regions: Vec<String>,
     /// Stored rows that are damaged and left out.
     pub damaged: usize,
+    /// Rows of the region that are in another unit than the newest and left out.
+    pub other_unit: usize,
 }
 
 /// A place in a session.

@@ -8,7 +8,7 @@ use logbook::SessionSummary;
 use web::History;
 
 /// Reads the rows of a region in `[from_s, to_s)`, s of the Unix epoch, in at most so many spans. Rows in another unit than the
-/// newest ones are left out: they cannot stand on the same curve.
+/// newest ones are left out and counted: they cannot stand on the same curve.
 ///
 /// # Errors
 /// A sentence: a file cannot be read.
@@ -45,7 +45,7 @@ pub(super) fn history(
         }
     }
     rows.sort_by_key(|row| row.begin_s);
-    keep_newest_unit(&mut rows);
+    let other_unit = keep_newest_unit(&mut rows);
     let minutes = (to_s - from_s).unsigned_abs() / u64::from(STORED_S) + 1;
     let joins = u32::try_from(minutes.div_ceil(u64::from(spans.max(1)))).unwrap_or(u32::MAX);
     let span_s = STORED_S.saturating_mul(joins);
@@ -54,6 +54,7 @@ pub(super) fn history(
         span_s,
         regions: regions.into_iter().collect(),
         damaged,
+        other_unit,
     })
 }
 
@@ -148,7 +149,7 @@ mod tests {
         // unit
         let hour = (BEGIN_S - 1200, BEGIN_S + 2400);
         let found = history(&all, hour, "sheet", 720).unwrap();
-        assert_eq!((found.span_s, found.damaged), (60, 0));
+        assert_eq!((found.span_s, found.damaged, found.other_unit), (60, 0, 1));
         let minutes = [
             (0, 9.0, 10.0, 12.0, 60),
             (60, 19.0, 20.0, 22.0, 60),
