@@ -27,10 +27,14 @@ let uncertaintyAsked = 0;
 
 const drawing = new RegionDrawing(map, byId("draw"), byId("drawn"));
 
+function showAnswer(call, text, kind) {
+  byId("answer").className = kind;
+  byId("answer").textContent = `${call}: ${text}`;
+}
+
 // a command; what the daemon answers is shown
 async function send(command) {
-  byId("answer").className = "";
-  byId("answer").textContent = `${command.call}: sent`;
+  showAnswer(command.call, "sent", "");
   let [text, kind] = ["done", ""];
   try {
     const answer = await fetch("/api/control", {
@@ -42,8 +46,7 @@ async function send(command) {
   } catch (error) {
     [text, kind] = [`not known whether it was received (${error.message})`, "bad"];
   }
-  byId("answer").className = kind;
-  byId("answer").textContent = `${command.call}: ${text}`;
+  showAnswer(command.call, text, kind);
 }
 const alarmList = new AlarmList(byId("alarms"), send);
 
@@ -279,7 +282,8 @@ function showPlace(at) {
 const pressing = () => !drawing.active && byId("press").checked && !byId("control").hidden && !byId("pressing").hidden;
 // a disc at a place of the map
 function press(at) {
-  const size = parseFloat(byId("press-size").value), loss = parseFloat(byId("press-loss").value);
+  const [size, loss] = ["press-size", "press-loss"].map(name => byId(name).valueAsNumber);
+  if (isNaN(size) || isNaN(loss)) return showAnswer("press", "size and loss must be numbers", "bad");
   send({ call: "press", x_m: at.x / 1000, y_m: at.y / 1000, size_m: size / 1000, loss: loss / 100 });
 }
 
@@ -307,7 +311,12 @@ byId("tracks").addEventListener("change", event => { map.showTracks = event.targ
 byId("numbers").addEventListener("change", event => { map.showNumbers = event.target.checked; map.request(); });
 byId("region-lines").addEventListener("change", event => { map.showRegion = event.target.checked; map.request(); });
 byId("fixed").addEventListener("input", () => { shownMap = null; if (latest && latest.frame && latest.frame.map) showMap(latest); });
-byId("start").addEventListener("click", () => send({ call: "start", every_s: parseFloat(byId("every").value) || 0 }));
+byId("start").addEventListener("click", () => {
+  const every = byId("every");
+  // an empty field leaves the configured time; a text that is no number has an empty value too
+  if (every.validity.badInput) return showAnswer("start", "the time between frames must be a number", "bad");
+  send(every.value === "" ? { call: "start" } : { call: "start", every_s: every.valueAsNumber });
+});
 byId("stop").addEventListener("click", () => send({ call: "stop" }));
 byId("baseline").addEventListener("click", () => send({ call: "baseline" }));
 byId("release").addEventListener("click", () => send({ call: "release" }));

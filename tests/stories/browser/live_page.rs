@@ -371,6 +371,19 @@ fn a_map_is_shown_under_the_name_of_its_own_session() {
     daemon.stop().unwrap_or_else(|fault| panic!("{fault}"));
 }
 
+/// Without a time between frames the configured one holds; a press needs its numbers.
+fn empty_fields_are_not_sent_as_numbers(browser: &Browser) {
+    let sent = browser.value(
+        "(() => { const usual = send, sent = [], size = byId('press-size').value; send = command => sent.push(command); \
+         byId('every').value = ''; byId('start').click(); byId('every').value = '0'; byId('start').click(); \
+         byId('press-size').value = ''; press({ x: 100, y: 100 }); byId('press-size').value = size; send = usual; return sent; })()",
+    );
+    let wanted = serde_json::json!([{"call": "start"}, {"call": "start", "every_s": 0}]);
+    assert_eq!(sent, wanted);
+    let answer = browser.value("byId('answer').textContent");
+    assert_eq!(answer, "press: size and loss must be numbers");
+}
+
 const RULE: &str = "\n[[alarm]]\nname = \"pressed\"\nquantity = \"contact\"\nabove = 100.0\nfor_s = 0.5\nseverity = \"major\"\n\
     guidance = \"lift it\"\n";
 
@@ -390,6 +403,7 @@ fn an_alarm_is_seen_and_acknowledged_in_a_browser() {
     let page = Page::serve(&stage, &["--control"]);
     browser.open(&page.url);
     browser.until("latest && latest.daemon && !byId('control').hidden");
+    empty_fields_are_not_sent_as_numbers(&browser);
     browser.value("byId('every').value = '0.3', byId('start').click()");
     browser.until("latest.frame && latest.frame.map && map.values !== null");
     // by the page's own control: a click on the map
